@@ -1,0 +1,154 @@
+//! Chunks of points, and the cloud they make up.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use crate::{Attribute, Bounds, Column};
+
+/// Up to some 65 thousand points. Vectors sit behind `Arc`, so a chunk is cheap to clone and one column can be added or
+/// replaced (normals that were estimated later) while the others are shared.
+///
+/// Every column that is present has `len()` entries. A point that is not finite in the file keeps its place with a NaN
+/// position, so that indices stay the file's.
+#[derive(Clone, Debug)]
+pub struct Chunk {
+    /// Index in the file of the chunk's first point; the others follow in file order.
+    pub first_point: u64,
+    /// World position that `positions` are relative to.
+    pub origin: DVec3,
+    /// Offsets from `origin`, world units.
+    pub positions: Arc<Vec<[f32; 3]>>,
+    /// The file's own coordinates where f32 offsets cannot give them back (PLY doubles).
+    pub exact_positions: Option<Arc<Vec<[f64; 3]>>>,
+    /// sRGB red, green, blue; the fourth byte is opacity (255 where the file has none).
+    pub colors: Option<Arc<Vec<[u8; 4]>>>,
+    /// Packed by `pack_normal`.
+    pub normals: Option<Arc<Vec<u32>>>,
+    /// Splat radius, packed by `pack_radius`.
+    pub radii: Option<Arc<Vec<u16>>>,
+    /// One per attribute of the cloud, in its order; `None` until it is read.
+    pub columns: Vec<Option<Arc<Column>>>,
+}
+
+impl Chunk {
+    /// A chunk of positions only.
+    pub fn new(first_point: u64, origin: DVec3, positions: Vec<[f32; 3]>) -> Self {
+        Self {
+            first_point,
+            origin,
+            positions: Arc::new(positions),
+            exact_positions: None,
+            colors: None,
+            normals: None,
+            radii: None,
+            columns: Vec::new(),
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// World position of point `index` to the precision of the f32 offset; `Cloud::world_position` gives the file's own.
+    pub fn position(&self, index: usize) -> DVec3 {
+        self.origin + Vec3::from(self.positions[index]).as_dvec3()
+    }
+
+    /// Bounds of the finite points.
+    pub fn bounds(&self) -> Bounds {
+        let mut min = Vec3::INFINITY;
+        let mut max = Vec3::NEG_INFINITY;
+        for &position in self.positions.iter() {
+            let position = Vec3::from(position);
+            if position.is_finite() {
+                min = min.min(position);
+                max = max.max(position);
+            }
+        }
+        if min.cmpgt(max).any() {
+            return Bounds::EMPTY;
+        }
+        Bounds { min: self.origin + min.as_dvec3(), max: self.origin + max.as_dvec3() }
+    }
+
+    pub fn size_in_bytes(&self) -> usize {
+        let points = self.len();
+        points * 12
+            + self.exact_positions.as_ref().map_or(0, |_| points * 24)
+            + self.colors.as_ref().map_or(0, |_| points * 4)
+            + self.normals.as_ref().map_or(0, |_| points * 4)
+            + self.radii.as_ref().map_or(0, |_| points * 2)
+            + self.columns.iter().flatten().map(|column| column.size_in_bytes()).sum::<usize>()
+    }
+}
+
+/// The lattice a file's coordinates lie on: `offset + integer * scale` per axis (LAS).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    pub scale: DVec3,
+    pub offset: DVec3,
+}
+
+/// A cloud: chunks in file order, and what their columns mean.
+#[derive(Clone, Debug, Default)]
+pub struct Cloud {
+    pub name: String,
+    /// What `Chunk::columns` hold, in order.
+    pub attributes: Vec<Attribute>,
+    /// Set where the file stores scaled integers.
+    pub grid: Option<Grid>,
+    pub chunks: Vec<Chunk>,
+}
+
+impl Cloud {
+    pub fn len(&self) -> u64 {
+        self.chunks.iter().map(|chunk| chunk.len() as u64).sum()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.chunks.iter().all(Chunk::is_empty)
+    }
+
+    pub fn bounds(&self) -> Bounds {
+        self.chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()))
+    }
+
+    /// The file's own coordinates of a point: exact doubles where kept, else snapped to the file's grid, which undoes the
+    /// rounding of the f32 offset as long as the chunk is narrower than 8 million grid steps.
+    pub fn world_position(&self, chunk: &Chunk, index: usize) -> DVec3 {
+        if let Some(exact) = &chunk.exact_positions {
+            return DVec3::from(exact[index]);
+        }
+        let position = chunk.position(index);
+        match self.grid {
+            Some(grid) => ((position - grid.offset) / grid.scale).round() * grid.scale + grid.offset,
+            None => position,
+        }
+    }
+
+    pub fn size_in_bytes(&self) -> usize {
+        self.chunks.iter().map(Chunk::size_in_bytes).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_on_a_millimetre_grid_come_back_exactly() {
+        let grid = Grid { scale: DVec3::splat(0.001), offset: DVec3::new(600_000.0, 5_000_000.0, 0.0) };
+        let raw = [31_234_567_i64, 77_123_451, -12_345];
+        let world = DVec3::new(raw[0] as f64, raw[1] as f64, raw[2] as f64) * grid.scale + grid.offset;
+        let origin = DVec3::new(631_000.0, 5_077_000.0, 0.0);
+        let chunk = Chunk::new(0, origin, vec![(world - origin).as_vec3().to_array()]);
+        let cloud = Cloud { grid: Some(grid), ..Cloud::default() };
+        assert_eq!(cloud.world_position(&chunk, 0), world);
+        assert_ne!(chunk.position(0), world, "the f32 offset alone is not exact: the test would prove nothing");
+    }
+}

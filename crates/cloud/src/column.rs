@@ -1,0 +1,138 @@
+//! One scalar attribute of every point of a chunk, kept in the type the file has.
+
+/// Scalar types a column can have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ColumnType {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+impl ColumnType {
+    /// `u8`, `i8`, ... `f64`: the name shown to people and written by `glint info`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "u8",
+            Self::I8 => "i8",
+            Self::U16 => "u16",
+            Self::I16 => "i16",
+            Self::U32 => "u32",
+            Self::I32 => "i32",
+            Self::U64 => "u64",
+            Self::I64 => "i64",
+            Self::F32 => "f32",
+            Self::F64 => "f64",
+        }
+    }
+
+    /// Bytes one value takes.
+    pub fn size(self) -> usize {
+        match self {
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+}
+
+/// Name and type of an attribute a file offers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attribute {
+    pub name: String,
+    pub column_type: ColumnType,
+}
+
+/// The values of one attribute, one per point.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Column {
+    U8(Vec<u8>),
+    I8(Vec<i8>),
+    U16(Vec<u16>),
+    I16(Vec<i16>),
+    U32(Vec<u32>),
+    I32(Vec<i32>),
+    U64(Vec<u64>),
+    I64(Vec<i64>),
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+}
+
+/// Runs `$body` with `$values` bound to the vector inside, whatever its type.
+macro_rules! each_type {
+    ($column:expr, $values:ident => $body:expr) => {
+        match $column {
+            Column::U8($values) => $body,
+            Column::I8($values) => $body,
+            Column::U16($values) => $body,
+            Column::I16($values) => $body,
+            Column::U32($values) => $body,
+            Column::I32($values) => $body,
+            Column::U64($values) => $body,
+            Column::I64($values) => $body,
+            Column::F32($values) => $body,
+            Column::F64($values) => $body,
+        }
+    };
+}
+
+impl Column {
+    pub fn with_capacity(column_type: ColumnType, capacity: usize) -> Self {
+        match column_type {
+            ColumnType::U8 => Self::U8(Vec::with_capacity(capacity)),
+            ColumnType::I8 => Self::I8(Vec::with_capacity(capacity)),
+            ColumnType::U16 => Self::U16(Vec::with_capacity(capacity)),
+            ColumnType::I16 => Self::I16(Vec::with_capacity(capacity)),
+            ColumnType::U32 => Self::U32(Vec::with_capacity(capacity)),
+            ColumnType::I32 => Self::I32(Vec::with_capacity(capacity)),
+            ColumnType::U64 => Self::U64(Vec::with_capacity(capacity)),
+            ColumnType::I64 => Self::I64(Vec::with_capacity(capacity)),
+            ColumnType::F32 => Self::F32(Vec::with_capacity(capacity)),
+            ColumnType::F64 => Self::F64(Vec::with_capacity(capacity)),
+        }
+    }
+
+    pub fn column_type(&self) -> ColumnType {
+        match self {
+            Self::U8(_) => ColumnType::U8,
+            Self::I8(_) => ColumnType::I8,
+            Self::U16(_) => ColumnType::U16,
+            Self::I16(_) => ColumnType::I16,
+            Self::U32(_) => ColumnType::U32,
+            Self::I32(_) => ColumnType::I32,
+            Self::U64(_) => ColumnType::U64,
+            Self::I64(_) => ColumnType::I64,
+            Self::F32(_) => ColumnType::F32,
+            Self::F64(_) => ColumnType::F64,
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        each_type!(self, values => values.len())
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Value of point `index` as f64 (64-bit integers above 2^53 lose digits; `text` does not).
+    pub fn value(&self, index: usize) -> f64 {
+        each_type!(self, values => values[index] as f64)
+    }
+
+    /// Value of point `index` as a person reads it, in full precision.
+    pub fn text(&self, index: usize) -> String {
+        each_type!(self, values => values[index].to_string())
+    }
+
+    pub fn size_in_bytes(&self) -> usize {
+        self.len() * self.column_type().size()
+    }
+}

@@ -1,0 +1,19 @@
+//! Points and their attributes in memory: chunks, bounds, normals, spacing, sampling of analytic surfaces.
+//!
+//! Knows no files, no paths and no GPU. A cloud is a list of chunks; a chunk has an f64 origin of its own and f32
+//! offsets from it, so that coordinates of seven digits lose nothing on the way to the screen.
+
+mod bounds;
+mod chunk;
+mod column;
+mod packing;
+mod progress;
+
+pub use bounds::Bounds;
+pub use chunk::{Chunk, Cloud, Grid};
+pub use column::{Attribute, Column, ColumnType};
+pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
+pub use progress::Progress;
+
+/// Points a chunk holds at most when a reader is free to choose (2.4 MB of 36-byte LAS records).
+pub const CHUNK_POINTS: usize = 65_536;

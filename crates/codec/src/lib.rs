@@ -1,0 +1,128 @@
+//! Files to clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`). One error type for all.
+//!
+//! `open` reads a header and checks it against the file's size; `Source::read` streams chunks of points to a callback,
+//! in parallel, with progress and cancel. Files are not trusted: nothing is allocated on a header's word.
+
+mod error;
+mod las;
+mod ply;
+
+use std::path::{Path, PathBuf};
+
+use cloud::{Attribute, Bounds, Chunk, Column, Grid, Progress};
+
+pub use error::{Error, Result};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    Las,
+    Laz,
+    Ply,
+}
+
+/// What a header says, after it was checked against the file.
+#[derive(Clone, Debug)]
+pub struct Info {
+    pub path: PathBuf,
+    pub format: Format,
+    /// `1.2` for LAS; `ascii 1.0`, `binary_little_endian 1.0`, `binary_big_endian 1.0` for PLY.
+    pub version: String,
+    /// LAS point format, 0 to 10.
+    pub point_format: Option<u8>,
+    /// Points a full read yields: the header's count, less what the file is too short for.
+    pub points: u64,
+    /// World bounds from the header where it has believable ones.
+    pub bounds: Option<Bounds>,
+    /// Everything a point has in the file, coordinates and colours included, in file order and file types.
+    pub properties: Vec<Attribute>,
+    /// The scalar attributes that `Selection::attributes` may name, in the order of `Chunk::columns`.
+    pub attributes: Vec<Attribute>,
+    pub grid: Option<Grid>,
+    pub has_colors: bool,
+    pub has_normals: bool,
+    /// Polygons the file declares (PLY meshes).
+    pub faces: u64,
+    /// Coordinate reference system, WKT or the GeoTIFF citation, as the file has it.
+    pub crs: Option<String>,
+    pub warnings: Vec<String>,
+}
+
+/// What to decode. What is not asked for is not decoded (layered LAZ) or not kept.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    /// Off to read a column for chunks that are already there: chunks then come with empty `positions`.
+    pub positions: bool,
+    pub colors: bool,
+    pub normals: bool,
+    /// One per `Info::attributes`; shorter means the rest is not wanted.
+    pub attributes: Vec<bool>,
+}
+
+/// What a read came to.
+#[derive(Clone, Debug, Default)]
+pub struct Summary {
+    pub points: u64,
+    /// World bounds of all finite points read.
+    pub bounds: Option<Bounds>,
+    pub warnings: Vec<String>,
+    pub cancelled: bool,
+}
+
+/// An opened file. `Sync`: a column may be read while another thread looks up a record.
+pub enum Source {
+    Las(las::LasSource),
+    Ply(ply::PlySource),
+}
+
+/// Opens a file by its content, not its name.
+///
+/// # Errors
+/// What is wrong and where: not readable, not a format we know, a header that contradicts the file.
+pub fn open(path: &Path) -> Result<Source> {
+    todo!()
+}
+
+impl Source {
+    pub fn info(&self) -> &Info {
+        match self {
+            Self::Las(source) => source.info(),
+            Self::Ply(source) => source.info(),
+        }
+    }
+
+    /// Reads the file in parallel and gives each chunk to `emit`, which is called from worker threads in any order
+    /// (`Chunk::first_point` says where it belongs; chunk limits are the same in every read of the same file).
+    /// `progress` counts points; cancelling it ends the read after the chunks under way.
+    /// A file cut short yields the points that are there and a warning that says how many are missing.
+    ///
+    /// # Errors
+    /// Only if nothing at all can be read.
+    pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        match self {
+            Self::Las(source) => source.read(selection, progress, emit),
+            Self::Ply(source) => source.read(selection, progress, emit),
+        }
+    }
+
+    /// Everything the file says of one point, read from the file: (property, value as text) in file order.
+    ///
+    /// # Errors
+    /// If the file is gone, changed or too short.
+    pub fn record(&self, point: u64) -> Result<Vec<(String, String)>> {
+        match self {
+            Self::Las(source) => source.record(point),
+            Self::Ply(source) => source.record(point),
+        }
+    }
+
+    /// Triangles of a mesh (polygons as fans), indices of vertices; empty for a file without faces.
+    ///
+    /// # Errors
+    /// If the face list cannot be parsed.
+    pub fn triangles(&self) -> Result<Vec<[u32; 3]>> {
+        match self {
+            Self::Las(_) => Ok(Vec::new()),
+            Self::Ply(source) => source.triangles(),
+        }
+    }
+}
