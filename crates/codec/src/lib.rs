@@ -7,9 +7,11 @@ mod error;
 mod las;
 mod ply;
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use cloud::{Attribute, Bounds, Chunk, Column, Grid, Progress};
+use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
 
 pub use error::{Error, Result};
 
@@ -79,7 +81,26 @@ pub enum Source {
 /// # Errors
 /// What is wrong and where: not readable, not a format we know, a header that contradicts the file.
 pub fn open(path: &Path) -> Result<Source> {
-    todo!()
+    let mut start = Vec::new();
+    let file = File::open(path).map_err(|error| Error::io(path, error))?;
+    file.take(4).read_to_end(&mut start).map_err(|error| Error::io(path, error))?;
+    match start.as_slice() {
+        b"LASF" => las::LasSource::open(path).map(Source::Las),
+        [b'p', b'l', b'y', b'\n' | b'\r'] => ply::PlySource::open(path).map(Source::Ply),
+        _ => Err(Error::UnknownFormat { path: path.to_owned(), hint: hint(&start) }),
+    }
+}
+
+/// What a file that is none of ours looks like, and what to do about it.
+fn hint(start: &[u8]) -> String {
+    match start {
+        [] => "the file is empty".into(),
+        [b'A', b'S', b'T', b'M'] => "this is an E57 file; convert it to LAZ or PLY first".into(),
+        [b'~', ..] => {
+            "this is a well log (Log ASCII Standard), which shares only the name with LAS point clouds".into()
+        }
+        _ => "it starts with none of their signatures (\"LASF\", \"ply\")".into(),
+    }
 }
 
 impl Source {
