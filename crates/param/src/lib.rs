@@ -1,1 +1,201 @@
+//! One definition of each parameter.
+//!
+//! A `params!` block gives a plain struct with defaults and a table of its fields: name, help, unit, range, default.
+//! Flags, panel, session file, undo, `glint methods`, the WGSL structs and docs/parameters.md all walk that table;
+//! nothing else repeats a name, a range or a default.
 
+mod field;
+mod value;
+
+pub use field::{Error, Field, Group, Kind, Params, differing, nearest};
+pub use value::{Choice, Color, Type, Value};
+
+/// Declares parameter groups. Each field is one line: name, type, default and, for numbers, range and unit.
+///
+/// ```
+/// param::choices! {
+///     /// How much care is taken.
+///     pub enum Quality { Fast = "fast", Best = "best" }
+/// }
+/// param::params! {
+///     /// How points become splats.
+///     pub struct Splat = "splat" {
+///         /// Radius relative to the spacing of the points.
+///         size: f32 = 1.0, 0.1..=10.0, "x spacing";
+///         /// How much care is taken.
+///         quality: Quality = Quality::Best;
+///     }
+/// }
+/// use param::Params as _;
+/// let mut splat = Splat::default();
+/// splat.set_text("size", "2.5").unwrap();
+/// assert_eq!(splat.size, 2.5);
+/// assert!(splat.set_text("size", "99").unwrap_err().to_string().contains("0.1 to 10"));
+/// ```
+#[macro_export]
+macro_rules! params {
+    ($(
+        $(#[doc = $group_help:literal])*
+        pub struct $Group:ident = $group:literal {
+            $( $(#[doc = $help:literal])* $name:ident: $Type:ty = $default:expr $(, $range:expr, $unit:literal)? ; )*
+        }
+    )*) => {$(
+        $(#[doc = $group_help])*
+        #[derive(Clone, Debug, PartialEq)]
+        pub struct $Group { $( $(#[doc = $help])* pub $name: $Type, )* }
+
+        impl Default for $Group {
+            fn default() -> Self {
+                Self { $( $name: $default, )* }
+            }
+        }
+
+        impl $Group {
+            /// The table of this group.
+            pub fn table() -> &'static $crate::Group {
+                static TABLE: std::sync::OnceLock<$crate::Group> = std::sync::OnceLock::new();
+                TABLE.get_or_init(|| $crate::Group {
+                    name: $group,
+                    help: concat!($($group_help),*).trim_start(),
+                    fields: vec![$( $crate::Field {
+                        name: stringify!($name),
+                        help: concat!($($help),*).trim_start(),
+                        unit: concat!($($unit)?),
+                        kind: {
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut range: Option<std::ops::RangeInclusive<$Type>> = None;
+                            $( range = Some($range); )?
+                            <$Type as $crate::Type>::kind($default, range)
+                        },
+                    }, )*],
+                })
+            }
+        }
+
+        impl $crate::Params for $Group {
+            fn group(&self) -> &'static $crate::Group {
+                Self::table()
+            }
+            fn values(&self) -> Vec<$crate::Value> {
+                vec![$( $crate::Type::to_value(&self.$name), )*]
+            }
+            fn set_values(&mut self, values: &[$crate::Value]) {
+                let mut values = values.iter();
+                $( if let Some(value) = values.next().and_then(<$Type as $crate::Type>::from_value) { self.$name = value; } )*
+            }
+        }
+    )*};
+}
+
+/// Declares an enum whose variants are the choices of a parameter, each with the name people type.
+#[macro_export]
+macro_rules! choices {
+    ($( #[doc = $help:literal] )* pub enum $Enum:ident { $( $Variant:ident = $name:literal ),* $(,)? }) => {
+        $( #[doc = $help] )*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd)]
+        #[repr(u32)]
+        pub enum $Enum { $( $Variant ),* }
+
+        impl $crate::Choice for $Enum {
+            const NAMES: &'static [&'static str] = &[$( $name ),*];
+            fn index(self) -> u32 {
+                self as u32
+            }
+            fn from_index(index: u32) -> Option<Self> {
+                [$( Self::$Variant ),*].get(index as usize).copied()
+            }
+        }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    choices! {
+        /// How much care is taken.
+        pub enum Quality { Fast = "fast", Best = "best" }
+    }
+    params! {
+        /// How points become splats.
+        pub struct Splat = "splat" {
+            /// Radius relative to the spacing of the points.
+            size: f32 = 1.0, 0.1..=10.0, "x spacing";
+            /// Steps of the march.
+            steps: u32 = 48, 1..=512, "steps";
+            /// How much care is taken.
+            quality: Quality = Quality::Best;
+            /// Whether it is on.
+            on: bool = true;
+            /// Colour behind everything.
+            background: Color = Color(0x1a1c_20ff);
+            /// Attribute to show.
+            attribute: String = String::new();
+        }
+    }
+
+    #[test]
+    fn defaults_come_from_the_table() {
+        let splat = Splat::default();
+        for (field, value) in Splat::table().fields.iter().zip(splat.values()) {
+            assert_eq!(field.default(), value, "{}", field.name);
+        }
+    }
+
+    #[test]
+    fn every_value_survives_text_and_back() {
+        let splat = Splat {
+            size: 0.3,
+            steps: 7,
+            quality: Quality::Fast,
+            on: false,
+            background: Color(0x0102_03ff),
+            attribute: "a b".into(),
+        };
+        let mut back = Splat::default();
+        for (field, value) in Splat::table().fields.iter().zip(splat.values()) {
+            back.set_text(field.name, &field.format(&value)).unwrap();
+        }
+        assert_eq!(back, splat);
+    }
+
+    #[test]
+    fn out_of_range_and_misspelt_values_are_refused_by_name() {
+        let mut splat = Splat::default();
+        let message = |result: Result<(), Error>| result.unwrap_err().to_string();
+        assert_eq!(message(splat.set_text("steps", "0")), "splat.steps: 0 is out of range, expected 1 to 512 steps");
+        assert_eq!(
+            message(splat.set_text("steps", "x")),
+            "splat.steps: `x` is not a whole number, expected 1 to 512 steps"
+        );
+        assert_eq!(
+            message(splat.set_text("size", "NaN")),
+            "splat.size: NaN is out of range, expected 0.1 to 10 x spacing"
+        );
+        assert_eq!(message(splat.set_text("quality", "worst")), "splat.quality: `worst` is none of fast, best");
+        assert_eq!(
+            message(splat.set_text("stops", "1")),
+            "splat.stops: no such parameter; did you mean `splat.steps`?"
+        );
+        assert_eq!(splat, Splat::default());
+    }
+
+    #[test]
+    fn the_wgsl_struct_holds_one_word_a_field_and_skips_text() {
+        let splat = Splat::default();
+        assert_eq!(splat.words(), vec![1.0_f32.to_bits(), 48, 1, 1, 0x1a1c_20ff]);
+        let wgsl = Splat::table().wgsl();
+        assert!(wgsl.contains("struct Splat {"), "{wgsl}");
+        assert!(
+            wgsl.contains("    size: f32,\n    steps: u32,\n    quality: u32,\n    on: u32,\n    background: u32,\n}"),
+            "{wgsl}"
+        );
+        assert!(wgsl.contains("const SPLAT_QUALITY_BEST: u32 = 1u;"), "{wgsl}");
+    }
+
+    #[test]
+    fn only_what_differs_from_the_defaults_is_listed() {
+        let splat = Splat { steps: 9, ..Splat::default() };
+        assert_eq!(differing(&splat), vec![("splat.steps".to_string(), Value::U32(9))]);
+    }
+}

@@ -1,0 +1,264 @@
+//! The table of a parameter group, and everything that is read off it: parsing, printing, checking, WGSL.
+
+use std::fmt::Write as _;
+
+use crate::{Color, Value};
+
+/// What a field may hold.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    Bool { default: bool },
+    U32 { default: u32, min: u32, max: u32 },
+    F32 { default: f32, min: f32, max: f32 },
+    Choice { default: u32, names: &'static [&'static str] },
+    Color { default: Color },
+    Text { default: String },
+}
+
+/// One parameter.
+#[derive(Clone, Debug)]
+pub struct Field {
+    pub name: &'static str,
+    /// One line of help.
+    pub help: &'static str,
+    /// Empty for a pure number or a choice.
+    pub unit: &'static str,
+    pub kind: Kind,
+}
+
+/// A group of parameters: `group.name` is a parameter's key.
+#[derive(Clone, Debug)]
+pub struct Group {
+    pub name: &'static str,
+    pub help: &'static str,
+    pub fields: Vec<Field>,
+}
+
+/// What is wrong with a key or value a person gave.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    #[error("{key}: {problem}")]
+    Value { key: String, problem: String },
+    #[error("{key}: no such parameter{hint}")]
+    UnknownKey { key: String, hint: String },
+}
+
+impl Field {
+    pub fn default(&self) -> Value {
+        match &self.kind {
+            Kind::Bool { default } => Value::Bool(*default),
+            Kind::U32 { default, .. } => Value::U32(*default),
+            Kind::F32 { default, .. } => Value::F32(*default),
+            Kind::Choice { default, .. } => Value::Choice(*default),
+            Kind::Color { default } => Value::Color(*default),
+            Kind::Text { default } => Value::Text(default.clone()),
+        }
+    }
+
+    /// The allowed values as a person reads them: `0.1 to 10 m`, `fast, best`, `on, off`.
+    pub fn range_text(&self) -> String {
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
+        match &self.kind {
+            Kind::Bool { .. } => "true, false".into(),
+            Kind::U32 { min, max, .. } => format!("{min} to {max}{unit}"),
+            Kind::F32 { min, max, .. } => format!("{min} to {max}{unit}"),
+            Kind::Choice { names, .. } => names.join(", "),
+            Kind::Color { .. } => "#rrggbb".into(),
+            Kind::Text { .. } => "text".into(),
+        }
+    }
+
+    /// The value as `parse` reads it.
+    pub fn format(&self, value: &Value) -> String {
+        match (value, &self.kind) {
+            (Value::Bool(value), _) => value.to_string(),
+            (Value::U32(value), _) => value.to_string(),
+            (Value::F32(value), _) => value.to_string(),
+            (Value::Choice(index), Kind::Choice { names, .. }) => {
+                names.get(*index as usize).copied().unwrap_or_default().to_string()
+            }
+            (Value::Choice(index), _) => index.to_string(),
+            (Value::Color(color), _) => {
+                let [red, green, blue, _] = color.bytes();
+                format!("#{red:02x}{green:02x}{blue:02x}")
+            }
+            (Value::Text(text), _) => text.clone(),
+        }
+    }
+
+    /// # Errors
+    /// What is wrong with `text` and what was expected, without the key.
+    pub fn parse(&self, text: &str) -> Result<Value, String> {
+        let expected = self.range_text();
+        let value = match &self.kind {
+            Kind::Bool { .. } => match text {
+                "true" | "on" | "yes" | "1" => Value::Bool(true),
+                "false" | "off" | "no" | "0" => Value::Bool(false),
+                _ => return Err(format!("`{text}` is none of {expected}")),
+            },
+            Kind::U32 { .. } => {
+                Value::U32(text.parse().map_err(|_| format!("`{text}` is not a whole number, expected {expected}"))?)
+            }
+            Kind::F32 { .. } => {
+                Value::F32(text.parse().map_err(|_| format!("`{text}` is not a number, expected {expected}"))?)
+            }
+            Kind::Choice { names, .. } => {
+                let index = names.iter().position(|name| *name == text);
+                Value::Choice(index.ok_or_else(|| format!("`{text}` is none of {expected}"))? as u32)
+            }
+            Kind::Color { .. } => {
+                let digits = text.strip_prefix('#').unwrap_or(text);
+                let rgb = (digits.len() == 6).then(|| u32::from_str_radix(digits, 16).ok()).flatten();
+                Value::Color(Color(
+                    rgb.ok_or_else(|| format!("`{text}` is not a colour, expected {expected}"))? << 8 | 0xff,
+                ))
+            }
+            Kind::Text { .. } => Value::Text(text.to_string()),
+        };
+        self.check(&value)?;
+        Ok(value)
+    }
+
+    /// # Errors
+    /// If the value is of another type or out of range.
+    pub fn check(&self, value: &Value) -> Result<(), String> {
+        let fits = match (&self.kind, value) {
+            (Kind::U32 { min, max, .. }, Value::U32(value)) => (min..=max).contains(&value),
+            (Kind::F32 { min, max, .. }, Value::F32(value)) => (min..=max).contains(&value),
+            (Kind::Choice { names, .. }, Value::Choice(index)) => (*index as usize) < names.len(),
+            (Kind::Bool { .. }, Value::Bool(_))
+            | (Kind::Color { .. }, Value::Color(_))
+            | (Kind::Text { .. }, Value::Text(_)) => true,
+            _ => return Err(format!("wrong type, expected {}", self.range_text())),
+        };
+        if fits {
+            Ok(())
+        } else {
+            Err(format!("{} is out of range, expected {}", self.format(value), self.range_text()))
+        }
+    }
+
+    /// A slider is logarithmic when its range spans three decades or more.
+    pub fn is_logarithmic(&self) -> bool {
+        match self.kind {
+            Kind::F32 { min, max, .. } => min > 0.0 && max / min >= 1000.0,
+            Kind::U32 { min, max, .. } => min > 0 && max / min >= 1000,
+            _ => false,
+        }
+    }
+}
+
+impl Group {
+    /// The group as a WGSL struct of 4-byte scalars (so Rust words and WGSL offsets agree by construction), with a constant
+    /// for each choice. Text stays on the CPU.
+    pub fn wgsl(&self) -> String {
+        let mut wgsl = String::new();
+        let mut constants = String::new();
+        let _ = writeln!(wgsl, "// {}\nstruct {} {{", self.help, capitalized(self.name));
+        for field in &self.fields {
+            let scalar = match &field.kind {
+                Kind::Text { .. } => continue,
+                Kind::F32 { .. } => "f32",
+                _ => "u32",
+            };
+            let _ = writeln!(wgsl, "    {}: {scalar},", field.name);
+            if let Kind::Choice { names, .. } = &field.kind {
+                for (index, name) in names.iter().enumerate() {
+                    let constant = format!("{}_{}_{}", self.name, field.name, name).to_uppercase().replace('-', "_");
+                    let _ = writeln!(constants, "const {constant}: u32 = {index}u;");
+                }
+            }
+        }
+        wgsl + "}\n" + &constants
+    }
+}
+
+fn capitalized(name: &str) -> String {
+    name.split('_').map(|word| word[..1].to_uppercase() + &word[1..]).collect()
+}
+
+/// A group of parameters with values: what the `params!` structs have in common.
+pub trait Params {
+    fn group(&self) -> &'static Group;
+    /// In the order of the table.
+    fn values(&self) -> Vec<Value>;
+    /// In the order of the table; checked by the caller (`set`, `set_text`).
+    fn set_values(&mut self, values: &[Value]);
+
+    /// # Errors
+    /// Unknown name, wrong type, out of range.
+    fn set(&mut self, name: &str, value: Value) -> Result<(), Error> {
+        let group = self.group();
+        let index = index_of(group, name)?;
+        let key = || format!("{}.{name}", group.name);
+        group.fields[index].check(&value).map_err(|problem| Error::Value { key: key(), problem })?;
+        let mut values = self.values();
+        values[index] = value;
+        self.set_values(&values);
+        Ok(())
+    }
+
+    /// # Errors
+    /// Unknown name, not parsable, out of range.
+    fn set_text(&mut self, name: &str, text: &str) -> Result<(), Error> {
+        let group = self.group();
+        let field = &group.fields[index_of(group, name)?];
+        let value =
+            field.parse(text).map_err(|problem| Error::Value { key: format!("{}.{name}", group.name), problem })?;
+        self.set(name, value)
+    }
+
+    /// The GPU's form: one 4-byte word a field, text left out. Padded by whoever uploads it.
+    fn words(&self) -> Vec<u32> {
+        let word = |value: Value| match value {
+            Value::Bool(value) => Some(u32::from(value)),
+            Value::U32(value) | Value::Choice(value) => Some(value),
+            Value::F32(value) => Some(value.to_bits()),
+            Value::Color(color) => Some(color.0),
+            Value::Text(_) => None,
+        };
+        self.values().into_iter().filter_map(word).collect()
+    }
+}
+
+fn index_of(group: &Group, name: &str) -> Result<usize, Error> {
+    group.fields.iter().position(|field| field.name == name).ok_or_else(|| {
+        let hint = nearest(name, group.fields.iter().map(|field| field.name));
+        Error::UnknownKey {
+            key: format!("{}.{name}", group.name),
+            hint: hint.map_or(String::new(), |near| format!("; did you mean `{}.{near}`?", group.name)),
+        }
+    })
+}
+
+/// The keys and values that differ from the defaults: what a session file and a command line need to say.
+pub fn differing(params: &dyn Params) -> Vec<(String, Value)> {
+    let group = params.group();
+    let pairs = group.fields.iter().zip(params.values());
+    let differing = pairs.filter(|(field, value)| field.default() != *value);
+    differing.map(|(field, value)| (format!("{}.{}", group.name, field.name), value)).collect()
+}
+
+/// The candidate a person most likely meant, if any is within a third of the word's letters (edit distance).
+pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let distance = |other: &str| {
+        let other: Vec<char> = other.chars().collect();
+        let mut row: Vec<usize> = (0..=other.len()).collect();
+        for (i, a) in word.chars().enumerate() {
+            let mut diagonal = row[0];
+            row[0] = i + 1;
+            for (j, b) in other.iter().enumerate() {
+                let substituted = diagonal + usize::from(a != *b);
+                diagonal = row[j + 1];
+                row[j + 1] = substituted.min(row[j] + 1).min(row[j + 1] + 1);
+            }
+        }
+        row[other.len()]
+    };
+    let limit = word.chars().count().div_ceil(3);
+    candidates
+        .map(|other| (distance(other), other))
+        .filter(|(distance, _)| *distance <= limit)
+        .min()
+        .map(|(_, other)| other)
+}

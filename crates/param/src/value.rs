@@ -1,0 +1,123 @@
+//! Values a parameter can have, and the Rust types that stand for them.
+
+use std::ops::RangeInclusive;
+
+use crate::Kind;
+
+/// A parameter's value, whatever its type.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    Bool(bool),
+    U32(u32),
+    F32(f32),
+    /// Index into the names of the choice.
+    Choice(u32),
+    Color(Color),
+    Text(String),
+}
+
+/// An sRGB colour, `0xrrggbbaa`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Color(pub u32);
+
+impl Color {
+    /// Red, green, blue, opacity, 0 to 255, sRGB.
+    pub fn bytes(self) -> [u8; 4] {
+        self.0.to_be_bytes()
+    }
+
+    pub fn from_bytes(bytes: [u8; 4]) -> Self {
+        Self(u32::from_be_bytes(bytes))
+    }
+}
+
+/// A Rust type that a field of a `params!` block may have.
+pub trait Type: Sized {
+    fn kind(default: Self, range: Option<RangeInclusive<Self>>) -> Kind;
+    fn to_value(&self) -> Value;
+    fn from_value(value: &Value) -> Option<Self>;
+}
+
+/// An enum made by `choices!`.
+pub trait Choice: Copy {
+    const NAMES: &'static [&'static str];
+    fn index(self) -> u32;
+    fn from_index(index: u32) -> Option<Self>;
+    fn name(self) -> &'static str {
+        Self::NAMES[self.index() as usize]
+    }
+}
+
+impl Type for bool {
+    fn kind(default: Self, _: Option<RangeInclusive<Self>>) -> Kind {
+        Kind::Bool { default }
+    }
+    fn to_value(&self) -> Value {
+        Value::Bool(*self)
+    }
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Bool(value) = value { Some(*value) } else { None }
+    }
+}
+
+impl Type for u32 {
+    fn kind(default: Self, range: Option<RangeInclusive<Self>>) -> Kind {
+        let range = range.unwrap_or(0..=u32::MAX);
+        Kind::U32 { default, min: *range.start(), max: *range.end() }
+    }
+    fn to_value(&self) -> Value {
+        Value::U32(*self)
+    }
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::U32(value) = value { Some(*value) } else { None }
+    }
+}
+
+impl Type for f32 {
+    fn kind(default: Self, range: Option<RangeInclusive<Self>>) -> Kind {
+        let range = range.unwrap_or(f32::MIN..=f32::MAX);
+        Kind::F32 { default, min: *range.start(), max: *range.end() }
+    }
+    fn to_value(&self) -> Value {
+        Value::F32(*self)
+    }
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::F32(value) = value { Some(*value) } else { None }
+    }
+}
+
+impl Type for Color {
+    fn kind(default: Self, _: Option<RangeInclusive<Self>>) -> Kind {
+        Kind::Color { default }
+    }
+    fn to_value(&self) -> Value {
+        Value::Color(*self)
+    }
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Color(value) = value { Some(*value) } else { None }
+    }
+}
+
+impl Type for String {
+    fn kind(default: Self, _: Option<RangeInclusive<Self>>) -> Kind {
+        Kind::Text { default }
+    }
+    fn to_value(&self) -> Value {
+        Value::Text(self.clone())
+    }
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Text(value) = value { Some(value.clone()) } else { None }
+    }
+}
+
+impl<C: Choice> Type for C {
+    fn kind(default: Self, _: Option<RangeInclusive<Self>>) -> Kind {
+        Kind::Choice { default: default.index(), names: C::NAMES }
+    }
+    fn to_value(&self) -> Value {
+        Value::Choice(self.index())
+    }
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Choice(index) = value { C::from_index(*index) } else { None }
+    }
+}
