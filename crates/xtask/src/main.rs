@@ -1,1 +1,207 @@
-fn main() {}
+//! `cargo xtask run` and `cargo xtask test`: from a fresh clone to a window, and to a tested tree, in one command each.
+//!
+//! Both first look for what the system lacks (`needs`) and install it where that is allowed. Everything else is left to
+//! cargo, in the one profile the project uses, so that running, checking and testing share what they compile.
+
+mod needs;
+
+use std::os::unix::fs::DirBuilderExt as _;
+use std::path::PathBuf;
+use std::process::{Command, ExitCode, ExitStatus, Stdio};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail, ensure};
+
+use needs::{Display, Machine, Need, Remedy};
+
+const HELP: &str = "\
+cargo xtask run [INPUT...]   Open the viewer on point clouds (.las, .laz, .ply), scene files (.toml) or built-in scenes.
+                             Without INPUT: the built-in scene five-mirrors/sphere. Without a display: renders the same
+                             to glint.png in the current folder.
+cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed), build and run all tests.
+
+Both look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
+ImageMagick) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
+the line to type and stop.
+
+Environment of `test`: CI, when set, makes a missing Vulkan adapter a failure; GLINT_TEST_DATA names the folder of
+real and malformed point cloud files that tests read (default: ../shared/data beside the checkout).
+
+Options of the program itself: cargo run --release --package glint -- --help";
+
+/// Shown when no INPUT is given.
+const FIRST_SCENE: &str = "five-mirrors/sphere";
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let result = match words.as_slice() {
+        ["--help" | "-h" | "help", ..] | [_, "--help" | "-h"] => {
+            println!("{HELP}");
+            Ok(ExitCode::SUCCESS)
+        }
+        ["run", inputs @ ..] if inputs.iter().all(|input| !input.starts_with('-')) => run(inputs),
+        ["test"] => test(),
+        _ => {
+            eprintln!("{HELP}");
+            return ExitCode::from(2);
+        }
+    };
+    result.unwrap_or_else(|error| {
+        eprintln!("xtask: {error:#}");
+        ExitCode::FAILURE
+    })
+}
+
+fn run(inputs: &[&str]) -> Result<ExitCode> {
+    let display = Display::from_environment(|name| std::env::var(name).ok());
+    provide(needs::needs_to_run(display))?;
+    let inputs = if inputs.is_empty() { &[FIRST_SCENE] } else { inputs };
+    let mut command = cargo();
+    // By its manifest, so that INPUT and glint.png are relative to where the user stands.
+    command.args(["run", "--release", "--locked", "--package", "glint", "--manifest-path"]);
+    command.arg(root()?.join("Cargo.toml")).arg("--");
+    if display == Display::None {
+        println!(
+            "No display (neither DISPLAY nor WAYLAND_DISPLAY is set): rendering {} to glint.png",
+            inputs.join(" ")
+        );
+        command.arg("render").args(inputs).args(["-o", "glint.png"]);
+    } else {
+        command.args(inputs);
+    }
+    Ok(exit_code(status(&mut command)?))
+}
+
+/// One command of `cargo xtask test`.
+struct Step {
+    name: &'static str,
+    arguments: &'static [&'static str],
+    /// rustup's minimal profile comes without this one's tool; then it is left out.
+    optional: bool,
+}
+
+const STEPS: [Step; 3] = [
+    Step { name: "format", arguments: &["fmt", "--all", "--check"], optional: true },
+    Step {
+        name: "lint",
+        arguments: &["clippy", "--release", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"],
+        optional: true,
+    },
+    Step {
+        name: "test",
+        arguments: &["test", "--release", "--workspace", "--locked", "--no-fail-fast"],
+        optional: false,
+    },
+];
+
+fn test() -> Result<ExitCode> {
+    provide(needs::needs_to_test())?;
+    let root = root()?;
+    let runtime = runtime_folder()?;
+    let mut times = Vec::new();
+    for Step { name, arguments, optional } in STEPS {
+        let line = format!("cargo {}", arguments.join(" "));
+        if optional && !installed(arguments[0]) {
+            println!("== {name}: skipped, cargo {} is not installed", arguments[0]);
+            continue;
+        }
+        println!("== {name}: {line}");
+        let mut command = cargo();
+        command.args(arguments).current_dir(&root);
+        if let Some(folder) = &runtime {
+            command.env("XDG_RUNTIME_DIR", folder);
+        }
+        if std::env::var_os("CI").is_some() {
+            command.env("GLINT_REQUIRE_GPU", "1");
+        }
+        let start = Instant::now();
+        let status = status(&mut command)?;
+        times.push(format!("{name} {:.0} s", start.elapsed().as_secs_f64()));
+        if !status.success() {
+            println!("== {name} failed ({}): {line}", times.join(", "));
+            return Ok(exit_code(status));
+        }
+    }
+    println!("== passed ({})", times.join(", "));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Installs what is missing, or says how to. An error when the user has to act first.
+fn provide(needs: Vec<Need>) -> Result<()> {
+    let machine = Machine::look();
+    let missing = machine.missing(needs);
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let names = names(&missing);
+    let root = succeeds(Command::new("sh").args(["-c", "test $(id -u) -eq 0"]));
+    let sudo = !root && machine.has("sudo") && succeeds(Command::new("sudo").args(["-n", "true"]));
+    match needs::remedy(&missing, &machine, root, sudo) {
+        Remedy::Install(commands) => {
+            println!("Missing: {names}. Installing:");
+            for words in commands {
+                println!("  {}", words.join(" "));
+                let status = status(Command::new(&words[0]).args(&words[1..]))?;
+                ensure!(status.success(), "`{}` failed ({status}); see its messages above", words.join(" "));
+            }
+            let missing = Machine::look().missing(missing);
+            ensure!(missing.is_empty(), "still missing after the installation: {}", self::names(&missing));
+            Ok(())
+        }
+        Remedy::Tell(line) => bail!("missing: {names}. Type this, then run the command again:\n  {line}"),
+        Remedy::Unknown => {
+            eprintln!("xtask: not found, and there is no apt-get to install it with: {names}. Going on without.");
+            Ok(())
+        }
+    }
+}
+
+fn names(needs: &[Need]) -> String {
+    needs.iter().map(|need| need.what).collect::<Vec<_>>().join(", ")
+}
+
+/// The cargo that runs this program.
+fn cargo() -> Command {
+    Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+}
+
+/// The checkout this program was built in.
+fn root() -> Result<PathBuf> {
+    let own = std::env::var_os("CARGO_MANIFEST_DIR").context("start this with `cargo xtask`")?;
+    Ok(PathBuf::from(own).join("../..").canonicalize()?)
+}
+
+fn installed(subcommand: &str) -> bool {
+    succeeds(cargo().args([subcommand, "--version"]))
+}
+
+fn succeeds(command: &mut Command) -> bool {
+    command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success())
+}
+
+fn status(command: &mut Command) -> Result<ExitStatus> {
+    command.status().with_context(|| format!("{} does not start", command.get_program().display()))
+}
+
+/// The status a child ended with; a signal counts as failure.
+fn exit_code(status: ExitStatus) -> ExitCode {
+    status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from)
+}
+
+/// A private folder for `XDG_RUNTIME_DIR` where the system gives none (containers, CI): without it Mesa and the Wayland
+/// libraries complain on standard error in every test. One per checkout, so nothing piles up.
+fn runtime_folder() -> Result<Option<PathBuf>> {
+    if std::env::var_os("XDG_RUNTIME_DIR").is_some() {
+        return Ok(None);
+    }
+    let folder = root()?.join("target/runtime");
+    // The specification asks for access by its owner alone.
+    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder)?;
+    Ok(Some(folder))
+}
