@@ -1,0 +1,260 @@
+//! The camera: an eye, the pivot it looks at, and the axis that stays up. World coordinates are f64 throughout, so that a
+//! scene at seven-digit coordinates looks and turns as it would at the origin.
+
+use cloud::Bounds;
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use param::choices;
+use serde::{Deserialize, Serialize};
+
+choices! {
+    /// How depth shrinks things.
+    pub enum Projection { Perspective = "perspective", Orthographic = "orthographic" }
+}
+
+choices! {
+    /// Directions to look from.
+    pub enum StandardView { Front = "front", Back = "back", Left = "left", Right = "right", Top = "top", Bottom = "bottom", Isometric = "iso" }
+}
+
+/// Where the eye is and what it looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// World units.
+    pub eye: DVec3,
+    /// The point that orbiting turns about and that is seen in the middle of the picture.
+    pub pivot: DVec3,
+    /// Unit vector that points up in the world; never parallel to the line of sight.
+    pub up: DVec3,
+}
+
+/// Closest the line of sight comes to the up axis, radians: the turntable stops half a degree before the pole, where
+/// "right" would be undefined.
+const POLE_MARGIN: f64 = 0.0087;
+
+impl Camera {
+    /// From `pivot + back * distance`, `back` pointing from the pivot to the eye.
+    pub fn looking(pivot: DVec3, back: DVec3, distance: f64, up: DVec3) -> Self {
+        let back = if back.normalize_or_zero() == DVec3::ZERO { DVec3::X } else { back.normalize() };
+        let mut camera =
+            Self { eye: pivot + back * distance.max(f64::MIN_POSITIVE), pivot, up: up.normalize_or(DVec3::Z) };
+        camera.leave_pole();
+        camera
+    }
+
+    pub fn forward(&self) -> DVec3 {
+        (self.pivot - self.eye).normalize_or(DVec3::X)
+    }
+
+    pub fn right(&self) -> DVec3 {
+        self.forward().cross(self.up).normalize_or(self.up.any_orthonormal_vector())
+    }
+
+    /// Distance from the eye to the pivot, world units.
+    pub fn distance(&self) -> f64 {
+        self.eye.distance(self.pivot)
+    }
+
+    /// Rows: right, up of the picture, forward. `view = rows * (world - eye)`, z is the linear depth.
+    pub fn view_from_world(&self) -> DMat3 {
+        let (right, forward) = (self.right(), self.forward());
+        DMat3::from_cols(right, right.cross(forward), forward).transpose()
+    }
+
+    /// Looks at `bounds` from a standard direction, all of it in the picture.
+    pub fn framing(bounds: Bounds, view: StandardView, up: DVec3, field_of_view_degrees: f32, aspect: f64) -> Self {
+        let (side, front) = horizontal_axes(up);
+        // A little off the pole for top and bottom: see POLE_MARGIN.
+        let back = match view {
+            StandardView::Front => front,
+            StandardView::Back => -front,
+            StandardView::Left => -side,
+            StandardView::Right => side,
+            StandardView::Top => up + front * POLE_MARGIN,
+            StandardView::Bottom => -up + front * POLE_MARGIN,
+            StandardView::Isometric => side * 0.45 + front * 0.8 + up * 0.55,
+        };
+        let mut camera = Self::looking(bounds.center(), back, 1.0, up);
+        camera.frame(bounds, field_of_view_degrees, aspect);
+        camera
+    }
+
+    /// Moves along the line of sight until all corners of `bounds` are in the picture, pivot in its centre.
+    pub fn frame(&mut self, bounds: Bounds, field_of_view_degrees: f32, aspect: f64) {
+        if bounds.is_empty() {
+            return;
+        }
+        let rows = self.view_from_world();
+        let center = bounds.center();
+        let tangent = (f64::from(field_of_view_degrees).to_radians() * 0.5).tan();
+        // Each corner must lie within the frustum; a margin of 4 % keeps it off the edge.
+        let needed = bounds.corners().into_iter().map(|corner| {
+            let view = rows * (corner - center);
+            (view.x.abs() / (tangent * aspect)).max(view.y.abs() / tangent) * 1.04 - view.z
+        });
+        let floor = bounds.radius().max(1e-9) * 1e-3;
+        let distance = needed.fold(floor, f64::max);
+        let forward = self.forward();
+        self.pivot = center;
+        self.eye = center - forward * distance;
+    }
+
+    /// Turntable: `turn` about the up axis, `tilt` about the right axis, radians.
+    pub fn orbit(&mut self, turn: f64, tilt: f64) {
+        self.rotate_about(self.pivot, turn, tilt);
+    }
+
+    /// Turns the line of sight about the eye, radians; the pivot goes along.
+    pub fn look(&mut self, turn: f64, tilt: f64) {
+        self.rotate_about(self.eye, turn, tilt);
+    }
+
+    fn rotate_about(&mut self, center: DVec3, turn: f64, tilt: f64) {
+        let angle = self.forward().angle_between(self.up);
+        // Tilting by t makes the angle to the up axis smaller by t.
+        let tilt = angle - (angle - tilt).clamp(POLE_MARGIN, std::f64::consts::PI - POLE_MARGIN);
+        let rotation = DQuat::from_axis_angle(self.up, turn) * DQuat::from_axis_angle(self.right(), tilt);
+        self.eye = center + rotation * (self.eye - center);
+        self.pivot = center + rotation * (self.pivot - center);
+    }
+
+    fn leave_pole(&mut self) {
+        let angle = self.forward().angle_between(self.up);
+        if angle < POLE_MARGIN || angle > std::f64::consts::PI - POLE_MARGIN {
+            let (_, front) = horizontal_axes(self.up);
+            let distance = self.distance();
+            let back = -self.forward() + front * POLE_MARGIN * 2.0;
+            self.eye = self.pivot + back.normalize() * distance;
+        }
+    }
+
+    /// Moves eye and pivot by `pixels` of the picture plane at the pivot's depth (x right, y down).
+    pub fn pan(&mut self, pixels: DVec2, field_of_view_degrees: f32, height_pixels: f64) {
+        let per_pixel =
+            2.0 * self.distance() * (f64::from(field_of_view_degrees).to_radians() * 0.5).tan() / height_pixels;
+        let rows = self.view_from_world().transpose();
+        let shift = rows.x_axis * (-pixels.x * per_pixel) + rows.y_axis * (pixels.y * per_pixel);
+        self.eye += shift;
+        self.pivot += shift;
+    }
+
+    /// Scales the distances of eye and pivot to `anchor` by `factor`, so that `anchor` stays where it is in the picture.
+    pub fn zoom_toward(&mut self, anchor: DVec3, factor: f64) {
+        self.eye = anchor + (self.eye - anchor) * factor;
+        self.pivot = anchor + (self.pivot - anchor) * factor;
+    }
+
+    /// Moves by `step` = (right, up, forward), world units.
+    pub fn fly(&mut self, step: DVec3) {
+        let shift = self.right() * step.x + self.up * step.y + self.forward() * step.z;
+        self.eye += shift;
+        self.pivot += shift;
+    }
+
+    /// Makes `pivot` the centre of the picture, eye and direction of sight as near to the old ones as can be: the eye moves
+    /// sideways so that the direction stays.
+    pub fn recenter(&mut self, pivot: DVec3) {
+        let shift = pivot - self.pivot;
+        self.eye += shift;
+        self.pivot = pivot;
+    }
+}
+
+/// Two horizontal directions for an up axis: to the right, and towards a viewer in front. For z up the front is -y
+/// (looking north), for y up it is +z.
+fn horizontal_axes(up: DVec3) -> (DVec3, DVec3) {
+    let front = if up.z.abs() > 0.7 { -DVec3::Y } else { DVec3::Z };
+    let side = up.cross(front).normalize_or(DVec3::X);
+    (side, side.cross(up))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit_box() -> Bounds {
+        Bounds { min: DVec3::splat(-1.0), max: DVec3::ONE }
+    }
+
+    fn pixel(camera: &Camera, world: DVec3) -> DVec2 {
+        let view = camera.view_from_world() * (world - camera.eye);
+        DVec2::new(view.x / view.z, view.y / view.z)
+    }
+
+    #[test]
+    fn framing_keeps_every_corner_in_the_picture_and_wastes_little() {
+        for up in [DVec3::Y, DVec3::Z] {
+            for view in [
+                StandardView::Front,
+                StandardView::Top,
+                StandardView::Isometric,
+                StandardView::Left,
+                StandardView::Bottom,
+            ] {
+                let bounds = Bounds { min: DVec3::new(-5.0, 2.0, 7.0), max: DVec3::new(9.0, 4.0, 8.0) };
+                let camera = Camera::framing(bounds, view, up, 60.0, 1.5);
+                let limit = 30_f64.to_radians().tan();
+                let worst = bounds.corners().map(|corner| {
+                    let p = pixel(&camera, corner);
+                    (p.x / (limit * 1.5)).abs().max((p.y / limit).abs())
+                });
+                let worst = worst.into_iter().fold(0.0, f64::max);
+                assert!(worst <= 1.0 && worst > 0.85, "{up} {view:?}: {worst}");
+            }
+        }
+    }
+
+    #[test]
+    fn front_looks_north_in_a_survey_and_top_has_north_up() {
+        let front = Camera::framing(unit_box(), StandardView::Front, DVec3::Z, 60.0, 1.0);
+        assert!(front.forward().abs_diff_eq(DVec3::Y, 1e-9));
+        assert!(front.right().abs_diff_eq(DVec3::X, 1e-9));
+        let top = Camera::framing(unit_box(), StandardView::Top, DVec3::Z, 60.0, 1.0);
+        assert!(top.view_from_world().row(1).dot(DVec3::Y) > 0.99);
+        assert!(top.right().abs_diff_eq(DVec3::X, 1e-6));
+    }
+
+    #[test]
+    fn orbiting_keeps_the_distance_and_stops_before_the_pole() {
+        let mut camera = Camera::framing(unit_box(), StandardView::Isometric, DVec3::Z, 60.0, 1.0);
+        let distance = camera.distance();
+        for _ in 0..100 {
+            camera.orbit(0.1, 0.3);
+            assert!((camera.distance() - distance).abs() < 1e-9);
+            assert!(camera.right().is_normalized());
+        }
+        assert!(camera.forward().angle_between(camera.up) >= POLE_MARGIN * 0.99);
+        for _ in 0..100 {
+            camera.orbit(0.0, -0.3);
+        }
+        assert!(camera.forward().angle_between(camera.up) <= std::f64::consts::PI - POLE_MARGIN * 0.99);
+    }
+
+    #[test]
+    fn zooming_keeps_the_point_under_the_cursor() {
+        let mut camera = Camera::framing(unit_box(), StandardView::Isometric, DVec3::Z, 60.0, 1.0);
+        let anchor = DVec3::new(0.3, -0.4, 0.9);
+        let before = pixel(&camera, anchor);
+        camera.zoom_toward(anchor, 0.7);
+        assert!(pixel(&camera, anchor).abs_diff_eq(before, 1e-12));
+    }
+
+    #[test]
+    fn panning_moves_the_pivot_plane_with_the_cursor() {
+        let mut camera = Camera::framing(unit_box(), StandardView::Front, DVec3::Z, 60.0, 1.0);
+        let point = camera.pivot;
+        camera.pan(DVec2::new(100.0, 50.0), 60.0, 600.0);
+        let moved = pixel(&camera, point) * 300.0 / 30_f64.to_radians().tan();
+        assert!(moved.abs_diff_eq(DVec2::new(100.0, -50.0), 1e-6), "{moved}");
+    }
+
+    #[test]
+    fn degenerate_cameras_still_have_an_orthonormal_frame() {
+        let same = Camera { eye: DVec3::ONE, pivot: DVec3::ONE, up: DVec3::Z };
+        let along_up = Camera::looking(DVec3::ZERO, DVec3::Z, 3.0, DVec3::Z);
+        for camera in [same, along_up, Camera::looking(DVec3::ZERO, DVec3::ZERO, 0.0, DVec3::ZERO)] {
+            let rows = camera.view_from_world();
+            assert!((rows.determinant().abs() - 1.0).abs() < 1e-6, "{rows}");
+        }
+    }
+}

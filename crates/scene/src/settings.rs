@@ -1,0 +1,211 @@
+//! Every parameter of the program, in groups. One line here is a flag, a slider, a line of the session file and of the docs.
+
+use param::{Params, Value, choices, params};
+
+use crate::Projection;
+
+choices! {
+    /// Which world axis points up.
+    pub enum UpAxis { Auto = "auto", Y = "y", Z = "z" }
+}
+choices! {
+    /// What a pixel keeps of the points that fall on it.
+    pub enum Quality { Nearest = "nearest", High = "high" }
+}
+choices! {
+    /// Width of the atomics that find the nearest point of a pixel.
+    pub enum Atomics { Auto = "auto", Bits64 = "64", Bits32 = "32" }
+}
+choices! {
+    /// What colours the points.
+    pub enum ColorBy {
+        Auto = "auto", Rgb = "rgb", Height = "height", Intensity = "intensity", Class = "class",
+        ReturnNumber = "return", Normal = "normal", GpsTime = "gps-time", Attribute = "attribute", Plain = "plain",
+    }
+}
+choices! {
+    /// Colour ramps: the perceptually even ones of matplotlib, Google's turbo, and grey.
+    pub enum Ramp { Turbo = "turbo", Viridis = "viridis", Magma = "magma", Gray = "gray", Spectral = "spectral" }
+}
+choices! {
+    /// Which way estimated normals point.
+    pub enum SurfaceOrientation { Auto = "auto", Up = "up", Inward = "inward", Outward = "outward" }
+}
+
+params! {
+    /// The view: projection, up axis, background.
+    pub struct ViewSettings = "view" {
+        /// Perspective or parallel projection.
+        projection: Projection = Projection::Perspective;
+        /// Vertical field of view; in parallel projection it still sets how much is seen at the pivot's distance.
+        field_of_view: f32 = 60.0, 1.0..=150.0, "degrees";
+        /// Axis that points up; auto takes z for LAS and LAZ and for PLY clouds, y for PLY meshes.
+        up: UpAxis = UpAxis::Auto;
+        /// Colour where there is no point.
+        background: param::Color = param::Color(0x1d20_25ff);
+    }
+
+    /// Splatting: how points become surfaces.
+    pub struct Splat = "splat" {
+        /// Nearest keeps the front point of a pixel; high averages all points within the depth offset of it, by their weights.
+        quality: Quality = Quality::High;
+        /// Splat radius relative to the one that the points' spacing asks for.
+        size: f32 = 1.0, 0.05..=20.0, "x spacing";
+        /// Smallest diameter of a splat on the screen.
+        min_pixels: f32 = 1.0, 0.0..=64.0, "pixels";
+        /// Largest diameter of a splat on the screen: bounds the cost of points close to the eye.
+        max_pixels: f32 = 64.0, 1.0..=512.0, "pixels";
+        /// High quality: how far behind the front point others still count, in splat radii.
+        depth_offset: f32 = 1.0, 0.01..=10.0, "radii";
+        /// Width of the atomics; auto takes 64 bits where the adapter has them.
+        atomics: Atomics = Atomics::Auto;
+    }
+
+    /// Colour of the points.
+    pub struct Color = "color" {
+        /// What colours the points; auto takes RGB where a cloud has it, else intensity, else height.
+        by: ColorBy = ColorBy::Auto;
+        /// Name of the attribute shown when color.by is attribute (any extra byte or PLY property).
+        attribute: String = String::new();
+        /// Colour ramp of heights and attributes.
+        ramp: Ramp = Ramp::Turbo;
+        /// Share of the values below the ramp's lower end.
+        low: f32 = 0.01, 0.0..=1.0, "share";
+        /// Share of the values below the ramp's upper end.
+        high: f32 = 0.99, 0.0..=1.0, "share";
+        /// Colour of points that have no other, sRGB.
+        plain: param::Color = param::Color(0xc8c4_bcff);
+    }
+
+    /// Eye-dome lighting (Boucheny 2009): a depth cue from the depth image alone.
+    pub struct Edl = "edl" {
+        /// Darkness of depth edges; 0 turns it off.
+        strength: f32 = 0.7, 0.0..=10.0, "";
+        /// Distance of the eight neighbours that are compared.
+        radius: f32 = 1.4, 0.5..=10.0, "pixels";
+    }
+
+    /// Light.
+    pub struct Light = "light" {
+        /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
+        headlight: f32 = 0.3, 0.0..=1.0, "share";
+    }
+
+    /// Surface estimation: normals and spacing of clouds that come without.
+    pub struct Surface = "surface" {
+        /// Nearest neighbours that a plane is fitted to.
+        neighbours: u32 = 16, 4..=64, "points";
+        /// Which way estimated normals point; auto guesses from the cloud's shape.
+        orientation: SurfaceOrientation = SurfaceOrientation::Auto;
+    }
+}
+
+/// All parameters.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Settings {
+    pub view: ViewSettings,
+    pub splat: Splat,
+    pub color: Color,
+    pub edl: Edl,
+    pub light: Light,
+    pub surface: Surface,
+}
+
+impl Settings {
+    pub fn groups(&self) -> [&dyn Params; 6] {
+        [&self.view, &self.splat, &self.color, &self.edl, &self.light, &self.surface]
+    }
+
+    pub fn groups_mut(&mut self) -> [&mut dyn Params; 6] {
+        [&mut self.view, &mut self.splat, &mut self.color, &mut self.edl, &mut self.light, &mut self.surface]
+    }
+
+    /// Sets the parameter `key` (`group.name`) from text.
+    ///
+    /// # Errors
+    /// Unknown key (with the nearest known one), not parsable, out of range.
+    pub fn set_text(&mut self, key: &str, text: &str) -> Result<(), param::Error> {
+        let (group_name, name) = key.split_once('.').unwrap_or((key, ""));
+        let unknown = |hint: Option<&str>| param::Error::UnknownKey {
+            key: key.to_string(),
+            hint: hint.map_or("; `glint methods` lists them".into(), |near| format!("; did you mean `{near}`?")),
+        };
+        let names: Vec<&str> = self.groups().iter().map(|group| group.group().name).collect();
+        match self.groups_mut().into_iter().find(|group| group.group().name == group_name) {
+            Some(group) if !name.is_empty() => group.set_text(name, text),
+            Some(_) => Err(unknown(None)),
+            None => {
+                let near = param::nearest(group_name, names.into_iter()).map(|near| format!("{near}.{name}"));
+                Err(unknown(near.as_deref()))
+            }
+        }
+    }
+
+    /// Keys and values, as text, of all parameters that differ from their defaults.
+    pub fn differing(&self) -> Vec<(String, String)> {
+        let mut all = Vec::new();
+        for params in self.groups() {
+            let group = params.group();
+            for (field, value) in group.fields.iter().zip(params.values()) {
+                if field.default() != value {
+                    all.push((format!("{}.{}", group.name, field.name), field.format(&value)));
+                }
+            }
+        }
+        all
+    }
+
+    /// Key and value of every parameter.
+    pub fn all(&self) -> Vec<(String, Value)> {
+        let mut all = Vec::new();
+        for params in self.groups() {
+            let group = params.group();
+            all.extend(
+                group
+                    .fields
+                    .iter()
+                    .zip(params.values())
+                    .map(|(field, value)| (format!("{}.{}", group.name, field.name), value)),
+            );
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differing_values_rebuild_the_settings() {
+        let mut settings = Settings::default();
+        settings.set_text("splat.size", "2.5").unwrap();
+        settings.set_text("color.by", "attribute").unwrap();
+        settings.set_text("color.attribute", "Deviation, 2nd").unwrap();
+        settings.set_text("view.background", "#ffffff").unwrap();
+        let mut back = Settings::default();
+        for (key, text) in settings.differing() {
+            back.set_text(&key, &text).unwrap();
+        }
+        assert_eq!(back, settings);
+        assert_eq!(settings.differing().len(), 4);
+    }
+
+    #[test]
+    fn unknown_keys_name_the_nearest_known_one() {
+        let mut settings = Settings::default();
+        let message = |settings: &mut Settings, key: &str| settings.set_text(key, "1").unwrap_err().to_string();
+        assert_eq!(message(&mut settings, "splat.sise"), "splat.sise: no such parameter; did you mean `splat.size`?");
+        assert_eq!(message(&mut settings, "spalt.size"), "spalt.size: no such parameter; did you mean `splat.size`?");
+        assert_eq!(message(&mut settings, "nonsense"), "nonsense: no such parameter; `glint methods` lists them");
+    }
+
+    #[test]
+    fn keys_are_unique() {
+        let mut keys: Vec<String> = Settings::default().all().into_iter().map(|(key, _)| key).collect();
+        let count = keys.len();
+        keys.sort();
+        keys.dedup();
+        assert_eq!(keys.len(), count);
+    }
+}
