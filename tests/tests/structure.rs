@@ -1,0 +1,185 @@
+//! The shape of the workspace: which crate may know which, and what no file may contain. docs/architecture.md says why.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use cargo_metadata::{Metadata, MetadataCommand, Package};
+
+/// Which crate of the workspace may depend on which. Anyone may depend on `param`; `tests` may depend on all.
+const ARROWS: [(&str, &[&str]); 10] = [
+    ("glint", &["study", "render", "stream", "scene", "codec", "cloud"]),
+    ("study", &["render", "trace", "scene", "codec"]),
+    ("render", &["scene", "stream", "cloud"]),
+    ("trace", &["scene", "cloud"]),
+    ("stream", &["codec", "cloud"]),
+    ("scene", &["cloud"]),
+    ("codec", &["cloud"]),
+    ("cloud", &[]),
+    ("param", &[]),
+    ("xtask", &[]),
+];
+
+/// Outside crates that only some members may name: the front end's belong to the program, the GPU's to the renderer too.
+const RESERVED: [(&str, &[&str]); 6] = [
+    ("egui", &["glint"]),
+    ("winit", &["glint"]),
+    ("rfd", &["glint"]),
+    ("clap", &["glint"]),
+    ("wgpu", &["glint", "render"]),
+    ("naga", &["glint", "render"]),
+];
+
+fn workspace() -> Metadata {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
+    MetadataCommand::new().manifest_path(manifest).no_deps().exec().expect("cargo metadata")
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("the workspace's folder")
+}
+
+/// Members a package depends on, for its build, its tests or its benches.
+fn members_named<'a>(package: &'a Package, workspace: &'a Metadata) -> impl Iterator<Item = &'a str> {
+    let is_member = |name: &str| workspace.packages.iter().any(|member| member.name == name);
+    package.dependencies.iter().map(|dependency| dependency.name.as_str()).filter(move |name| is_member(name))
+}
+
+/// Tracked files that hold text, with their paths from the workspace root. Empty outside a git checkout (a source archive).
+fn tracked_texts() -> Vec<(String, String)> {
+    let root = root();
+    let listing = Command::new("git").args(["ls-files", "-z"]).current_dir(&root).output();
+    let Some(listing) = listing.ok().filter(|listing| listing.status.success()) else {
+        println!("skipped: not a git checkout");
+        return Vec::new();
+    };
+    let names = String::from_utf8(listing.stdout).expect("tracked names are UTF-8");
+    names
+        .split_terminator('\0')
+        .filter_map(|name| Some((name.to_owned(), std::fs::read_to_string(root.join(name)).ok()?)))
+        .collect()
+}
+
+/// `name:line: text` of every line that any of `words` occurs in.
+fn lines_with(texts: &[(String, String)], words: &[String]) -> Vec<String> {
+    let hits = |name: &str, text: &str| -> Vec<String> {
+        let numbered = text.lines().enumerate();
+        let hit = numbered.filter(|(_, line)| words.iter().any(|word| contains_from_boundary(line, word)));
+        hit.map(|(number, line)| format!("{name}:{}: {}", number + 1, line.trim())).collect()
+    };
+    texts.iter().flat_map(|(name, text)| hits(name, text)).collect()
+}
+
+/// Whether `word` occurs in `line` and is not the tail of a longer word or path.
+fn contains_from_boundary(line: &str, word: &str) -> bool {
+    line.match_indices(word).any(|(start, _)| {
+        let before = line[..start].chars().next_back();
+        before.is_none_or(|before| !before.is_alphanumeric() && !"._-/}*".contains(before))
+    })
+}
+
+#[test]
+fn crates_depend_only_along_the_arrows() {
+    let workspace = workspace();
+    let mut wrong = Vec::new();
+    for package in workspace.packages.iter().filter(|package| package.name != "tests") {
+        let arrow = ARROWS.iter().find(|(from, _)| package.name == *from);
+        let Some((_, allowed)) = arrow else {
+            wrong.push(format!("{} has no line in ARROWS", package.name));
+            continue;
+        };
+        for member in members_named(package, &workspace) {
+            if member != "param" && !allowed.contains(&member) {
+                wrong.push(format!("{} -> {member}", package.name));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "edges that docs/architecture.md does not draw: {wrong:#?}");
+}
+
+#[test]
+fn only_the_program_knows_the_front_end_and_only_it_and_the_renderer_the_gpu() {
+    let mut wrong = Vec::new();
+    for package in &workspace().packages {
+        for dependency in &package.dependencies {
+            let family = |(name, _): &&(&str, &[&str])| {
+                dependency.name == *name
+                    || dependency.name.starts_with(&format!("{name}-"))
+                    || dependency.name.starts_with(&format!("{name}_"))
+            };
+            if let Some((_, allowed)) = RESERVED.iter().find(family)
+                && !allowed.contains(&package.name.as_str())
+            {
+                wrong.push(format!("{} names {}", package.name, dependency.name));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn members_take_lints_and_versions_from_the_workspace() {
+    let mut wrong = Vec::new();
+    for package in &workspace().packages {
+        let manifest = std::fs::read_to_string(&package.manifest_path).expect("a manifest that cargo just read");
+        let mut section = "";
+        let mut lints = false;
+        for line in manifest.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')) {
+            if line.starts_with('[') {
+                section = line;
+            } else if section == "[lints]" {
+                lints |= line == "workspace = true";
+            } else if section.ends_with("dependencies]") && !line.contains("workspace = true") {
+                wrong.push(format!("{}: {line}", package.name));
+            }
+        }
+        if !lints {
+            wrong.push(format!("{}: no [lints] workspace = true", package.name));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn no_tracked_file_names_a_place_on_somebodys_machine() {
+    let homes = ["home", "root", "Users"].map(|folder| format!("/{folder}/"));
+    // The checkout itself, unless it lies right under `/`, where its name may be a word of the project (`/app/`).
+    let checkout = root();
+    let checkout = (checkout.components().count() > 2).then(|| format!("{}/", checkout.display()));
+    let places: Vec<String> = homes.into_iter().chain(checkout).collect();
+    let found = lines_with(&tracked_texts(), &places);
+    assert!(found.is_empty(), "{found:#?}");
+}
+
+#[test]
+fn no_source_file_is_left_unfinished() {
+    let sources: Vec<_> = tracked_texts().into_iter().filter(|(name, _)| name.contains("src/")).collect();
+    let words = ["todo!(", "unimplemented!(", "dbg!("].map(str::to_owned);
+    let found = lines_with(&sources, &words);
+    assert!(found.is_empty(), "{found:#?}");
+}
+
+#[test]
+fn every_shader_is_used_by_a_pass() {
+    let texts = tracked_texts();
+    let renderer: Vec<_> = texts.iter().filter(|(name, _)| name.starts_with("crates/render/src/")).collect();
+    // Includes name a shared file from another shader.
+    let shaders: Vec<_> = texts.iter().filter(|(name, _)| name.ends_with(".wgsl")).collect();
+    let unused: Vec<_> = shaders
+        .iter()
+        .filter(|(name, _)| {
+            let stem = Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name);
+            let others = renderer.iter().chain(&shaders).filter(|(other, _)| other != name);
+            !others.into_iter().any(|(_, text)| text.contains(stem))
+        })
+        .map(|(name, _)| name)
+        .collect();
+    assert!(unused.is_empty(), "no pass names {unused:?}");
+}
+
+#[test]
+fn a_path_is_found_only_where_it_starts() {
+    assert!(contains_from_boundary("see /home/me/scan.las", "/home/"));
+    assert!(contains_from_boundary("\"/home/me\"", "/home/"));
+    assert!(!contains_from_boundary("docs/home/page.md", "/home/"));
+    assert!(!contains_from_boundary("not_todo!(now)", "todo!("));
+}
