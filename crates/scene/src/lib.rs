@@ -8,6 +8,6 @@ mod settings;
 pub use camera::{Camera, Projection, StandardView};
 pub use file::{Error, SceneFile, View};
 pub use settings::{
-    Atomics, Color, ColorBy, Edl, Light, Quality, Ramp, Settings, Splat, Surface, SurfaceOrientation, UpAxis,
-    ViewSettings,
+    Atomics, Color, ColorBy, Edl, Light, Quality, Ramp, SceneSettings, Settings, Splat, Surface, SurfaceOrientation,
+    UpAxis, ViewSettings,
 };

@@ -98,6 +98,14 @@ params! {
         /// Which way estimated normals point; auto guesses from the cloud's shape.
         orientation: SurfaceOrientation = SurfaceOrientation::Auto;
     }
+
+    /// Built-in scenes: how they are sampled.
+    pub struct SceneSettings = "scene" {
+        /// Points of a built-in scene, all its clouds together.
+        points: u32 = 1_600_000, 1_000..=100_000_000, "points";
+        /// Seed of the random positions; the same seed gives the same points.
+        seed: u32 = 1;
+    }
 }
 
 /// All parameters.
@@ -109,15 +117,17 @@ pub struct Settings {
     pub edl: Edl,
     pub light: Light,
     pub surface: Surface,
+    pub scene: SceneSettings,
 }
 
 impl Settings {
-    pub fn groups(&self) -> [&dyn Params; 6] {
-        [&self.view, &self.splat, &self.color, &self.edl, &self.light, &self.surface]
+    pub fn groups(&self) -> [&dyn Params; 7] {
+        [&self.view, &self.splat, &self.color, &self.edl, &self.light, &self.surface, &self.scene]
     }
 
-    pub fn groups_mut(&mut self) -> [&mut dyn Params; 6] {
-        [&mut self.view, &mut self.splat, &mut self.color, &mut self.edl, &mut self.light, &mut self.surface]
+    pub fn groups_mut(&mut self) -> [&mut dyn Params; 7] {
+        let Self { view, splat, color, edl, light, surface, scene } = self;
+        [view, splat, color, edl, light, surface, scene]
     }
 
     /// Sets the parameter `key` (`group.name`) from text.
