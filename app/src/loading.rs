@@ -1,0 +1,371 @@
+//! From words on the command line to points in memory, the same way for the window, the picture file and `glint info`.
+//!
+//! `resolve` tells what each word names. `start` opens and reads it on a thread of its own and hands events over as they
+//! come: first every header, then chunks, and when all clouds are in, the normals and radii that were missing. The channel
+//! is bounded, so a slow receiver holds the readers back and memory stays what the receiver keeps.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::Context as _;
+use cloud::{Attribute, Chunk, Column, Grid, Orientation, Progress, SurfelOptions, Surfels};
+use glam::DVec3;
+use scene::{ColorBy, SceneFile, Settings, SurfaceOrientation, UpAxis, View, five_mirrors};
+
+use crate::failure::usage;
+
+/// Chunks on their way from the readers to the receiver: enough that neither waits for the other, and at 65 thousand
+/// points of some 30 bytes each no more than 32 MB.
+const CHUNKS_UNDER_WAY: usize = 16;
+
+/// What a person named.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Input {
+    File(PathBuf),
+    BuiltIn(five_mirrors::Mirror),
+}
+
+impl Input {
+    /// As a person would type it.
+    pub fn name(&self) -> String {
+        match self {
+            Self::File(path) => path.display().to_string(),
+            Self::BuiltIn(mirror) => built_in_name(*mirror),
+        }
+    }
+}
+
+/// All words of a command line together.
+#[derive(Clone, Debug, Default)]
+pub struct Request {
+    pub inputs: Vec<Input>,
+    /// Camera and parameters of the scene file, or the camera of a built-in scene that is shown alone.
+    pub view: Option<View>,
+    pub warnings: Vec<String>,
+}
+
+/// Finds out what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
+///
+/// # Errors
+/// A word that names nothing, with the name that may have been meant; a scene file that cannot be read.
+pub fn resolve(words: &[String]) -> anyhow::Result<Request> {
+    let mut request = Request::default();
+    for word in words {
+        if Path::new(word).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
+            let file = SceneFile::read(Path::new(word))?;
+            for cloud in &file.clouds {
+                request.inputs.push(input(cloud).with_context(|| word.clone())?);
+            }
+            let view = file.view();
+            request.warnings.extend(view.warnings.iter().map(|warning| format!("{word}: {warning}")));
+            if request.view.replace(view).is_some() {
+                request
+                    .warnings
+                    .push(format!("{word}: its camera and parameters replace those of the scene before it"));
+            }
+        } else {
+            request.inputs.push(input(word)?);
+        }
+    }
+    let built_in_alone =
+        !request.inputs.is_empty() && request.inputs.iter().all(|input| matches!(input, Input::BuiltIn(_)));
+    if built_in_alone {
+        let camera = five_mirrors::camera();
+        let view = request.view.get_or_insert_with(|| View {
+            camera: None,
+            settings: Settings::default(),
+            warnings: Vec::new(),
+        });
+        view.camera.get_or_insert(camera);
+    }
+    Ok(request)
+}
+
+fn input(word: &str) -> anyhow::Result<Input> {
+    if let Some(mirror) = five_mirrors::Mirror::ALL.into_iter().find(|mirror| built_in_name(*mirror) == word) {
+        return Ok(Input::BuiltIn(mirror));
+    }
+    let path = Path::new(word);
+    if path.is_dir() {
+        return Err(usage(format!("{word}: a folder; name the files in it, as in {}", path.join("*.laz").display())));
+    }
+    if path.exists() {
+        return Ok(Input::File(path.to_owned()));
+    }
+    let names = built_in_names().into_iter().chain(files_beside(path)).collect::<Vec<_>>();
+    let near = param::nearest(word, names.iter().map(String::as_str));
+    let hint = match near {
+        Some(near) => format!("; did you mean `{near}`?"),
+        None if word.starts_with("five-mirrors") => "; `glint scenes` lists the built-in scenes".into(),
+        None => String::new(),
+    };
+    Err(usage(format!("{word}: no such file or built-in scene{hint}")))
+}
+
+/// Files in the folder where `path` was looked for, written as `path` is.
+fn files_beside(path: &Path) -> Vec<String> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(listed).into_iter().flatten().flatten();
+    entries.map(|entry| folder.join(entry.file_name()).to_string_lossy().into_owned()).collect()
+}
+
+pub fn built_in_name(mirror: five_mirrors::Mirror) -> String {
+    format!("five-mirrors/{}", mirror.name())
+}
+
+pub fn built_in_names() -> Vec<String> {
+    five_mirrors::Mirror::ALL.into_iter().map(built_in_name).collect()
+}
+
+/// A cloud on its way in. `cloud` counts from 0 within the job; a built-in scene is a cloud per material.
+pub enum Event {
+    /// A header was read, or a built-in scene begun.
+    Opened {
+        cloud: usize,
+        name: String,
+        path: Option<PathBuf>,
+        source: Option<Arc<codec::Source>>,
+        attributes: Vec<Attribute>,
+        grid: Option<Grid>,
+        /// Points a full read should yield.
+        expected_points: u64,
+        material: render::Material,
+        /// Unit vector.
+        up: DVec3,
+        /// World units, for points whose radius is not known yet; 0 where not even the extent is known.
+        provisional_radius: f32,
+        warnings: Vec<String>,
+    },
+    Chunk {
+        cloud: usize,
+        chunk: Chunk,
+    },
+    /// All chunks of the cloud have been sent.
+    Read {
+        cloud: usize,
+        summary: codec::Summary,
+    },
+    /// Normals and radii that the file lacks, one per chunk in the order of `first_point`.
+    Surfels {
+        cloud: usize,
+        surfels: Vec<Surfels>,
+    },
+    /// An input, or what is left of it, cannot be read; the others go on.
+    Failed {
+        input: String,
+        error: String,
+    },
+    /// The last event. A channel that closes without it means that the loading thread died.
+    Finished,
+}
+
+/// Loading under way. Dropping it stops it.
+pub struct Job {
+    pub events: Receiver<Event>,
+    /// Points read, of all inputs. Cancelling it ends the reading; what has been sent stays and gets its surfels.
+    pub progress: Arc<Progress>,
+    /// Points whose normal and radius have been estimated.
+    pub surfel_progress: Arc<Progress>,
+}
+
+impl Drop for Job {
+    fn drop(&mut self) {
+        self.progress.cancel();
+        self.surfel_progress.cancel();
+    }
+}
+
+/// Loads `inputs` on a background thread. Of `settings` the groups `view` (up axis), `color` (which attribute to read),
+/// `surface` and `scene` matter.
+pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
+    let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
+    let progress = Arc::new(Progress::default());
+    let surfel_progress = Arc::new(Progress::default());
+    let job = Job { events, progress: progress.clone(), surfel_progress: surfel_progress.clone() };
+    let loader = Loader { sender: sender.clone(), progress, surfel_progress, settings: settings.clone() };
+    // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
+    let started = rayon::ThreadPoolBuilder::new()
+        .thread_name(|index| format!("loader {index}"))
+        .build()
+        .map_err(|error| error.to_string())
+        .and_then(|pool| {
+            let work = move || pool.install(|| loader.load(&inputs));
+            std::thread::Builder::new().name("loading".into()).spawn(work).map_err(|error| error.to_string())
+        });
+    if let Err(error) = started {
+        // There is room for both: nothing else has been sent.
+        let _ = sender.try_send(Event::Failed { input: "loading".into(), error });
+        let _ = sender.try_send(Event::Finished);
+    }
+    job
+}
+
+/// Reads one column of a file whose points are loaded, by `first_point` of the chunks they belong to.
+///
+/// # Errors
+/// If the file has gone or changed.
+pub fn read_column(
+    source: &codec::Source,
+    attribute: usize,
+    progress: &Progress,
+) -> codec::Result<BTreeMap<u64, Arc<Column>>> {
+    let mut wanted = vec![false; attribute + 1];
+    wanted[attribute] = true;
+    let selection = codec::Selection { attributes: wanted, ..Default::default() };
+    let columns = Mutex::new(BTreeMap::new());
+    source.read(&selection, progress, &|mut chunk| {
+        if let Some(column) = chunk.columns.get_mut(attribute).and_then(Option::take) {
+            columns.lock().unwrap_or_else(PoisonError::into_inner).insert(chunk.first_point, column);
+        }
+    })?;
+    Ok(columns.into_inner().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// The state of a loading thread. Where a send fails the job was dropped, and the thread ends.
+struct Loader {
+    sender: SyncSender<Event>,
+    progress: Arc<Progress>,
+    surfel_progress: Arc<Progress>,
+    settings: Settings,
+}
+
+/// A cloud between its events. `chunks` share their columns with those that were sent.
+struct Loading {
+    cloud: usize,
+    source: Option<Arc<codec::Source>>,
+    up: DVec3,
+    chunks: Vec<Chunk>,
+}
+
+impl Loader {
+    fn load(&self, inputs: &[Input]) {
+        let _ = self.load_all(inputs);
+        let _ = self.sender.send(Event::Finished);
+    }
+
+    fn load_all(&self, inputs: &[Input]) -> Option<()> {
+        let mut opened = Vec::new();
+        for input in inputs {
+            match input {
+                Input::File(path) => opened.extend(self.open(path, opened.len())?),
+                Input::BuiltIn(mirror) => self.sample(*mirror, &mut opened)?,
+            }
+        }
+        let expected = opened.iter().filter_map(|loading| loading.source.as_ref()).map(|source| source.info().points);
+        self.progress.set_total(expected.sum());
+        for loading in &mut opened {
+            self.read(loading)?;
+        }
+        for loading in opened {
+            self.estimate(loading)?;
+        }
+        Some(())
+    }
+
+    /// The cloud, if the file can be opened; `None` outside if nobody listens any more.
+    fn open(&self, path: &Path, cloud: usize) -> Option<Option<Loading>> {
+        let source = match codec::open(path) {
+            Ok(source) => Arc::new(source),
+            Err(error) => {
+                let error = error.to_string();
+                self.send(Event::Failed { input: path.display().to_string(), error })?;
+                return Some(None);
+            }
+        };
+        let info = source.info();
+        let up = match self.settings.view.up {
+            UpAxis::Y => DVec3::Y,
+            UpAxis::Z => DVec3::Z,
+            UpAxis::Auto if info.format == codec::Format::Ply && info.faces > 0 => DVec3::Y,
+            UpAxis::Auto => DVec3::Z,
+        };
+        self.send(Event::Opened {
+            cloud,
+            name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+            path: Some(path.to_owned()),
+            source: Some(source.clone()),
+            attributes: info.attributes.clone(),
+            grid: info.grid,
+            expected_points: info.points,
+            material: render::Material::default(),
+            up,
+            provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),
+            warnings: info.warnings.clone(),
+        })?;
+        Some(Some(Loading { cloud, source: Some(source), up, chunks: Vec::new() }))
+    }
+
+    fn read(&self, loading: &mut Loading) -> Option<()> {
+        let Some(source) = &loading.source else { return Some(()) };
+        let cloud = loading.cloud;
+        let kept = Mutex::new(Vec::new());
+        let total = self.progress.total();
+        let emit = |chunk: Chunk| {
+            // The reader has set the total of its own file.
+            self.progress.set_total(total);
+            kept.lock().unwrap_or_else(PoisonError::into_inner).push(Chunk { columns: Vec::new(), ..chunk.clone() });
+            if self.send(Event::Chunk { cloud, chunk }).is_none() {
+                self.progress.cancel();
+            }
+        };
+        let read = source.read(&selection(source.info(), &self.settings), &self.progress, &emit);
+        loading.chunks = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+        loading.chunks.sort_by_key(|chunk| chunk.first_point);
+        match read {
+            Ok(summary) => self.send(Event::Read { cloud, summary }),
+            Err(error) => {
+                self.send(Event::Failed { input: source.info().path.display().to_string(), error: error.to_string() })
+            }
+        }
+    }
+
+    /// Both normals and radii, wherever one of them is missing; what the file has is kept.
+    fn estimate(&self, loading: Loading) -> Option<()> {
+        let Loading { cloud, source, up, mut chunks } = loading;
+        let complete = |chunk: &Chunk| chunk.is_empty() || chunk.normals.is_some() && chunk.radii.is_some();
+        if chunks.iter().all(complete) || self.surfel_progress.is_cancelled() {
+            return Some(());
+        }
+        if let Some(source) = source.filter(|source| source.info().faces > 0 && !source.info().has_normals) {
+            // A face list that cannot be parsed is a warning of the read; the normals are then estimated.
+            if let Ok(triangles) = source.triangles() {
+                let mesh = cloud::normals_from_triangles(&chunks, &triangles);
+                for (chunk, normals) in chunks.iter_mut().zip(mesh.normals) {
+                    chunk.normals = Some(Arc::new(normals));
+                }
+            }
+        }
+        let center = || cloud::robust_bounds(&chunks).center();
+        let orientation = match self.settings.surface.orientation {
+            SurfaceOrientation::Auto => cloud::guess_orientation(&chunks, up.as_vec3()),
+            SurfaceOrientation::Up => Orientation::Up(up.as_vec3()),
+            SurfaceOrientation::Inward => Orientation::Toward(center()),
+            SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
+        };
+        let options = SurfelOptions { neighbours: self.settings.surface.neighbours as usize, orientation };
+        match cloud::estimate(&chunks, &options, &self.surfel_progress) {
+            Some(surfels) => self.send(Event::Surfels { cloud, surfels }),
+            None => Some(()),
+        }
+    }
+
+    fn send(&self, event: Event) -> Option<()> {
+        self.sender.send(event).ok()
+    }
+}
+
+/// What is read at once: all that most pictures need, and the attribute that `color.by` asks for. Others come on demand
+/// (`read_column`).
+fn selection(info: &codec::Info, settings: &Settings) -> codec::Selection {
+    let color = &settings.color;
+    let wanted = |name: &str| {
+        matches!(name, "intensity" | "classification" | "return_number")
+            || color.by == ColorBy::GpsTime && name == "gps_time"
+            || color.by == ColorBy::Attribute && name == color.attribute
+    };
+    let attributes = info.attributes.iter().map(|attribute| wanted(&attribute.name)).collect();
+    codec::Selection { positions: true, colors: true, normals: true, attributes }
+}
