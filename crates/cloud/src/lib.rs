@@ -6,14 +6,23 @@
 mod bounds;
 mod chunk;
 mod column;
+mod neighbours;
 mod packing;
 mod progress;
+mod robust;
+pub mod sampling;
+mod surfels;
 
 pub use bounds::Bounds;
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
 pub use progress::Progress;
+pub use robust::{Scalar, histogram, percentile_range, robust_bounds};
+pub use surfels::{
+    MeshNormals, Orientation, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, guess_orientation, normals_from_triangles,
+    provisional_radius,
+};
 
 /// Points a chunk holds at most when a reader is free to choose (2.4 MB of 36-byte LAS records).
 pub const CHUNK_POINTS: usize = 65_536;

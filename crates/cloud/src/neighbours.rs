@@ -1,0 +1,602 @@
+//! The exact k nearest neighbours of every point of a cloud, in little memory and whatever chunks the points came in.
+//!
+//! Points are divided by planes into *tiles* of some 50 thousand, and each tile by medians into *bricks* of at most 32,
+//! with a tree of boxes over them. What stays in memory for the whole cloud is four bytes of order and 1.5 bytes of boxes
+//! a point. A tile is then searched by one thread: it copies its own points, relative to an origin in their middle, and
+//! copies bricks of other tiles only when a search reaches them, so there is no halo whose width could be wrong.
+//!
+//! A library's k-d tree over everything would hold all positions a second time, and one per tile would need that halo;
+//! `benches/normals.rs` runs `kiddo` beside this search.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::{Bounds, Chunk, Progress};
+
+/// Points a tile holds at most when planes through the medians of a sample divide evenly: its copy stays in a core's
+/// second-level cache.
+const TILE_POINTS: usize = 65_536;
+/// Points of a tile that decide where it is divided.
+const SAMPLE_PER_TILE: usize = 256;
+/// Points of a brick at most. Fewer cost more boxes, more cost more distances; 16 and 64 were both slower.
+const BRICK_POINTS: usize = 32;
+/// Deepest tree of bricks: 2^31 bricks of 32 are beyond any index.
+const STACK: usize = 32;
+
+/// The points of a list of chunks under one running index.
+pub struct Points<'a> {
+    chunks: &'a [Chunk],
+    /// Index of each chunk's first point, and the number of points at the end.
+    starts: Vec<u32>,
+}
+
+impl<'a> Points<'a> {
+    /// At most `u32::MAX` points.
+    pub fn new(chunks: &'a [Chunk]) -> Self {
+        let mut starts = vec![0];
+        let mut total = 0;
+        for chunk in chunks {
+            total += chunk.len() as u32;
+            starts.push(total);
+        }
+        Self { chunks, starts }
+    }
+
+    pub fn len(&self) -> usize {
+        self.starts.last().map_or(0, |&total| total as usize)
+    }
+
+    /// Chunk of point `index`, and its index there.
+    pub fn locate(&self, index: u32) -> (usize, usize) {
+        let chunk = self.starts.partition_point(|&start| start <= index) - 1;
+        (chunk, (index - self.starts[chunk]) as usize)
+    }
+
+    fn position(&self, index: u32) -> DVec3 {
+        let (chunk, local) = self.locate(index);
+        self.chunks[chunk].position(local)
+    }
+}
+
+/// A box in the coordinates of a tile.
+#[derive(Clone, Copy)]
+struct Box3 {
+    min: Vec3,
+    max: Vec3,
+}
+
+impl Box3 {
+    fn of(points: &[(Vec3, u32)]) -> Self {
+        let empty = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+        points.iter().fold(empty, |all, (point, _)| Self { min: all.min.min(*point), max: all.max.max(*point) })
+    }
+
+    /// Never more than the squared distance to a point inside, in f32 as computed by `Nearest::scan`: the same
+    /// differences are rounded the same way.
+    fn distance_squared(&self, point: Vec3) -> f32 {
+        let outside = (self.min - point).max(point - self.max).max(Vec3::ZERO);
+        outside.x * outside.x + outside.y * outside.y + outside.z * outside.z
+    }
+
+    fn longest_axis(&self) -> usize {
+        (self.max - self.min).max_position()
+    }
+}
+
+/// Planes that divide space into `2^depth` cells, through the medians of a sample.
+struct Planes {
+    depth: u32,
+    /// Axis and coordinate, in heap order from index 1.
+    planes: Vec<(usize, f64)>,
+    cells: Vec<Bounds>,
+    /// A position amid each cell's points; a stray point in the cell does not move it.
+    middles: Vec<DVec3>,
+}
+
+impl Planes {
+    fn new(points: &Points) -> Self {
+        let tiles = points.len().div_ceil(TILE_POINTS).next_power_of_two();
+        let wanted = (tiles * SAMPLE_PER_TILE).min(points.len());
+        let mut sample: Vec<DVec3> = (0..wanted as u64)
+            .map(|i| points.position((i * points.len() as u64 / wanted as u64) as u32))
+            .filter(|position| position.is_finite())
+            .collect();
+        // A cloud that is mostly not finite leaves a small sample; every cell must still get some of it.
+        let depth = tiles.ilog2().min((sample.len() / 16).max(1).ilog2());
+        let everywhere = Bounds { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
+        let mut planes = Self { depth, planes: vec![(0, 0.0); 1 << depth], cells: Vec::new(), middles: Vec::new() };
+        planes.divide(1, &mut sample, everywhere);
+        planes
+    }
+
+    fn divide(&mut self, node: usize, sample: &mut [DVec3], cell: Bounds) {
+        let middle = sample.len() / 2;
+        let mut median = |axis: usize| {
+            if sample.is_empty() {
+                return 0.0;
+            }
+            sample.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis])).1[axis]
+        };
+        if node >> self.depth == 1 {
+            self.middles.push(DVec3::new(median(0), median(1), median(2)));
+            self.cells.push(cell);
+            return;
+        }
+        let mut bounds = Bounds::EMPTY;
+        sample.iter().for_each(|position| bounds.include(*position));
+        let axis = bounds.size().max_position();
+        let plane = sample.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis])).1[axis];
+        self.planes[node] = (axis, plane);
+        let (mut below, mut above) = (cell, cell);
+        below.max[axis] = plane;
+        above.min[axis] = plane;
+        let (left, right) = sample.split_at_mut(middle);
+        self.divide(2 * node, left, below);
+        self.divide(2 * node + 1, right, above);
+    }
+
+    fn cell_of(&self, position: DVec3) -> usize {
+        let mut node = 1;
+        for _ in 0..self.depth {
+            let (axis, plane) = self.planes[node];
+            node = 2 * node + usize::from(position[axis] >= plane);
+        }
+        node - (1 << self.depth)
+    }
+}
+
+/// The points of one cell, arranged in bricks.
+struct Tile {
+    origin: DVec3,
+    /// Other tiles' points lie outside it.
+    cell: Bounds,
+    /// Its points in `Tiles::order`.
+    range: Range<usize>,
+    /// The tree of boxes, in heap order from index 1; the second half are the bricks. Empty if the tile is.
+    boxes: Vec<Box3>,
+}
+
+impl Tile {
+    fn bricks(&self) -> usize {
+        self.boxes.len() / 2
+    }
+
+    /// Points of a brick, counted from the tile's first.
+    fn brick(&self, brick: usize) -> Range<usize> {
+        brick_start(self.range.len(), self.bricks(), brick)..brick_start(self.range.len(), self.bricks(), brick + 1)
+    }
+
+    /// A box of this tile in the coordinates of another, wider by more than coordinates are rounded: half a unit in the
+    /// last place of f32 in either tile and of f64 in the world, with room to spare.
+    fn box_seen_from(&self, home: &Tile, local: &Box3) -> Box3 {
+        let shift = self.origin - home.origin;
+        let world = 1e-15 * (self.origin.abs() + home.origin.abs());
+        let slack = |corner: DVec3| 2.0_f64.powi(-22) * (corner.abs() + (corner + shift).abs()) + world;
+        let (min, max) = (local.min.as_dvec3(), local.max.as_dvec3());
+        Box3 { min: (min + shift - slack(min)).as_vec3(), max: (max + shift + slack(max)).as_vec3() }
+    }
+}
+
+fn brick_start(points: usize, bricks: usize, brick: usize) -> usize {
+    (points as u64 * brick as u64 / bricks as u64) as usize
+}
+
+/// All finite points in tiles, ready to be searched.
+pub struct Tiles<'a> {
+    points: &'a Points<'a>,
+    /// Point indices, tile by tile and brick by brick.
+    order: Vec<u32>,
+    tiles: Vec<Tile>,
+}
+
+impl<'a> Tiles<'a> {
+    /// `None` when cancelled.
+    pub fn new(points: &'a Points<'a>, progress: &Progress) -> Option<Self> {
+        let planes = Planes::new(points);
+        let (order, ends) = sort_into_cells(points, &planes, progress)?;
+        let mut order = order;
+        let mut rest = order.as_mut_slice();
+        let mut slices = Vec::with_capacity(ends.len());
+        let mut start = 0;
+        for &end in &ends {
+            let (slice, others) = rest.split_at_mut(end - start);
+            slices.push((start..end, slice));
+            (rest, start) = (others, end);
+        }
+        let tiles = slices
+            .into_par_iter()
+            .zip(planes.cells.par_iter().zip(&planes.middles))
+            .map(|((range, slice), (&cell, &origin))| {
+                let boxes = if progress.is_cancelled() { Vec::new() } else { arrange(points, slice, origin) };
+                Tile { origin, cell, range, boxes }
+            })
+            .collect();
+        (!progress.is_cancelled()).then_some(Self { points, order, tiles })
+    }
+
+    pub fn len(&self) -> usize {
+        self.tiles.len()
+    }
+
+    /// Finite points of a tile.
+    pub fn points_of(&self, tile: usize) -> usize {
+        self.tiles[tile].range.len()
+    }
+
+    /// Calls `visit` with the neighbours of each point of a tile, each searched for `count` others (`1 ..= LANES`).
+    pub fn search<const LANES: usize>(
+        &self,
+        tile: usize,
+        count: usize,
+        mut visit: impl FnMut(u32, &Neighbourhood),
+        progress: &Progress,
+    ) {
+        if self.tiles[tile].boxes.is_empty() {
+            return;
+        }
+        let mut search = Search::<LANES>::new(self, tile, count);
+        for brick in 0..self.tiles[tile].bricks() {
+            if progress.is_cancelled() {
+                return;
+            }
+            for local in self.tiles[tile].brick(brick) {
+                visit(self.order[self.tiles[tile].range.start + local], search.run(brick, local));
+            }
+        }
+    }
+}
+
+/// The indices of the finite points cell by cell, in rising order within each, and where each cell ends.
+fn sort_into_cells(points: &Points, planes: &Planes, progress: &Progress) -> Option<(Vec<u32>, Vec<usize>)> {
+    // A counting sort in parallel: every group of chunks counts its points per cell, then knows where its own go.
+    let per_group = points.chunks.len().div_ceil(4 * rayon::current_num_threads()).max(1);
+    let chunks: Vec<usize> = (0..points.chunks.len()).collect();
+    let groups: Vec<&[usize]> = chunks.chunks(per_group).collect();
+    let mut cursors: Vec<Vec<u32>> = groups
+        .par_iter()
+        .map(|group| {
+            let mut counts = vec![0; 1 << planes.depth];
+            for_each_cell(points, planes, group, progress, |_, cell| counts[cell] += 1);
+            counts
+        })
+        .collect();
+    let mut ends = Vec::with_capacity(1 << planes.depth);
+    let mut total = 0;
+    for cell in 0..1 << planes.depth {
+        for cursor in &mut cursors {
+            let count = std::mem::replace(&mut cursor[cell], total);
+            total += count;
+        }
+        ends.push(total as usize);
+    }
+    if progress.is_cancelled() {
+        return None;
+    }
+    // Every slot is written once; atomics are how several threads may do so without unsafe code.
+    let order: Vec<AtomicU32> = (0..total).map(|_| AtomicU32::new(0)).collect();
+    groups.par_iter().zip(&mut cursors).for_each(|(group, cursor)| {
+        for_each_cell(points, planes, group, progress, |index, cell| {
+            order[cursor[cell] as usize].store(index, Ordering::Relaxed);
+            cursor[cell] += 1;
+        });
+    });
+    (!progress.is_cancelled()).then(|| (order.into_iter().map(AtomicU32::into_inner).collect(), ends))
+}
+
+/// Calls `each` with index and cell of the finite points of some chunks.
+fn for_each_cell(
+    points: &Points,
+    planes: &Planes,
+    chunks: &[usize],
+    progress: &Progress,
+    mut each: impl FnMut(u32, usize),
+) {
+    for &chunk in chunks {
+        if progress.is_cancelled() {
+            return;
+        }
+        for local in 0..points.chunks[chunk].len() {
+            let position = points.chunks[chunk].position(local);
+            if position.is_finite() {
+                each(points.starts[chunk] + local as u32, planes.cell_of(position));
+            }
+        }
+    }
+}
+
+/// Sorts a tile's indices into bricks and gives their tree of boxes.
+fn arrange(points: &Points, order: &mut [u32], origin: DVec3) -> Vec<Box3> {
+    if order.is_empty() {
+        return Vec::new();
+    }
+    let bricks = order.len().div_ceil(BRICK_POINTS).next_power_of_two();
+    let mut located: Vec<(Vec3, u32)> =
+        order.iter().map(|&index| ((points.position(index) - origin).as_vec3(), index)).collect();
+    let mut boxes = vec![Box3::of(&[]); 2 * bricks];
+    halve(&mut located, order.len(), 1, 0..bricks, &mut boxes);
+    for (slot, (_, index)) in order.iter_mut().zip(located) {
+        *slot = index;
+    }
+    boxes
+}
+
+/// Splits the points of a node, which `covered` bricks are to hold, at the median of the longest side of their box.
+fn halve(located: &mut [(Vec3, u32)], total: usize, node: usize, covered: Range<usize>, boxes: &mut [Box3]) {
+    boxes[node] = Box3::of(located);
+    if covered.len() == 1 {
+        return;
+    }
+    let bricks = boxes.len() / 2;
+    let axis = boxes[node].longest_axis();
+    let middle = covered.start + covered.len() / 2;
+    let split = brick_start(total, bricks, middle) - brick_start(total, bricks, covered.start);
+    if split < located.len() {
+        located.select_nth_unstable_by(split, |a, b| a.0[axis].total_cmp(&b.0[axis]));
+    }
+    let (left, right) = located.split_at_mut(split);
+    halve(left, total, 2 * node, covered.start..middle, boxes);
+    halve(right, total, 2 * node + 1, middle..covered.end, boxes);
+}
+
+/// The neighbours of one point: as many as were asked for, all others as near as the last of them (so that ties do not
+/// depend on the order of the points), and fewer only where the cloud has no more. Points at the very same place count
+/// as the point itself, so a place stored many times has the neighbours it would have if stored once.
+pub struct Neighbourhood {
+    /// Offset from the point and squared distance; those beyond `distance_squared` are not neighbours.
+    candidates: Vec<(Vec3, f32)>,
+    /// Squared distance of the last of the neighbours asked for.
+    pub distance_squared: f32,
+    /// Neighbours asked for, or all there are.
+    pub count: usize,
+}
+
+impl Neighbourhood {
+    pub fn offsets(&self) -> impl Iterator<Item = Vec3> {
+        self.candidates.iter().filter(|(_, distance)| *distance <= self.distance_squared).map(|(offset, _)| *offset)
+    }
+}
+
+/// The nearest distances so far.
+struct Nearest<const LANES: usize> {
+    /// Squared, ascending; infinite where none was found.
+    distances: [f32; LANES],
+    /// Squared distance beyond which nothing matters any more.
+    bound: f32,
+    count: usize,
+}
+
+impl<const LANES: usize> Nearest<LANES> {
+    fn new(count: usize, bound: f32) -> Self {
+        Self { distances: [f32::INFINITY; LANES], bound, count }
+    }
+
+    /// Considers some points of one brick.
+    fn scan(&mut self, x: &[f32], y: &[f32], z: &[f32], point: Vec3, candidates: &mut Vec<(Vec3, f32)>) {
+        let mut squared = [0.0; BRICK_POINTS];
+        let length = x.len().min(BRICK_POINTS);
+        let (x, y, z) = (&x[..length], &y[..length], &z[..length]);
+        for i in 0..length {
+            let (dx, dy, dz) = (x[i] - point.x, y[i] - point.y, z[i] - point.z);
+            squared[i] = dx * dx + dy * dy + dz * dz;
+        }
+        for i in 0..length {
+            if squared[i] <= self.bound && squared[i] > 0.0 {
+                candidates.push((Vec3::new(x[i], y[i], z[i]) - point, squared[i]));
+                self.insert(squared[i]);
+            }
+        }
+    }
+
+    /// One step of an insertion sort without branches: every entry becomes the middle one of its left neighbour, itself
+    /// and the new value. Compiles to a few vector minima and maxima.
+    fn insert(&mut self, value: f32) {
+        let old = self.distances;
+        let min = |a: f32, b: f32| if a < b { a } else { b };
+        let max = |a: f32, b: f32| if a > b { a } else { b };
+        self.distances[0] = min(old[0], value);
+        for i in 1..LANES {
+            self.distances[i] = max(old[i - 1], min(old[i], value));
+        }
+        self.bound = min(self.bound, self.distances[self.count - 1]);
+    }
+}
+
+/// The inside of a tile as the tile being searched sees it.
+struct View {
+    tile: usize,
+    boxes: Vec<Box3>,
+    /// Where each brick's points start among the search's copies, or `ABSENT`.
+    starts: Vec<u32>,
+}
+
+/// A tile other than the one being searched.
+struct Other {
+    tile: usize,
+    bounds: Box3,
+    /// Squared distance from its bounds to those of the home tile.
+    distance_squared: f32,
+    /// Made when a search reaches it.
+    view: Option<View>,
+}
+
+const ABSENT: u32 = u32::MAX;
+
+struct Search<'a, const LANES: usize> {
+    tiles: &'a Tiles<'a>,
+    home: usize,
+    count: usize,
+    /// Copies of the points of the home tile, then of the bricks of other tiles that were reached.
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    home_view: View,
+    /// The home tile's cell in its own coordinates.
+    cell: Box3,
+    /// Nearest first.
+    others: Vec<Other>,
+    previous: Option<Vec3>,
+    neighbourhood: Neighbourhood,
+}
+
+impl<'a, const LANES: usize> Search<'a, LANES> {
+    fn new(tiles: &'a Tiles<'a>, home: usize, count: usize) -> Self {
+        let tile = &tiles.tiles[home];
+        let mut others: Vec<Other> = (0..tiles.tiles.len())
+            .filter(|&other| other != home && !tiles.tiles[other].boxes.is_empty())
+            .map(|other| {
+                let bounds = tiles.tiles[other].box_seen_from(tile, &tiles.tiles[other].boxes[1]);
+                let apart = (bounds.min - tile.boxes[1].max).max(tile.boxes[1].min - bounds.max).max(Vec3::ZERO);
+                Other { tile: other, bounds, distance_squared: apart.length_squared(), view: None }
+            })
+            .collect();
+        others.sort_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared));
+        let starts = (0..tile.bricks()).map(|brick| tile.brick(brick).start as u32).collect();
+        let mut search = Self {
+            tiles,
+            home,
+            count: count.clamp(1, LANES),
+            x: Vec::new(),
+            y: Vec::new(),
+            z: Vec::new(),
+            home_view: View { tile: home, boxes: tile.boxes.clone(), starts },
+            cell: Box3 {
+                min: (tile.cell.min - tile.origin).as_vec3(),
+                max: (tile.cell.max - tile.origin).as_vec3(),
+            },
+            others,
+            previous: None,
+            neighbourhood: Neighbourhood { candidates: Vec::new(), distance_squared: f32::INFINITY, count: 0 },
+        };
+        copy(tiles, home, 0..tile.range.len(), tile.origin, &mut search.x, &mut search.y, &mut search.z);
+        search
+    }
+
+    /// Neighbours of point `local` of `brick` of the home tile.
+    fn run(&mut self, brick: usize, local: usize) -> &Neighbourhood {
+        let point = Vec3::new(self.x[local], self.y[local], self.z[local]);
+        let radius = self.neighbourhood.distance_squared.sqrt();
+        match self.previous {
+            // Thousands of points at one place cost one search.
+            Some(previous) if previous == point => return &self.neighbourhood,
+            // The ball about this point that contains the ball about the previous one contains as many points, unless
+            // some of them are this very place; the margin is far above the rounding of an f32.
+            Some(previous) => self.within((radius + previous.distance(point)).powi(2) * 1.000_01, brick, point),
+            None => self.within(f32::INFINITY, brick, point),
+        }
+        if self.neighbourhood.count < self.count {
+            self.within(f32::INFINITY, brick, point);
+        }
+        self.previous = Some(point);
+        &self.neighbourhood
+    }
+
+    /// Neighbours of a point no further than the square root of `bound`.
+    fn within(&mut self, bound: f32, brick: usize, point: Vec3) {
+        self.neighbourhood.candidates.clear();
+        let mut nearest = Nearest::<LANES>::new(self.count, bound);
+        // Up from the point's own brick, visiting what hangs on the other side of each node.
+        let mut node = brick + self.home_view.starts.len();
+        self.visit(None, node, point, &mut nearest);
+        while node > 1 {
+            self.visit(None, node ^ 1, point, &mut nearest);
+            node /= 2;
+        }
+        let to_border = (point - self.cell.min).min(self.cell.max - point).min_element();
+        if to_border * to_border <= nearest.bound {
+            for other in 0..self.others.len() {
+                if self.others[other].distance_squared > nearest.bound {
+                    break;
+                }
+                if self.others[other].bounds.distance_squared(point) <= nearest.bound {
+                    self.reach(other);
+                    self.visit(Some(other), 1, point, &mut nearest);
+                }
+            }
+        }
+        let found = nearest.distances[..self.count].iter().filter(|distance| distance.is_finite()).count();
+        self.neighbourhood.count = found;
+        self.neighbourhood.distance_squared = if found > 0 { nearest.distances[found - 1] } else { 0.0 };
+    }
+
+    /// Considers what hangs below a node of the home tile, or of one of the others.
+    fn visit(&mut self, other: Option<usize>, root: usize, point: Vec3, nearest: &mut Nearest<LANES>) {
+        let view = match other {
+            None => Some(&mut self.home_view),
+            Some(other) => self.others[other].view.as_mut(),
+        };
+        let Some(view) = view else { return };
+        let bricks = view.starts.len();
+        let mut stack = [(0.0_f32, 0_usize); STACK + 1];
+        stack[0] = (view.boxes[root].distance_squared(point), root);
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let (distance, node) = stack[height];
+            if distance > nearest.bound {
+                continue;
+            }
+            if node < bricks {
+                let (a, b) = (2 * node, 2 * node + 1);
+                let near = (view.boxes[a].distance_squared(point), a);
+                let far = (view.boxes[b].distance_squared(point), b);
+                let (near, far) = if far.0 < near.0 { (far, near) } else { (near, far) };
+                stack[height] = far;
+                stack[height + 1] = near;
+                height += 2;
+                continue;
+            }
+            let brick = node - bricks;
+            let range = self.tiles.tiles[view.tile].brick(brick);
+            if view.starts[brick] == ABSENT {
+                view.starts[brick] = self.x.len() as u32;
+                let origin = self.tiles.tiles[self.home].origin;
+                copy(self.tiles, view.tile, range.clone(), origin, &mut self.x, &mut self.y, &mut self.z);
+            }
+            let start = view.starts[brick] as usize;
+            let at = start..start + range.len();
+            let (x, y, z) = (&self.x[at.clone()], &self.y[at.clone()], &self.z[at]);
+            nearest.scan(x, y, z, point, &mut self.neighbourhood.candidates);
+        }
+    }
+
+    /// Makes sure of the view of one of the others.
+    fn reach(&mut self, other: usize) {
+        let home = &self.tiles.tiles[self.home];
+        // Stray points may reach far into the cloud; what they brought must not pile up.
+        if self.x.len() > 8 * TILE_POINTS.max(home.range.len()) {
+            for values in [&mut self.x, &mut self.y, &mut self.z] {
+                values.truncate(home.range.len());
+            }
+            self.others.iter_mut().for_each(|other| other.view = None);
+        }
+        let Other { tile, view, .. } = &mut self.others[other];
+        let there = &self.tiles.tiles[*tile];
+        view.get_or_insert_with(|| View {
+            tile: *tile,
+            boxes: there.boxes.iter().map(|local| there.box_seen_from(home, local)).collect(),
+            starts: vec![ABSENT; there.bricks()],
+        });
+    }
+}
+
+/// Appends points of a tile, relative to `origin`.
+fn copy(
+    tiles: &Tiles,
+    tile: usize,
+    range: Range<usize>,
+    origin: DVec3,
+    x: &mut Vec<f32>,
+    y: &mut Vec<f32>,
+    z: &mut Vec<f32>,
+) {
+    let first = tiles.tiles[tile].range.start;
+    for &index in &tiles.order[first + range.start..first + range.end] {
+        let local = (tiles.points.position(index) - origin).as_vec3();
+        x.push(local.x);
+        y.push(local.y);
+        z.push(local.z);
+    }
+}

@@ -1,0 +1,249 @@
+//! Figures about a whole cloud that a few stray points do not spoil: the box to frame, and the range and histogram of a
+//! scalar to colour by. Percentiles come from a sample spread evenly over the cloud, always the same one.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::{Bounds, Chunk};
+
+/// Points in a sample: the first percentile is then off by about a thirtieth of a percent of the points.
+const SAMPLE_POINTS: u64 = 100_000;
+/// Part of the points that may be stray on either side of an axis.
+const STRAY: f64 = 0.01;
+/// Below this many points no one of them can be told to be stray.
+const FEWEST: usize = 16;
+
+/// A number each point has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scalar {
+    /// `Chunk::columns[i]`; chunks without it are left out.
+    Column(usize),
+    /// World coordinate x, y or z (0 ..= 2): height is one of them.
+    Axis(usize),
+}
+
+impl Scalar {
+    fn is_in(self, chunk: &Chunk) -> bool {
+        match self {
+            Self::Column(column) => chunk.columns.get(column).is_some_and(Option::is_some),
+            Self::Axis(axis) => axis < 3,
+        }
+    }
+
+    /// NaN where there is none.
+    fn value(self, chunk: &Chunk, index: usize) -> f64 {
+        match self {
+            Self::Column(column) => {
+                chunk.columns.get(column).and_then(Option::as_ref).map_or(f64::NAN, |column| column.value(index))
+            }
+            Self::Axis(axis) => chunk.origin[axis] + f64::from(chunk.positions[index][axis]),
+        }
+    }
+}
+
+/// Up to `SAMPLE_POINTS` chunk-and-index pairs out of some chunks: one from each of as many equal stretches, at a place
+/// drawn by hash, so that no regular pattern in the file is caught in step.
+fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> impl Iterator<Item = (&'a Chunk, usize)> {
+    let mut ends = Vec::new();
+    let mut total = 0;
+    for chunk in chunks {
+        total += chunk.len() as u64;
+        ends.push((total, chunk));
+    }
+    let count = total.min(SAMPLE_POINTS);
+    (0..count).map(move |i| {
+        let place = |i: u64| (u128::from(total) * u128::from(i) / u128::from(count)) as u64;
+        let (first, end) = (place(i), place(i + 1));
+        let index = first + hash(i) % (end - first);
+        let (end, chunk) = ends[ends.partition_point(|&(end, _)| end <= index)];
+        (chunk, (index + chunk.len() as u64 - end) as usize)
+    })
+}
+
+/// The finite ones of a sample of world positions.
+pub fn spread_sample(chunks: &[Chunk]) -> impl Iterator<Item = DVec3> {
+    spread_indices(chunks.iter()).map(|(chunk, index)| chunk.position(index)).filter(|position| position.is_finite())
+}
+
+/// splitmix64's mixing function (Steele, Lea, Flood 2014).
+pub fn hash(value: u64) -> u64 {
+    let mut mixed = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    mixed ^ (mixed >> 31)
+}
+
+/// Bounds of a cloud without its stray points; the full bounds if there are none.
+///
+/// A point is stray if it lies, along some axis, beyond the middle 98 % of the points by more than the width of these
+/// plus a tenth of the cloud's: terrain keeps its towers, a room what is seen through its windows, and whatever stays
+/// wrongly makes a framed picture at most three times too wide. Less than 1 % of the points can be stray.
+pub fn robust_bounds(chunks: &[Chunk]) -> Bounds {
+    let boxes: Vec<Bounds> = chunks.par_iter().map(Chunk::bounds).collect();
+    let full = boxes.iter().fold(Bounds::EMPTY, |all, bounds| all.union(*bounds));
+    let mut sample: Vec<DVec3> = spread_sample(chunks).collect();
+    if sample.len() < FEWEST {
+        return full;
+    }
+    let trimmed = ((sample.len() as f64 * STRAY) as usize).max(1);
+    let last = sample.len() - 1;
+    let mut core = Bounds::EMPTY;
+    for axis in 0..3 {
+        let by_axis = |a: &DVec3, b: &DVec3| a[axis].total_cmp(&b[axis]);
+        core.min[axis] = sample.select_nth_unstable_by(trimmed, by_axis).1[axis];
+        core.max[axis] = sample.select_nth_unstable_by(last - trimmed, by_axis).1[axis];
+    }
+    let margin = core.size() + 0.1 * core.size().max_element();
+    let fence = Bounds { min: core.min - margin, max: core.max + margin };
+    if fence.contains(full.min) && fence.contains(full.max) {
+        return full;
+    }
+    let inside = chunks.par_iter().zip(&boxes).map(|(chunk, bounds)| {
+        if bounds.is_empty() || fence.contains(bounds.min) && fence.contains(bounds.max) {
+            return *bounds;
+        }
+        let mut kept = Bounds::EMPTY;
+        (0..chunk.len()).map(|i| chunk.position(i)).filter(|p| fence.contains(*p)).for_each(|p| kept.include(p));
+        kept
+    });
+    inside.reduce(|| Bounds::EMPTY, Bounds::union)
+}
+
+/// The values below which the shares `low` and `high` (0 ..= 1) of the points lie, from a sample of 100 thousand points.
+/// `None` if no value is finite; both the same for a constant. `(0.0, 1.0)` is not the full range of a large cloud.
+pub fn percentile_range(chunks: &[Chunk], scalar: Scalar, low: f64, high: f64) -> Option<(f64, f64)> {
+    let mut values: Vec<f64> = spread_indices(chunks.iter().filter(|chunk| scalar.is_in(chunk)))
+        .map(|(chunk, index)| scalar.value(chunk, index))
+        .filter(|value| value.is_finite())
+        .collect();
+    let last = values.len().checked_sub(1)?;
+    let mut at = |share: f64| {
+        let rank = (share.clamp(0.0, 1.0) * last as f64).round() as usize;
+        *values.select_nth_unstable_by(rank, f64::total_cmp).1
+    };
+    Some((at(low), at(high)))
+}
+
+/// How many points have a value in each of `bins` equal steps from `low` to `high` inclusive. Values outside and NaN are
+/// not counted; a range of one value puts that value in the first bin.
+pub fn histogram(chunks: &[Chunk], scalar: Scalar, (low, high): (f64, f64), bins: usize) -> Vec<u32> {
+    let count = |chunk: &Chunk| {
+        let mut counts = vec![0; bins];
+        if bins == 0 || !scalar.is_in(chunk) {
+            return counts;
+        }
+        let scale = if high > low { bins as f64 / (high - low) } else { 0.0 };
+        for value in (0..chunk.len()).map(|index| scalar.value(chunk, index)) {
+            if value >= low && value <= high {
+                counts[(((value - low) * scale) as usize).min(bins - 1)] += 1;
+            }
+        }
+        counts
+    };
+    let add = |mut a: Vec<u32>, b: Vec<u32>| {
+        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        a
+    };
+    chunks.par_iter().map(count).reduce(|| vec![0; bins], add)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::Column;
+
+    /// A bumpy square 100 wide at coordinates of seven digits, in chunks of a thousand.
+    fn terrain(points: u64) -> Vec<Chunk> {
+        let unit = |i: u64| hash(i) as f64 / u64::MAX as f64;
+        let position = |i: u64| {
+            let (x, y) = (unit(3 * i), unit(3 * i + 1));
+            [100.0 * x as f32, 100.0 * y as f32, (5.0 * (x * 9.0).sin() * (y * 7.0).cos()) as f32]
+        };
+        let origin = DVec3::new(631_000.0, 5_077_000.0, 120.0);
+        (0..points.div_ceil(1000))
+            .map(|c| Chunk::new(c * 1000, origin, (c * 1000..(c * 1000 + 1000).min(points)).map(position).collect()))
+            .collect()
+    }
+
+    fn full_bounds(chunks: &[Chunk]) -> Bounds {
+        chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()))
+    }
+
+    #[test]
+    fn bounds_without_stray_points_are_the_full_bounds() {
+        for points in [0, 1, 5, 40, 1000, 250_000] {
+            let chunks = terrain(points);
+            assert_eq!(robust_bounds(&chunks), full_bounds(&chunks), "{points} points");
+        }
+    }
+
+    #[test]
+    fn a_thousandth_of_stray_points_does_not_move_the_bounds() {
+        for (points, stray) in [(40, 1), (20_000, 20), (250_000, 250)] {
+            let mut chunks = terrain(points);
+            let clean = full_bounds(&chunks);
+            let far = |i: u64| {
+                let direction = hash(i) as f32 / u64::MAX as f32 - 0.5;
+                [1e6 * direction + 2e6, -3e5, 4e4 * direction - 5e5]
+            };
+            chunks.push(Chunk::new(points, DVec3::new(631_000.0, 5_077_000.0, 0.0), (0..stray).map(far).collect()));
+            let robust = robust_bounds(&chunks);
+            assert_eq!(robust, clean, "{stray} of {points}");
+        }
+    }
+
+    #[test]
+    fn points_that_are_not_finite_and_flat_clouds_have_robust_bounds() {
+        let mut positions = vec![[f32::NAN; 3], [f32::INFINITY, 0.0, 0.0]];
+        positions.extend((0..1000).map(|i| [i as f32, 0.0, 7.0]));
+        let bounds = robust_bounds(&[Chunk::new(0, DVec3::ZERO, positions)]);
+        assert_eq!(bounds, Bounds { min: DVec3::new(0.0, 0.0, 7.0), max: DVec3::new(999.0, 0.0, 7.0) });
+        assert!(robust_bounds(&[Chunk::new(0, DVec3::ZERO, vec![[f32::NAN; 3]; 100])]).is_empty());
+    }
+
+    fn with_column(values: Vec<f32>) -> Vec<Chunk> {
+        let chunk = |values: &[f32]| Chunk {
+            columns: vec![None, Some(Arc::new(Column::F32(values.to_vec())))],
+            ..Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; values.len()])
+        };
+        values.chunks(777).map(chunk).collect()
+    }
+
+    #[test]
+    fn percentiles_of_a_column_ignore_nan_and_stray_values() {
+        let mut values: Vec<f32> = (0..500_000).map(|i| (hash(i) % 1000) as f32).collect();
+        values.extend([f32::NAN; 1000]);
+        values.extend([1e30, -1e30, f32::INFINITY]);
+        let (low, high) = percentile_range(&with_column(values), Scalar::Column(1), 0.02, 0.98).unwrap();
+        assert!((low - 20.0).abs() < 3.0 && (high - 980.0).abs() < 3.0, "{low} to {high}");
+    }
+
+    #[test]
+    fn percentiles_of_constant_missing_and_nan_columns_are_defined() {
+        assert_eq!(percentile_range(&with_column(vec![4.0; 5000]), Scalar::Column(1), 0.01, 0.99), Some((4.0, 4.0)));
+        assert_eq!(percentile_range(&with_column(vec![f32::NAN; 9]), Scalar::Column(1), 0.01, 0.99), None);
+        assert_eq!(percentile_range(&with_column(vec![4.0; 50]), Scalar::Column(0), 0.0, 1.0), None);
+        assert_eq!(percentile_range(&with_column(vec![4.0; 50]), Scalar::Column(9), 0.0, 1.0), None);
+        assert_eq!(percentile_range(&[], Scalar::Axis(2), 0.0, 1.0), None);
+    }
+
+    #[test]
+    fn height_percentiles_are_world_coordinates() {
+        let (low, high) = percentile_range(&terrain(250_000), Scalar::Axis(1), 0.1, 0.9).unwrap();
+        assert!((low - 5_077_010.0).abs() < 1.0 && (high - 5_077_090.0).abs() < 1.0, "{low} to {high}");
+    }
+
+    #[test]
+    fn histogram_counts_every_value_in_range_once() {
+        let mut values: Vec<f32> = (0..10_000).map(|i| (i % 10) as f32).collect();
+        values.extend([f32::NAN, -1.0, 10.0]);
+        let chunks = with_column(values);
+        assert_eq!(histogram(&chunks, Scalar::Column(1), (0.0, 9.0), 10), [1000; 10]);
+        assert_eq!(histogram(&chunks, Scalar::Column(1), (0.0, 9.0), 3), [3000, 3000, 4000]);
+        assert_eq!(histogram(&chunks, Scalar::Column(1), (3.0, 3.0), 4), [1000, 0, 0, 0]);
+        assert_eq!(histogram(&chunks, Scalar::Column(0), (0.0, 9.0), 2), [0, 0]);
+        assert_eq!(histogram(&chunks, Scalar::Column(1), (0.0, 9.0), 0), [0; 0]);
+    }
+}

@@ -1,0 +1,367 @@
+//! Normals and splat radii of points that have none.
+//!
+//! The normal of a point is the direction in which its neighbourhood is thinnest: the eigenvector of the smallest
+//! eigenvalue of the covariance of the point and its k nearest neighbours (Hoppe et al. 1992, section 3.2). Its sign is
+//! not in the points; an `Orientation` decides it.
+//!
+//! The splat radius follows from the distance r to the k-th neighbour. The disc of that radius holds k other points of
+//! a locally flat surface, so a point's share of area is pi r^2 / k, and a splat of 1.5 sqrt(area / (pi n)) has the
+//! radius 1.5 r / sqrt(k): discs wide enough to close the surface between evenly spread points.
+
+use std::sync::atomic::{AtomicU16, AtomicU32, Ordering};
+
+use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::neighbours::{Neighbourhood, Points, Tiles};
+use crate::robust::{robust_bounds, spread_sample};
+use crate::{Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, pack_normal, pack_radius, unpack_radius};
+
+/// Splat radius over the radius of a disc with a point's share of area.
+pub const SPLAT_OVERLAP: f32 = 1.5;
+/// A splat's largest radius over the median one. The spacing of a scan from one place grows with the distance, and ten
+/// times the median distance covers most of it, while a stray point in the sky stays a dot instead of hiding the rest.
+const LARGEST_RADIUS: f32 = 10.0;
+/// Neighbourhoods narrower than this times their length (in variance: squared) are lines, which have no normal; below it
+/// f32 rounding of the covariance would turn the normal by a degree.
+const THINNEST: f64 = 1e-5;
+
+/// Which of the two sides of a surface normals point to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Orientation {
+    /// Along this direction: ground and roofs seen from the air.
+    Up(Vec3),
+    /// Towards this world position: the scanner, or the middle of a room.
+    Toward(DVec3),
+    /// Away from this world position: the middle of an object.
+    AwayFrom(DVec3),
+}
+
+/// How normals and radii are estimated.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfelOptions {
+    /// Neighbours of a point, itself not counted; held within 3 ..= 64.
+    pub neighbours: usize,
+    pub orientation: Orientation,
+}
+
+impl SurfelOptions {
+    /// 16 neighbours: about the two rings around a point of an even grid.
+    pub fn new(orientation: Orientation) -> Self {
+        Self { neighbours: 16, orientation }
+    }
+}
+
+/// What was estimated for one chunk: one entry per point, in its order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surfels {
+    /// Packed by `pack_normal`: the chunk's own where it has them, `NO_NORMAL` where the neighbourhood is a line, a
+    /// single place or not finite.
+    pub normals: Vec<u32>,
+    /// Packed by `pack_radius`; `NO_RADIUS` for points that are not finite, and for a cloud that is all one place.
+    pub radii: Vec<u16>,
+}
+
+/// Normals and radii of all points, on all cores; one entry per chunk, in order. `progress` counts points.
+/// `None` when cancelled.
+///
+/// Needs about 6 bytes a point beside the result, and some 20 MB a thread. Clouds of 2^32 points and more are
+/// taken in parts whose points do not see one another.
+pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
+    progress.set_total(chunks.iter().map(|chunk| chunk.len() as u64).sum());
+    let mut surfels = Vec::with_capacity(chunks.len());
+    for part in parts(chunks, u32::MAX as usize) {
+        surfels.extend(estimate_part(part, options, progress)?);
+    }
+    Some(surfels)
+}
+
+/// Runs of chunks with at most `limit` points (or a single chunk).
+fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
+    let mut parts = Vec::new();
+    let (mut first, mut points) = (0, 0);
+    for (index, chunk) in chunks.iter().enumerate() {
+        if points + chunk.len() > limit && index > first {
+            parts.push(&chunks[first..index]);
+            (first, points) = (index, 0);
+        }
+        points += chunk.len();
+    }
+    parts.push(&chunks[first..]);
+    parts
+}
+
+fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
+    let points = Points::new(chunks);
+    let tiles = Tiles::new(&points, progress)?;
+    // Tiles write where their points are, all over the chunks: atomics let them without unsafe code.
+    let results: Vec<(Vec<AtomicU32>, Vec<AtomicU16>)> = chunks
+        .par_iter()
+        .map(|chunk| {
+            let normals = match &chunk.normals {
+                Some(normals) => normals.iter().map(|&normal| AtomicU32::new(normal)).collect(),
+                None => chunk.positions.iter().map(|_| AtomicU32::new(NO_NORMAL)).collect(),
+            };
+            (normals, chunk.positions.iter().map(|_| AtomicU16::new(NO_RADIUS)).collect())
+        })
+        .collect();
+    let count = options.neighbours.clamp(3, 64);
+    let searched: usize = (0..tiles.len())
+        .into_par_iter()
+        .map(|tile| {
+            let visit = |index: u32, neighbourhood: &Neighbourhood| {
+                let (chunk, local) = points.locate(index);
+                let (normals, radii) = &results[chunk];
+                radii[local].store(pack_radius(splat_radius(neighbourhood)), Ordering::Relaxed);
+                if normals[local].load(Ordering::Relaxed) == NO_NORMAL
+                    && let Some(normal) = normal(neighbourhood)
+                {
+                    let normal = orient(normal, chunks[chunk].position(local), options.orientation);
+                    normals[local].store(pack_normal(normal), Ordering::Relaxed);
+                }
+            };
+            match count {
+                ..=16 => tiles.search::<16>(tile, count, visit, progress),
+                17..=32 => tiles.search::<32>(tile, count, visit, progress),
+                _ => tiles.search::<64>(tile, count, visit, progress),
+            }
+            progress.add(tiles.points_of(tile) as u64);
+            tiles.points_of(tile)
+        })
+        .sum();
+    drop(tiles);
+    if progress.is_cancelled() {
+        return None;
+    }
+    progress.add((points.len() - searched) as u64);
+    let mut surfels: Vec<Surfels> = results
+        .into_iter()
+        .map(|(normals, radii)| Surfels {
+            normals: normals.into_iter().map(AtomicU32::into_inner).collect(),
+            radii: radii.into_iter().map(AtomicU16::into_inner).collect(),
+        })
+        .collect();
+    limit_radii(&mut surfels);
+    Some(surfels)
+}
+
+fn splat_radius(neighbourhood: &Neighbourhood) -> f32 {
+    SPLAT_OVERLAP * (neighbourhood.distance_squared / neighbourhood.count as f32).sqrt()
+}
+
+/// No radius beyond `LARGEST_RADIUS` times the median one.
+fn limit_radii(surfels: &mut [Surfels]) {
+    let mut histogram = vec![0_u64; usize::from(u16::MAX) + 1];
+    surfels.iter().flat_map(|surfels| &surfels.radii).for_each(|&radius| histogram[usize::from(radius)] += 1);
+    histogram[usize::from(NO_RADIUS)] = 0;
+    let half = histogram.iter().sum::<u64>() / 2;
+    let mut below = 0;
+    let median = histogram.iter().position(|count| {
+        below += count;
+        below > half
+    });
+    let median = median.and_then(|packed| unpack_radius(packed as u16));
+    // Packed radii are in the order of the radii.
+    let largest = median.map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median));
+    surfels.par_iter_mut().for_each(|surfels| surfels.radii.iter_mut().for_each(|radius| *radius = (*radius).min(largest)));
+}
+
+/// The direction in which a point and its neighbours are thinnest; either sign.
+fn normal(neighbourhood: &Neighbourhood) -> Option<Vec3> {
+    if neighbourhood.count < 2 {
+        return None;
+    }
+    // In units of the neighbourhood's size, so that nothing under- or overflows.
+    let scale = neighbourhood.distance_squared.sqrt().recip();
+    let (mut members, mut sum, mut diagonal, mut mixed) = (1.0_f32, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+    for offset in neighbourhood.offsets() {
+        let offset = offset * scale;
+        members += 1.0;
+        sum += offset;
+        diagonal += offset * offset;
+        mixed += Vec3::new(offset.y * offset.z, offset.z * offset.x, offset.x * offset.y);
+    }
+    let mean = sum / members;
+    let diagonal = (diagonal / members - mean * mean).as_dvec3();
+    let mixed = (mixed / members - Vec3::new(mean.y * mean.z, mean.z * mean.x, mean.x * mean.y)).as_dvec3();
+    smallest_eigenvector(DMat3::from_cols(
+        DVec3::new(diagonal.x, mixed.z, mixed.y),
+        DVec3::new(mixed.z, diagonal.y, mixed.x),
+        DVec3::new(mixed.y, mixed.x, diagonal.z),
+    ))
+}
+
+/// Unit eigenvector of the smallest eigenvalue of a covariance, if the two smaller ones can be told apart and the points
+/// are no line. Eigenvalues in closed form (Smith 1961), in f64 because two nearly equal ones lose half the digits.
+fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
+    let mean = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z) / 3.0;
+    let centred = covariance - DMat3::from_diagonal(DVec3::splat(mean));
+    let squares =
+        centred.x_axis.length_squared() + centred.y_axis.length_squared() + centred.z_axis.length_squared();
+    let spread = (squares / 6.0).sqrt();
+    if !(spread > 0.0 && spread.is_finite()) {
+        return None;
+    }
+    let angle = ((centred * (1.0 / spread)).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
+    let largest = mean + 2.0 * spread * angle.cos();
+    let smallest = mean + 2.0 * spread * (angle + std::f64::consts::TAU / 3.0).cos();
+    let middle = 3.0 * mean - largest - smallest;
+    if middle <= THINNEST * largest {
+        return None;
+    }
+    // The rows of the shifted matrix span the other two eigenvectors; of their cross products the longest is exact.
+    let shifted = covariance - DMat3::from_diagonal(DVec3::splat(smallest));
+    let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
+    let crosses = [x.cross(y), y.cross(z), z.cross(x)];
+    let longest = crosses.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
+    longest.try_normalize().map(|normal| normal.as_vec3())
+}
+
+/// The sign of a normal at a world position; the same for either sign given.
+fn orient(normal: Vec3, position: DVec3, orientation: Orientation) -> Vec3 {
+    let outward = match orientation {
+        Orientation::Up(up) => up,
+        Orientation::Toward(viewer) => (viewer - position).as_vec3(),
+        Orientation::AwayFrom(centre) => (position - centre).as_vec3(),
+    };
+    let along = normal.dot(outward);
+    // Exactly sideways: the first component that is not zero is made positive.
+    let along = if along == 0.0 { normal.to_array().into_iter().find(|v| *v != 0.0).unwrap_or(0.0) } else { along };
+    if along < 0.0 { -normal } else { normal }
+}
+
+/// Guesses from its shape which side of a cloud was seen: the inside of a room, the top of a landscape, or the outside of
+/// an object. `up` is the axis that is vertical.
+///
+/// - A room has most points near the faces of its box, also above.
+/// - A landscape is less high than a third of its width.
+/// - Anything else is an object. The outside of a plain box scanned with its top looks like a room and is taken for one.
+pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
+    let bounds = robust_bounds(chunks);
+    let up = up.normalize_or(Vec3::Z);
+    let vertical = up.abs().max_position();
+    if bounds.is_empty() {
+        return Orientation::Up(up);
+    }
+    let size = bounds.size();
+    let width = (0..3).filter(|&axis| axis != vertical).map(|axis| size[axis]).fold(f64::INFINITY, f64::min);
+    let (mut total, mut near_faces, mut bottom, mut top) = (0, 0, 0, 0);
+    for position in spread_sample(chunks).filter(|position| bounds.contains(*position)) {
+        // Within 5 % of a face: a bare box is all there, a sphere 30 %, a plain filled with points 27 %.
+        let share = (position - bounds.min) / size;
+        let (low, high) = (share.cmplt(DVec3::splat(0.05)), share.cmpgt(DVec3::splat(0.95)));
+        total += 1;
+        near_faces += usize::from(low.any() || high.any());
+        bottom += usize::from(low.test(vertical));
+        top += usize::from(high.test(vertical));
+    }
+    // Even a hall forty times as wide as high has a twentieth of its points on the ceiling.
+    let room = 2 * near_faces >= total && 20 * bottom >= total && 20 * top >= total;
+    if room && size[vertical] > 0.02 * width {
+        Orientation::Toward(bounds.center())
+    } else if size[vertical] < 0.35 * width {
+        Orientation::Up(up)
+    } else {
+        Orientation::AwayFrom(bounds.center())
+    }
+}
+
+/// Normals from the faces of a mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshNormals {
+    /// Packed by `pack_normal`, per chunk; `NO_NORMAL` for vertices of no triangle with an area.
+    pub normals: Vec<Vec<u32>>,
+    /// Triangles that name a vertex that does not exist.
+    pub skipped_triangles: usize,
+}
+
+/// Vertex normals of a mesh whose vertices are the points of `chunks` in order: the mean of the normals of the triangles
+/// about a vertex, weighted by area. Counter-clockwise triangles are seen from outside.
+pub fn normals_from_triangles(chunks: &[Chunk], triangles: &[[u32; 3]]) -> MeshNormals {
+    let mut starts = Vec::with_capacity(chunks.len());
+    let mut total = 0;
+    for chunk in chunks {
+        starts.push(total);
+        total += chunk.len();
+    }
+    let locate = |index: u32| {
+        let index = index as usize;
+        let chunk = starts.partition_point(|&start| start <= index) - 1;
+        (chunk, index - starts[chunk])
+    };
+    let mut sums: Vec<Vec<Vec3>> = chunks.iter().map(|chunk| vec![Vec3::ZERO; chunk.len()]).collect();
+    let mut skipped_triangles = 0;
+    for triangle in triangles {
+        if triangle.iter().any(|&index| index as usize >= total) {
+            skipped_triangles += 1;
+            continue;
+        }
+        let corners = triangle.map(locate);
+        let [a, b, c] = corners.map(|(chunk, local)| chunks[chunk].position(local));
+        // Twice the area long.
+        let normal = (b - a).cross(c - a).as_vec3();
+        if normal.is_finite() {
+            corners.into_iter().for_each(|(chunk, local)| sums[chunk][local] += normal);
+        }
+    }
+    let normals = sums.into_iter().map(|sums| sums.into_iter().map(pack_normal).collect()).collect();
+    MeshNormals { normals, skipped_triangles }
+}
+
+/// A splat radius to show points with until theirs is estimated: `points` spread evenly over the largest face of the
+/// box. About right for terrain and facades; up to 3 times too small for rooms and closed objects, whose surface is
+/// several faces, and too large where the scan is much denser than on average. 0 for an empty box or a single place.
+pub fn provisional_radius(bounds: Bounds, points: u64) -> f32 {
+    let size = bounds.size();
+    let mut sides = size.to_array();
+    sides.sort_by(f64::total_cmp);
+    let area = sides[2] * sides[1];
+    let points = points.max(1) as f64;
+    // Points on a line are as far apart as its length over their number.
+    let apart = (area / (std::f64::consts::PI * points)).sqrt().max(sides[2] / (2.0 * points));
+    SPLAT_OVERLAP * apart as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_keep_every_chunk_and_their_limit() {
+        let chunks: Vec<Chunk> =
+            [3, 0, 4, 9, 1].map(|points| Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; points])).to_vec();
+        let sizes: Vec<Vec<usize>> =
+            parts(&chunks, 7).into_iter().map(|part| part.iter().map(Chunk::len).collect()).collect();
+        assert_eq!(sizes, [vec![3, 0, 4], vec![9], vec![1]]);
+    }
+
+    #[test]
+    fn smallest_eigenvector_of_known_matrices() {
+        let rotation = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 2.0);
+        for eigenvalues in [[1.0, 0.5, 0.0], [1.0, 1.0, 1e-9], [1.0, 1e-3, 1e-6], [4e-20, 3e-20, 1e-20]] {
+            let covariance = rotation * DMat3::from_diagonal(DVec3::from(eigenvalues)) * rotation.transpose();
+            let normal = smallest_eigenvector(covariance).unwrap();
+            let angle = normal.as_dvec3().dot(rotation.z_axis).abs().min(1.0).acos().to_degrees();
+            assert!(angle < 0.05, "{eigenvalues:?}: {angle} degrees off");
+        }
+    }
+
+    #[test]
+    fn lines_and_balls_have_no_smallest_eigenvector() {
+        for eigenvalues in [[1.0, 0.0, 0.0], [1.0, 1e-7, 1e-9], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [f64::NAN, 1.0, 1.0]] {
+            assert_eq!(smallest_eigenvector(DMat3::from_diagonal(DVec3::from(eigenvalues))), None, "{eigenvalues:?}");
+        }
+    }
+
+    #[test]
+    fn sign_of_a_normal_does_not_depend_on_the_sign_given() {
+        let position = DVec3::new(1.0, 2.0, 3.0);
+        for orientation in
+            [Orientation::Up(Vec3::Z), Orientation::Toward(DVec3::ZERO), Orientation::AwayFrom(DVec3::ONE)]
+        {
+            for normal in [Vec3::X, Vec3::Z, Vec3::new(0.6, -0.8, 0.0), Vec3::new(0.36, 0.48, -0.8)] {
+                assert_eq!(orient(normal, position, orientation), orient(-normal, position, orientation));
+            }
+        }
+    }
+}
