@@ -1,32 +1,473 @@
+//! LAS and LAZ: LAS 1.0 to 1.4 (ASPRS LAS 1.4 R15), point formats 0 to 10, LASzip compression, COPC as the LAZ it is.
+//!
+//! A file is a list of blocks that become one chunk each (or a few): runs of records in LAS, compressed chunks in LAZ.
+//! Blocks are read with positioned reads and decoded straight to columns, all cores at once, in an order that spreads
+//! over the file, so that the first chunks show its whole extent.
+
+mod columns;
+mod compressed;
+mod header;
+mod layout;
+
+use std::ops::Range;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
-use cloud::{Chunk, Progress};
+use cloud::{Bounds, CHUNK_POINTS, Chunk, Column, Grid, Progress};
+use laz::DecompressionSelection;
+use rayon::iter::{IntoParallelIterator as _, ParallelBridge as _, ParallelIterator as _};
 
-use crate::{Info, Result, Selection, Summary};
+use crate::positioned_file::PositionedFile;
+use crate::{Error, Format, Info, Result, Selection, Summary};
+use columns::{ChunkBuilder, ColorDepth, Plan, TILE_RECORDS};
+use compressed::{Compressed, CompressedChunk};
+use header::Header;
+use layout::{Layout, Reading, bytes};
+
+/// Bytes of records that are held at once per thread, at most: whole chunks of records up to 256 bytes.
+const BLOCK_BYTES: usize = 16 << 20;
+/// Places of a LAS file that are looked at, and records at each, to decide whether colours have 8 or 16 bits.
+const COLOR_SAMPLES: (u64, usize) = (64, 64);
 
 pub struct LasSource {
     info: Info,
+    file: PositionedFile,
+    layout: Layout,
+    grid: Grid,
+    data_start: u64,
+    compressed: Option<Compressed>,
+    blocks: Vec<Block>,
+    /// `None` for a file without colours, or with nothing but black.
+    colors: Option<ColorDepth>,
+}
+
+/// What one task reads.
+struct Block {
+    first_point: u64,
+    points: u64,
+    /// LAZ: the compressed chunks that make it up.
+    chunks: Range<usize>,
+    /// Points per emitted chunk.
+    piece: usize,
+}
+
+/// What the tasks of one read have come to.
+struct Tally<'a> {
+    progress: &'a Progress,
+    emit: &'a (dyn Fn(Chunk) + Sync),
+    total: Mutex<Total>,
+}
+
+struct Total {
+    points: u64,
+    bounds: Bounds,
+    /// The failure that is nearest to the start of the file: point, reason.
+    failure: Option<(u64, String)>,
+}
+
+impl Tally<'_> {
+    fn deliver(&self, builder: ChunkBuilder<'_>) {
+        let (chunk, points, bounds) = builder.finish();
+        if points == 0 {
+            return;
+        }
+        {
+            let mut total = self.total.lock().unwrap_or_else(PoisonError::into_inner);
+            total.points += points;
+            total.bounds = total.bounds.union(bounds);
+        }
+        self.progress.add(points);
+        (self.emit)(chunk);
+    }
+
+    fn fail(&self, point: u64, reason: String) {
+        let mut total = self.total.lock().unwrap_or_else(PoisonError::into_inner);
+        if total.failure.as_ref().is_none_or(|(first, _)| point < *first) {
+            total.failure = Some((point, reason));
+        }
+    }
 }
 
 impl LasSource {
-    pub fn open(_path: &Path) -> Result<Self> {
-        todo!()
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = PositionedFile::open(path)?;
+        let mut warnings = Vec::new();
+        let header = Header::read(&file, &mut warnings)?;
+        let layout = Layout::new(header.point_format, header.record_length, &header.descriptors, &mut warnings);
+        let compressed = if header.compressed { Some(Compressed::open(&file, &header, &mut warnings)?) } else { None };
+        let (points, blocks) = match &compressed {
+            Some(compressed) => {
+                (compressed.chunks.iter().map(|chunk| chunk.points).sum(), compressed_blocks(compressed))
+            }
+            None => {
+                let points = plain_points(&file, &header, &mut warnings);
+                (points, plain_blocks(points, header.record_length))
+            }
+        };
+        if points < header.points {
+            warnings.push(format!(
+                "the header says {} points, the file has {points}: {} are missing (file cut short?)",
+                header.points,
+                header.points - points
+            ));
+        }
+
+        let info = Info {
+            path: path.to_owned(),
+            format: if header.compressed { Format::Laz } else { Format::Las },
+            version: format!("{}.{}", header.version.0, header.version.1),
+            point_format: Some(header.point_format),
+            points,
+            bounds: header.bounds.filter(|_| points > 0),
+            properties: layout.property_attributes(),
+            attributes: layout.column_attributes(),
+            grid: Some(header.grid),
+            has_colors: false,
+            has_normals: false,
+            faces: 0,
+            crs: header.crs,
+            warnings,
+        };
+        let mut source = Self {
+            info,
+            file,
+            layout,
+            grid: header.grid,
+            data_start: header.data_start,
+            compressed,
+            blocks,
+            colors: None,
+        };
+        if let Some(red) = source.layout.red
+            && points > 0
+        {
+            source.colors = match source.brightest(red) {
+                0 => None,
+                1..256 => Some(ColorDepth::Eight),
+                256.. => Some(ColorDepth::Sixteen),
+            };
+            source.info.has_colors = source.colors.is_some();
+            if source.colors.is_none() {
+                source.info.warnings.push("all colours are zero: shown as a cloud without colours".into());
+            }
+        }
+        Ok(source)
     }
 
     pub fn info(&self) -> &Info {
         &self.info
     }
 
-    pub fn read(
-        &self,
-        _selection: &Selection,
-        _progress: &Progress,
-        _emit: &(dyn Fn(Chunk) + Sync),
-    ) -> Result<Summary> {
-        todo!()
+    pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        let mut attributes = selection.attributes.clone();
+        attributes.resize(self.layout.attributes.len(), false);
+        let plan = Plan {
+            layout: &self.layout,
+            grid: self.grid,
+            positions: selection.positions,
+            colors: self.colors.filter(|_| selection.colors),
+            attributes,
+        };
+        let layers = self.layout.layers(plan.positions, plan.colors.is_some(), &plan.attributes);
+        let total = Mutex::new(Total { points: 0, bounds: Bounds::EMPTY, failure: None });
+        let tally = Tally { progress, emit, total };
+        progress.set_total(self.info.points);
+        // A bridge hands the blocks out one by one, in this order; splitting the list would not.
+        spread(self.blocks.len()).par_bridge().for_each_init(Vec::new, |buffer, index| {
+            let block = &self.blocks[index];
+            match &self.compressed {
+                _ if progress.is_cancelled() => {}
+                None => self.read_plain(block, &plan, buffer, &tally),
+                Some(compressed) => self.read_compressed(compressed, block, &plan, layers, buffer, &tally),
+            }
+        });
+
+        let Total { points, bounds, failure } = tally.total.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let cancelled = progress.is_cancelled() && points < self.info.points;
+        let mut warnings = Vec::new();
+        match failure {
+            Some((point, reason)) if points == 0 => {
+                return Err(Error::malformed(self.file.path(), format!("record {point}"), reason));
+            }
+            Some((point, reason)) => {
+                let missing = match self.info.points.saturating_sub(points) {
+                    0 => "some".to_owned(),
+                    missing => missing.to_string(),
+                };
+                warnings.push(format!("record {point}: {reason}; {missing} points are missing, {points} were read"));
+            }
+            None => {}
+        }
+        Ok(Summary { points, bounds: (!bounds.is_empty()).then_some(bounds), warnings, cancelled })
     }
 
-    pub fn record(&self, _point: u64) -> Result<Vec<(String, String)>> {
-        todo!()
+    fn read_plain(&self, block: &Block, plan: &Plan<'_>, buffer: &mut Vec<u8>, tally: &Tally<'_>) {
+        let length = self.layout.record_length;
+        // A block is at most BLOCK_BYTES and lies within the file.
+        buffer.resize(block.piece * length, 0);
+        let offset = self.data_start + block.first_point * length as u64;
+        let wanted = block.points as usize * length;
+        let read = match self.file.read_at(offset, &mut buffer[..wanted]) {
+            Ok(read) => read,
+            Err(error) => return tally.fail(block.first_point, error.to_string()),
+        };
+        let records = read / length;
+        let mut builder = ChunkBuilder::new(plan, block.first_point, records);
+        builder.push(&buffer[..records * length]);
+        tally.deliver(builder);
+        if read < wanted {
+            tally.fail(block.first_point + records as u64, "the file has become shorter since it was opened".into());
+        }
+    }
+
+    fn read_compressed(
+        &self,
+        compressed: &Compressed,
+        block: &Block,
+        plan: &Plan<'_>,
+        layers: DecompressionSelection,
+        buffer: &mut Vec<u8>,
+        tally: &Tally<'_>,
+    ) {
+        let length = self.layout.record_length;
+        let tile = tile_records(length);
+        buffer.resize(tile * length, 0);
+        let capacity = |left: u64| left.min(block.piece as u64) as usize;
+        let mut builder = ChunkBuilder::new(plan, block.first_point, capacity(block.points));
+        for chunk in &compressed.chunks[block.chunks.clone()] {
+            let mut point = chunk.first_point;
+            if point != builder.next_point() {
+                // The chunk before came out short: what follows starts a chunk of its own, so that indices stay right.
+                tally.deliver(std::mem::replace(&mut builder, ChunkBuilder::new(plan, point, capacity(chunk.points))));
+            }
+            let mut stream = match compressed.stream(&self.file, chunk, layers) {
+                Ok(stream) => stream,
+                Err(reason) => {
+                    tally.fail(point, reason);
+                    continue;
+                }
+            };
+            while stream.left() > 0 {
+                let wanted = capacity(stream.left()).min(block.piece - builder.len()).min(tile);
+                let (decoded, outcome) = stream.decode(&mut buffer[..wanted * length]);
+                builder.push(&buffer[..decoded * length]);
+                point += decoded as u64;
+                if let Err(reason) = outcome {
+                    tally.fail(point, format!("{reason} (the rest of this compressed chunk is skipped)"));
+                    break;
+                }
+                if builder.len() == block.piece {
+                    let next = ChunkBuilder::new(plan, point, capacity(stream.left()));
+                    tally.deliver(std::mem::replace(&mut builder, next));
+                    if tally.progress.is_cancelled() {
+                        return;
+                    }
+                }
+            }
+            if stream.left() == 0 && point < chunk.first_point + chunk.points {
+                tally.fail(point, "the compressed chunk holds fewer points than announced".into());
+            }
+        }
+        tally.deliver(builder);
+    }
+
+    pub fn record(&self, point: u64) -> Result<Vec<(String, String)>> {
+        let place = || format!("record {point}");
+        let malformed = |problem: String| Error::malformed(self.file.path(), place(), problem);
+        if point >= self.info.points {
+            return Err(malformed(format!("the file has {} points, counted from 0", self.info.points)));
+        }
+        let length = self.layout.record_length;
+        let mut record = vec![0; length];
+        match &self.compressed {
+            None => {
+                let offset = self.data_start + point * length as u64;
+                let read =
+                    self.file.read_at(offset, &mut record).map_err(|error| Error::io(self.file.path(), error))?;
+                if read < length {
+                    return Err(malformed("the file has become shorter since it was opened".into()));
+                }
+            }
+            Some(compressed) => {
+                let chunk = chunk_of(&compressed.chunks, point)
+                    .ok_or_else(|| malformed("in no compressed chunk of the file".into()))?;
+                let mut stream =
+                    compressed.stream(&self.file, chunk, DecompressionSelection::all()).map_err(malformed)?;
+                if stream.left() <= point - chunk.first_point {
+                    return Err(malformed("its compressed chunk holds fewer points than announced".into()));
+                }
+                for _ in chunk.first_point..=point {
+                    stream.decode(&mut record).1.map_err(malformed)?;
+                }
+            }
+        }
+        Ok(self
+            .layout
+            .properties
+            .iter()
+            .map(|property| (property.name.clone(), self.text(&property.reading, &record)))
+            .collect())
+    }
+
+    /// One value of one record as a person reads it.
+    fn text(&self, reading: &Reading, record: &[u8]) -> String {
+        match *reading {
+            Reading::Coordinate { axis } => {
+                let raw = i32::from_le_bytes(bytes(record, axis * 4));
+                let (scale, offset) = (self.grid.scale[axis], self.grid.offset[axis]);
+                let decimals = decimals(scale).max(decimals(offset));
+                format!("{:.decimals$}", f64::from(raw) * scale + offset)
+            }
+            Reading::Opaque { at, length } => {
+                let hexadecimal = record[at..at + length].iter().map(|byte| format!("{byte:02x}"));
+                format!("0x{}", hexadecimal.collect::<String>())
+            }
+            _ => {
+                let mut column = Column::with_capacity(reading.column_type(), 1);
+                reading.append(&mut column, record, record.len(), &self.grid);
+                column.text(0)
+            }
+        }
+    }
+
+    /// The largest of the colour fields in a sample that spreads over the file.
+    fn brightest(&self, red: usize) -> u16 {
+        let length = self.layout.record_length;
+        let brightest = |records: &[u8]| {
+            let fields = records.chunks_exact(length).flat_map(|record| record[red..red + 6].chunks_exact(2));
+            fields.map(|field| u16::from_le_bytes([field[0], field[1]])).max().unwrap_or(0)
+        };
+        match &self.compressed {
+            None => {
+                let (places, records) = COLOR_SAMPLES;
+                let mut buffer = vec![0; records * length];
+                let last = self.info.points.saturating_sub(records as u64);
+                let sample = |place: u64| {
+                    let point = (u128::from(last) * u128::from(place) / u128::from(places - 1)) as u64;
+                    // What cannot be read here is reported when the points are.
+                    let read = self.file.read_at(self.data_start + point * length as u64, &mut buffer).unwrap_or(0);
+                    brightest(&buffer[..read])
+                };
+                (0..places).map(sample).max().unwrap_or(0)
+            }
+            Some(compressed) => {
+                // Point-wise chunks only decode from their start on, so whole ones are taken: first, middle and last.
+                let layers = DecompressionSelection(DecompressionSelection::RGB);
+                let last = compressed.chunks.len().saturating_sub(1);
+                let mut samples = vec![0, last / 2, last];
+                samples.dedup();
+                let sample = |index: usize| {
+                    let mut most = 0;
+                    let chunk = compressed.chunks.get(index)?;
+                    let mut stream = compressed.stream(&self.file, chunk, layers).ok()?;
+                    let mut buffer = vec![0; tile_records(length) * length];
+                    let mut left = stream.left().min(CHUNK_POINTS as u64);
+                    while left > 0 {
+                        let wanted = left.min(tile_records(length) as u64);
+                        let (decoded, outcome) = stream.decode(&mut buffer[..wanted as usize * length]);
+                        most = most.max(brightest(&buffer[..decoded * length]));
+                        left = if outcome.is_ok() { left - wanted } else { 0 };
+                    }
+                    Some(most)
+                };
+                samples.into_par_iter().filter_map(sample).max().unwrap_or(0)
+            }
+        }
+    }
+}
+
+/// Records of a LAS file: the header's count, less what the file is too short for.
+fn plain_points(file: &PositionedFile, header: &Header, warnings: &mut Vec<String>) -> u64 {
+    let present = (file.length() - header.data_start) / header.record_length as u64;
+    if header.points == 0 && present > 0 && header.points_are_last {
+        warnings.push(format!("the header says 0 points, but {present} records follow it (writer stopped?): read"));
+        return present;
+    }
+    header.points.min(present)
+}
+
+fn plain_blocks(points: u64, record_length: usize) -> Vec<Block> {
+    let piece = CHUNK_POINTS.min(BLOCK_BYTES / record_length);
+    let block = |index: u64| {
+        let first_point = index * piece as u64;
+        Block { first_point, points: (points - first_point).min(piece as u64), chunks: 0..0, piece }
+    };
+    (0..points.div_ceil(piece as u64)).map(block).collect()
+}
+
+/// Neighbouring chunks that are tiny (COPC has many) share a block; a large one is emitted in equal pieces.
+fn compressed_blocks(compressed: &Compressed) -> Vec<Block> {
+    /// A block of this size takes no further chunks: drawing and normals cost little per chunk from here on.
+    const ENOUGH: u64 = CHUNK_POINTS as u64 / 4;
+    let most = CHUNK_POINTS as u64;
+    let mut blocks: Vec<Block> = Vec::new();
+    for (index, chunk) in compressed.chunks.iter().enumerate() {
+        match blocks.last_mut() {
+            Some(block) if block.points < ENOUGH && chunk.points <= most - block.points => {
+                block.points += chunk.points;
+                block.chunks.end = index + 1;
+            }
+            _ => {
+                let pieces = chunk.points.div_ceil(most).max(1);
+                let piece = chunk.points.div_ceil(pieces) as usize;
+                let chunks = index..index + 1;
+                blocks.push(Block { first_point: chunk.first_point, points: chunk.points, chunks, piece });
+            }
+        }
+    }
+    for block in blocks.iter_mut().filter(|block| block.chunks.len() > 1) {
+        block.piece = CHUNK_POINTS;
+    }
+    blocks
+}
+
+fn chunk_of(chunks: &[CompressedChunk], point: u64) -> Option<&CompressedChunk> {
+    let after = chunks.partition_point(|chunk| chunk.first_point <= point);
+    chunks[..after].last().filter(|chunk| point - chunk.first_point < chunk.points)
+}
+
+/// Records decoded per call of the decompressor; fewer where records are long.
+fn tile_records(record_length: usize) -> usize {
+    TILE_RECORDS.min(BLOCK_BYTES / record_length)
+}
+
+/// `0..count` in bit-reversed order: every start of it spreads evenly over the range.
+fn spread(count: usize) -> impl Iterator<Item = usize> + Send {
+    let bits = count.next_power_of_two().trailing_zeros();
+    let reversed = move |index: usize| if bits == 0 { index } else { index.reverse_bits() >> (usize::BITS - bits) };
+    (0..count.next_power_of_two()).map(reversed).filter(move |&index| index < count)
+}
+
+/// Decimals that write `step` in full, up to 12 (a coordinate of seven digits has no more).
+fn decimals(step: f64) -> usize {
+    format!("{step}").split_once('.').map_or(0, |(_, decimals)| decimals.len()).min(12)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_block_comes_once_and_the_first_ones_spread_over_the_file() {
+        for count in [0, 1, 2, 3, 7, 64, 1000] {
+            let mut order: Vec<usize> = spread(count).collect();
+            if count == 1000 {
+                assert!(order[..8].iter().any(|&index| index > 800) && order[..8].iter().any(|&index| index < 200));
+                let mut first: Vec<usize> = order[..16].to_vec();
+                first.sort_unstable();
+                assert!(first.windows(2).all(|pair| pair[1] - pair[0] <= 128), "{first:?}");
+            }
+            order.sort_unstable();
+            assert!(order.into_iter().eq(0..count), "{count}");
+        }
+    }
+
+    #[test]
+    fn coordinates_are_written_with_the_decimals_of_their_grid() {
+        assert_eq!(decimals(0.01), 2);
+        assert_eq!(decimals(0.000_25), 5);
+        assert_eq!(decimals(1e-7), 7);
+        assert_eq!(decimals(1.0), 0);
+        assert_eq!(decimals(0.304_800_609_601_219_24), 12);
     }
 }

@@ -6,6 +6,7 @@
 mod error;
 mod las;
 mod ply;
+mod positioned_file;
 
 use std::fs::File;
 use std::io::Read as _;

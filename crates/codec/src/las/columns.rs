@@ -1,0 +1,162 @@
+//! Point records to the columns of a chunk. Records come in tiles that stay in the first-level cache while one column
+//! after the other is filled from them.
+
+use std::sync::Arc;
+
+use cloud::{Bounds, Chunk, Column, Grid};
+use glam::DVec3;
+
+use super::layout::{Layout, bytes};
+
+/// Records per tile: 36 KiB of point format 7, and few enough that a decoder's calls per tile cost nothing.
+pub const TILE_RECORDS: usize = 1024;
+
+/// How 16-bit colour fields become 8 bits, one rule for a whole file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ColorDepth {
+    /// The fields hold 0 to 255.
+    Eight,
+    Sixteen,
+}
+
+/// What all chunks of one read share.
+pub struct Plan<'a> {
+    pub layout: &'a Layout,
+    pub grid: Grid,
+    pub positions: bool,
+    /// `None` to leave colours out.
+    pub colors: Option<ColorDepth>,
+    /// One per attribute of the layout.
+    pub attributes: Vec<bool>,
+}
+
+/// A chunk that grows by tiles of records.
+pub struct ChunkBuilder<'a> {
+    plan: &'a Plan<'a>,
+    first_point: u64,
+    points: usize,
+    anchor: Option<Anchor>,
+    lowest: [i32; 3],
+    highest: [i32; 3],
+    positions: Vec<[f32; 3]>,
+    colors: Vec<[u8; 4]>,
+    columns: Vec<Option<Column>>,
+}
+
+/// What offsets are relative to. Per axis, `offset = (raw - first_raw) * scale + rest`: the difference of two 32-bit
+/// integers is exact in f64, and `rest` is how far the first point lies from the origin.
+#[derive(Clone, Copy)]
+struct Anchor {
+    origin: DVec3,
+    first_raw: DVec3,
+    rest: DVec3,
+}
+
+impl Anchor {
+    fn new(first_raw: [i32; 3], grid: &Grid) -> Self {
+        let first_raw = DVec3::from(first_raw.map(f64::from));
+        let world = first_raw * grid.scale + grid.offset;
+        // Whole units keep origins short; where a unit has more than a million grid steps (degrees), that would use up
+        // the 24 bits of an f32 offset, and the origin is the point itself.
+        let origin = DVec3::select(grid.scale.abs().cmpge(DVec3::splat(1e-6)), world.round(), world);
+        Self { origin, first_raw, rest: world - origin }
+    }
+}
+
+impl<'a> ChunkBuilder<'a> {
+    pub fn new(plan: &'a Plan<'a>, first_point: u64, capacity: usize) -> Self {
+        let column = |(wanted, property): (&bool, &super::layout::Property)| {
+            wanted.then(|| Column::with_capacity(property.reading.column_type(), capacity))
+        };
+        Self {
+            plan,
+            first_point,
+            points: 0,
+            anchor: None,
+            lowest: [i32::MAX; 3],
+            highest: [i32::MIN; 3],
+            positions: Vec::with_capacity(if plan.positions { capacity } else { 0 }),
+            colors: Vec::with_capacity(if plan.colors.is_some() { capacity } else { 0 }),
+            columns: plan.attributes.iter().zip(&plan.layout.attributes).map(column).collect(),
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.points
+    }
+
+    /// Index in the file of the point that is pushed next.
+    pub fn next_point(&self) -> u64 {
+        self.first_point + self.points as u64
+    }
+
+    /// Appends whole records.
+    pub fn push(&mut self, records: &[u8]) {
+        let plan = self.plan;
+        let length = plan.layout.record_length;
+        for tile in records.chunks(TILE_RECORDS * length) {
+            if plan.positions {
+                self.push_positions(tile);
+            }
+            if let (Some(red), Some(depth)) = (plan.layout.red, plan.colors) {
+                let fields = tile.chunks_exact(length).map(|record| {
+                    let field: [u8; 6] = bytes(record, red);
+                    [0, 2, 4].map(|at| u16::from_le_bytes([field[at], field[at + 1]]))
+                });
+                match depth {
+                    ColorDepth::Eight => self.colors.extend(fields.map(|[r, g, b]| {
+                        let clamp = |value: u16| value.min(255) as u8;
+                        [clamp(r), clamp(g), clamp(b), 255]
+                    })),
+                    ColorDepth::Sixteen => self
+                        .colors
+                        .extend(fields.map(|[r, g, b]| [(r >> 8) as u8, (g >> 8) as u8, (b >> 8) as u8, 255])),
+                }
+            }
+            for (column, property) in self.columns.iter_mut().zip(&plan.layout.attributes) {
+                if let Some(column) = column {
+                    property.reading.append(column, tile, length, &plan.grid);
+                }
+            }
+            self.points += tile.len() / length;
+        }
+    }
+
+    fn push_positions(&mut self, tile: &[u8]) {
+        let raw = |record: &[u8]| {
+            let field: [u8; 12] = bytes(record, 0);
+            [0, 4, 8].map(|at| i32::from_le_bytes([field[at], field[at + 1], field[at + 2], field[at + 3]]))
+        };
+        let records = tile.chunks_exact(self.plan.layout.record_length).map(raw);
+        let Some(first) = records.clone().next() else { return };
+        let grid = &self.plan.grid;
+        let Anchor { first_raw, rest, .. } = *self.anchor.get_or_insert_with(|| Anchor::new(first, grid));
+        let (first_raw, scale, rest) = (first_raw.to_array(), grid.scale.to_array(), rest.to_array());
+        let (mut lowest, mut highest) = (self.lowest, self.highest);
+        self.positions.extend(records.map(|raw| {
+            let mut position = [0.0; 3];
+            for axis in 0..3 {
+                lowest[axis] = lowest[axis].min(raw[axis]);
+                highest[axis] = highest[axis].max(raw[axis]);
+                position[axis] = ((f64::from(raw[axis]) - first_raw[axis]) * scale[axis] + rest[axis]) as f32;
+            }
+            position
+        }));
+        (self.lowest, self.highest) = (lowest, highest);
+    }
+
+    /// The chunk, its number of points (which a chunk without positions cannot tell), and the file's own bounds of it.
+    pub fn finish(self) -> (Chunk, u64, Bounds) {
+        let mut bounds = Bounds::EMPTY;
+        if self.anchor.is_some() {
+            for corner in [self.lowest, self.highest] {
+                bounds.include(DVec3::from(corner.map(f64::from)) * self.plan.grid.scale + self.plan.grid.offset);
+            }
+        }
+        let origin = self.anchor.map_or(DVec3::ZERO, |anchor| anchor.origin);
+        let mut chunk = Chunk::new(self.first_point, origin, self.positions);
+        chunk.colors = self.plan.colors.map(|_| Arc::new(self.colors));
+        chunk.columns = self.columns.into_iter().map(|column| column.map(Arc::new)).collect();
+        (chunk, self.points as u64, bounds)
+    }
+}

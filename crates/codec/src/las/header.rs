@@ -1,0 +1,293 @@
+//! The header of a LAS or LAZ file and the variable length records that matter, checked against the file's size.
+//!
+//! Fixed fields go through `las::raw::Header`, which reads them as they are; the record lists are walked here, because a
+//! count or length from the file must neither be looped over nor allocated before it is checked.
+
+use std::io::BufReader;
+
+use ::las::raw;
+use cloud::{Bounds, Grid};
+use glam::DVec3;
+
+use super::layout::{Layout, bytes, text};
+use crate::positioned_file::PositionedFile;
+use crate::{Error, Result};
+
+/// Files have a handful of records; more than this is a damaged count.
+const MOST_RECORDS: u64 = 10_000;
+/// A coordinate system or a list of extra dimensions is some kilobytes; longer extended records are not loaded.
+const LONGEST_EXTENDED_RECORD: u64 = 16 << 20;
+
+pub struct Header {
+    /// Major, minor.
+    pub version: (u8, u8),
+    pub point_format: u8,
+    pub compressed: bool,
+    pub record_length: usize,
+    /// Byte of the first point; in LAZ of the chunk table's offset.
+    pub data_start: u64,
+    /// Points the header promises.
+    pub points: u64,
+    /// No extended record or waveform follows the points.
+    pub points_are_last: bool,
+    pub grid: Grid,
+    pub bounds: Option<Bounds>,
+    pub crs: Option<String>,
+    /// Extra Bytes descriptors, one after the other.
+    pub descriptors: Vec<u8>,
+    /// What the LASzip record says.
+    pub laszip: Option<Vec<u8>>,
+}
+
+impl Header {
+    pub fn read(file: &PositionedFile, warnings: &mut Vec<String>) -> Result<Self> {
+        let malformed = |place: &str, problem: String| Error::malformed(file.path(), place, problem);
+        let raw = raw::Header::read_from(BufReader::new(file.section(0, file.length()))).map_err(|error| {
+            let length = file.length();
+            malformed("header", format!("{error} (the file has {length} bytes; a LAS header has 227 to 393)"))
+        })?;
+
+        let version = (raw.version.major, raw.version.minor);
+        match version {
+            (1, 0..=4) => {}
+            (1, 5) => warnings.push("LAS 1.5 is read as LAS 1.4: what is new in it is not shown".into()),
+            (major, minor) => {
+                return Err(malformed("byte 24", format!("LAS version {major}.{minor}, expected 1.0 to 1.5")));
+            }
+        }
+        // Bits 6 and 7 of the format mark LAZ.
+        let point_format = raw.point_data_record_format & 0x3f;
+        let compressed = raw.point_data_record_format & 0xc0 != 0;
+        let Some(base_length) = Layout::base_length(point_format) else {
+            return Err(malformed("byte 104", format!("point format {point_format}, expected 0 to 10")));
+        };
+        let record_length = usize::from(raw.point_data_record_length);
+        if record_length < base_length {
+            return Err(malformed(
+                "byte 105",
+                format!(
+                    "point records of {record_length} bytes, but point format {point_format} has at least {base_length}"
+                ),
+            ));
+        }
+
+        let grid = Grid {
+            scale: DVec3::new(raw.x_scale_factor, raw.y_scale_factor, raw.z_scale_factor),
+            offset: DVec3::new(raw.x_offset, raw.y_offset, raw.z_offset),
+        };
+        // Offsets within a chunk are f32, so the widest step between two 32-bit coordinates must fit.
+        let widest = grid.scale.abs() * f64::from(u32::MAX);
+        let usable = |axis: usize| grid.scale[axis] != 0.0 && widest[axis] < f64::from(f32::MAX);
+        if !(0..3).all(usable) || !(grid.offset.abs().max_element() < f64::from(f32::MAX)) {
+            return Err(malformed(
+                "bytes 131 to 179",
+                format!(
+                    "scale {} and offset {} give no coordinates; expected finite numbers and no scale of 0",
+                    grid.scale, grid.offset
+                ),
+            ));
+        }
+
+        let standard_size = raw.version.header_size();
+        let header_size = if raw.header_size < standard_size {
+            warnings.push(format!(
+                "byte 94: a header of {} bytes, expected {standard_size} or more: read as {standard_size}",
+                raw.header_size
+            ));
+            standard_size
+        } else {
+            raw.header_size
+        };
+
+        let mut records = Records::default();
+        let vlr_count = u64::from(raw.number_of_variable_length_records);
+        // A writer that was stopped leaves 0 here; the points then follow the records.
+        let unfinished = raw.offset_to_point_data == 0;
+        let vlr_end = if unfinished { file.length() } else { u64::from(raw.offset_to_point_data) };
+        let after_vlrs = records.walk(file, u64::from(header_size), vlr_end, vlr_count, false, warnings)?;
+        let data_start = if unfinished {
+            warnings.push(format!(
+                "byte 96: no offset to the points: taken to follow the header's records, at byte {after_vlrs}"
+            ));
+            after_vlrs
+        } else {
+            vlr_end
+        };
+        if data_start < u64::from(header_size) || data_start > file.length() {
+            return Err(malformed(
+                "byte 96",
+                format!(
+                    "points start at byte {data_start}, expected {header_size} to {} (the file's length)",
+                    file.length()
+                ),
+            ));
+        }
+        if let Some(evlr) = &raw.evlr {
+            let (start, count) = (evlr.start_of_first_evlr, u64::from(evlr.number_of_evlrs));
+            if start < data_start || start >= file.length() {
+                warnings.push(format!(
+                    "byte 235: {count} extended records announced at byte {start}, outside the file's {} bytes: skipped",
+                    file.length()
+                ));
+            } else {
+                records.walk(file, start, file.length(), count, true, warnings)?;
+            }
+        }
+
+        // LAS 1.4 has a 64-bit count and may leave the old one 0 (or the other way round, from careless writers).
+        let legacy = u64::from(raw.number_of_point_records);
+        let points = raw.large_file.map_or(0, |large| large.number_of_point_records);
+        let points = if points == 0 { legacy } else { points };
+
+        let bounds = Bounds {
+            min: DVec3::new(raw.min_x, raw.min_y, raw.min_z),
+            max: DVec3::new(raw.max_x, raw.max_y, raw.max_z),
+        };
+        let bounds = believable(bounds, &grid).then_some(bounds);
+        if bounds.is_none() && points > 0 {
+            warnings.push("the header's bounds are not those of a cloud: ignored".into());
+        }
+
+        Ok(Self {
+            version,
+            point_format,
+            compressed,
+            record_length,
+            data_start,
+            points,
+            points_are_last: raw.evlr.is_none() && raw.start_of_waveform_data_packet_record.is_none(),
+            grid,
+            bounds,
+            crs: records.crs(),
+            descriptors: records.descriptors,
+            laszip: records.laszip,
+        })
+    }
+}
+
+/// Ordered, finite, and within what 32-bit coordinates on the grid can reach (with a step to spare for rounding).
+fn believable(bounds: Bounds, grid: &Grid) -> bool {
+    let reach = grid.scale.abs() * (f64::from(i32::MAX) + 2.0);
+    let limits = Bounds { min: grid.offset - reach, max: grid.offset + reach };
+    !bounds.is_empty() && limits.contains(bounds.min) && limits.contains(bounds.max)
+}
+
+/// The records that matter.
+#[derive(Default)]
+struct Records {
+    wkt: Option<String>,
+    geotiff_keys: Vec<u8>,
+    geotiff_text: Vec<u8>,
+    descriptors: Vec<u8>,
+    laszip: Option<Vec<u8>>,
+}
+
+impl Records {
+    /// Walks `count` records from byte `start` on, none beyond `end`; returns where it stopped.
+    fn walk(
+        &mut self,
+        file: &PositionedFile,
+        start: u64,
+        end: u64,
+        count: u64,
+        extended: bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<u64> {
+        let io = |error| Error::io(file.path(), error);
+        // Reserved 2, user 16, identifier 2, length 2 or 8, description 32.
+        let (kind, head_length) = if extended { ("extended record", 60) } else { ("variable length record", 54) };
+        let mut position = start;
+        for index in 0..count.min(MOST_RECORDS) {
+            let head = if position + head_length <= end { file.bytes_at::<28>(position).map_err(io)? } else { None };
+            let length = head.map(|head| {
+                if extended {
+                    u64::from_le_bytes(bytes(&head, 20))
+                } else {
+                    u64::from(u16::from_le_bytes(bytes(&head, 20)))
+                }
+            });
+            let (Some(head), Some(next)) = (
+                head,
+                length.and_then(|length| (position + head_length).checked_add(length)).filter(|&next| next <= end),
+            ) else {
+                warnings.push(format!(
+                    "byte {position}: {kind} {} of {count} does not end before byte {end}: it and the rest are skipped",
+                    index + 1
+                ));
+                return Ok(position);
+            };
+            let identifier = u16::from_le_bytes(bytes(&head, 18));
+            let user = text(&head[2..18]);
+            if is_wanted(&user, identifier) && next - position <= LONGEST_EXTENDED_RECORD {
+                let section = BufReader::new(file.section(position, next));
+                match raw::Vlr::read_from(section, extended) {
+                    Ok(record) => self.keep(&user, identifier, record.data),
+                    Err(error) => warnings.push(format!("byte {position}: {kind} {}: {error}", index + 1)),
+                }
+            }
+            position = next;
+        }
+        if count > MOST_RECORDS {
+            warnings.push(format!("{count} {kind}s announced: only the first {MOST_RECORDS} were looked at"));
+        }
+        Ok(position)
+    }
+
+    fn keep(&mut self, user: &str, identifier: u16, mut data: Vec<u8>) {
+        match (user, identifier) {
+            ("LASF_Projection", 2112) => {
+                let wkt = text(&data);
+                if !wkt.is_empty() {
+                    self.wkt = Some(wkt);
+                }
+            }
+            ("LASF_Projection", 34735) => self.geotiff_keys = data,
+            ("LASF_Projection", 34737) => self.geotiff_text = data,
+            // The descriptors may come in several records; a piece of one at the end of a record is dropped.
+            ("LASF_Spec", 4) => {
+                data.truncate(data.len() - data.len() % 192);
+                self.descriptors.append(&mut data);
+            }
+            _ => self.laszip = Some(data),
+        }
+    }
+
+    /// WKT, else the GeoTIFF citation, else its EPSG code.
+    fn crs(&self) -> Option<String> {
+        self.wkt.clone().or_else(|| self.geotiff())
+    }
+
+    fn geotiff(&self) -> Option<String> {
+        /// Tag of the text that keys point into.
+        const ASCII: u16 = 34737;
+        // The directory's own entry, then (key, tag, count, value or index) per key, all u16.
+        let keys: Vec<[u16; 4]> = self
+            .geotiff_keys
+            .chunks_exact(8)
+            .skip(1)
+            .map(|entry| std::array::from_fn(|i| u16::from_le_bytes(bytes(entry, 2 * i))))
+            .collect();
+        let find = |wanted: u16| keys.iter().find(|key| key[0] == wanted);
+        // Citations of the projected, the whole, the geographic system.
+        let citation = [3073, 1026, 2049].into_iter().find_map(|id| {
+            let &[_, tag, count, start] = find(id)?;
+            let (start, count) = (usize::from(start), usize::from(count));
+            let citation = self.geotiff_text.get(start..start + count).filter(|_| tag == ASCII)?;
+            let citation = text(citation).trim_end_matches('|').trim().to_owned();
+            (!citation.is_empty()).then_some(citation)
+        });
+        // Codes of the projected, the geographic system; 32767 means "user-defined".
+        let code = || {
+            let code = [3072, 2048].into_iter().find_map(|id| find(id).filter(|key| key[1] == 0).map(|key| key[3]))?;
+            (code != 0 && code != 32767).then(|| format!("EPSG:{code}"))
+        };
+        citation.or_else(code)
+    }
+}
+
+fn is_wanted(user: &str, identifier: u16) -> bool {
+    matches!(
+        (user, identifier),
+        ("LASF_Projection", 2112 | 34735 | 34737) | ("LASF_Spec", 4) | ("laszip encoded", 22204)
+    )
+}

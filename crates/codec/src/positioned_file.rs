@@ -1,0 +1,106 @@
+//! A file that many threads read at once, each at a place of its own.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+/// An open file without a cursor.
+pub struct PositionedFile {
+    path: PathBuf,
+    length: u64,
+    #[cfg(unix)]
+    file: File,
+    #[cfg(not(unix))]
+    file: std::sync::Mutex<File>,
+}
+
+impl PositionedFile {
+    pub fn open(path: &Path) -> Result<Self> {
+        let io = |error| Error::io(path, error);
+        let file = File::open(path).map_err(io)?;
+        let length = file.metadata().map_err(io)?.len();
+        #[cfg(not(unix))]
+        let file = std::sync::Mutex::new(file);
+        Ok(Self { path: path.to_owned(), length, file })
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes in the file when it was opened.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Fills `buffer` from byte `offset` on, as far as the file goes; returns the bytes read.
+    pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        let mut filled = 0;
+        while filled < buffer.len() {
+            match self.read_some_at(offset.saturating_add(filled as u64), &mut buffer[filled..]) {
+                Ok(0) => break,
+                Ok(bytes) => filled += bytes,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(filled)
+    }
+
+    /// The `N` bytes at `offset`, or `None` where the file has not that many.
+    pub fn bytes_at<const N: usize>(&self, offset: u64) -> io::Result<Option<[u8; N]>> {
+        let mut bytes = [0; N];
+        Ok((self.read_at(offset, &mut bytes)? == N).then_some(bytes))
+    }
+
+    #[cfg(unix)]
+    fn read_some_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        std::os::unix::fs::FileExt::read_at(&self.file, buffer, offset)
+    }
+
+    #[cfg(not(unix))]
+    fn read_some_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        file.seek(SeekFrom::Start(offset))?;
+        file.read(buffer)
+    }
+
+    /// Bytes `start..end` as a stream with a cursor of its own.
+    pub fn section(&self, start: u64, end: u64) -> Section<'_> {
+        Section { file: self, start, position: start, end }
+    }
+}
+
+/// Part of a file as `Read` and `Seek` (positions count from the start of the part), for decoders that want a stream.
+pub struct Section<'a> {
+    file: &'a PositionedFile,
+    start: u64,
+    position: u64,
+    end: u64,
+}
+
+impl Read for Section<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let left = self.end.saturating_sub(self.position);
+        let wanted = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+        let bytes = self.file.read_some_at(self.position, &mut buffer[..wanted])?;
+        self.position += bytes as u64;
+        Ok(bytes)
+    }
+}
+
+impl Seek for Section<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let target = match to {
+            SeekFrom::Start(offset) => self.start.checked_add(offset),
+            SeekFrom::Current(offset) => self.position.checked_add_signed(offset),
+            SeekFrom::End(offset) => self.end.checked_add_signed(offset),
+        };
+        self.position = target
+            .filter(|&target| target >= self.start)
+            .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "seek to before the section"))?;
+        Ok(self.position - self.start)
+    }
+}
