@@ -1,0 +1,175 @@
+//! Runs the program and keeps what it said. Nothing of the user's is read or written: every test has a home of its own.
+
+use std::ffi::OsStr;
+use std::io::Read;
+use std::os::unix::fs::DirBuilderExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use cargo_metadata::Message;
+use tempfile::TempDir;
+
+/// A first dispatch compiles shaders, which takes software Vulkan seconds, and minutes on a busy machine: a program that
+/// needs longer hangs.
+const TIME_LIMIT: Duration = Duration::from_secs(180);
+
+/// The folder of real and malformed files: `GLINT_TEST_DATA`, else beside the checkout. None, with a note, where there is
+/// none.
+pub fn test_data() -> Option<PathBuf> {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let folder = std::env::var_os("GLINT_TEST_DATA").map_or_else(beside, PathBuf::from);
+    let found = folder.canonicalize().ok();
+    if found.is_none() {
+        println!("skipped: no test data at {}", folder.display());
+    }
+    found
+}
+
+/// The program, built now where it is not up to date, so that a test of this package alone never runs an old one.
+pub(crate) fn binary() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| {
+        // This test is TARGET/release/deps/NAME-HASH; the program belongs into the same TARGET.
+        let own = std::env::current_exe().expect("the path of this test");
+        let target = own.ancestors().nth(3).expect("a test lies in TARGET/release/deps");
+        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+        let mut build = Command::new(cargo);
+        build.args(["build", "--release", "--locked", "--package", "glint", "--bin", "glint", "--quiet"]);
+        build.arg("--message-format=json-render-diagnostics").arg("--target-dir").arg(target);
+        build.current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
+        let built = build.stderr(Stdio::inherit()).output().expect("cargo starts");
+        assert!(built.status.success(), "the program does not build");
+        let artifacts = Message::parse_stream(built.stdout.as_slice()).filter_map(|message| match message {
+            Ok(Message::CompilerArtifact(artifact)) => artifact.executable,
+            _ => None,
+        });
+        artifacts.last().expect("cargo names what it built").into()
+    })
+}
+
+/// How a run ended.
+pub struct Outcome {
+    /// The command line, for messages.
+    pub command: String,
+    /// Exit status; none when a signal ended it.
+    pub status: Option<i32>,
+    pub output: Vec<u8>,
+    /// Standard error.
+    pub messages: String,
+    /// Most memory it held, bytes. Sampled: short peaks may be missed.
+    pub peak_memory: u64,
+}
+
+impl Outcome {
+    /// The output as JSON. Fails the test with everything the program said when it is none.
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::from_slice(&self.output).unwrap_or_else(|error| panic!("{error}, in the output of {self}"))
+    }
+
+    pub fn text(&self) -> String {
+        String::from_utf8_lossy(&self.output).into_owned()
+    }
+}
+
+impl std::fmt::Display for Outcome {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Outcome { command, status, messages, .. } = self;
+        write!(formatter, "`{command}`\nstatus: {status:?}\noutput: {}\nmessages: {messages}", self.text())
+    }
+}
+
+/// A folder for one test: the program's working folder and home. Gone with the value.
+pub struct Folder {
+    folder: TempDir,
+}
+
+impl Folder {
+    #[expect(clippy::new_without_default, reason = "it makes a folder on disk")]
+    pub fn new() -> Folder {
+        let folder = TempDir::with_prefix("glint-test-").expect("a temporary folder");
+        // Access for its owner alone, as the specification of XDG_RUNTIME_DIR asks.
+        std::fs::DirBuilder::new().mode(0o700).create(folder.path().join("runtime")).expect("a folder inside it");
+        Folder { folder }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes a file and gives its path.
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        std::fs::write(self.path(name), content).expect("a file in a temporary folder");
+        self.path(name)
+    }
+
+    /// `glint ARGUMENTS`, without a display.
+    pub fn glint<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Outcome {
+        self.glint_within(TIME_LIMIT, arguments)
+    }
+
+    /// The same, with a time limit: fails the test when it is over.
+    pub fn glint_within<I: IntoIterator<Item: AsRef<OsStr>>>(&self, limit: Duration, arguments: I) -> Outcome {
+        let mut command = self.command(arguments);
+        let line = format!("{command:?}");
+        let mut program = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+        let output = read_all(program.stdout.take().expect("piped"));
+        let messages = read_all(program.stderr.take().expect("piped"));
+        let (status, peak_memory) = watch(&mut program, limit);
+        let output = output.join().expect("its output");
+        let messages = String::from_utf8_lossy(&messages.join().expect("its messages")).into_owned();
+        let Some(status) = status else { panic!("`{line}` still ran after {limit:?} and said: {messages}") };
+        Outcome { command: line, status: status.code(), output, messages, peak_memory }
+    }
+
+    /// The program in this folder, seeing no display, no desktop services and no files of the user.
+    pub(crate) fn command<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Command {
+        let mut command = Command::new(binary());
+        command.args(arguments).current_dir(self.folder.path()).stdin(Stdio::null());
+        for display in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "DBUS_SESSION_BUS_ADDRESS"] {
+            command.env_remove(display);
+        }
+        for home in ["XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME"] {
+            command.env_remove(home);
+        }
+        command.env("HOME", self.folder.path()).env("XDG_RUNTIME_DIR", self.path("runtime"));
+        command
+    }
+}
+
+fn read_all(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        // A stream that breaks is one that ended: what was said until then is what the test judges.
+        let _ = stream.read_to_end(&mut bytes);
+        bytes
+    })
+}
+
+/// Waits for the end; ends it when the time is over. Gives its status, if it ended by itself, and its peak memory.
+fn watch(program: &mut Child, limit: Duration) -> (Option<std::process::ExitStatus>, u64) {
+    let start = Instant::now();
+    let mut peak_memory = 0;
+    loop {
+        peak_memory = peak_memory.max(peak_memory_of(program.id()));
+        if let Some(status) = program.try_wait().expect("a child can be waited for") {
+            return (Some(status), peak_memory);
+        }
+        if start.elapsed() > limit {
+            program.kill().expect("a child can be ended");
+            program.wait().expect("a child can be waited for");
+            return (None, peak_memory);
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// `VmHWM` of proc(5), bytes; 0 for a process that has just ended.
+fn peak_memory_of(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kibibytes = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok());
+    kibibytes.unwrap_or(0) * 1024
+}

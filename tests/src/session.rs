@@ -1,0 +1,214 @@
+//! A private X session without a window manager: Xvfb, the program in it, xdotool for hands and ImageMagick for eyes.
+
+use std::ffi::OsStr;
+use std::fs::File;
+use std::io::{BufRead as _, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use image::RgbaImage;
+
+use crate::Folder;
+
+/// How long a window or a picture may take to appear: shaders are compiled before the first one, see `program`.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Between two looks: a screenshot takes about as long.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// An X server of its own, ended with the value.
+pub struct Session {
+    pub folder: Folder,
+    server: Child,
+    display: String,
+}
+
+impl Session {
+    pub fn start() -> Session {
+        let mut server = Command::new("Xvfb")
+            // The server picks a free display and writes its number to descriptor 1.
+            .args(["-displayfd", "1", "-screen", "0", "1280x1024x24", "-nolisten", "tcp", "-noreset"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("Xvfb starts; `cargo xtask test` installs it");
+        let mut output = BufReader::new(server.stdout.take().expect("piped"));
+        let (sender, receiver) = mpsc::channel();
+        std::thread::spawn(move || {
+            let mut number = String::new();
+            // Nobody listens any more when the server took too long.
+            let _ = sender.send(output.read_line(&mut number).map(|_| number));
+        });
+        let number = receiver.recv_timeout(PATIENCE).expect("Xvfb tells its display").expect("Xvfb's output");
+        // From here on a failed test ends the server.
+        let session = Session { folder: Folder::new(), server, display: format!(":{}", number.trim()) };
+        assert!(session.display.len() > 1, "Xvfb ended without a display");
+        session
+    }
+
+    /// Starts `glint ARGUMENTS` and waits for its window, which has the keyboard then.
+    pub fn open<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Window<'_> {
+        let messages = File::create(self.folder.path("messages.txt")).expect("a file in a temporary folder");
+        let mut command = self.folder.command(arguments);
+        command.env("DISPLAY", &self.display).stdout(Stdio::null()).stderr(messages);
+        let program = command.spawn().expect("the program starts");
+        let mut window = Window { session: self, program, id: String::new() };
+        let process = window.program.id().to_string();
+        window.id = window.wait_for("its window", |window| {
+            let found = window.session.xdotool(&["search", "--onlyvisible", "--pid", &process])?;
+            found.lines().next().map(str::to_owned)
+        });
+        // Without a window manager nobody else gives it the keyboard.
+        window.wait_for("the keyboard", |window| {
+            window.session.xdotool(&["windowfocus", &window.id])?;
+            let focused = window.session.xdotool(&["getwindowfocus"])?;
+            (focused.trim() == window.id).then_some(())
+        });
+        window
+    }
+
+    /// The output of `xdotool ARGUMENTS`, if it succeeds.
+    fn xdotool(&self, arguments: &[&str]) -> Option<String> {
+        let mut command = Command::new("xdotool");
+        let output = command.args(arguments).env("DISPLAY", &self.display).output().expect("xdotool starts");
+        output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// What a window shows, by its number or as `root`.
+    fn screenshot(&self, window: &str) -> Option<RgbaImage> {
+        let mut command = Command::new("import");
+        command.args(["-silent", "-window", window, "png:-"]).env("DISPLAY", &self.display);
+        let output = command.output().expect("import (ImageMagick) starts");
+        Some(image::load_from_memory(&output.stdout).ok()?.into_rgba8())
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        end(&mut self.server);
+    }
+}
+
+/// The program's window. Positions are pixels from its upper left corner. The program ends with the value.
+pub struct Window<'a> {
+    session: &'a Session,
+    program: Child,
+    id: String,
+}
+
+impl Window<'_> {
+    /// Presses keys one after the other, in xdotool's names: `2`, `Home`, `ctrl+c`, `Escape`.
+    pub fn press(&self, keys: &str) {
+        self.hands(&["key", "--delay", "50"], &keys.split_whitespace().collect::<Vec<_>>());
+    }
+
+    pub fn type_text(&self, text: &str) {
+        self.hands(&["type", "--delay", "20"], &[text]);
+    }
+
+    pub fn move_to(&self, [x, y]: [i32; 2]) {
+        self.hands(&["mousemove", "--window", &self.id], &[&x.to_string(), &y.to_string()]);
+    }
+
+    /// Buttons: 1 left, 2 middle, 3 right; 4 and 5 turn the wheel.
+    pub fn click(&self, button: u8, at: [i32; 2]) {
+        self.move_to(at);
+        self.hands(&["click"], &[&button.to_string()]);
+    }
+
+    /// Drags in steps, as a hand does: a single jump is no gesture to a program that looks at movement.
+    pub fn drag(&self, button: u8, from: [i32; 2], to: [i32; 2]) {
+        const STEPS: i32 = 8;
+        self.move_to(from);
+        self.hands(&["mousedown"], &[&button.to_string()]);
+        for step in 1..=STEPS {
+            let along = |axis: usize| from[axis] + (to[axis] - from[axis]) * step / STEPS;
+            self.move_to([along(0), along(1)]);
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        self.hands(&["mouseup"], &[&button.to_string()]);
+    }
+
+    pub fn screenshot(&self) -> RgbaImage {
+        self.wait_for("a screenshot", |window| window.session.screenshot(&window.id))
+    }
+
+    /// The first picture that fulfils `condition`. Fails the test, with the last picture kept, when none does in time.
+    pub fn wait_for_picture(&self, what: &str, condition: impl Fn(&RgbaImage) -> bool) -> RgbaImage {
+        self.wait_for(what, |window| window.session.screenshot(&window.id).filter(&condition))
+    }
+
+    /// Whether the program still runs.
+    pub fn is_open(&self) -> bool {
+        std::fs::read_to_string(format!("/proc/{}/stat", self.program.id()))
+            // A child that ended and was not waited for yet is a zombie: state Z, after the name in brackets.
+            .is_ok_and(|stat| !stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('Z')))
+    }
+
+    /// What the program wrote to standard error so far.
+    pub fn messages(&self) -> String {
+        std::fs::read_to_string(self.session.folder.path("messages.txt")).unwrap_or_default()
+    }
+
+    fn hands(&self, action: &[&str], on: &[&str]) {
+        let arguments = [action, on].concat();
+        assert!(self.session.xdotool(&arguments).is_some(), "xdotool {} failed", arguments.join(" "));
+    }
+
+    fn wait_for<T>(&self, what: &str, look: impl Fn(&Self) -> Option<T>) -> T {
+        let start = Instant::now();
+        loop {
+            if let Some(found) = look(self) {
+                return found;
+            }
+            let state = if self.is_open() { "is open" } else { "has ended" };
+            if start.elapsed() > PATIENCE || !self.is_open() {
+                let picture = std::env::temp_dir().join(format!("glint-test-{}.png", self.program.id()));
+                let kept = self.session.screenshot("root").is_some_and(|root| root.save(&picture).is_ok());
+                let kept = if kept { format!("; the screen: {}", picture.display()) } else { String::new() };
+                panic!("waited for {what}: the program {state} and said: {}{kept}", self.messages());
+            }
+            std::thread::sleep(PAUSE);
+        }
+    }
+}
+
+impl Drop for Window<'_> {
+    fn drop(&mut self) {
+        end(&mut self.program);
+    }
+}
+
+/// Different colours in a picture: one for an empty window, hundreds for a cloud.
+pub fn colors(picture: &RgbaImage) -> usize {
+    picture.pixels().collect::<std::collections::HashSet<_>>().len()
+}
+
+/// Ends a child that may have ended already, and leaves no zombie.
+fn end(child: &mut Child) {
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_session_has_a_screen_of_its_own() {
+        let (one, other) = (Session::start(), Session::start());
+        assert_ne!(one.display, other.display);
+        let screen = one.screenshot("root").expect("a screenshot");
+        assert_eq!(screen.dimensions(), (1280, 1024));
+        assert_eq!(colors(&screen), 1);
+    }
+
+    #[test]
+    fn the_pointer_goes_where_it_is_sent() {
+        let session = Session::start();
+        session.xdotool(&["mousemove", "321", "123"]).expect("xdotool moves the pointer");
+        let place = session.xdotool(&["getmouselocation"]).expect("xdotool finds the pointer");
+        assert!(place.starts_with("x:321 y:123 "), "{place}");
+    }
+}
