@@ -21,10 +21,8 @@ use crate::{Bounds, Chunk, Progress};
 const TILE_POINTS: usize = 65_536;
 /// Points of a tile that decide where it is divided.
 const SAMPLE_PER_TILE: usize = 256;
-/// Points of a brick at most. Fewer cost more boxes, more cost more distances; 16 and 64 were both slower.
+/// Points of a brick at most. Fewer cost more boxes, more cost more distances; 16 and 24 were slower.
 const BRICK_POINTS: usize = 32;
-/// Deepest tree of bricks: 2^31 bricks of 32 are beyond any index.
-const STACK: usize = 32;
 
 /// The points of a list of chunks under one running index.
 pub struct Points<'a> {
@@ -437,6 +435,8 @@ struct Search<'a, const LANES: usize> {
     cell: Box3,
     /// Nearest first.
     others: Vec<Other>,
+    /// Nodes a visit has yet to look into and their squared distances.
+    pending: Vec<(f32, usize)>,
     previous: Option<Vec3>,
     neighbourhood: Neighbourhood,
 }
@@ -467,6 +467,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
                 max: (tile.cell.max - tile.origin).as_vec3(),
             },
             others,
+            pending: Vec::new(),
             previous: None,
             neighbourhood: Neighbourhood { candidates: Vec::new(), distance_squared: f32::INFINITY, count: 0 },
         };
@@ -501,7 +502,9 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         let mut node = brick + self.home_view.starts.len();
         self.visit(None, node, point, &mut nearest);
         while node > 1 {
-            self.visit(None, node ^ 1, point, &mut nearest);
+            if self.home_view.boxes[node ^ 1].distance_squared(point) <= nearest.bound {
+                self.visit(None, node ^ 1, point, &mut nearest);
+            }
             node /= 2;
         }
         let to_border = (point - self.cell.min).min(self.cell.max - point).min_element();
@@ -529,12 +532,9 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         };
         let Some(view) = view else { return };
         let bricks = view.starts.len();
-        let mut stack = [(0.0_f32, 0_usize); STACK + 1];
-        stack[0] = (view.boxes[root].distance_squared(point), root);
-        let mut height = 1;
-        while height > 0 {
-            height -= 1;
-            let (distance, node) = stack[height];
+        self.pending.clear();
+        self.pending.push((view.boxes[root].distance_squared(point), root));
+        while let Some((distance, node)) = self.pending.pop() {
             if distance > nearest.bound {
                 continue;
             }
@@ -543,9 +543,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
                 let near = (view.boxes[a].distance_squared(point), a);
                 let far = (view.boxes[b].distance_squared(point), b);
                 let (near, far) = if far.0 < near.0 { (far, near) } else { (near, far) };
-                stack[height] = far;
-                stack[height + 1] = near;
-                height += 2;
+                self.pending.extend([far, near]);
                 continue;
             }
             let brick = node - bricks;
