@@ -1,0 +1,485 @@
+//! What the properties of a vertex mean, and packed rows to the columns of a chunk.
+
+use std::sync::Arc;
+
+use cloud::{Bounds, Chunk, Column, ColumnType, NO_NORMAL, pack_normal};
+use glam::{DVec3, Vec3};
+
+use super::rows::Packing;
+use crate::Selection;
+
+/// Zeroth spherical harmonic, 1 / (2 sqrt(pi)): what scales `f_dc_*` of a Gaussian splat to a colour (Kerbl et al. 2023).
+const SH_C0: f32 = 0.282_094_79;
+
+/// A scalar property of the vertex: its place among the properties of the element, name and type.
+#[derive(Clone, Debug)]
+pub struct Scalar {
+    pub property: usize,
+    pub name: String,
+    pub scalar: ColumnType,
+}
+
+/// How a colour value of the file becomes a byte.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scale {
+    /// `value * factor + bias`, cut off to 0 ..= 255.
+    Linear { factor: f32, bias: f32 },
+    /// The logistic function of the value (opacity of Gaussian splats).
+    Logistic,
+}
+
+/// Which scalars (indices) hold what.
+#[derive(Clone, Debug, Default)]
+pub struct Roles {
+    pub position: [usize; 3],
+    pub colors: Option<[usize; 3]>,
+    /// Of red, green and blue; not known before values are seen.
+    pub color_scale: Option<[Scale; 3]>,
+    pub alpha: Option<(usize, Option<Scale>)>,
+    pub normals: Option<[usize; 3]>,
+    /// All others.
+    pub attributes: Vec<usize>,
+    pub is_splats: bool,
+}
+
+/// Names a colour goes by, with its opacity; a set counts only when it is whole.
+const COLOR_NAMES: [[&str; 4]; 3] = [
+    ["red", "green", "blue", "alpha"],
+    ["diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"],
+    ["r", "g", "b", "a"],
+];
+const NORMAL_NAMES: [[&str; 3]; 3] =
+    [["nx", "ny", "nz"], ["normal_x", "normal_y", "normal_z"], ["normalx", "normaly", "normalz"]];
+
+impl Roles {
+    /// Finds roles by name, upper or lower case; `None` without x, y and z.
+    pub fn find(scalars: &[Scalar]) -> Option<Self> {
+        let index = |name: &str| scalars.iter().position(|scalar| scalar.name.eq_ignore_ascii_case(name));
+        let triple = |names: [&str; 3]| Some([index(names[0])?, index(names[1])?, index(names[2])?]);
+        let mut roles = Self { position: triple(["x", "y", "z"])?, ..Self::default() };
+        roles.normals = NORMAL_NAMES.into_iter().find_map(triple);
+        for [red, green, blue, alpha] in COLOR_NAMES {
+            roles.colors = triple([red, green, blue]);
+            if roles.colors.is_some() {
+                roles.alpha = index(alpha).map(|alpha| (alpha, None));
+                break;
+            }
+        }
+        let splat_colors = triple(["f_dc_0", "f_dc_1", "f_dc_2"]);
+        roles.is_splats = splat_colors.is_some() && index("scale_0").is_some() && index("rot_0").is_some();
+        if roles.is_splats && roles.colors.is_none() {
+            roles.colors = splat_colors;
+            roles.color_scale = Some([Scale::Linear { factor: SH_C0 * 255.0, bias: 0.5 * 255.0 + 0.5 }; 3]);
+            roles.alpha = index("opacity").map(|opacity| (opacity, Some(Scale::Logistic)));
+        }
+        let mut taken = roles.position.to_vec();
+        taken.extend(roles.colors.into_iter().chain(roles.normals).flatten());
+        taken.extend(roles.alpha.map(|(alpha, _)| alpha));
+        roles.attributes = (0..scalars.len()).filter(|index| !taken.contains(index)).collect();
+        Some(roles)
+    }
+
+    /// Scalars that a selection needs.
+    pub fn needed(&self, selection: &Selection) -> Vec<usize> {
+        let mut needed = Vec::new();
+        if selection.positions {
+            needed.extend(self.position);
+        }
+        if selection.colors {
+            needed.extend(self.colors.into_iter().flatten());
+            needed.extend(self.alpha.map(|(alpha, _)| alpha));
+        }
+        if selection.normals {
+            needed.extend(self.normals.into_iter().flatten());
+        }
+        let wanted = std::iter::zip(&self.attributes, &selection.attributes).filter(|&(_, &wanted)| wanted);
+        needed.extend(wanted.map(|(&index, _)| index));
+        needed
+    }
+}
+
+/// The scale of colours of type `scalar` whose greatest sampled value is `greatest`: bytes as they are, wider integers by
+/// their upper eight bits unless all fit a byte, floats 0 to 1 unless some exceed 1.
+pub fn color_scale(scalar: ColumnType, greatest: f64) -> Scale {
+    let (factor, bias) = match scalar {
+        ColumnType::U8 | ColumnType::I8 => (1.0, 0.0),
+        ColumnType::F32 | ColumnType::F64 if greatest <= 1.0 => (255.0, 0.5),
+        // 0.5 rounds to the nearest byte; 65535 / 257 = 255.
+        ColumnType::F32 | ColumnType::F64 if greatest <= 255.0 => (1.0, 0.5),
+        ColumnType::F32 | ColumnType::F64 => (1.0 / 257.0, 0.5),
+        _ if greatest <= 255.0 => (1.0, 0.0),
+        _ if greatest <= 65535.0 => (1.0 / 256.0, 0.0),
+        _ => (1.0 / (1 << 24) as f32, 0.0),
+    };
+    Scale::Linear { factor, bias }
+}
+
+impl Scale {
+    #[inline]
+    fn apply(self, value: f64) -> u8 {
+        // `as` cuts off, and makes NaN 0.
+        match self {
+            Self::Linear { factor, bias } => (value as f32 * factor + bias) as u8,
+            Self::Logistic => (255.0 / (1.0 + (-value as f32).exp()) + 0.5) as u8,
+        }
+    }
+}
+
+/// A scalar's place in a packed row.
+#[derive(Clone, Copy, Debug)]
+struct Field {
+    offset: usize,
+    scalar: ColumnType,
+}
+
+/// What to decode from packed rows.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    stride: usize,
+    big_endian: bool,
+    position: Option<[Field; 3]>,
+    colors: Option<([Field; 3], [Scale; 3])>,
+    alpha: Option<(Field, Scale)>,
+    normals: Option<[Field; 3]>,
+    columns: Vec<Option<Field>>,
+}
+
+impl Plan {
+    pub fn new(scalars: &[Scalar], roles: &Roles, selection: &Selection, packing: &Packing) -> Self {
+        let field = |index: usize| {
+            let Scalar { property, scalar, .. } = scalars[index];
+            packing.offsets[property].map(|offset| Field { offset, scalar })
+        };
+        let triple = |indices: [usize; 3]| Some([field(indices[0])?, field(indices[1])?, field(indices[2])?]);
+        let identity = Scale::Linear { factor: 1.0, bias: 0.0 };
+        let colors = roles.colors.filter(|_| selection.colors).and_then(triple);
+        let alpha = roles.alpha.filter(|_| selection.colors);
+        let wants = |column: usize| selection.attributes.get(column) == Some(&true);
+        Self {
+            stride: packing.stride,
+            big_endian: packing.big_endian,
+            position: triple(roles.position).filter(|_| selection.positions),
+            colors: colors.map(|fields| (fields, roles.color_scale.unwrap_or([identity; 3]))),
+            alpha: alpha.and_then(|(index, scale)| Some((field(index)?, scale.unwrap_or(identity)))),
+            normals: roles.normals.filter(|_| selection.normals).and_then(triple),
+            columns: std::iter::zip(0.., &roles.attributes)
+                .map(|(column, &index)| if wants(column) { field(index) } else { None })
+                .collect(),
+        }
+    }
+}
+
+/// A number as it lies in a row.
+trait Number: Copy {
+    fn read<const BIG: bool>(row: &[u8], offset: usize) -> Self;
+    fn to_f64(self) -> f64;
+}
+
+macro_rules! numbers {
+    ($($number:ty)*) => {$(
+        impl Number for $number {
+            #[inline(always)]
+            fn read<const BIG: bool>(row: &[u8], offset: usize) -> Self {
+                let mut bytes = [0; size_of::<Self>()];
+                bytes.copy_from_slice(&row[offset..offset + size_of::<Self>()]);
+                if BIG { Self::from_be_bytes(bytes) } else { Self::from_le_bytes(bytes) }
+            }
+
+            #[inline(always)]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+        }
+    )*};
+}
+numbers!(u8 i8 u16 i16 u32 i32 u64 i64 f32 f64);
+
+/// Runs `$body` with the type that `$scalar` names as `$number`.
+macro_rules! with_type {
+    ($scalar:expr, $number:ident => $body:expr) => {
+        match $scalar {
+            ColumnType::U8 => {
+                type $number = u8;
+                $body
+            }
+            ColumnType::I8 => {
+                type $number = i8;
+                $body
+            }
+            ColumnType::U16 => {
+                type $number = u16;
+                $body
+            }
+            ColumnType::I16 => {
+                type $number = i16;
+                $body
+            }
+            ColumnType::U32 => {
+                type $number = u32;
+                $body
+            }
+            ColumnType::I32 => {
+                type $number = i32;
+                $body
+            }
+            ColumnType::U64 => {
+                type $number = u64;
+                $body
+            }
+            ColumnType::I64 => {
+                type $number = i64;
+                $body
+            }
+            ColumnType::F32 => {
+                type $number = f32;
+                $body
+            }
+            ColumnType::F64 => {
+                type $number = f64;
+                $body
+            }
+        }
+    };
+}
+
+/// Every value of one field, as f64 (which holds all PLY types but 64-bit integers exactly).
+fn each_value<const BIG: bool>(rows: &[u8], stride: usize, field: Field, mut give: impl FnMut(usize, f64)) {
+    with_type!(field.scalar, T => {
+        for (index, row) in rows.chunks_exact(stride).enumerate() {
+            give(index, T::read::<BIG>(row, field.offset).to_f64());
+        }
+    });
+}
+
+/// Greatest finite magnitude of a scalar among packed rows that hold all scalars, 0 without one.
+pub fn greatest(rows: &[u8], scalar: &Scalar, packing: &Packing) -> f64 {
+    let Some(offset) = packing.offsets[scalar.property] else { return 0.0 };
+    let field = Field { offset, scalar: scalar.scalar };
+    let mut greatest = 0.0_f64;
+    let give = |_, value: f64| {
+        if value.is_finite() {
+            greatest = greatest.max(value.abs());
+        }
+    };
+    if packing.big_endian {
+        each_value::<true>(rows, packing.stride, field, give);
+    } else {
+        each_value::<false>(rows, packing.stride, field, give);
+    }
+    greatest
+}
+
+/// Appends triples of numbers as f32.
+fn extend_triples<const BIG: bool>(triples: &mut Vec<[f32; 3]>, rows: &[u8], stride: usize, fields: [Field; 3]) {
+    if fields.iter().all(|field| field.scalar == ColumnType::F32) {
+        let [x, y, z] = fields.map(|field| field.offset);
+        triples.extend(
+            rows.chunks_exact(stride)
+                .map(|row| [f32::read::<BIG>(row, x), f32::read::<BIG>(row, y), f32::read::<BIG>(row, z)]),
+        );
+        return;
+    }
+    let start = triples.len();
+    triples.resize(start + rows.len() / stride, [0.0; 3]);
+    for (axis, field) in fields.into_iter().enumerate() {
+        each_value::<BIG>(rows, stride, field, |index, value| triples[start + index][axis] = value as f32);
+    }
+}
+
+/// A chunk that grows by packed rows.
+pub struct ChunkBuilder<'a> {
+    plan: &'a Plan,
+    first_point: u64,
+    rows: usize,
+    /// Coordinates of a type that f32 holds exactly, or the wider ones.
+    floats: Vec<[f32; 3]>,
+    doubles: Vec<[f64; 3]>,
+    colors: Vec<[u8; 4]>,
+    normals: Vec<u32>,
+    columns: Vec<Option<Column>>,
+}
+
+impl<'a> ChunkBuilder<'a> {
+    /// `capacity`: rows that are known to be in the file.
+    pub fn new(plan: &'a Plan, first_point: u64, capacity: usize) -> Self {
+        let fits_f32 = plan.position.is_some_and(fit_f32);
+        let capacity_if = |wanted: bool| if wanted { capacity } else { 0 };
+        Self {
+            plan,
+            first_point,
+            rows: 0,
+            floats: Vec::with_capacity(capacity_if(plan.position.is_some() && fits_f32)),
+            doubles: Vec::with_capacity(capacity_if(plan.position.is_some() && !fits_f32)),
+            colors: Vec::with_capacity(capacity_if(plan.colors.is_some())),
+            normals: Vec::with_capacity(capacity_if(plan.normals.is_some())),
+            columns: (plan.columns.iter())
+                .map(|field| field.map(|field| Column::with_capacity(field.scalar, capacity)))
+                .collect(),
+        }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    pub fn push(&mut self, rows: &[u8]) {
+        if self.plan.big_endian { self.push_rows::<true>(rows) } else { self.push_rows::<false>(rows) }
+    }
+
+    fn push_rows<const BIG: bool>(&mut self, rows: &[u8]) {
+        let (plan, stride) = (self.plan, self.plan.stride);
+        let (start, count) = (self.rows, rows.len() / stride);
+        self.rows += count;
+        if let Some(fields) = plan.position {
+            if fit_f32(fields) {
+                extend_triples::<BIG>(&mut self.floats, rows, stride, fields);
+            } else {
+                self.doubles.resize(start + count, [0.0; 3]);
+                for (axis, field) in fields.into_iter().enumerate() {
+                    let doubles = &mut self.doubles[start..];
+                    each_value::<BIG>(rows, stride, field, |index, value| doubles[index][axis] = value);
+                }
+            }
+        }
+        if let Some((fields, scales)) = plan.colors {
+            let [red, green, blue] = fields.map(|field| field.offset);
+            if fields.iter().all(|field| matches!(field.scalar, ColumnType::U8 | ColumnType::I8)) {
+                self.colors.extend(rows.chunks_exact(stride).map(|row| [row[red], row[green], row[blue], 255]));
+            } else {
+                self.colors.resize(start + count, [0, 0, 0, 255]);
+                for (channel, field) in fields.into_iter().enumerate() {
+                    let colors = &mut self.colors[start..];
+                    each_byte::<BIG>(rows, stride, field, scales[channel], |index, byte| colors[index][channel] = byte);
+                }
+            }
+            if let Some((field, scale)) = plan.alpha {
+                let colors = &mut self.colors[start..];
+                each_byte::<BIG>(rows, stride, field, scale, |index, byte| colors[index][3] = byte);
+            }
+        }
+        if let Some(fields) = plan.normals {
+            let mut normals = Vec::with_capacity(count);
+            extend_triples::<BIG>(&mut normals, rows, stride, fields);
+            self.normals.extend(normals.into_iter().map(|normal| {
+                let normal = Vec3::from(normal);
+                if normal.is_finite() { pack_normal(normal) } else { NO_NORMAL }
+            }));
+        }
+        for (column, field) in std::iter::zip(&mut self.columns, &plan.columns) {
+            if let (Some(column), Some(field)) = (column, field) {
+                extend_column::<BIG>(column, rows, stride, field.offset);
+            }
+        }
+    }
+
+    /// The chunk, and the bounds of its finite points.
+    pub fn finish(self) -> (Chunk, Bounds) {
+        let has = |wanted: bool| wanted.then_some(());
+        let mut chunk = if self.plan.position.is_some_and(|fields| !fit_f32(fields)) {
+            doubles_to_chunk(self.first_point, self.doubles)
+        } else {
+            floats_to_chunk(self.first_point, self.floats)
+        };
+        let bounds = match &chunk.exact_positions {
+            Some(exact) => {
+                let mut bounds = Bounds::EMPTY;
+                for (&exact, offset) in std::iter::zip(exact.iter(), chunk.positions.iter()) {
+                    if !offset[0].is_nan() {
+                        bounds.include(DVec3::from(exact));
+                    }
+                }
+                bounds
+            }
+            None => chunk.bounds(),
+        };
+        chunk.colors = has(self.plan.colors.is_some()).map(|()| Arc::new(self.colors));
+        chunk.normals = has(self.plan.normals.is_some()).map(|()| Arc::new(self.normals));
+        chunk.columns = self.columns.into_iter().map(|column| column.map(Arc::new)).collect();
+        (chunk, bounds)
+    }
+}
+
+/// Types whose every value an f32 holds.
+fn fit_f32(fields: [Field; 3]) -> bool {
+    fields.iter().all(|field| {
+        matches!(field.scalar, ColumnType::F32 | ColumnType::U8 | ColumnType::I8 | ColumnType::U16 | ColumnType::I16)
+    })
+}
+
+#[inline(always)]
+fn each_byte<const BIG: bool>(rows: &[u8], stride: usize, field: Field, scale: Scale, mut give: impl FnMut(usize, u8)) {
+    if matches!(field.scalar, ColumnType::U8 | ColumnType::I8) {
+        // A signed byte is an unsigned one under the wrong name.
+        rows.chunks_exact(stride).enumerate().for_each(|(index, row)| give(index, row[field.offset]));
+    } else {
+        each_value::<BIG>(rows, stride, field, |index, value| give(index, scale.apply(value)));
+    }
+}
+
+fn extend_column<const BIG: bool>(column: &mut Column, rows: &[u8], stride: usize, offset: usize) {
+    macro_rules! extend {
+        ($values:expr, $number:ty) => {
+            $values.extend(rows.chunks_exact(stride).map(|row| <$number>::read::<BIG>(row, offset)))
+        };
+    }
+    match column {
+        Column::U8(values) => extend!(values, u8),
+        Column::I8(values) => extend!(values, i8),
+        Column::U16(values) => extend!(values, u16),
+        Column::I16(values) => extend!(values, i16),
+        Column::U32(values) => extend!(values, u32),
+        Column::I32(values) => extend!(values, i32),
+        Column::U64(values) => extend!(values, u64),
+        Column::I64(values) => extend!(values, i64),
+        Column::F32(values) => extend!(values, f32),
+        Column::F64(values) => extend!(values, f64),
+    }
+}
+
+/// Offsets from `origin`; a point that is not finite, or too far for f32, becomes NaN.
+fn offset_from(origin: DVec3, position: DVec3) -> [f32; 3] {
+    let offset = (position - origin).as_vec3();
+    if offset.is_finite() { offset.to_array() } else { [f32::NAN; 3] }
+}
+
+/// A chunk from coordinates wider than f32. The doubles are kept only where the offsets do not give them back.
+fn doubles_to_chunk(first_point: u64, doubles: Vec<[f64; 3]>) -> Chunk {
+    let finite = doubles.iter().map(|&exact| DVec3::from(exact)).find(|exact| exact.is_finite());
+    let origin = finite.unwrap_or(DVec3::ZERO).round();
+    let positions: Vec<_> = doubles.iter().map(|&exact| offset_from(origin, DVec3::from(exact))).collect();
+    let is_exact = std::iter::zip(&positions, &doubles)
+        .all(|(&offset, &exact)| origin + Vec3::from(offset).as_dvec3() == DVec3::from(exact));
+    let mut chunk = Chunk::new(first_point, origin, positions);
+    chunk.exact_positions = (!is_exact).then(|| Arc::new(doubles));
+    chunk
+}
+
+/// A chunk from f32 coordinates, at origin 0 and so exact, or about its first point if it is far away (map coordinates)
+/// and that is exact too: then the renderer works with small numbers.
+fn floats_to_chunk(first_point: u64, mut floats: Vec<[f32; 3]>) -> Chunk {
+    let (mut least, mut most) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for position in &mut floats {
+        let point = Vec3::from(*position);
+        if point.is_finite() {
+            least = least.min(point);
+            most = most.max(point);
+        } else {
+            *position = [f32::NAN; 3];
+        }
+    }
+    // Far away: more than eight times its width, when three bits of the f32 are the same in all points.
+    let is_far = least.abs().max(most.abs()).max_element() > 8.0 * (most - least).max_element();
+    if is_far && let Some(&first) = floats.iter().find(|position| !position[0].is_nan()) {
+        let origin = Vec3::from(first).as_dvec3().round();
+        let offsets: Vec<_> =
+            floats.iter().map(|&position| offset_from(origin, Vec3::from(position).as_dvec3())).collect();
+        let is_exact = std::iter::zip(&offsets, &floats).all(|(&offset, &position)| {
+            let back = origin + Vec3::from(offset).as_dvec3();
+            position[0].is_nan() || back == Vec3::from(position).as_dvec3()
+        });
+        if is_exact {
+            return Chunk::new(first_point, origin, offsets);
+        }
+    }
+    Chunk::new(first_point, DVec3::ZERO, floats)
+}

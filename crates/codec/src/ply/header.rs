@@ -1,0 +1,195 @@
+//! The header of a PLY file: what elements follow, with which properties (G. Turk, "The PLY Polygon File Format", 1994).
+
+use cloud::ColumnType;
+
+/// Longest header that is read. Scanners write kilobytes of comments, nobody a megabyte; a file without `end_header` is
+/// refused after this much instead of being searched to its end.
+pub const MAX_HEADER_BYTES: usize = 1 << 20;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Scalar(ColumnType),
+    List { length: ColumnType, item: ColumnType },
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Property {
+    pub name: String,
+    pub kind: Kind,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Element {
+    pub name: String,
+    /// As the header says it, not checked against the file.
+    pub count: u64,
+    pub properties: Vec<Property>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Header {
+    pub encoding: Encoding,
+    /// `ascii 1.0`, as in the file.
+    pub format: String,
+    pub elements: Vec<Element>,
+    /// Bytes the header takes.
+    pub length: u64,
+    /// What ends a line: `\n` (also after `\r`), or `\r` where the file has nothing else.
+    pub newline: u8,
+}
+
+/// Where the header is wrong (1-based line) and how.
+#[derive(Debug, PartialEq, Eq)]
+pub struct HeaderError {
+    pub line: usize,
+    pub problem: String,
+}
+
+impl Element {
+    /// Bytes of a row in a binary file, `None` if a list makes them differ.
+    pub fn stride(&self) -> Option<u64> {
+        self.properties
+            .iter()
+            .map(|property| match property.kind {
+                Kind::Scalar(scalar) => Some(scalar.size() as u64),
+                Kind::List { .. } => None,
+            })
+            .sum()
+    }
+
+    fn has_scalar(&self, name: &str) -> bool {
+        self.properties
+            .iter()
+            .any(|property| property.name.eq_ignore_ascii_case(name) && matches!(property.kind, Kind::Scalar(_)))
+    }
+}
+
+impl Header {
+    /// Index of the element whose rows are the points: `vertex`, else the first that has x, y and z.
+    pub fn points_element(&self) -> Option<usize> {
+        let named = self.elements.iter().position(|element| element.name.eq_ignore_ascii_case("vertex"));
+        named.or_else(|| {
+            self.elements.iter().position(|element| ["x", "y", "z"].iter().all(|axis| element.has_scalar(axis)))
+        })
+    }
+
+    /// Parses the start of a file. Names are the rest of their line, whatever bytes that is, for writers put brackets,
+    /// dots and spaces into them; comments may hold any bytes.
+    pub fn parse(start: &[u8]) -> Result<Self, HeaderError> {
+        // A lone CR (old Mac writers) shows in the first line: `ply`, CR, no LF.
+        let newline = if start.get(3) == Some(&b'\r') && start.get(4) != Some(&b'\n') { b'\r' } else { b'\n' };
+        let mut format: Option<(Encoding, String)> = None;
+        let mut elements: Vec<Element> = Vec::new();
+        let mut rest = start;
+        let mut line_number = 0;
+        while let Some(length) = rest.iter().position(|&byte| byte == newline) {
+            line_number += 1;
+            let fail = |problem: String| HeaderError { line: line_number, problem };
+            let (line, after) = (rest[..length].trim_ascii(), &rest[length + 1..]);
+            rest = after;
+            let line = String::from_utf8_lossy(line);
+            let (keyword, arguments) = split_word(&line);
+            match keyword {
+                "ply" if line_number == 1 => {}
+                _ if line_number == 1 => return Err(fail("expected `ply`".into())),
+                "" | "comment" | "obj_info" => {}
+                "format" => {
+                    let encoding = match split_word(arguments).0 {
+                        "ascii" => Encoding::Ascii,
+                        "binary_little_endian" => Encoding::LittleEndian,
+                        "binary_big_endian" => Encoding::BigEndian,
+                        other => {
+                            return Err(fail(format!(
+                                "format `{}` is none of ascii, binary_little_endian, binary_big_endian",
+                                brief(other)
+                            )));
+                        }
+                    };
+                    if format.replace((encoding, brief(arguments))).is_some() {
+                        return Err(fail("a second format line".into()));
+                    }
+                }
+                "element" => {
+                    let (name, count) = split_word(arguments);
+                    let count = count.parse().map_err(|_| {
+                        fail(format!("element {} has the count `{}`, not a whole number", brief(name), brief(count)))
+                    })?;
+                    elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
+                }
+                "property" => {
+                    let Some(element) = elements.last_mut() else {
+                        return Err(fail("a property before the first element".into()));
+                    };
+                    element.properties.push(parse_property(arguments).map_err(fail)?);
+                }
+                "end_header" => {
+                    let (encoding, format) = format.ok_or_else(|| fail("the header has no format line".into()))?;
+                    let length = (start.len() - rest.len()) as u64;
+                    return Ok(Self { encoding, format, elements, length, newline });
+                }
+                other => return Err(fail(format!("`{}` is not a PLY keyword", brief(other)))),
+            }
+        }
+        let problem = if start.len() >= MAX_HEADER_BYTES {
+            format!("no end_header in the first {MAX_HEADER_BYTES} bytes")
+        } else {
+            "the file ends before end_header".into()
+        };
+        Err(HeaderError { line: line_number + 1, problem })
+    }
+}
+
+fn parse_property(arguments: &str) -> Result<Property, String> {
+    let (first, rest) = split_word(arguments);
+    let (kind, name) = if first == "list" {
+        let (length, rest) = split_word(rest);
+        let (item, name) = split_word(rest);
+        let (length, item) = (scalar_type(length)?, scalar_type(item)?);
+        if matches!(length, ColumnType::F32 | ColumnType::F64) {
+            return Err(format!("list {} has a length that is not of an integer type", brief(name)));
+        }
+        (Kind::List { length, item }, name)
+    } else {
+        (Kind::Scalar(scalar_type(first)?), rest)
+    };
+    if name.is_empty() {
+        return Err("a property without a name".into());
+    }
+    Ok(Property { name: name.to_owned(), kind })
+}
+
+/// The names of the 1994 text, the sized ones that followed, and the 64-bit integers some writers add.
+fn scalar_type(name: &str) -> Result<ColumnType, String> {
+    Ok(match name {
+        "char" | "int8" => ColumnType::I8,
+        "uchar" | "uint8" => ColumnType::U8,
+        "short" | "int16" => ColumnType::I16,
+        "ushort" | "uint16" => ColumnType::U16,
+        "int" | "int32" => ColumnType::I32,
+        "uint" | "uint32" => ColumnType::U32,
+        "long" | "int64" => ColumnType::I64,
+        "ulong" | "uint64" => ColumnType::U64,
+        "float" | "float32" => ColumnType::F32,
+        "double" | "float64" => ColumnType::F64,
+        other => return Err(format!("`{}` is not a PLY type", brief(other))),
+    })
+}
+
+/// First word of a line, and what follows it.
+fn split_word(line: &str) -> (&str, &str) {
+    let line = line.trim_start();
+    let (word, rest) = line.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((line, ""));
+    (word, rest.trim())
+}
+
+/// Enough of a word to recognise it by in a message, without control characters.
+fn brief(text: &str) -> String {
+    text.chars().take(40).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}

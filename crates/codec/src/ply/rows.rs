@@ -1,0 +1,585 @@
+//! Where the rows of the vertex element lie in the file, and how they become packed rows: scalars only, at fixed
+//! places, which `columns` decodes alike for all encodings.
+//!
+//! Rows without lists in a binary file are packed rows already. Binary rows with lists are walked once, and lines of
+//! text are counted once (by all threads) when the file is opened, because only that tells where a row is and how many
+//! there really are: some 5 % of the time that reading them takes.
+
+use std::io;
+
+use cloud::{CHUNK_POINTS, ColumnType};
+use rayon::prelude::*;
+
+use super::header::{Element, Encoding, Header, Kind, Property};
+use super::number;
+use super::reader::{PIECE_BYTES, Reader, count_lines, is_blank};
+use crate::positioned_file::PositionedFile;
+
+/// Rows that follow each other in the file; each block but text ones of uneven rows becomes one chunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    pub offset: u64,
+    pub end: u64,
+    pub first_row: u64,
+    pub rows: u64,
+}
+
+/// The rows of the vertex element that are really there.
+#[derive(Debug, Default)]
+pub struct Rows {
+    pub blocks: Vec<Block>,
+    pub count: u64,
+    /// Offset of what follows the last row.
+    pub end: u64,
+    /// Why there are fewer than the header says, unless the file just ends.
+    pub problem: Option<String>,
+}
+
+/// Finds the rows of element `index`.
+pub fn locate(file: &PositionedFile, header: &Header, index: usize) -> io::Result<Rows> {
+    let element = &header.elements[index];
+    let mut reader = Reader::new(file, header.length, file.length());
+    let (_, problem) = skip_elements(&mut reader, header, &header.elements[..index])?;
+    let start = reader.position();
+    if problem.is_some() || element.properties.is_empty() {
+        return Ok(Rows { end: start, problem, ..Rows::default() });
+    }
+    match (header.encoding, element.stride()) {
+        (Encoding::Ascii, _) => locate_lines(file, start, header.newline, element.count),
+        (_, Some(stride)) => Ok(locate_strided(start, file.length(), stride, element.count)),
+        (encoding, None) => {
+            let mut rows = Rows::default();
+            let mut block_start = start;
+            while rows.count < element.count {
+                let wanted = (element.count - rows.count).min(CHUNK_POINTS as u64);
+                let (found, problem) = skip_list_rows(&mut reader, encoding, element, wanted, rows.count)?;
+                if found > 0 {
+                    let end = reader.position();
+                    rows.blocks.push(Block { offset: block_start, end, first_row: rows.count, rows: found });
+                    rows.count += found;
+                }
+                block_start = reader.position();
+                rows.problem = problem;
+                if found < wanted {
+                    break;
+                }
+            }
+            rows.end = block_start;
+            Ok(rows)
+        }
+    }
+}
+
+fn locate_strided(start: u64, file_length: u64, stride: u64, count: u64) -> Rows {
+    let count = count.min((file_length - start) / stride);
+    let blocks = (0..count)
+        .step_by(CHUNK_POINTS)
+        .map(|first_row| {
+            let rows = (count - first_row).min(CHUNK_POINTS as u64);
+            let offset = start + first_row * stride;
+            Block { offset, end: offset + rows * stride, first_row, rows }
+        })
+        .collect();
+    Rows { blocks, count, end: start + count * stride, problem: None }
+}
+
+/// Cuts text at line ends into blocks of about a chunk each, and counts their lines in parallel.
+fn locate_lines(file: &PositionedFile, start: u64, newline: u8, count: u64) -> io::Result<Rows> {
+    if count == 0 {
+        return Ok(Rows { end: start, ..Rows::default() });
+    }
+    // Lines are about as long as the first ones; a block aims at 15/16 of a chunk, so that one somewhat denser still
+    // fits. 16 MiB bound the work between two looks at the cancel flag.
+    let (head, head_lines) = {
+        let mut reader = Reader::new(file, start, file.length());
+        let head = reader.lines(newline)?;
+        (head.len() as u64, count_lines(head, newline).max(1))
+    };
+    let block_bytes = (head * (CHUNK_POINTS as u64 * 15 / 16) / head_lines).clamp(64 << 10, 16 << 20);
+    // Blocks counted at a time: enough for all threads, few enough to stop soon after the last vertex.
+    let wave_blocks = rayon::current_num_threads() * 8;
+
+    let mut rows = Rows::default();
+    let mut at = start;
+    while rows.count < count && at < file.length() {
+        let mut cuts = vec![at];
+        while cuts.len() <= wave_blocks && at < file.length() {
+            at = next_line(file, at.saturating_add(block_bytes), file.length(), newline)?;
+            cuts.push(at);
+        }
+        let counts: Vec<u64> = cuts
+            .par_windows(2)
+            .map(|cut| Reader::new(file, cut[0], cut[1]).skip_lines(u64::MAX, newline))
+            .collect::<io::Result<_>>()?;
+        for (cut, &lines) in cuts.windows(2).zip(&counts) {
+            let wanted = lines.min(count - rows.count);
+            if wanted > 0 {
+                rows.blocks.push(Block { offset: cut[0], end: cut[1], first_row: rows.count, rows: wanted });
+                rows.count += wanted;
+            }
+        }
+    }
+    rows.end = file.length();
+    if let Some(last) = rows.blocks.last_mut() {
+        if rows.count == count {
+            // The last block may run on into what follows the vertices.
+            let mut reader = Reader::new(file, last.offset, last.end);
+            reader.skip_lines(last.rows, newline)?;
+            last.end = reader.position();
+            rows.end = last.end;
+        } else if Reader::short(file, file.length() - 1, file.length()).take(1)? != Some(&[newline]) {
+            // A last line that is cut off may end inside a number, and a wrong coordinate is worse than none.
+            last.rows -= 1;
+            rows.count -= 1;
+        }
+    }
+    rows.blocks.retain(|block| block.rows > 0);
+    Ok(rows)
+}
+
+/// Offset after the first line end at or after `offset`, no more than `end`.
+fn next_line(file: &PositionedFile, offset: u64, end: u64, newline: u8) -> io::Result<u64> {
+    if offset >= end {
+        return Ok(end);
+    }
+    let mut reader = Reader::short(file, offset, end);
+    loop {
+        match reader.take(1)? {
+            Some(&[byte]) if byte == newline => return Ok(reader.position()),
+            Some(_) => {}
+            None => return Ok(end),
+        }
+    }
+}
+
+/// Passes over whole elements. Gives the rows of the last of them, and what is wrong with the first that is not whole.
+pub fn skip_elements(reader: &mut Reader, header: &Header, elements: &[Element]) -> io::Result<(u64, Option<String>)> {
+    let mut found = 0;
+    for element in elements {
+        let mut problem = None;
+        found = match (header.encoding, element.stride()) {
+            _ if element.properties.is_empty() => element.count,
+            (Encoding::Ascii, _) => reader.skip_lines(element.count, header.newline)?,
+            (_, Some(stride)) => {
+                let there = element.count.min((reader.end() - reader.position()) / stride);
+                reader.skip(there * stride)?;
+                there
+            }
+            (encoding, None) => {
+                let (found, list_problem) = skip_list_rows(reader, encoding, element, element.count, 0)?;
+                problem = list_problem;
+                found
+            }
+        };
+        if found < element.count {
+            let name = &element.name;
+            let problem = problem.unwrap_or_else(|| format!("the file ends in {name} {found} of {}", element.count));
+            return Ok((found, Some(problem)));
+        }
+    }
+    Ok((found, None))
+}
+
+/// Passes over `count` binary rows that hold lists. Stops before the first that is not whole; why, if not at the end.
+fn skip_list_rows(
+    reader: &mut Reader,
+    encoding: Encoding,
+    element: &Element,
+    count: u64,
+    first_row: u64,
+) -> io::Result<(u64, Option<String>)> {
+    for row in 0..count {
+        for property in &element.properties {
+            let length = match property.kind {
+                Kind::Scalar(scalar) => scalar.size() as u64,
+                Kind::List { length, item } => {
+                    let Some(bytes) = reader.take(length.size())? else { return Ok((row, None)) };
+                    match list_length(bytes, length, encoding) {
+                        Ok(items) => items.saturating_mul(item.size() as u64),
+                        Err(items) => {
+                            let (name, row_number) = (&element.name, first_row + row);
+                            let problem = format!("{name} {row_number} has a list {} of length {items}", property.name);
+                            return Ok((row, Some(problem)));
+                        }
+                    }
+                }
+            };
+            if !reader.skip(length)? {
+                return Ok((row, None));
+            }
+        }
+    }
+    Ok((count, None))
+}
+
+/// Packed rows from places all over the file, some thousand of them: what a file means is decided from these.
+pub fn sample(file: &PositionedFile, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8>> {
+    let mut sample = Vec::new();
+    for block in sample_blocks(file, rows, packing.header, packing.is_strided.then_some(packing.stride as u64))? {
+        packing.read(file, block, |piece| sample.extend_from_slice(piece))?;
+    }
+    Ok(sample)
+}
+
+/// Places a sample is taken from, and rows at each.
+const SAMPLE_PLACES: u64 = 64;
+const SAMPLE_ROWS: u64 = 16;
+
+fn sample_blocks(file: &PositionedFile, rows: &Rows, header: &Header, stride: Option<u64>) -> io::Result<Vec<Block>> {
+    let Some(start) = rows.blocks.first().map(|block| block.offset) else { return Ok(Vec::new()) };
+    let mut sample = Vec::new();
+    for place in 0..SAMPLE_PLACES {
+        let spread = |length: u64| (u128::from(length) * u128::from(place) / u128::from(SAMPLE_PLACES)) as u64;
+        if let Some(stride) = stride {
+            let first_row = spread(rows.count);
+            let count = SAMPLE_ROWS.min(rows.count - first_row);
+            let offset = start + first_row * stride;
+            sample.push(Block { offset, end: offset + count * stride, first_row, rows: count });
+        } else if header.encoding == Encoding::Ascii {
+            // Any line end starts a row.
+            let offset = start + spread(rows.end - start);
+            let offset = if place == 0 { offset } else { next_line(file, offset, rows.end, header.newline)? };
+            let end = next_line(file, offset + 4096, rows.end, header.newline)?.min(rows.end);
+            sample.push(Block { offset, end, first_row: 0, rows: SAMPLE_ROWS });
+        } else if let Some(block) = rows.blocks.get(place as usize * rows.blocks.len().div_ceil(64)) {
+            // Only the start of a block is known to be one of a row.
+            sample.push(Block { rows: block.rows.min(64 * SAMPLE_ROWS), ..*block });
+        }
+    }
+    Ok(sample)
+}
+
+/// What is wrong with the first sampled line that has not as many numbers as the header says.
+pub fn check_lines(
+    file: &PositionedFile,
+    rows: &Rows,
+    header: &Header,
+    element: &Element,
+) -> io::Result<Option<String>> {
+    let name = &element.name;
+    for block in sample_blocks(file, rows, header, None)? {
+        let mut reader = Reader::new(file, block.offset, block.end);
+        let run = reader.lines(header.newline)?;
+        let Some(line) = run.split(|&byte| byte == header.newline).find(|line| !is_blank(line)) else { continue };
+        let mut tokens = line.split(|&byte| byte <= b' ').filter(|token| !token.is_empty());
+        for property in &element.properties {
+            let needed = match (tokens.next(), property.kind) {
+                (Some(_), Kind::Scalar(_)) => 0,
+                (Some(length), Kind::List { .. }) => number::parse_integer(length).0.unwrap_or(0).max(0),
+                (None, _) => 1,
+            };
+            if needed > 0 && (tokens.by_ref().take(line.len().min(needed as usize)).count() as i128) < needed {
+                return Ok(Some(format!("lines of {name} end before its property {}", property.name)));
+            }
+        }
+        if tokens.next().is_some() {
+            return Ok(Some(format!("lines of {name} have more numbers than the header declares properties")));
+        }
+    }
+    Ok(None)
+}
+
+/// A binary list's length, or the negative number it is instead.
+#[inline]
+pub fn list_length(bytes: &[u8], length: ColumnType, encoding: Encoding) -> Result<u64, i64> {
+    let value = integer(bytes, length, encoding);
+    u64::try_from(value).map_err(|_| value as i64)
+}
+
+/// A binary scalar of an integer type.
+#[inline]
+pub fn integer(bytes: &[u8], scalar: ColumnType, encoding: Encoding) -> i128 {
+    let mut raw = 0_u64;
+    for index in 0..bytes.len() {
+        let byte = if encoding == Encoding::BigEndian { bytes[index] } else { bytes[bytes.len() - 1 - index] };
+        raw = raw << 8 | u64::from(byte);
+    }
+    match scalar {
+        ColumnType::I8 => i128::from(raw as i8),
+        ColumnType::I16 => i128::from(raw as i16),
+        ColumnType::I32 => i128::from(raw as i32),
+        ColumnType::I64 => i128::from(raw as i64),
+        _ => i128::from(raw),
+    }
+}
+
+/// Longest list that a record shows whole.
+const RECORD_ITEMS: usize = 64;
+
+/// Every property of a vertex as text: the file's own in ascii, shortest exact decimals else. `None` if the row is gone.
+pub fn record(
+    file: &PositionedFile,
+    header: &Header,
+    element: &Element,
+    block: Block,
+    row: u64,
+) -> io::Result<Option<Vec<(String, String)>>> {
+    let mut reader = Reader::new(file, block.offset, block.end);
+    let before = row - block.first_row;
+    let mut record = Vec::new();
+    if header.encoding == Encoding::Ascii {
+        reader.skip_lines(before, header.newline)?;
+        let Some((line, _)) = reader.line(header.newline)? else { return Ok(None) };
+        let mut tokens = line.split(|&byte| byte <= b' ').filter(|token| !token.is_empty());
+        let text = |token: &[u8]| String::from_utf8_lossy(token).into_owned();
+        for property in &element.properties {
+            let first = tokens.next();
+            let value = match (first, property.kind) {
+                (None, _) => "missing".into(),
+                (Some(token), Kind::Scalar(_)) => text(token),
+                (Some(length), Kind::List { .. }) => {
+                    let items = number::parse_integer(length).0.unwrap_or(0).clamp(0, line.len() as i128) as usize;
+                    let shown: Vec<_> = tokens.by_ref().take(items).take(RECORD_ITEMS).map(text).collect();
+                    let rest = tokens.by_ref().take(items - shown.len().min(items)).count();
+                    list_text(&shown, shown.len() + rest)
+                }
+            };
+            record.push((property.name.clone(), value));
+        }
+        return Ok(Some(record));
+    }
+    match element.stride() {
+        Some(stride) => _ = reader.skip(before * stride)?,
+        None => _ = skip_list_rows(&mut reader, header.encoding, element, before, block.first_row)?,
+    }
+    for property in &element.properties {
+        let value = match property.kind {
+            Kind::Scalar(scalar) => {
+                let Some(bytes) = reader.take(scalar.size())? else { return Ok(None) };
+                scalar_text(bytes, scalar, header.encoding)
+            }
+            Kind::List { length, item } => {
+                let Some(bytes) = reader.take(length.size())? else { return Ok(None) };
+                let Ok(items) = list_length(bytes, length, header.encoding) else { return Ok(None) };
+                let mut shown = Vec::new();
+                for _ in 0..items.min(RECORD_ITEMS as u64) {
+                    let Some(bytes) = reader.take(item.size())? else { return Ok(None) };
+                    shown.push(scalar_text(bytes, item, header.encoding));
+                }
+                reader.skip((items - shown.len() as u64).saturating_mul(item.size() as u64))?;
+                list_text(&shown, items as usize)
+            }
+        };
+        record.push((property.name.clone(), value));
+    }
+    Ok(Some(record))
+}
+
+fn list_text(shown: &[String], items: usize) -> String {
+    let more = if items > shown.len() { format!(", ... {items} in all") } else { String::new() };
+    format!("[{}{more}]", shown.join(", "))
+}
+
+fn scalar_text(bytes: &[u8], scalar: ColumnType, encoding: Encoding) -> String {
+    let raw = integer(bytes, ColumnType::U64, encoding) as u64;
+    match scalar {
+        ColumnType::F32 => f32::from_bits(raw as u32).to_string(),
+        ColumnType::F64 => f64::from_bits(raw).to_string(),
+        _ => integer(bytes, scalar, encoding).to_string(),
+    }
+}
+
+/// How a row of the file becomes a packed row: the properties in file order, and which of them are kept.
+pub struct Packing<'a> {
+    pub header: &'a Header,
+    properties: &'a [Property],
+    keep: Vec<bool>,
+    /// Bytes of a packed row.
+    pub stride: usize,
+    /// Where a property is in the packed row; none for a list or one that is not kept.
+    pub offsets: Vec<Option<usize>>,
+    /// Text is packed little-endian; binary rows stay as they are.
+    pub big_endian: bool,
+    is_strided: bool,
+}
+
+impl<'a> Packing<'a> {
+    /// `keep`: one per property. Rows that are packed already keep everything.
+    pub fn new(header: &'a Header, element: &'a Element, mut keep: Vec<bool>) -> Self {
+        let is_strided = header.encoding != Encoding::Ascii && element.stride().is_some();
+        let mut stride = 0;
+        let offsets = std::iter::zip(&element.properties, &mut keep)
+            .map(|(property, keep)| match property.kind {
+                Kind::Scalar(scalar) if *keep || is_strided => {
+                    *keep = true;
+                    stride += scalar.size();
+                    Some(stride - scalar.size())
+                }
+                _ => {
+                    *keep = false;
+                    None
+                }
+            })
+            .collect();
+        // What follows the last property that is kept is passed over with its line; binary rows are walked to the end.
+        let used = match header.encoding {
+            Encoding::Ascii => keep.iter().rposition(|&keep| keep).map_or(0, |last| last + 1),
+            _ => keep.len(),
+        };
+        let big_endian = header.encoding == Encoding::BigEndian;
+        let properties = &element.properties[..used];
+        Self { header, properties, keep, stride, offsets, big_endian, is_strided }
+    }
+
+    /// Reads `block` and gives its packed rows in pieces. Gives back how many rows were read and how many of them were
+    /// damaged: text with a number missing or not a number, which becomes NaN, or 0 for an integer.
+    pub fn read(&self, file: &PositionedFile, block: Block, mut give: impl FnMut(&[u8])) -> io::Result<(u64, u64)> {
+        let mut reader = Reader::new(file, block.offset, block.end);
+        let (mut rows, mut damaged) = (0, 0);
+        let mut packed = Vec::new();
+        while rows < block.rows && self.stride > 0 {
+            if self.is_strided {
+                let piece = reader.rows(self.stride)?;
+                if piece.is_empty() {
+                    break;
+                }
+                rows += (piece.len() / self.stride) as u64;
+                give(piece);
+                continue;
+            }
+            packed.clear();
+            if self.header.encoding == Encoding::Ascii {
+                let newline = self.header.newline;
+                let run = reader.lines(newline)?;
+                if run.is_empty() {
+                    break;
+                }
+                let mut rest = run;
+                while rows < block.rows
+                    && let Some((whole, used)) = self.pack_line(rest, newline, &mut packed)
+                {
+                    rows += 1;
+                    damaged += u64::from(!whole);
+                    rest = &rest[used..];
+                }
+            } else {
+                while rows < block.rows && packed.len() < PIECE_BYTES {
+                    if !self.pack_list_row(&mut reader, &mut packed)? {
+                        break;
+                    }
+                    rows += 1;
+                }
+                if packed.is_empty() {
+                    break;
+                }
+            }
+            give(&packed);
+        }
+        Ok((rows, damaged))
+    }
+
+    /// Appends the packed row of the first line of `text` that is not blank. Gives back whether all its numbers were
+    /// there, and the bytes used, or `None` at the end of the text.
+    #[inline]
+    pub fn pack_line(&self, text: &[u8], newline: u8, packed: &mut Vec<u8>) -> Option<(bool, usize)> {
+        let mut at = 0;
+        while *text.get(at)? <= b' ' {
+            at += 1;
+        }
+        let mut whole = true;
+        for (property, &keep) in std::iter::zip(self.properties, &self.keep) {
+            match property.kind {
+                Kind::Scalar(scalar) if keep => {
+                    at = next_token(text, at, newline);
+                    // A number ends at white space; at a line end there is an empty token, which is no number.
+                    let (length, valid) = pack_number(&text[at..], scalar, packed);
+                    at += length;
+                    whole &= valid;
+                }
+                Kind::Scalar(_) => {
+                    at = next_token(text, at, newline);
+                    at += number::token_length(&text[at..]);
+                }
+                Kind::List { .. } => {
+                    at = next_token(text, at, newline);
+                    let (items, length) = number::parse_integer(&text[at..]);
+                    at += length;
+                    for _ in 0..items.unwrap_or(0) {
+                        at = next_token(text, at, newline);
+                        let length = number::token_length(&text[at..]);
+                        if length == 0 {
+                            whole = false;
+                            break;
+                        }
+                        at += length;
+                    }
+                }
+            }
+        }
+        // On to the next line.
+        let end = text[at..].iter().position(|&byte| byte == newline);
+        Some((whole, end.map_or(text.len(), |end| at + end + 1)))
+    }
+
+    /// Appends the packed row of the next binary row with lists; false if it is not whole.
+    fn pack_list_row(&self, reader: &mut Reader, packed: &mut Vec<u8>) -> io::Result<bool> {
+        let start = packed.len();
+        for (property, &keep) in std::iter::zip(self.properties, &self.keep) {
+            let whole = match property.kind {
+                Kind::Scalar(scalar) if keep => {
+                    reader.take(scalar.size())?.map(|bytes| packed.extend_from_slice(bytes)).is_some()
+                }
+                Kind::Scalar(scalar) => reader.skip(scalar.size() as u64)?,
+                Kind::List { length, item } => {
+                    let encoding = self.header.encoding;
+                    let items = reader.take(length.size())?.and_then(|bytes| list_length(bytes, length, encoding).ok());
+                    match items {
+                        Some(items) => reader.skip(items.saturating_mul(item.size() as u64))?,
+                        None => false,
+                    }
+                }
+            };
+            if !whole {
+                packed.truncate(start);
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Where the next token of the line starts, or the line ends.
+#[inline]
+pub fn next_token(text: &[u8], mut at: usize, newline: u8) -> usize {
+    while let Some(&byte) = text.get(at)
+        && byte <= b' '
+        && byte != newline
+    {
+        at += 1;
+    }
+    at
+}
+
+/// Appends the number at the start of `text` in its declared type, little-endian; its length, and whether it was one.
+/// An integer beyond its type becomes the nearest it has.
+#[inline]
+fn pack_number(text: &[u8], scalar: ColumnType, packed: &mut Vec<u8>) -> (usize, bool) {
+    macro_rules! pack_integer {
+        ($integer:ty) => {{
+            let (value, length) = number::parse_integer(text);
+            let (least, most) = (i128::from(<$integer>::MIN), i128::from(<$integer>::MAX));
+            packed.extend_from_slice(&(value.unwrap_or(0).clamp(least, most) as $integer).to_le_bytes());
+            (length, value.is_some())
+        }};
+    }
+    match scalar {
+        ColumnType::F32 => {
+            let (value, length) = number::parse_f32(text);
+            packed.extend_from_slice(&value.unwrap_or(f32::NAN).to_le_bytes());
+            (length, value.is_some())
+        }
+        ColumnType::F64 => {
+            let (value, length) = number::parse_f64(text);
+            packed.extend_from_slice(&value.unwrap_or(f64::NAN).to_le_bytes());
+            (length, value.is_some())
+        }
+        ColumnType::U8 => pack_integer!(u8),
+        ColumnType::I8 => pack_integer!(i8),
+        ColumnType::U16 => pack_integer!(u16),
+        ColumnType::I16 => pack_integer!(i16),
+        ColumnType::U32 => pack_integer!(u32),
+        ColumnType::I32 => pack_integer!(i32),
+        ColumnType::U64 => pack_integer!(u64),
+        ColumnType::I64 => pack_integer!(i64),
+    }
+}
