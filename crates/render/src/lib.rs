@@ -1,1 +1,19 @@
+//! Points to pictures on the GPU: splatting into a camera G-buffer, shading, tone mapping; pass times, read-back, picking.
+//!
+//! Everything here is synchronous and may be called from any thread: `Renderer::render` returns when the GPU is done. The
+//! window calls it from a thread of its own, so that the window never waits; the command line just calls it.
 
+mod coloring;
+mod frame;
+mod gpu;
+mod image;
+mod passes;
+mod renderer;
+mod shader;
+mod store;
+
+pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};
+pub use gpu::{AdapterReport, Clock, Error, Gpu, Result, adapters, kind_name};
+pub use image::{Aov, AovImage};
+pub use renderer::{FrameStats, PassTime, Picked, Renderer};
+pub use store::{ChunkId, CloudId, Material, PointStore};

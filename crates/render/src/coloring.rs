@@ -1,0 +1,340 @@
+//! What the `color.*` parameters mean for a cloud: where the colour comes from, over which range of values, and the ramps.
+
+use cloud::{Cloud, Scalar, histogram, percentile_range};
+use glam::DVec3;
+use param::Choice as _;
+use scene::{Color, ColorBy, Ramp};
+
+/// Where a point's colour comes from. The discriminants are the `COLOR_*` of shaders/shared/color.wgsl.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ColorSource {
+    Plain,
+    Rgb,
+    Normal,
+    Class,
+    /// Coordinate along the axis that points up.
+    Height,
+    /// Index into `Cloud::attributes`.
+    Column(usize),
+}
+
+impl ColorSource {
+    pub(crate) fn code(self) -> u32 {
+        match self {
+            Self::Plain => 0,
+            Self::Rgb => 1,
+            Self::Normal => 2,
+            Self::Class => 3,
+            Self::Height => 4,
+            Self::Column(_) => 5,
+        }
+    }
+}
+
+/// How one cloud is coloured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColorPlan {
+    pub source: ColorSource,
+    /// What is shown, for people: `RGB`, `height`, `intensity`, an attribute's name.
+    pub label: String,
+    pub ramp: Ramp,
+    /// sRGB colour of points without another.
+    pub plain: [u8; 4],
+    /// Values at the ramp's ends (heights: world coordinate along the up axis).
+    pub low: f64,
+    pub high: f64,
+    /// All values but the most extreme thousandth at each end: what a histogram should span.
+    pub full_range: (f64, f64),
+}
+
+/// The attribute that a fixed colour mode shows.
+fn attribute_of(by: ColorBy) -> Option<&'static str> {
+    match by {
+        ColorBy::Intensity => Some("intensity"),
+        ColorBy::Class => Some("classification"),
+        ColorBy::ReturnNumber => Some("return_number"),
+        ColorBy::GpsTime => Some("gps_time"),
+        _ => None,
+    }
+}
+
+impl ColorPlan {
+    /// Resolves `auto`, and falls back to it, with a warning, where a cloud lacks what is asked for. `up` decides which axis
+    /// heights are measured along.
+    pub fn new(cloud: &Cloud, color: &Color, up: DVec3) -> (Self, Option<String>) {
+        let index_of = |name: &str| cloud.attributes.iter().position(|attribute| attribute.name == name);
+        let has_colors = cloud.chunks.iter().any(|chunk| chunk.colors.is_some());
+        let mut warning = None;
+        let mut lacks = |what: String| {
+            warning = Some(format!("{}: no {what}; colouring is automatic", cloud.name));
+            None
+        };
+        let wanted = match color.by {
+            ColorBy::Auto => None,
+            ColorBy::Plain => Some(ColorSource::Plain),
+            ColorBy::Normal => Some(ColorSource::Normal),
+            ColorBy::Height => Some(ColorSource::Height),
+            ColorBy::Rgb if has_colors => Some(ColorSource::Rgb),
+            ColorBy::Rgb => lacks("RGB colours".into()),
+            ColorBy::Class => {
+                index_of("classification").map_or_else(|| lacks("classification".into()), |_| Some(ColorSource::Class))
+            }
+            ColorBy::Attribute => index_of(&color.attribute).map_or_else(
+                || lacks(format!("attribute `{}`", color.attribute)),
+                |index| Some(ColorSource::Column(index)),
+            ),
+            by => {
+                let name = attribute_of(by).unwrap_or_default();
+                index_of(name).map_or_else(|| lacks(name.into()), |index| Some(ColorSource::Column(index)))
+            }
+        };
+        let source = wanted.unwrap_or_else(|| automatic(cloud, has_colors, index_of("intensity")));
+        let range =
+            |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
+        let (low, high) = range(f64::from(color.low), f64::from(color.high)).unwrap_or((0.0, 1.0));
+        let full_range = range(0.001, 0.999).unwrap_or((0.0, 1.0));
+        let label = match source {
+            ColorSource::Plain => "plain".into(),
+            ColorSource::Rgb => "RGB".into(),
+            ColorSource::Normal => "normal".into(),
+            ColorSource::Class => "class".into(),
+            ColorSource::Height => "height".into(),
+            ColorSource::Column(index) => cloud.attributes[index].name.clone(),
+        };
+        (Self { source, label, ramp: color.ramp, plain: color.plain.bytes(), low, high, full_range }, warning)
+    }
+
+    /// The column that must be read before the plan can be shown, if any chunk lacks it.
+    pub fn missing_column(&self, cloud: &Cloud) -> Option<usize> {
+        let index = match self.source {
+            ColorSource::Column(index) => index,
+            ColorSource::Class => cloud.attributes.iter().position(|attribute| attribute.name == "classification")?,
+            _ => return None,
+        };
+        let lacking = cloud.chunks.iter().any(|chunk| chunk.columns.get(index).is_none_or(Option::is_none));
+        lacking.then_some(index)
+    }
+
+    /// How many points fall into each of `bins` equal parts of `full_range`; empty for colours that are no ramp.
+    pub fn histogram(&self, cloud: &Cloud, up: DVec3, bins: usize) -> Vec<u32> {
+        scalar_of(self.source, up).map_or(Vec::new(), |scalar| histogram(&cloud.chunks, scalar, self.full_range, bins))
+    }
+}
+
+/// RGB where there is any, else intensity that varies, else height.
+fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>) -> ColorSource {
+    if has_colors {
+        return ColorSource::Rgb;
+    }
+    let varies = |index: &usize| {
+        percentile_range(&cloud.chunks, Scalar::Column(*index), 0.01, 0.99).is_some_and(|(low, high)| high > low)
+    };
+    intensity.filter(varies).map_or(ColorSource::Height, ColorSource::Column)
+}
+
+pub(crate) fn up_axis(up: DVec3) -> usize {
+    up.abs().max_position()
+}
+
+fn scalar_of(source: ColorSource, up: DVec3) -> Option<Scalar> {
+    match source {
+        ColorSource::Height => Some(Scalar::Axis(up_axis(up))),
+        ColorSource::Column(index) => Some(Scalar::Column(index)),
+        _ => None,
+    }
+}
+
+/// Control points of the ramps, evenly spaced, sRGB: nine samples of the published tables (turbo: Mikhailov 2019; viridis
+/// and magma: van der Walt and Smith 2015; spectral: ColorBrewer), linear in between.
+fn control_points(ramp: Ramp) -> &'static [[u8; 3]] {
+    match ramp {
+        Ramp::Turbo => &[
+            [48, 18, 59],
+            [70, 107, 227],
+            [40, 187, 236],
+            [49, 242, 153],
+            [162, 252, 60],
+            [237, 208, 58],
+            [251, 128, 34],
+            [210, 49, 5],
+            [122, 4, 3],
+        ],
+        Ramp::Viridis => &[
+            [68, 1, 84],
+            [71, 44, 122],
+            [59, 81, 139],
+            [44, 113, 142],
+            [33, 144, 141],
+            [39, 173, 129],
+            [92, 200, 99],
+            [170, 220, 50],
+            [253, 231, 37],
+        ],
+        Ramp::Magma => &[
+            [0, 0, 4],
+            [28, 16, 68],
+            [79, 18, 123],
+            [129, 37, 129],
+            [181, 54, 122],
+            [229, 80, 100],
+            [251, 135, 97],
+            [254, 194, 135],
+            [252, 253, 191],
+        ],
+        Ramp::Gray => &[[0, 0, 0], [255, 255, 255]],
+        Ramp::Spectral => &[
+            [94, 79, 162],
+            [50, 136, 189],
+            [102, 194, 165],
+            [171, 221, 164],
+            [230, 245, 152],
+            [254, 224, 139],
+            [253, 174, 97],
+            [244, 109, 67],
+            [213, 62, 79],
+        ],
+    }
+}
+
+/// The 256 colours of a ramp, sRGB, low to high.
+pub fn ramp_colors(ramp: Ramp) -> [[u8; 4]; 256] {
+    let points = control_points(ramp);
+    std::array::from_fn(|i| {
+        let at = i as f32 / 255.0 * (points.len() - 1) as f32;
+        let segment = (at as usize).min(points.len() - 2);
+        let mix = |channel: usize| {
+            let (from, to) = (f32::from(points[segment][channel]), f32::from(points[segment + 1][channel]));
+            (from + (to - from) * (at - segment as f32)).round() as u8
+        };
+        [mix(0), mix(1), mix(2), 255]
+    })
+}
+
+/// Names of the ASPRS classes (LAS 1.4 R15, table 17); empty for reserved and user-defined codes.
+pub fn class_name(class: u8) -> &'static str {
+    match class {
+        0 => "never classified",
+        1 => "unclassified",
+        2 => "ground",
+        3 => "low vegetation",
+        4 => "medium vegetation",
+        5 => "high vegetation",
+        6 => "building",
+        7 => "low point (noise)",
+        8 => "model key-point",
+        9 => "water",
+        10 => "rail",
+        11 => "road surface",
+        12 => "overlap",
+        13 => "wire guard (shield)",
+        14 => "wire conductor (phase)",
+        15 => "transmission tower",
+        16 => "wire-structure connector",
+        17 => "bridge deck",
+        18 => "high noise",
+        19 => "overhead structure",
+        20 => "ignored ground",
+        21 => "snow",
+        22 => "temporal exclusion",
+        _ => "",
+    }
+}
+
+/// sRGB colour of a class: customary ones for the ASPRS classes, hues spread by the golden ratio for the others.
+pub fn class_color(class: u8) -> [u8; 4] {
+    let [red, green, blue] = match class {
+        0 | 1 => [170, 170, 170],
+        2 => [161, 122, 75],
+        3 => [140, 200, 90],
+        4 => [80, 165, 60],
+        5 => [30, 115, 40],
+        6 => [226, 98, 72],
+        7 | 18 => [255, 60, 200],
+        8 => [240, 220, 80],
+        9 => [60, 130, 220],
+        10 => [120, 90, 140],
+        11 => [95, 95, 105],
+        12 => [240, 240, 240],
+        13 => [255, 225, 120],
+        14 => [255, 190, 40],
+        15 => [190, 160, 220],
+        16 => [220, 130, 240],
+        17 => [120, 190, 200],
+        21 => [225, 240, 255],
+        _ => {
+            let hue = (f32::from(class) * 0.618_034).fract() * 6.0;
+            let channel = |shift: f32| {
+                let distance = (hue + shift).rem_euclid(6.0);
+                let rise = (distance - 3.0).abs() - 1.0;
+                (90.0 + 150.0 * rise.clamp(0.0, 1.0)) as u8
+            };
+            [channel(0.0), channel(4.0), channel(2.0)]
+        }
+    };
+    [red, green, blue, 255]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Attribute, Chunk, Column, ColumnType};
+
+    use super::*;
+
+    fn cloud(intensity: Vec<u16>) -> Cloud {
+        let positions = (0..intensity.len()).map(|i| [i as f32, 0.0, (i * i) as f32]).collect();
+        let mut chunk = Chunk::new(0, DVec3::new(0.0, 0.0, 100.0), positions);
+        chunk.columns = vec![Some(Arc::new(Column::U16(intensity))), None];
+        let attribute = |name: &str, column_type| Attribute { name: name.into(), column_type };
+        Cloud {
+            name: "test".into(),
+            attributes: vec![attribute("intensity", ColumnType::U16), attribute("gps_time", ColumnType::F64)],
+            grid: None,
+            chunks: vec![chunk],
+        }
+    }
+
+    #[test]
+    fn auto_takes_intensity_only_if_it_varies() {
+        let color = Color::default();
+        let (plan, warning) = ColorPlan::new(&cloud((0..1000).collect()), &color, DVec3::Z);
+        assert_eq!((plan.source, warning), (ColorSource::Column(0), None));
+        let (plan, _) = ColorPlan::new(&cloud(vec![0; 1000]), &color, DVec3::Z);
+        assert_eq!(plan.source, ColorSource::Height);
+    }
+
+    #[test]
+    fn heights_are_world_coordinates_along_the_up_axis() {
+        let color = Color { by: ColorBy::Height, low: 0.0, high: 1.0, ..Color::default() };
+        let (plan, _) = ColorPlan::new(&cloud(vec![1; 100]), &color, DVec3::Z);
+        assert_eq!((plan.low, plan.high), (100.0, 100.0 + 99.0 * 99.0));
+        assert_eq!(plan.histogram(&cloud(vec![1; 100]), DVec3::Z, 10).iter().sum::<u32>(), 100);
+    }
+
+    #[test]
+    fn what_a_cloud_lacks_is_said_and_replaced() {
+        let color = Color { by: ColorBy::Attribute, attribute: "treeID".into(), ..Color::default() };
+        let (plan, warning) = ColorPlan::new(&cloud(vec![1; 100]), &color, DVec3::Z);
+        assert_eq!(plan.source, ColorSource::Height);
+        assert_eq!(warning.unwrap(), "test: no attribute `treeID`; colouring is automatic");
+    }
+
+    #[test]
+    fn columns_that_are_not_read_yet_are_asked_for() {
+        let color = Color { by: ColorBy::GpsTime, ..Color::default() };
+        let cloud = cloud(vec![1; 100]);
+        let (plan, _) = ColorPlan::new(&cloud, &color, DVec3::Z);
+        assert_eq!(plan.missing_column(&cloud), Some(1));
+    }
+
+    #[test]
+    fn ramps_begin_and_end_with_their_control_points() {
+        for index in 0..Ramp::NAMES.len() as u32 {
+            let ramp = Ramp::from_index(index).unwrap();
+            let (colors, points) = (ramp_colors(ramp), control_points(ramp));
+            assert_eq!(colors[0][..3], points[0]);
+            assert_eq!(colors[255][..3], points[points.len() - 1]);
+        }
+    }
+}

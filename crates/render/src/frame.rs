@@ -1,0 +1,194 @@
+//! What the shaders are told of the camera and of the chunks: the Rust side of the structs in shaders/shared.
+
+use glam::{DMat3, DVec3, Vec4};
+use scene::{Camera, Projection, ViewSettings};
+
+#[cfg(test)]
+use std::mem::{offset_of, size_of};
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Frame {
+    pub right: Vec4,
+    pub up: Vec4,
+    pub forward: Vec4,
+    pub focal_pixels: f32,
+    pub orthographic: u32,
+    pub width: u32,
+    pub height: u32,
+    pub near: f32,
+    pub unused: [f32; 3],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Item {
+    pub origin_radius: Vec4,
+    pub low: f32,
+    pub inverse_range: f32,
+    pub color_source: u32,
+    pub plain: u32,
+    pub specular_intensity: f32,
+    pub specular_power: f32,
+    pub class_mask: u32,
+    pub height: f32,
+    pub height_axis: Vec4,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Block {
+    pub item: u32,
+    pub first: u32,
+    pub count: u32,
+    pub unused: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Page {
+    pub first_identity: u32,
+    pub block_count: u32,
+    pub point_count: u32,
+    pub is_first: u32,
+}
+
+/// The camera of one frame, in full precision on the CPU side.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameCamera {
+    pub eye: DVec3,
+    pub view_from_world: DMat3,
+    pub focal_pixels: f64,
+    pub orthographic: bool,
+    pub size: [u32; 2],
+    pub near: f64,
+}
+
+impl FrameCamera {
+    /// `scene_radius`: of what is drawn, world units. A parallel projection has no eye that things could be behind of, so its
+    /// eye is moved back until all of the scene is before it.
+    pub fn new(camera: &Camera, view: &ViewSettings, size: [u32; 2], scene_center: DVec3, scene_radius: f64) -> Self {
+        let orthographic = view.projection == Projection::Orthographic;
+        let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
+        let half_height = f64::from(size[1]) * 0.5;
+        let distance = camera.distance().max(1e-12);
+        let mut eye = camera.eye;
+        let focal_pixels = if orthographic { half_height / (tangent * distance) } else { half_height / tangent };
+        let near = if orthographic {
+            let forward = camera.forward();
+            let front = (scene_center - eye).dot(forward) - scene_radius * 1.01;
+            eye += forward * front.min(0.0);
+            0.0
+        } else {
+            // A ten-thousandth of the distance looked at: close enough for flying through walls, and f32 depth keeps its
+            // relative precision whatever it is.
+            distance * 1e-4
+        };
+        Self { eye, view_from_world: camera.view_from_world(), focal_pixels, orthographic, size, near }
+    }
+
+    pub fn to_gpu(self) -> Frame {
+        let row = |index: usize| self.view_from_world.row(index).as_vec3().extend(0.0);
+        Frame {
+            right: row(0),
+            up: row(1),
+            forward: row(2),
+            focal_pixels: self.focal_pixels as f32,
+            orthographic: u32::from(self.orthographic),
+            width: self.size[0],
+            height: self.size[1],
+            near: self.near as f32,
+            unused: [0.0; 3],
+        }
+    }
+
+    /// World position seen at a pixel coordinate (centres at halves) at a linear depth.
+    pub fn world_from_pixel(&self, x: f64, y: f64, depth: f64) -> DVec3 {
+        let scale = if self.orthographic { 1.0 } else { depth } / self.focal_pixels;
+        let view =
+            DVec3::new((x - f64::from(self.size[0]) * 0.5) * scale, (f64::from(self.size[1]) * 0.5 - y) * scale, depth);
+        self.eye + self.view_from_world.transpose() * view
+    }
+
+    /// Whether a sphere may be in the picture.
+    pub fn sees(&self, center: DVec3, radius: f64) -> bool {
+        let view = self.view_from_world * (center - self.eye);
+        if view.z < self.near - radius {
+            return false;
+        }
+        let half = [f64::from(self.size[0]) * 0.5, f64::from(self.size[1]) * 0.5].map(|half| half / self.focal_pixels);
+        [(view.x, half[0]), (view.y, half[1])].into_iter().all(|(offset, half)| {
+            if self.orthographic {
+                offset.abs() <= half + radius
+            } else {
+                // Distance to the side plane through the eye.
+                (offset.abs() - half * view.z) / (1.0 + half * half).sqrt() <= radius
+            }
+        })
+    }
+}
+
+/// Name, size and field offsets of each struct shared with the shaders, padding left out.
+#[cfg(test)]
+pub fn layouts() -> Vec<(&'static str, usize, Vec<(&'static str, usize)>)> {
+    macro_rules! layout {
+        ($Struct:ident: $($field:ident),*) => {
+            (stringify!($Struct), size_of::<$Struct>(), vec![$((stringify!($field), offset_of!($Struct, $field))),*])
+        };
+    }
+    vec![
+        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near),
+        layout!(Item: origin_radius, low, inverse_range, color_source, plain, specular_intensity, specular_power, class_mask, height, height_axis),
+        layout!(Block: item, first, count, unused),
+        layout!(Page: first_identity, block_count, point_count, is_first),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(projection: Projection) -> FrameCamera {
+        let camera = Camera::looking(DVec3::new(10.0, 0.0, 0.0), -DVec3::X, 10.0, DVec3::Z);
+        let view = ViewSettings { projection, ..ViewSettings::default() };
+        FrameCamera::new(&camera, &view, [400, 300], DVec3::new(10.0, 0.0, 0.0), 5.0)
+    }
+
+    #[test]
+    fn pixels_unproject_onto_points_that_project_onto_them() {
+        for projection in [Projection::Perspective, Projection::Orthographic] {
+            let camera = camera(projection);
+            let world = camera.world_from_pixel(123.5, 45.5, 7.0);
+            let view = camera.view_from_world * (world - camera.eye);
+            let scale = if camera.orthographic { camera.focal_pixels } else { camera.focal_pixels / view.z };
+            assert!((view.z - 7.0).abs() < 1e-9);
+            assert!((200.0 + view.x * scale - 123.5).abs() < 1e-9 && (150.0 - view.y * scale - 45.5).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn culling_never_drops_a_sphere_that_touches_the_picture() {
+        for projection in [Projection::Perspective, Projection::Orthographic] {
+            let camera = camera(projection);
+            for i in 0..4000 {
+                let spread = |k: u32| f64::from((i * 7919 + k * 104_729) % 1000) / 500.0 - 1.0;
+                let center = DVec3::new(10.0 + spread(1) * 5.0, spread(2) * 9.0, spread(3) * 9.0);
+                let view = camera.view_from_world * (center - camera.eye);
+                let scale = if camera.orthographic { camera.focal_pixels } else { camera.focal_pixels / view.z };
+                let inside = view.z > camera.near && (view.x * scale).abs() < 200.0 && (view.y * scale).abs() < 150.0;
+                assert!(!inside || camera.sees(center, 0.0), "{center}");
+            }
+            assert!(!camera.sees(DVec3::new(10.0, 500.0, 0.0), 1.0));
+            assert!(camera.sees(DVec3::new(10.0, 500.0, 0.0), 499.0));
+        }
+    }
+
+    #[test]
+    fn a_parallel_projection_has_all_of_the_scene_before_its_eye() {
+        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 0.1, DVec3::Z);
+        let view = ViewSettings { projection: Projection::Orthographic, ..ViewSettings::default() };
+        let frame = FrameCamera::new(&camera, &view, [100, 100], DVec3::ZERO, 50.0);
+        let nearest = (frame.view_from_world * (DVec3::X * 50.0 - frame.eye)).z;
+        assert!(nearest > 0.0, "{nearest}");
+    }
+}

@@ -1,0 +1,252 @@
+//! Adapters and devices: what there is, what is chosen and why.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+pub type Result<T> = std::result::Result<T, Error>;
+
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    #[error(
+        "no graphics adapter{wanted}; install a Vulkan driver (Debian, Ubuntu: mesa-vulkan-drivers also runs without a GPU), `glint doctor` tells what is found"
+    )]
+    NoAdapter { wanted: String },
+    #[error("{adapter}: {problem}")]
+    Device { adapter: String, problem: String },
+    #[error("{0}")]
+    Shader(String),
+    #[error("the graphics device was lost or failed: {0}")]
+    Lost(String),
+    #[error("{what} needs {bytes} bytes, more than the {limit} that {adapter} allows{advice}")]
+    TooLarge { what: &'static str, bytes: u64, limit: u64, adapter: String, advice: &'static str },
+}
+
+/// Where pass times come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// Timestamps written by the GPU.
+    Gpu,
+    /// The host's clock around a submit that is waited for: adapters without timestamps, and CPU adapters, where compute
+    /// timestamps are wrong (lavapipe 22.3.6 gives 0.05 ms for a dispatch of 450 ms).
+    Host,
+}
+
+impl Clock {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gpu => "gpu",
+            Self::Host => "host",
+        }
+    }
+}
+
+/// An opened device.
+pub struct Gpu {
+    pub adapter: wgpu::Adapter,
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub info: wgpu::AdapterInfo,
+    pub clock: Clock,
+    /// 64-bit atomic maximum in storage buffers.
+    pub atomics64: bool,
+}
+
+/// How long a frame may take before the device is given up for lost: software Vulkan compiles shaders for seconds at the first
+/// dispatch, and slower still on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// Backends glint runs on: storage buffers in numbers and 64-bit atomics rule GL out.
+const BACKENDS: wgpu::Backends = wgpu::Backends::PRIMARY;
+
+impl Gpu {
+    /// An adapter without a window. `wanted`: part of an adapter's name, or `cpu`; `None` takes the fastest.
+    ///
+    /// # Errors
+    /// No such adapter, or it gives no device.
+    pub fn headless(wanted: Option<&str>) -> Result<Arc<Self>> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = BACKENDS;
+        let instance = wgpu::Instance::new(descriptor);
+        Self::open(best(&instance, None, wanted)?)
+    }
+
+    /// An adapter that can present to `surface`.
+    ///
+    /// # Errors
+    /// As `headless`.
+    pub fn for_surface(
+        instance: &wgpu::Instance,
+        surface: &wgpu::Surface<'_>,
+        wanted: Option<&str>,
+    ) -> Result<Arc<Self>> {
+        Self::open(best(instance, Some(surface), wanted)?)
+    }
+
+    fn open(adapter: wgpu::Adapter) -> Result<Arc<Self>> {
+        let info = adapter.get_info();
+        let timestamps = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        let int64 = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
+        let atomics64 = adapter.features().contains(int64);
+        let int64 = if atomics64 { int64 } else { wgpu::Features::empty() };
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("glint"),
+            required_features: timestamps | int64,
+            required_limits: adapter.limits(),
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request)
+            .map_err(|error| Error::Device { adapter: info.name.clone(), problem: error.to_string() })?;
+        let clock =
+            if timestamps.is_empty() || info.device_type == wgpu::DeviceType::Cpu { Clock::Host } else { Clock::Gpu };
+        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64 }))
+    }
+
+    /// Waits until everything submitted is done.
+    ///
+    /// # Errors
+    /// The device was lost, or took longer than five minutes.
+    pub fn wait(&self) -> Result<()> {
+        let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
+        self.device.poll(poll).map(|_| ()).map_err(|error| Error::Lost(error.to_string()))
+    }
+
+    /// Copies a buffer that was created with `COPY_SRC` to the CPU.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn read_buffer(&self, buffer: &wgpu::Buffer, offset: u64, size: u64) -> Result<Vec<u8>> {
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("read-back"),
+            size,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, offset, &staging, 0, size);
+        self.queue.submit([encoder.finish()]);
+        self.read_mapped(&staging)
+    }
+
+    /// Copies a texture to the CPU: rows top to bottom, without padding.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn read_texture(&self, texture: &wgpu::Texture) -> Result<Vec<u8>> {
+        let bytes_per_pixel = texture.format().block_copy_size(None).unwrap_or(4);
+        let row = texture.width() * bytes_per_pixel;
+        let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("read-back"),
+            size: u64::from(padded) * u64::from(texture.height()),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded), rows_per_image: None };
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo { buffer: &staging, layout },
+            texture.size(),
+        );
+        self.queue.submit([encoder.finish()]);
+        let bytes = self.read_mapped(&staging)?;
+        Ok(bytes.chunks_exact(padded as usize).flat_map(|line| &line[..row as usize]).copied().collect())
+    }
+
+    fn read_mapped(&self, staging: &wgpu::Buffer) -> Result<Vec<u8>> {
+        staging.map_async(wgpu::MapMode::Read, .., |_| ());
+        self.wait()?;
+        let view = staging.get_mapped_range(..).map_err(|error| Error::Lost(error.to_string()))?;
+        Ok(view.to_vec())
+    }
+}
+
+/// What one adapter is and can do.
+#[derive(Clone, Debug)]
+pub struct AdapterReport {
+    pub name: String,
+    pub backend: String,
+    pub kind: String,
+    pub driver: String,
+    pub atomics64: bool,
+    pub timestamps: bool,
+    pub max_binding_bytes: u64,
+    pub max_buffer_bytes: u64,
+    pub max_texture_size: u32,
+    pub chosen: bool,
+    /// Why it is chosen, or why not.
+    pub why: String,
+}
+
+/// Every adapter, and which one `wanted` selects.
+pub fn adapters(wanted: Option<&str>) -> Vec<AdapterReport> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = BACKENDS;
+    let all = pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(BACKENDS));
+    let chosen = choose(&all.iter().map(|adapter| adapter.get_info()).collect::<Vec<_>>(), wanted);
+    let report = |(index, adapter): (usize, &wgpu::Adapter)| {
+        let info = adapter.get_info();
+        let limits = adapter.limits();
+        let features = adapter.features();
+        let is_chosen = chosen == Some(index);
+        let why = match (is_chosen, wanted) {
+            (true, Some(wanted)) => format!("fits `{wanted}`"),
+            (true, None) => "the fastest kind there is".into(),
+            (false, Some(wanted)) if !fits(&info, wanted) => format!("does not fit `{wanted}`"),
+            (false, _) => "another is faster, or listed first".into(),
+        };
+        AdapterReport {
+            name: info.name.clone(),
+            backend: info.backend.to_string(),
+            kind: kind_name(info.device_type).into(),
+            driver: format!("{} {}", info.driver, info.driver_info).trim().into(),
+            atomics64: features.contains(wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX),
+            timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
+            max_binding_bytes: limits.max_storage_buffer_binding_size,
+            max_buffer_bytes: limits.max_buffer_size,
+            max_texture_size: limits.max_texture_dimension_2d,
+            chosen: is_chosen,
+            why,
+        }
+    };
+    all.iter().enumerate().map(report).collect()
+}
+
+/// `discrete gpu`, `integrated gpu`, `virtual gpu`, `cpu` or `other`.
+pub fn kind_name(kind: wgpu::DeviceType) -> &'static str {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => "discrete gpu",
+        wgpu::DeviceType::IntegratedGpu => "integrated gpu",
+        wgpu::DeviceType::VirtualGpu => "virtual gpu",
+        wgpu::DeviceType::Cpu => "cpu",
+        wgpu::DeviceType::Other => "other",
+    }
+}
+
+fn best(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>, wanted: Option<&str>) -> Result<wgpu::Adapter> {
+    let mut all = pollster::block_on(instance.enumerate_adapters(BACKENDS));
+    all.retain(|adapter| surface.is_none_or(|surface| adapter.is_surface_supported(surface)));
+    let infos: Vec<wgpu::AdapterInfo> = all.iter().map(|adapter| adapter.get_info()).collect();
+    match choose(&infos, wanted) {
+        Some(index) => Ok(all.swap_remove(index)),
+        None => Err(Error::NoAdapter { wanted: wanted.map_or(String::new(), |wanted| format!(" fits `{wanted}`")) }),
+    }
+}
+
+/// Discrete before integrated before virtual before software, then in the system's order.
+fn choose(infos: &[wgpu::AdapterInfo], wanted: Option<&str>) -> Option<usize> {
+    let rank = |kind| match kind {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    };
+    let fitting = infos.iter().enumerate().filter(|(_, info)| wanted.is_none_or(|wanted| fits(info, wanted)));
+    fitting.min_by_key(|(index, info)| (rank(info.device_type), *index)).map(|(index, _)| index)
+}
+
+fn fits(info: &wgpu::AdapterInfo, wanted: &str) -> bool {
+    (wanted.eq_ignore_ascii_case("cpu") && info.device_type == wgpu::DeviceType::Cpu)
+        || info.name.to_lowercase().contains(&wanted.to_lowercase())
+}

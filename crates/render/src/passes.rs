@@ -1,0 +1,152 @@
+//! The passes: name (shader file, entry point and timer label at once) and what each binds.
+
+/// What a binding is. `bindings_of_every_pass_agree_with_its_shader` compares these with the shaders.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Slot {
+    Uniform,
+    /// Storage buffer, read only.
+    Read,
+    ReadWrite,
+    /// Float texture, loaded without a sampler.
+    Texture,
+    /// Storage texture.
+    Write(wgpu::TextureFormat),
+}
+
+pub struct Pass {
+    pub name: &'static str,
+    pub groups: &'static [&'static [Slot]],
+}
+
+use Slot::{Read, ReadWrite, Texture, Uniform, Write};
+use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
+
+/// Group 0 of every pass: camera and parameters.
+const FRAME: &[Slot] = &[Uniform, Read];
+/// Group 1 of the passes that walk points: a page of the store.
+const PAGE: &[Slot] = &[Uniform, Read, Read, Read, Read, Read, Read, Read];
+
+pub const SPLAT_NEAREST: Pass = Pass { name: "splat_nearest", groups: &[FRAME, PAGE, &[ReadWrite]] };
+pub const SPLAT_DEPTH: Pass = Pass { name: "splat_depth", groups: &[FRAME, PAGE, &[ReadWrite]] };
+pub const SPLAT_IDENTITY: Pass = Pass { name: "splat_identity", groups: &[FRAME, PAGE, &[ReadWrite]] };
+pub const SPLAT_ACCUMULATE: Pass =
+    Pass { name: "splat_accumulate", groups: &[FRAME, PAGE, &[Read, ReadWrite, ReadWrite, ReadWrite]] };
+pub const SPLAT_AVERAGE: Pass = Pass {
+    name: "splat_average",
+    groups: &[FRAME, &[Read, Read, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
+};
+pub const SPLAT_RESOLVE: Pass = Pass {
+    name: "splat_resolve",
+    groups: &[FRAME, PAGE, &[Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
+};
+pub const SHADE: Pass = Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float)]] };
+pub const PRESENT: Pass = Pass { name: "present", groups: &[FRAME, &[Texture, Texture, Write(Rgba8Unorm)]] };
+
+/// Every pass, for the tests that compare them with their shaders.
+#[cfg(test)]
+pub const ALL: &[&Pass] = &[
+    &SPLAT_NEAREST,
+    &SPLAT_DEPTH,
+    &SPLAT_IDENTITY,
+    &SPLAT_ACCUMULATE,
+    &SPLAT_AVERAGE,
+    &SPLAT_RESOLVE,
+    &SHADE,
+    &PRESENT,
+];
+
+/// A compiled pass.
+pub struct Compiled {
+    pub name: &'static str,
+    pub pipeline: wgpu::ComputePipeline,
+    layouts: Vec<wgpu::BindGroupLayout>,
+}
+
+impl Compiled {
+    /// # Errors
+    /// What the shader compiler says, with file and line.
+    pub fn new(device: &wgpu::Device, pass: &Pass) -> Result<Self, String> {
+        let woven = crate::shader::weave(pass.name)?;
+        let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(pass.name),
+            source: wgpu::ShaderSource::Wgsl(woven.source.as_str().into()),
+        });
+        let layouts: Vec<wgpu::BindGroupLayout> = pass
+            .groups
+            .iter()
+            .map(|slots| {
+                let entries: Vec<wgpu::BindGroupLayoutEntry> = slots
+                    .iter()
+                    .enumerate()
+                    .map(|(binding, slot)| wgpu::BindGroupLayoutEntry {
+                        binding: binding as u32,
+                        visibility: wgpu::ShaderStages::COMPUTE,
+                        ty: binding_type(*slot),
+                        count: None,
+                    })
+                    .collect();
+                device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                    label: Some(pass.name),
+                    entries: &entries,
+                })
+            })
+            .collect();
+        let optional: Vec<Option<&wgpu::BindGroupLayout>> = layouts.iter().map(Some).collect();
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(pass.name),
+            bind_group_layouts: &optional,
+            ..Default::default()
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(pass.name),
+            layout: Some(&layout),
+            module: &module,
+            entry_point: Some(pass.name),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        if let Some(error) = pollster::block_on(scope.pop()) {
+            return Err(format!("shader {}: {error}", pass.name));
+        }
+        Ok(Self { name: pass.name, pipeline, layouts })
+    }
+
+    /// A bind group for group `group` of this pass, resources in slot order.
+    pub fn bind(
+        &self,
+        device: &wgpu::Device,
+        group: usize,
+        resources: &[wgpu::BindingResource<'_>],
+    ) -> wgpu::BindGroup {
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
+            .iter()
+            .enumerate()
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource: resource.clone() })
+            .collect();
+        device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(self.name),
+            layout: &self.layouts[group],
+            entries: &entries,
+        })
+    }
+}
+
+fn binding_type(slot: Slot) -> wgpu::BindingType {
+    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+    match slot {
+        Slot::Uniform => buffer(wgpu::BufferBindingType::Uniform),
+        Slot::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
+        Slot::ReadWrite => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
+        Slot::Texture => wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Float { filterable: false },
+            view_dimension: wgpu::TextureViewDimension::D2,
+            multisampled: false,
+        },
+        Slot::Write(format) => wgpu::BindingType::StorageTexture {
+            access: wgpu::StorageTextureAccess::WriteOnly,
+            format,
+            view_dimension: wgpu::TextureViewDimension::D2,
+        },
+    }
+}

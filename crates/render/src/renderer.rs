@@ -1,0 +1,636 @@
+//! A frame: which passes run in which order, on which images; pass times; what is read back.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+use scene::{Atomics, Camera, Quality, Settings};
+
+use crate::frame::FrameCamera;
+use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::image::{Aov, AovImage};
+use crate::passes::{self, Compiled};
+use crate::store::{ChunkId, CloudId, DrawList, PointStore};
+
+/// Time of one pass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PassTime {
+    /// The pass's shader, or `clear`.
+    pub name: &'static str,
+    pub milliseconds: f64,
+}
+
+/// What a frame cost and drew.
+#[derive(Clone, Debug)]
+pub struct FrameStats {
+    /// In order; a pass that runs once a page is summed.
+    pub passes: Vec<PassTime>,
+    /// From the first pass to the last.
+    pub frame_milliseconds: f64,
+    pub points_drawn: u64,
+    pub points_resident: u64,
+    pub gpu_bytes: u64,
+    pub clock: Clock,
+}
+
+/// The point under a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Picked {
+    pub cloud: CloudId,
+    pub chunk: ChunkId,
+    /// In the chunk.
+    pub index: usize,
+    pub linear_depth: f32,
+    pub pixel: [u32; 2],
+}
+
+/// Renders frames. One at a time, on any thread.
+pub struct Renderer {
+    gpu: Arc<Gpu>,
+    pipelines: Pipelines,
+    targets: Option<Targets>,
+    /// Camera of the last frame.
+    camera: Option<FrameCamera>,
+}
+
+struct Pipelines {
+    splat_nearest: Option<Compiled>,
+    splat_depth: Option<Compiled>,
+    splat_identity: Option<Compiled>,
+    splat_accumulate: Compiled,
+    splat_average: Compiled,
+    splat_resolve: Compiled,
+    shade: Compiled,
+    present: Compiled,
+}
+
+/// Images and buffers of one picture size.
+struct Targets {
+    size: [u32; 2],
+    /// Two words a pixel: identity of the nearest point, nearness (0: empty).
+    nearest: wgpu::Buffer,
+    /// Sums of the high quality, made when it is first asked for. 32-bit fixed point: at the largest weight of 64, albedo
+    /// (12 bits) and signed normals (11 bits) take 16 thousand splats a pixel before they could overflow.
+    sums: Option<[wgpu::Buffer; 3]>,
+    albedo: wgpu::Texture,
+    normal: wgpu::Texture,
+    depth: wgpu::Texture,
+    color: wgpu::Texture,
+    picture: wgpu::Texture,
+}
+
+impl Renderer {
+    /// Compiles every pass the adapter needs and runs each once on a tiny picture: drivers compile at the first dispatch, on
+    /// software Vulkan for seconds, so call this off the window's thread.
+    ///
+    /// # Errors
+    /// A shader is refused, or the device is lost.
+    pub fn new(gpu: Arc<Gpu>) -> Result<Self> {
+        let compile = |pass| Compiled::new(&gpu.device, pass).map_err(Error::Shader);
+        let pipelines = Pipelines {
+            splat_nearest: gpu.atomics64.then(|| compile(&passes::SPLAT_NEAREST)).transpose()?,
+            splat_depth: (!gpu.atomics64).then(|| compile(&passes::SPLAT_DEPTH)).transpose()?,
+            splat_identity: (!gpu.atomics64).then(|| compile(&passes::SPLAT_IDENTITY)).transpose()?,
+            splat_accumulate: compile(&passes::SPLAT_ACCUMULATE)?,
+            splat_average: compile(&passes::SPLAT_AVERAGE)?,
+            splat_resolve: compile(&passes::SPLAT_RESOLVE)?,
+            shade: compile(&passes::SHADE)?,
+            present: compile(&passes::PRESENT)?,
+        };
+        let mut renderer = Self { gpu: gpu.clone(), pipelines, targets: None, camera: None };
+        renderer.warm_up()?;
+        Ok(renderer)
+    }
+
+    fn warm_up(&mut self) -> Result<()> {
+        let mut store = PointStore::new(self.gpu.clone());
+        let cloud = store.add_cloud(Default::default());
+        store.add_chunk(cloud, &cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]), None)?;
+        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
+        for quality in [Quality::Nearest, Quality::High] {
+            let mut settings = Settings::default();
+            settings.splat.quality = quality;
+            self.render(&store, &camera, &settings, [8, 8])?;
+        }
+        self.targets = None;
+        Ok(())
+    }
+
+    /// Renders a frame and waits for it.
+    ///
+    /// # Errors
+    /// A picture too large for the adapter, no more memory, or the device was lost.
+    pub fn render(
+        &mut self,
+        store: &PointStore,
+        camera: &Camera,
+        settings: &Settings,
+        size: [u32; 2],
+    ) -> Result<FrameStats> {
+        self.resize(size, settings.splat.quality)?;
+        let atomics64 = self.gpu.atomics64 && settings.splat.atomics != Atomics::Bits32;
+        if !atomics64 && self.pipelines.splat_depth.is_none() {
+            self.pipelines.splat_depth =
+                Some(Compiled::new(&self.gpu.device, &passes::SPLAT_DEPTH).map_err(Error::Shader)?);
+            self.pipelines.splat_identity =
+                Some(Compiled::new(&self.gpu.device, &passes::SPLAT_IDENTITY).map_err(Error::Shader)?);
+        }
+        let bounds = store.bounds();
+        let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
+        let frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
+        let list = store.draw_list(&frame_camera);
+        let inputs = Inputs::new(&self.gpu, frame_camera, settings, store, &list);
+        let targets = self.targets.as_ref().ok_or_else(|| Error::Lost("no targets".into()))?;
+        let mut recorder = Recorder::new(&self.gpu);
+
+        recorder.clear(&targets.nearest);
+        let nearest = targets.nearest.as_entire_binding();
+        let splats = if atomics64 {
+            vec![&self.pipelines.splat_nearest]
+        } else {
+            vec![&self.pipelines.splat_depth, &self.pipelines.splat_identity]
+        };
+        for pass in splats.into_iter().flatten() {
+            self.each_page(&mut recorder, pass, &inputs, std::slice::from_ref(&nearest));
+        }
+        let [albedo, normal, depth, color, picture] =
+            [&targets.albedo, &targets.normal, &targets.depth, &targets.color, &targets.picture]
+                .map(|texture| texture.create_view(&Default::default()));
+        let texture = wgpu::BindingResource::TextureView;
+        match (settings.splat.quality, &targets.sums) {
+            (Quality::High, Some(sums)) => {
+                for buffer in sums {
+                    recorder.clear(buffer);
+                }
+                let [color_sums, surface_sums, specular_sums] = [0, 1, 2].map(|i: usize| sums[i].as_entire_binding());
+                let sums = [nearest, color_sums, surface_sums, specular_sums];
+                self.each_page(&mut recorder, &self.pipelines.splat_accumulate, &inputs, &sums);
+                let outputs = [texture(&albedo), texture(&normal), texture(&depth)];
+                let resources: Vec<wgpu::BindingResource<'_>> = sums.into_iter().chain(outputs).collect();
+                self.each_pixel(&mut recorder, &self.pipelines.splat_average, &inputs, &resources);
+            }
+            _ => {
+                let resources = [nearest, texture(&albedo), texture(&normal), texture(&depth)];
+                self.each_page_pixel(&mut recorder, &self.pipelines.splat_resolve, &inputs, &resources);
+            }
+        }
+        let resources = [texture(&albedo), texture(&normal), texture(&depth), texture(&color)];
+        self.each_pixel(&mut recorder, &self.pipelines.shade, &inputs, &resources);
+        self.each_pixel(
+            &mut recorder,
+            &self.pipelines.present,
+            &inputs,
+            &[texture(&color), texture(&depth), texture(&picture)],
+        );
+
+        let (passes, frame_milliseconds) = recorder.finish()?;
+        self.camera = Some(frame_camera);
+        Ok(FrameStats {
+            passes,
+            frame_milliseconds,
+            points_drawn: list.points,
+            points_resident: store.points(),
+            gpu_bytes: store.gpu_bytes() + targets.bytes(),
+            clock: self.gpu.clock,
+        })
+    }
+
+    /// The last frame's picture: Rgba8Unorm holding sRGB values. Another texture after a change of size.
+    pub fn picture(&self) -> Option<&wgpu::Texture> {
+        self.targets.as_ref().map(|targets| &targets.picture)
+    }
+
+    /// The last frame's picture, RGBA8 sRGB, rows top to bottom.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn read_picture(&self) -> Result<Vec<u8>> {
+        self.gpu.read_texture(&self.rendered()?.picture)
+    }
+
+    /// One of the last frame's linear images.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn read_aov(&self, aov: Aov) -> Result<AovImage> {
+        let targets = self.rendered()?;
+        let camera = self.camera.ok_or_else(nothing_rendered)?;
+        let depth = floats32(&self.gpu.read_texture(&targets.depth)?);
+        let per_pixel: Vec<f32> = match aov {
+            Aov::Depth => depth.clone(),
+            Aov::Normal => floats32(&self.gpu.read_texture(&targets.normal)?),
+            Aov::Albedo | Aov::Mirror => floats16(&self.gpu.read_texture(&targets.albedo)?),
+            Aov::Color => floats16(&self.gpu.read_texture(&targets.color)?),
+            Aov::Position => Vec::new(),
+        };
+        let width = targets.size[0] as usize;
+        let channels = aov.channels();
+        let mut data = Vec::with_capacity(depth.len() * channels.len());
+        for (pixel, &depth) in depth.iter().enumerate() {
+            if depth == 0.0 {
+                data.extend(channels.iter().map(|_| f32::NAN));
+                continue;
+            }
+            match aov {
+                Aov::Depth => data.push(depth),
+                Aov::Mirror => data.push(if per_pixel[pixel * 4 + 3] > 0.0 { 1.0 } else { 0.0 }),
+                Aov::Position => {
+                    let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+                    data.extend(camera.world_from_pixel(x, y, f64::from(depth)).as_vec3().to_array());
+                }
+                Aov::Normal | Aov::Albedo | Aov::Color => data.extend(&per_pixel[pixel * 4..pixel * 4 + 3]),
+            }
+        }
+        Ok(AovImage { size: targets.size, channels, data })
+    }
+
+    /// The point drawn nearest to a pixel, at most `radius` pixels from it.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn pick(&self, store: &PointStore, pixel: [u32; 2], radius: u32) -> Result<Option<Picked>> {
+        let targets = self.rendered()?;
+        let [width, height] = targets.size;
+        if pixel[0] >= width || pixel[1] >= height {
+            return Ok(None);
+        }
+        let (top, bottom) = (pixel[1].saturating_sub(radius), (pixel[1] + radius).min(height - 1));
+        let row_bytes = u64::from(width) * 8;
+        let rows = u64::from(bottom - top + 1);
+        let bytes = self.gpu.read_buffer(&targets.nearest, u64::from(top) * row_bytes, rows * row_bytes)?;
+        let words: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
+        let (left, right) = (pixel[0].saturating_sub(radius), (pixel[0] + radius).min(width - 1));
+        let mut best: Option<(u32, [u32; 2], [u32; 2])> = None;
+        for y in top..=bottom {
+            for x in left..=right {
+                let word = words[((y - top) * width + x) as usize];
+                let distance = x.abs_diff(pixel[0]).pow(2) + y.abs_diff(pixel[1]).pow(2);
+                if word[1] != 0 && best.is_none_or(|(least, ..)| distance < least) {
+                    best = Some((distance, [x, y], word));
+                }
+            }
+        }
+        let Some((_, pixel, [identity, nearness])) = best else { return Ok(None) };
+        let linear_depth = f32::from_bits(u32::MAX - nearness);
+        Ok(store.find(identity).map(|(cloud, chunk, index)| Picked { cloud, chunk, index, linear_depth, pixel }))
+    }
+
+    fn rendered(&self) -> Result<&Targets> {
+        self.targets.as_ref().ok_or_else(nothing_rendered)
+    }
+
+    fn resize(&mut self, size: [u32; 2], quality: Quality) -> Result<()> {
+        let size = size.map(|edge| edge.max(1));
+        let limits = self.gpu.device.limits();
+        let too_large = |what, bytes: u64, limit: u64| Error::TooLarge {
+            what,
+            bytes,
+            limit,
+            adapter: self.gpu.info.name.clone(),
+            advice: "; ask for a smaller picture",
+        };
+        let pixels = u64::from(size[0]) * u64::from(size[1]);
+        let edge = size[0].max(size[1]);
+        if edge > limits.max_texture_dimension_2d {
+            return Err(too_large("an edge of the picture", edge.into(), limits.max_texture_dimension_2d.into()));
+        }
+        if pixels * 16 > limits.max_storage_buffer_binding_size {
+            return Err(too_large("the picture", pixels * 16, limits.max_storage_buffer_binding_size));
+        }
+        if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
+            self.targets = Some(Targets::new(&self.gpu.device, size));
+        }
+        if let Some(targets) =
+            self.targets.as_mut().filter(|targets| quality == Quality::High && targets.sums.is_none())
+        {
+            targets.sums = Some([16, 16, 8].map(|bytes| storage(&self.gpu.device, "sums", pixels * bytes)));
+        }
+        Ok(())
+    }
+
+    /// Runs a pass over the blocks of each page.
+    fn each_page(
+        &self,
+        recorder: &mut Recorder<'_>,
+        pass: &Compiled,
+        inputs: &Inputs,
+        outputs: &[wgpu::BindingResource<'_>],
+    ) {
+        self.pages(recorder, pass, inputs, outputs, |page| {
+            // At most 65,535 groups a dimension.
+            let x = page.block_count.min(32_768);
+            [x, page.block_count.div_ceil(x.max(1)), 1]
+        });
+    }
+
+    /// Runs a pass over the pixels, once for each page.
+    fn each_page_pixel(
+        &self,
+        recorder: &mut Recorder<'_>,
+        pass: &Compiled,
+        inputs: &Inputs,
+        outputs: &[wgpu::BindingResource<'_>],
+    ) {
+        self.pages(recorder, pass, inputs, outputs, |_| inputs.pixel_groups());
+    }
+
+    fn pages(
+        &self,
+        recorder: &mut Recorder<'_>,
+        pass: &Compiled,
+        inputs: &Inputs,
+        outputs: &[wgpu::BindingResource<'_>],
+        groups: impl Fn(&PageInputs) -> [u32; 3],
+    ) {
+        let device = &self.gpu.device;
+        let frame = pass.bind(device, 0, &inputs.frame_resources());
+        let outputs = pass.bind(device, 2, outputs);
+        let bound: Vec<_> = inputs
+            .pages
+            .iter()
+            .map(|page| (pass.bind(device, 1, &inputs.page_resources(page)), groups(page)))
+            .collect();
+        recorder.pass(pass.name, |compute| {
+            compute.set_pipeline(&pass.pipeline);
+            compute.set_bind_group(0, &frame, &[]);
+            compute.set_bind_group(2, &outputs, &[]);
+            for (page, [x, y, z]) in &bound {
+                compute.set_bind_group(1, page, &[]);
+                compute.dispatch_workgroups(*x, *y, *z);
+            }
+        });
+    }
+
+    /// Runs a pass over the pixels.
+    fn each_pixel(
+        &self,
+        recorder: &mut Recorder<'_>,
+        pass: &Compiled,
+        inputs: &Inputs,
+        resources: &[wgpu::BindingResource<'_>],
+    ) {
+        let frame = pass.bind(&self.gpu.device, 0, &inputs.frame_resources());
+        let resources = pass.bind(&self.gpu.device, 1, resources);
+        let [x, y, z] = inputs.pixel_groups();
+        recorder.pass(pass.name, |compute| {
+            compute.set_pipeline(&pass.pipeline);
+            compute.set_bind_group(0, &frame, &[]);
+            compute.set_bind_group(1, &resources, &[]);
+            compute.dispatch_workgroups(x, y, z);
+        });
+    }
+}
+
+fn nothing_rendered() -> Error {
+    Error::Shader("nothing has been rendered yet".into())
+}
+
+impl Targets {
+    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        let texture = |label, format| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::STORAGE_BINDING
+                    | wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::COPY_SRC,
+                view_formats: &[],
+            })
+        };
+        Self {
+            size,
+            nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * 8),
+            sums: None,
+            albedo: texture("albedo", wgpu::TextureFormat::Rgba16Float),
+            normal: texture("normal", wgpu::TextureFormat::Rgba32Float),
+            depth: texture("depth", wgpu::TextureFormat::R32Float),
+            color: texture("color", wgpu::TextureFormat::Rgba16Float),
+            picture: texture("picture", wgpu::TextureFormat::Rgba8Unorm),
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        let sums = if self.sums.is_some() { 40 } else { 0 };
+        u64::from(self.size[0]) * u64::from(self.size[1]) * (8 + sums + 8 + 16 + 4 + 8 + 4)
+    }
+}
+
+fn storage(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+fn floats32(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+fn floats16(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(2).map(|b| half_to_f32(u16::from_le_bytes([b[0], b[1]]))).collect()
+}
+
+/// IEEE 754 binary16 to binary32.
+fn half_to_f32(half: u16) -> f32 {
+    let sign = if half & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let (exponent, fraction) = (i32::from(half >> 10 & 31), f32::from(half & 1023));
+    sign * match exponent {
+        0 => fraction * 2f32.powi(-24),
+        31 if fraction == 0.0 => f32::INFINITY,
+        31 => f32::NAN,
+        _ => (1.0 + fraction / 1024.0) * 2f32.powi(exponent - 15),
+    }
+}
+
+/// What a frame uploads.
+struct Inputs {
+    size: [u32; 2],
+    frame: wgpu::Buffer,
+    settings: wgpu::Buffer,
+    items: wgpu::Buffer,
+    class_masks: wgpu::Buffer,
+    palette: wgpu::Buffer,
+    pages: Vec<PageInputs>,
+}
+
+struct PageInputs {
+    page: wgpu::Buffer,
+    points: wgpu::Buffer,
+    attributes: wgpu::Buffer,
+    scalars: wgpu::Buffer,
+    blocks: wgpu::Buffer,
+    block_count: u32,
+}
+
+impl Inputs {
+    fn new(gpu: &Gpu, camera: FrameCamera, settings: &Settings, store: &PointStore, list: &DrawList) -> Self {
+        let upload = |label, usage, bytes: &[u8]| {
+            let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: (bytes.len() as u64).max(128),
+                usage: usage | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            });
+            gpu.queue.write_buffer(&buffer, 0, bytes);
+            buffer
+        };
+        let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
+        let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
+        let empty = crate::frame::Page { first_identity: 0, block_count: 0, point_count: 0, is_first: 1 };
+        let mut pages: Vec<PageInputs> = list
+            .pages
+            .iter()
+            .map(|draw| PageInputs {
+                page: upload("page", uniform, bytemuck::bytes_of(&draw.page)),
+                points: draw.points.clone(),
+                attributes: draw.attributes.clone(),
+                scalars: draw.scalars.clone(),
+                blocks: upload("blocks", storage, bytemuck::cast_slice(&draw.blocks)),
+                block_count: draw.page.block_count,
+            })
+            .collect();
+        if pages.is_empty() {
+            // The passes over pixels still have to write "empty".
+            let nothing = upload("nothing", storage, &[]);
+            pages.push(PageInputs {
+                page: upload("page", uniform, bytemuck::bytes_of(&empty)),
+                points: nothing.clone(),
+                attributes: nothing.clone(),
+                scalars: nothing.clone(),
+                blocks: nothing,
+                block_count: 0,
+            });
+        }
+        Self {
+            size: camera.size,
+            frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
+            settings: upload("settings", storage, bytemuck::cast_slice(&words)),
+            items: upload("items", storage, bytemuck::cast_slice(&list.items)),
+            class_masks: upload("class masks", storage, bytemuck::cast_slice(&list.class_masks)),
+            palette: upload("palette", storage, bytemuck::cast_slice(&store.palette())),
+            pages,
+        }
+    }
+
+    fn frame_resources(&self) -> [wgpu::BindingResource<'_>; 2] {
+        [self.frame.as_entire_binding(), self.settings.as_entire_binding()]
+    }
+
+    fn page_resources<'a>(&'a self, page: &'a PageInputs) -> [wgpu::BindingResource<'a>; 8] {
+        [
+            &page.page,
+            &page.points,
+            &page.attributes,
+            &page.scalars,
+            &self.items,
+            &page.blocks,
+            &self.class_masks,
+            &self.palette,
+        ]
+        .map(|buffer| buffer.as_entire_binding())
+    }
+
+    fn pixel_groups(&self) -> [u32; 3] {
+        [self.size[0].div_ceil(8), self.size[1].div_ceil(8), 1]
+    }
+}
+
+/// Records passes and times each of them: by GPU timestamps in one submit, or by the host's clock around a submit each.
+struct Recorder<'a> {
+    gpu: &'a Gpu,
+    encoder: wgpu::CommandEncoder,
+    queries: Option<wgpu::QuerySet>,
+    names: Vec<&'static str>,
+    host_times: Vec<PassTime>,
+    failure: Option<Error>,
+}
+
+/// Passes of a frame at most: a timestamp pair each.
+const MOST_PASSES: u32 = 64;
+
+impl<'a> Recorder<'a> {
+    fn new(gpu: &'a Gpu) -> Self {
+        let queries = (gpu.clock == Clock::Gpu).then(|| {
+            gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("pass times"),
+                ty: wgpu::QueryType::Timestamp,
+                count: MOST_PASSES * 2,
+            })
+        });
+        let encoder = gpu.device.create_command_encoder(&Default::default());
+        Self { gpu, encoder, queries, names: Vec::new(), host_times: Vec::new(), failure: None }
+    }
+
+    fn clear(&mut self, buffer: &wgpu::Buffer) {
+        self.encoder.clear_buffer(buffer, 0, None);
+        if self.queries.is_none() {
+            self.submit("clear");
+        }
+    }
+
+    fn pass(&mut self, name: &'static str, record: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        let first = self.names.len() as u32 * 2;
+        let timestamp_writes = self.queries.as_ref().map(|query_set| wgpu::ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        });
+        record(
+            &mut self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes }),
+        );
+        self.names.push(name);
+        if self.queries.is_none() {
+            self.submit(name);
+        }
+    }
+
+    fn submit(&mut self, name: &'static str) {
+        let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
+        let commands = encoder.finish();
+        let start = Instant::now();
+        self.gpu.queue.submit([commands]);
+        if let Err(error) = self.gpu.wait() {
+            self.failure.get_or_insert(error);
+        }
+        let milliseconds = start.elapsed().as_secs_f64() * 1000.0;
+        match self.host_times.iter_mut().find(|time| time.name == name) {
+            Some(time) => time.milliseconds += milliseconds,
+            None => self.host_times.push(PassTime { name, milliseconds }),
+        }
+    }
+
+    /// Waits for the frame. Pass times in order, and the frame's.
+    fn finish(self) -> Result<(Vec<PassTime>, f64)> {
+        if let Some(error) = self.failure {
+            return Err(error);
+        }
+        let Some(queries) = self.queries else {
+            let total = self.host_times.iter().map(|time| time.milliseconds).sum();
+            return Ok((self.host_times, total));
+        };
+        let count = self.names.len() as u32 * 2;
+        let size = u64::from(count) * 8;
+        let resolved = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("pass times"),
+            size,
+            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.encoder;
+        encoder.resolve_query_set(&queries, 0..count, &resolved, 0);
+        self.gpu.queue.submit([encoder.finish()]);
+        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&self.gpu.read_buffer(&resolved, 0, size)?);
+        let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
+        let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
+        let pairs = self.names.iter().zip(ticks.chunks_exact(2));
+        let times = pairs.map(|(name, pair)| PassTime { name, milliseconds: span(pair[0], pair[1]) }).collect();
+        let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
+        Ok((times, total))
+    }
+}

@@ -1,0 +1,444 @@
+//! Points resident on the GPU: pages of buffers, chunks within them, and what each frame draws of them.
+//!
+//! A point takes 16 bytes that every splatting pass reads (position, radius, class), 8 more that only visible points are
+//! asked for (colour, normal), and 4 for the attribute shown, while one is shown.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL};
+use glam::{DVec3, Vec3};
+use scene::Ramp;
+
+use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
+use crate::frame::{Block, FrameCamera, Item, Page};
+use crate::gpu::{Error, Gpu, Result};
+
+/// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
+const BLOCK_POINTS: u32 = 1024;
+/// Smallest page: 24 MiB, so that small clouds stay small.
+const SMALLEST_PAGE: u32 = 1 << 20;
+/// Largest page: 64 MiB in the widest buffer, half of the smallest binding limit met (128 MiB, lavapipe).
+const LARGEST_PAGE: u32 = 1 << 22;
+
+const POINT_BYTES: u64 = 16;
+const ATTRIBUTE_BYTES: u64 = 8;
+const SCALAR_BYTES: u64 = 4;
+
+/// A cloud in the store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CloudId(pub u32);
+
+/// A chunk in the store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ChunkId(pub u32);
+
+/// How a cloud reflects: a specular intensity above 0 makes it a mirror.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Material {
+    /// 0 to 1.
+    pub specular_intensity: f32,
+    pub specular_power: f32,
+}
+
+struct PageBuffers {
+    points: wgpu::Buffer,
+    attributes: wgpu::Buffer,
+    /// Made when the first chunk of the page shows an attribute.
+    scalars: Option<wgpu::Buffer>,
+    capacity: u32,
+    first_identity: u32,
+    /// Unused ranges, sorted, not touching one another.
+    free: Vec<std::ops::Range<u32>>,
+}
+
+struct StoredCloud {
+    material: Material,
+    visible: bool,
+    provisional_radius: f32,
+    class_mask: [u32; 8],
+    source: ColorSource,
+    low: f64,
+    high: f64,
+    /// What is taken off scalars before they are narrowed to f32 (GPS times, ids).
+    scalar_origin: f64,
+    plain: [u8; 4],
+    up_axis: usize,
+}
+
+struct StoredChunk {
+    cloud: CloudId,
+    page: usize,
+    range: std::ops::Range<u32>,
+    origin: DVec3,
+    bounds: Bounds,
+    /// Which column its scalars hold, and what was taken off them.
+    scalars: Option<(usize, f64)>,
+}
+
+/// What a frame draws of one page.
+pub(crate) struct PageDraw {
+    pub page: Page,
+    pub points: wgpu::Buffer,
+    pub attributes: wgpu::Buffer,
+    pub scalars: wgpu::Buffer,
+    pub blocks: Vec<Block>,
+}
+
+/// What a frame draws.
+pub(crate) struct DrawList {
+    pub pages: Vec<PageDraw>,
+    pub items: Vec<Item>,
+    pub class_masks: Vec<u32>,
+    pub points: u64,
+}
+
+/// Points resident on the GPU.
+pub struct PointStore {
+    gpu: Arc<Gpu>,
+    pages: Vec<PageBuffers>,
+    clouds: HashMap<CloudId, StoredCloud>,
+    chunks: HashMap<ChunkId, StoredChunk>,
+    next_cloud: u32,
+    next_chunk: u32,
+    ramp: Ramp,
+    /// Stands in for buffers a page does not have.
+    nothing: wgpu::Buffer,
+}
+
+impl PointStore {
+    pub fn new(gpu: Arc<Gpu>) -> Self {
+        let nothing = buffer(&gpu, "nothing", 16);
+        Self {
+            gpu,
+            pages: Vec::new(),
+            clouds: HashMap::new(),
+            chunks: HashMap::new(),
+            next_cloud: 0,
+            next_chunk: 0,
+            ramp: Ramp::Turbo,
+            nothing,
+        }
+    }
+
+    pub fn add_cloud(&mut self, material: Material) -> CloudId {
+        let id = CloudId(self.next_cloud);
+        self.next_cloud += 1;
+        self.clouds.insert(
+            id,
+            StoredCloud {
+                material,
+                visible: true,
+                provisional_radius: 0.0,
+                class_mask: [u32::MAX; 8],
+                source: ColorSource::Plain,
+                low: 0.0,
+                high: 1.0,
+                scalar_origin: 0.0,
+                plain: scene::Color::default().plain.bytes(),
+                up_axis: 2,
+            },
+        );
+        id
+    }
+
+    /// Uploads a chunk. `classes`: its classification, if it has one.
+    ///
+    /// # Errors
+    /// More points than a page holds, or no more memory.
+    pub fn add_chunk(&mut self, cloud: CloudId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<ChunkId> {
+        let (page, range) = self.allocate(chunk.len() as u32)?;
+        let id = ChunkId(self.next_chunk);
+        self.next_chunk += 1;
+        self.chunks.insert(
+            id,
+            StoredChunk { cloud, page, range, origin: chunk.origin, bounds: chunk.bounds(), scalars: None },
+        );
+        self.update_chunk(id, chunk, classes)?;
+        Ok(id)
+    }
+
+    /// Uploads a chunk's points again, when normals, radii or colours have come.
+    ///
+    /// # Errors
+    /// The chunk has another number of points than it had, or is not in the store.
+    pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<()> {
+        let stored = self.chunks.get(&id).filter(|stored| stored.range.len() == chunk.len());
+        let stored =
+            stored.ok_or_else(|| Error::Shader("a chunk that is not in the point store was updated".into()))?;
+        let page = &self.pages[stored.page];
+        let points: Vec<[u32; 4]> = (0..chunk.len())
+            .map(|i| {
+                let radius = chunk.radii.as_ref().map_or(0, |radii| u32::from(radii[i]));
+                let class = classes.map_or(0, |classes| u32::from(classes[i]));
+                let [x, y, z] = chunk.positions[i].map(f32::to_bits);
+                [x, y, z, radius | class << 16]
+            })
+            .collect();
+        let attributes: Vec<[u32; 2]> = (0..chunk.len())
+            .map(|i| {
+                let color = chunk.colors.as_ref().map_or(u32::MAX, |colors| u32::from_le_bytes(colors[i]));
+                [color, chunk.normals.as_ref().map_or(NO_NORMAL, |normals| normals[i])]
+            })
+            .collect();
+        let first = u64::from(stored.range.start);
+        self.gpu.queue.write_buffer(&page.points, first * POINT_BYTES, bytemuck::cast_slice(&points));
+        self.gpu.queue.write_buffer(&page.attributes, first * ATTRIBUTE_BYTES, bytemuck::cast_slice(&attributes));
+        // Writes are staged until the next submit; without one, loading a large cloud would hold it twice.
+        self.gpu.queue.submit([]);
+        Ok(())
+    }
+
+    /// Radius of the cloud's points whose spacing is not known yet, world units.
+    pub fn set_provisional_radius(&mut self, cloud: CloudId, radius: f32) {
+        if let Some(cloud) = self.clouds.get_mut(&cloud) {
+            cloud.provisional_radius = radius;
+        }
+    }
+
+    /// Colours a cloud by a plan; `ids` are those of `cloud.chunks`, in order. Chunks without the plan's column keep what they
+    /// show of it.
+    ///
+    /// # Errors
+    /// No more memory.
+    pub fn set_color(
+        &mut self,
+        cloud_id: CloudId,
+        cloud: &Cloud,
+        ids: &[ChunkId],
+        plan: &ColorPlan,
+        up: DVec3,
+    ) -> Result<()> {
+        let Some(stored) = self.clouds.get_mut(&cloud_id) else { return Ok(()) };
+        self.ramp = plan.ramp;
+        let ColorSource::Column(index) = plan.source else {
+            stored.source = plan.source;
+            stored.scalar_origin = 0.0;
+            (stored.plain, stored.up_axis, stored.low, stored.high) = (plan.plain, up_axis(up), plan.low, plan.high);
+            return Ok(());
+        };
+        // The same column keeps its origin while more of it comes in, so that what is there need not be sent again.
+        let origin = if stored.source == plan.source { stored.scalar_origin } else { plan.full_range.0 };
+        (stored.source, stored.scalar_origin) = (plan.source, origin);
+        (stored.plain, stored.up_axis, stored.low, stored.high) = (plan.plain, up_axis(up), plan.low, plan.high);
+        for (chunk, id) in cloud.chunks.iter().zip(ids) {
+            if let Some(column) = chunk.columns.get(index).and_then(Option::as_ref) {
+                self.upload_scalars(*id, index, column, origin);
+            }
+        }
+        self.gpu.queue.submit([]);
+        Ok(())
+    }
+
+    fn upload_scalars(&mut self, id: ChunkId, index: usize, column: &Column, origin: f64) {
+        let held = Some((index, origin));
+        let chunk = self.chunks.get_mut(&id).filter(|chunk| chunk.range.len() == column.len() && chunk.scalars != held);
+        let Some(chunk) = chunk else { return };
+        chunk.scalars = held;
+        let page = &mut self.pages[chunk.page];
+        let scalars: Vec<f32> = (0..column.len()).map(|i| (column.value(i) - origin) as f32).collect();
+        let capacity = u64::from(page.capacity);
+        let buffer = page.scalars.get_or_insert_with(|| buffer(&self.gpu, "scalars", capacity * SCALAR_BYTES));
+        self.gpu.queue.write_buffer(
+            buffer,
+            u64::from(chunk.range.start) * SCALAR_BYTES,
+            bytemuck::cast_slice(&scalars),
+        );
+    }
+
+    pub fn set_visible(&mut self, cloud: CloudId, visible: bool) {
+        if let Some(cloud) = self.clouds.get_mut(&cloud) {
+            cloud.visible = visible;
+        }
+    }
+
+    /// Which classes of a cloud are drawn.
+    pub fn set_visible_classes(&mut self, cloud: CloudId, visible: &[bool; 256]) {
+        if let Some(cloud) = self.clouds.get_mut(&cloud) {
+            let word = |word: usize| (0..32).fold(0, |bits, bit| bits | u32::from(visible[word * 32 + bit]) << bit);
+            cloud.class_mask = std::array::from_fn(word);
+        }
+    }
+
+    pub fn remove_cloud(&mut self, cloud: CloudId) {
+        self.clouds.remove(&cloud);
+        let gone: Vec<ChunkId> =
+            self.chunks.iter().filter(|(_, chunk)| chunk.cloud == cloud).map(|(id, _)| *id).collect();
+        for id in gone {
+            if let Some(chunk) = self.chunks.remove(&id) {
+                self.release(chunk.page, chunk.range);
+            }
+        }
+        // Empty pages at the end give their memory back; earlier ones keep the identities of later ones in place.
+        while self
+            .pages
+            .last()
+            .is_some_and(|page| page.free.first().is_some_and(|free| free.len() == page.capacity as usize))
+        {
+            self.pages.pop();
+        }
+    }
+
+    pub fn points(&self) -> u64 {
+        self.chunks.values().map(|chunk| chunk.range.len() as u64).sum()
+    }
+
+    /// Bytes of GPU memory the points take, unused room of pages included.
+    pub fn gpu_bytes(&self) -> u64 {
+        let bytes = |page: &PageBuffers| {
+            let scalars = if page.scalars.is_some() { SCALAR_BYTES } else { 0 };
+            u64::from(page.capacity) * (POINT_BYTES + ATTRIBUTE_BYTES + scalars)
+        };
+        self.pages.iter().map(bytes).sum()
+    }
+
+    /// World bounds of the visible clouds.
+    pub fn bounds(&self) -> Bounds {
+        let shown =
+            self.chunks.values().filter(|chunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible));
+        shown.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds))
+    }
+
+    /// The ramp's colours, then those of the classes.
+    pub(crate) fn palette(&self) -> Vec<u32> {
+        let classes = (0..=255).map(class_color);
+        ramp_colors(self.ramp).into_iter().chain(classes).map(u32::from_le_bytes).collect()
+    }
+
+    /// What of the visible clouds may be in the picture.
+    pub(crate) fn draw_list(&self, camera: &FrameCamera) -> DrawList {
+        let mut cloud_ids: Vec<CloudId> = self.clouds.keys().copied().collect();
+        cloud_ids.sort();
+        let class_masks = cloud_ids.iter().flat_map(|id| self.clouds[id].class_mask).collect();
+        let mut chunks: Vec<&StoredChunk> = self.chunks.values().collect();
+        chunks.sort_by_key(|chunk| (chunk.page, chunk.range.start));
+        let mut items = Vec::new();
+        let mut blocks: Vec<Vec<Block>> = self.pages.iter().map(|_| Vec::new()).collect();
+        let mut points = 0;
+        for chunk in chunks {
+            let cloud = &self.clouds[&chunk.cloud];
+            // Splats reach beyond their points.
+            let reach = f64::from(cloud.provisional_radius).max(chunk.bounds.radius() * 0.05);
+            if !cloud.visible
+                || chunk.bounds.is_empty()
+                || !camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach)
+            {
+                continue;
+            }
+            let mask = cloud_ids.binary_search(&chunk.cloud).unwrap_or_default() as u32 * 8;
+            let item = items.len() as u32;
+            items.push(self.item(chunk, cloud, camera, mask));
+            points += chunk.range.len() as u64;
+            for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
+                let count = BLOCK_POINTS.min(chunk.range.end - first);
+                blocks[chunk.page].push(Block { item, first, count, unused: 0 });
+            }
+        }
+        let pages = self.pages.iter().zip(blocks).filter(|(_, blocks)| !blocks.is_empty()).enumerate();
+        let draw = |(index, (page, blocks)): (usize, (&PageBuffers, Vec<Block>))| PageDraw {
+            page: Page {
+                first_identity: page.first_identity,
+                block_count: blocks.len() as u32,
+                point_count: page.capacity,
+                is_first: u32::from(index == 0),
+            },
+            points: page.points.clone(),
+            attributes: page.attributes.clone(),
+            scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
+            blocks,
+        };
+        DrawList { pages: pages.map(draw).collect(), items, class_masks, points }
+    }
+
+    fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera, class_mask: u32) -> Item {
+        let mut height_axis = Vec3::ZERO;
+        height_axis[cloud.up_axis] = 1.0;
+        // Heights are told relative to the ramp's lower end, so that f32 has digits left for them.
+        let (low, reference) =
+            if cloud.source == ColorSource::Height { (0.0, cloud.low) } else { (cloud.low - cloud.scalar_origin, 0.0) };
+        let range = cloud.high - cloud.low;
+        Item {
+            origin_radius: (chunk.origin - camera.eye).as_vec3().extend(cloud.provisional_radius),
+            low: low as f32,
+            inverse_range: if range > 0.0 { (1.0 / range) as f32 } else { 0.0 },
+            color_source: cloud.source.code(),
+            plain: u32::from_le_bytes(cloud.plain),
+            specular_intensity: cloud.material.specular_intensity,
+            specular_power: cloud.material.specular_power,
+            class_mask,
+            height: (chunk.origin[cloud.up_axis] - reference) as f32,
+            height_axis: height_axis.extend(0.0),
+        }
+    }
+
+    /// The chunk, its cloud and the index in it of the point with an identity from the `nearest` buffer.
+    pub(crate) fn find(&self, identity: u32) -> Option<(CloudId, ChunkId, usize)> {
+        let page = self.pages.iter().rposition(|page| page.first_identity <= identity)?;
+        let index = identity - self.pages[page].first_identity;
+        let (id, chunk) = self.chunks.iter().find(|(_, chunk)| chunk.page == page && chunk.range.contains(&index))?;
+        Some((chunk.cloud, *id, (index - chunk.range.start) as usize))
+    }
+
+    fn allocate(&mut self, count: u32) -> Result<(usize, std::ops::Range<u32>)> {
+        for (index, page) in self.pages.iter_mut().enumerate() {
+            if let Some(free) = page.free.iter_mut().find(|free| free.len() as u32 >= count) {
+                let range = free.start..free.start + count;
+                free.start += count;
+                page.free.retain(|free| !free.is_empty());
+                return Ok((index, range));
+            }
+        }
+        if count > LARGEST_PAGE {
+            return Err(self.too_large(
+                "a chunk of points",
+                u64::from(count) * POINT_BYTES,
+                u64::from(LARGEST_PAGE) * POINT_BYTES,
+            ));
+        }
+        let resident: u32 = self.pages.iter().map(|page| page.capacity).sum();
+        let capacity = resident.max(count).next_power_of_two().clamp(SMALLEST_PAGE, LARGEST_PAGE);
+        let first_identity = self.pages.last().map_or(Some(0), |page| page.first_identity.checked_add(page.capacity));
+        let first_identity = first_identity.filter(|first| first.checked_add(capacity).is_some());
+        let first_identity =
+            first_identity.ok_or_else(|| self.too_large("identities of all points", 8 << 32, 4 << 32))?;
+        let scope = self.gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let points = buffer(&self.gpu, "points", u64::from(capacity) * POINT_BYTES);
+        let attributes = buffer(&self.gpu, "attributes", u64::from(capacity) * ATTRIBUTE_BYTES);
+        if let Some(error) = pollster::block_on(scope.pop()) {
+            return Err(Error::Device {
+                adapter: self.gpu.info.name.clone(),
+                problem: format!("no memory for more points: {error}"),
+            });
+        }
+        let free = if count < capacity { vec![count..capacity] } else { Vec::new() };
+        self.pages.push(PageBuffers { points, attributes, scalars: None, capacity, first_identity, free });
+        Ok((self.pages.len() - 1, 0..count))
+    }
+
+    fn release(&mut self, page: usize, range: std::ops::Range<u32>) {
+        let free = &mut self.pages[page].free;
+        free.push(range);
+        free.sort_by_key(|range| range.start);
+        let mut joined: Vec<std::ops::Range<u32>> = Vec::new();
+        for range in free.drain(..) {
+            match joined.last_mut() {
+                Some(last) if last.end == range.start => last.end = range.end,
+                _ => joined.push(range),
+            }
+        }
+        *free = joined;
+    }
+
+    fn too_large(&self, what: &'static str, bytes: u64, limit: u64) -> Error {
+        Error::TooLarge { what, bytes, limit, adapter: self.gpu.info.name.clone(), advice: "" }
+    }
+}
+
+fn buffer(gpu: &Gpu, label: &str, size: u64) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}

@@ -1,0 +1,46 @@
+// The picture: eye-dome lighting (Boucheny 2009) over the shaded colour, background, sRGB encoding. One thread a pixel.
+#import frame
+#import packing
+#import params
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var color_in: texture_2d<f32>;
+@group(1) @binding(1) var depth_in: texture_2d<f32>;
+@group(1) @binding(2) var picture_out: texture_storage_2d<rgba8unorm, write>;
+
+@compute @workgroup_size(8, 8)
+fn present(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let depth = textureLoad(depth_in, id.xy, 0).x;
+    if depth == 0.0 {
+        // Colours of parameters are 0xrrggbbaa.
+        textureStore(picture_out, id.xy, vec4f(unpack4x8unorm(settings.view.background).wzy, 1.0));
+        return;
+    }
+    let color = textureLoad(color_in, id.xy, 0).rgb * eye_dome(vec2i(id.xy), depth);
+    textureStore(picture_out, id.xy, vec4f(srgb_from_linear(color), 1.0));
+}
+
+// Neighbours that stand before the pixel darken it, by the logarithm of the ratio of depths: the same step looks the same
+// near and far.
+fn eye_dome(pixel: vec2i, depth: f32) -> f32 {
+    if settings.edl.strength == 0.0 {
+        return 1.0;
+    }
+    let size = vec2i(i32(frame.width), i32(frame.height));
+    var sum = 0.0;
+    for (var i = 0; i < 8; i++) {
+        let angle = f32(i) * 0.78539816;
+        let offset = vec2i(round(vec2f(cos(angle), sin(angle)) * settings.edl.radius));
+        let neighbor = clamp(pixel + offset, vec2i(0), size - 1);
+        let neighbor_depth = textureLoad(depth_in, neighbor, 0).x;
+        if neighbor_depth > 0.0 {
+            sum += max(0.0, log2(depth / neighbor_depth));
+        }
+    }
+    // 300 is the customary factor: at strength 0.4 a step of one percent of the depth on one side darkens by a fifth or so.
+    return exp(-300.0 * settings.edl.strength * sum / 8.0);
+}

@@ -1,0 +1,36 @@
+// The colour of a point, by what the cloud is coloured by. Values of COLOR_* are those of crates/render/src/coloring.rs.
+#import packing
+#import splat
+
+const COLOR_PLAIN: u32 = 0u;
+const COLOR_RGB: u32 = 1u;
+const COLOR_NORMAL: u32 = 2u;
+const COLOR_CLASS: u32 = 3u;
+const COLOR_HEIGHT: u32 = 4u;
+const COLOR_SCALAR: u32 = 5u;
+
+// Entry of the palette (256 colours of the ramp, then 256 of the classes), or PALETTE_NONE for a colour of its own.
+const PALETTE_NONE: u32 = 0xffffffffu;
+
+fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
+    if item.color_source == COLOR_CLASS {
+        return 256u + ((point.w >> 16u) & 0xffu);
+    }
+    var value = scalar;
+    if item.color_source == COLOR_HEIGHT {
+        value = item.height + dot(item.height_axis.xyz, bitcast<vec3f>(point.xyz));
+    } else if item.color_source != COLOR_SCALAR {
+        return PALETTE_NONE;
+    }
+    return u32(clamp((value - item.low) * item.inverse_range, 0.0, 1.0) * 255.0 + 0.5);
+}
+
+// Linear albedo; `palette_color` is the palette's entry where palette_index gave one.
+fn albedo_of_point(item: Item, attributes: vec2u, index: u32, palette_color: u32) -> vec3f {
+    if item.color_source == COLOR_NORMAL {
+        // Normals are shown as they are commonly drawn: components -1 to 1 as sRGB 0 to 1.
+        return linear_from_srgb(unpack_normal(attributes.y) * 0.5 + 0.5);
+    }
+    let own = select(item.plain, attributes.x, item.color_source == COLOR_RGB);
+    return linear_from_srgb(unpack4x8unorm(select(palette_color, own, index == PALETTE_NONE)).rgb);
+}

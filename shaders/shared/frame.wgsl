@@ -1,0 +1,45 @@
+// The camera and the screen, the same for every pass. Filled by crates/render/src/frame.rs.
+// View space: x right, y up, z forward, so z is the linear depth. Positions reach the GPU relative to the eye.
+struct Frame {
+    // Rows of view_from_world; w unused.
+    right: vec4f,
+    up: vec4f,
+    forward: vec4f,
+    // Perspective: pixels per unit of tangent. Orthographic: pixels per world unit.
+    focal_pixels: f32,
+    orthographic: u32,
+    width: u32,
+    height: u32,
+    // Nothing nearer than this is drawn, world units.
+    near: f32,
+}
+
+fn view_from_relative(frame: Frame, relative: vec3f) -> vec3f {
+    return vec3f(dot(frame.right.xyz, relative), dot(frame.up.xyz, relative), dot(frame.forward.xyz, relative));
+}
+
+fn world_direction(frame: Frame, view: vec3f) -> vec3f {
+    return frame.right.xyz * view.x + frame.up.xyz * view.y + frame.forward.xyz * view.z;
+}
+
+fn pixels_per_unit(frame: Frame, depth: f32) -> f32 {
+    return select(frame.focal_pixels / depth, frame.focal_pixels, frame.orthographic != 0u);
+}
+
+// Pixel coordinates, y down, pixel centres at halves.
+fn pixel_from_view(frame: Frame, view: vec3f) -> vec2f {
+    let scale = pixels_per_unit(frame, view.z);
+    return vec2f(f32(frame.width) * 0.5 + view.x * scale, f32(frame.height) * 0.5 - view.y * scale);
+}
+
+// View-space x and y, over depth where the projection is perspective, of a pixel coordinate.
+fn slope_from_pixel(frame: Frame, pixel: vec2f) -> vec2f {
+    let centered = vec2f(pixel.x - f32(frame.width) * 0.5, f32(frame.height) * 0.5 - pixel.y);
+    return centered / frame.focal_pixels;
+}
+
+// View-space point at `depth` seen through a pixel coordinate.
+fn view_from_pixel(frame: Frame, pixel: vec2f, depth: f32) -> vec3f {
+    let slope = slope_from_pixel(frame, pixel);
+    return vec3f(select(slope * depth, slope, frame.orthographic != 0u), depth);
+}

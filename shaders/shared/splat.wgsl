@@ -1,0 +1,145 @@
+// A point as an oriented disc on the screen: what it covers and how deep it is there. Used by every splatting pass, so that
+// all of them agree on the same fragments.
+#import frame
+#import packing
+#import params
+
+// A run of points with one origin and one material (a chunk). Filled by crates/render/src/store.rs.
+struct Item {
+    // xyz: origin of the positions relative to the eye, world axes. w: radius of points that have none.
+    origin_radius: vec4f,
+    // Ramp position of a value is (value - low) * inverse_range.
+    low: f32,
+    inverse_range: f32,
+    // COLOR_*, see color.wgsl.
+    color_source: u32,
+    // sRGB, red in the low byte.
+    plain: u32,
+    specular_intensity: f32,
+    specular_power: f32,
+    // First of this cloud's eight words in the class masks.
+    class_mask: u32,
+    // Height of the origin above the reference height, along the up axis `height_axis`.
+    height: f32,
+    height_axis: vec4f,
+}
+
+// A run of at most BLOCK_POINTS points of one item: what one workgroup splats.
+struct Block {
+    item: u32,
+    // In the page.
+    first: u32,
+    count: u32,
+    unused: u32,
+}
+
+// What differs from page to page of the point store.
+struct Page {
+    // Identity of the page's first point; a point's identity is this plus its index.
+    first_identity: u32,
+    block_count: u32,
+    point_count: u32,
+    // 1 for the first page of the frame: it writes the empty pixels.
+    is_first: u32,
+}
+
+struct Disc {
+    // View space.
+    center: vec3f,
+    // World units, after the limits in pixels.
+    radius: f32,
+    // View space, towards the eye; zero: the disc faces the eye.
+    normal: vec3f,
+    pixel: vec2f,
+    // 0: not drawn.
+    radius_pixels: f32,
+    // Pixels that may be covered, inclusive; the second component below the first means none.
+    first: vec2i,
+    last: vec2i,
+}
+
+const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i(0), vec2i(-1));
+
+// `point`: f32 bits of the position, and radius | class << 16 | flags << 24.
+fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
+    let relative = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
+    let center = view_from_relative(frame, relative);
+    // Written so that NaN is not drawn.
+    if !(center.z > frame.near && center.z < 3e38) {
+        return NOT_DRAWN;
+    }
+    let pixel = pixel_from_view(frame, center);
+    let scale = pixels_per_unit(frame, center.z);
+    let own_radius = unpack_radius(point.w & 0xffffu);
+    let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0) * splat.size;
+    let radius_pixels = clamp(radius * scale, splat.min_pixels * 0.5, max(splat.max_pixels, splat.min_pixels) * 0.5);
+    let size = vec2f(f32(frame.width), f32(frame.height));
+    if !(all(pixel + radius_pixels >= vec2f(0.0)) && all(pixel - radius_pixels < size)) {
+        return NOT_DRAWN;
+    }
+    // Pixel centres within the radius, and always the pixel that holds the centre.
+    let holds = vec2i(floor(pixel));
+    let first = max(min(vec2i(ceil(pixel - radius_pixels - 0.5)), holds), vec2i(0));
+    let last = min(max(vec2i(floor(pixel + radius_pixels - 0.5)), holds), vec2i(size) - 1);
+    return Disc(center, radius_pixels / scale, vec3f(0.0), pixel, max(radius_pixels, 1e-6), first, last);
+}
+
+// A disc of a pixel or less needs no orientation: reading the normal would cost as much as the position.
+fn is_single_pixel(disc: Disc) -> bool {
+    return all(disc.first == disc.last);
+}
+
+fn oriented(frame: Frame, disc: Disc, packed_normal: u32) -> Disc {
+    var turned = disc;
+    let normal = view_from_relative(frame, unpack_normal(packed_normal));
+    let toward_eye = select(dot(normal, disc.center), normal.z, frame.orthographic != 0u);
+    turned.normal = select(normal, -normal, toward_eye > 0.0);
+    return turned;
+}
+
+struct Fragment {
+    // Linear depth; 0: the pixel is outside the disc.
+    depth: f32,
+    // 1 in the centre, 0 at the rim.
+    weight: f32,
+}
+
+// Perspective-correct: the ray through the pixel's centre meets the disc's plane.
+fn fragment_of_disc(frame: Frame, disc: Disc, pixel: vec2i) -> Fragment {
+    let at = vec2f(pixel) + 0.5;
+    let is_center = all(pixel == vec2i(floor(disc.pixel)));
+    // The pixel that holds the centre is always covered, so that discs seen edge-on leave no holes.
+    let fallback = Fragment(select(0.0, disc.center.z, is_center), 0.0);
+    if all(disc.normal == vec3f(0.0)) {
+        let offset = (at - disc.pixel) / disc.radius_pixels;
+        let outside = dot(offset, offset);
+        if outside > 1.0 {
+            return fallback;
+        }
+        return Fragment(disc.center.z, 1.0 - outside);
+    }
+    var hit: vec3f;
+    if frame.orthographic != 0u {
+        let start = view_from_pixel(frame, at, 0.0);
+        hit = vec3f(start.xy, dot(disc.normal, disc.center - start) / disc.normal.z);
+    } else {
+        let direction = vec3f(slope_from_pixel(frame, at), 1.0);
+        hit = direction * (dot(disc.normal, disc.center) / dot(disc.normal, direction));
+    }
+    let offset = hit - disc.center;
+    let outside = dot(offset, offset) / (disc.radius * disc.radius);
+    // Written so that NaN (a plane through the eye) falls back.
+    if !(outside <= 1.0 && hit.z > frame.near) {
+        return fallback;
+    }
+    return Fragment(hit.z, 1.0 - outside);
+}
+
+// Depth as an integer that is larger the nearer: 0 stays "empty", and a cleared buffer is all zero.
+fn nearness(depth: f32) -> u32 {
+    return 0xffffffffu - bitcast<u32>(depth);
+}
+
+fn depth_from_nearness(key: u32) -> f32 {
+    return bitcast<f32>(0xffffffffu - key);
+}

@@ -1,0 +1,112 @@
+// High quality: every fragment within the depth offset of the pixel's nearest one adds its colour, normal and depth, by its
+// weight (Botsch et al. 2005, visibility splatting; here with integer atomics, so the order of the points cannot matter).
+// Sums are fixed-point; crates/render/src/renderer.rs says how many fragments a pixel may take before they could overflow.
+#import splat
+#import color
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var<uniform> page: Page;
+@group(1) @binding(1) var<storage, read> points: array<vec4u>;
+@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
+@group(1) @binding(3) var<storage, read> scalars: array<f32>;
+@group(1) @binding(4) var<storage, read> items: array<Item>;
+@group(1) @binding(5) var<storage, read> blocks: array<Block>;
+@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(7) var<storage, read> palette: array<u32>;
+// Two words a pixel: identity of the point, nearness.
+@group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
+// Four words a pixel: weight, albedo * weight.
+@group(2) @binding(1) var<storage, read_write> color_sums: array<atomic<u32>>;
+// Four words a pixel: normal * weight (signed), depth behind the front over the front depth * weight.
+@group(2) @binding(2) var<storage, read_write> surface_sums: array<atomic<u32>>;
+// Two words a pixel: specular intensity and power * weight.
+@group(2) @binding(3) var<storage, read_write> specular_sums: array<atomic<u32>>;
+
+@compute @workgroup_size(128)
+fn splat_accumulate(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let block_index = group.x + group.y * groups.x;
+    if block_index >= page.block_count {
+        return;
+    }
+    let block = blocks[block_index];
+    let item = items[block.item];
+    for (var i = lane; i < block.count; i += 128u) {
+        splat_point(item, block.first + i);
+    }
+}
+
+fn splat_point(item: Item, index: u32) {
+    let point = points[index];
+    let class_code = (point.w >> 16u) & 0xffu;
+    if (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u {
+        return;
+    }
+    var disc = disc_of_point(frame, settings.splat, item, point);
+    if disc.radius_pixels == 0.0 {
+        return;
+    }
+    let offset = disc.radius * settings.splat.depth_offset;
+    let only_pixel = u32(disc.first.y) * frame.width + u32(disc.first.x);
+    // Most points of a dense scan are hidden: they are found out before anything else of them is read.
+    if is_single_pixel(disc) && disc.center.z > front_depth(only_pixel) + offset {
+        return;
+    }
+    let attribute = attributes[index];
+    disc = oriented(frame, disc, attribute.y);
+    var scalar = 0.0;
+    if item.color_source == COLOR_SCALAR {
+        scalar = scalars[index];
+    }
+    let entry = palette_index(item, point, scalar);
+    var palette_color = 0u;
+    if entry != PALETTE_NONE {
+        palette_color = palette[entry];
+    }
+    let albedo = vec3u(albedo_of_point(item, attribute, entry, palette_color) * 4095.0 + 0.5);
+    let normal = vec3i(round(world_direction(frame, disc.normal) * 2047.0));
+    if is_single_pixel(disc) {
+        add(only_pixel, item, albedo, normal, Fragment(disc.center.z, 1.0), front_depth(only_pixel));
+        return;
+    }
+    for (var y = disc.first.y; y <= disc.last.y; y++) {
+        for (var x = disc.first.x; x <= disc.last.x; x++) {
+            let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
+            if fragment.depth > 0.0 {
+                let pixel = u32(y) * frame.width + u32(x);
+                let front = front_depth(pixel);
+                if fragment.depth <= front + offset {
+                    add(pixel, item, albedo, normal, fragment, front);
+                }
+            }
+        }
+    }
+}
+
+fn front_depth(pixel: u32) -> f32 {
+    return depth_from_nearness(nearest[pixel].y);
+}
+
+fn add(pixel: u32, item: Item, albedo: vec3u, normal: vec3i, fragment: Fragment, front: f32) {
+    let weight = 1u + u32(fragment.weight * 63.0);
+    atomicAdd(&color_sums[pixel * 4u], weight);
+    atomicAdd(&color_sums[pixel * 4u + 1u], albedo.r * weight);
+    atomicAdd(&color_sums[pixel * 4u + 2u], albedo.g * weight);
+    atomicAdd(&color_sums[pixel * 4u + 3u], albedo.b * weight);
+    let weighted = bitcast<vec3u>(normal * i32(weight));
+    atomicAdd(&surface_sums[pixel * 4u], weighted.x);
+    atomicAdd(&surface_sums[pixel * 4u + 1u], weighted.y);
+    atomicAdd(&surface_sums[pixel * 4u + 2u], weighted.z);
+    // A quarter of the front depth in 16 bits: splats are limited to fewer pixels than that.
+    let behind = u32(clamp((fragment.depth - front) / front, 0.0, 0.25) * 4.0 * 65535.0 + 0.5);
+    atomicAdd(&surface_sums[pixel * 4u + 3u], behind * weight);
+    // Most points are no mirrors: they pay nothing for it.
+    if item.specular_intensity > 0.0 {
+        atomicAdd(&specular_sums[pixel * 2u], u32(item.specular_intensity * 1023.0 + 0.5) * weight);
+        atomicAdd(&specular_sums[pixel * 2u + 1u], u32(item.specular_power + 0.5) * weight);
+    }
+}

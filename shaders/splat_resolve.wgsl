@@ -1,0 +1,79 @@
+// Nearest quality: the G-buffer from the identity of each pixel's nearest point. Runs once for each page of the point store
+// and takes the pixels whose point lies in it; the first page also writes the empty pixels. One thread a pixel.
+#import splat
+#import color
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var<uniform> page: Page;
+@group(1) @binding(1) var<storage, read> points: array<vec4u>;
+@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
+@group(1) @binding(3) var<storage, read> scalars: array<f32>;
+@group(1) @binding(4) var<storage, read> items: array<Item>;
+@group(1) @binding(5) var<storage, read> blocks: array<Block>;
+@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(7) var<storage, read> palette: array<u32>;
+@group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
+// rgb: linear albedo, a: specular intensity.
+@group(2) @binding(1) var albedo_out: texture_storage_2d<rgba16float, write>;
+// xyz: world normal towards the eye, w: specular power.
+@group(2) @binding(2) var normal_out: texture_storage_2d<rgba32float, write>;
+// Linear depth, world units; 0: empty.
+@group(2) @binding(3) var depth_out: texture_storage_2d<r32float, write>;
+
+@compute @workgroup_size(8, 8)
+fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let key = nearest[id.y * frame.width + id.x];
+    if key.y == 0u {
+        if page.is_first == 1u {
+            textureStore(albedo_out, id.xy, vec4f(0.0));
+            textureStore(normal_out, id.xy, vec4f(0.0));
+            textureStore(depth_out, id.xy, vec4f(0.0));
+        }
+        return;
+    }
+    // Wraps below the page's first identity, which the comparison then refuses.
+    let index = key.x - page.first_identity;
+    if index >= page.point_count {
+        return;
+    }
+    let item = items[item_of_point(index)];
+    let point = points[index];
+    let attribute = attributes[index];
+    var scalar = 0.0;
+    if item.color_source == COLOR_SCALAR {
+        scalar = scalars[index];
+    }
+    let entry = palette_index(item, point, scalar);
+    var palette_color = 0u;
+    if entry != PALETTE_NONE {
+        palette_color = palette[entry];
+    }
+    let depth = depth_from_nearness(key.y);
+    let ray = view_from_pixel(frame, vec2f(id.xy) + 0.5, depth);
+    let facing = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
+    let own = unpack_normal(attribute.y);
+    let outward = select(own, -own, dot(own, facing) < 0.0);
+    let normal = select(outward, facing, all(own == vec3f(0.0)));
+    textureStore(albedo_out, id.xy, vec4f(albedo_of_point(item, attribute, entry, palette_color), item.specular_intensity));
+    textureStore(normal_out, id.xy, vec4f(normal, item.specular_power));
+    textureStore(depth_out, id.xy, vec4f(depth));
+}
+
+// The item whose block holds a point of this page: blocks are sorted by their first point.
+fn item_of_point(index: u32) -> u32 {
+    var low = 0u;
+    var high = page.block_count;
+    while low + 1u < high {
+        let middle = (low + high) / 2u;
+        if blocks[middle].first <= index {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return blocks[low].item;
+}
