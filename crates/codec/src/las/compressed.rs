@@ -75,10 +75,11 @@ impl Compressed {
             Some(table) => compressed.chunks_from_table(file, &table, data_start, header.points, warnings),
             None if compressed.layers.is_some() => {
                 compressed.chunks_from_their_headers(file, data_start, header.points);
-                warnings.push(format!(
-                    "the chunk table is missing or damaged (file cut short?): {} chunks found without it",
-                    compressed.chunks.len()
-                ));
+                let found = match compressed.chunks.len() {
+                    0 => "no compressed chunk is whole, so there is nothing to read; copy or write it again".to_owned(),
+                    count => format!("{count} whole chunks found without it"),
+                };
+                warnings.push(format!("the chunk table is missing or damaged (file cut short?): {found}"));
             }
             None if compressed.vlr.uses_variable_size_chunks() => {
                 return Err(malformed(

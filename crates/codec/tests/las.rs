@@ -1,0 +1,584 @@
+//! LAS and LAZ: what is read, what is said of damaged files, and that no file brings the reader down.
+
+mod las_files;
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use cloud::{Chunk, Cloud, Column, Progress};
+use codec::{Error, Format, Selection, Source, Summary};
+use glam::DVec3;
+use las_files::{Chunks, Noise, compress, descriptor, las_file, points, terrain};
+
+fn data(path: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("GLINT_TEST_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder.join(path));
+    }
+    println!("skipped: no test data");
+    None
+}
+
+/// A file that goes away with the test.
+fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), bytes).unwrap();
+    file
+}
+
+fn everything(source: &Source) -> Selection {
+    let attributes = vec![true; source.info().attributes.len()];
+    Selection { positions: true, colors: true, normals: true, attributes }
+}
+
+fn read(source: &Source, selection: &Selection) -> (Cloud, Summary) {
+    let chunks = Mutex::new(Vec::new());
+    let summary = source.read(selection, &Progress::default(), &|chunk| chunks.lock().unwrap().push(chunk)).unwrap();
+    let mut chunks = chunks.into_inner().unwrap();
+    chunks.sort_by_key(|chunk: &Chunk| chunk.first_point);
+    let info = source.info();
+    let cloud = Cloud { name: String::new(), attributes: info.attributes.clone(), grid: info.grid, chunks };
+    (cloud, summary)
+}
+
+fn read_bytes(bytes: &[u8]) -> (Source, Cloud, Summary) {
+    let file = file(bytes);
+    let source = codec::open(file.path()).unwrap();
+    let (cloud, summary) = read(&source, &everything(&source));
+    (source, cloud, summary)
+}
+
+fn positions(cloud: &Cloud) -> Vec<DVec3> {
+    let of = |chunk: &Chunk| (0..chunk.len()).map(|i| cloud.world_position(chunk, i)).collect::<Vec<_>>();
+    cloud.chunks.iter().flat_map(of).collect()
+}
+
+fn colors(cloud: &Cloud) -> Vec<[u8; 4]> {
+    cloud.chunks.iter().flat_map(|chunk| chunk.colors.iter().flat_map(|colors| colors.iter().copied())).collect()
+}
+
+fn values(cloud: &Cloud, name: &str) -> Vec<f64> {
+    let index =
+        cloud.attributes.iter().position(|attribute| attribute.name == name).unwrap_or_else(|| panic!("{name}"));
+    let of = |chunk: &Chunk| {
+        let column: &Column = chunk.columns[index].as_ref().unwrap();
+        (0..column.len()).map(|i| column.value(i)).collect::<Vec<_>>()
+    };
+    cloud.chunks.iter().flat_map(of).collect()
+}
+
+/// Same points, colours and attributes; chunks may be cut differently.
+fn assert_same(a: &Cloud, b: &Cloud, name: &str) {
+    assert_eq!(a.attributes, b.attributes, "{name}");
+    assert!(positions(a) == positions(b), "{name}: positions differ");
+    assert!(colors(a) == colors(b), "{name}: colours differ");
+    for attribute in &a.attributes {
+        let bits = |cloud| values(cloud, &attribute.name).into_iter().map(f64::to_bits).collect::<Vec<_>>();
+        assert!(bits(a) == bits(b), "{name}: {} differs", attribute.name);
+    }
+}
+
+#[test]
+fn every_point_format_comes_back_as_it_was_written_in_las_and_laz() {
+    for format in 0..=10 {
+        let version = match format {
+            0..=1 => (1, 1),
+            2..=3 => (1, 2),
+            4..=5 => (1, 3),
+            _ => (1, 4),
+        };
+        let points = points(format, 2_500);
+        let las = las_file(version, format, &points, &[]);
+        let (source, cloud, summary) = read_bytes(&las);
+        let name = format!("point format {format}");
+        let info = source.info();
+        assert_eq!((info.point_format, info.points, info.format), (Some(format), 2_500, Format::Las), "{name}");
+        assert_eq!(info.version, format!("{}.{}", version.0, version.1));
+        assert_eq!((summary.points, &info.warnings, &summary.warnings), (2_500, &vec![], &vec![]), "{name}");
+
+        for (found, point) in positions(&cloud).into_iter().zip(&points) {
+            let expected = DVec3::new(point.x, point.y, point.z);
+            assert!((found - expected).abs().max_element() < 1e-8, "{name}: {found} for {expected}");
+        }
+        let expect = |attribute: &str, value: &dyn Fn(&las::Point) -> f64| {
+            let expected: Vec<f64> = points.iter().map(value).collect();
+            assert!(values(&cloud, attribute) == expected, "{name}: {attribute}");
+        };
+        expect("intensity", &|p| p.intensity.into());
+        expect("return_number", &|p| p.return_number.into());
+        expect("number_of_returns", &|p| p.number_of_returns.into());
+        expect("classification", &|p| u8::from(p.classification).into());
+        expect("user_data", &|p| p.user_data.into());
+        expect("point_source_id", &|p| p.point_source_id.into());
+        expect("classification_flags", &|p| {
+            f64::from(
+                u8::from(p.is_synthetic)
+                    | u8::from(p.is_key_point) << 1
+                    | u8::from(p.is_withheld) << 2
+                    | u8::from(p.is_overlap) << 3,
+            )
+        });
+        // The writer cuts angles down to steps of 0.006 degrees.
+        for (found, point) in values(&cloud, "scan_angle").into_iter().zip(&points) {
+            assert!((found - f64::from(point.scan_angle)).abs() < 0.0061, "{name}: {found} for {}", point.scan_angle);
+        }
+        if points[0].gps_time.is_some() {
+            expect("gps_time", &|p| p.gps_time.unwrap());
+        }
+        if points[0].nir.is_some() {
+            expect("nir", &|p| p.nir.unwrap().into());
+        }
+        assert_eq!(info.has_colors, points[0].color.is_some(), "{name}");
+        for (found, point) in colors(&cloud).into_iter().zip(&points) {
+            let color = point.color.unwrap();
+            let byte = |value: u16| (value >> 8) as u8;
+            assert_eq!(found, [byte(color.red), byte(color.green), byte(color.blue), 255], "{name}");
+        }
+
+        let laz = compress(&las, &Chunks::Fixed(1_000));
+        let (compressed, from_laz, summary) = read_bytes(&laz);
+        assert_eq!(compressed.info().format, Format::Laz);
+        assert_eq!((summary.points, summary.warnings), (2_500, vec![]), "{name}");
+        assert_same(&cloud, &from_laz, &name);
+
+        let (las, laz) = (file(&las), file(&laz));
+        let (las, laz) = (codec::open(las.path()).unwrap(), codec::open(laz.path()).unwrap());
+        for point in [0, 999, 1_000, 2_499] {
+            let record = las.record(point).unwrap();
+            assert_eq!(record, laz.record(point).unwrap(), "{name}: record {point}");
+            assert_eq!(record[0].1, format!("{:.3}", points[point as usize].x), "{name}");
+            assert_eq!(record.len(), info.properties.len());
+        }
+        assert!(matches!(las.record(2_500), Err(Error::Malformed { .. })));
+        assert!(matches!(laz.record(2_500), Err(Error::Malformed { .. })));
+    }
+}
+
+#[test]
+fn las_and_laz_twins_are_the_same_cloud() {
+    let twins = [
+        "airborne/autzen_trim_las12_pf3",
+        "airborne/megaplot_forest_las12_pf1",
+        "las_matrix/las12_pf2_color",
+        "las_matrix/las12_pf1_pointwise_laz_v1",
+        "las_matrix/las14_pf6_evlr",
+        "las_matrix/las14_pf9_waveform",
+        "las_matrix/las14_pf10_waveform_rgbnir",
+        "same_cloud_four_files/ripple",
+    ];
+    for twin in twins {
+        let Some(las) = data(&format!("{twin}.las")) else { return };
+        let [las, laz] = [las.clone(), las.with_extension("laz")].map(|path| {
+            let source = codec::open(&path).unwrap();
+            let (cloud, summary) = read(&source, &everything(&source));
+            let records: Vec<_> = (0..summary.points).step_by(997).map(|point| source.record(point).unwrap()).collect();
+            (cloud, records)
+        });
+        assert_same(&las.0, &laz.0, twin);
+        assert_eq!(las.1, laz.1, "{twin}: records");
+    }
+}
+
+#[test]
+fn extra_bytes_of_all_types_are_columns_in_their_own_type() {
+    let mut all = points(6, 300);
+    let mut descriptors = Vec::new();
+    for data_type in 1..=10 {
+        descriptors.extend(descriptor(&format!("type {data_type}"), data_type, None));
+    }
+    // A second record goes on where the first stopped.
+    let mut second = descriptor("height", 4, Some((0.01, 100.0)));
+    second.extend(descriptor("triple", 23, None));
+    second.extend(descriptor("type 1", 1, None));
+    let mut undocumented = descriptor("blob", 0, None);
+    undocumented[3] = 3;
+    second.extend(undocumented);
+    for (index, point) in all.iter_mut().enumerate() {
+        let (small, value) = (index as u8 % 100, index as i64 - 150);
+        let bytes = &mut point.extra_bytes;
+        bytes.extend([small, small.wrapping_neg()]);
+        bytes.extend((index as u16).to_le_bytes());
+        bytes.extend((value as i16).to_le_bytes());
+        bytes.extend((index as u32 + 70_000).to_le_bytes());
+        bytes.extend((value as i32).to_le_bytes());
+        bytes.extend((index as u64).to_le_bytes());
+        bytes.extend(value.to_le_bytes());
+        bytes.extend((index as f32 * 0.5).to_le_bytes());
+        bytes.extend((index as f64 * 0.1).to_le_bytes());
+        bytes.extend((value as i16).to_le_bytes());
+        for element in 0..3_u16 {
+            bytes.extend((index as u16 * 3 + element).to_le_bytes());
+        }
+        bytes.extend([7, 1, 2, 255]);
+        // Two bytes nobody describes.
+        bytes.extend([9, 9]);
+    }
+    let vlrs = [("LASF_Spec", 4, descriptors), ("LASF_Spec", 4, second)];
+    let las = las_file((1, 4), 6, &all, &vlrs);
+    for bytes in [las.clone(), compress(&las, &Chunks::Fixed(100))] {
+        let file = file(&bytes);
+        let source = codec::open(file.path()).unwrap();
+        let (cloud, _) = read(&source, &everything(&source));
+        let expect = |name: &str, value: &dyn Fn(usize) -> f64| {
+            assert_eq!(values(&cloud, name), (0..300).map(value).collect::<Vec<_>>(), "{name}");
+        };
+        expect("type 1", &|i| (i as u8 % 100).into());
+        expect("type 2", &|i| f64::from((i as u8 % 100).wrapping_neg() as i8));
+        expect("type 3", &|i| i as f64);
+        expect("type 4", &|i| i as f64 - 150.0);
+        expect("type 5", &|i| i as f64 + 70_000.0);
+        expect("type 6", &|i| i as f64 - 150.0);
+        expect("type 7", &|i| i as f64);
+        expect("type 8", &|i| i as f64 - 150.0);
+        expect("type 9", &|i| i as f64 * 0.5);
+        expect("type 10", &|i| i as f64 * 0.1);
+        expect("height", &|i| (i as f64 - 150.0) * 0.01 + 100.0);
+        expect("triple[2]", &|i| (i * 3 + 2) as f64);
+        expect("type 1 (extra)", &|_| 7.0);
+        let info = source.info();
+        let types: Vec<&str> =
+            info.attributes[info.attributes.len() - 15..].iter().map(|a| a.column_type.name()).collect();
+        assert_eq!(types[..11], ["u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64", "f64"]);
+        // Opaque bytes are listed, not columns.
+        let record = source.record(0).unwrap();
+        let said = |name: &str| record.iter().find(|property| property.0 == name).unwrap().1.as_str();
+        assert_eq!((said("blob"), said("ExtraBytes"), said("height")), ("0x0102ff", "0x0909", "98.5"));
+        let names: Vec<&str> = info.properties.iter().map(|property| property.name.as_str()).collect();
+        assert!(names.ends_with(&["blob", "ExtraBytes"]), "{names:?}");
+        assert!(info.attributes.iter().all(|attribute| attribute.name != "blob"));
+        assert!(
+            info.warnings.iter().any(|w| w.contains("blob")) && info.warnings.iter().any(|w| w.contains("2 bytes"))
+        );
+    }
+}
+
+#[test]
+fn extra_bytes_that_make_no_sense_are_warnings() {
+    let mut all = points(1, 10);
+    all.iter_mut().for_each(|point| point.extra_bytes = vec![1, 2, 3]);
+    for (data_type, message) in [(200, "unknown type 200"), (10, "skipped")] {
+        let las = las_file((1, 4), 1, &all, &[("LASF_Spec", 4, descriptor("odd", data_type, None))]);
+        let (source, cloud, _) = read_bytes(&las);
+        assert_eq!(cloud.len(), 10);
+        assert!(source.info().warnings.iter().any(|w| w.contains("odd") && w.contains(message)), "{:?}", source.info());
+    }
+}
+
+#[test]
+fn only_what_is_selected_comes_and_it_is_what_a_full_read_gives() {
+    let las = las_file((1, 4), 8, &points(8, 3_000), &[]);
+    for bytes in [las.clone(), compress(&las, &Chunks::Fixed(1_000))] {
+        let file = file(&bytes);
+        let source = codec::open(file.path()).unwrap();
+        let (full, _) = read(&source, &everything(&source));
+        let attributes = source.info().attributes.clone();
+
+        let (bare, summary) = read(&source, &Selection { positions: true, ..Selection::default() });
+        assert!(positions(&bare) == positions(&full));
+        assert!(bare.chunks.iter().all(|chunk| chunk.colors.is_none() && chunk.columns.iter().all(Option::is_none)));
+        assert_eq!(bare.chunks[0].columns.len(), attributes.len());
+        assert!(summary.bounds.is_some());
+
+        for (index, attribute) in attributes.iter().enumerate() {
+            let selection =
+                Selection { attributes: (0..=index).map(|other| other == index).collect(), ..Selection::default() };
+            let (one, summary) = read(&source, &selection);
+            assert!(values(&one, &attribute.name) == values(&full, &attribute.name), "{}", attribute.name);
+            assert!(one.chunks.iter().all(|chunk| chunk.is_empty() && chunk.colors.is_none()));
+            assert!(one.chunks.iter().all(|chunk| chunk.columns.iter().flatten().count() == 1));
+            assert_eq!((summary.points, summary.bounds), (3_000, None));
+        }
+        let (painted, _) = read(&source, &Selection { colors: true, ..Selection::default() });
+        assert!(colors(&painted) == colors(&full));
+    }
+}
+
+#[test]
+fn colors_are_8_or_16_bit_for_a_whole_file() {
+    let with_colors = |color: &dyn Fn(usize) -> u16| {
+        let mut points = points(2, 2_000);
+        for (index, point) in points.iter_mut().enumerate() {
+            point.color = Some(las::Color::new(color(index), 0, 1));
+        }
+        las_file((1, 2), 2, &points, &[])
+    };
+    let both = |las: Vec<u8>| [compress(&las, &Chunks::Fixed(500)), las];
+    for bytes in both(with_colors(&|index| (index % 256) as u16)) {
+        let (_, cloud, _) = read_bytes(&bytes);
+        assert!(colors(&cloud).iter().enumerate().all(|(i, color)| *color == [i as u8, 0, 1, 255]));
+    }
+    // One bright strip makes all dark points 16 bit.
+    for bytes in both(with_colors(&|index| if index > 1_900 { 0xff00 } else { 200 })) {
+        let (_, cloud, _) = read_bytes(&bytes);
+        assert_eq!((colors(&cloud)[0], colors(&cloud)[1_999]), ([0, 0, 0, 255], [255, 0, 0, 255]));
+    }
+    let mut black = points(2, 500);
+    black.iter_mut().for_each(|point| point.color = Some(las::Color::new(0, 0, 0)));
+    for bytes in both(las_file((1, 2), 2, &black, &[])) {
+        let (source, cloud, _) = read_bytes(&bytes);
+        assert!(!source.info().has_colors && colors(&cloud).is_empty());
+        assert!(source.info().warnings.iter().any(|warning| warning.contains("all colours are zero")));
+    }
+}
+
+#[test]
+fn chunks_tile_the_file_and_are_cut_the_same_in_every_read() {
+    let las = terrain(200_000);
+    // A LAZ chunk of the size of the file, many tiny ones, and a mixture, as COPC has.
+    let variable: Vec<usize> = [vec![70_000, 1], vec![37; 1_000], vec![65_536, 20_000, 5_000, 2_463]].concat();
+    let files = [
+        las.clone(),
+        compress(&las, &Chunks::Fixed(50_000)),
+        compress(&las, &Chunks::Fixed(200_000)),
+        compress(&las, &Chunks::Fixed(100)),
+        compress(&las, &Chunks::Variable(&variable)),
+    ];
+    let (_, whole, _) = read_bytes(&las);
+    for (index, bytes) in files.iter().enumerate() {
+        let file = file(bytes);
+        let source = codec::open(file.path()).unwrap();
+        let (cloud, summary) = read(&source, &everything(&source));
+        assert_eq!((summary.points, &summary.warnings), (200_000, &vec![]), "file {index}");
+        let mut next = 0;
+        for chunk in &cloud.chunks {
+            assert_eq!(chunk.first_point, next, "file {index}");
+            assert!((1..=cloud::CHUNK_POINTS).contains(&chunk.len()), "file {index}: {}", chunk.len());
+            next += chunk.len() as u64;
+        }
+        assert!(cloud.chunks.len() < 25, "file {index}: tiny compressed chunks are joined, not {}", cloud.chunks.len());
+        assert_same(&whole, &cloud, &format!("file {index}"));
+        let starts = |cloud: &Cloud| cloud.chunks.iter().map(|chunk| chunk.first_point).collect::<Vec<_>>();
+        let (again, _) = read(&source, &Selection { positions: true, ..Selection::default() });
+        assert_eq!(starts(&cloud), starts(&again));
+    }
+}
+
+#[test]
+fn a_cancelled_read_stops_and_keeps_what_it_delivered() {
+    let las = terrain(1_000_000);
+    for bytes in [compress(&las, &Chunks::Fixed(20_000)), compress(&las, &Chunks::Fixed(1_000_000)), las] {
+        let file = file(&bytes);
+        let source = codec::open(file.path()).unwrap();
+        let (progress, delivered) = (Progress::default(), AtomicU64::new(0));
+        let emit = |chunk: Chunk| {
+            delivered.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+            progress.cancel();
+        };
+        let summary = source.read(&Selection { positions: true, ..Selection::default() }, &progress, &emit).unwrap();
+        assert!(summary.cancelled);
+        assert_eq!(summary.points, delivered.load(Ordering::Relaxed));
+        assert_eq!((progress.done(), progress.total()), (summary.points, 1_000_000));
+        assert!((1..500_000).contains(&summary.points), "{}", summary.points);
+    }
+}
+
+#[test]
+fn malformed_files_give_their_error_or_what_is_there() {
+    /// Points, and words of the warnings or the error.
+    type Expected = (&'static str, Result<u64, &'static str>, &'static [&'static str]);
+    let expected: [Expected; 12] = [
+        ("las_truncated_points.las", Ok(1_064), &["1 are missing"]),
+        ("las_header_says_1065_but_none.las", Ok(0), &["1065 are missing"]),
+        ("las_garbage_number_of_vlrs.las", Ok(718), &["of 1069128089", "1 are missing"]),
+        ("las_bad_vlr_count.las", Ok(10), &["record 3 of 3"]),
+        ("las_bad_geotiff_keys.las", Ok(10), &[]),
+        ("las_points_header_spurious_bounds.las", Ok(1_065), &[]),
+        ("las_claims_4294967295_points.las", Ok(100), &["4294967195 are missing"]),
+        ("laz_truncated.laz", Ok(0), &["no offset to the points", "chunk table is missing", "no compressed chunk"]),
+        ("laz_truncated_good_original.laz", Ok(64_572), &[]),
+        ("laz_unknown_coder.laz", Err("coder 15, expected 0"), &[]),
+        ("laz_unknown_item_type.laz", Err("22 is unknown"), &[]),
+        ("well_log_ascii_named_las.las", Err("well log"), &[]),
+    ];
+    for (name, points, words) in expected {
+        let Some(path) = data(&format!("malformed/{name}")) else { return };
+        let start = Instant::now();
+        match (codec::open(&path), points) {
+            (Ok(source), Ok(points)) => {
+                let (cloud, summary) = read(&source, &everything(&source));
+                assert_eq!((source.info().points, summary.points, cloud.len()), (points, points, points), "{name}");
+                let warnings = source.info().warnings.join("\n");
+                for word in words {
+                    assert!(warnings.contains(word), "{name}: {warnings}");
+                }
+            }
+            (Err(error), Err(word)) => {
+                let text = error.to_string();
+                assert!(text.contains(word) && text.contains(name), "{name}: {text}");
+            }
+            (outcome, expected) => panic!("{name}: {:?}, expected {expected:?}", outcome.map(|s| s.info().clone())),
+        }
+        assert!(start.elapsed() < Duration::from_secs(5), "{name} took {:?}", start.elapsed());
+    }
+}
+
+#[test]
+fn a_file_cut_anywhere_yields_the_points_that_are_whole() {
+    let las = las_file((1, 4), 7, &points(7, 3_000), &[]);
+    let old = las_file((1, 2), 3, &points(3, 3_000), &[]);
+    let (_, layered, _) = read_bytes(&las);
+    let (_, pointwise, _) = read_bytes(&old);
+    let files = [
+        (compress(&las, &Chunks::Fixed(1_000)), &layered),
+        (compress(&las, &Chunks::Variable(&[500, 1_500, 1_000])), &layered),
+        (compress(&old, &Chunks::Fixed(1_000)), &pointwise),
+        (las, &layered),
+        (old, &pointwise),
+    ];
+    for (index, (bytes, whole)) in files.iter().enumerate() {
+        let mut most = 0;
+        for part in 1..20 {
+            let (source, cloud, summary) = match codec::open(file(&bytes[..bytes.len() * part / 20]).path()) {
+                Ok(_) => read_bytes(&bytes[..bytes.len() * part / 20]),
+                Err(error) => {
+                    // In the header, or before the records that say how to decompress.
+                    assert!(part < 3, "file {index}, {part}/20: {error}");
+                    continue;
+                }
+            };
+            assert_eq!(source.info().points, summary.points, "file {index}, {part}/20");
+            assert!(source.info().warnings.iter().any(|w| w.contains("are missing")), "{:?}", source.info().warnings);
+            assert!(summary.points >= most && summary.points < 3_000, "file {index}, {part}/20: {}", summary.points);
+            most = summary.points;
+            assert!(positions(&cloud)[..] == positions(whole)[..most as usize], "file {index}, {part}/20");
+            assert!(colors(&cloud)[..] == colors(whole)[..most as usize], "file {index}, {part}/20");
+        }
+        assert!(most >= 2_000, "file {index}: {most}");
+    }
+}
+
+#[test]
+fn a_chunk_table_may_be_missing_or_at_the_end() {
+    for format in [3, 7] {
+        let las = las_file((1, 4), format, &points(format, 2_500), &[]);
+        let (_, expected, _) = read_bytes(&las);
+        let laz = compress(&las, &Chunks::Fixed(1_000));
+        let start = u32::from_le_bytes(laz[96..100].try_into().unwrap()) as usize;
+        let table: [u8; 8] = laz[start..start + 8].try_into().unwrap();
+        let with_offset = |offset: u64| {
+            let mut bytes = laz.clone();
+            bytes[start..start + 8].copy_from_slice(&offset.to_le_bytes());
+            bytes
+        };
+        let at_end = [with_offset(u64::MAX), table.to_vec()].concat();
+        for (bytes, missing) in
+            [(at_end, false), (with_offset(u64::MAX), true), (with_offset(0), true), (with_offset(1 << 40), true)]
+        {
+            let (source, cloud, summary) = read_bytes(&bytes);
+            assert_eq!(summary.points, 2_500, "point format {format}: {:?}", source.info().warnings);
+            assert_eq!(source.info().warnings.iter().any(|w| w.contains("chunk table is missing")), missing);
+            assert_same(&expected, &cloud, "without a table");
+        }
+        // Nor does a writer that was stopped leave a count.
+        let mut bytes = with_offset(u64::MAX);
+        let table = u64::from_le_bytes(table) as usize;
+        bytes.truncate(table);
+        bytes[107..111].fill(0);
+        bytes[247..255].fill(0);
+        let (source, cloud, _) = read_bytes(&bytes);
+        // Point-wise chunks do not say where they end, so some bytes of the coder's tail may come out as points.
+        assert!((2_500..2_510).contains(&source.info().points), "{format}: {}", source.info().points);
+        assert!(positions(&cloud)[..2_500] == positions(&expected)[..]);
+    }
+}
+
+#[test]
+fn a_header_without_a_count_does_not_hide_the_points() {
+    let mut las = las_file((1, 2), 1, &points(1, 100), &[]);
+    las[107..111].fill(0);
+    let (source, cloud, _) = read_bytes(&las);
+    assert_eq!((source.info().points, cloud.len()), (100, 100));
+    assert!(source.info().warnings.iter().any(|warning| warning.contains("0 points")));
+}
+
+#[test]
+fn las_1_5_is_read_with_a_warning_and_later_versions_are_not() {
+    let mut las = las_file((1, 4), 6, &points(6, 10), &[]);
+    las[25] = 5;
+    let (source, cloud, _) = read_bytes(&las);
+    assert!(cloud.len() == 10 && source.info().warnings.iter().any(|warning| warning.contains("1.5")));
+    las[25] = 6;
+    let error = codec::open(file(&las).path()).err().unwrap().to_string();
+    assert!(error.contains("1.6") && error.contains("1.0 to 1.5"), "{error}");
+}
+
+#[test]
+fn a_damaged_chunk_costs_its_own_points_only() {
+    for format in [3, 7] {
+        let las = las_file((1, 4), format, &points(format, 4_000), &[]);
+        let (_, expected, _) = read_bytes(&las);
+        let mut laz = compress(&las, &Chunks::Fixed(1_000));
+        let start = u32::from_le_bytes(laz[96..100].try_into().unwrap()) as usize;
+        let length = (laz.len() - start) / 4;
+        // The inside of the second chunk: points of noise compress to chunks of about the same size.
+        let mut noise = Noise(3);
+        laz[start + length + 2_000..start + 2 * length - 2_000].fill_with(|| noise.next() as u8);
+        let (_, cloud, summary) = read_bytes(&laz);
+        let (all, known) = (positions(&cloud), positions(&expected));
+        assert!(all[..1_000] == known[..1_000], "point format {format}: the chunk before");
+        assert!(all[all.len() - 2_000..] == known[2_000..], "point format {format}: the chunks after");
+        let last = cloud.chunks.last().unwrap();
+        assert_eq!(last.first_point + last.len() as u64, 4_000);
+        assert!(summary.points == 4_000 || !summary.warnings.is_empty(), "{summary:?}");
+    }
+}
+
+#[test]
+fn no_damaged_byte_brings_the_reader_down() {
+    let mut with_extra = points(7, 300);
+    with_extra.iter_mut().for_each(|point| point.extra_bytes = vec![1, 2, 3, 4]);
+    let extra = [("LASF_Spec", 4, descriptor("height", 9, None)), ("LASF_Projection", 2112, b"PROJCS[\"x\"]".to_vec())];
+    let new = las_file((1, 4), 7, &with_extra, &extra);
+    let geotiff = [("LASF_Projection", 34735, vec![1, 0, 1, 0, 0, 0, 1, 0, 0, 12, 0, 0, 1, 0, 0x69, 0x7f])];
+    let old = las_file((1, 2), 3, &points(3, 300), &geotiff);
+    let files = [
+        compress(&new, &Chunks::Fixed(100)),
+        compress(&new, &Chunks::Variable(&[50, 250])),
+        compress(&old, &Chunks::Fixed(100)),
+        new,
+        old,
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("damaged");
+    let mut noise = Noise(11);
+    let (mut opened, mut refused) = (0, 0);
+    for bytes in &files {
+        let points_start = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as u64;
+        for _ in 0..600 {
+            let mut damaged = bytes.clone();
+            for _ in 0..=noise.below(3) {
+                // Mostly the header and the records; the points and the chunk table too.
+                let within = if noise.below(3) == 0 { bytes.len() as u64 } else { points_start + 16 };
+                let place = noise.below(within) as usize;
+                damaged[place] = match noise.below(4) {
+                    0 => 0,
+                    1 => 255,
+                    2 => damaged[place] ^ (1 << noise.below(8)),
+                    _ => noise.next() as u8,
+                };
+            }
+            std::fs::write(&path, &damaged).unwrap();
+            let start = Instant::now();
+            let Ok(source) = codec::open(&path) else {
+                refused += 1;
+                continue;
+            };
+            opened += 1;
+            let found = AtomicU64::new(0);
+            let emit = |chunk: Chunk| {
+                found.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+            };
+            if let Ok(summary) = source.read(&everything(&source), &Progress::default(), &emit) {
+                assert_eq!(summary.points, found.into_inner());
+            }
+            for point in [0, source.info().points / 2, source.info().points] {
+                let _ = source.record(point);
+            }
+            assert!(start.elapsed() < Duration::from_secs(5), "took {:?}", start.elapsed());
+        }
+    }
+    assert!(opened > 1_000 && refused > 100, "{opened} opened, {refused} refused: the damage proves nothing");
+}
