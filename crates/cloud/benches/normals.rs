@@ -43,7 +43,13 @@ fn town() -> Vec<Chunk> {
         let (house_x, house_y) = (x.rem_euclid(40.0), y.rem_euclid(40.0));
         let inside = house_x < 12.0 && house_y < 10.0;
         let wall = inside && (house_x < 0.4 || house_y < 0.4);
-        let height = if wall { ground + 6.0 * random(2) } else if inside { ground.round() + 6.0 } else { ground };
+        let height = if wall {
+            ground + 6.0 * random(2)
+        } else if inside {
+            ground.round() + 6.0
+        } else {
+            ground
+        };
         let stray = if i % 1000 == 999 { 200.0 * random(3) } else { 0.0 };
         [x as f32, y as f32, (height + 0.02 * random(2) + stray) as f32]
     };

@@ -20,8 +20,8 @@ pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal,
 pub use progress::Progress;
 pub use robust::{Scalar, histogram, percentile_range, robust_bounds};
 pub use surfels::{
-    MeshNormals, Orientation, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, guess_orientation, normals_from_triangles,
-    provisional_radius,
+    MeshNormals, Orientation, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, guess_orientation,
+    normals_from_triangles, provisional_radius,
 };
 
 /// Points a chunk holds at most when a reader is free to choose (2.4 MB of 36-byte LAS records).

@@ -462,10 +462,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             y: Vec::new(),
             z: Vec::new(),
             home_view: View { tile: home, boxes: tile.boxes.clone(), starts },
-            cell: Box3 {
-                min: (tile.cell.min - tile.origin).as_vec3(),
-                max: (tile.cell.max - tile.origin).as_vec3(),
-            },
+            cell: Box3 { min: (tile.cell.min - tile.origin).as_vec3(), max: (tile.cell.max - tile.origin).as_vec3() },
             others,
             pending: Vec::new(),
             previous: None,

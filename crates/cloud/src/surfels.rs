@@ -125,7 +125,9 @@ fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress)
                 17..=32 => tiles.search::<32>(tile, count, visit, progress),
                 _ => tiles.search::<64>(tile, count, visit, progress),
             }
-            progress.add(tiles.points_of(tile) as u64);
+            if !progress.is_cancelled() {
+                progress.add(tiles.points_of(tile) as u64);
+            }
             tiles.points_of(tile)
         })
         .sum();
@@ -163,7 +165,9 @@ fn limit_radii(surfels: &mut [Surfels]) {
     let median = median.and_then(|packed| unpack_radius(packed as u16));
     // Packed radii are in the order of the radii.
     let largest = median.map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median));
-    surfels.par_iter_mut().for_each(|surfels| surfels.radii.iter_mut().for_each(|radius| *radius = (*radius).min(largest)));
+    surfels
+        .par_iter_mut()
+        .for_each(|surfels| surfels.radii.iter_mut().for_each(|radius| *radius = (*radius).min(largest)));
 }
 
 /// The direction in which a point and its neighbours are thinnest; either sign.
@@ -196,8 +200,7 @@ fn normal(neighbourhood: &Neighbourhood) -> Option<Vec3> {
 fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
     let mean = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z) / 3.0;
     let centred = covariance - DMat3::from_diagonal(DVec3::splat(mean));
-    let squares =
-        centred.x_axis.length_squared() + centred.y_axis.length_squared() + centred.z_axis.length_squared();
+    let squares = centred.x_axis.length_squared() + centred.y_axis.length_squared() + centred.z_axis.length_squared();
     let spread = (squares / 6.0).sqrt();
     if !(spread > 0.0 && spread.is_finite()) {
         return None;
@@ -348,7 +351,8 @@ mod tests {
 
     #[test]
     fn lines_and_balls_have_no_smallest_eigenvector() {
-        for eigenvalues in [[1.0, 0.0, 0.0], [1.0, 1e-7, 1e-9], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [f64::NAN, 1.0, 1.0]] {
+        for eigenvalues in [[1.0, 0.0, 0.0], [1.0, 1e-7, 1e-9], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [f64::NAN, 1.0, 1.0]]
+        {
             assert_eq!(smallest_eigenvector(DMat3::from_diagonal(DVec3::from(eigenvalues))), None, "{eigenvalues:?}");
         }
     }

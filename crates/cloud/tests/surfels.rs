@@ -1,0 +1,438 @@
+//! Claims about estimated normals and radii, on clouds whose truth is known.
+
+use std::sync::Arc;
+
+use cloud::sampling::{Surface, SurfacePoint};
+use cloud::{
+    Bounds, Chunk, NO_NORMAL, NO_RADIUS, Orientation, Progress, SurfelOptions, Surfels, estimate, guess_orientation,
+    normals_from_triangles, pack_normal, provisional_radius, unpack_normal, unpack_radius,
+};
+use glam::{DVec3, Vec3};
+
+fn chunked(positions: &[[f32; 3]], size: usize) -> Vec<Chunk> {
+    chunked_at(positions, size, DVec3::ZERO)
+}
+
+fn chunked_at(positions: &[[f32; 3]], size: usize, origin: DVec3) -> Vec<Chunk> {
+    positions.chunks(size).enumerate().map(|(i, part)| Chunk::new((i * size) as u64, origin, part.to_vec())).collect()
+}
+
+fn positions(points: &[SurfacePoint]) -> Vec<[f32; 3]> {
+    points.iter().map(|point| point.position.as_vec3().to_array()).collect()
+}
+
+fn run(chunks: &[Chunk], orientation: Orientation) -> Surfels {
+    let surfels = estimate(chunks, &SurfelOptions::new(orientation), &Progress::default()).expect("not cancelled");
+    assert_eq!(surfels.len(), chunks.len());
+    for (surfels, chunk) in surfels.iter().zip(chunks) {
+        assert_eq!((surfels.normals.len(), surfels.radii.len()), (chunk.len(), chunk.len()));
+    }
+    Surfels {
+        normals: surfels.iter().flat_map(|surfels| surfels.normals.clone()).collect(),
+        radii: surfels.iter().flat_map(|surfels| surfels.radii.clone()).collect(),
+    }
+}
+
+/// Evenly random in 0 .. 1.
+fn random(seed: u64) -> f64 {
+    let mut mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    (mixed ^ (mixed >> 31)) as f64 / u64::MAX as f64
+}
+
+/// Hills 512 wide with coordinates on a grid of 2^-13, whose differences f32 holds exactly.
+fn hills(points: usize) -> Vec<[f32; 3]> {
+    let point = |i: usize| {
+        let (x, y) = (512.0 * random(2 * i as u64 + 1), 512.0 * random(2 * i as u64 + 2));
+        let z = 9.0 * (x / 40.0).sin() * (y / 30.0).cos();
+        [x, y, z].map(|v| ((v * 8192.0).round() / 8192.0) as f32)
+    };
+    (0..points).map(point).collect()
+}
+
+fn degrees_between(a: Vec3, b: Vec3) -> f32 {
+    a.cross(b).length().atan2(a.dot(b)).to_degrees()
+}
+
+/// Median and 99th percentile of the angle to the true normals, whichever way these point.
+fn normal_errors(surface: Surface, count: usize) -> (f32, f32) {
+    let points = surface.sample(count, 7);
+    let surfels = run(&chunked(&positions(&points), 10_000), Orientation::AwayFrom(DVec3::ZERO));
+    let error = |(&normal, point): (&u32, &SurfacePoint)| {
+        let angle = degrees_between(unpack_normal(normal).expect("a normal"), point.normal.as_vec3());
+        angle.min(180.0 - angle)
+    };
+    let mut errors: Vec<f32> = surfels.normals.iter().zip(&points).map(error).collect();
+    errors.sort_by(f32::total_cmp);
+    (errors[count / 2], errors[count * 99 / 100])
+}
+
+const SPHERE: Surface = Surface::Sphere { radius: 1.0 };
+const TORUS: Surface = Surface::Torus { ring: 1.0, tube: 0.4 };
+const SQUARE: Surface = Surface::Rectangle {
+    corner: DVec3::new(-1.0, -1.0, 0.5),
+    edges: [DVec3::new(2.0, 0.0, 0.0), DVec3::new(0.0, 2.0, 0.0)],
+};
+
+#[test]
+fn normals_of_a_plane_are_exact() {
+    let (median, most) = normal_errors(SQUARE, 50_000);
+    assert!(median < 0.01 && most < 0.01, "{median}, {most}");
+}
+
+#[test]
+fn normals_of_sphere_and_torus_are_off_by_degrees_that_fall_with_density() {
+    for surface in [SPHERE, TORUS] {
+        let [coarse, fine, finest] = [2_000, 20_000, 200_000].map(|count| normal_errors(surface, count));
+        assert!(coarse.0 < 3.0 && coarse.1 < 8.0, "{surface:?}: {coarse:?}");
+        assert!(fine.0 < coarse.0 / 2.0 && fine.1 < coarse.1 / 2.0, "{surface:?}: {coarse:?} to {fine:?}");
+        assert!(finest.0 < fine.0 / 2.0 && finest.1 < fine.1 / 2.0, "{surface:?}: {fine:?} to {finest:?}");
+    }
+}
+
+#[test]
+fn normals_point_away_from_or_towards_the_place_given() {
+    let sphere = positions(&SPHERE.sample(20_000, 1));
+    for (orientation, sign) in [(Orientation::AwayFrom(DVec3::ZERO), 1.0), (Orientation::Toward(DVec3::ZERO), -1.0)] {
+        let surfels = run(&chunked(&sphere, 8192), orientation);
+        for (&normal, &position) in surfels.normals.iter().zip(&sphere) {
+            assert!(unpack_normal(normal).expect("a normal").dot(Vec3::from(position)) * sign > 0.9);
+        }
+    }
+}
+
+#[test]
+fn radii_of_evenly_sampled_surfaces_follow_from_area_and_number() {
+    for surface in [SQUARE, SPHERE, TORUS] {
+        let count = 100_000;
+        let surfels = run(&chunked(&positions(&surface.sample(count, 3)), 65_536), Orientation::Up(Vec3::Z));
+        let expected = 1.5 * (surface.area() / (std::f64::consts::PI * count as f64)).sqrt();
+        let mut radii: Vec<f32> =
+            surfels.radii.iter().map(|&radius| unpack_radius(radius).expect("a radius")).collect();
+        radii.sort_by(f32::total_cmp);
+        let ratio = f64::from(radii[count / 2]) / expected;
+        assert!((ratio - 1.0).abs() < 0.05, "{surface:?}: median radius is {ratio} of the formula's");
+        // Only points at the square's rim, whose neighbours lie on one side, have larger splats.
+        let ratio = f64::from(radii[count * 98 / 100]) / expected;
+        assert!(ratio < 1.3, "{surface:?}: 98 % are below {ratio}");
+    }
+}
+
+#[test]
+fn radii_are_those_of_exhaustive_search() {
+    // Several tiles, clusters, strays far away and above: wherever a search could miss a neighbour.
+    let mut cloud = hills(150_000);
+    cloud.extend((0..300).map(|i| [random(900 + i), random(1900 + i), random(2900 + i)].map(|v| (3000.0 * v) as f32)));
+    cloud.extend((0..3000).map(|i| [random(i), random(5000 + i), random(9000 + i)].map(|v| 100.0 + 0.1 * v as f32)));
+    cloud.extend([[1e6, 1e6, 1e6], [-1e6, 5.0, 0.0]]);
+    let neighbours = 9;
+    let options = SurfelOptions { neighbours, orientation: Orientation::Up(Vec3::Z) };
+    let surfels = estimate(&chunked(&cloud, 40_000), &options, &Progress::default()).expect("not cancelled");
+    let radii: Vec<u16> = surfels.into_iter().flat_map(|surfels| surfels.radii).collect();
+    let largest = unpack_radius(*radii.iter().max().expect("points")).expect("a radius");
+    let checked = (0..cloud.len()).step_by(997).chain(150_000..cloud.len());
+    for index in checked.step_by(11) {
+        let from = DVec3::from(cloud[index].map(f64::from));
+        let mut distances: Vec<f64> =
+            cloud.iter().map(|p| DVec3::from(p.map(f64::from)).distance(from)).filter(|d| *d > 0.0).collect();
+        let distance = *distances.select_nth_unstable_by(neighbours - 1, f64::total_cmp).1;
+        let expected = ((1.5 * distance / (neighbours as f64).sqrt()) as f32).min(largest);
+        let radius = unpack_radius(radii[index]).expect("a radius");
+        assert!((radius / expected - 1.0).abs() < 1e-3, "point {index}: {radius} instead of {expected}");
+    }
+}
+
+#[test]
+fn chunks_do_not_change_the_result() {
+    let cloud = hills(200_000);
+    let whole = run(&chunked(&cloud, cloud.len()), Orientation::Up(Vec3::Z));
+    for size in [65_536, 10_007, 313] {
+        assert_eq!(run(&chunked(&cloud, size), Orientation::Up(Vec3::Z)), whole, "chunks of {size}");
+    }
+    // Chunks with origins of their own: the same positions up to nothing, as coordinates are on a coarse grid.
+    let shifted: Vec<Chunk> = chunked(&cloud, 5_000)
+        .into_iter()
+        .map(|chunk| {
+            let shift = Vec3::from(chunk.positions[0]);
+            let moved = chunk.positions.iter().map(|&p| (Vec3::from(p) - shift).to_array()).collect();
+            Chunk::new(chunk.first_point, shift.as_dvec3(), moved)
+        })
+        .collect();
+    assert_eq!(run(&shifted, Orientation::Up(Vec3::Z)), whole);
+}
+
+#[test]
+fn point_order_does_not_change_the_result() {
+    let cloud = hills(150_000);
+    let order: Vec<usize> = (0..cloud.len()).map(|i| i * 65_537 % cloud.len()).collect();
+    let shuffled: Vec<[f32; 3]> = order.iter().map(|&index| cloud[index]).collect();
+    let (a, b) = (
+        run(&chunked(&cloud, 9999), Orientation::Up(Vec3::Z)),
+        run(&chunked(&shuffled, 9999), Orientation::Up(Vec3::Z)),
+    );
+    for (place, &index) in order.iter().enumerate() {
+        assert_eq!(b.radii[place], a.radii[index]);
+        // Sums in another order differ in their last digits.
+        let [one, other] = [a.normals[index], b.normals[place]].map(|n| unpack_normal(n).expect("a normal"));
+        assert!(degrees_between(one, other) < 0.05, "{one} and {other}");
+    }
+}
+
+#[test]
+fn points_of_a_grid_have_symmetric_neighbours_in_any_order() {
+    // Every search ends in a tie here: which of the tied come first in the file must not matter.
+    let grid: Vec<[f32; 3]> =
+        (0..10_000).map(|i| [(i % 100) as f32, (i / 100) as f32, ((i % 100) as f32 / 9.0).sin()]).collect();
+    let backwards: Vec<[f32; 3]> = grid.iter().rev().copied().collect();
+    let (a, b) =
+        (run(&chunked(&grid, 777), Orientation::Up(Vec3::Z)), run(&chunked(&backwards, 777), Orientation::Up(Vec3::Z)));
+    for (&one, &other) in a.normals.iter().zip(b.normals.iter().rev()) {
+        let [one, other] = [one, other].map(|normal| unpack_normal(normal).expect("a normal"));
+        assert!(degrees_between(one, other) < 0.02, "{one} and {other}");
+    }
+}
+
+#[test]
+fn coordinates_of_seven_digits_cost_no_accuracy() {
+    let cloud = hills(100_000);
+    let near = run(&chunked(&cloud, 8192), Orientation::Up(Vec3::Z));
+    let far =
+        run(&chunked_at(&cloud, 8192, DVec3::new(6_312_345.25, 5_077_123.5, -1_000_000.0)), Orientation::Up(Vec3::Z));
+    assert_eq!(near.radii, far.radii);
+    assert_eq!(near.normals, far.normals);
+}
+
+#[test]
+fn points_that_are_not_finite_have_nothing_and_do_no_harm() {
+    let clean = hills(50_000);
+    let mut dirty = clean.clone();
+    for i in 0..500 {
+        dirty.insert(i * 90, [[f32::NAN, 1.0, 1.0], [1.0, f32::INFINITY, 1.0], [0.0, 0.0, f32::NEG_INFINITY]][i % 3]);
+    }
+    let expected = run(&chunked(&clean, 1000), Orientation::Up(Vec3::Z));
+    let surfels = run(&chunked(&dirty, 1000), Orientation::Up(Vec3::Z));
+    let mut left = expected.normals.iter().zip(&expected.radii);
+    for (position, (&normal, &radius)) in dirty.iter().zip(surfels.normals.iter().zip(&surfels.radii)) {
+        if position.iter().all(|v| v.is_finite()) {
+            let (&expected_normal, &expected_radius) = left.next().expect("as many points");
+            assert_eq!(radius, expected_radius);
+            let [one, other] = [normal, expected_normal].map(|n| unpack_normal(n).expect("a normal"));
+            assert!(degrees_between(one, other) < 0.05);
+        } else {
+            assert_eq!((normal, radius), (NO_NORMAL, NO_RADIUS));
+        }
+    }
+}
+
+#[test]
+fn huge_and_tiny_coordinates_give_finite_results() {
+    for scale in [1e-30_f32, 1e-12, 1e15, 1e30, f32::MAX] {
+        let cloud: Vec<[f32; 3]> = (0..5000)
+            .map(|i| [random(i + 1), random(i + 10_001), random(i + 20_001)].map(|v| v as f32 * scale))
+            .collect();
+        let surfels = run(&chunked(&cloud, 1000), Orientation::AwayFrom(DVec3::ZERO));
+        assert!(surfels.normals.iter().all(|&normal| unpack_normal(normal).is_none_or(|n| n.is_finite())));
+    }
+}
+
+#[test]
+fn thousands_of_points_at_one_place_count_once() {
+    let cloud = hills(100_000);
+    let expected = run(&chunked(&cloud, 5000), Orientation::Up(Vec3::Z));
+    // Two places in the middle of the hills hold a hundred thousand points each, in turn.
+    let mut crowded = cloud.clone();
+    crowded.extend((0..200_000).map(|i| cloud[1 + i % 2]));
+    let surfels = run(&chunked(&crowded, 5000), Orientation::Up(Vec3::Z));
+    for index in [1, 2, 100_000, 150_001, 299_999] {
+        let place = if index < 100_000 { index } else { 1 + index % 2 };
+        assert_eq!(surfels.radii[index], expected.radii[place], "point {index}");
+        assert_eq!(surfels.normals[index], expected.normals[place], "point {index}");
+    }
+}
+
+#[test]
+fn a_cloud_that_is_one_place_has_no_normals_and_no_radii() {
+    let surfels = run(&chunked(&vec![[1.0, 2.0, 3.0]; 200_000], 65_536), Orientation::Up(Vec3::Z));
+    assert!(surfels.normals.iter().all(|&normal| normal == NO_NORMAL));
+    assert!(surfels.radii.iter().all(|&radius| radius == NO_RADIUS));
+}
+
+#[test]
+fn points_on_a_line_have_radii_but_no_normals() {
+    let line: Vec<[f32; 3]> = (0..3000).map(|i| [i as f32, 2.0 * i as f32, -i as f32]).collect();
+    let surfels = run(&chunked(&line, 500), Orientation::Up(Vec3::Z));
+    assert!(surfels.normals.iter().all(|&normal| normal == NO_NORMAL));
+    assert!(surfels.radii.iter().all(|&radius| unpack_radius(radius).is_some()));
+}
+
+#[test]
+fn clouds_of_few_points_use_the_neighbours_there_are() {
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
+    for count in 0..=4 {
+        let surfels = run(&chunked(&corners[..count], 2), Orientation::Up(Vec3::Z));
+        let has = |yes| vec![yes; count];
+        assert_eq!(
+            surfels.radii.iter().map(|&r| r != NO_RADIUS).collect::<Vec<_>>(),
+            has(count >= 2),
+            "{count} points"
+        );
+        assert_eq!(
+            surfels.normals.iter().map(|&n| n != NO_NORMAL).collect::<Vec<_>>(),
+            has(count >= 3),
+            "{count} points"
+        );
+    }
+    let empty = Chunk::new(0, DVec3::ZERO, Vec::new());
+    let full = Chunk::new(0, DVec3::ZERO, corners.to_vec());
+    assert_eq!(run(&[empty.clone(), full, empty.clone(), empty], Orientation::Up(Vec3::Z)).radii.len(), 4);
+}
+
+#[test]
+fn two_parallel_sheets_keep_their_own_normals() {
+    // Ten spacings apart, as the two sides of a wall: both normals level, each towards the viewer's side of its sheet.
+    let mut cloud = positions(&SQUARE.sample(40_000, 1));
+    cloud.extend(positions(&SQUARE.sample(40_000, 2)).into_iter().map(|[x, y, z]| [x, y, z + 0.1]));
+    let surfels = run(&chunked(&cloud, 30_000), Orientation::Toward(DVec3::new(0.0, 0.0, 0.55)));
+    for (index, &normal) in surfels.normals.iter().enumerate() {
+        let expected = if index < 40_000 { Vec3::Z } else { -Vec3::Z };
+        assert!(degrees_between(unpack_normal(normal).expect("a normal"), expected) < 0.01, "point {index}");
+    }
+}
+
+#[test]
+fn a_stray_point_becomes_no_huge_splat() {
+    let mut cloud = hills(20_000);
+    cloud.push([100.0, 100.0, 50_000.0]);
+    let surfels = run(&chunked(&cloud, 20_001), Orientation::Up(Vec3::Z));
+    let mut radii: Vec<f32> = surfels.radii.iter().map(|&radius| unpack_radius(radius).expect("a radius")).collect();
+    let stray = radii[20_000];
+    radii.sort_by(f32::total_cmp);
+    assert!((stray / radii[10_000] - 10.0).abs() < 0.1, "{stray} beside a median of {}", radii[10_000]);
+}
+
+#[test]
+fn normals_a_chunk_has_are_kept_and_missing_ones_filled_in() {
+    let mut chunks = chunked(&hills(3000), 1000);
+    let odd = pack_normal(Vec3::new(1.0, 2.0, -3.0));
+    let some = (0..1000).map(|i| if i % 2 == 0 { odd } else { NO_NORMAL }).collect();
+    chunks[1].normals = Some(Arc::new(some));
+    let surfels = run(&chunks, Orientation::Up(Vec3::Z));
+    for index in 0..3000 {
+        let normal = surfels.normals[index];
+        let kept = (1000..2000).contains(&index) && index % 2 == 0;
+        assert_eq!(normal == odd, kept, "point {index}");
+        assert!(kept || unpack_normal(normal).expect("a normal").z > 0.0);
+        assert_ne!(surfels.radii[index], NO_RADIUS);
+    }
+}
+
+#[test]
+fn neighbour_counts_at_and_beyond_their_limits_work() {
+    let cloud = chunked(&positions(&SPHERE.sample(20_000, 1)), 20_000);
+    for neighbours in [0, 3, 16, 17, 32, 33, 64, 1000] {
+        let options = SurfelOptions { neighbours, orientation: Orientation::AwayFrom(DVec3::ZERO) };
+        let surfels = estimate(&cloud, &options, &Progress::default()).expect("not cancelled");
+        let close = |(&normal, position): (&u32, &[f32; 3])| {
+            unpack_normal(normal).is_some_and(|normal| degrees_between(normal, Vec3::from(*position)) < 20.0)
+        };
+        let good = surfels[0].normals.iter().zip(cloud[0].positions.iter()).filter(|pair| close(*pair)).count();
+        assert!(good > 19_000, "{neighbours} neighbours: {good} good normals");
+    }
+}
+
+#[test]
+fn progress_ends_at_its_total() {
+    let mut cloud = hills(100_000);
+    cloud[5] = [f32::NAN; 3];
+    let progress = Progress::default();
+    estimate(&chunked(&cloud, 4096), &SurfelOptions::new(Orientation::Up(Vec3::Z)), &progress).expect("not cancelled");
+    assert_eq!((progress.done(), progress.total()), (100_000, 100_000));
+}
+
+#[test]
+fn a_cancelled_estimate_returns_nothing_and_soon() {
+    let chunks = chunked(&hills(400_000), 65_536);
+    let options = SurfelOptions::new(Orientation::Up(Vec3::Z));
+    let progress = Progress::default();
+    progress.cancel();
+    assert_eq!(estimate(&chunks, &options, &progress), None);
+    assert_eq!(progress.done(), 0);
+    let progress = Progress::default();
+    std::thread::scope(|scope| {
+        let worker = scope.spawn(|| estimate(&chunks, &options, &progress));
+        while progress.done() == 0 && !worker.is_finished() {
+            std::thread::yield_now();
+        }
+        progress.cancel();
+        assert_eq!(worker.join().expect("no panic"), None);
+    });
+    assert!(progress.done() < 400_000);
+}
+
+#[test]
+fn orientation_is_guessed_from_the_shape() {
+    let up = Vec3::Z;
+    assert_eq!(guess_orientation(&chunked(&hills(50_000), 8192), up), Orientation::Up(up));
+    assert_eq!(guess_orientation(&[], up), Orientation::Up(up));
+    let sphere = chunked(&positions(&SPHERE.sample(50_000, 1)), 8192);
+    assert!(matches!(guess_orientation(&sphere, up), Orientation::AwayFrom(centre) if centre.length() < 0.1));
+    let flat = chunked(&positions(&SQUARE.sample(50_000, 1)), 8192);
+    assert_eq!(guess_orientation(&flat, up), Orientation::Up(up));
+    // A room of 8 x 6 x 2.5 with some furniture.
+    let mut room = Vec::new();
+    for i in 0..50_000_u64 {
+        let mut p = [8.0 * random(3 * i + 1), 6.0 * random(3 * i + 2), 2.5 * random(3 * i + 3)];
+        match i % 8 {
+            0 => p[0] = 0.0,
+            1 => p[0] = 8.0,
+            2 => p[1] = 0.0,
+            3 => p[1] = 6.0,
+            4 | 5 => p[2] = 0.0,
+            6 => p[2] = 2.5,
+            _ => p[2] *= 0.4,
+        }
+        room.push(p.map(|v| v as f32));
+    }
+    let guess = guess_orientation(&chunked(&room, 8192), up);
+    assert!(
+        matches!(guess, Orientation::Toward(centre) if centre.distance(DVec3::new(4.0, 3.0, 1.25)) < 0.1),
+        "{guess:?}"
+    );
+}
+
+#[test]
+fn mesh_normals_are_weighted_by_area_and_bad_triangles_are_counted() {
+    // A flat square of two triangles, and a small steep one at its first corner; chunks split the vertices.
+    let vertices = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [1.0, 1.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.01],
+        [0.0, 0.01, 0.0],
+        [5.0, 5.0, 5.0],
+    ];
+    let triangles = [[0, 1, 2], [0, 2, 3], [0, 5, 4], [0, 1, 7], [u32::MAX, 0, 1], [1, 1, 2]];
+    let mesh = normals_from_triangles(&chunked(&vertices, 3), &triangles);
+    assert_eq!(mesh.skipped_triangles, 2);
+    let normals: Vec<Option<Vec3>> = mesh.normals.iter().flatten().map(|&normal| unpack_normal(normal)).collect();
+    assert_eq!(normals[1..4], [Some(Vec3::Z); 3]);
+    assert!(degrees_between(normals[0].expect("a normal"), Vec3::Z) < 0.01);
+    assert_eq!((normals[4], normals[6]), (Some(Vec3::X), None));
+    assert_eq!(normals_from_triangles(&[], &[[0, 0, 0]]).skipped_triangles, 1);
+}
+
+#[test]
+fn provisional_radius_of_a_plane_is_the_estimated_one() {
+    let chunks = chunked(&positions(&SQUARE.sample(40_000, 1)), 8192);
+    let bounds = chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
+    let provisional = provisional_radius(bounds, 40_000);
+    let mut radii: Vec<f32> =
+        run(&chunks, Orientation::Up(Vec3::Z)).radii.iter().map(|&r| unpack_radius(r).expect("a radius")).collect();
+    radii.sort_by(f32::total_cmp);
+    assert!((provisional / radii[20_000] - 1.0).abs() < 0.05, "{provisional} instead of {}", radii[20_000]);
+    let line = Bounds { min: DVec3::ZERO, max: DVec3::new(10.0, 0.0, 0.0) };
+    assert!(provisional_radius(line, 100) > 0.05);
+    assert_eq!(provisional_radius(Bounds::EMPTY, 0), 0.0);
+}
