@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::Context as _;
 use cloud::{Attribute, Chunk, Column, Grid, Orientation, Progress, SurfelOptions, Surfels};
 use glam::DVec3;
-use scene::{ColorBy, SceneFile, Settings, SurfaceOrientation, UpAxis, View, five_mirrors};
+use scene::{ColorBy, SceneFile, SceneSettings, Settings, SurfaceOrientation, UpAxis, View, five_mirrors};
 
 use crate::failure::usage;
 
@@ -255,7 +255,7 @@ impl Loader {
             }
         }
         let expected = opened.iter().filter_map(|loading| loading.source.as_ref()).map(|source| source.info().points);
-        self.progress.set_total(expected.sum());
+        self.progress.set_total(self.progress.done() + expected.sum::<u64>());
         for loading in &mut opened {
             self.read(loading)?;
         }
@@ -296,6 +296,39 @@ impl Loader {
             warnings: info.warnings.clone(),
         })?;
         Some(Some(Loading { cloud, source: Some(source), up, chunks: Vec::new() }))
+    }
+
+    /// A built-in scene, all of it at once: a cloud per material, complete with normals and radii.
+    fn sample(&self, mirror: five_mirrors::Mirror, opened: &mut Vec<Loading>) -> Option<()> {
+        let SceneSettings { points, seed } = self.settings.scene;
+        for part in five_mirrors::sample(mirror, u64::from(points), u64::from(seed)) {
+            let cloud = opened.len();
+            let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+            self.send(Event::Opened {
+                cloud,
+                name: format!("{} {}", built_in_name(mirror), part.name),
+                path: None,
+                source: None,
+                attributes: Vec::new(),
+                grid: None,
+                expected_points: points,
+                material: render::Material {
+                    specular_intensity: part.specular_intensity,
+                    specular_power: part.specular_power,
+                },
+                up: DVec3::Y,
+                provisional_radius: 0.0,
+                warnings: Vec::new(),
+            })?;
+            for chunk in part.chunks {
+                self.progress.add(chunk.len() as u64);
+                self.send(Event::Chunk { cloud, chunk })?;
+            }
+            let summary = codec::Summary { points, ..Default::default() };
+            self.send(Event::Read { cloud, summary })?;
+            opened.push(Loading { cloud, source: None, up: DVec3::Y, chunks: Vec::new() });
+        }
+        Some(())
     }
 
     fn read(&self, loading: &mut Loading) -> Option<()> {

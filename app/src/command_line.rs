@@ -1,0 +1,204 @@
+//! The command line as clap reads it: words to plain values. What the values mean is decided where they are used.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Views, lights and measures point clouds (LAS, LAZ, PLY).
+#[derive(Debug, Parser)]
+#[command(name = "glint", version, args_conflicts_with_subcommands = true, disable_help_subcommand = true)]
+pub struct CommandLine {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    #[command(flatten)]
+    pub view: ViewArguments,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Open the viewer; the same as without a command
+    View(ViewArguments),
+    /// Tell what files hold: format, points, extent, attributes, coordinate system
+    Info(InfoArguments),
+    /// Write the picture the viewer would show
+    Render(RenderArguments),
+    /// List the reflection methods and every parameter
+    Methods(ListingArguments),
+    /// List the built-in scenes
+    Scenes(ListingArguments),
+    /// Tell which adapter and display will be used, and why
+    Doctor(DoctorArguments),
+}
+
+#[derive(Debug, Args)]
+pub struct ViewArguments {
+    /// `.las`, `.laz` and `.ply` files, a scene file (`.toml`), names of built-in scenes
+    pub inputs: Vec<String>,
+    #[command(flatten)]
+    pub gpu: GpuArgument,
+}
+
+#[derive(Debug, Args)]
+pub struct GpuArgument {
+    /// Adapter to use: part of its name, or `cpu`; the fastest if not given
+    #[arg(long, value_name = "NAME")]
+    pub gpu: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct InfoArguments {
+    /// `.las`, `.laz` and `.ply` files, or a scene file (`.toml`) for its clouds
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// Write JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Read all points of large files too, to make sure of their number and extent (up to 64 MB that is always done)
+    #[arg(long)]
+    pub scan: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct RenderArguments {
+    /// `.las`, `.laz` and `.ply` files, a scene file (`.toml`), names of built-in scenes
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// PNG file to write
+    #[arg(short, long, value_name = "OUT.png")]
+    pub output: PathBuf,
+    /// Width and height of the picture, pixels
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "800x600", value_parser = parse_size)]
+    pub size: [u32; 2],
+    /// Reflection method; `glint methods` lists them
+    #[arg(long, value_name = "NAME", default_value = "none")]
+    pub method: String,
+    /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
+    /// File with a view (as "copy view" gives it), or front, back, left, right, top, bottom, iso, or scene for the scene's own
+    #[arg(long, value_name = "FILE|NAME")]
+    pub camera: Option<String>,
+    /// Reflections of reflections that are followed
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub bounces: u32,
+    /// Also write a linear float image: depth, normal, albedo, mirror, position or color
+    #[arg(long, value_name = "NAME=FILE.exr", value_parser = parse_pair)]
+    pub aov: Vec<(String, String)>,
+    /// Write times, counts and memory as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub stats: Option<PathBuf>,
+    /// Frames whose times --stats takes the median of, after one to warm up; 1 if not given
+    #[arg(long, value_name = "N", requires = "stats", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub frames: Option<u32>,
+    /// Seed of the built-in scenes' points; short for --set scene.seed=N
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u32>,
+    #[command(flatten)]
+    pub gpu: GpuArgument,
+}
+
+#[derive(Debug, Args)]
+pub struct ListingArguments {
+    /// Write JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct DoctorArguments {
+    /// Write JSON
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub gpu: GpuArgument,
+}
+
+/// Largest side of a picture: what every adapter of WebGPU's class can hold is 8192, common ones 16384 or more; the
+/// adapter at hand may refuse less, with its own limit in the message.
+const LARGEST_SIDE: u32 = 32_768;
+
+fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let sides =
+        text.split_once(['x', 'X']).and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
+    let size = sides.ok_or("expected WIDTHxHEIGHT in pixels, as in 1280x720")?;
+    if size.iter().all(|side| (1..=LARGEST_SIDE).contains(side)) {
+        Ok(size)
+    } else {
+        Err(format!("each side must be from 1 to {LARGEST_SIDE} pixels"))
+    }
+}
+
+fn parse_pair(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
+        _ => Err("expected NAME=VALUE".into()),
+    }
+}
+
+/// clap's message in two lines at most: what is wrong, and what to do.
+pub fn brief(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let mut paragraphs = text.split("\n\n").map(|lines| lines.split_whitespace().collect::<Vec<_>>().join(" "));
+    let problem = paragraphs.next().unwrap_or_default();
+    let problem = problem.strip_prefix("error: ").unwrap_or(&problem).to_owned();
+    let tip = paragraphs.find_map(|line| line.strip_prefix("tip: ").map(str::to_owned));
+    format!("{problem}\n{}", tip.unwrap_or_else(|| "--help tells what there is".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    fn message(words: &[&str]) -> String {
+        brief(&CommandLine::try_parse_from(words).unwrap_err())
+    }
+
+    #[test]
+    fn the_definition_is_consistent() {
+        CommandLine::command().debug_assert();
+    }
+
+    #[test]
+    fn words_without_a_command_are_inputs_of_the_viewer() {
+        let line = CommandLine::try_parse_from(["glint", "a.laz", "five-mirrors/sphere", "--gpu", "cpu"]).unwrap();
+        assert!(line.command.is_none());
+        assert_eq!(line.view.inputs, ["a.laz", "five-mirrors/sphere"]);
+        assert_eq!(line.view.gpu.gpu.as_deref(), Some("cpu"));
+    }
+
+    #[test]
+    fn sizes_are_two_numbers_of_pixels() {
+        assert_eq!(parse_size("1280x720"), Ok([1280, 720]));
+        for wrong in ["", "x", "800", "800x", "800x0", "-1x5", "800x600x2", "1e3x4", "99999x10", "800*600"] {
+            assert!(parse_size(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn pairs_are_split_at_the_first_equals_sign() {
+        assert_eq!(parse_pair("color.attribute=a=b"), Ok(("color.attribute".into(), "a=b".into())));
+        assert_eq!(parse_pair("color.attribute="), Ok(("color.attribute".into(), String::new())));
+        assert!(parse_pair("splat.size").is_err());
+        assert!(parse_pair("=2").is_err());
+    }
+
+    #[test]
+    fn usage_errors_are_two_lines() {
+        for words in [
+            &["glint", "render"][..],
+            &["glint", "render", "a.laz", "-o", "a.png", "--size", "big"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--frames", "0"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
+            &["glint", "info"],
+            &["glint", "--nonsense"],
+        ] {
+            let message = message(words);
+            assert_eq!(message.lines().count(), 2, "{words:?}: {message}");
+            assert!(message.lines().all(|line| !line.trim().is_empty()), "{words:?}: {message}");
+        }
+        assert!(message(&["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"]).contains("--size"));
+    }
+}

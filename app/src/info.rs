@@ -1,0 +1,253 @@
+//! `glint info`: what files hold, for people or as JSON. An input that cannot be read is reported in its place.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use cloud::{Bounds, Progress};
+use codec::{Format, Info};
+use serde::Serialize;
+
+use crate::command_line::InfoArguments;
+use crate::loading::{self, Input};
+
+/// Files up to this size are read whole, so that the figures are the points' own and not a header's: some two seconds
+/// of LAZ on two cores.
+const READ_WITHOUT_ASKING: u64 = 64 << 20;
+
+#[derive(Serialize)]
+struct Report {
+    inputs: Vec<Entry>,
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Entry {
+    Read(Box<FileReport>),
+    Unreadable { path: String, error: String },
+}
+
+/// One input, in the order and under the names of the JSON.
+#[derive(Serialize)]
+struct FileReport {
+    path: String,
+    format: &'static str,
+    version: String,
+    point_format: Option<u8>,
+    points: u64,
+    bounds: Option<BoundsReport>,
+    attributes: Vec<AttributeReport>,
+    crs: Option<String>,
+    warnings: Vec<String>,
+    /// Decimals that the coordinates of a grid have, for people.
+    #[serde(skip)]
+    decimals: Option<usize>,
+}
+
+#[derive(Serialize)]
+struct BoundsReport {
+    min: [f64; 3],
+    max: [f64; 3],
+}
+
+#[derive(Serialize)]
+struct AttributeReport {
+    name: String,
+    #[serde(rename = "type")]
+    type_name: &'static str,
+}
+
+/// Reports all inputs; the exit status is 2 if one of them cannot be read.
+///
+/// # Errors
+/// If the report cannot be written.
+pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
+    let mut inputs = Vec::new();
+    for word in &arguments.inputs {
+        match loading::resolve(std::slice::from_ref(word)) {
+            Ok(request) => inputs.extend(request.inputs.into_iter().map(|input| entry(&input, arguments.scan))),
+            Err(error) => inputs.push(Entry::Unreadable { path: word.clone(), error: format!("{error:#}") }),
+        }
+    }
+    let unreadable = inputs.iter().any(|entry| matches!(entry, Entry::Unreadable { .. }));
+    let report = Report { inputs };
+    if arguments.json {
+        crate::print(&(serde_json::to_string_pretty(&report)? + "\n"))?;
+    } else {
+        let mut separator = "";
+        for entry in &report.inputs {
+            match entry {
+                Entry::Read(file) => {
+                    crate::print(&format!("{separator}{}", text(file)))?;
+                    separator = "\n";
+                }
+                Entry::Unreadable { error, .. } => crate::complain(error),
+            }
+        }
+    }
+    Ok(if unreadable { 2 } else { 0 })
+}
+
+fn entry(input: &Input, scan: bool) -> Entry {
+    let report = match input {
+        Input::File(path) => file_report(path, scan).map_err(|error| error.to_string()),
+        Input::BuiltIn(_) => Err(format!("{}: a built-in scene, not a file; `glint scenes` lists them", input.name())),
+    };
+    match report {
+        Ok(report) => Entry::Read(Box::new(report)),
+        Err(error) => Entry::Unreadable { path: input.name(), error },
+    }
+}
+
+fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
+    let source = codec::open(path)?;
+    let info = source.info();
+    let mut report = FileReport {
+        path: path.display().to_string(),
+        format: format_name(info.format),
+        version: info.version.clone(),
+        point_format: info.point_format,
+        points: info.points,
+        bounds: info.bounds.and_then(bounds_report),
+        attributes: attributes(info),
+        crs: info.crs.clone(),
+        warnings: info.warnings.clone(),
+        decimals: info.grid.map(|grid| decimals(grid.scale.min_element())),
+    };
+    let small = std::fs::metadata(path).is_ok_and(|metadata| metadata.len() <= READ_WITHOUT_ASKING);
+    if scan || small {
+        let selection = codec::Selection { positions: true, ..Default::default() };
+        let progress = Progress::default();
+        let read = crate::progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &|_| {}));
+        let summary = read?;
+        report.points = summary.points;
+        report.bounds = summary.bounds.and_then(bounds_report);
+        for warning in summary.warnings {
+            if !report.warnings.contains(&warning) {
+                report.warnings.push(warning);
+            }
+        }
+    } else if report.bounds.is_none() {
+        report.warnings.push("the header gives no believable bounds; --scan reads all points to find them".into());
+    }
+    Ok(report)
+}
+
+fn format_name(format: Format) -> &'static str {
+    match format {
+        Format::Las => "las",
+        Format::Laz => "laz",
+        Format::Ply => "ply",
+    }
+}
+
+fn attributes(info: &Info) -> Vec<AttributeReport> {
+    let report = |attribute: &cloud::Attribute| AttributeReport {
+        name: attribute.name.clone(),
+        type_name: attribute.column_type.name(),
+    };
+    info.properties.iter().map(report).collect()
+}
+
+fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
+    (!bounds.is_empty()).then(|| BoundsReport { min: bounds.min.to_array(), max: bounds.max.to_array() })
+}
+
+/// Decimals of a number that is a multiple of `scale`: 2 for 0.01 and for 0.05.
+fn decimals(scale: f64) -> usize {
+    (0..=12).find(|&digits| (scale * 10_f64.powi(digits)).fract().abs() < 1e-6).unwrap_or(12) as usize
+}
+
+/// The report for people, a line per fact.
+fn text(report: &FileReport) -> String {
+    let mut text = format!("{}\n", report.path);
+    let mut line = |name: &str, value: &str| {
+        let _ = writeln!(text, "  {name:<11} {value}");
+    };
+    let point_format = report.point_format.map_or(String::new(), |number| format!(", point format {number}"));
+    line("format", &format!("{} {}{point_format}", report.format.to_uppercase(), report.version));
+    line("points", &grouped(report.points));
+    match &report.bounds {
+        Some(bounds) => {
+            let size: [f64; 3] = std::array::from_fn(|axis| bounds.max[axis] - bounds.min[axis]);
+            let size = size.map(|length| coordinate(length, report.decimals.unwrap_or(6)));
+            line("extent", &size.join(" x "));
+            let corner = |corner: [f64; 3]| {
+                let digits = corner.map(|value| match report.decimals {
+                    Some(decimals) => coordinate(value, decimals),
+                    None => value.to_string(),
+                });
+                digits.join("  ")
+            };
+            line("from", &corner(bounds.min));
+            line("to", &corner(bounds.max));
+        }
+        None => line("extent", "unknown"),
+    }
+    let attributes: Vec<String> =
+        report.attributes.iter().map(|attribute| format!("{} {}", attribute.name, attribute.type_name)).collect();
+    for (index, some) in wrapped(&attributes, 90).iter().enumerate() {
+        line(if index == 0 { "attributes" } else { "" }, some);
+    }
+    let crs = report.crs.as_deref().and_then(|crs| crs.lines().find(|line| !line.trim().is_empty()));
+    line("crs", &crs.map_or("none".into(), |crs| shortened(crs.trim(), 100)));
+    for warning in &report.warnings {
+        line("warning", warning);
+    }
+    text
+}
+
+/// `1234567` as `1,234,567`.
+pub fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().filter_map(|group| std::str::from_utf8(group).ok()).collect();
+    groups.join(",")
+}
+
+/// A number with at most `decimals` of them, without zeros at the end.
+fn coordinate(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    if decimals == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
+}
+
+/// Words joined by commas into lines of about `width` characters.
+fn wrapped(words: &[String], width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in words {
+        match lines.last_mut() {
+            Some(line) if line.len() + word.len() + 2 <= width => {
+                line.push_str(", ");
+                line.push_str(word);
+            }
+            _ => lines.push(word.clone()),
+        }
+    }
+    lines
+}
+
+fn shortened(text: &str, limit: usize) -> String {
+    if text.chars().count() <= limit {
+        return text.to_owned();
+    }
+    text.chars().take(limit - 3).collect::<String>() + "..."
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_read_well() {
+        assert_eq!(["0", "999", "1,000", "3,234,126"].map(str::to_owned), [0, 999, 1000, 3_234_126].map(grouped));
+        assert_eq!(coordinate(413_219.240_000_000_05, 2), "413219.24");
+        assert_eq!(coordinate(-5.0, 3), "-5");
+        assert_eq!(coordinate(1200.0, 0), "1200");
+        assert_eq!([0.01, 0.001, 1.0, 0.25, 1e-7].map(decimals), [2, 3, 0, 2, 7]);
+    }
+
+    #[test]
+    fn long_lists_break_between_words() {
+        let words: Vec<String> = (0..5).map(|index| format!("word{index} u8")).collect();
+        assert_eq!(wrapped(&words, 20), ["word0 u8, word1 u8", "word2 u8, word3 u8", "word4 u8"]);
+    }
+}

@@ -1,0 +1,269 @@
+//! `glint methods`, `glint scenes`, `glint doctor`: what there is to choose from, for people or as JSON; and the page of
+//! the documentation that lists the parameters.
+
+use std::fmt::Write as _;
+
+use param::{Field, Group, Kind, Value};
+use scene::{Settings, five_mirrors};
+use serde_json::json;
+
+use crate::loading;
+
+/// A reflection method: its name on the command line, and a line of help.
+pub struct Method {
+    pub name: &'static str,
+    pub help: &'static str,
+}
+
+/// The methods of this version.
+pub const METHODS: [Method; 1] =
+    [Method { name: "none", help: "Mirrors stay plain grey: the scene without reflections" }];
+
+/// Names that are fixed for methods of later versions, so that asking for one is not taken for a spelling mistake.
+pub const LATER_METHODS: [&str; 11] = [
+    "environment_map",
+    "mirrored_viewpoint",
+    "sscr",
+    "sscr_hierarchical",
+    "cubemap_trace",
+    "screen_trace",
+    "sample_cameras",
+    "light_field",
+    "surfel_trace",
+    "ray_trace",
+    "auto",
+];
+
+/// Every parameter: its key and its line of the table.
+fn parameters() -> Vec<(String, Field)> {
+    let settings = Settings::default();
+    let groups = settings.groups();
+    let keyed = |group: &'static Group| {
+        group.fields.iter().map(|field| (format!("{}.{}", group.name, field.name), field.clone()))
+    };
+    groups.iter().flat_map(|params| keyed(params.group())).collect()
+}
+
+/// # Errors
+/// If standard output cannot be written.
+pub fn methods(as_json: bool) -> anyhow::Result<()> {
+    if as_json {
+        let methods: Vec<_> = METHODS.iter().map(|method| json!({"name": method.name, "help": method.help})).collect();
+        let parameters: Vec<_> = parameters().iter().map(|(key, field)| parameter_json(key, field)).collect();
+        let listing = json!({"methods": methods, "parameters": parameters});
+        return crate::print(&(serde_json::to_string_pretty(&listing)? + "\n"));
+    }
+    let mut text = String::from("Reflection methods (--method NAME)\n");
+    for method in METHODS {
+        let _ = writeln!(text, "  {:<24}{}", method.name, method.help);
+    }
+    text.push_str("\nParameters (--set KEY=VALUE)\n");
+    for (key, field) in parameters() {
+        let default = field.format(&field.default());
+        let default = if default.is_empty() { "none".to_owned() } else { default };
+        let _ = writeln!(text, "  {key:<24}{} [{}; default {default}]", field.help, field.range_text());
+    }
+    crate::print(&text)
+}
+
+fn parameter_json(key: &str, field: &Field) -> serde_json::Value {
+    let mut parameter = json!({
+        "key": key,
+        "type": kind_name(&field.kind),
+        "unit": field.unit,
+        "range": field.range_text(),
+        "default": value_json(field, &field.default()),
+        "help": field.help,
+    });
+    match &field.kind {
+        Kind::U32 { min, max, .. } => {
+            parameter["min"] = json!(min);
+            parameter["max"] = json!(max);
+        }
+        Kind::F32 { min, max, .. } => {
+            parameter["min"] = shortest(*min);
+            parameter["max"] = shortest(*max);
+        }
+        Kind::Choice { names, .. } => parameter["choices"] = json!(names),
+        Kind::Bool { .. } | Kind::Color { .. } | Kind::Text { .. } => {}
+    }
+    parameter
+}
+
+fn kind_name(kind: &Kind) -> &'static str {
+    match kind {
+        Kind::Bool { .. } => "switch",
+        Kind::U32 { .. } => "whole number",
+        Kind::F32 { .. } => "number",
+        Kind::Choice { .. } => "choice",
+        Kind::Color { .. } => "colour",
+        Kind::Text { .. } => "text",
+    }
+}
+
+/// A value as JSON: numbers and switches as such, the rest as the text that `--set` takes.
+pub fn value_json(field: &Field, value: &Value) -> serde_json::Value {
+    match value {
+        Value::Bool(value) => json!(value),
+        Value::U32(value) => json!(value),
+        Value::F32(value) => shortest(*value),
+        Value::Choice(_) | Value::Color(_) | Value::Text(_) => json!(field.format(value)),
+    }
+}
+
+/// The shortest decimal that gives the f32 back: 0.1, not 0.10000000149011612.
+fn shortest(value: f32) -> serde_json::Value {
+    json!(value.to_string().parse::<f64>().unwrap_or(f64::from(value)))
+}
+
+/// # Errors
+/// If standard output cannot be written.
+pub fn scenes(as_json: bool) -> anyhow::Result<()> {
+    let scenes: Vec<(String, &str)> = five_mirrors::Mirror::ALL
+        .into_iter()
+        .map(|mirror| (loading::built_in_name(mirror), mirror.help()))
+        .collect();
+    if as_json {
+        let listing: Vec<_> = scenes.iter().map(|(name, help)| json!({"name": name, "help": help})).collect();
+        return crate::print(&(serde_json::to_string_pretty(&json!({"scenes": listing}))? + "\n"));
+    }
+    let mut text = String::new();
+    for (name, help) in scenes {
+        let _ = writeln!(text, "{name:<26}{help}");
+    }
+    text.push_str("\nOpen one as a file: glint five-mirrors/sphere; --set scene.points=N samples it with N points.\n");
+    crate::print(&text)
+}
+
+/// # Errors
+/// If standard output cannot be written.
+pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
+    let adapters = render::adapters(wanted);
+    let display = ["WAYLAND_DISPLAY", "DISPLAY"]
+        .into_iter()
+        .find_map(|name| Some((name, std::env::var(name).ok().filter(|value| !value.is_empty())?)));
+    let folder = crate::settings_folder();
+    if as_json {
+        let adapter = |report: &render::AdapterReport| {
+            json!({
+                "name": report.name, "backend": report.backend, "kind": report.kind, "driver": report.driver,
+                "features": {"atomics64": report.atomics64, "timestamps": report.timestamps},
+                "limits": {"binding_bytes": report.max_binding_bytes, "buffer_bytes": report.max_buffer_bytes,
+                    "texture_size": report.max_texture_size},
+                "chosen": report.chosen, "why": report.why,
+            })
+        };
+        let report = json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "threads": threads(),
+            "adapters": adapters.iter().map(adapter).collect::<Vec<_>>(),
+            "display": display.as_ref().map(|(name, value)| json!({"variable": name, "value": value})),
+            "can_open_window": crate::has_display() && adapters.iter().any(|report| report.chosen),
+            "settings_folder": folder,
+        });
+        return crate::print(&(serde_json::to_string_pretty(&report)? + "\n"));
+    }
+    let mut text = format!("glint {}, {} threads\n", env!("CARGO_PKG_VERSION"), threads());
+    if adapters.is_empty() {
+        text.push_str("\nNo graphics adapter. Install a Vulkan driver; on Debian and Ubuntu mesa-vulkan-drivers runs without a GPU too.\n");
+    } else if !adapters.iter().any(|report| report.chosen) {
+        let _ = writeln!(text, "\nNo adapter fits `{}`.", wanted.unwrap_or_default());
+    }
+    for report in &adapters {
+        let mark = if report.chosen { "will be used" } else { "not used" };
+        let _ = writeln!(text, "\n{} ({}, {})", report.name, report.backend, report.kind);
+        let _ = writeln!(text, "  {:<14}{mark}: {}", "choice", report.why);
+        let _ = writeln!(text, "  {:<14}{}", "driver", report.driver);
+        let atomics = if report.atomics64 { "one pass, 64-bit atomics" } else { "two passes, 32-bit atomics" };
+        let _ = writeln!(text, "  {:<14}{atomics}", "splatting");
+        let clock = match (report.timestamps, report.kind.as_str()) {
+            (true, kind) if kind != "cpu" => "the GPU's timestamps",
+            _ => "the host's clock around each pass",
+        };
+        let _ = writeln!(text, "  {:<14}{clock}", "pass times");
+        let (binding, buffer) = (mebibytes(report.max_binding_bytes), mebibytes(report.max_buffer_bytes));
+        let size = report.max_texture_size;
+        let _ = writeln!(text, "  {:<14}binding {binding} MiB, buffer {buffer} MiB, picture {size} x {size}", "limits");
+    }
+    let display = match display {
+        Some((name, value)) => format!("{name}={value}"),
+        None if crate::has_display() => "the desktop".into(),
+        None => "none (neither DISPLAY nor WAYLAND_DISPLAY is set): `glint render` writes pictures instead".into(),
+    };
+    let folder = folder.map_or("none (no home folder)".into(), |folder| folder.display().to_string());
+    let _ = writeln!(text, "\n{:<16}{display}\n{:<16}{folder}", "display", "settings");
+    crate::print(&text)
+}
+
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+fn mebibytes(bytes: u64) -> String {
+    crate::info::grouped(bytes >> 20)
+}
+
+/// docs/parameters.md, from the same table as everything else.
+#[cfg(test)]
+fn parameters_page() -> String {
+    let mut page = String::from(
+        "# Parameters\n\n\
+         Written from the parameter table (`crates/scene/src/settings.rs`) by `UPDATE=1 cargo test --release -p glint parameters`. \
+         A parameter is set by `--set KEY=VALUE` on the command line, by its control in the viewer's panel, and under \
+         `[parameters]` in a scene file; a view copied from the viewer names those that differ from their defaults.\n",
+    );
+    for params in Settings::default().groups() {
+        let group = params.group();
+        let _ = writeln!(page, "\n## {}\n\n{}\n", group.name, group.help);
+        page.push_str("| key | values | default | meaning |\n|---|---|---|---|\n");
+        for field in &group.fields {
+            let default = field.format(&field.default());
+            let default = if default.is_empty() { "none".into() } else { format!("`{default}`") };
+            let _ = writeln!(
+                page,
+                "| `{}.{}` | {} | {default} | {} |",
+                group.name,
+                field.name,
+                field.range_text(),
+                field.help
+            );
+        }
+    }
+    page
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn parameters_page_is_what_the_table_says() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/parameters.md");
+        if std::env::var_os("UPDATE").is_some() {
+            std::fs::write(&path, parameters_page()).unwrap();
+        }
+        let page = std::fs::read_to_string(&path).unwrap_or_default();
+        assert!(
+            page == parameters_page(),
+            "docs/parameters.md is out of date: UPDATE=1 cargo test --release -p glint parameters"
+        );
+    }
+
+    #[test]
+    fn every_parameter_is_listed_with_its_bounds() {
+        let size = Settings::default().splat;
+        let (key, field) = parameters().into_iter().find(|(key, _)| key == "splat.size").unwrap();
+        let listed = parameter_json(&key, &field);
+        assert_eq!(listed["default"], json!(f64::from(size.size)));
+        assert_eq!(listed["min"], json!(0.05), "not 0.05000000074505806");
+        assert_eq!(listed["unit"], "x spacing");
+        assert_eq!(parameters().len(), Settings::default().all().len());
+    }
+
+    #[test]
+    fn present_and_later_methods_do_not_overlap() {
+        assert!(METHODS.iter().all(|method| !LATER_METHODS.contains(&method.name)));
+    }
+}

@@ -1,0 +1,147 @@
+//! Picture files: PNG for what is seen, OpenEXR for the numbers behind it. A file appears whole or not at all: it is written
+//! beside its place under another name and moved there at the end.
+
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::Path;
+
+use anyhow::{Context as _, bail};
+use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, WritableImage as _};
+use image::ImageEncoder as _;
+use image::codecs::png::PngEncoder;
+
+/// Writes rows of sRGB red, green, blue, opacity from the top as an 8-bit RGB PNG; the opacity, 255 throughout a rendered
+/// picture, is left out.
+///
+/// # Errors
+/// If the file cannot be written; names it.
+pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8]) -> anyhow::Result<()> {
+    let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+    write_whole(path, |file| {
+        let [width, height] = size;
+        PngEncoder::new(file).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8)?;
+        Ok(())
+    })
+}
+
+/// Writes 32-bit float scan lines, ZIP-compressed: NaN and values beyond 1 stay as they are.
+///
+/// # Errors
+/// If the file cannot be written; names it.
+pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> {
+    let count = picture.channels.len();
+    let channels = picture.channels.iter().enumerate().map(|(index, name)| {
+        let samples = picture.data.iter().skip(index).step_by(count).copied().collect();
+        AnyChannel::new(*name, FlatSamples::F32(samples))
+    });
+    let channels = AnyChannels::sort(channels.collect());
+    let size = (picture.size[0] as usize, picture.size[1] as usize);
+    let image = Image::from_encoded_channels(size, Encoding::SMALL_LOSSLESS, channels);
+    // Its writer needs to seek; the compressed file is a fraction of the picture in memory.
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write().to_buffered(&mut bytes)?;
+    write_whole(path, |file| Ok(file.write_all(bytes.get_ref())?))
+}
+
+/// Writes text, as for `--stats`.
+///
+/// # Errors
+/// If the file cannot be written; names it.
+pub fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
+    write_whole(path, |file| Ok(file.write_all(text.as_bytes())?))
+}
+
+/// Whether a file can be put at `path`, told before the work starts.
+///
+/// # Errors
+/// A folder that is missing or a path that is a folder.
+pub fn check_place(path: &Path) -> anyhow::Result<()> {
+    if path.is_dir() || path.file_name().is_none() {
+        bail!("{}: a folder, not a file", path.display());
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match folder {
+        Some(folder) if !folder.is_dir() => bail!("{}: there is no folder {}", path.display(), folder.display()),
+        _ => Ok(()),
+    }
+}
+
+fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    let finish = |file: File| -> anyhow::Result<()> {
+        let mut file = BufWriter::new(file);
+        write(&mut file)?;
+        file.flush()?;
+        Ok(())
+    };
+    // A device or a pipe cannot be replaced by a file.
+    let special = std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file());
+    if special {
+        return File::create(path).map_err(Into::into).and_then(finish).with_context(|| path.display().to_string());
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+    let written = File::create(&partial).map_err(Into::into).and_then(finish);
+    let moved = written.and_then(|()| Ok(std::fs::rename(&partial, path)?));
+    if moved.is_err() {
+        let _ = std::fs::remove_file(&partial);
+    }
+    moved.with_context(|| path.display().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn float_pictures_come_back_bit_for_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("position.exr");
+        let data = vec![1.0, -2.5, 1e30, f32::NAN, f32::NAN, f32::NAN, 635_619.1, 0.1, -0.0, 4.0, 5.0, 6.0];
+        let picture = render::AovImage { size: [2, 2], channels: &["R", "G", "B"], data };
+        write_exr(&path, &picture).unwrap();
+        let back = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
+        assert_eq!(back.layer_data.size, exr::prelude::Vec2(2, 2));
+        for (index, name) in picture.channels.iter().enumerate() {
+            let channel = back.layer_data.channel_data.list.iter().find(|channel| channel.name.eq(*name)).unwrap();
+            let FlatSamples::F32(samples) = &channel.sample_data else { panic!("not float32") };
+            let bits: Vec<u32> = samples.iter().map(|value| value.to_bits()).collect();
+            let expected: Vec<u32> = picture.data.iter().skip(index).step_by(3).map(|value| value.to_bits()).collect();
+            assert_eq!(bits, expected, "{name}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside the picture");
+    }
+
+    #[test]
+    fn colours_of_a_png_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture.png");
+        write_png(&path, [2, 1], &[1, 2, 3, 255, 250, 128, 0, 255]).unwrap();
+        let back = image::open(&path).unwrap();
+        assert_eq!(back.color(), image::ColorType::Rgb8);
+        assert_eq!(back.to_rgb8().as_raw(), &[1, 2, 3, 250, 128, 0]);
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture.png");
+        std::fs::write(&path, "old").unwrap();
+        let result = write_whole(&path, |file| {
+            file.write_all(b"half of it")?;
+            bail!("the disk is full")
+        });
+        let error = format!("{:#}", result.unwrap_err());
+        assert!(error.contains("picture.png") && error.contains("the disk is full"), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn places_that_cannot_be_written_are_refused_beforehand() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(check_place(&folder.path().join("a.png")).is_ok());
+        assert!(check_place(Path::new("a.png")).is_ok());
+        assert!(check_place(&folder.path().join("missing/a.png")).is_err());
+        assert!(check_place(folder.path()).is_err());
+    }
+}
