@@ -475,26 +475,33 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
     /// Neighbours of point `local` of `brick` of the home tile.
     fn run(&mut self, brick: usize, local: usize) -> &Neighbourhood {
         let point = Vec3::new(self.x[local], self.y[local], self.z[local]);
+        if !point.is_finite() {
+            // Further from the rest of its tile than f32 reaches.
+            self.neighbourhood = Neighbourhood { candidates: Vec::new(), distance_squared: 0.0, count: 0 };
+            self.previous = None;
+            return &self.neighbourhood;
+        }
         let radius = self.neighbourhood.distance_squared.sqrt();
         match self.previous {
             // Thousands of points at one place cost one search.
-            Some(previous) if previous == point => return &self.neighbourhood,
+            Some(previous) if previous.distance_squared(point) == 0.0 => return &self.neighbourhood,
             // The ball about this point that contains the ball about the previous one contains as many points, unless
             // some of them are this very place; the margin is far above the rounding of an f32.
             Some(previous) => self.within((radius + previous.distance(point)).powi(2) * 1.000_01, brick, point),
-            None => self.within(f32::INFINITY, brick, point),
+            None => self.within(f32::MAX, brick, point),
         }
         if self.neighbourhood.count < self.count {
-            self.within(f32::INFINITY, brick, point);
+            self.within(f32::MAX, brick, point);
         }
         self.previous = Some(point);
         &self.neighbourhood
     }
 
-    /// Neighbours of a point no further than the square root of `bound`.
+    /// Neighbours of a point no further than the square root of `bound`, and none whose squared distance overflows: a cloud
+    /// of random numbers is not searched from end to end for each of them.
     fn within(&mut self, bound: f32, brick: usize, point: Vec3) {
         self.neighbourhood.candidates.clear();
-        let mut nearest = Nearest::<LANES>::new(self.count, bound);
+        let mut nearest = Nearest::<LANES>::new(self.count, bound.min(f32::MAX));
         // Up from the point's own brick, visiting what hangs on the other side of each node.
         let mut node = brick + self.home_view.starts.len();
         self.visit(None, node, point, &mut nearest);

@@ -237,6 +237,17 @@ fn huge_and_tiny_coordinates_give_finite_results() {
 }
 
 #[test]
+fn a_hundred_thousand_numbers_of_random_bits_are_searched_in_seconds() {
+    // What a misread file gives: half of the squares over- or underflow.
+    let bits = |seed: u64| f32::from_bits((random(seed) * f64::from(u32::MAX)) as u32);
+    let noise: Vec<[f32; 3]> = (0..100_000).map(|i| [bits(3 * i + 1), bits(3 * i + 2), bits(3 * i + 3)]).collect();
+    let before = std::time::Instant::now();
+    run(&chunked(&noise, 65_536), Orientation::Up(Vec3::Z));
+    // Every point against every other would take minutes.
+    assert!(before.elapsed().as_secs() < 20, "{:?}", before.elapsed());
+}
+
+#[test]
 fn thousands_of_points_at_one_place_count_once() {
     let cloud = hills(100_000);
     let expected = run(&chunked(&cloud, 5000), Orientation::Up(Vec3::Z));
