@@ -72,6 +72,7 @@ pub struct Summary {
 }
 
 /// An opened file. `Sync`: a column may be read while another thread looks up a record.
+#[allow(clippy::large_enum_variant, reason = "there is one per open file, and it is not moved around")]
 pub enum Source {
     Las(las::LasSource),
     Ply(ply::PlySource),

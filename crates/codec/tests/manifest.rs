@@ -1,4 +1,5 @@
 //! Every file of the test data against the tables of its `README.md`: format, points, bounds, attributes.
+#![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;

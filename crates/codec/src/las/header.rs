@@ -77,8 +77,12 @@ impl Header {
         };
         // Offsets within a chunk are f32, so the widest step between two 32-bit coordinates must fit.
         let widest = grid.scale.abs() * f64::from(u32::MAX);
-        let usable = |axis: usize| grid.scale[axis] != 0.0 && widest[axis] < f64::from(f32::MAX);
-        if !(0..3).all(usable) || !(grid.offset.abs().max_element() < f64::from(f32::MAX)) {
+        // Comparisons that a NaN fails.
+        let usable = |axis: usize| {
+            let most = f64::from(f32::MAX);
+            grid.scale[axis] != 0.0 && widest[axis] < most && grid.offset[axis].abs() < most
+        };
+        if !(0..3).all(usable) {
             return Err(malformed(
                 "bytes 131 to 179",
                 format!(

@@ -1,5 +1,6 @@
 //! LAS and LAZ files made up for tests and benches.
 #![allow(dead_code, reason = "each test and bench binary uses its part")]
+#![allow(clippy::unwrap_used, reason = "a file that cannot be made up is a failed test")]
 
 use std::io::{Cursor, Seek as _, SeekFrom};
 
@@ -53,20 +54,24 @@ pub fn points(format: u8, count: usize) -> Vec<Point> {
             intensity: noise.next() as u16,
             return_number: 1 + (index as u8 % returns),
             number_of_returns: returns,
-            scan_direction: if index % 2 == 0 { ScanDirection::LeftToRight } else { ScanDirection::RightToLeft },
-            is_edge_of_flight_line: index % 3 == 0,
+            scan_direction: if index.is_multiple_of(2) {
+                ScanDirection::LeftToRight
+            } else {
+                ScanDirection::RightToLeft
+            },
+            is_edge_of_flight_line: index.is_multiple_of(3),
             classification: Classification::new(1 + (index % 9) as u8).unwrap(),
-            is_synthetic: index % 4 == 0,
-            is_key_point: index % 5 == 0,
-            is_withheld: index % 7 == 0,
-            is_overlap: format.is_extended && index % 6 == 0,
+            is_synthetic: index.is_multiple_of(4),
+            is_key_point: index.is_multiple_of(5),
+            is_withheld: index.is_multiple_of(7),
+            is_overlap: format.is_extended && index.is_multiple_of(6),
             scanner_channel: if format.is_extended { (index / 100 % 4) as u8 } else { 0 },
             scan_angle: if format.is_extended { (index % 100) as f32 * 0.006 } else { (index % 40) as f32 - 20.0 },
             user_data: noise.next() as u8,
             point_source_id: noise.next() as u16,
             gps_time: format.has_gps_time.then_some(index as f64 * 0.25),
             color: format.has_color.then(|| Color::new(noise.next() as u16, noise.next() as u16, noise.next() as u16)),
-            waveform: format.has_waveform.then(|| Waveform {
+            waveform: format.has_waveform.then_some(Waveform {
                 wave_packet_descriptor_index: 1,
                 byte_offset_to_waveform_data: index as u64,
                 waveform_packet_size_in_bytes: 256,
@@ -190,7 +195,7 @@ pub fn terrain(points: usize) -> Vec<u8> {
     const STRIP: usize = 2_000;
     for index in 0..points {
         let (line, column) = (index / LINE, index % LINE);
-        let column = if line % 2 == 0 { column } else { LINE - 1 - column };
+        let column = if line.is_multiple_of(2) { column } else { LINE - 1 - column };
         let x = (line / STRIP * LINE + column) as f64 * 0.3 + noise.below(100) as f64 * 0.001;
         let y = (line % STRIP) as f64 * 0.3 + noise.below(100) as f64 * 0.001;
         let ground = 40.0 + 20.0 * (x * 0.011).sin() * (y * 0.007).cos() + 3.0 * (x * 0.13).cos() * (y * 0.09).sin();
