@@ -1,1 +1,417 @@
-//! Built-in scenes.
+//! The reference scene "five mirrors": a box with coloured walls and a mirror in the middle, as points. Its numbers are the
+//! definition that an independent ray tracer is run on.
+//!
+//! The box is x, y in [-1, 1] and z in [-2, 2], seen from inside; the mirror stands at the origin, its hollow or outer side
+//! towards the camera at z = 1.9. All surfaces of a scene together share the points evenly by area.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use cloud::sampling::{Placement, StarShape, Surface, SurfacePoint, sort_along_curve};
+use cloud::{CHUNK_POINTS, Chunk, SPLAT_OVERLAP, pack_normal, pack_radius};
+use glam::{DMat3, DVec3};
+
+use crate::Camera;
+
+/// What stands in the box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mirror {
+    None,
+    Sphere,
+    Parabolic,
+    Blob,
+    Torus,
+    Coral,
+    All,
+}
+
+impl Mirror {
+    pub const ALL: [Self; 7] =
+        [Self::None, Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral, Self::All];
+    /// Those that `All` shows, from left to right.
+    const SINGLE: [Self; 5] = [Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral];
+
+    /// As in `five-mirrors/sphere`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Sphere => "sphere",
+            Self::Parabolic => "parabolic",
+            Self::Blob => "blob",
+            Self::Torus => "torus",
+            Self::Coral => "coral",
+            Self::All => "all",
+        }
+    }
+
+    pub fn help(self) -> &'static str {
+        match self {
+            Self::None => "the box alone",
+            Self::Sphere => "a convex mirror without surprises",
+            Self::Parabolic => "a hollow mirror whose focus lies in the box: several reflections of one point",
+            Self::Blob => "convex and hollow patches side by side",
+            Self::Torus => "a ring that sees itself",
+            Self::Coral => "hundreds of small bumps",
+            Self::All => "the five side by side",
+        }
+    }
+
+    /// The surfaces and where they stand.
+    fn surfaces(self) -> Vec<(Self, Surface, Placement)> {
+        let at = Placement::ORIGIN;
+        let single = match self {
+            Self::None => return Vec::new(),
+            Self::All => {
+                // A wall's width for five: scaled so that they do not touch.
+                let place = |(index, mirror): (usize, Self)| {
+                    let aside = DVec3::X * 0.36 * (index as f64 - 2.0);
+                    mirror.surfaces().into_iter().map(move |(mirror, surface, at)| {
+                        let translation = at.translation * ALL_SCALE + aside;
+                        (mirror, surface, Placement { scale: at.scale * ALL_SCALE, translation, ..at })
+                    })
+                };
+                return Self::SINGLE.into_iter().enumerate().flat_map(place).collect();
+            }
+            Self::Sphere => (Surface::Sphere { radius: 0.43 }, at),
+            Self::Parabolic => (
+                Surface::Paraboloid { focal_length: 0.25, rim_radius: 0.45 },
+                Placement { translation: DVec3::Z * -0.2, ..at },
+            ),
+            Self::Blob => (Surface::Star(StarShape { radius: blob_radius, gradient: blob_gradient }), at),
+            // The axis z turned to (0, sin 55, cos 55 degrees).
+            Self::Torus => (
+                Surface::Torus { ring: 0.33, tube: 0.14 },
+                Placement { rotation: DMat3::from_rotation_x(-55.0_f64.to_radians()), ..at },
+            ),
+            Self::Coral => (Surface::Star(StarShape { radius: coral_radius, gradient: coral_gradient }), at),
+        };
+        vec![(self, single.0, single.1)]
+    }
+}
+
+/// Size of a mirror among five to that of one alone.
+const ALL_SCALE: f64 = 0.38;
+
+fn blob_radius(d: DVec3) -> f64 {
+    0.40 * (1.0 + 0.10 * (6.0 * d.x + 1.0).sin() * (5.0 * d.y).sin() + 0.06 * (7.0 * d.z).sin())
+}
+
+fn blob_gradient(d: DVec3) -> DVec3 {
+    let ((sin_x, cos_x), (sin_y, cos_y)) = ((6.0 * d.x + 1.0).sin_cos(), (5.0 * d.y).sin_cos());
+    0.40 * DVec3::new(0.10 * 6.0 * cos_x * sin_y, 0.10 * 5.0 * sin_x * cos_y, 0.06 * 7.0 * (7.0 * d.z).cos())
+}
+
+fn coral_radius(d: DVec3) -> f64 {
+    let bumps = (19.0 * d.x).sin() * (17.0 * d.y).sin() * (23.0 * d.z).sin();
+    0.36 * (1.0 + 0.08 * bumps + 0.03 * (41.0 * d.x + 3.0 * d.y).sin())
+}
+
+fn coral_gradient(d: DVec3) -> DVec3 {
+    let [(sin_x, cos_x), (sin_y, cos_y), (sin_z, cos_z)] = [19.0 * d.x, 17.0 * d.y, 23.0 * d.z].map(f64::sin_cos);
+    let ripple = 0.03 * (41.0 * d.x + 3.0 * d.y).cos();
+    let bumps = DVec3::new(19.0 * cos_x * sin_y * sin_z, 17.0 * sin_x * cos_y * sin_z, 23.0 * sin_x * sin_y * cos_z);
+    0.36 * (0.08 * bumps + ripple * DVec3::new(41.0, 3.0, 0.0))
+}
+
+const LEFT: [f64; 3] = [0.63, 0.065, 0.05];
+const RIGHT: [f64; 3] = [0.14, 0.45, 0.091];
+const PALE: [f64; 3] = [0.725, 0.71, 0.68];
+const DARK: [f64; 3] = [0.2, 0.2, 0.2];
+/// Width of the floor's squares.
+const CHECK: f64 = 0.25;
+/// What a mirror is drawn with where reflections are not: half of the light, linear.
+const MIRROR_GREY: [f64; 3] = [0.5, 0.5, 0.5];
+/// Blinn exponent of a mirror's highlight; sharp enough for the spot light to show as a point.
+const MIRROR_POWER: f32 = 1000.0;
+
+/// The walls, their normals towards the inside, and their linear albedo.
+fn walls() -> [(Surface, fn(DVec3) -> [f64; 3]); 6] {
+    let (x, y, z) = (DVec3::X * 2.0, DVec3::Y * 2.0, DVec3::Z * 4.0);
+    let near = DVec3::new(-1.0, -1.0, -2.0);
+    let wall = |corner, edges| Surface::Rectangle { corner, edges };
+    let floor = |position: DVec3| {
+        let square = (position.x / CHECK).floor() + (position.z / CHECK).floor();
+        if square.rem_euclid(2.0) == 0.0 { PALE } else { DARK }
+    };
+    [
+        (wall(near, [y, z]), |_| LEFT),
+        (wall(near + x, [z, y]), |_| RIGHT),
+        (wall(near, [z, x]), floor),
+        (wall(near + y, [x, z]), |_| PALE),
+        (wall(near, [x, y]), |_| PALE),
+        (wall(near + z, [y, x]), |_| PALE),
+    ]
+}
+
+/// The points of one material.
+pub struct Part {
+    /// `walls`, or which mirror.
+    pub name: &'static str,
+    /// Positions, normals, radii and colours; each chunk's points lie together.
+    pub chunks: Vec<Chunk>,
+    /// 1 for mirrors, 0 for walls.
+    pub specular_intensity: f32,
+    pub specular_power: f32,
+}
+
+/// The scene's points, exactly `points` of them: the walls, then a part for each mirror. The same seed gives the same
+/// points.
+///
+/// Colours are albedos as 8-bit sRGB, which is what a chunk holds: the linear values are met within 0.004, and the darkest
+/// (0.05) within 3 %.
+pub fn sample(mirror: Mirror, points: u64, seed: u64) -> Vec<Part> {
+    let (walls, mirrors) = (walls(), mirror.surfaces());
+    let areas: Vec<f64> = walls
+        .iter()
+        .map(|(surface, _)| surface.area())
+        .chain(mirrors.iter().map(|(_, surface, at)| surface.area() * at.scale * at.scale))
+        .collect();
+    let total_area: f64 = areas.iter().sum();
+    let radius = SPLAT_OVERLAP * (total_area / (PI * points.max(1) as f64)).sqrt() as f32;
+    // Shares rounded by their running sum add up to the whole.
+    let mut counts = Vec::with_capacity(areas.len());
+    let (mut area, mut before) = (0.0, 0);
+    for share in areas {
+        area += share;
+        let after = (area / total_area * points as f64).round() as u64;
+        counts.push((after - before) as usize);
+        before = after;
+    }
+    let mut parts = vec![Part { name: "walls", chunks: Vec::new(), specular_intensity: 0.0, specular_power: 0.0 }];
+    for (index, (surface, albedo)) in walls.into_iter().enumerate() {
+        let points = surface.sample(counts[index], seed.wrapping_add(index as u64));
+        append(&mut parts[0].chunks, points, radius, albedo);
+    }
+    for (index, (mirror, surface, at)) in mirrors.into_iter().enumerate() {
+        let index = walls.len() + index;
+        let mut points = surface.sample(counts[index], seed.wrapping_add(index as u64));
+        points.iter_mut().for_each(|point| *point = at.place(*point));
+        let mut chunks = Vec::new();
+        append(&mut chunks, points, radius, |_| MIRROR_GREY);
+        parts.push(Part { name: mirror.name(), chunks, specular_intensity: 1.0, specular_power: MIRROR_POWER });
+    }
+    parts
+}
+
+/// Appends a surface's points in chunks of neighbours.
+fn append(chunks: &mut Vec<Chunk>, mut points: Vec<SurfacePoint>, radius: f32, albedo: impl Fn(DVec3) -> [f64; 3]) {
+    sort_along_curve(&mut points);
+    let mut first_point = chunks.last().map_or(0, |chunk| chunk.first_point + chunk.len() as u64);
+    for run in points.chunks(CHUNK_POINTS) {
+        let positions = run.iter().map(|point| point.position.as_vec3().to_array()).collect();
+        chunks.push(Chunk {
+            colors: Some(Arc::new(run.iter().map(|point| srgb(albedo(point.position))).collect())),
+            normals: Some(Arc::new(run.iter().map(|point| pack_normal(point.normal.as_vec3())).collect())),
+            radii: Some(Arc::new(vec![pack_radius(radius); run.len()])),
+            ..Chunk::new(first_point, DVec3::ZERO, positions)
+        });
+        first_point += run.len() as u64;
+    }
+}
+
+/// Linear to opaque 8-bit sRGB (IEC 61966-2-1).
+fn srgb(linear: [f64; 3]) -> [u8; 4] {
+    let encode = |v: f64| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+    let [red, green, blue] = linear.map(|v| (255.0 * encode(v)).round() as u8);
+    [red, green, blue, 255]
+}
+
+/// At (0, 0, 1.9), looking along -z, up +y; the definition's vertical field of view, 60 degrees, is a view setting.
+pub fn camera() -> Camera {
+    Camera::looking(DVec3::ZERO, DVec3::Z, 1.9, DVec3::Y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cloud::{unpack_normal, unpack_radius};
+
+    const FEW: u64 = 100_000;
+
+    fn points(part: &Part) -> impl Iterator<Item = (DVec3, DVec3)> {
+        part.chunks.iter().flat_map(|chunk| {
+            let normals = chunk.normals.as_ref().expect("normals");
+            (0..chunk.len())
+                .map(|index| (chunk.position(index), unpack_normal(normals[index]).expect("a normal").as_dvec3()))
+        })
+    }
+
+    fn count(part: &Part) -> u64 {
+        part.chunks.iter().map(|chunk| chunk.len() as u64).sum()
+    }
+
+    /// Zero on the mirror's surface, growing by about one per unit outwards (for the paraboloid: on the hollow side). The
+    /// definition's own formulas, in coordinates where the mirror stands alone at the origin.
+    fn distance(mirror: Mirror, p: DVec3) -> f64 {
+        let d = p.normalize_or_zero();
+        match mirror {
+            Mirror::Sphere => p.length() - 0.43,
+            Mirror::Parabolic => p.z - ((p.x * p.x + p.y * p.y) / (4.0 * 0.25) - 0.2),
+            Mirror::Blob => {
+                let r = 0.40 * (1.0 + 0.10 * (6.0 * d.x + 1.0).sin() * (5.0 * d.y).sin() + 0.06 * (7.0 * d.z).sin());
+                p.length() - r
+            }
+            Mirror::Torus => {
+                let (sin, cos) = 55.0_f64.to_radians().sin_cos();
+                let along = p.dot(DVec3::new(0.0, sin, cos));
+                let across = (p.length_squared() - along * along).max(0.0).sqrt();
+                (across - 0.33).hypot(along) - 0.14
+            }
+            Mirror::Coral => {
+                let bumps = 0.08 * (19.0 * d.x).sin() * (17.0 * d.y).sin() * (23.0 * d.z).sin();
+                p.length() - 0.36 * (1.0 + bumps + 0.03 * (41.0 * d.x + 3.0 * d.y).sin())
+            }
+            Mirror::None | Mirror::All => unreachable!("no single surface"),
+        }
+    }
+
+    fn assert_on_surface(mirror: Mirror, position: DVec3, normal: DVec3) {
+        let off = distance(mirror, position);
+        assert!(off.abs() < 1e-6, "{mirror:?}: {position} is {off} off");
+        // The gradient by differences, of the definition and not of the sampler.
+        let step = 1e-6;
+        let slope = |axis: DVec3| {
+            (distance(mirror, position + axis * step) - distance(mirror, position - axis * step)) / (2.0 * step)
+        };
+        let gradient = DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z)).normalize();
+        let angle = gradient.cross(normal).length().atan2(gradient.dot(normal)).to_degrees();
+        assert!(angle < 0.02, "{mirror:?}: the normal at {position} is {angle} degrees off");
+    }
+
+    #[test]
+    fn points_and_normals_of_each_mirror_are_those_of_its_definition() {
+        for mirror in Mirror::SINGLE {
+            let parts = sample(mirror, FEW, 1);
+            assert_eq!(parts.len(), 2);
+            assert_eq!((parts[1].name, parts[1].specular_intensity), (mirror.name(), 1.0));
+            assert!(count(&parts[1]) > 1000);
+            for (position, normal) in points(&parts[1]) {
+                assert_on_surface(mirror, position, normal);
+                if mirror == Mirror::Parabolic {
+                    assert!(position.x.hypot(position.y) <= 0.45 + 1e-6 && normal.z > 0.0, "{position} {normal}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn five_mirrors_side_by_side_are_the_single_ones_scaled() {
+        let parts = sample(Mirror::All, FEW, 1);
+        assert_eq!(parts.len(), 6);
+        for ((part, mirror), x) in parts[1..].iter().zip(Mirror::SINGLE).zip([-0.72, -0.36, 0.0, 0.36, 0.72]) {
+            assert_eq!(part.name, mirror.name());
+            for (position, normal) in points(part) {
+                assert_on_surface(mirror, (position - DVec3::X * x) / 0.38, normal);
+            }
+        }
+    }
+
+    #[test]
+    fn walls_close_the_box_and_face_its_inside() {
+        let parts = sample(Mirror::None, FEW, 1);
+        assert_eq!((parts.len(), parts[0].specular_intensity), (1, 0.0));
+        let mut seen = [0_u64; 6];
+        for (position, normal) in points(&parts[0]) {
+            let walls = [
+                position.x + 1.0,
+                1.0 - position.x,
+                position.y + 1.0,
+                1.0 - position.y,
+                position.z + 2.0,
+                2.0 - position.z,
+            ];
+            assert!(walls.iter().all(|distance| *distance > -1e-6), "{position} is outside");
+            let inward = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z];
+            let wall = (0..6).find(|&wall| walls[wall].abs() < 1e-6 && normal == inward[wall]);
+            seen[wall.unwrap_or_else(|| panic!("{position} with {normal} is on no wall"))] += 1;
+        }
+        assert_eq!(seen, [20_000, 20_000, 20_000, 20_000, 10_000, 10_000]);
+    }
+
+    #[test]
+    fn colours_are_those_of_the_definition() {
+        let parts = sample(Mirror::None, FEW, 1);
+        let linear = |v: u8| {
+            let v = f64::from(v) / 255.0;
+            if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+        };
+        let mut dark = 0;
+        for chunk in &parts[0].chunks {
+            let colors = chunk.colors.as_ref().expect("colours");
+            for index in 0..chunk.len() {
+                let p = chunk.position(index);
+                let expected = if p.x == -1.0 {
+                    [0.63, 0.065, 0.05]
+                } else if p.x == 1.0 {
+                    [0.14, 0.45, 0.091]
+                } else if p.y == -1.0 {
+                    // Squares are counted from the corner at (-1, -1, -2), which is pale.
+                    let square = ((p.x + 1.0) * 4.0) as i64 + ((p.z + 2.0) * 4.0) as i64;
+                    if square % 2 == 0 { [0.725, 0.71, 0.68] } else { [0.2, 0.2, 0.2] }
+                } else {
+                    [0.725, 0.71, 0.68]
+                };
+                dark += u64::from(expected[0] == 0.2);
+                let [red, green, blue, opacity] = colors[index];
+                assert_eq!(opacity, 255);
+                for (value, expected) in [red, green, blue].into_iter().zip(expected) {
+                    assert!((linear(value) - expected).abs() < 0.004, "{p}: {value} for {expected}");
+                }
+            }
+        }
+        assert!((dark as f64 / 10_000.0 - 1.0).abs() < 0.02, "{dark} dark points on a floor of 20000");
+    }
+
+    #[test]
+    fn points_are_shared_by_area_and_add_up() {
+        for mirror in Mirror::ALL {
+            for points in [0, 1, 10, 12_345, FEW] {
+                let parts = sample(mirror, points, 1);
+                assert_eq!(parts.iter().map(count).sum::<u64>(), points, "{mirror:?}");
+            }
+        }
+        // The walls' area is 40, the sphere's 4 pi 0.43^2, the torus' 4 pi^2 0.33 0.14.
+        for (mirror, area) in [(Mirror::Sphere, 4.0 * PI * 0.43 * 0.43), (Mirror::Torus, 4.0 * PI * PI * 0.33 * 0.14)] {
+            let parts = sample(mirror, FEW, 1);
+            let expected = area / (40.0 + area) * FEW as f64;
+            assert!((count(&parts[1]) as f64 - expected).abs() <= 1.0, "{mirror:?}");
+            let radius = 1.5 * ((40.0 + area) / (PI * FEW as f64)).sqrt();
+            for chunk in parts.iter().flat_map(|part| &part.chunks) {
+                let radii = chunk.radii.as_ref().expect("radii");
+                assert!(
+                    radii.iter().all(|&r| (f64::from(unpack_radius(r).expect("a radius")) / radius - 1.0).abs() < 1e-3)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn chunks_are_small_in_space_and_number_their_points() {
+        for part in sample(Mirror::All, 1_600_000, 1) {
+            let mut first_point = 0;
+            for chunk in &part.chunks {
+                assert_eq!(chunk.first_point, first_point);
+                assert!(chunk.len() <= CHUNK_POINTS);
+                first_point += chunk.len() as u64;
+                // A wall's half diagonal is 2.2; a run along the curve covers half of the wall at most.
+                assert!(chunk.bounds().radius() < 1.7, "{:?}", chunk.bounds());
+            }
+        }
+    }
+
+    #[test]
+    fn same_seed_gives_the_same_scene_and_another_seed_another() {
+        let positions = |seed| {
+            sample(Mirror::Blob, FEW, seed).iter().flat_map(|part| points(part).collect::<Vec<_>>()).collect::<Vec<_>>()
+        };
+        assert_eq!(positions(5), positions(5));
+        assert_ne!(positions(5), positions(6));
+    }
+
+    #[test]
+    fn the_camera_stands_and_looks_as_defined() {
+        let camera = camera();
+        assert!(camera.eye.distance(DVec3::new(0.0, 0.0, 1.9)) < 1e-12);
+        assert!(camera.forward().distance(-DVec3::Z) < 1e-12 && camera.up.distance(DVec3::Y) < 1e-12);
+    }
+}
