@@ -9,7 +9,6 @@ use std::sync::OnceLock;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use cargo_metadata::Message;
 use tempfile::TempDir;
 
 /// A first dispatch compiles shaders, which takes software Vulkan seconds, and minutes on a busy machine: a program that
@@ -28,26 +27,39 @@ pub fn test_data() -> Option<PathBuf> {
     found
 }
 
-/// The program, built now where it is not up to date, so that a test of this package alone never runs an old one.
+/// The program in the folder this test was built into. A build of the whole workspace has made it already; a test of this
+/// package alone may find an old one or none, and has it built.
 pub(crate) fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| {
-        // This test is TARGET/release/deps/NAME-HASH; the program belongs into the same TARGET.
+        // This test is TARGET/release/deps/NAME-HASH.
         let own = std::env::current_exe().expect("the path of this test");
-        let target = own.ancestors().nth(3).expect("a test lies in TARGET/release/deps");
-        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-        let mut build = Command::new(cargo);
-        build.args(["build", "--release", "--locked", "--package", "glint", "--bin", "glint", "--quiet"]);
-        build.arg("--message-format=json-render-diagnostics").arg("--target-dir").arg(target);
-        build.current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
-        let built = build.stderr(Stdio::inherit()).output().expect("cargo starts");
-        assert!(built.status.success(), "the program does not build");
-        let artifacts = Message::parse_stream(built.stdout.as_slice()).filter_map(|message| match message {
-            Ok(Message::CompilerArtifact(artifact)) => artifact.executable,
-            _ => None,
-        });
-        artifacts.last().expect("cargo names what it built").into()
+        let release = own.ancestors().nth(2).expect("a test lies in TARGET/release/deps");
+        let program = release.join("glint");
+        if !is_newer_than_its_sources(&program) {
+            build(release.parent().expect("TARGET"));
+        }
+        program
     })
+}
+
+/// By the list of sources that cargo writes beside a program (`glint.d`: `PROGRAM: SOURCE SOURCE ...`), and the lock file.
+fn is_newer_than_its_sources(program: &Path) -> bool {
+    let changed = |path: &Path| std::fs::metadata(path).and_then(|metadata| metadata.modified()).ok();
+    let sources = std::fs::read_to_string(program.with_extension("d")).unwrap_or_default();
+    let (Some(built), Some((_, sources))) = (changed(program), sources.split_once(": ")) else { return false };
+    // A space in a path is escaped; such a path is not found in pieces, and the program is built again.
+    let sources = sources.split_whitespace().map(PathBuf::from);
+    let lock = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.lock");
+    sources.chain([lock]).all(|source| changed(&source).is_some_and(|changed| changed <= built))
+}
+
+fn build(target: &Path) {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["build", "--quiet", "--release", "--locked", "--package", "glint", "--bin", "glint", "--target-dir"]);
+    command.arg(target).current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
+    assert!(command.status().expect("cargo starts").success(), "the program does not build");
 }
 
 /// How a run ended.
@@ -172,4 +184,25 @@ fn peak_memory_of(process: u32) -> u64 {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kibibytes = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok());
     kibibytes.unwrap_or(0) * 1024
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_older_than_a_source_or_without_a_list_of_them_is_not_taken() {
+        let folder = Folder::new();
+        let (program, source) = (folder.write("glint", ""), folder.write("main.rs", ""));
+        assert!(!is_newer_than_its_sources(&program));
+        folder.write("glint.d", format!("{}: {}\n", program.display(), source.display()));
+        assert!(is_newer_than_its_sources(&program));
+        let later = std::time::SystemTime::now() + Duration::from_secs(60);
+        std::fs::File::options()
+            .append(true)
+            .open(&source)
+            .and_then(|file| file.set_modified(later))
+            .expect("its time");
+        assert!(!is_newer_than_its_sources(&program));
+    }
 }
