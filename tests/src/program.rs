@@ -125,7 +125,8 @@ impl Folder {
     /// The same, with a time limit: fails the test when it is over.
     pub fn glint_within<I: IntoIterator<Item: AsRef<OsStr>>>(&self, limit: Duration, arguments: I) -> Outcome {
         let mut command = self.command(arguments);
-        let line = format!("{command:?}");
+        let words: Vec<_> = command.get_args().map(|word| word.to_string_lossy()).collect();
+        let line = format!("glint {}", words.join(" "));
         let mut program = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
         let output = read_all(program.stdout.take().expect("piped"));
         let messages = read_all(program.stderr.take().expect("piped"));
