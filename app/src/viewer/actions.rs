@@ -1,0 +1,277 @@
+//! What the actions of the table of bindings do to the state, one by one, and the views and command lines that are copied.
+
+use std::path::{Path, PathBuf};
+
+use param::Choice as _;
+use scene::{ColorBy, Projection, SceneFile, Settings, StandardView};
+use serde_json::json;
+
+use super::bindings::{Action, Mode};
+use super::path_prompt::PathPrompt;
+use super::render_thread::{Command, FrameRequest, PickPurpose};
+use super::state::{Effect, State, short_name};
+
+/// Growth of splats and of the field of view per notch: seven notches double.
+const STEP: f32 = 1.1;
+
+impl State {
+    pub fn act(&mut self, action: Action) {
+        match action {
+            // Done where the gesture is: they need its extent.
+            Action::Orbit | Action::Pan | Action::Look | Action::Fly(_) | Action::Fast | Action::Slow => {}
+            Action::RawColors | Action::PasteView => {}
+            Action::Zoom(notches) => self.zoom(notches),
+            Action::PointSize(notches) => {
+                self.settings.splat.size = scaled(&self.settings.splat, "size", self.settings.splat.size, notches);
+            }
+            Action::FieldOfView(notches) => {
+                let view = &self.settings.view;
+                self.settings.view.field_of_view = scaled(view, "field_of_view", view.field_of_view, notches);
+            }
+            Action::FlySpeed(notches) => {
+                // Six doublings either way: from an ant's pace to a jet's.
+                self.navigation.speed = (self.navigation.speed + notches * 0.5).clamp(-6.0, 6.0);
+                self.messages.note(format!("Speed × {:.2}", self.navigation.speed.exp2()));
+            }
+            Action::PivotHere => {
+                if let Some(pixel) = self.cursor() {
+                    self.render(Command::Pick { pixel, purpose: PickPurpose::Pivot });
+                }
+            }
+            Action::Pick => {
+                if let Some(pixel) = self.cursor() {
+                    self.render(Command::Pick { pixel, purpose: PickPurpose::Select });
+                }
+            }
+            Action::FrameAll => self.frame_all(),
+            Action::LookFrom(view) => self.look_from(view),
+            Action::ToggleMode => {
+                self.mode = if self.mode == Mode::Orbit { Mode::Fly } else { Mode::Orbit };
+                let text = if self.is_flying() { "Fly: drag to look, W A S D Q E to move" } else { "Orbit" };
+                self.messages.note(text);
+            }
+            Action::ToggleProjection => {
+                let projection = &mut self.settings.view.projection;
+                *projection = match projection {
+                    Projection::Perspective => Projection::Orthographic,
+                    Projection::Orthographic => Projection::Perspective,
+                };
+            }
+            Action::ColorBy(by) => self.color_by(by),
+            Action::ToggleEdl => {
+                let strength = &mut self.settings.edl.strength;
+                *strength = if *strength > 0.0 { 0.0 } else { scene::Edl::default().strength };
+            }
+            Action::Open => self.effects.push(Effect::OpenDialog),
+            Action::OpenPath => self.path_prompt = Some(PathPrompt::default()),
+            Action::CopyView => {
+                let text = SceneFile::new(Vec::new(), self.camera, &self.settings).to_text();
+                self.effects.push(Effect::Copy(text));
+                self.messages.note("View copied as text");
+            }
+            Action::CopyCommandLine => {
+                self.effects.push(Effect::Copy(self.command_line()));
+                self.messages.note("Command line copied");
+            }
+            Action::Undo => {
+                let done = self.history.undo(&mut self.settings, &mut self.camera);
+                self.after_history(done, "Nothing to undo");
+            }
+            Action::Redo => {
+                let done = self.history.redo(&mut self.settings, &mut self.camera);
+                self.after_history(done, "Nothing to redo");
+            }
+            Action::PickTool => self.pick_tool = !self.pick_tool,
+            Action::EndTool => self.end_tool(),
+            Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
+            Action::ToggleFullScreen => {
+                self.is_full_screen = !self.is_full_screen;
+                self.effects.push(Effect::SetFullScreen(self.is_full_screen));
+            }
+            Action::SavePicture => self.save_picture(),
+            Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
+        }
+    }
+
+    fn after_history(&mut self, done: bool, otherwise: &str) {
+        if done {
+            self.navigation.camera_moved();
+        } else {
+            self.messages.note(otherwise);
+        }
+    }
+
+    fn frame_all(&mut self) {
+        let bounds = self.bounds();
+        if !bounds.is_empty() {
+            let mut camera = self.camera;
+            camera.frame(bounds, self.settings.view.field_of_view, self.aspect());
+            self.jump(self.settings.clone(), camera);
+        }
+    }
+
+    fn look_from(&mut self, view: StandardView) {
+        let bounds = self.bounds();
+        if !bounds.is_empty() {
+            let camera = self.framed(bounds, view);
+            self.jump(self.settings.clone(), camera);
+        }
+    }
+
+    fn color_by(&mut self, by: ColorBy) {
+        self.settings.color.by = by;
+        if by == ColorBy::Attribute && self.settings.color.attribute.is_empty() {
+            let first = self.clouds.iter().flat_map(|entry| &entry.cloud.attributes).next();
+            self.settings.color.attribute = first.map_or(String::new(), |attribute| attribute.name.clone());
+        }
+        self.messages.note(format!("Colour: {}", by.name()));
+    }
+
+    /// Esc: closes what lies on top, else ends the tool, else clears the picks.
+    fn end_tool(&mut self) {
+        if self.shortcuts_are_open {
+            self.shortcuts_are_open = false;
+        } else if self.path_prompt.is_some() {
+            self.path_prompt = None;
+        } else if self.pick_tool {
+            self.pick_tool = false;
+        } else if !self.picks.is_empty() {
+            self.picks.clear();
+        } else if self.is_full_screen {
+            self.act(Action::ToggleFullScreen);
+        }
+    }
+
+    /// A view as `CopyView` gives it, or a scene file's.
+    pub fn paste_view(&mut self, text: &str) {
+        match SceneFile::parse(text) {
+            Ok(file) => {
+                let view = file.view();
+                for warning in view.warnings {
+                    self.messages.warning(format!("pasted view: {warning}"));
+                }
+                self.jump(view.settings, view.camera.unwrap_or(self.camera));
+                self.messages.note("View pasted");
+                self.log(json!({ "event": "pasted" }));
+            }
+            Err(error) => self.messages.error(format!("The clipboard holds no view: {error}")),
+        }
+    }
+
+    /// The command that renders what is on the screen, for a POSIX shell.
+    pub fn command_line(&self) -> String {
+        let [width, height] = self.view_size;
+        let inputs: Vec<String> = self.inputs().iter().map(|input| quoted(input)).collect();
+        let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
+        for (key, text) in self.settings.differing() {
+            line += &format!(" --set {}", quoted(&format!("{key}={text}")));
+        }
+        let view = SceneFile::new(Vec::new(), self.camera, &Settings::default()).to_text();
+        line + " --camera /dev/stdin <<'VIEW'\n" + &view + "VIEW\n"
+    }
+
+    fn save_picture(&mut self) {
+        let Some(shown) = &self.shown else {
+            self.messages.note("There is no picture to save yet");
+            return;
+        };
+        let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
+        let request = request.unhurried(&self.settings);
+        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
+        let path = free_path(Path::new(""), &name);
+        self.render(Command::Save { request, path });
+    }
+}
+
+/// `value` after `notches` steps, within the range of the parameter.
+fn scaled(params: &dyn param::Params, name: &str, value: f32, notches: f32) -> f32 {
+    let field = params.group().fields.iter().find(|field| field.name == name);
+    let range = field.map(|field| &field.kind);
+    let wanted = value * STEP.powf(notches);
+    match range {
+        Some(param::Kind::F32 { min, max, .. }) => wanted.clamp(*min, *max),
+        _ => wanted,
+    }
+}
+
+/// For a POSIX shell: in single quotes unless it is plain.
+fn quoted(text: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
+    if !text.is_empty() && text.chars().all(is_plain) {
+        return text.to_string();
+    }
+    format!("'{}'", text.replace('\'', r"'\''"))
+}
+
+/// `office` of `scans/office.laz`, `five-mirrors-sphere` of a built-in scene.
+fn picture_name(input: &str) -> String {
+    let name = short_name(input);
+    if name.contains('/') {
+        return name.replace('/', "-");
+    }
+    Path::new(name).file_stem().map_or(name.into(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// `glint-NAME-1.png`, or the first number that is free.
+fn free_path(folder: &Path, name: &str) -> PathBuf {
+    let path = |number: u32| folder.join(format!("glint-{name}-{number}.png"));
+    (1..u32::MAX).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::preferences::Preferences;
+    use super::*;
+
+    #[test]
+    fn a_view_that_is_copied_and_pasted_elsewhere_is_the_same() {
+        let mut one = State::new(Preferences::default());
+        one.camera.orbit(0.3, 0.2);
+        one.settings.splat.size = 2.5;
+        one.act(Action::CopyView);
+        let Some(Effect::Copy(text)) = one.effects.pop() else { panic!("nothing was copied") };
+        let mut other = State::new(Preferences::default());
+        other.paste_view(&text);
+        assert_eq!(other.settings, one.settings);
+        assert!(other.camera.eye.distance(one.camera.eye) < 1e-9);
+        other.act(Action::Undo);
+        assert_eq!(other.settings, Settings::default());
+    }
+
+    #[test]
+    fn text_that_is_no_view_is_refused_and_changes_nothing() {
+        let mut state = State::new(Preferences::default());
+        let before = state.camera;
+        state.paste_view("hello");
+        assert_eq!(state.camera, before);
+        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("no view")));
+    }
+
+    #[test]
+    fn names_with_blanks_and_quotes_survive_the_shell() {
+        assert_eq!(quoted("a/b.laz"), "a/b.laz");
+        assert_eq!(quoted("my scan.laz"), "'my scan.laz'");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(quoted("view.background=#ffffff"), "'view.background=#ffffff'");
+    }
+
+    #[test]
+    fn point_size_and_field_of_view_stop_at_their_ranges() {
+        let mut state = State::new(Preferences::default());
+        for _ in 0..200 {
+            state.act(Action::PointSize(1.0));
+            state.act(Action::FieldOfView(-1.0));
+        }
+        assert_eq!((state.settings.splat.size, state.settings.view.field_of_view), (20.0, 1.0));
+    }
+
+    #[test]
+    fn pictures_never_overwrite_one_another() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("glint-office-1.png"), "").unwrap();
+        assert!(free_path(folder.path(), "office").ends_with("glint-office-2.png"));
+        assert_eq!(picture_name("scans/office.laz"), "office");
+        assert_eq!(picture_name("office.laz"), "office");
+        assert_eq!(picture_name("five-mirrors/sphere"), "five-mirrors-sphere");
+    }
+}

@@ -1,0 +1,101 @@
+//! The list of clouds: show or hide, frame, remove.
+
+use egui::{RichText, Sense, Ui};
+use scene::StandardView;
+
+use super::state::State;
+use super::theme::{self, grouped};
+
+pub fn show(ui: &mut Ui, state: &mut State) {
+    enum Wish {
+        Show(bool),
+        Frame,
+        Remove,
+    }
+    let mut wish = None;
+    for entry in &state.clouds {
+        ui.push_id(entry.key.0, |ui| {
+            ui.horizontal(|ui| {
+                if eye(ui, entry.is_visible, &entry.cloud.name).clicked() {
+                    wish = Some((entry.key, Wish::Show(!entry.is_visible)));
+                }
+                ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                    let remove = ui.small_button("×").on_hover_text("Remove");
+                    if remove.accessible_name(format!("Remove {}", entry.cloud.name)).clicked() {
+                        wish = Some((entry.key, Wish::Remove));
+                    }
+                    if ui.small_button("Frame").on_hover_text("Show all of this cloud").clicked() {
+                        wish = Some((entry.key, Wish::Frame));
+                    }
+                    ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                        let name = ui.add(egui::Label::new(&entry.cloud.name).truncate());
+                        name.on_hover_text(&entry.input);
+                    });
+                });
+            });
+            let points = if entry.is_read || entry.points >= entry.expected_points {
+                format!("{} points", grouped(entry.points))
+            } else {
+                format!("{} of {} points", grouped(entry.points), grouped(entry.expected_points))
+            };
+            let format = entry.source.as_ref().map(|source| {
+                let info = source.info();
+                let format = match info.format {
+                    codec::Format::Las => "LAS",
+                    codec::Format::Laz => "LAZ",
+                    codec::Format::Ply => "PLY",
+                };
+                let point_format = info.point_format.map_or(String::new(), |number| format!(", format {number}"));
+                format!(" · {format} {}{point_format}", info.version)
+            });
+            let line = points + &format.unwrap_or_default();
+            ui.label(RichText::new(line).small().color(theme::WEAK));
+        });
+    }
+    let Some((key, wish)) = wish else { return };
+    match wish {
+        Wish::Show(visible) => state.set_visible(key, visible),
+        Wish::Remove => state.remove_cloud(key),
+        Wish::Frame => {
+            let bounds = state.cloud(key).and_then(|entry| entry.figures.as_ref()).map(|figures| figures.bounds);
+            if let Some(bounds) = bounds.filter(|bounds| !bounds.is_empty()) {
+                let mut camera = state.framed(bounds, StandardView::Isometric);
+                // As it is looked at now, but at this cloud.
+                camera.eye = camera.pivot - state.camera.forward() * camera.distance();
+                camera.frame(bounds, state.settings.view.field_of_view, state.aspect());
+                state.jump(state.settings.clone(), camera);
+            }
+        }
+    }
+}
+
+/// An open or closed eye that can be clicked. `of` is read out by screen readers.
+pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
+    let (rect, response) = ui.allocate_exact_size(egui::vec2(20.0, 16.0), Sense::click());
+    response.widget_info(|| {
+        egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}"))
+    });
+    let color = match (open, response.hovered()) {
+        (_, true) => egui::Color32::WHITE,
+        (true, false) => ui.visuals().text_color(),
+        (false, false) => theme::WEAK.gamma_multiply(0.6),
+    };
+    let stroke = egui::Stroke::new(1.3, color);
+    let center = rect.center();
+    // Two arcs that meet at the corners of the eye; a closed eye has the lower lid and a lash.
+    let lid = |height: f32| {
+        (0..=12).map(move |i| {
+            let along = i as f32 / 6.0 - 1.0;
+            center + egui::vec2(along * 7.5, height * (1.0 - along * along))
+        })
+    };
+    let painter = ui.painter();
+    painter.add(egui::Shape::line(lid(4.5).collect(), stroke));
+    if open {
+        painter.add(egui::Shape::line(lid(-4.5).collect(), stroke));
+        painter.circle_filled(center, 2.2, color);
+    } else {
+        painter.line_segment([center + egui::vec2(0.0, 4.5), center + egui::vec2(0.0, 7.0)], stroke);
+    }
+    response.on_hover_text(if open { "Hide" } else { "Show" })
+}

@@ -1,0 +1,101 @@
+//! What a worker thread finds out about a cloud: how it is coloured, the histogram, its classes, and the box to frame.
+
+use cloud::{Bounds, Cloud, Column};
+use glam::DVec3;
+use render::ColorPlan;
+
+/// What the figures depend on: a change asks for new ones.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Basis {
+    pub color: scene::Color,
+    /// While loading: doublings of the number of points, so that figures are renewed a few times, not for each chunk.
+    pub doublings: u32,
+    pub is_read: bool,
+    /// Columns that were read later.
+    pub late_columns: usize,
+}
+
+#[derive(Clone, Debug)]
+pub struct Figures {
+    pub plan: ColorPlan,
+    /// Why the plan is not what was asked for.
+    pub warning: Option<String>,
+    /// Over `plan.full_range`; empty for colours that are no ramp.
+    pub histogram: Vec<u32>,
+    /// Points of each class that occurs, by class.
+    pub classes: Vec<(u8, u64)>,
+    /// Without stray points.
+    pub bounds: Bounds,
+}
+
+/// As many as the panel has pixels to show.
+const HISTOGRAM_BINS: usize = 128;
+
+impl Figures {
+    pub fn of(cloud: &Cloud, color: &scene::Color, up: DVec3) -> Self {
+        let (plan, warning) = ColorPlan::new(cloud, color, up);
+        let histogram = plan.histogram(cloud, up, HISTOGRAM_BINS);
+        Self { plan, warning, histogram, classes: classes(cloud), bounds: cloud::robust_bounds(&cloud.chunks) }
+    }
+}
+
+/// Index of the classification column.
+pub fn class_column(cloud: &Cloud) -> Option<usize> {
+    cloud.attributes.iter().position(|attribute| attribute.name == "classification")
+}
+
+fn classes(cloud: &Cloud) -> Vec<(u8, u64)> {
+    let Some(index) = class_column(cloud) else { return Vec::new() };
+    let mut counts = [0_u64; 256];
+    for chunk in &cloud.chunks {
+        if let Some(Some(column)) = chunk.columns.get(index) {
+            if let Column::U8(values) = column.as_ref() {
+                values.iter().for_each(|class| counts[usize::from(*class)] += 1);
+            }
+        }
+    }
+    (0..=255).zip(counts).filter(|(_, count)| *count > 0).collect()
+}
+
+/// Share of the points below the position `place` (0 ..= 1) of the histogram, and back: what the range handles need. The
+/// share grows with the place, so both are inverse to each other up to the width of an empty bin.
+pub fn share_below(histogram: &[u32], place: f64) -> f64 {
+    let total: u64 = histogram.iter().map(|count| u64::from(*count)).sum();
+    if total == 0 {
+        return place;
+    }
+    let at = place.clamp(0.0, 1.0) * histogram.len() as f64;
+    let whole = (at as usize).min(histogram.len());
+    let below: u64 = histogram[..whole].iter().map(|count| u64::from(*count)).sum();
+    let part = histogram.get(whole).map_or(0.0, |count| f64::from(*count) * at.fract());
+    (below as f64 + part) / total as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Attribute, Chunk, ColumnType};
+
+    use super::*;
+
+    #[test]
+    fn shares_grow_with_the_place_in_the_histogram() {
+        let histogram = [10, 0, 30, 60];
+        assert_eq!(share_below(&histogram, 0.0), 0.0);
+        assert_eq!(share_below(&histogram, 0.25), 0.1);
+        assert_eq!(share_below(&histogram, 0.5), 0.1);
+        assert_eq!(share_below(&histogram, 0.625), 0.25);
+        assert_eq!(share_below(&histogram, 1.0), 1.0);
+        assert_eq!(share_below(&[], 0.3), 0.3);
+    }
+
+    #[test]
+    fn classes_that_occur_are_counted() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4]);
+        chunk.columns = vec![Some(Arc::new(Column::U8(vec![2, 6, 2, 255])))];
+        let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+        let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+        assert_eq!(classes(&cloud), [(2, 2), (6, 1), (255, 1)]);
+    }
+}

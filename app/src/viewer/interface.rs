@@ -1,0 +1,377 @@
+//! The layout of the window: panel on the left, status bar below, the picture in between with what lies over it.
+
+use std::time::Duration;
+
+use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, TextureId, Ui};
+
+use super::bindings::{self, Action};
+use super::messages::Level;
+use super::path_prompt::Outcome;
+use super::state::{JobEntry, State, short_name};
+use super::theme::{self, grouped};
+use super::{clouds_panel, colors_panel, navigation, overlay, panel, pick_panel, timings_panel};
+use crate::loading;
+
+/// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
+const SECTIONS: [(&str, &[&str]); 3] =
+    [("Splats and view", &["splat", "view"]), ("Light", &["light", "edl"]), ("When loading", &["surface", "scene"])];
+
+/// Draws everything; `picture` is the render thread's last frame.
+pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
+    open_dropped(ui, state);
+    if !state.interface_is_hidden {
+        Panel::bottom("status")
+            .exact_size(28.0)
+            .resizable(false)
+            .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 3)))
+            .show(ui, |ui| status_bar(ui, state));
+        if state.preferences.panel_is_open {
+            Panel::left("panel")
+                .default_size(310.0)
+                .size_range(270.0..=480.0)
+                .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 8)))
+                .show(ui, |ui| side_panel(ui, state));
+        }
+    }
+    CentralPanel::default().frame(Frame::new()).show(ui, |ui| {
+        let rect = ui.available_rect_before_wrap();
+        picture_area(ui, state, picture, rect);
+    });
+    state.messages.show(ui.ctx(), ui.ctx().content_rect());
+    pick_panel::show(ui.ctx(), ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0)), state);
+    bindings::sheet_window(ui.ctx(), &mut state.shortcuts_are_open);
+    if let Some(prompt) = &mut state.path_prompt {
+        match prompt.show(ui.ctx()) {
+            Some(Outcome::Open(path)) => {
+                state.path_prompt = None;
+                state.open(&[path]);
+            }
+            Some(Outcome::Close) => state.path_prompt = None,
+            None => {}
+        }
+    }
+}
+
+fn open_dropped(ui: &Ui, state: &mut State) {
+    let dropped = ui.input(|input| input.raw.dropped_files.clone());
+    // One by one: a wrong file does not keep the others out.
+    for file in dropped {
+        state.open(&[file.path().display().to_string()]);
+    }
+}
+
+fn side_panel(ui: &mut Ui, state: &mut State) {
+    ui.horizontal(|ui| {
+        action_button(ui, state, "Open…", Action::Open);
+        recent_menu(ui, state);
+        action_button(ui, state, "Frame all", Action::FrameAll);
+        action_button(ui, state, "Save", Action::SavePicture);
+        action_button(ui, state, "?", Action::ToggleShortcuts);
+    });
+    ui.add_space(4.0);
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        section(ui, "Clouds", true, |ui| {
+            clouds_panel::show(ui, state);
+            if state.clouds.is_empty() {
+                ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
+            }
+        });
+        section(ui, "Colour", true, |ui| colors_panel::show(ui, state));
+        for (title, groups) in SECTIONS {
+            section(ui, title, title != "When loading", |ui| parameter_groups(ui, state, |name| groups.contains(&name)));
+        }
+        let is_named = |name: &str| name == "color" || SECTIONS.iter().any(|(_, groups)| groups.contains(&name));
+        if state.settings.groups().iter().any(|params| !is_named(params.group().name)) {
+            section(ui, "More", false, |ui| parameter_groups(ui, state, |name| !is_named(name)));
+        }
+        section(ui, "Timings", false, |ui| timings_panel::show(ui, state));
+    });
+}
+
+fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) {
+    let heading = RichText::new(title).strong().size(13.5);
+    egui::CollapsingHeader::new(heading).id_salt(title).default_open(is_open).show_unindented(ui, |ui| {
+        ui.add_space(2.0);
+        contents(ui);
+        ui.add_space(6.0);
+    });
+    ui.separator();
+}
+
+fn parameter_groups(ui: &mut Ui, state: &mut State, wanted: impl Fn(&str) -> bool) {
+    for params in state.settings.groups_mut() {
+        if wanted(params.group().name) {
+            panel::parameters(ui, params, &[]);
+        }
+    }
+}
+
+fn action_button(ui: &mut Ui, state: &mut State, text: &str, action: Action) {
+    let is_listed = |binding: &&bindings::Binding| binding.action == action;
+    let help = bindings::BINDINGS.iter().find(is_listed).map_or("", |binding| binding.text);
+    let shortcut = bindings::shortcut(action);
+    if ui.button(text).on_hover_text(format!("{help} ({shortcut})")).clicked() {
+        state.act(action);
+    }
+}
+
+fn recent_menu(ui: &mut Ui, state: &mut State) {
+    let mut chosen = None;
+    ui.menu_button("Recent", |ui| {
+        for recent in &state.preferences.recent {
+            if ui.button(short_name(recent)).on_hover_text(recent).clicked() {
+                chosen = Some(recent.clone());
+            }
+        }
+        ui.separator();
+        for name in loading::built_in_names() {
+            if ui.button(&name).clicked() {
+                chosen = Some(name);
+            }
+        }
+    });
+    if let Some(chosen) = chosen {
+        state.open(&[chosen]);
+    }
+}
+
+// ---- picture ----
+
+fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect: Rect) {
+    let scale = ui.ctx().pixels_per_point();
+    let side = |length: f32| (length * scale).round().max(0.0) as u32;
+    state.view_size = [side(rect.width()), side(rect.height())];
+    let [red, green, blue, _] = state.settings.view.background.bytes();
+    ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
+    let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
+    if let (Some(picture), Some(_)) = (picture, &state.shown) {
+        let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
+        ui.painter().image(picture, rect, whole, Color32::WHITE);
+    }
+    overlay::paint(ui.painter(), rect, state);
+    navigation::handle(ui, &response, state);
+    if state.pick_tool && response.contains_pointer() {
+        ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
+    }
+    if state.clouds.is_empty() && state.jobs.is_empty() {
+        empty_state(ui, state, rect);
+    }
+    if ui.input(|input| !input.raw.hovered_files.is_empty()) {
+        ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(150));
+        let font = egui::FontId::proportional(22.0);
+        ui.painter().text(rect.center(), Align2::CENTER_CENTER, "Drop to open", font, theme::ACCENT);
+    }
+}
+
+/// What a newcomer sees first.
+fn empty_state(ui: &mut Ui, state: &mut State, rect: Rect) {
+    let size = egui::vec2(420.0, 230.0).min(rect.size());
+    let area = Rect::from_center_size(rect.center(), size);
+    let mut chosen = None;
+    ui.scope_builder(egui::UiBuilder::new().max_rect(area), |ui| {
+        ui.vertical_centered(|ui| {
+            ui.label(RichText::new("glint").size(34.0).color(theme::ACCENT));
+            ui.add_space(6.0);
+            ui.label(RichText::new("Drop a LAS, LAZ or PLY file here, or press Ctrl+O").size(16.0));
+            ui.add_space(10.0);
+            if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
+                state.act(Action::Open);
+            }
+            ui.add_space(14.0);
+            ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));
+            ui.add_space(4.0);
+        });
+        let names = loading::built_in_names();
+        for row in names.chunks(4) {
+            // Centred by hand: a centred layout puts each on a line of its own.
+            let wide = |name: &String| 7.2 * short_scene(name).len() as f32 + 24.0;
+            let width: f32 = row.iter().map(wide).sum();
+            ui.horizontal(|ui| {
+                ui.add_space(((ui.available_width() - width) * 0.5).max(0.0));
+                for name in row {
+                    if ui.button(short_scene(name)).on_hover_text(name).clicked() {
+                        chosen = Some(name.clone());
+                    }
+                }
+            });
+        }
+    });
+    if let Some(chosen) = chosen {
+        state.open(&[chosen]);
+    }
+}
+
+fn short_scene(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or(name)
+}
+
+// ---- status bar ----
+
+fn status_bar(ui: &mut Ui, state: &mut State) {
+    ui.horizontal_centered(|ui| {
+        let is_open = state.preferences.panel_is_open;
+        let text = if is_open { "<" } else { ">" };
+        let help = if is_open { "Hide the panel" } else { "Show the panel" };
+        if ui.small_button(text).on_hover_text(help).clicked() {
+            state.preferences.panel_is_open = !is_open;
+        }
+        if state.adapter.is_none() {
+            ui.spinner();
+            ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
+        }
+        if let Some(job) = state.jobs.first() {
+            if job_progress(ui, job) {
+                state.cancel_loading();
+            }
+            ui.ctx().request_repaint_after(Duration::from_millis(100));
+        } else {
+            let points: u64 = state.clouds.iter().map(|entry| entry.points).sum();
+            if points > 0 {
+                ui.label(format!("{} points", grouped(points)));
+            }
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            messages_button(ui, state);
+            if let Some(shown) = &state.shown {
+                ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
+            }
+            if state.is_flying() {
+                ui.label(RichText::new("fly").color(theme::ACCENT));
+            }
+            if state.pick_tool {
+                ui.label(RichText::new("pick").color(theme::ACCENT));
+            }
+            if let Some((_, Some(world))) = state.navigation.hovered {
+                ui.label(RichText::new(pick_panel::coordinates(world)).monospace().size(11.5));
+            }
+        });
+    });
+}
+
+/// Returns whether Cancel was clicked.
+fn job_progress(ui: &mut Ui, job: &JobEntry) -> bool {
+    let (done, total) = (job.progress.done(), job.progress.total());
+    let is_reading = job.surfel_progress.total() == 0;
+    let (verb, done, total) = match is_reading {
+        true => ("reading", done, total),
+        false => ("normals and spacing of", job.surfel_progress.done(), job.surfel_progress.total()),
+    };
+    let share = if total > 0 { (done as f32 / total as f32).clamp(0.0, 1.0) } else { 0.0 };
+    ui.label(format!("{verb} {}", job.name));
+    ui.add(egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0).fill(theme::ACCENT.gamma_multiply(0.7)));
+    ui.label(RichText::new(progress_text(done, total, is_reading, job.started.elapsed())).small().color(theme::WEAK));
+    ui.small_button("Cancel").on_hover_text("Stop; what is loaded stays").clicked()
+}
+
+/// `1,203,400 of 3,214,786 · 1.2 M/s · 3 s left`.
+fn progress_text(done: u64, total: u64, with_rate: bool, elapsed: Duration) -> String {
+    let mut text = if total > 0 { format!("{} of {}", grouped(done), grouped(total)) } else { grouped(done) };
+    let rate = done as f64 / elapsed.as_secs_f64().max(1e-3);
+    // A rate over less than half a second is noise.
+    if with_rate && elapsed > Duration::from_millis(500) && rate > 0.0 {
+        text += &format!(" · {:.2} M/s", rate / 1e6);
+        if total > done {
+            text += &format!(" · {:.0} s left", ((total - done) as f64 / rate).ceil());
+        }
+    }
+    text
+}
+
+fn messages_button(ui: &mut Ui, state: &mut State) {
+    let worst = state.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
+    let color = worst.filter(|level| *level != Level::Note).map_or(theme::WEAK, Level::color);
+    let count = state.messages.all.iter().filter(|message| message.level != Level::Note).count();
+    let text = if count > 0 { format!("Messages ({count})") } else { "Messages".into() };
+    if ui.small_button(RichText::new(text).color(color)).clicked() {
+        state.messages.list_is_open = !state.messages.list_is_open;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::super::preferences::Preferences;
+    use super::super::state::Effect;
+    use super::*;
+
+    fn harness() -> Harness<'static, State> {
+        Harness::builder()
+            .with_size([1100.0, 800.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, state: &mut State| show(ui, state, None), State::new(Preferences::default()))
+    }
+
+    #[test]
+    fn a_newcomer_is_told_how_to_open_a_file_and_can_open_a_scene() {
+        let mut harness = harness();
+        harness.run_ok();
+        assert!(harness.query_by_label("Drop a LAS, LAZ or PLY file here, or press Ctrl+O").is_some());
+        harness.get_by_label("sphere").click();
+        harness.run_ok();
+        let loads = harness.state().effects.iter().any(|effect| matches!(effect, Effect::Load { .. }));
+        assert!(loads, "the scene's button loads nothing");
+    }
+
+    #[test]
+    fn keys_act_unless_a_text_is_being_typed() {
+        let mut harness = harness();
+        harness.run_ok();
+        harness.key_press(egui::Key::Num2);
+        harness.run_ok();
+        assert_eq!(harness.state().settings.color.by, scene::ColorBy::Height);
+        harness.state_mut().act(Action::OpenPath);
+        harness.run_ok();
+        harness.key_press(egui::Key::Num3);
+        harness.event(egui::Event::Text("3".into()));
+        harness.run_ok();
+        assert_eq!(harness.state().settings.color.by, scene::ColorBy::Height);
+    }
+
+    #[test]
+    fn dragging_over_the_picture_orbits_and_the_right_button_pans() {
+        let mut harness = harness();
+        harness.run_ok();
+        let before = harness.state().camera;
+        drag(&mut harness, egui::PointerButton::Primary);
+        let orbited = harness.state().camera;
+        assert!(orbited.eye.distance(before.eye) > 0.1 && orbited.pivot == before.pivot);
+        drag(&mut harness, egui::PointerButton::Secondary);
+        let panned = harness.state().camera;
+        assert!(panned.pivot.distance(orbited.pivot) > 0.1 && panned.forward().dot(orbited.forward()) > 0.999_999);
+    }
+
+    fn drag(harness: &mut Harness<'static, State>, button: egui::PointerButton) {
+        let modifiers = egui::Modifiers::NONE;
+        let (from, to) = (egui::pos2(700.0, 120.0), egui::pos2(760.0, 150.0));
+        harness.event(egui::Event::PointerMoved(from));
+        harness.event(egui::Event::PointerButton { pos: from, button, pressed: true, modifiers });
+        harness.run_ok();
+        harness.event(egui::Event::PointerMoved(to));
+        harness.run_ok();
+        harness.event(egui::Event::PointerButton { pos: to, button, pressed: false, modifiers });
+        harness.run_ok();
+    }
+
+    #[test]
+    fn the_panel_shows_every_group_of_parameters() {
+        let mut harness = harness();
+        harness.run_ok();
+        for title in ["Clouds", "Colour", "Splats and view", "Light", "When loading", "Timings"] {
+            assert!(harness.query_all_by_label(title).next().is_some(), "{title}");
+        }
+        let named: Vec<&str> = SECTIONS.iter().flat_map(|(_, groups)| groups.iter().copied()).collect();
+        for params in harness.state().settings.groups() {
+            let name = params.group().name;
+            assert!(named.contains(&name) || name == "color", "{name} has no section");
+        }
+    }
+
+    #[test]
+    fn progress_tells_rate_and_time_left() {
+        let text = progress_text(1_000_000, 3_000_000, true, Duration::from_secs(2));
+        assert_eq!(text, "1,000,000 of 3,000,000 · 0.50 M/s · 4 s left");
+        assert_eq!(progress_text(5, 0, true, Duration::ZERO), "5");
+    }
+}

@@ -1,0 +1,145 @@
+//! What the viewer has to say: toasts for a few seconds, and a list of all of them.
+
+use std::time::{Duration, Instant};
+
+use egui::{Align2, Color32, RichText};
+
+use super::theme;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    Note,
+    Warning,
+    Error,
+}
+
+pub struct Message {
+    pub level: Level,
+    pub text: String,
+    since: Instant,
+    dismissed: bool,
+}
+
+#[derive(Default)]
+pub struct Messages {
+    /// Oldest first.
+    pub all: Vec<Message>,
+    pub list_is_open: bool,
+}
+
+/// Toasts at a time; older ones are in the list.
+const TOASTS: usize = 4;
+
+impl Messages {
+    pub fn push(&mut self, level: Level, text: impl Into<String>) {
+        let text = text.into();
+        // A message that repeats while it is on screen is one message.
+        if let Some(same) = self.all.iter_mut().rev().take(TOASTS).find(|message| message.text == text) {
+            same.since = Instant::now();
+            same.dismissed = false;
+            return;
+        }
+        self.all.push(Message { level, text, since: Instant::now(), dismissed: false });
+    }
+
+    pub fn note(&mut self, text: impl Into<String>) {
+        self.push(Level::Note, text);
+    }
+
+    pub fn warning(&mut self, text: impl Into<String>) {
+        self.push(Level::Warning, text);
+    }
+
+    pub fn error(&mut self, text: impl Into<String>) {
+        self.push(Level::Error, text);
+    }
+
+    /// Draws toasts in the upper right corner of `rect`, and the list if it is open.
+    pub fn show(&mut self, context: &egui::Context, rect: egui::Rect) {
+        let toasts = self.all.iter_mut().rev().filter(|message| message.is_fresh()).take(TOASTS);
+        let mut soonest: Option<Duration> = None;
+        let mut top = rect.top() + 12.0;
+        for (index, message) in toasts.enumerate() {
+            let left = message.level.duration().saturating_sub(message.since.elapsed());
+            soonest = Some(soonest.map_or(left, |soonest| soonest.min(left)));
+            let area = egui::Area::new(egui::Id::unique(("toast", index)))
+                .pivot(Align2::RIGHT_TOP)
+                .fixed_pos(egui::pos2(rect.right() - 12.0, top))
+                .order(egui::Order::Foreground);
+            let shown = area.show(context, |ui| {
+                let width = (rect.width() - 24.0).clamp(120.0, 420.0);
+                egui::Frame::popup(ui.style()).inner_margin(10).show(ui, |ui| {
+                    ui.set_max_width(width);
+                    ui.horizontal_top(|ui| {
+                        ui.label(RichText::new(message.level.mark()).color(message.level.color()).strong());
+                        ui.add(egui::Label::new(&message.text).wrap());
+                    });
+                });
+            });
+            if shown.response.interact(egui::Sense::click()).clicked() {
+                message.dismissed = true;
+            }
+            top = shown.response.rect.bottom() + 6.0;
+        }
+        if let Some(soonest) = soonest {
+            context.request_repaint_after(soonest);
+        }
+        egui::Window::new("Messages")
+            .open(&mut self.list_is_open)
+            .default_size([460.0, 260.0])
+            .anchor(Align2::RIGHT_BOTTOM, [-16.0, -40.0])
+            .show(context, |ui| {
+                egui::ScrollArea::vertical().stick_to_bottom(true).auto_shrink(false).show(ui, |ui| {
+                    for message in &self.all {
+                        ui.horizontal_top(|ui| {
+                            ui.label(RichText::new(message.level.mark()).color(message.level.color()).strong());
+                            ui.add(egui::Label::new(&message.text).wrap());
+                        });
+                    }
+                    if self.all.is_empty() {
+                        ui.label(RichText::new("Nothing so far.").color(theme::WEAK));
+                    }
+                });
+            });
+    }
+}
+
+impl Message {
+    fn is_fresh(&self) -> bool {
+        !self.dismissed && self.since.elapsed() < self.level.duration()
+    }
+}
+
+impl Level {
+    /// Time a toast stays: to read a line, or two lines that one did not expect.
+    fn duration(self) -> Duration {
+        Duration::from_secs(match self {
+            Self::Note => 5,
+            Self::Warning => 9,
+            Self::Error => 15,
+        })
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Note => "note",
+            Self::Warning => "warning",
+            Self::Error => "error",
+        }
+    }
+
+    fn mark(self) -> &'static str {
+        match self {
+            Self::Note => "•",
+            Self::Warning | Self::Error => "!",
+        }
+    }
+
+    pub fn color(self) -> Color32 {
+        match self {
+            Self::Note => theme::ACCENT,
+            Self::Warning => theme::WARNING,
+            Self::Error => theme::ERROR,
+        }
+    }
+}

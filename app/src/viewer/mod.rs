@@ -1,0 +1,395 @@
+//! The viewer's window. `state` is what it knows, `interface` draws it, `navigation` and `bindings` turn input into actions,
+//! `render_thread` draws the points, `screen` is the surface. Here they meet: events from the system, from loading, from the
+//! render thread and from workers come in, change the state, and the effects that it leaves are done.
+//!
+//! Nothing here waits: files are read, columns looked up, figures computed and points drawn on other threads, which wake the
+//! event loop with what they found.
+
+mod actions;
+mod bindings;
+mod clouds_panel;
+mod colors_panel;
+mod event_log;
+mod figures;
+mod history;
+mod interface;
+mod messages;
+mod navigation;
+mod overlay;
+mod panel;
+mod path_prompt;
+mod pick_panel;
+mod preferences;
+mod render_thread;
+mod screen;
+mod state;
+mod theme;
+mod timings_panel;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use event_log::EventLog;
+use figures::Figures;
+use messages::Level;
+use path_prompt::PathPrompt;
+use preferences::Preferences;
+use render_thread::{RenderThread, Report};
+use screen::{Painted, Screen};
+use serde_json::json;
+use state::{Effect, Found, State};
+use winit::application::ApplicationHandler;
+use winit::event::{ElementState, StartCause, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
+use winit::keyboard::{KeyCode, PhysicalKey};
+use winit::window::WindowId;
+
+use crate::failure::NoScreen;
+use crate::loading::{self, Request};
+
+/// What other threads tell the window.
+enum Wake {
+    Loading(u32, loading::Event),
+    Report(Report),
+    Found(Found),
+    /// Files chosen in the system's dialog, and how long it took.
+    Chosen(Option<Vec<PathBuf>>, Duration),
+}
+
+/// Opens the window and shows `request` until it is closed. `gpu` as in `Gpu::headless`.
+///
+/// # Errors
+/// No display or adapter (`NoScreen`, `render::Error::NoAdapter`), or the graphics device was lost.
+pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
+    let no_screen = |error: winit::error::EventLoopError| {
+        NoScreen(format!("no window can be opened ({error}); `glint render` writes a picture without one"))
+    };
+    let event_loop = EventLoop::<Wake>::with_user_event().build().map_err(no_screen)?;
+    let (preferences, problem) = Preferences::load();
+    let mut state = State::new(preferences);
+    if let Some(problem) = problem {
+        state.say(Level::Warning, problem);
+    }
+    let mut viewer = Viewer {
+        wake: event_loop.create_proxy(),
+        state,
+        request: Some(request),
+        wanted_gpu: gpu,
+        screen: None,
+        render_thread: None,
+        log: EventLog::from_environment()?,
+        next_paint: None,
+        title: String::new(),
+        modifiers: egui::Modifiers::NONE,
+        device_lost: Arc::default(),
+        failure: None,
+    };
+    event_loop.run_app(&mut viewer)?;
+    viewer.failure.map_or(Ok(()), Err)
+}
+
+struct Viewer {
+    wake: EventLoopProxy<Wake>,
+    state: State,
+    /// Until the window is there.
+    request: Option<Request>,
+    wanted_gpu: Option<String>,
+    screen: Option<Screen>,
+    render_thread: Option<RenderThread>,
+    log: EventLog,
+    next_paint: Option<Instant>,
+    title: String,
+    /// Held down now.
+    modifiers: egui::Modifiers,
+    /// The window's own device is gone: nothing can be shown any more.
+    device_lost: Arc<AtomicBool>,
+    /// Why the program ends.
+    failure: Option<anyhow::Error>,
+}
+
+/// While chunks stream in, the window is painted at most this often.
+const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
+/// A dialog that ends sooner was never shown: there is no service that shows dialogs.
+const QUICKEST_HAND: Duration = Duration::from_millis(400);
+
+impl ApplicationHandler<Wake> for Viewer {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.screen.is_none() {
+            if let Err(error) = self.open(event_loop) {
+                self.failure = Some(error);
+                event_loop.exit();
+            }
+        }
+    }
+
+    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
+        if matches!(cause, StartCause::ResumeTimeReached { .. }) {
+            self.next_paint = None;
+            self.request_paint();
+        }
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, event: Wake) {
+        let is_chunk = matches!(event, Wake::Loading(_, loading::Event::Chunk { .. }));
+        match event {
+            Wake::Loading(job, event) => {
+                let is_end = matches!(event, loading::Event::Finished);
+                self.state.on_loading(job, event);
+                if is_end {
+                    self.keep_preferences();
+                }
+            }
+            Wake::Report(report) => self.on_report(report),
+            Wake::Found(found) => self.state.on_found(found),
+            Wake::Chosen(Some(paths), _) => {
+                let words: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+                self.state.open(&words);
+            }
+            Wake::Chosen(None, took) => {
+                if took < QUICKEST_HAND {
+                    let reason = "No file dialog answers on this desktop: type the path.";
+                    self.state.path_prompt = Some(PathPrompt::because(reason));
+                }
+            }
+        }
+        self.do_effects();
+        if is_chunk {
+            self.paint_within(LOADING_PAINT_INTERVAL);
+        } else {
+            self.request_paint();
+        }
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        let Some(screen) = &mut self.screen else { return };
+        match &event {
+            WindowEvent::CloseRequested => {
+                self.keep_preferences();
+                return event_loop.exit();
+            }
+            WindowEvent::Resized(size) => screen.resize(*size),
+            WindowEvent::ModifiersChanged(modifiers) => {
+                let keys = modifiers.state();
+                let command = if cfg!(target_os = "macos") { keys.super_key() } else { keys.control_key() };
+                let (alt, shift) = (keys.alt_key(), keys.shift_key());
+                self.modifiers = egui::Modifiers { alt, shift, command, ..egui::Modifiers::NONE };
+            }
+            WindowEvent::RedrawRequested => return self.paint(event_loop),
+            WindowEvent::KeyboardInput { event: key, .. } if !screen.context.text_edit_focused() => {
+                if let Some(trigger) = own_key(key, self.modifiers) {
+                    let action = bindings::action(trigger, self.state.mode);
+                    if let (Some(action), ElementState::Pressed, false) = (action, key.state, key.repeat) {
+                        self.state.act(action);
+                        self.do_effects();
+                    }
+                    return self.request_paint();
+                }
+            }
+            _ => {}
+        }
+        if screen.input.on_window_event(&screen.window, &event).repaint {
+            self.request_paint();
+        }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        if self.device_lost.load(Ordering::Relaxed) && self.failure.is_none() {
+            self.failure = Some(anyhow::anyhow!("the graphics device was lost"));
+            self.keep_preferences();
+            return event_loop.exit();
+        }
+        event_loop.set_control_flow(self.next_paint.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
+    }
+}
+
+/// Keys that egui does not hand on as they are: it takes Tab for itself and makes the number pad the number row.
+fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<bindings::Trigger> {
+    use bindings::Trigger;
+    let PhysicalKey::Code(code) = key.physical_key else { return None };
+    match code {
+        KeyCode::Tab => Some(Trigger::Key(modifiers.into(), egui::Key::Tab)),
+        KeyCode::Numpad1 => Some(Trigger::Numpad(modifiers.into(), 1)),
+        KeyCode::Numpad3 => Some(Trigger::Numpad(modifiers.into(), 3)),
+        KeyCode::Numpad5 => Some(Trigger::Numpad(modifiers.into(), 5)),
+        KeyCode::Numpad7 => Some(Trigger::Numpad(modifiers.into(), 7)),
+        _ => None,
+    }
+}
+
+impl Viewer {
+    fn open(&mut self, event_loop: &ActiveEventLoop) -> anyhow::Result<()> {
+        let screen = Screen::open(event_loop, self.state.preferences.window, self.wanted_gpu.as_deref())?;
+        let lost = self.device_lost.clone();
+        screen.gpu.device.set_device_lost_callback(move |_, _| lost.store(true, Ordering::Relaxed));
+        screen.gpu.device.on_uncaptured_error(Arc::new(|error| tracing::error!("window: {error}")));
+        let wake = self.wake.clone();
+        let report = move |report| {
+            // A window that is closed needs no reports.
+            let _ = wake.send_event(Wake::Report(report));
+        };
+        let started = RenderThread::start(screen.gpu.clone(), self.wanted_gpu.clone(), report);
+        self.render_thread = Some(started.context("no thread for the renderer")?);
+        self.screen = Some(screen);
+        self.log.write(&json!({ "event": "window" }));
+        if let Some(request) = self.request.take() {
+            self.state.open_request(request);
+        }
+        self.do_effects();
+        self.request_paint();
+        Ok(())
+    }
+
+    fn request_paint(&self) {
+        if let Some(screen) = &self.screen {
+            screen.window.request_redraw();
+        }
+    }
+
+    fn paint_within(&mut self, delay: Duration) {
+        let at = Instant::now() + delay;
+        self.next_paint = Some(self.next_paint.map_or(at, |next| next.min(at)));
+    }
+
+    fn paint(&mut self, event_loop: &ActiveEventLoop) {
+        let Some(screen) = &mut self.screen else { return };
+        let state = &mut self.state;
+        let picture = screen.picture();
+        let painted = screen.paint(event_loop, |ui| {
+            interface::show(ui, state, picture);
+            if state.fatal.is_some() {
+                fatal_notice(ui.ctx(), state);
+            }
+        });
+        let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
+        let again = [state.history.watch(&state.settings, is_held), state.request_frame()];
+        state.renew_figures();
+        match painted {
+            Painted::Next(delay) => {
+                let delay = again.into_iter().flatten().fold(delay, Duration::min);
+                self.next_paint = Instant::now().checked_add(delay);
+                if delay.is_zero() {
+                    screen.window.request_redraw();
+                }
+            }
+            Painted::Again => screen.window.request_redraw(),
+        }
+        let title = self.state.title();
+        if title != self.title {
+            screen.window.set_title(&title);
+            self.title = title;
+        }
+        self.do_effects();
+        if self.state.wants_to_quit {
+            self.keep_preferences();
+            self.failure = self.state.fatal.take().map(anyhow::Error::msg);
+            event_loop.exit();
+        }
+    }
+
+    fn on_report(&mut self, report: Report) {
+        if let (Report::Frame(frame), Some(screen)) = (&report, &mut self.screen) {
+            screen.set_picture(frame.texture.clone());
+        }
+        self.state.on_report(report);
+    }
+
+    fn keep_preferences(&mut self) {
+        if let Some(screen) = self.screen.as_ref().filter(|_| !self.state.is_full_screen) {
+            self.state.preferences.window = screen.size();
+        }
+        self.state.preferences.remember_settings(&self.state.settings);
+        if let Err(error) = self.state.preferences.save() {
+            self.state.messages.warning(format!("settings are not kept: {error:#}"));
+        }
+    }
+
+    /// Does what the state asks for.
+    fn do_effects(&mut self) {
+        for effect in std::mem::take(&mut self.state.effects) {
+            match effect {
+                Effect::Render(command) => {
+                    if let Some(thread) = &self.render_thread {
+                        thread.send(command);
+                    }
+                }
+                Effect::Load { inputs } => {
+                    let job = loading::start(inputs.clone(), &self.state.settings);
+                    let id = self.state.add_job(inputs, job.progress.clone(), job.surfel_progress.clone());
+                    self.work("loading events", move |wake| forward(&job, id, wake));
+                }
+                Effect::FindFigures { key, cloud, basis, up } => self.work("figures", move |wake| {
+                    let figures = Box::new(Figures::of(&cloud, &basis.color, up));
+                    let _ = wake.send_event(Wake::Found(Found::Figures { key, basis, figures }));
+                }),
+                Effect::ReadColumn { key, source, attribute, progress } => self.work("column", move |wake| {
+                    let result = loading::read_column(&source, attribute, &progress);
+                    let result = result.map_err(|error| error.to_string());
+                    let _ = wake.send_event(Wake::Found(Found::Column { key, attribute, result }));
+                }),
+                Effect::ReadRecord { picked, source } => self.work("record", move |wake| {
+                    let result = source.record(picked.point).map_err(|error| error.to_string());
+                    let _ = wake.send_event(Wake::Found(Found::Record { picked, result }));
+                }),
+                Effect::OpenDialog => self.work("dialog", |wake| {
+                    let asked = Instant::now();
+                    let dialog = rfd::FileDialog::new()
+                        .set_title("Open point clouds")
+                        .add_filter("Point clouds and scenes", &["las", "laz", "ply", "toml"])
+                        .add_filter("All files", &["*"]);
+                    let chosen = dialog.pick_files();
+                    let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
+                }),
+                Effect::Copy(text) => {
+                    self.log.write(&json!({ "event": "copied", "text": text }));
+                    if let Some(screen) = &mut self.screen {
+                        screen.input.set_clipboard_text(text);
+                    }
+                }
+                Effect::SetFullScreen(on) => {
+                    if let Some(screen) = &self.screen {
+                        let borderless = winit::window::Fullscreen::Borderless(None);
+                        screen.window.set_fullscreen(on.then_some(borderless));
+                    }
+                }
+                Effect::Log(event) => self.log.write(&event),
+            }
+        }
+    }
+
+    /// Runs `task` on a thread of its own.
+    fn work(&mut self, name: &str, task: impl FnOnce(&EventLoopProxy<Wake>) + Send + 'static) {
+        let wake = self.wake.clone();
+        if let Err(error) = std::thread::Builder::new().name(name.into()).spawn(move || task(&wake)) {
+            self.state.messages.error(format!("{name}: no thread: {error}"));
+        }
+    }
+}
+
+/// Hands the events of a job on until it ends; a loading thread that dies ends it, too.
+fn forward(job: &loading::Job, id: u32, wake: &EventLoopProxy<Wake>) {
+    for event in &job.events {
+        let is_end = matches!(event, loading::Event::Finished);
+        if wake.send_event(Wake::Loading(id, event)).is_err() || is_end {
+            return;
+        }
+    }
+    let error = "loading stopped unexpectedly".to_string();
+    let _ = wake.send_event(Wake::Loading(id, loading::Event::Failed { input: String::new(), error }));
+    let _ = wake.send_event(Wake::Loading(id, loading::Event::Finished));
+}
+
+/// Says that nothing can be drawn any more; the program ends when it is acknowledged.
+fn fatal_notice(context: &egui::Context, state: &mut State) {
+    egui::Modal::new(egui::Id::unique("fatal")).show(context, |ui| {
+        ui.set_max_width(420.0);
+        ui.heading("The points cannot be drawn any more");
+        ui.label(state.fatal.as_deref().unwrap_or_default());
+        ui.add_space(8.0);
+        if ui.button("Quit").clicked() {
+            state.wants_to_quit = true;
+        }
+    });
+}

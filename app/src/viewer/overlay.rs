@@ -1,0 +1,62 @@
+//! What is drawn over the picture: the pivot, picked points, the line between them. Seen through the camera of the picture
+//! that is shown, so that marks stick to their points.
+
+use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use glam::DVec3;
+
+use super::navigation::Lens;
+use super::state::State;
+use super::theme;
+
+const SHADOW: Color32 = Color32::from_black_alpha(160);
+
+pub fn paint(painter: &Painter, rect: Rect, state: &State) {
+    let Some(shown) = &state.shown else { return };
+    let size = shown.request.size;
+    let lens = Lens::new(&shown.request.camera, &shown.request.settings.view, size);
+    let place = |world: DVec3| -> Option<Pos2> {
+        let pixel = lens.project(world)?;
+        let x = pixel.x as f32 / size[0] as f32 * rect.width();
+        let y = pixel.y as f32 / size[1] as f32 * rect.height();
+        Some(rect.min + vec2(x, y))
+    };
+    let painter = painter.with_clip_rect(rect);
+    if state.navigation.pivot_mark().is_some() {
+        if let Some(at) = place(shown.request.camera.pivot) {
+            pivot(&painter, at);
+        }
+    }
+    let places: Vec<Option<Pos2>> = state.picks.iter().map(|pick| place(pick.world)).collect();
+    if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), state.distance()) {
+        painter.line_segment([*first, *second], Stroke::new(3.5, SHADOW));
+        painter.line_segment([*first, *second], Stroke::new(1.5, theme::ACCENT));
+        tag(&painter, *first + (*second - *first) * 0.5, &format!("{:.3}", distance.total));
+    }
+    for at in places.into_iter().flatten() {
+        cross(&painter, at);
+    }
+}
+
+fn pivot(painter: &Painter, at: Pos2) {
+    for (width, color) in [(3.5, SHADOW), (1.5, Color32::WHITE)] {
+        painter.circle_stroke(at, 7.0, Stroke::new(width, color));
+        painter.circle_filled(at, width, color);
+    }
+}
+
+fn cross(painter: &Painter, at: Pos2) {
+    for (width, color) in [(4.0, SHADOW), (1.6, theme::ACCENT)] {
+        let stroke = Stroke::new(width, color);
+        painter.circle_stroke(at, 6.0, stroke);
+        for direction in [vec2(1.0, 0.0), vec2(-1.0, 0.0), vec2(0.0, 1.0), vec2(0.0, -1.0)] {
+            painter.line_segment([at + direction * 6.0, at + direction * 12.0], stroke);
+        }
+    }
+}
+
+fn tag(painter: &Painter, at: Pos2, text: &str) {
+    let galley = painter.layout_no_wrap(text.into(), egui::FontId::monospace(12.0), Color32::WHITE);
+    let corner = pos2(at.x - galley.size().x * 0.5, at.y - galley.size().y - 8.0);
+    painter.rect_filled(Rect::from_min_size(corner, galley.size()).expand(4.0), 4.0, SHADOW);
+    painter.galley(corner, galley, Color32::WHITE);
+}

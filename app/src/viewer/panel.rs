@@ -1,0 +1,190 @@
+//! Draws any group of parameters from its table: a line each, with the widget that its kind asks for. Hovering tells help,
+//! key and range; a double-click or a right-click on the name resets it; what differs from the default is marked.
+
+use egui::{RichText, Ui};
+use param::{Field, Kind, Params, Value};
+
+use super::theme;
+
+/// Points from the left edge to the widgets: the longest name fits.
+const NAME_WIDTH: f32 = 96.0;
+
+/// The parameters of a group, except those named in `skip`.
+pub fn parameters(ui: &mut Ui, params: &mut dyn Params, skip: &[&str]) {
+    let group = params.group();
+    for field in group.fields.iter().filter(|field| !skip.contains(&field.name)) {
+        parameter(ui, params, field.name);
+    }
+}
+
+/// One parameter.
+pub fn parameter(ui: &mut Ui, params: &mut dyn Params, name: &str) {
+    let group = params.group();
+    let Some(index) = group.fields.iter().position(|field| field.name == name) else { return };
+    let field = &group.fields[index];
+    let value = params.values().swap_remove(index);
+    let edited = ui.push_id((group.name, field.name), |ui| line(ui, group.name, field, value)).inner;
+    if let Some(edited) = edited {
+        // The widgets keep to the range; what they cannot give is not set.
+        let _ = params.set(field.name, edited);
+    }
+}
+
+fn line(ui: &mut Ui, group: &str, field: &Field, value: Value) -> Option<Value> {
+    let is_changed = field.default() != value;
+    ui.horizontal(|ui| {
+        let name = title(field.name);
+        let text = if is_changed { RichText::new(name).color(theme::ACCENT) } else { RichText::new(name) };
+        let label = name_label(ui, text);
+        if label.double_clicked() || label.secondary_clicked() {
+            return Some(field.default());
+        }
+        let label_id = label.id;
+        label.on_hover_ui(|ui| {
+            ui.set_max_width(300.0);
+            ui.label(field.help);
+            ui.label(RichText::new(format!("{group}.{} · {}", field.name, field.range_text())).small().color(theme::WEAK));
+            let reset = format!("default {} · double-click resets", field.format(&field.default()));
+            ui.label(RichText::new(reset).small().color(theme::WEAK));
+        });
+        widget(ui, field, value, label_id)
+    })
+    .inner
+}
+
+/// The name of a line, as wide as all others, that can be clicked.
+pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Response {
+    let height = ui.spacing().interact_size.y;
+    let layout = egui::Layout::left_to_right(egui::Align::Center);
+    let label = egui::Label::new(text).sense(egui::Sense::click()).selectable(false).truncate();
+    ui.allocate_ui_with_layout(egui::vec2(NAME_WIDTH, height), layout, |ui| {
+        ui.set_min_width(NAME_WIDTH);
+        ui.add(label)
+    })
+    .inner
+}
+
+/// The edited value, if it was edited.
+fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<Value> {
+    match (&field.kind, value) {
+        (Kind::Bool { .. }, Value::Bool(mut on)) => {
+            ui.checkbox(&mut on, "").labelled_by(label).changed().then_some(Value::Bool(on))
+        }
+        (Kind::F32 { min, max, .. }, Value::F32(mut number)) => {
+            let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            let slider = slider.suffix(suffix(field.unit)).max_decimals(3);
+            ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
+        }
+        // A slider over all numbers of 32 bits would be no use: those are dragged and typed.
+        (Kind::U32 { min, max: u32::MAX, .. }, Value::U32(mut number)) => {
+            let drag = egui::DragValue::new(&mut number).range(*min..=u32::MAX);
+            ui.add(drag).labelled_by(label).changed().then_some(Value::U32(number))
+        }
+        (Kind::U32 { min, max, .. }, Value::U32(mut number)) => {
+            let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            ui.add(slider.suffix(suffix(field.unit))).labelled_by(label).changed().then_some(Value::U32(number))
+        }
+        (Kind::Choice { names, .. }, Value::Choice(index)) => {
+            let mut chosen = index as usize;
+            let shown = names.get(chosen).copied().unwrap_or_default();
+            let combo = egui::ComboBox::from_id_salt("choice").width(130.0).selected_text(shown);
+            combo
+                .show_ui(ui, |ui| {
+                    for (index, name) in names.iter().enumerate() {
+                        ui.selectable_value(&mut chosen, index, *name);
+                    }
+                })
+                .response
+                .labelled_by(label);
+            (chosen != index as usize).then_some(Value::Choice(chosen as u32))
+        }
+        (Kind::Color { .. }, Value::Color(color)) => {
+            let [red, green, blue, opacity] = color.bytes();
+            let mut rgb = [red, green, blue];
+            let changed = ui.color_edit_button_srgb(&mut rgb).labelled_by(label).changed();
+            let [red, green, blue] = rgb;
+            changed.then(|| Value::Color(param::Color::from_bytes([red, green, blue, opacity])))
+        }
+        (Kind::Text { .. }, Value::Text(mut text)) => {
+            let edit = egui::TextEdit::singleline(&mut text).desired_width(130.0);
+            ui.add(edit).labelled_by(label).changed().then_some(Value::Text(text))
+        }
+        _ => None,
+    }
+}
+
+/// `min_pixels` as people read it: `Min pixels`.
+fn title(name: &str) -> String {
+    let mut words = name.replace('_', " ");
+    if let Some(first) = words.get_mut(..1) {
+        first.make_ascii_uppercase();
+    }
+    words
+}
+
+/// Units that fit behind a number.
+fn suffix(unit: &str) -> &str {
+    match unit {
+        "degrees" => "°",
+        "pixels" => " px",
+        "x spacing" => " ×",
+        _ => "",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use scene::Settings;
+
+    use super::*;
+
+    fn harness(settings: Settings) -> Harness<'static, Settings> {
+        Harness::builder().with_size([360.0, 900.0]).build_ui_state(
+            |ui, settings: &mut Settings| {
+                for group in settings.groups_mut() {
+                    parameters(ui, group, &[]);
+                }
+            },
+            settings,
+        )
+    }
+
+    #[test]
+    fn every_parameter_of_the_table_has_a_line() {
+        let mut harness = harness(Settings::default());
+        harness.run();
+        for group in Settings::default().groups() {
+            for field in &group.group().fields {
+                assert!(harness.query_all_by_label(&title(field.name)).next().is_some(), "{}", field.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_double_click_on_the_name_resets_the_parameter() {
+        let mut settings = Settings::default();
+        settings.splat.min_pixels = 9.0;
+        settings.splat.max_pixels = 99.0;
+        let mut harness = harness(settings);
+        harness.run();
+        let name = harness.get_by_role_and_label(egui::accesskit::Role::Label, "Min pixels");
+        name.click();
+        name.click();
+        harness.run();
+        assert_eq!(harness.state().splat.min_pixels, scene::Splat::default().min_pixels);
+        assert_eq!(harness.state().splat.max_pixels, 99.0);
+    }
+
+    #[test]
+    fn choosing_from_a_list_and_typing_a_number_edit_the_value() {
+        let mut harness = harness(Settings::default());
+        harness.run();
+        harness.get_by_role_and_label(egui::accesskit::Role::ComboBox, "Quality").click();
+        harness.run();
+        harness.get_by_label("nearest").click();
+        harness.run();
+        assert_eq!(harness.state().splat.quality, scene::Quality::Nearest);
+    }
+}

@@ -1,0 +1,148 @@
+//! What was picked: coordinates, everything the file says, and the distance between two picks.
+
+use egui::{Align2, RichText, Ui};
+use glam::DVec3;
+
+use super::state::{Effect, Pick, State};
+use super::theme;
+
+/// A card in the lower right corner of the picture, if something is picked.
+pub fn show(context: &egui::Context, rect: egui::Rect, state: &mut State) {
+    if state.picks.is_empty() {
+        return;
+    }
+    let mut is_open = true;
+    let corner = rect.right_bottom() - egui::vec2(12.0, 12.0);
+    egui::Window::new("Picked point")
+        .open(&mut is_open)
+        .collapsible(true)
+        .resizable(false)
+        .pivot(Align2::RIGHT_BOTTOM)
+        .default_pos(corner)
+        .constrain_to(rect)
+        .default_width(290.0)
+        .show(context, |ui| contents(ui, state));
+    if !is_open {
+        state.picks.clear();
+    }
+}
+
+fn contents(ui: &mut Ui, state: &mut State) {
+    ui.set_width(290.0);
+    if let Some(distance) = state.distance() {
+        egui::Grid::new("distance").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
+            let figures = [
+                ("Distance", distance.total),
+                ("Horizontal", distance.horizontal),
+                ("Vertical", distance.vertical),
+            ];
+            for (name, value) in figures {
+                ui.label(RichText::new(name).strong());
+                ui.label(RichText::new(format!("{value:.4}")).monospace());
+                ui.end_row();
+            }
+        });
+        ui.separator();
+    }
+    let Some(pick) = state.picks.last() else { return };
+    ui.horizontal(|ui| {
+        ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
+        ui.label(RichText::new(format!("point {}", pick.point.point)).color(theme::WEAK));
+    });
+    ui.label(RichText::new(coordinates(pick.world)).monospace());
+    match &pick.record {
+        None => {
+            ui.horizontal(|ui| {
+                ui.spinner();
+                ui.label("looking it up in the file");
+            });
+        }
+        Some(Err(error)) => {
+            ui.colored_label(theme::ERROR, error);
+        }
+        Some(Ok(record)) => {
+            egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
+                egui::Grid::new("record").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
+                    for (name, value) in record {
+                        ui.label(RichText::new(name).size(12.0));
+                        ui.add(egui::Label::new(RichText::new(value).monospace().size(11.5)).selectable(true));
+                        ui.end_row();
+                    }
+                });
+            });
+        }
+    }
+    let text = as_text(&state.picks);
+    ui.horizontal(|ui| {
+        if ui.button("Copy").clicked() {
+            state.effects.push(Effect::Copy(text));
+            state.messages.note("Picked points copied");
+        }
+        if ui.button("Clear").clicked() {
+            state.picks.clear();
+        }
+    });
+}
+
+/// Full precision, as the file has it: the shortest digits that mean the same number.
+pub fn coordinates(world: DVec3) -> String {
+    // Lattice coordinates (integer times scale) carry rounding in the last digits of the double; ten significant ones
+    // behind the point are beyond any scanner.
+    let text = |value: f64| {
+        let rounded = format!("{value:.10}");
+        rounded.trim_end_matches('0').trim_end_matches('.').to_string()
+    };
+    format!("{}  {}  {}", text(world.x), text(world.y), text(world.z))
+}
+
+/// What Copy puts on the clipboard: tab-separated lines.
+fn as_text(picks: &[Pick]) -> String {
+    let mut text = String::new();
+    for pick in picks {
+        text += &format!("{}\tpoint {}\t{}\n", pick.cloud, pick.point.point, coordinates(pick.world).replace("  ", "\t"));
+        for (name, value) in pick.record.iter().flatten().flatten() {
+            text += &format!("{name}\t{value}\n");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::super::preferences::Preferences;
+    use super::super::render_thread::{CloudKey, PickedPoint};
+    use super::*;
+
+    fn pick(world: DVec3) -> Pick {
+        let record = Some(Ok(vec![("intensity".into(), "1234".into())]));
+        Pick { point: PickedPoint { key: CloudKey(0), point: 77 }, cloud: "office.laz".into(), world, record }
+    }
+
+    #[test]
+    fn coordinates_keep_the_digits_of_the_file_and_no_others() {
+        let grid = 63_561_912_345_f64 * 0.001;
+        assert_eq!(coordinates(DVec3::new(grid, -0.25, 7.0)), "63561912.345  -0.25  7");
+    }
+
+    #[test]
+    fn two_picks_show_their_distance_and_can_be_copied() {
+        let mut state = State::new(Preferences::default());
+        state.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
+        let mut harness = egui_kittest::Harness::builder()
+            .with_size([400.0, 400.0])
+            .build_ui_state(|ui, state: &mut State| contents(ui, state), state);
+        harness.run();
+        assert!(harness.query_by_label("5.0000").is_some());
+        assert!(harness.query_by_label("-4.0000").is_some());
+        assert!(harness.query_by_label("1234").is_some());
+        harness.get_by_label("Copy").click();
+        harness.run();
+        let copied = harness.state().effects.iter().find_map(|effect| match effect {
+            Effect::Copy(text) => Some(text.clone()),
+            _ => None,
+        });
+        assert!(copied.is_some_and(|text| text.contains("point 77\t3\t0\t-4\nintensity\t1234\n")));
+    }
+}

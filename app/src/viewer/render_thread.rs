@@ -1,0 +1,327 @@
+//! The thread that draws the points, so that the window never waits for them.
+//!
+//! It owns the renderer and the points on the GPU, on a device of its own: waiting for a device holds a lock that presenting
+//! on the same device needs, and a frame too long for the driver's watchdog then takes the pictures with it, not the window.
+//! Commands come in order; of frames that wait only the latest is drawn. A finished picture is written into a texture of the
+//! window's device, whose queue shows it from the window's next frame on, whole or not at all.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use cloud::{Chunk, Cloud};
+use glam::DVec3;
+use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, PointStore, Renderer};
+use scene::{Camera, Quality, Settings};
+
+/// A cloud, the same in the window, here and in events. Never used twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CloudKey(pub u32);
+
+/// A picture to draw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameRequest {
+    pub camera: Camera,
+    pub settings: Settings,
+    /// Pixels.
+    pub size: [u32; 2],
+    /// Counts changes of the points and their colours.
+    pub revision: u64,
+    /// Drawn fast because the camera moves; a better one follows.
+    pub hurried: bool,
+}
+
+/// What a picked point is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PickPurpose {
+    /// Coordinates in the status bar, and the point that zooming goes to.
+    Hover,
+    Select,
+    Pivot,
+}
+
+pub enum Command {
+    AddCloud { key: CloudKey, material: Material, provisional_radius: f32 },
+    /// Adds the chunk, or replaces the one with the same `first_point`. `classes` is the column of that index.
+    Chunk { key: CloudKey, chunk: Chunk, classes: Option<usize> },
+    /// `cloud` has the column that the plan shows.
+    Color { key: CloudKey, cloud: Cloud, plan: ColorPlan, up: DVec3 },
+    SetVisible { key: CloudKey, visible: bool },
+    SetVisibleClasses { key: CloudKey, visible: Box<[bool; 256]> },
+    Remove { key: CloudKey },
+    Frame(FrameRequest),
+    Pick { pixel: [u32; 2], purpose: PickPurpose },
+    /// Draws once more and writes a PNG file.
+    Save { request: FrameRequest, path: PathBuf },
+}
+
+/// A picture that is ready to be shown.
+pub struct Frame {
+    pub request: FrameRequest,
+    pub stats: FrameStats,
+    /// Milliseconds from the request's turn to the picture in the window's texture.
+    pub total_milliseconds: f64,
+    /// Of the window's device. The same texture as long as the size stays.
+    pub texture: wgpu::Texture,
+}
+
+/// A point of the file, found under a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PickedPoint {
+    pub key: CloudKey,
+    /// Index in the file.
+    pub point: u64,
+}
+
+pub enum Report {
+    /// Shaders are compiled.
+    Ready { adapter: String },
+    Frame(Box<Frame>),
+    Picked { pixel: [u32; 2], purpose: PickPurpose, point: Option<PickedPoint> },
+    Saved(PathBuf),
+    Problem(String),
+    /// Nothing can be drawn any more.
+    Lost(String),
+}
+
+/// The window's end. Dropping it ends the thread after the frame it is at.
+pub struct RenderThread {
+    commands: Sender<Command>,
+}
+
+/// Pixels around the cursor in which a point counts as meant: a fingertip's precision with a mouse.
+const PICK_RADIUS: u32 = 6;
+/// Longest time that points are uploaded before a waiting frame gets its turn.
+const UPLOAD_SLICE: Duration = Duration::from_millis(50);
+
+impl RenderThread {
+    /// `window_gpu` is the device that shows the pictures; `wanted` as in `Gpu::headless`. `report` is called from the thread.
+    ///
+    /// # Errors
+    /// If no thread can be started.
+    pub fn start(
+        window_gpu: Arc<Gpu>,
+        wanted: Option<String>,
+        report: impl Fn(Report) + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let (commands, receiver) = channel();
+        let work = move || {
+            let draw = || match Worker::new(window_gpu, wanted.as_deref()) {
+                Ok(mut worker) => {
+                    report(Report::Ready { adapter: worker.gpu.info.name.clone() });
+                    worker.run(&receiver, &report);
+                }
+                Err(error) => report(Report::Lost(error.to_string())),
+            };
+            // wgpu panics where a driver breaks its word; the window lives to say so.
+            if std::panic::catch_unwind(std::panic::AssertUnwindSafe(draw)).is_err() {
+                report(Report::Lost("the renderer stopped unexpectedly".into()));
+            }
+        };
+        std::thread::Builder::new().name("render".into()).spawn(work)?;
+        Ok(Self { commands })
+    }
+
+    pub fn send(&self, command: Command) {
+        // A thread that has ended has reported why.
+        let _ = self.commands.send(command);
+    }
+}
+
+struct Resident {
+    id: CloudId,
+    /// By `first_point`.
+    chunks: HashMap<u64, ChunkId>,
+}
+
+struct Worker {
+    gpu: Arc<Gpu>,
+    window_gpu: Arc<Gpu>,
+    renderer: Renderer,
+    store: PointStore,
+    clouds: HashMap<CloudKey, Resident>,
+    first_points: HashMap<ChunkId, (CloudKey, u64)>,
+    shown: Option<wgpu::Texture>,
+    /// The store refused points: said once, not for each chunk.
+    is_full: bool,
+}
+
+impl Worker {
+    fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>) -> render::Result<Self> {
+        // The window's adapter, unless another is asked for: the one that presents is the one with the screen.
+        let name = window_gpu.info.name.clone();
+        let gpu = Gpu::headless(Some(wanted.unwrap_or(&name)))?;
+        Ok(Self {
+            renderer: Renderer::new(gpu.clone())?,
+            store: PointStore::new(gpu.clone()),
+            gpu,
+            window_gpu,
+            clouds: HashMap::new(),
+            first_points: HashMap::new(),
+            shown: None,
+            is_full: false,
+        })
+    }
+
+    fn run(&mut self, commands: &Receiver<Command>, report: &impl Fn(Report)) {
+        while let Ok(first) = commands.recv() {
+            let mut frame = None;
+            let mut next = Some(first);
+            let started = Instant::now();
+            while let Some(command) = next {
+                let result = match command {
+                    Command::Frame(request) => {
+                        frame = Some(request);
+                        Ok(())
+                    }
+                    other => self.obey(other, report),
+                };
+                if let Err(error) = result {
+                    if is_fatal(&error) {
+                        return report(Report::Lost(error.to_string()));
+                    }
+                    report(Report::Problem(error.to_string()));
+                }
+                if frame.is_some() && started.elapsed() > UPLOAD_SLICE {
+                    break;
+                }
+                next = commands.try_recv().ok();
+            }
+            if let Some(request) = frame {
+                match self.draw(request) {
+                    Ok(frame) => report(Report::Frame(Box::new(frame))),
+                    Err(error) => return report(Report::Lost(error.to_string())),
+                }
+            }
+        }
+    }
+
+    fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
+        match command {
+            Command::AddCloud { key, material, provisional_radius } => {
+                let id = self.store.add_cloud(material);
+                self.store.set_provisional_radius(id, provisional_radius);
+                self.clouds.insert(key, Resident { id, chunks: HashMap::new() });
+            }
+            Command::Chunk { key, chunk, classes } => return self.put(key, &chunk, classes),
+            Command::Color { key, cloud, plan, up } => {
+                if let Some(resident) = self.clouds.get(&key) {
+                    // Chunks that the store refused are left out.
+                    let resident_chunks = cloud.chunks.iter().filter_map(|chunk| {
+                        resident.chunks.get(&chunk.first_point).map(|id| (chunk.clone(), *id))
+                    });
+                    let (chunks, ids): (Vec<_>, Vec<_>) = resident_chunks.unzip();
+                    self.store.set_color(resident.id, &Cloud { chunks, ..cloud }, &ids, &plan, up)?;
+                }
+            }
+            Command::SetVisible { key, visible } => {
+                if let Some(resident) = self.clouds.get(&key) {
+                    self.store.set_visible(resident.id, visible);
+                }
+            }
+            Command::SetVisibleClasses { key, visible } => {
+                if let Some(resident) = self.clouds.get(&key) {
+                    self.store.set_visible_classes(resident.id, &visible);
+                }
+            }
+            Command::Remove { key } => {
+                if let Some(resident) = self.clouds.remove(&key) {
+                    self.store.remove_cloud(resident.id);
+                    self.first_points.retain(|_, (owner, _)| *owner != key);
+                    self.is_full = false;
+                }
+            }
+            Command::Pick { pixel, purpose } => {
+                let picked = self.renderer.pick(&self.store, pixel, PICK_RADIUS)?;
+                let point = picked.and_then(|picked| {
+                    let (key, first_point) = *self.first_points.get(&picked.chunk)?;
+                    Some(PickedPoint { key, point: first_point + picked.index as u64 })
+                });
+                report(Report::Picked { pixel, purpose, point });
+            }
+            Command::Save { request, path } => {
+                self.renderer.render(&mut self.store, &request.camera, &request.settings, request.size)?;
+                let pixels = self.renderer.read_picture()?;
+                // Compressing takes longer than drawing; it needs nothing from here.
+                let [width, height] = request.size;
+                let saved = image::save_buffer(&path, &pixels, width, height, image::ColorType::Rgba8);
+                report(match saved {
+                    Ok(()) => Report::Saved(path),
+                    Err(error) => Report::Problem(format!("{}: cannot be written: {error}", path.display())),
+                });
+            }
+            Command::Frame(_) => {}
+        }
+        Ok(())
+    }
+
+    fn put(&mut self, key: CloudKey, chunk: &Chunk, classes: Option<usize>) -> render::Result<()> {
+        let Some(resident) = self.clouds.get_mut(&key) else { return Ok(()) };
+        let classes = classes.and_then(|index| chunk.columns.get(index)?.as_deref()).and_then(|column| match column {
+            cloud::Column::U8(classes) => Some(classes.as_slice()),
+            _ => None,
+        });
+        if let Some(id) = resident.chunks.get(&chunk.first_point) {
+            return self.store.update_chunk(*id, chunk, classes);
+        }
+        if self.is_full {
+            return Ok(());
+        }
+        let id = self.store.add_chunk(resident.id, chunk, classes).inspect_err(|_| self.is_full = true)?;
+        resident.chunks.insert(chunk.first_point, id);
+        self.first_points.insert(id, (key, chunk.first_point));
+        Ok(())
+    }
+
+    fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
+        let started = Instant::now();
+        let stats = self.renderer.render(&mut self.store, &request.camera, &request.settings, request.size)?;
+        let pixels = self.renderer.read_picture()?;
+        let [width, height] = request.size;
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let texture = match self.shown.take() {
+            Some(texture) if texture.size() == size => texture,
+            _ => self.window_gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some("picture in the window"),
+                size,
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: wgpu::TextureFormat::Rgba8Unorm,
+                usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            }),
+        };
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * width), rows_per_image: None };
+        self.window_gpu.queue.write_texture(texture.as_image_copy(), &pixels, layout, size);
+        self.shown = Some(texture.clone());
+        Ok(Frame { request, stats, total_milliseconds: started.elapsed().as_secs_f64() * 1e3, texture })
+    }
+}
+
+/// Whether no further frame can be expected after this error.
+fn is_fatal(error: &render::Error) -> bool {
+    matches!(error, render::Error::Lost(_))
+}
+
+impl FrameRequest {
+    /// The same picture with nothing spared.
+    pub fn unhurried(&self, settings: &Settings) -> Self {
+        Self { settings: settings.clone(), hurried: false, ..self.clone() }
+    }
+}
+
+/// The settings for a frame while the camera moves: the quality falls to one point a pixel when the better one took too long
+/// last time.
+pub fn hurried(settings: &Settings, last_careful_milliseconds: f64) -> Option<Settings> {
+    // Below 20 frames a second a turn no longer feels like a turn.
+    const TOO_LONG: f64 = 50.0;
+    if settings.splat.quality == Quality::Nearest || last_careful_milliseconds <= TOO_LONG {
+        return None;
+    }
+    let mut settings = settings.clone();
+    settings.splat.quality = Quality::Nearest;
+    Some(settings)
+}

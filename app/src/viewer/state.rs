@@ -1,0 +1,825 @@
+//! What the viewer knows: clouds, jobs, parameters, camera, picks. Plain data that panels edit and tests build without a
+//! window. What has to happen outside (drawing, reading, the clipboard) is left in `effects` for the window to do.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use cloud::{Bounds, Chunk, Cloud, Column, Progress, Surfels};
+use glam::DVec3;
+use render::FrameStats;
+use scene::{Camera, Settings, StandardView};
+use serde_json::json;
+
+use super::bindings::Mode;
+use super::figures::{Basis, Figures, class_column};
+use super::history::History;
+use super::messages::{Level, Messages};
+use super::navigation::{Lens, Navigation};
+use super::path_prompt::PathPrompt;
+use super::preferences::Preferences;
+use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
+use super::theme::grouped;
+use crate::loading::{self, Input};
+
+/// What the window is to do.
+pub enum Effect {
+    Render(Command),
+    Load { inputs: Vec<Input> },
+    FindFigures { key: CloudKey, cloud: Cloud, basis: Basis, up: DVec3 },
+    ReadColumn { key: CloudKey, source: Arc<codec::Source>, attribute: usize, progress: Arc<Progress> },
+    ReadRecord { picked: PickedPoint, source: Arc<codec::Source> },
+    OpenDialog,
+    Copy(String),
+    SetFullScreen(bool),
+    /// A line of the event log.
+    Log(serde_json::Value),
+}
+
+/// What a worker thread found.
+pub enum Found {
+    Figures { key: CloudKey, basis: Basis, figures: Box<Figures> },
+    Column { key: CloudKey, attribute: usize, result: Result<BTreeMap<u64, Arc<Column>>, String> },
+    Record { picked: PickedPoint, result: Result<Vec<(String, String)>, String> },
+}
+
+pub struct CloudEntry {
+    pub key: CloudKey,
+    /// `cloud.name` is shown.
+    pub cloud: Cloud,
+    /// The word of the command line that it came from; several clouds of a built-in scene share it.
+    pub input: String,
+    pub source: Option<Arc<codec::Source>>,
+    pub up: DVec3,
+    pub expected_points: u64,
+    pub points: u64,
+    pub is_visible: bool,
+    /// All chunks are there, or will not come.
+    pub is_read: bool,
+    /// Grows with the chunks; stray points included.
+    bounds: Bounds,
+    pub figures: Option<Figures>,
+    figures_basis: Option<Basis>,
+    figures_under_way: bool,
+    /// Columns read after the points, also for chunks that are still to come.
+    late_columns: HashMap<usize, BTreeMap<u64, Arc<Column>>>,
+    /// Attributes that are being read, or could not be.
+    column_reads: HashMap<usize, Arc<Progress>>,
+}
+
+/// Loading under way.
+pub struct JobEntry {
+    pub id: u32,
+    pub name: String,
+    inputs: Vec<Input>,
+    pub progress: Arc<Progress>,
+    pub surfel_progress: Arc<Progress>,
+    pub started: Instant,
+    /// By the job's own numbers.
+    clouds: BTreeMap<usize, CloudKey>,
+}
+
+impl JobEntry {
+    fn owns(&self, key: CloudKey) -> bool {
+        self.clouds.values().any(|cloud| *cloud == key)
+    }
+}
+
+/// A point someone clicked on.
+#[derive(Clone)]
+pub struct Pick {
+    pub point: PickedPoint,
+    pub cloud: String,
+    /// The file's own coordinates.
+    pub world: DVec3,
+    /// Everything the file says of it, once it is looked up.
+    pub record: Option<Result<Vec<(String, String)>, String>>,
+}
+
+/// The picture on the screen.
+pub struct Shown {
+    pub request: FrameRequest,
+    pub stats: FrameStats,
+    pub total_milliseconds: f64,
+}
+
+pub struct State {
+    pub clouds: Vec<CloudEntry>,
+    pub jobs: Vec<JobEntry>,
+    pub settings: Settings,
+    pub camera: Camera,
+    /// Someone chose the camera: loading no longer moves it.
+    pub camera_is_placed: bool,
+    pub mode: Mode,
+    pub navigation: Navigation,
+    pub visible_classes: [bool; 256],
+    pub picks: Vec<Pick>,
+    pub pick_tool: bool,
+    pub raw_colors: bool,
+    pub history: History,
+    pub messages: Messages,
+    pub preferences: Preferences,
+    pub path_prompt: Option<PathPrompt>,
+    pub shortcuts_are_open: bool,
+    pub interface_is_hidden: bool,
+    pub is_full_screen: bool,
+    /// Adapter that draws; `None` until its shaders are compiled.
+    pub adapter: Option<String>,
+    pub shown: Option<Shown>,
+    /// Time of the last frame in the wanted quality.
+    careful_milliseconds: f64,
+    /// Counts changes of the points and their colours.
+    pub revision: u64,
+    requested: Option<FrameRequest>,
+    requested_at: Option<Instant>,
+    pub frames_under_way: u32,
+    /// Pixels of the picture.
+    pub view_size: [u32; 2],
+    pub effects: Vec<Effect>,
+    next_cloud: u32,
+    next_job: u32,
+    /// Why nothing can be drawn any more.
+    pub fatal: Option<String>,
+    pub wants_to_quit: bool,
+    /// Warnings that were given: not twice, though figures are renewed.
+    warned: Vec<String>,
+}
+
+/// While points come in, a frame at most this often: each takes time from reading.
+const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
+
+impl State {
+    pub fn new(preferences: Preferences) -> Self {
+        let (settings, warnings) = preferences.settings();
+        let mut messages = Messages::default();
+        warnings.into_iter().for_each(|warning| messages.warning(format!("kept parameters: {warning}")));
+        Self {
+            clouds: Vec::new(),
+            jobs: Vec::new(),
+            settings,
+            camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
+            camera_is_placed: false,
+            mode: Mode::Orbit,
+            navigation: Navigation::default(),
+            visible_classes: [true; 256],
+            picks: Vec::new(),
+            pick_tool: false,
+            raw_colors: false,
+            history: History::default(),
+            messages,
+            preferences,
+            path_prompt: None,
+            shortcuts_are_open: false,
+            interface_is_hidden: false,
+            is_full_screen: false,
+            adapter: None,
+            shown: None,
+            careful_milliseconds: 0.0,
+            revision: 0,
+            requested: None,
+            requested_at: None,
+            frames_under_way: 0,
+            view_size: [1, 1],
+            effects: Vec::new(),
+            next_cloud: 0,
+            next_job: 0,
+            fatal: None,
+            wants_to_quit: false,
+            warned: Vec::new(),
+        }
+    }
+
+    pub fn cloud(&self, key: CloudKey) -> Option<&CloudEntry> {
+        self.clouds.iter().find(|entry| entry.key == key)
+    }
+
+    fn cloud_mut(&mut self, key: CloudKey) -> Option<&mut CloudEntry> {
+        self.clouds.iter_mut().find(|entry| entry.key == key)
+    }
+
+    pub fn render(&mut self, command: Command) {
+        self.effects.push(Effect::Render(command));
+    }
+
+    pub fn log(&mut self, event: serde_json::Value) {
+        self.effects.push(Effect::Log(event));
+    }
+
+    pub fn say(&mut self, level: Level, text: impl Into<String>) {
+        let text = text.into();
+        self.log(json!({ "event": "message", "level": level.name(), "text": text }));
+        self.messages.push(level, text);
+    }
+
+    // ---- opening ----
+
+    /// Opens what the words name: files, scenes, built-in scenes.
+    pub fn open(&mut self, words: &[String]) {
+        match loading::resolve(words) {
+            Ok(request) => self.open_request(request),
+            Err(error) => self.say(Level::Error, format!("{error:#}")),
+        }
+    }
+
+    pub fn open_request(&mut self, request: loading::Request) {
+        for warning in request.warnings {
+            self.say(Level::Warning, warning);
+        }
+        if let Some(view) = request.view {
+            // The camera of a built-in scene comes without parameters of its own: those at hand stay.
+            let settings =
+                if view.settings == Settings::default() { self.settings.clone() } else { view.settings.clone() };
+            match view.camera {
+                Some(camera) if self.clouds.is_empty() => self.jump(settings, camera),
+                _ => self.settings = settings,
+            }
+        }
+        if !request.inputs.is_empty() {
+            self.effects.push(Effect::Load { inputs: request.inputs });
+        }
+    }
+
+    /// The job that the window started for `inputs`; returns its number.
+    pub fn add_job(&mut self, inputs: Vec<Input>, progress: Arc<Progress>, surfel_progress: Arc<Progress>) -> u32 {
+        let id = self.next_job;
+        self.next_job += 1;
+        let name = match inputs.as_slice() {
+            [one] => short_name(&one.name()).to_string(),
+            several => format!("{} inputs", several.len()),
+        };
+        let started = Instant::now();
+        self.jobs.push(JobEntry { id, name, inputs, progress, surfel_progress, started, clouds: BTreeMap::new() });
+        id
+    }
+
+    pub fn on_loading(&mut self, job: u32, event: loading::Event) {
+        match event {
+            loading::Event::Opened {
+                name,
+                path,
+                source,
+                attributes,
+                grid,
+                expected_points,
+                material,
+                up,
+                provisional_radius,
+                warnings,
+                cloud: index,
+            } => {
+                let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
+                let input = self.input_name(job, path, &cloud.name);
+                let key = CloudKey(self.next_cloud);
+                self.next_cloud += 1;
+                self.render(Command::AddCloud { key, material, provisional_radius });
+                if self.visible_classes.contains(&false) {
+                    let visible = Box::new(self.visible_classes);
+                    self.render(Command::SetVisibleClasses { key, visible });
+                }
+                for warning in warnings {
+                    self.say(Level::Warning, format!("{}: {warning}", cloud.name));
+                }
+                self.log(json!({ "event": "opened", "name": cloud.name, "expected_points": expected_points }));
+                if source.is_some() {
+                    self.preferences.remember_file(&input);
+                }
+                let bounds = source.as_ref().and_then(|source| source.info().bounds);
+                self.clouds.push(CloudEntry {
+                    key,
+                    cloud,
+                    input,
+                    source,
+                    up,
+                    expected_points,
+                    points: 0,
+                    is_visible: true,
+                    is_read: false,
+                    bounds: Bounds::EMPTY,
+                    figures: None,
+                    figures_basis: None,
+                    figures_under_way: false,
+                    late_columns: HashMap::new(),
+                    column_reads: HashMap::new(),
+                });
+                if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
+                    entry.clouds.insert(index, key);
+                }
+                if let Some(bounds) = bounds {
+                    self.frame_while_unplaced(bounds);
+                }
+            }
+            loading::Event::Chunk { cloud, chunk } => self.add_chunk(job, cloud, chunk),
+            loading::Event::Read { cloud, summary } => self.on_read(job, cloud, &summary),
+            loading::Event::Surfels { cloud, surfels } => self.add_surfels(job, cloud, surfels),
+            loading::Event::Failed { input, error } => {
+                let name = short_name(&input).to_string();
+                // Errors name the file already, with its path.
+                let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
+                self.say(Level::Error, text);
+            }
+            loading::Event::Finished => self.finish_job(job),
+        }
+    }
+
+    /// The command-line word of a cloud. A built-in scene is several clouds, each named after it.
+    fn input_name(&self, job: u32, path: Option<PathBuf>, cloud: &str) -> String {
+        if let Some(path) = path {
+            return path.display().to_string();
+        }
+        let inputs = self.jobs.iter().find(|entry| entry.id == job).map_or(&[][..], |entry| &entry.inputs);
+        let names: Vec<String> = inputs.iter().filter(|input| matches!(input, Input::BuiltIn(_))).map(Input::name).collect();
+        let named = names.iter().find(|name| cloud.starts_with(name.as_str()));
+        named.or(names.first()).cloned().unwrap_or_else(|| cloud.to_string())
+    }
+
+    fn key_of(&self, job: u32, cloud: usize) -> Option<CloudKey> {
+        self.jobs.iter().find(|entry| entry.id == job)?.clouds.get(&cloud).copied()
+    }
+
+    fn add_chunk(&mut self, job: u32, cloud: usize, mut chunk: Chunk) {
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        for (attribute, columns) in &entry.late_columns {
+            put_column(&mut chunk, *attribute, columns);
+        }
+        entry.points += chunk.len() as u64;
+        entry.bounds = entry.bounds.union(chunk.bounds());
+        entry.cloud.chunks.push(chunk.clone());
+        let (key, classes, bounds) = (entry.key, class_column(&entry.cloud), entry.bounds);
+        let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
+        self.render(Command::Chunk { key, chunk, classes });
+        self.revision += 1;
+        if !has_header_bounds && self.shown.is_none() {
+            self.frame_while_unplaced(bounds);
+        }
+    }
+
+    fn on_read(&mut self, job: u32, cloud: usize, summary: &codec::Summary) {
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        entry.is_read = true;
+        entry.cloud.chunks.sort_by_key(|chunk| chunk.first_point);
+        let (name, points) = (entry.cloud.name.clone(), entry.points);
+        let warnings = summary.warnings.iter().map(|warning| format!("{name}: {warning}"));
+        for warning in warnings.collect::<Vec<_>>() {
+            self.say(Level::Warning, warning);
+        }
+        if summary.cancelled {
+            self.say(Level::Note, format!("{name}: stopped; the {} points read so far stay", grouped(points)));
+        }
+        self.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
+    }
+
+    fn add_surfels(&mut self, job: u32, cloud: usize, surfels: Vec<Surfels>) {
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        // One per chunk, by first_point: as the chunks have been ordered since the read ended.
+        for (chunk, surfels) in entry.cloud.chunks.iter_mut().zip(surfels) {
+            chunk.normals = Some(Arc::new(surfels.normals));
+            chunk.radii = Some(Arc::new(surfels.radii));
+        }
+        let (key, classes, chunks) = (entry.key, class_column(&entry.cloud), entry.cloud.chunks.clone());
+        // Chunks of normals are new colours, too.
+        entry.figures_basis = None;
+        let name = entry.cloud.name.clone();
+        for chunk in chunks {
+            self.render(Command::Chunk { key, chunk, classes });
+        }
+        self.revision += 1;
+        self.log(json!({ "event": "surfels", "name": name }));
+    }
+
+    fn finish_job(&mut self, job: u32) {
+        let Some(index) = self.jobs.iter().position(|entry| entry.id == job) else { return };
+        let job = self.jobs.remove(index);
+        for entry in self.clouds.iter_mut().filter(|entry| job.owns(entry.key)) {
+            entry.is_read = true;
+        }
+        // What could be opened but holds nothing would be a line without a picture.
+        let empty = |entry: &CloudEntry| job.owns(entry.key) && entry.points == 0;
+        let names: Vec<String> = self.clouds.iter().filter(|entry| empty(entry)).map(|e| e.cloud.name.clone()).collect();
+        self.clouds.retain(|entry| !empty(entry));
+        if !job.progress.is_cancelled() {
+            for name in names {
+                self.say(Level::Warning, format!("{name}: has no points"));
+            }
+        }
+        let points: u64 = self.clouds.iter().map(|entry| entry.points).sum();
+        self.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
+    }
+
+    pub fn cancel_loading(&mut self) {
+        for job in &self.jobs {
+            job.progress.cancel();
+            job.surfel_progress.cancel();
+        }
+        self.log(json!({ "event": "cancelled" }));
+    }
+
+    pub fn remove_cloud(&mut self, key: CloudKey) {
+        let Some(index) = self.clouds.iter().position(|entry| entry.key == key) else { return };
+        self.clouds.remove(index);
+        self.picks.retain(|pick| pick.point.key != key);
+        self.render(Command::Remove { key });
+        self.revision += 1;
+        // The job of a cloud that is gone need not go on.
+        for job in &self.jobs {
+            if !job.clouds.is_empty() && !self.clouds.iter().any(|entry| job.owns(entry.key)) {
+                job.progress.cancel();
+                job.surfel_progress.cancel();
+            }
+        }
+        if self.clouds.is_empty() {
+            self.camera_is_placed = false;
+            self.shown = None;
+        }
+    }
+
+    pub fn set_visible(&mut self, key: CloudKey, visible: bool) {
+        if let Some(entry) = self.cloud_mut(key) {
+            entry.is_visible = visible;
+            self.render(Command::SetVisible { key, visible });
+            self.revision += 1;
+        }
+    }
+
+    pub fn set_class_visible(&mut self, classes: impl IntoIterator<Item = u8>, visible: bool) {
+        for class in classes {
+            self.visible_classes[usize::from(class)] = visible;
+        }
+        for key in self.clouds.iter().map(|entry| entry.key).collect::<Vec<_>>() {
+            self.render(Command::SetVisibleClasses { key, visible: Box::new(self.visible_classes) });
+        }
+        self.revision += 1;
+    }
+
+    // ---- figures and columns ----
+
+    /// Asks for colours, histograms and bounds of clouds that have changed. Called every frame of the window.
+    pub fn renew_figures(&mut self) {
+        let color = &self.settings.color;
+        for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
+            let basis = Basis {
+                color: color.clone(),
+                doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
+                is_read: entry.is_read,
+                late_columns: entry.late_columns.len(),
+            };
+            if entry.figures_basis.as_ref() != Some(&basis) {
+                entry.figures_under_way = true;
+                let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
+                self.effects.push(Effect::FindFigures { key, cloud, basis, up });
+            }
+        }
+    }
+
+    pub fn on_found(&mut self, found: Found) {
+        match found {
+            Found::Figures { key, basis, figures } => self.on_figures(key, basis, *figures),
+            Found::Column { key, attribute, result } => self.on_column(key, attribute, result),
+            Found::Record { picked, result } => {
+                for pick in self.picks.iter_mut().filter(|pick| pick.point == picked) {
+                    pick.record = Some(result.clone());
+                }
+                let attributes: serde_json::Map<_, _> =
+                    result.unwrap_or_default().into_iter().map(|(name, value)| (name, value.into())).collect();
+                self.log(json!({ "event": "record", "point": picked.point, "attributes": attributes }));
+            }
+        }
+    }
+
+    fn on_figures(&mut self, key: CloudKey, basis: Basis, figures: Figures) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        entry.figures_under_way = false;
+        let missing = figures.plan.missing_column(&entry.cloud).filter(|_| entry.is_read || entry.points > 0);
+        let wanted = missing.and_then(|attribute| Some((attribute, entry.source.clone()?)));
+        if let Some((attribute, source)) = wanted.filter(|(attribute, _)| !entry.column_reads.contains_key(attribute)) {
+            let progress = Arc::new(Progress::default());
+            entry.column_reads.insert(attribute, progress.clone());
+            self.effects.push(Effect::ReadColumn { key, source, attribute, progress });
+        }
+        let Some(entry) = self.cloud_mut(key) else { return };
+        let same_plan = entry.figures.as_ref().is_some_and(|old| old.plan == figures.plan);
+        let same_points = entry.figures_basis.as_ref().is_some_and(|old| {
+            old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
+        });
+        entry.figures_basis = Some(basis);
+        let bounds_changed = entry.figures.as_ref().is_none_or(|old| old.bounds != figures.bounds);
+        let (cloud, up, plan) = (entry.cloud.clone(), entry.up, figures.plan.clone());
+        let warning = figures.warning.clone();
+        entry.figures = Some(figures);
+        if !(same_plan && same_points) {
+            self.log(json!({ "event": "colored", "name": cloud.name, "by": plan.label }));
+            self.render(Command::Color { key, cloud, plan, up });
+            self.revision += 1;
+        }
+        if let Some(warning) = warning.filter(|warning| !self.warned.contains(warning)) {
+            self.say(Level::Warning, warning.clone());
+            self.warned.push(warning);
+        }
+        if bounds_changed {
+            self.frame_while_unplaced(self.bounds());
+        }
+    }
+
+    fn on_column(&mut self, key: CloudKey, attribute: usize, result: Result<BTreeMap<u64, Arc<Column>>, String>) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        match result {
+            Ok(columns) => {
+                entry.column_reads.remove(&attribute);
+                for chunk in &mut entry.cloud.chunks {
+                    put_column(chunk, attribute, &columns);
+                }
+                entry.late_columns.insert(attribute, columns);
+                let classes = class_column(&entry.cloud);
+                if classes == Some(attribute) {
+                    for chunk in entry.cloud.chunks.clone() {
+                        self.render(Command::Chunk { key, chunk, classes });
+                    }
+                }
+            }
+            Err(error) => {
+                let name = entry.cloud.attributes.get(attribute).map_or(String::new(), |known| known.name.clone());
+                self.say(Level::Error, format!("{name}: {error}"));
+            }
+        }
+    }
+
+    /// Attributes that are being read now, with how far they are.
+    pub fn columns_under_way(&self) -> impl Iterator<Item = (&str, &Progress)> {
+        self.clouds.iter().flat_map(|entry| {
+            let reads = entry.column_reads.iter().filter(|(attribute, _)| !entry.late_columns.contains_key(attribute));
+            reads.map(|(attribute, progress)| (entry.cloud.attributes[*attribute].name.as_str(), progress.as_ref()))
+        })
+    }
+
+    // ---- camera ----
+
+    /// Of what is visible, without stray points.
+    pub fn bounds(&self) -> Bounds {
+        let of = |entry: &CloudEntry| entry.figures.as_ref().map_or(entry.bounds, |figures| figures.bounds);
+        let visible = self.clouds.iter().filter(|entry| entry.is_visible && entry.points > 0);
+        visible.fold(Bounds::EMPTY, |all, entry| all.union(of(entry)))
+    }
+
+    pub fn up(&self) -> DVec3 {
+        match self.settings.view.up {
+            scene::UpAxis::Y => DVec3::Y,
+            scene::UpAxis::Z => DVec3::Z,
+            scene::UpAxis::Auto => self.clouds.first().map_or(DVec3::Z, |entry| entry.up),
+        }
+    }
+
+    pub fn aspect(&self) -> f64 {
+        f64::from(self.view_size[0].max(1)) / f64::from(self.view_size[1].max(1))
+    }
+
+    pub fn framed(&self, bounds: Bounds, view: StandardView) -> Camera {
+        Camera::framing(bounds, view, self.up(), self.settings.view.field_of_view, self.aspect())
+    }
+
+    /// Shows all of `bounds` unless someone has chosen the camera.
+    fn frame_while_unplaced(&mut self, bounds: Bounds) {
+        if !self.camera_is_placed && !bounds.is_empty() && self.clouds.len() <= 1 {
+            self.camera = self.framed(bounds, StandardView::Isometric);
+        } else if !self.camera_is_placed && !self.bounds().is_empty() {
+            self.camera = self.framed(self.bounds(), StandardView::Isometric);
+        }
+    }
+
+    /// Moves the camera at once, perhaps with other parameters: one step of undo.
+    pub fn jump(&mut self, settings: Settings, camera: Camera) {
+        self.history.before_jump(&self.settings, self.camera);
+        self.settings = settings;
+        self.camera = camera;
+        self.camera_is_placed = true;
+        self.history.after_jump(&self.settings);
+        self.navigation.camera_moved();
+    }
+
+    pub fn lens(&self) -> Lens {
+        Lens::new(&self.camera, &self.settings.view, self.view_size)
+    }
+
+    // ---- frames ----
+
+    /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
+    pub fn request_frame(&mut self) -> Option<Duration> {
+        if self.adapter.is_none() || self.view_size.contains(&0) || self.clouds.is_empty() {
+            return None;
+        }
+        let mut settings = self.settings.clone();
+        if self.raw_colors {
+            settings.edl.strength = 0.0;
+            settings.light.headlight = 0.0;
+        }
+        let mut wanted = FrameRequest {
+            camera: self.camera,
+            settings,
+            size: self.view_size,
+            revision: self.revision,
+            hurried: false,
+        };
+        let rest = self.navigation.time_to_rest();
+        if rest.is_some() {
+            if let Some(settings) = render_thread::hurried(&wanted.settings, self.careful_milliseconds) {
+                wanted.settings = settings;
+                wanted.hurried = true;
+            }
+        }
+        if self.requested.as_ref() == Some(&wanted) {
+            return rest;
+        }
+        let only_points_changed = self.requested.as_ref().is_some_and(|requested| {
+            FrameRequest { revision: wanted.revision, ..requested.clone() } == wanted && !self.jobs.is_empty()
+        });
+        if only_points_changed {
+            if self.frames_under_way > 0 {
+                // Its report wakes the window.
+                return None;
+            }
+            let since = self.requested_at.map_or(LOADING_FRAME_INTERVAL, |at| at.elapsed());
+            if since < LOADING_FRAME_INTERVAL {
+                return Some(LOADING_FRAME_INTERVAL - since);
+            }
+        }
+        self.requested = Some(wanted.clone());
+        self.requested_at = Some(Instant::now());
+        self.frames_under_way += 1;
+        self.render(Command::Frame(wanted));
+        rest
+    }
+
+    /// What the render thread says, except the picture itself, which the window has taken.
+    pub fn on_report(&mut self, report: Report) {
+        match report {
+            Report::Ready { adapter } => {
+                self.log(json!({ "event": "ready", "adapter": adapter }));
+                self.adapter = Some(adapter);
+            }
+            Report::Frame(frame) => {
+                // Those that were overtaken are never drawn.
+                self.frames_under_way = u32::from(self.requested.as_ref() != Some(&frame.request));
+                if !frame.request.hurried {
+                    self.careful_milliseconds = frame.total_milliseconds;
+                }
+                let settled = self.frames_under_way == 0 && self.jobs.is_empty() && !frame.request.hurried;
+                self.log(json!({
+                    "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
+                    "settled": settled,
+                }));
+                self.shown = Some(Shown {
+                    request: frame.request,
+                    stats: frame.stats,
+                    total_milliseconds: frame.total_milliseconds,
+                });
+            }
+            Report::Picked { pixel, purpose, point } => self.on_picked(pixel, purpose, point),
+            Report::Saved(path) => {
+                self.log(json!({ "event": "saved", "path": path }));
+                self.messages.note(format!("Picture saved: {}", path.display()));
+            }
+            Report::Problem(problem) => self.say(Level::Error, problem),
+            Report::Lost(problem) => {
+                self.log(json!({ "event": "lost", "text": problem }));
+                self.fatal = Some(problem);
+            }
+        }
+    }
+
+    // ---- picks ----
+
+    /// World position of a point: the file's own coordinates.
+    pub fn world_position(&self, picked: PickedPoint) -> Option<DVec3> {
+        let cloud = &self.cloud(picked.key)?.cloud;
+        let chunk = cloud.chunks.iter().find(|chunk| {
+            (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&picked.point)
+        })?;
+        Some(cloud.world_position(chunk, (picked.point - chunk.first_point) as usize))
+    }
+
+    fn on_picked(&mut self, pixel: [u32; 2], purpose: PickPurpose, point: Option<PickedPoint>) {
+        let found = point.and_then(|point| Some((point, self.world_position(point)?)));
+        match purpose {
+            PickPurpose::Hover => {
+                let world = found.map(|(_, world)| world);
+                self.navigation.on_hover(pixel, world);
+                self.apply_pending_zoom(true);
+            }
+            PickPurpose::Pivot => match found {
+                Some((_, world)) => {
+                    let mut camera = self.camera;
+                    camera.recenter(world);
+                    self.jump(self.settings.clone(), camera);
+                    self.navigation.show_pivot();
+                    self.log(json!({ "event": "pivot", "world": world.to_array() }));
+                }
+                None => self.messages.note("No point there to turn about"),
+            },
+            PickPurpose::Select => {
+                let Some((point, world)) = found else { return };
+                self.select(point, world);
+            }
+        }
+    }
+
+    fn select(&mut self, point: PickedPoint, world: DVec3) {
+        let Some(entry) = self.cloud(point.key) else { return };
+        let (cloud, source) = (entry.cloud.name.clone(), entry.source.clone());
+        let record = source.is_none().then(|| Ok(loaded_attributes(&entry.cloud, point.point)));
+        if self.picks.len() == 2 {
+            self.picks.remove(0);
+        }
+        self.log(json!({ "event": "picked", "cloud": cloud, "point": point.point, "world": world.to_array() }));
+        self.picks.push(Pick { point, cloud, world, record });
+        if let Some(source) = source {
+            self.effects.push(Effect::ReadRecord { picked: point, source });
+        }
+        if let Some(distance) = self.distance() {
+            self.log(json!({
+                "event": "distance", "total": distance.total, "horizontal": distance.horizontal,
+                "vertical": distance.vertical,
+            }));
+        }
+    }
+
+    /// Between the two picked points.
+    pub fn distance(&self) -> Option<Distance> {
+        let [first, second] = self.picks.as_slice() else { return None };
+        let difference = second.world - first.world;
+        let vertical = difference.dot(self.up());
+        let horizontal = (difference - self.up() * vertical).length();
+        Some(Distance { total: difference.length(), horizontal, vertical })
+    }
+
+    // ---- words for the outside ----
+
+    pub fn title(&self) -> String {
+        let points: u64 = self.clouds.iter().map(|entry| entry.points).sum();
+        match self.inputs().as_slice() {
+            [] => "glint".into(),
+            [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
+            several => format!("{} clouds - {} points - glint", several.len(), grouped(points)),
+        }
+    }
+
+    /// The words of the command line that give what is visible.
+    pub fn inputs(&self) -> Vec<String> {
+        let mut inputs: Vec<String> = Vec::new();
+        for entry in self.clouds.iter().filter(|entry| entry.is_visible) {
+            if !inputs.contains(&entry.input) {
+                inputs.push(entry.input.clone());
+            }
+        }
+        inputs
+    }
+}
+
+/// World units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    pub total: f64,
+    pub horizontal: f64,
+    /// Along the up axis; negative if the second point is lower.
+    pub vertical: f64,
+}
+
+/// The last part of a path, or all of another name.
+pub fn short_name(input: &str) -> &str {
+    if input.starts_with("five-mirrors/") {
+        return input;
+    }
+    std::path::Path::new(input).file_name().and_then(|name| name.to_str()).unwrap_or(input)
+}
+
+fn put_column(chunk: &mut Chunk, attribute: usize, columns: &BTreeMap<u64, Arc<Column>>) {
+    let Some(column) = columns.get(&chunk.first_point).filter(|column| column.len() == chunk.len()) else { return };
+    if chunk.columns.len() <= attribute {
+        chunk.columns.resize(attribute + 1, None);
+    }
+    chunk.columns[attribute] = Some(column.clone());
+}
+
+/// What is known of a point without a file.
+fn loaded_attributes(cloud: &Cloud, point: u64) -> Vec<(String, String)> {
+    let chunk = cloud.chunks.iter().find(|chunk| {
+        (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&point)
+    });
+    let Some(chunk) = chunk else { return Vec::new() };
+    let index = (point - chunk.first_point) as usize;
+    let mut attributes = Vec::new();
+    if let Some(colors) = &chunk.colors {
+        let [red, green, blue, _] = colors[index];
+        attributes.push(("color".into(), format!("{red} {green} {blue}")));
+    }
+    if let Some(normal) = chunk.normals.as_ref().and_then(|normals| cloud::unpack_normal(normals[index])) {
+        attributes.push(("normal".into(), format!("{:.4} {:.4} {:.4}", normal.x, normal.y, normal.z)));
+    }
+    for (attribute, column) in cloud.attributes.iter().zip(&chunk.columns) {
+        if let Some(column) = column {
+            attributes.push((attribute.name.clone(), column.text(index)));
+        }
+    }
+    attributes
+}

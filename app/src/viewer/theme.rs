@@ -1,0 +1,92 @@
+//! The look: dark, calm, one accent colour.
+
+use egui::{Color32, CornerRadius, Stroke, TextStyle};
+
+/// Warm amber: changed values, active tools, links.
+pub const ACCENT: Color32 = Color32::from_rgb(0xe6, 0xb2, 0x5c);
+pub const ERROR: Color32 = Color32::from_rgb(0xf0, 0x7a, 0x6a);
+pub const WARNING: Color32 = Color32::from_rgb(0xe8, 0xc4, 0x68);
+/// Text of less weight; 5 : 1 against the panel.
+pub const WEAK: Color32 = Color32::from_rgb(0x95, 0x9b, 0xa5);
+pub const PANEL: Color32 = Color32::from_rgb(0x1a, 0x1c, 0x20);
+const TEXT: Color32 = Color32::from_rgb(0xd6, 0xd9, 0xde);
+const FIELD: Color32 = Color32::from_rgb(0x10, 0x12, 0x15);
+const WIDGET: Color32 = Color32::from_rgb(0x2a, 0x2d, 0x33);
+const WIDGET_HOVERED: Color32 = Color32::from_rgb(0x35, 0x39, 0x41);
+const WIDGET_ACTIVE: Color32 = Color32::from_rgb(0x43, 0x48, 0x52);
+const LINE: Color32 = Color32::from_rgb(0x2c, 0x2f, 0x36);
+
+/// Installs the look.
+pub fn apply(context: &egui::Context) {
+    context.set_theme(egui::Theme::Dark);
+    context.all_styles_mut(|style| {
+        let visuals = &mut style.visuals;
+        visuals.panel_fill = PANEL;
+        visuals.window_fill = PANEL;
+        visuals.extreme_bg_color = FIELD;
+        visuals.faint_bg_color = Color32::from_rgb(0x1f, 0x22, 0x27);
+        visuals.window_stroke = Stroke::new(1.0, LINE);
+        visuals.selection.bg_fill = Color32::from_rgb(0x5c, 0x4a, 0x28);
+        visuals.selection.stroke = Stroke::new(1.0, ACCENT);
+        visuals.hyperlink_color = ACCENT;
+        visuals.slider_trailing_fill = true;
+        visuals.widgets.noninteractive.bg_stroke = Stroke::new(1.0, LINE);
+        visuals.widgets.noninteractive.fg_stroke = Stroke::new(1.0, TEXT);
+        let states = [
+            (&mut visuals.widgets.inactive, WIDGET, TEXT),
+            (&mut visuals.widgets.hovered, WIDGET_HOVERED, Color32::WHITE),
+            (&mut visuals.widgets.active, WIDGET_ACTIVE, Color32::WHITE),
+            (&mut visuals.widgets.open, WIDGET, TEXT),
+        ];
+        for (widget, fill, text) in states {
+            widget.bg_fill = fill;
+            widget.weak_bg_fill = fill;
+            widget.bg_stroke = Stroke::NONE;
+            widget.fg_stroke = Stroke::new(1.0, text);
+            widget.corner_radius = CornerRadius::same(4);
+        }
+        style.spacing.item_spacing = egui::vec2(8.0, 5.0);
+        style.spacing.button_padding = egui::vec2(8.0, 3.0);
+        style.spacing.slider_width = 84.0;
+        for (text_style, size) in [(TextStyle::Body, 13.0), (TextStyle::Button, 13.0), (TextStyle::Small, 11.0)] {
+            if let Some(font) = style.text_styles.get_mut(&text_style) {
+                font.size = size;
+            }
+        }
+    });
+}
+
+/// A count as people read it: `3,214,786`.
+pub fn grouped(count: u64) -> String {
+    let digits = count.to_string();
+    let mut text = String::with_capacity(digits.len() * 4 / 3);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index) % 3 == 0 {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Bytes as people read them: `312 MB` (decimal, as file managers count).
+pub fn bytes(count: u64) -> String {
+    match count {
+        0..1_000_000 => format!("{} kB", count / 1000),
+        1_000_000..1_000_000_000 => format!("{} MB", count / 1_000_000),
+        _ => format!("{:.2} GB", count as f64 / 1e9),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_grouped_by_thousands() {
+        assert_eq!(grouped(0), "0");
+        assert_eq!(grouped(999), "999");
+        assert_eq!(grouped(1000), "1,000");
+        assert_eq!(grouped(3_214_786), "3,214,786");
+    }
+}
