@@ -28,6 +28,8 @@ use layout::{Layout, Reading, bytes};
 const BLOCK_BYTES: usize = 16 << 20;
 /// Places of a LAS file that are looked at, and records at each, to decide whether colours have 8 or 16 bits.
 const COLOR_SAMPLES: (u64, usize) = (64, 64);
+/// Compressed chunks that are looked at for that, and points in all of them: some 10 ms.
+const COMPRESSED_COLOR_SAMPLES: (usize, u64) = (8, 32_768);
 
 pub struct LasSource {
     info: Info,
@@ -351,17 +353,19 @@ impl LasSource {
                 (0..places).map(sample).max().unwrap_or(0)
             }
             Some(compressed) => {
-                // Point-wise chunks only decode from their start on, so whole ones are taken: first, middle and last.
+                // A chunk only decodes from its start on, so fewer chunks mean more of each.
                 let layers = DecompressionSelection(DecompressionSelection::RGB);
+                let (most_chunks, points) = COMPRESSED_COLOR_SAMPLES;
                 let last = compressed.chunks.len().saturating_sub(1);
-                let mut samples = vec![0, last / 2, last];
+                let mut samples: Vec<usize> = (0..most_chunks).map(|place| last * place / (most_chunks - 1)).collect();
                 samples.dedup();
+                let points_each = points / samples.len() as u64;
                 let sample = |index: usize| {
                     let mut most = 0;
                     let chunk = compressed.chunks.get(index)?;
                     let mut stream = compressed.stream(&self.file, chunk, layers).ok()?;
                     let mut buffer = vec![0; tile_records(length) * length];
-                    let mut left = stream.left().min(CHUNK_POINTS as u64);
+                    let mut left = stream.left().min(points_each);
                     while left > 0 {
                         let wanted = left.min(tile_records(length) as u64);
                         let (decoded, outcome) = stream.decode(&mut buffer[..wanted as usize * length]);
