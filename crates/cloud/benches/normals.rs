@@ -1,16 +1,13 @@
 //! Normals and spacing of 2 million points of terrain with houses, k = 16, beside the same with a k-d tree over the whole
 //! cloud (`kiddo`). `cargo bench -p cloud --bench normals`; ITEMS are points, and RAYON_NUM_THREADS=1 gives points per
-//! CPU-second. `max alloc` is what a run allocates at its peak, its results (6 bytes a point) included.
+//! CPU-second.
 
 use cloud::{CHUNK_POINTS, Chunk, Orientation, Progress, SurfelOptions, estimate};
 use divan::counter::ItemsCount;
-use divan::{AllocProfiler, Bencher, black_box};
+use divan::{Bencher, black_box};
 use glam::{DVec3, Vec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
-
-#[global_allocator]
-static ALLOCATOR: AllocProfiler = AllocProfiler::system();
 
 const POINTS: usize = 2_000_000;
 

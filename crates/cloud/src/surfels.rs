@@ -65,7 +65,7 @@ pub struct Surfels {
 /// Normals and radii of all points, on all cores; one entry per chunk, in order. `progress` counts points.
 /// `None` when cancelled.
 ///
-/// Needs about 6 bytes a point beside the result, and some 20 MB a thread. Clouds of 2^32 points and more are
+/// Needs about 6 bytes a point beside the result, and some 5 MB a thread. Clouds of 2^32 points and more are
 /// taken in parts whose points do not see one another.
 pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     progress.set_total(chunks.iter().map(|chunk| chunk.len() as u64).sum());
@@ -236,9 +236,10 @@ fn orient(normal: Vec3, position: DVec3, orientation: Orientation) -> Vec3 {
 /// Guesses from its shape which side of a cloud was seen: the inside of a room, the top of a landscape, or the outside of
 /// an object. `up` is the axis that is vertical.
 ///
-/// - A room has most points near the faces of its box, also above.
+/// - A room has a floor and a ceiling: the lowest and the highest tenth of its height hold an eighth of the points each
+///   (a sphere, a cylinder or a box without lids has a tenth there, terrain next to nothing at the top).
 /// - A landscape is less high than a third of its width.
-/// - Anything else is an object. The outside of a plain box scanned with its top looks like a room and is taken for one.
+/// - Anything else is an object. The outside of a box or a can with both lids looks like a room and is taken for one.
 pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
     let bounds = robust_bounds(chunks);
     let up = up.normalize_or(Vec3::Z);
@@ -247,22 +248,20 @@ pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
         return Orientation::Up(up);
     }
     let size = bounds.size();
+    let height = size[vertical];
     let width = (0..3).filter(|&axis| axis != vertical).map(|axis| size[axis]).fold(f64::INFINITY, f64::min);
-    let (mut total, mut near_faces, mut bottom, mut top) = (0, 0, 0, 0);
+    let (mut total, mut lowest, mut highest) = (0, 0, 0);
     for position in spread_sample(chunks).filter(|position| bounds.contains(*position)) {
-        // Within 5 % of a face: a bare box is all there, a sphere 30 %, a plain filled with points 27 %.
-        let share = (position - bounds.min) / size;
-        let (low, high) = (share.cmplt(DVec3::splat(0.05)), share.cmpgt(DVec3::splat(0.95)));
+        let share = (position - bounds.min)[vertical] / height;
         total += 1;
-        near_faces += usize::from(low.any() || high.any());
-        bottom += usize::from(low.test(vertical));
-        top += usize::from(high.test(vertical));
+        lowest += usize::from(share < 0.1);
+        highest += usize::from(share > 0.9);
     }
-    // Even a hall forty times as wide as high has a twentieth of its points on the ceiling.
-    let room = 2 * near_faces >= total && 20 * bottom >= total && 20 * top >= total;
-    if room && size[vertical] > 0.02 * width {
+    // A level field is no room, whatever its noise looks like.
+    let room = 8 * lowest >= total && 8 * highest >= total && height > 0.02 * width;
+    if room {
         Orientation::Toward(bounds.center())
-    } else if size[vertical] < 0.35 * width {
+    } else if height < 0.35 * width {
         Orientation::Up(up)
     } else {
         Orientation::AwayFrom(bounds.center())

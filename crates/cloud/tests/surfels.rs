@@ -237,14 +237,13 @@ fn huge_and_tiny_coordinates_give_finite_results() {
 }
 
 #[test]
-fn a_hundred_thousand_numbers_of_random_bits_are_searched_in_seconds() {
+fn numbers_of_random_bits_give_finite_results() {
     // What a misread file gives: half of the squares over- or underflow.
     let bits = |seed: u64| f32::from_bits((random(seed) * f64::from(u32::MAX)) as u32);
     let noise: Vec<[f32; 3]> = (0..100_000).map(|i| [bits(3 * i + 1), bits(3 * i + 2), bits(3 * i + 3)]).collect();
-    let before = std::time::Instant::now();
-    run(&chunked(&noise, 65_536), Orientation::Up(Vec3::Z));
-    // Every point against every other would take minutes.
-    assert!(before.elapsed().as_secs() < 20, "{:?}", before.elapsed());
+    let surfels = run(&chunked(&noise, 65_536), Orientation::Up(Vec3::Z));
+    assert!(surfels.normals.iter().all(|&normal| unpack_normal(normal).is_none_or(|normal| normal.is_finite())));
+    assert!(surfels.radii.iter().any(|&radius| radius != NO_RADIUS));
 }
 
 #[test]

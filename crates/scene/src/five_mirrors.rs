@@ -124,8 +124,11 @@ const MIRROR_GREY: [f64; 3] = [0.5, 0.5, 0.5];
 /// Blinn exponent of a mirror's highlight; sharp enough for the spot light to show as a point.
 const MIRROR_POWER: f32 = 1000.0;
 
-/// The walls, their normals towards the inside, and their linear albedo.
-fn walls() -> [(Surface, fn(DVec3) -> [f64; 3]); 6] {
+/// Linear red, green and blue at a world position.
+type Albedo = fn(DVec3) -> [f64; 3];
+
+/// The walls, their normals towards the inside, and their albedo.
+fn walls() -> [(Surface, Albedo); 6] {
     let (x, y, z) = (DVec3::X * 2.0, DVec3::Y * 2.0, DVec3::Z * 4.0);
     let near = DVec3::new(-1.0, -1.0, -2.0);
     let wall = |corner, edges| Surface::Rectangle { corner, edges };
