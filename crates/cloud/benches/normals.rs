@@ -2,6 +2,8 @@
 //! cloud (`kiddo`). `cargo bench -p cloud --bench normals`; ITEMS are points, and RAYON_NUM_THREADS=1 gives points per
 //! CPU-second.
 
+use std::num::NonZeroUsize;
+
 use cloud::{CHUNK_POINTS, Chunk, Orientation, Progress, SurfelOptions, estimate};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
@@ -10,6 +12,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 const POINTS: usize = 2_000_000;
+const NEIGHBOURS: NonZeroUsize = NonZeroUsize::new(16).expect("not zero");
 
 fn main() {
     divan::main();
@@ -33,7 +36,7 @@ fn town() -> Vec<Chunk> {
         let strip = i * 5 / POINTS;
         let along = (i % (POINTS / 5)) as f64 / (POINTS / 5) as f64;
         let line_phase = (along * side * 1.5).fract();
-        let across = if (along * side * 1.5) as u64 % 2 == 0 { line_phase } else { 1.0 - line_phase };
+        let across = if ((along * side * 1.5) as u64).is_multiple_of(2) { line_phase } else { 1.0 - line_phase };
         let x = ((strip as f64 + across * 1.5) * side / 5.0).min(side) + 0.02 * random(0);
         let y = along * side + 0.02 * random(1);
         let ground = 8.0 * (x / 90.0).sin() * (y / 70.0).cos() + 0.5 * (x / 7.0).sin() * (y / 5.0).sin();
@@ -72,11 +75,11 @@ fn surfels(bencher: Bencher) {
 fn neighbours_by_one_kiddo_tree(bencher: Bencher) {
     let positions: Vec<[f32; 3]> = town().iter().flat_map(|chunk| chunk.positions.iter().copied()).collect();
     bencher.counter(ItemsCount::new(POINTS)).bench_local(|| {
-        let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(black_box(&positions)).unwrap();
+        let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(black_box(&positions)).expect("a tree");
         let total: f64 = positions
             .par_iter()
             .map(|position| {
-                let found = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(16.try_into().unwrap()).execute();
+                let found = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(NEIGHBOURS).execute();
                 found.last().map_or(0.0, |last| f64::from(last.distance))
             })
             .sum();
