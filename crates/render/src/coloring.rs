@@ -2,7 +2,7 @@
 
 use cloud::{Cloud, Scalar, histogram, percentile_range};
 use glam::DVec3;
-use param::Choice as _;
+
 use scene::{Color, ColorBy, Ramp};
 
 /// Where a point's colour comes from. The discriminants are the `COLOR_*` of shaders/shared/color.wgsl.
@@ -279,6 +279,7 @@ mod tests {
     use std::sync::Arc;
 
     use cloud::{Attribute, Chunk, Column, ColumnType};
+    use param::Choice as _;
 
     use super::*;
 

@@ -107,7 +107,7 @@ impl Compiled {
             cache: None,
         });
         if let Some(error) = pollster::block_on(scope.pop()) {
-            return Err(format!("shader {}: {error}", pass.name));
+            return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));
         }
         Ok(Self { name: pass.name, pipeline, layouts })
     }

@@ -27,9 +27,18 @@ pub struct Woven {
 
 impl Woven {
     /// `file:line` of line `line` (from 1) of the woven source.
-    pub fn origin(&self, line: usize) -> String {
+    fn origin(&self, line: usize) -> String {
         let (file, line) = self.lines.get(line.wrapping_sub(1)).copied().unwrap_or(("?", 0));
         format!("{file}.wgsl:{line}")
+    }
+
+    /// A compiler's complaint (`... wgsl:398:9 ...`) with the place in the file that was written before it.
+    pub fn explain(&self, complaint: &str) -> String {
+        let digits = complaint.split("wgsl:").nth(1).and_then(|rest| rest.split(':').next());
+        match digits.and_then(|digits| digits.parse().ok()) {
+            Some(line) => format!("{}: {complaint}", self.origin(line)),
+            None => complaint.to_string(),
+        }
     }
 }
 
@@ -203,6 +212,9 @@ mod tests {
         let line = woven.source.lines().position(|line| line.contains("fn pixel_from_view")).unwrap() + 1;
         let (_, frame) = find(SHARED, "frame").unwrap();
         let expected = frame.lines().position(|line| line.contains("fn pixel_from_view")).unwrap() + 1;
-        assert_eq!(woven.origin(line), format!("frame.wgsl:{expected}"));
+        assert_eq!(
+            woven.explain(&format!("error wgsl:{line}:9 no")),
+            format!("frame.wgsl:{expected}: error wgsl:{line}:9 no")
+        );
     }
 }

@@ -1,0 +1,426 @@
+//! Splatting on the GPU against closed forms, and the laws it obeys. One renderer for all tests: software Vulkan compiles
+//! each pass for half a second.
+
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
+
+use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, pack_normal, pack_radius};
+use glam::{DMat3, DVec2, DVec3, Vec3};
+use param::{Kind, Value};
+use render::{Aov, ColorPlan, Gpu, Material, PointStore, Renderer};
+use scene::{Camera, Settings};
+
+struct Stage {
+    gpu: Arc<Gpu>,
+    renderer: Renderer,
+}
+
+static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| {
+    let gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => {
+            println!("skipped: {error}");
+            return None;
+        }
+    };
+    let renderer = Renderer::new(gpu.clone()).expect("every pass compiles");
+    Some(Mutex::new(Stage { gpu, renderer }))
+});
+
+fn stage() -> Option<MutexGuard<'static, Stage>> {
+    STAGE.as_ref().map(|stage| stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
+}
+
+macro_rules! stage_or_skip {
+    () => {
+        match stage() {
+            Some(stage) => stage,
+            None => return,
+        }
+    };
+}
+
+const SIZE: [u32; 2] = [160, 120];
+
+/// A point as the tests write it.
+#[derive(Clone, Copy)]
+struct Point {
+    position: DVec3,
+    normal: Vec3,
+    color: [u8; 3],
+    radius: f32,
+}
+
+fn chunk(points: &[Point], origin: DVec3) -> Chunk {
+    let offset = |point: &Point| (point.position - origin).as_vec3().to_array();
+    let mut chunk = Chunk::new(0, origin, points.iter().map(offset).collect());
+    chunk.colors =
+        Some(Arc::new(points.iter().map(|point| [point.color[0], point.color[1], point.color[2], 255]).collect()));
+    chunk.normals = Some(Arc::new(points.iter().map(|point| pack_normal(point.normal)).collect()));
+    chunk.radii = Some(Arc::new(points.iter().map(|point| pack_radius(point.radius)).collect()));
+    chunk
+}
+
+/// A store with one cloud of these chunks, coloured by RGB, and drawn.
+fn draw(stage: &mut Stage, chunks: Vec<Chunk>, camera: &Camera, settings: &Settings) -> (PointStore, Vec<u8>) {
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(Material::default());
+    let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
+    let cloud = Cloud { chunks, ..Cloud::default() };
+    let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
+    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+    stage.renderer.render(&store, camera, settings, SIZE).unwrap();
+    let picture = stage.renderer.read_picture().unwrap();
+    (store, picture)
+}
+
+/// splitmix64, 0 to 1.
+fn random(seed: u64) -> f64 {
+    let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(0x1234_5678_9abc_def1);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    (z ^ (z >> 31)) as f64 / u64::MAX as f64
+}
+
+/// A bumpy ball with colours and normals, densely sampled, in no order.
+fn ball(count: u64) -> Vec<Point> {
+    let point = |i: u64| {
+        let z = 2.0 * random(i * 4) - 1.0;
+        let angle = random(i * 4 + 1) * std::f64::consts::TAU;
+        let ring = (1.0 - z * z).sqrt();
+        let direction = DVec3::new(ring * angle.cos(), ring * angle.sin(), z);
+        let color = [random(i * 4 + 2), z * 0.5 + 0.5, random(i * 4 + 3)].map(|c| (c * 255.0) as u8);
+        Point { position: direction * (1.0 + 0.1 * (5.0 * z).sin()), normal: direction.as_vec3(), color, radius: 0.05 }
+    };
+    (0..count).map(point).collect()
+}
+
+fn front_camera() -> Camera {
+    Camera::looking(DVec3::ZERO, DVec3::new(0.3, -1.0, 0.4), 3.0, DVec3::Z)
+}
+
+fn settings(pairs: &[(&str, &str)]) -> Settings {
+    let mut settings = Settings::default();
+    for (key, value) in pairs {
+        settings.set_text(key, value).unwrap();
+    }
+    settings
+}
+
+fn most_different(a: &[u8], b: &[u8]) -> u8 {
+    a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
+}
+
+/// Share of the bytes that differ by more than `levels`.
+fn share_different(a: &[u8], b: &[u8], levels: u8) -> f64 {
+    a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > levels).count() as f64 / a.len() as f64
+}
+
+#[test]
+fn a_point_lands_on_the_pixel_and_depth_that_the_pinhole_formula_gives() {
+    let mut stage = stage_or_skip!();
+    for (projection, quality) in [("perspective", "nearest"), ("perspective", "high"), ("orthographic", "high")] {
+        let settings =
+            settings(&[("view.projection", projection), ("splat.quality", quality), ("view.field_of_view", "50")]);
+        let camera = front_camera();
+        for i in 0..10 {
+            let position = DVec3::new(random(i), random(i + 100), random(i + 200)) - 0.5;
+            let point = Point { position, normal: Vec3::ZERO, color: [255; 3], radius: 1e-4 };
+            draw(&mut stage, vec![chunk(&[point], DVec3::ZERO)], &camera, &settings);
+            let depth = stage.renderer.read_aov(Aov::Depth).unwrap();
+            let hit: Vec<usize> = (0..depth.data.len()).filter(|pixel| !depth.data[*pixel].is_nan()).collect();
+            let view = camera.view_from_world() * (position - camera.eye);
+            let half_height =
+                25_f64.to_radians().tan() * if projection == "perspective" { view.z } else { camera.distance() };
+            let expected = DVec2::new(80.0 + view.x / half_height * 60.0, 60.0 - view.y / half_height * 60.0).floor();
+            assert_eq!(hit, [(expected.y * 160.0 + expected.x) as usize], "{projection} {quality}");
+            if projection == "perspective" {
+                assert!((f64::from(depth.data[hit[0]]) / view.z - 1.0).abs() < 1e-5);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sampled_plane_has_its_own_depth_normal_and_position_at_every_pixel() {
+    let mut stage = stage_or_skip!();
+    let normal = DVec3::new(0.4, -1.0, 0.3).normalize();
+    let (side, other) = normal.any_orthonormal_pair();
+    let point = |i: u32| {
+        let (a, b) = (f64::from(i % 300) / 300.0 - 0.5, f64::from(i / 300) / 300.0 - 0.5);
+        Point { position: side * a * 12.0 + other * b * 12.0, normal: normal.as_vec3(), color: [200; 3], radius: 0.04 }
+    };
+    let points: Vec<Point> = (0..90_000).map(point).collect();
+    let camera = front_camera();
+    for (projection, quality) in [("perspective", "high"), ("perspective", "nearest"), ("orthographic", "high")] {
+        let settings = settings(&[("view.projection", projection), ("splat.quality", quality)]);
+        draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &camera, &settings);
+        let position = stage.renderer.read_aov(Aov::Position).unwrap();
+        let normals = stage.renderer.read_aov(Aov::Normal).unwrap();
+        for (at, n) in position.data.chunks_exact(3).zip(normals.data.chunks_exact(3)) {
+            let at = Vec3::from_slice(at).as_dvec3();
+            assert!(at.is_finite(), "{quality}: no holes");
+            assert!(at.dot(normal).abs() < 2e-4, "{projection} {quality}: {} off the plane", at.dot(normal));
+            assert!(Vec3::from_slice(n).as_dvec3().angle_between(normal).to_degrees() < 0.06, "{quality}: normal");
+        }
+    }
+}
+
+#[test]
+fn point_order_does_not_change_the_picture() {
+    let mut stage = stage_or_skip!();
+    let points = ball(30_000);
+    let mut shuffled = points.clone();
+    shuffled.sort_by_key(|point| (point.position.x * 1e6) as i64);
+    for quality in ["nearest", "high"] {
+        let settings = settings(&[("splat.quality", quality)]);
+        let (_, a) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &front_camera(), &settings);
+        let (_, b) = draw(&mut stage, vec![chunk(&shuffled, DVec3::ZERO)], &front_camera(), &settings);
+        assert_eq!(most_different(&a, &b), 0, "{quality}");
+    }
+}
+
+#[test]
+fn chunks_of_any_size_give_the_same_picture() {
+    let mut stage = stage_or_skip!();
+    let points = ball(30_000);
+    let settings = Settings::default();
+    let (_, whole) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &front_camera(), &settings);
+    let parts = points.chunks(1777).map(|part| chunk(part, DVec3::ZERO)).collect();
+    let (_, split) = draw(&mut stage, parts, &front_camera(), &settings);
+    assert_eq!(most_different(&whole, &split), 0);
+}
+
+#[test]
+fn a_scene_at_coordinates_of_seven_digits_looks_the_same_to_one_grey_level() {
+    let mut stage = stage_or_skip!();
+    let points = ball(30_000);
+    let far = DVec3::new(6_326_726.0, 5_068_062.0, 2700.0);
+    for quality in ["nearest", "high"] {
+        let settings = settings(&[("splat.quality", quality)]);
+        let (_, here) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &front_camera(), &settings);
+        let moved: Vec<Point> = points.iter().map(|point| Point { position: point.position + far, ..*point }).collect();
+        let mut camera = front_camera();
+        camera.eye += far;
+        camera.pivot += far;
+        let (_, there) = draw(&mut stage, vec![chunk(&moved, far)], &camera, &settings);
+        // f64 itself steps by a nanometre out there: a fragment in a thousand may change sides of a pixel's edge.
+        assert!(share_different(&here, &there, 1) < 1e-3, "{quality}: {}", share_different(&here, &there, 1));
+    }
+}
+
+#[test]
+fn turning_scene_and_camera_together_changes_nothing() {
+    let mut stage = stage_or_skip!();
+    let points = ball(30_000);
+    let turn = DMat3::from_rotation_z(1.1) * DMat3::from_rotation_x(0.4);
+    let turned = |point: &Point| Point {
+        position: turn * point.position,
+        normal: (turn * point.normal.as_dvec3()).as_vec3(),
+        ..*point
+    };
+    let camera = front_camera();
+    let turned_camera = Camera { eye: turn * camera.eye, pivot: turn * camera.pivot, up: turn * camera.up };
+    let settings = Settings::default();
+    let (_, a) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &camera, &settings);
+    let points: Vec<Point> = points.iter().map(turned).collect();
+    let (_, b) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &turned_camera, &settings);
+    // Packed normals round differently once turned: two grey levels, and single fragments at splat rims.
+    assert!(share_different(&a, &b, 2) < 5e-3, "{}", share_different(&a, &b, 2));
+}
+
+#[test]
+fn atomics_of_32_and_64_bits_agree() {
+    let mut stage = stage_or_skip!();
+    let points = ball(30_000);
+    for quality in ["nearest", "high"] {
+        let wide = settings(&[("splat.quality", quality), ("splat.atomics", "auto")]);
+        let narrow = settings(&[("splat.quality", quality), ("splat.atomics", "32")]);
+        let (_, a) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &front_camera(), &wide);
+        let (_, b) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &front_camera(), &narrow);
+        assert_eq!(most_different(&a, &b), 0, "{quality}");
+    }
+}
+
+#[test]
+fn a_pick_gives_the_point_that_is_seen_not_one_behind_it() {
+    let mut stage = stage_or_skip!();
+    let points = ball(5_000);
+    let parts = points.chunks(700).map(|part| chunk(part, DVec3::ZERO)).collect();
+    let (store, _) = draw(&mut stage, parts, &front_camera(), &Settings::default());
+    let position = stage.renderer.read_aov(Aov::Position).unwrap();
+    for pixel in [[80, 60], [70, 50], [95, 66]] {
+        let picked = stage.renderer.pick(&store, pixel, 0).unwrap().unwrap();
+        let at = (pixel[1] * SIZE[0] + pixel[0]) as usize * 3;
+        let seen = Vec3::from_slice(&position.data[at..at + 3]).as_dvec3();
+        // Chunk ids count up from 0 in this store.
+        let point = points[picked.chunk.0 as usize * 700 + picked.index];
+        assert!(point.position.distance(seen) < 0.08, "{} for {seen}", point.position);
+    }
+    assert_eq!(stage.renderer.pick(&store, [1, 1], 2).unwrap(), None);
+    assert_eq!(stage.renderer.pick(&store, [5000, 1], 2).unwrap(), None);
+}
+
+#[test]
+fn hidden_classes_and_hidden_clouds_are_not_drawn() {
+    let mut stage = stage_or_skip!();
+    let points = ball(2_000);
+    let mut store = PointStore::new(stage.gpu.clone());
+    let cloud = store.add_cloud(Material::default());
+    let classes: Vec<u8> = (0..2_000).map(|i| if i % 2 == 0 { 2 } else { 200 }).collect();
+    store.add_chunk(cloud, &chunk(&points, DVec3::ZERO), Some(&classes)).unwrap();
+    let mut drawn = |store: &PointStore| {
+        stage.renderer.render(store, &front_camera(), &settings(&[("splat.max_pixels", "1")]), SIZE).unwrap();
+        stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().filter(|depth| !depth.is_nan()).count()
+    };
+    let all = drawn(&store);
+    let mut visible = [true; 256];
+    visible[200] = false;
+    store.set_visible_classes(cloud, &visible);
+    let half = drawn(&store);
+    assert!(half > all / 3 && half < all * 3 / 4, "{half} of {all}");
+    visible[2] = false;
+    store.set_visible_classes(cloud, &visible);
+    assert_eq!(drawn(&store), 0);
+    store.set_visible_classes(cloud, &[true; 256]);
+    store.set_visible(cloud, false);
+    assert_eq!(drawn(&store), 0);
+}
+
+#[test]
+fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
+    let mut stage = stage_or_skip!();
+    // GPS times of ten digits that differ by milliseconds: f32 alone would make them one colour.
+    let point = |i: i32| {
+        let position = DVec3::new(f64::from(i) / 128.0 - 1.0, 0.0, 0.0);
+        Point { position, normal: Vec3::ZERO, color: [0; 3], radius: 0.01 }
+    };
+    let points: Vec<Point> = (0..256).map(point).collect();
+    let mut chunk = chunk(&points, DVec3::ZERO);
+    let times = (0..256).map(|i| 1_234_567_890.0 + f64::from(i) * 1e-3).collect();
+    chunk.columns = vec![Some(Arc::new(Column::F64(times)))];
+    let attributes = vec![Attribute { name: "gps_time".into(), column_type: ColumnType::F64 }];
+    let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+    let mut settings =
+        settings(&[("color.by", "gps-time"), ("color.ramp", "gray"), ("color.low", "0"), ("color.high", "1")]);
+    settings.light.headlight = 0.0;
+    settings.edl.strength = 0.0;
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(Material::default());
+    let ids = [store.add_chunk(id, &cloud.chunks[0], None).unwrap()];
+    let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
+    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
+    stage.renderer.render(&store, &camera, &settings, SIZE).unwrap();
+    let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
+    let row = (0..SIZE[0] as usize).map(|x| albedo[(60 * SIZE[0] as usize + x) * 3]);
+    let shown: Vec<f32> = row.filter(|level| !level.is_nan()).collect();
+    assert!(shown.len() > 100 && shown[0] < 0.002 && shown[shown.len() - 1] > 0.97, "{shown:?}");
+    assert!(shown.windows(2).all(|pair| pair[1] > pair[0] - 0.01), "rises from left to right: {shown:?}");
+}
+
+#[test]
+fn raw_colours_come_back_to_the_grey_level_when_light_is_off() {
+    let mut stage = stage_or_skip!();
+    for quality in ["nearest", "high"] {
+        let settings = settings(&[("splat.quality", quality), ("light.headlight", "0"), ("edl.strength", "0")]);
+        for color in [[0, 0, 0], [3, 7, 12], [255, 254, 1], [17, 128, 200]] {
+            let points: Vec<Point> = ball(5_000).into_iter().map(|point| Point { color, ..point }).collect();
+            let (_, picture) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &front_camera(), &settings);
+            let centre = (60 * SIZE[0] as usize + 80) * 4;
+            let shown = &picture[centre..centre + 3];
+            assert!(most_different(shown, &color) <= 1, "{quality} {color:?}: {shown:?}");
+        }
+    }
+}
+
+#[test]
+fn a_specular_cloud_is_a_mirror_in_both_qualities() {
+    let mut stage = stage_or_skip!();
+    for quality in ["nearest", "high"] {
+        let mut store = PointStore::new(stage.gpu.clone());
+        let mirror = store.add_cloud(Material { specular_intensity: 1.0, specular_power: 0.0 });
+        store.add_chunk(mirror, &chunk(&ball(5_000), DVec3::ZERO), None).unwrap();
+        let wall = store.add_cloud(Material::default());
+        let shifted = |point: Point| Point { position: point.position + DVec3::X * 2.5, ..point };
+        let shifted: Vec<Point> = ball(5_000).into_iter().map(shifted).collect();
+        store.add_chunk(wall, &chunk(&shifted, DVec3::ZERO), None).unwrap();
+        stage.renderer.render(&store, &front_camera(), &settings(&[("splat.quality", quality)]), SIZE).unwrap();
+        let mask = stage.renderer.read_aov(Aov::Mirror).unwrap().data;
+        assert_eq!(mask[60 * 160 + 80], 1.0, "{quality}");
+        assert!(mask.contains(&0.0) && mask[0].is_nan(), "{quality}");
+    }
+}
+
+#[test]
+fn poisoned_points_and_every_end_of_every_parameter_give_a_finite_picture() {
+    let mut stage = stage_or_skip!();
+    let mut points = ball(500);
+    for (i, poison) in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e38, -1e38, 1e-45].into_iter().enumerate() {
+        points[i].position.x = poison;
+        points[i + 20].normal = Vec3::splat(poison as f32);
+        points[i + 40].radius = poison as f32;
+    }
+    for params in Settings::default().groups() {
+        let group = params.group();
+        for field in &group.fields {
+            let ends = match &field.kind {
+                Kind::F32 { min, max, .. } => vec![Value::F32(*min), Value::F32(*max)],
+                Kind::U32 { min, .. } => vec![Value::U32(*min)],
+                Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
+                _ => continue,
+            };
+            for end in ends {
+                let (key, text) = (format!("{}.{}", group.name, field.name), field.format(&end));
+                draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &front_camera(), &settings(&[(&key, &text)]));
+                let depth = stage.renderer.read_aov(Aov::Depth).unwrap();
+                for aov in [Aov::Color, Aov::Normal, Aov::Depth] {
+                    let image = stage.renderer.read_aov(aov).unwrap();
+                    for (pixel, values) in image.data.chunks_exact(image.channels.len()).enumerate() {
+                        let empty = depth.data[pixel].is_nan();
+                        assert!(empty || values.iter().all(|value| value.is_finite()), "{key}={text}: {aov:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn an_empty_store_shows_the_background() {
+    let mut stage = stage_or_skip!();
+    let store = PointStore::new(stage.gpu.clone());
+    for quality in ["nearest", "high"] {
+        let settings = settings(&[("splat.quality", quality), ("view.background", "#123456")]);
+        stage.renderer.render(&store, &front_camera(), &settings, SIZE).unwrap();
+        assert_eq!(stage.renderer.read_picture().unwrap()[..4], [0x12, 0x34, 0x56, 255]);
+    }
+}
+
+#[test]
+fn removed_clouds_give_their_room_back() {
+    let stage = stage_or_skip!();
+    let mut store = PointStore::new(stage.gpu.clone());
+    let points = ball(60_000);
+    let first = store.add_cloud(Material::default());
+    store.add_chunk(first, &chunk(&points, DVec3::ZERO), None).unwrap();
+    let bytes = store.gpu_bytes();
+    for _ in 0..40 {
+        let cloud = store.add_cloud(Material::default());
+        store.add_chunk(cloud, &chunk(&points, DVec3::ZERO), None).unwrap();
+        store.remove_cloud(cloud);
+    }
+    assert_eq!((store.points(), store.gpu_bytes()), (60_000, bytes));
+    store.remove_cloud(first);
+    assert_eq!((store.points(), store.gpu_bytes()), (0, 0));
+    assert!(store.bounds().is_empty());
+}
+
+#[test]
+fn a_picture_too_large_for_the_adapter_is_a_named_error() {
+    let mut stage = stage_or_skip!();
+    let store = PointStore::new(stage.gpu.clone());
+    let result = stage.renderer.render(&store, &front_camera(), &Settings::default(), [200_000, 10]);
+    let error = result.unwrap_err().to_string();
+    assert!(error.contains("ask for a smaller picture"), "{error}");
+}
