@@ -3,11 +3,13 @@
 //!
 //! `GLINT_BENCH_POINTS` sets the number of points (2 million: 30 MB binary, 66 MB text).
 
+#![allow(clippy::unwrap_used, reason = "what cannot be read is a failed bench")]
+
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Write as _};
 use std::os::unix::fs::FileExt as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{LazyLock, Mutex};
 
 use cloud::{CHUNK_POINTS, Progress};
@@ -19,7 +21,10 @@ use ply_rs::ply::{PropertyAccess, PropertyAccessResult};
 use rayon::prelude::*;
 
 fn main() {
+    LazyLock::force(&FILES);
     divan::main();
+    // A static is never dropped.
+    std::fs::remove_dir_all(FILES.folder.path()).unwrap();
 }
 
 fn points() -> usize {
@@ -27,7 +32,7 @@ fn points() -> usize {
 }
 
 struct Files {
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
     binary: PathBuf,
     text: PathBuf,
     /// Bytes of the header of either file.
@@ -67,14 +72,14 @@ static FILES: LazyLock<Files> = LazyLock::new(|| {
     binary_file.flush().unwrap();
     text_file.flush().unwrap();
     let (binary_start, text_start) = (binary_header.len() as u64, text_header.len() as u64);
-    Files { _folder: folder, binary, text, binary_start, text_start }
+    Files { folder, binary, text, binary_start, text_start }
 });
 
 /// Columns of the bare loops.
 type Columns = (Vec<[f32; 3]>, Vec<[u8; 4]>);
 
 /// Reads with `glint`'s reader, opening included.
-fn read(path: &PathBuf) {
+fn read(path: &Path) {
     let source = codec::open(path).unwrap();
     let selection = Selection { positions: true, colors: true, ..Selection::default() };
     let kept = Mutex::new(Vec::new());
@@ -201,7 +206,7 @@ impl PropertyAccess for Vertex {
     }
 }
 
-fn read_by_ply_rs(path: &PathBuf) {
+fn read_by_ply_rs(path: &Path) {
     let mut reader = Reader::new(BufReader::with_capacity(1 << 20, File::open(path).unwrap()));
     let parser = Parser::<Vertex>::new();
     let header = parser.read_header(&mut reader).unwrap();

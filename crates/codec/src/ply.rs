@@ -8,7 +8,7 @@
 //! The `ply-rs` crate is not used to read, only to check this reader in its tests. Its header keeps the properties of an
 //! element in a map, so that a repeated name shifts every column after it; it wants UTF-8 in comments and refuses names
 //! that CloudCompare writes (`scalar_Illuminance_(PCV)`); its text rows know no `nan`, `1.` or `.5`; and it reads a file
-//! from its start on one core, at a sixth of the speed.
+//! from its start, on one core.
 
 mod columns;
 mod faces;

@@ -1,5 +1,7 @@
 //! PLY: real files against each other, a small file for every trap, and files that were damaged on purpose.
 
+#![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
+
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -173,7 +175,8 @@ fn triangle_strips_become_triangles() {
     let Some(path) = data("ply/stanford_bunny_tristrips_binary_le.ply") else { return };
     let read = read_path(&path);
     let triangles = read.source.triangles().unwrap();
-    assert!(triangles.len() > 60_000, "{}", triangles.len());
+    // The strips are made of the mesh of `stanford_bunny_full_*`.
+    assert_eq!(triangles.len(), 69_451);
     // Adjacent triangles of a strip keep one orientation only if every other one is turned: no directed edge comes twice.
     let mut edges = HashMap::new();
     for t in &triangles {

@@ -293,6 +293,7 @@ pub struct ChunkBuilder<'a> {
     rows: usize,
     /// Coordinates of a type that f32 holds exactly, or the wider ones.
     floats: Vec<[f32; 3]>,
+    extent: Extent,
     doubles: Vec<[f64; 3]>,
     colors: Vec<[u8; 4]>,
     normals: Vec<u32>,
@@ -309,6 +310,7 @@ impl<'a> ChunkBuilder<'a> {
             first_point,
             rows: 0,
             floats: Vec::with_capacity(capacity_if(plan.position.is_some() && fits_f32)),
+            extent: Extent::EMPTY,
             doubles: Vec::with_capacity(capacity_if(plan.position.is_some() && !fits_f32)),
             colors: Vec::with_capacity(capacity_if(plan.colors.is_some())),
             normals: Vec::with_capacity(capacity_if(plan.normals.is_some())),
@@ -333,6 +335,7 @@ impl<'a> ChunkBuilder<'a> {
         if let Some(fields) = plan.position {
             if fit_f32(fields) {
                 extend_triples::<BIG>(&mut self.floats, rows, stride, fields);
+                self.extent.include(&mut self.floats[start..]);
             } else {
                 self.doubles.resize(start + count, [0.0; 3]);
                 for (axis, field) in fields.into_iter().enumerate() {
@@ -374,26 +377,13 @@ impl<'a> ChunkBuilder<'a> {
 
     /// The chunk, and the bounds of its finite points.
     pub fn finish(self) -> (Chunk, Bounds) {
-        let has = |wanted: bool| wanted.then_some(());
-        let mut chunk = if self.plan.position.is_some_and(|fields| !fit_f32(fields)) {
+        let (mut chunk, bounds) = if self.plan.position.is_some_and(|fields| !fit_f32(fields)) {
             doubles_to_chunk(self.first_point, self.doubles)
         } else {
-            floats_to_chunk(self.first_point, self.floats)
+            floats_to_chunk(self.first_point, self.floats, self.extent)
         };
-        let bounds = match &chunk.exact_positions {
-            Some(exact) => {
-                let mut bounds = Bounds::EMPTY;
-                for (&exact, offset) in std::iter::zip(exact.iter(), chunk.positions.iter()) {
-                    if !offset[0].is_nan() {
-                        bounds.include(DVec3::from(exact));
-                    }
-                }
-                bounds
-            }
-            None => chunk.bounds(),
-        };
-        chunk.colors = has(self.plan.colors.is_some()).map(|()| Arc::new(self.colors));
-        chunk.normals = has(self.plan.normals.is_some()).map(|()| Arc::new(self.normals));
+        chunk.colors = self.plan.colors.is_some().then(|| Arc::new(self.colors));
+        chunk.normals = self.plan.normals.is_some().then(|| Arc::new(self.normals));
         chunk.columns = self.columns.into_iter().map(|column| column.map(Arc::new)).collect();
         (chunk, bounds)
     }
@@ -442,33 +432,65 @@ fn offset_from(origin: DVec3, position: DVec3) -> [f32; 3] {
     if offset.is_finite() { offset.to_array() } else { [f32::NAN; 3] }
 }
 
-/// A chunk from coordinates wider than f32. The doubles are kept only where the offsets do not give them back.
-fn doubles_to_chunk(first_point: u64, doubles: Vec<[f64; 3]>) -> Chunk {
+/// Least and greatest coordinates, f32.
+#[derive(Clone, Copy)]
+struct Extent {
+    least: [f32; 3],
+    greatest: [f32; 3],
+}
+
+impl Extent {
+    const EMPTY: Self = Self { least: [f32::INFINITY; 3], greatest: [f32::NEG_INFINITY; 3] };
+
+    /// Grows by points, and makes those NaN that are not finite.
+    fn include(&mut self, points: &mut [[f32; 3]]) {
+        for point in points {
+            // 0 for finite numbers, NaN for all others.
+            let [x, y, z] = *point;
+            if x * 0.0 + y * 0.0 + z * 0.0 == 0.0 {
+                for axis in 0..3 {
+                    let value = point[axis];
+                    self.least[axis] = if value < self.least[axis] { value } else { self.least[axis] };
+                    self.greatest[axis] = if value > self.greatest[axis] { value } else { self.greatest[axis] };
+                }
+            } else {
+                *point = [f32::NAN; 3];
+            }
+        }
+    }
+
+    fn bounds(&self) -> Bounds {
+        let [min, max] = [self.least, self.greatest].map(|corner| Vec3::from(corner).as_dvec3());
+        if min.cmple(max).all() { Bounds { min, max } } else { Bounds::EMPTY }
+    }
+}
+
+/// A chunk from coordinates wider than f32, and its bounds. The doubles are kept only where offsets do not give them back.
+fn doubles_to_chunk(first_point: u64, doubles: Vec<[f64; 3]>) -> (Chunk, Bounds) {
     let finite = doubles.iter().map(|&exact| DVec3::from(exact)).find(|exact| exact.is_finite());
     let origin = finite.unwrap_or(DVec3::ZERO).round();
-    let positions: Vec<_> = doubles.iter().map(|&exact| offset_from(origin, DVec3::from(exact))).collect();
-    let is_exact = std::iter::zip(&positions, &doubles)
-        .all(|(&offset, &exact)| origin + Vec3::from(offset).as_dvec3() == DVec3::from(exact));
+    let mut positions = Vec::with_capacity(doubles.len());
+    let (mut bounds, mut is_exact) = (Bounds::EMPTY, true);
+    for &exact in &doubles {
+        let exact = DVec3::from(exact);
+        let offset = offset_from(origin, exact);
+        is_exact &= origin + Vec3::from(offset).as_dvec3() == exact;
+        if !offset[0].is_nan() {
+            bounds.include(exact);
+        }
+        positions.push(offset);
+    }
     let mut chunk = Chunk::new(first_point, origin, positions);
     chunk.exact_positions = (!is_exact).then(|| Arc::new(doubles));
-    chunk
+    (chunk, bounds)
 }
 
 /// A chunk from f32 coordinates, at origin 0 and so exact, or about its first point if it is far away (map coordinates)
 /// and that is exact too: then the renderer works with small numbers.
-fn floats_to_chunk(first_point: u64, mut floats: Vec<[f32; 3]>) -> Chunk {
-    let (mut least, mut most) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for position in &mut floats {
-        let point = Vec3::from(*position);
-        if point.is_finite() {
-            least = least.min(point);
-            most = most.max(point);
-        } else {
-            *position = [f32::NAN; 3];
-        }
-    }
+fn floats_to_chunk(first_point: u64, floats: Vec<[f32; 3]>, extent: Extent) -> (Chunk, Bounds) {
+    let bounds = extent.bounds();
     // Far away: more than eight times its width, when three bits of the f32 are the same in all points.
-    let is_far = least.abs().max(most.abs()).max_element() > 8.0 * (most - least).max_element();
+    let is_far = bounds.min.abs().max(bounds.max.abs()).max_element() > 8.0 * bounds.size().max_element();
     if is_far && let Some(&first) = floats.iter().find(|position| !position[0].is_nan()) {
         let origin = Vec3::from(first).as_dvec3().round();
         let offsets: Vec<_> =
@@ -478,8 +500,8 @@ fn floats_to_chunk(first_point: u64, mut floats: Vec<[f32; 3]>) -> Chunk {
             position[0].is_nan() || back == Vec3::from(position).as_dvec3()
         });
         if is_exact {
-            return Chunk::new(first_point, origin, offsets);
+            return (Chunk::new(first_point, origin, offsets), bounds);
         }
     }
-    Chunk::new(first_point, DVec3::ZERO, floats)
+    (Chunk::new(first_point, DVec3::ZERO, floats), bounds)
 }

@@ -14,10 +14,11 @@ pub const MAX_LINE_BYTES: usize = 4 << 20;
 
 pub struct Reader<'a> {
     file: &'a PositionedFile,
+    /// `at..filled` is read and not used up.
     buffer: Vec<u8>,
-    /// Bytes of `buffer` before this are used up.
     at: usize,
-    /// Offset in the file of the end of `buffer`.
+    filled: usize,
+    /// Offset in the file of what follows.
     next: u64,
     end: u64,
     piece: usize,
@@ -28,7 +29,7 @@ pub struct Reader<'a> {
 impl<'a> Reader<'a> {
     /// Reads `offset..end` of the file.
     pub fn new(file: &'a PositionedFile, offset: u64, end: u64) -> Self {
-        Self { file, buffer: Vec::new(), at: 0, next: offset, end, piece: PIECE_BYTES, in_cut_line: false }
+        Self { file, buffer: Vec::new(), at: 0, filled: 0, next: offset, end, piece: PIECE_BYTES, in_cut_line: false }
     }
 
     /// The same for a few bytes: 4 KiB are read at a time, not a whole piece.
@@ -38,7 +39,7 @@ impl<'a> Reader<'a> {
 
     /// Offset in the file of the next byte that is not used up.
     pub fn position(&self) -> u64 {
-        self.next - (self.buffer.len() - self.at) as u64
+        self.next - (self.filled - self.at) as u64
     }
 
     pub fn end(&self) -> u64 {
@@ -47,31 +48,27 @@ impl<'a> Reader<'a> {
 
     /// Drops what is used up and adds a piece; false at the end.
     fn fill(&mut self) -> io::Result<bool> {
-        self.buffer.drain(..self.at);
+        self.buffer.copy_within(self.at..self.filled, 0);
+        self.filled -= self.at;
         self.at = 0;
-        let kept = self.buffer.len();
         let wanted = (self.end - self.next).min(self.piece as u64) as usize;
-        self.buffer.resize(kept + wanted, 0);
-        let filled = match self.file.read_at(self.next, &mut self.buffer[kept..]) {
-            Ok(filled) => filled,
-            Err(error) => {
-                self.buffer.truncate(kept);
-                return Err(error);
-            }
-        };
-        self.buffer.truncate(kept + filled);
-        self.next += filled as u64;
-        if filled < wanted {
+        if self.buffer.len() < self.filled + wanted {
+            self.buffer.resize(self.filled + wanted, 0);
+        }
+        let count = self.file.read_at(self.next, &mut self.buffer[self.filled..self.filled + wanted])?;
+        self.filled += count;
+        self.next += count as u64;
+        if count < wanted {
             // The file is shorter than it was.
             self.end = self.next;
         }
-        Ok(filled > 0)
+        Ok(count > 0)
     }
 
     /// The next `length` bytes, `None` if there are fewer. For small lengths: all of it is buffered.
     #[inline]
     pub fn take(&mut self, length: usize) -> io::Result<Option<&[u8]>> {
-        while self.buffer.len() - self.at < length {
+        while self.filled - self.at < length {
             if !self.fill()? {
                 return Ok(None);
             }
@@ -84,14 +81,13 @@ impl<'a> Reader<'a> {
     /// Passes over `length` bytes; false, at the end, if there are fewer.
     #[inline]
     pub fn skip(&mut self, length: u64) -> io::Result<bool> {
-        let buffered = (self.buffer.len() - self.at) as u64;
+        let buffered = (self.filled - self.at) as u64;
         if length <= buffered {
             self.at += length as usize;
             return Ok(true);
         }
         let target = self.next.saturating_add(length - buffered);
-        self.buffer.clear();
-        self.at = 0;
+        (self.at, self.filled) = (0, 0);
         self.next = target.min(self.end);
         Ok(target <= self.end)
     }
@@ -100,10 +96,10 @@ impl<'a> Reader<'a> {
     /// not given.
     pub fn rows(&mut self, stride: usize) -> io::Result<&[u8]> {
         // After the first piece a part of a row may be left over; it is moved to the front.
-        if self.buffer.len() - self.at < stride {
-            while self.buffer.len() - self.at < stride && self.fill()? {}
+        if self.filled - self.at < stride {
+            while self.filled - self.at < stride && self.fill()? {}
         }
-        let length = (self.buffer.len() - self.at) / stride * stride;
+        let length = (self.filled - self.at) / stride * stride;
         let start = self.at;
         self.at += length;
         Ok(&self.buffer[start..self.at])
@@ -113,21 +109,21 @@ impl<'a> Reader<'a> {
     /// and one longer than `MAX_LINE_BYTES`, which comes alone and cut.
     pub fn lines(&mut self, newline: u8) -> io::Result<&[u8]> {
         while self.in_cut_line {
-            let length = self.buffer[self.at..].iter().position(|&byte| byte == newline);
+            let length = self.buffer[self.at..self.filled].iter().position(|&byte| byte == newline);
             self.in_cut_line = length.is_none();
-            self.at = length.map_or(self.buffer.len(), |length| self.at + length + 1);
+            self.at = length.map_or(self.filled, |length| self.at + length + 1);
             if self.in_cut_line && !self.fill()? {
                 self.in_cut_line = false;
             }
         }
         let mut searched = self.at;
         loop {
-            if let Some(last) = self.buffer[searched..].iter().rposition(|&byte| byte == newline) {
+            if let Some(last) = self.buffer[searched..self.filled].iter().rposition(|&byte| byte == newline) {
                 let start = self.at;
                 self.at = searched + last + 1;
                 return Ok(&self.buffer[start..self.at]);
             }
-            let unused = self.buffer.len() - self.at;
+            let unused = self.filled - self.at;
             if unused >= MAX_LINE_BYTES {
                 self.in_cut_line = true;
             } else if self.fill()? {
@@ -135,8 +131,8 @@ impl<'a> Reader<'a> {
                 continue;
             }
             let start = self.at;
-            self.at = self.buffer.len();
-            return Ok(&self.buffer[start..]);
+            self.at = self.filled;
+            return Ok(&self.buffer[start..self.filled]);
         }
     }
 
@@ -186,12 +182,21 @@ impl<'a> Reader<'a> {
 
 /// Lines of a run that are not blank.
 pub fn count_lines(run: &[u8], newline: u8) -> u64 {
-    let Some((&first, &last)) = run.first().zip(run.last()) else { return 0 };
-    // Nearly always each line begins with its content; then two counts that the compiler turns into vector code tell.
-    let ends = run.iter().filter(|&&byte| byte == newline).count() + usize::from(last != newline);
-    let begun = run.iter().zip(&run[1..]).filter(|&(&before, &byte)| (before == newline) & (byte > b' ')).count();
-    if begun + usize::from(first > b' ') == ends {
-        return ends as u64;
+    let Some(&first) = run.first() else { return 0 };
+    // Nearly always each line begins with its content; then two counts tell, in runs of 255 that a vector of bytes holds.
+    let (mut lines, mut begun) = (1, u64::from(first > b' '));
+    for (bytes, followers) in run.chunks(255).zip(run[1..].chunks(255)) {
+        let (mut ends, mut starts) = (0_u8, 0_u8);
+        for (&byte, &follower) in bytes.iter().zip(followers) {
+            let is_end = u8::from(byte == newline);
+            ends += is_end;
+            starts += is_end & u8::from(follower > b' ');
+        }
+        lines += u64::from(ends);
+        begun += u64::from(starts);
+    }
+    if begun == lines {
+        return lines;
     }
     run.split(|&byte| byte == newline).filter(|line| !is_blank(line)).count() as u64
 }
