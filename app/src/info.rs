@@ -154,7 +154,8 @@ fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
 
 /// Decimals of a number that is a multiple of `scale`: 2 for 0.01 and for 0.05.
 fn decimals(scale: f64) -> usize {
-    (0..=12).find(|&digits| (scale * 10_f64.powi(digits)).fract().abs() < 1e-6).unwrap_or(12) as usize
+    let is_whole = |scaled: f64| scaled.round() >= 1.0 && (scaled - scaled.round()).abs() < 1e-6;
+    (0..=12).find(|&digits| is_whole(scale * 10_f64.powi(digits))).unwrap_or(12) as usize
 }
 
 /// The report for people, a line per fact.

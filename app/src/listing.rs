@@ -61,7 +61,7 @@ pub fn methods(as_json: bool) -> anyhow::Result<()> {
     for (key, field) in parameters() {
         let default = field.format(&field.default());
         let default = if default.is_empty() { "none".to_owned() } else { default };
-        let _ = writeln!(text, "  {key:<24}{} [{}; default {default}]", field.help, field.range_text());
+        let _ = writeln!(text, "  {key:<24}{}; default {default}\n      {}", field.range_text(), field.help);
     }
     crate::print(&text)
 }
@@ -119,10 +119,8 @@ fn shortest(value: f32) -> serde_json::Value {
 /// # Errors
 /// If standard output cannot be written.
 pub fn scenes(as_json: bool) -> anyhow::Result<()> {
-    let scenes: Vec<(String, &str)> = five_mirrors::Mirror::ALL
-        .into_iter()
-        .map(|mirror| (loading::built_in_name(mirror), mirror.help()))
-        .collect();
+    let scenes: Vec<(String, &str)> =
+        five_mirrors::Mirror::ALL.into_iter().map(|mirror| (loading::built_in_name(mirror), mirror.help())).collect();
     if as_json {
         let listing: Vec<_> = scenes.iter().map(|(name, help)| json!({"name": name, "help": help})).collect();
         return crate::print(&(serde_json::to_string_pretty(&json!({"scenes": listing}))? + "\n"));

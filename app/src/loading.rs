@@ -276,12 +276,9 @@ impl Loader {
             }
         };
         let info = source.info();
-        let up = match self.settings.view.up {
-            UpAxis::Y => DVec3::Y,
-            UpAxis::Z => DVec3::Z,
-            UpAxis::Auto if info.format == codec::Format::Ply && info.faces > 0 => DVec3::Y,
-            UpAxis::Auto => DVec3::Z,
-        };
+        // Scanners and surveys have z up; the tools that make meshes mostly y.
+        let is_mesh = info.format == codec::Format::Ply && info.faces > 0;
+        let up = self.up(if is_mesh { DVec3::Y } else { DVec3::Z });
         self.send(Event::Opened {
             cloud,
             name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
@@ -301,12 +298,13 @@ impl Loader {
     /// A built-in scene, all of it at once: a cloud per material, complete with normals and radii.
     fn sample(&self, mirror: five_mirrors::Mirror, opened: &mut Vec<Loading>) -> Option<()> {
         let SceneSettings { points, seed } = self.settings.scene;
+        let up = self.up(DVec3::Y);
         for part in five_mirrors::sample(mirror, u64::from(points), u64::from(seed)) {
             let cloud = opened.len();
             let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
             self.send(Event::Opened {
                 cloud,
-                name: format!("{} {}", built_in_name(mirror), part.name),
+                name: format!("{}, {}", built_in_name(mirror), part.name),
                 path: None,
                 source: None,
                 attributes: Vec::new(),
@@ -316,7 +314,7 @@ impl Loader {
                     specular_intensity: part.specular_intensity,
                     specular_power: part.specular_power,
                 },
-                up: DVec3::Y,
+                up,
                 provisional_radius: 0.0,
                 warnings: Vec::new(),
             })?;
@@ -326,7 +324,7 @@ impl Loader {
             }
             let summary = codec::Summary { points, ..Default::default() };
             self.send(Event::Read { cloud, summary })?;
-            opened.push(Loading { cloud, source: None, up: DVec3::Y, chunks: Vec::new() });
+            opened.push(Loading { cloud, source: None, up, chunks: Vec::new() });
         }
         Some(())
     }
@@ -382,6 +380,15 @@ impl Loader {
         match cloud::estimate(&chunks, &options, &self.surfel_progress) {
             Some(surfels) => self.send(Event::Surfels { cloud, surfels }),
             None => Some(()),
+        }
+    }
+
+    /// The axis that points up: what the setting says, or what fits the data.
+    fn up(&self, fitting: DVec3) -> DVec3 {
+        match self.settings.view.up {
+            UpAxis::Auto => fitting,
+            UpAxis::Y => DVec3::Y,
+            UpAxis::Z => DVec3::Z,
         }
     }
 

@@ -50,6 +50,10 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
 
     let (mut clouds, failures) = load(request, &settings)?;
+    if clouds.is_empty() && failures > 0 {
+        // All that is to be said has been said.
+        return Ok(2);
+    }
     let bounds = clouds.iter().fold(Bounds::EMPTY, |all, loaded| all.union(cloud::robust_bounds(&loaded.cloud.chunks)));
     let Some(up) = clouds.iter().find(|loaded| !loaded.cloud.is_empty()).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", arguments.inputs.join(", "))));
