@@ -92,7 +92,8 @@ impl Camera {
             let view = rows * (corner - center);
             (view.x.abs() / (tangent * aspect)).max(view.y.abs() / tangent) * 1.04 - view.z
         });
-        let floor = bounds.radius().max(1e-9) * 1e-3;
+        // For a single point as far away as its coordinates still resolve a pixel: f64 keeps 16 digits, a picture needs 4.
+        let floor = (bounds.radius() * 1e-3).max(center.abs().max_element() * 1e-9).max(1e-9);
         let distance = needed.fold(floor, f64::max);
         let forward = self.forward();
         self.pivot = center;
@@ -201,6 +202,16 @@ mod tests {
                 let worst = worst.into_iter().fold(0.0, f64::max);
                 assert!(worst <= 1.0 && worst > 0.85, "{up} {view:?}: {worst}");
             }
+        }
+    }
+
+    #[test]
+    fn a_single_point_is_framed_wherever_it_is() {
+        for place in [DVec3::ZERO, DVec3::new(1.2, 12_345.7, 1.234_567_89e9)] {
+            let bounds = Bounds { min: place, max: place };
+            let camera = Camera::framing(bounds, StandardView::Isometric, DVec3::Z, 60.0, 1.5);
+            assert!(camera.distance() > 0.0);
+            assert!(pixel(&camera, place).length() < 1e-3, "{place}: {}", pixel(&camera, place));
         }
     }
 
