@@ -53,11 +53,11 @@ fn splat_point(item: Item, index: u32) {
     let offset = disc.radius * settings.splat.depth_offset;
     let only_pixel = u32(disc.first.y) * frame.width + u32(disc.first.x);
     // Most points of a dense scan are hidden: they are found out before anything else of them is read.
-    if is_single_pixel(disc) && disc.center.z > front_depth(only_pixel) + offset {
+    if disc.is_single && disc.center.z > front_depth(only_pixel) + offset {
         return;
     }
-    let attribute = attributes[index];
-    disc = oriented(frame, disc, attribute.y);
+    let color_normal = attributes[index];
+    disc = oriented(frame, disc, color_normal.y);
     var scalar = 0.0;
     if item.color_source == COLOR_SCALAR {
         scalar = scalars[index];
@@ -67,9 +67,9 @@ fn splat_point(item: Item, index: u32) {
     if entry != PALETTE_NONE {
         palette_color = palette[entry];
     }
-    let albedo = vec3u(albedo_of_point(item, attribute, entry, palette_color) * 4095.0 + 0.5);
+    let albedo = vec3u(albedo_of_point(item, color_normal, entry, palette_color) * 4095.0 + 0.5);
     let normal = vec3i(round(world_direction(frame, disc.normal) * 2047.0));
-    if is_single_pixel(disc) {
+    if disc.is_single {
         add(only_pixel, item, albedo, normal, Fragment(disc.center.z, 1.0), front_depth(only_pixel));
         return;
     }

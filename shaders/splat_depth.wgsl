@@ -40,7 +40,7 @@ fn splat_point(item: Item, index: u32) {
     }
     var disc = disc_of_point(frame, settings.splat, item, point);
     let identity = page.first_identity + index;
-    if is_single_pixel(disc) {
+    if disc.is_single {
         put(u32(disc.first.y) * frame.width + u32(disc.first.x), disc.center.z, identity);
         return;
     }

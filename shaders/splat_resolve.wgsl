@@ -42,7 +42,7 @@ fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
     }
     let item = items[item_of_point(index)];
     let point = points[index];
-    let attribute = attributes[index];
+    let color_normal = attributes[index];
     var scalar = 0.0;
     if item.color_source == COLOR_SCALAR {
         scalar = scalars[index];
@@ -55,10 +55,10 @@ fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
     let depth = depth_from_nearness(key.y);
     let ray = view_from_pixel(frame, vec2f(id.xy) + 0.5, depth);
     let facing = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
-    let own = unpack_normal(attribute.y);
+    let own = unpack_normal(color_normal.y);
     let outward = select(own, -own, dot(own, facing) < 0.0);
     let normal = select(outward, facing, all(own == vec3f(0.0)));
-    textureStore(albedo_out, id.xy, vec4f(albedo_of_point(item, attribute, entry, palette_color), item.specular_intensity));
+    textureStore(albedo_out, id.xy, vec4f(albedo_of_point(item, color_normal, entry, palette_color), item.specular_intensity));
     textureStore(normal_out, id.xy, vec4f(normal, item.specular_power));
     textureStore(depth_out, id.xy, vec4f(depth));
 }

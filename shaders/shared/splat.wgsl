@@ -53,12 +53,14 @@ struct Disc {
     pixel: vec2f,
     // 0: not drawn.
     radius_pixels: f32,
-    // Pixels that may be covered, inclusive; the second component below the first means none.
+    // Pixels that may be covered, inclusive.
     first: vec2i,
     last: vec2i,
+    // Covers one pixel's centre or less: needs no orientation, and reading the normal would cost as much as the position.
+    is_single: bool,
 }
 
-const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i(0), vec2i(-1));
+const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i(0), vec2i(-1), false);
 
 // `point`: f32 bits of the position, and radius | class << 16 | flags << 24.
 fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
@@ -79,14 +81,17 @@ fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
     }
     // Pixel centres within the radius, and always the pixel that holds the centre.
     let holds = vec2i(floor(pixel));
-    let first = max(min(vec2i(ceil(pixel - radius_pixels - 0.5)), holds), vec2i(0));
-    let last = min(max(vec2i(floor(pixel + radius_pixels - 0.5)), holds), vec2i(size) - 1);
-    return Disc(center, radius_pixels / scale, vec3f(0.0), pixel, max(radius_pixels, 1e-6), first, last);
-}
-
-// A disc of a pixel or less needs no orientation: reading the normal would cost as much as the position.
-fn is_single_pixel(disc: Disc) -> bool {
-    return all(disc.first == disc.last);
+    let first = min(vec2i(ceil(pixel - radius_pixels - 0.5)), holds);
+    let last = max(vec2i(floor(pixel + radius_pixels - 0.5)), holds);
+    let is_single = all(first == last);
+    // On the screen, `first` is not beyond `last`; off it, by less than a pixel, it may be.
+    let shown_first = max(first, vec2i(0));
+    let shown_last = min(last, vec2i(size) - 1);
+    if any(shown_first > shown_last) {
+        return NOT_DRAWN;
+    }
+    let shown_radius = max(radius_pixels, 1e-6);
+    return Disc(center, radius_pixels / scale, vec3f(0.0), pixel, shown_radius, shown_first, shown_last, is_single);
 }
 
 fn oriented(frame: Frame, disc: Disc, packed_normal: u32) -> Disc {

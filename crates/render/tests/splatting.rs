@@ -148,7 +148,7 @@ fn a_sampled_plane_has_its_own_depth_normal_and_position_at_every_pixel() {
     let (side, other) = normal.any_orthonormal_pair();
     let point = |i: u32| {
         let (a, b) = (f64::from(i % 300) / 300.0 - 0.5, f64::from(i / 300) / 300.0 - 0.5);
-        Point { position: side * a * 12.0 + other * b * 12.0, normal: normal.as_vec3(), color: [200; 3], radius: 0.04 }
+        Point { position: side * a * 12.0 + other * b * 12.0, normal: normal.as_vec3(), color: [200; 3], radius: 0.12 }
     };
     let points: Vec<Point> = (0..90_000).map(point).collect();
     let camera = front_camera();
@@ -160,7 +160,7 @@ fn a_sampled_plane_has_its_own_depth_normal_and_position_at_every_pixel() {
         for (at, n) in position.data.chunks_exact(3).zip(normals.data.chunks_exact(3)) {
             let at = Vec3::from_slice(at).as_dvec3();
             assert!(at.is_finite(), "{quality}: no holes");
-            assert!(at.dot(normal).abs() < 2e-4, "{projection} {quality}: {} off the plane", at.dot(normal));
+            assert!(at.dot(normal).abs() < 2e-5, "{projection} {quality}: {} off the plane", at.dot(normal));
             assert!(Vec3::from_slice(n).as_dvec3().angle_between(normal).to_degrees() < 0.06, "{quality}: normal");
         }
     }
@@ -315,7 +315,7 @@ fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
     let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
     let row = (0..SIZE[0] as usize).map(|x| albedo[(60 * SIZE[0] as usize + x) * 3]);
     let shown: Vec<f32> = row.filter(|level| !level.is_nan()).collect();
-    assert!(shown.len() > 100 && shown[0] < 0.002 && shown[shown.len() - 1] > 0.97, "{shown:?}");
+    assert!(shown.len() > 90 && shown[0] < 0.002 && shown[shown.len() - 1] > 0.97, "{shown:?}");
     assert!(shown.windows(2).all(|pair| pair[1] > pair[0] - 0.01), "rises from left to right: {shown:?}");
 }
 
