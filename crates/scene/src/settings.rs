@@ -80,7 +80,7 @@ params! {
     /// Eye-dome lighting (Boucheny 2009): a depth cue from the depth image alone.
     pub struct Edl = "edl" {
         /// Darkness of depth edges; 0 turns it off.
-        strength: f32 = 0.7, 0.0..=10.0, "";
+        strength: f32 = 0.4, 0.0..=10.0, "";
         /// Distance of the eight neighbours that are compared.
         radius: f32 = 1.4, 0.5..=10.0, "pixels";
     }
