@@ -99,10 +99,17 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut U
 }
 
 fn parameter_groups(ui: &mut Ui, state: &mut State, wanted: impl Fn(&str) -> bool) {
-    for params in state.settings.groups_mut() {
-        if wanted(params.group().name) {
-            panel::parameters(ui, params, &[]);
+    let mut groups: Vec<_> = state.settings.groups_mut().into_iter().collect();
+    groups.retain(|params| wanted(params.group().name));
+    let are_several = groups.len() > 1;
+    for params in groups {
+        if are_several {
+            // The help begins with what the group is about: `Light.`, `Eye-dome lighting (Boucheny 2009): ...`.
+            let help = params.group().help;
+            let about = help.split([':', '.', '(']).next().unwrap_or(help).trim();
+            ui.label(RichText::new(about).small().color(theme::WEAK)).on_hover_text(help);
         }
+        panel::parameters(ui, params, &[]);
     }
 }
 
@@ -242,7 +249,9 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
                 ui.label(RichText::new("pick").color(theme::ACCENT));
             }
             if let Some((_, Some(world))) = state.navigation.hovered {
-                ui.label(RichText::new(pick_panel::coordinates(world)).monospace().size(11.5));
+                ui.add_space(6.0);
+                let text = RichText::new(pick_panel::coordinates(world)).monospace().size(11.5);
+                ui.label(text.color(theme::WEAK));
             }
         });
     });

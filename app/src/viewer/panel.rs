@@ -141,7 +141,8 @@ mod tests {
     use super::*;
 
     fn harness(settings: Settings) -> Harness<'static, Settings> {
-        Harness::builder().with_size([360.0, 900.0]).build_ui_state(
+        // A hundredth of a second a frame: four of them are a double-click.
+        Harness::builder().with_size([360.0, 900.0]).with_step_dt(0.01).build_ui_state(
             |ui, settings: &mut Settings| {
                 for group in settings.groups_mut() {
                     parameters(ui, group, &[]);
@@ -169,9 +170,13 @@ mod tests {
         settings.splat.max_pixels = 99.0;
         let mut harness = harness(settings);
         harness.run();
-        let name = harness.get_by_role_and_label(egui::accesskit::Role::Label, "Min pixels");
-        name.click();
-        name.click();
+        let pos = harness.get_by_role_and_label(egui::accesskit::Role::Label, "Min pixels").rect().center();
+        harness.event(egui::Event::PointerMoved(pos));
+        for pressed in [true, false, true, false] {
+            let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+            harness.step();
+        }
         harness.run();
         assert_eq!(harness.state().splat.min_pixels, scene::Splat::default().min_pixels);
         assert_eq!(harness.state().splat.max_pixels, 99.0);

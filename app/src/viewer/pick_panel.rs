@@ -84,15 +84,16 @@ fn contents(ui: &mut Ui, state: &mut State) {
     });
 }
 
-/// Full precision, as the file has it: the shortest digits that mean the same number.
+/// Full precision, as the file has it.
 pub fn coordinates(world: DVec3) -> String {
-    // Lattice coordinates (integer times scale) carry rounding in the last digits of the double; ten significant ones
-    // behind the point are beyond any scanner.
-    let text = |value: f64| {
-        let rounded = format!("{value:.10}");
-        rounded.trim_end_matches('0').trim_end_matches('.').to_string()
-    };
-    format!("{}  {}  {}", text(world.x), text(world.y), text(world.z))
+    format!("{}  {}  {}", shortest(world.x), shortest(world.y), shortest(world.z))
+}
+
+/// The fewest decimals that mean the same number but for the rounding of integer times scale plus offset: two units in the
+/// last place of the double.
+fn shortest(value: f64) -> String {
+    let same = |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
+    (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
 }
 
 /// What Copy puts on the clipboard: tab-separated lines.
@@ -124,6 +125,7 @@ mod tests {
     fn coordinates_keep_the_digits_of_the_file_and_no_others() {
         let grid = 63_561_912_345_f64 * 0.001;
         assert_eq!(coordinates(DVec3::new(grid, -0.25, 7.0)), "63561912.345  -0.25  7");
+        assert_eq!(coordinates(DVec3::new(0.0, 1e-3, 1_000_000_000.123_456)), "0  0.001  1000000000.123456");
     }
 
     #[test]

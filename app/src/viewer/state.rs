@@ -492,14 +492,16 @@ impl State {
     fn on_figures(&mut self, key: CloudKey, basis: Basis, figures: Figures) {
         let Some(entry) = self.cloud_mut(key) else { return };
         entry.figures_under_way = false;
-        let missing = figures.plan.missing_column(&entry.cloud).filter(|_| entry.is_read || entry.points > 0);
-        let wanted = missing.and_then(|attribute| Some((attribute, entry.source.clone()?)));
-        if let Some((attribute, source)) = wanted.filter(|(attribute, _)| !entry.column_reads.contains_key(attribute)) {
-            let progress = Arc::new(Progress::default());
-            entry.column_reads.insert(attribute, progress.clone());
-            self.effects.push(Effect::ReadColumn { key, source, attribute, progress });
+        if let (Some(attribute), Some(source)) = (figures.plan.missing_column(&entry.cloud), entry.source.clone()) {
+            // What is shown stays until the column has come.
+            entry.figures_basis = Some(basis);
+            if !entry.column_reads.contains_key(&attribute) {
+                let progress = Arc::new(Progress::default());
+                entry.column_reads.insert(attribute, progress.clone());
+                self.effects.push(Effect::ReadColumn { key, source, attribute, progress });
+            }
+            return;
         }
-        let Some(entry) = self.cloud_mut(key) else { return };
         let same_plan = entry.figures.as_ref().is_some_and(|old| old.plan == figures.plan);
         let same_points = entry.figures_basis.as_ref().is_some_and(|old| {
             old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
