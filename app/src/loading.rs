@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use anyhow::Context as _;
 use cloud::{Attribute, Chunk, Column, Grid, Orientation, Progress, SurfelOptions, Surfels};
@@ -94,8 +95,11 @@ fn input(word: &str) -> anyhow::Result<Input> {
     if path.exists() {
         return Ok(Input::File(path.to_owned()));
     }
-    let names = built_in_names().into_iter().chain(files_beside(path)).collect::<Vec<_>>();
-    let near = param::nearest(word, names.iter().map(String::as_str));
+    // Compared by their last part: a typing error in a short name must not drown in a long folder's.
+    let last = |name: &str| Path::new(name).file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let known: BTreeMap<String, String> =
+        files_beside(path).into_iter().chain(built_in_names()).map(|name| (last(&name), name)).collect();
+    let near = param::nearest(&last(word), known.keys().map(String::as_str)).and_then(|near| known.get(near));
     let hint = match near {
         Some(near) => format!("; did you mean `{near}`?"),
         None if word.starts_with("five-mirrors") => "; `glint scenes` lists the built-in scenes".into(),
@@ -342,7 +346,9 @@ impl Loader {
                 self.progress.cancel();
             }
         };
+        let start = Instant::now();
         let read = source.read(&selection(source.info(), &self.settings), &self.progress, &emit);
+        tracing::debug!(path = %source.info().path.display(), seconds = start.elapsed().as_secs_f64(), "read");
         loading.chunks = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
         loading.chunks.sort_by_key(|chunk| chunk.first_point);
         match read {
@@ -377,7 +383,10 @@ impl Loader {
             SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
         };
         let options = SurfelOptions { neighbours: self.settings.surface.neighbours as usize, orientation };
-        match cloud::estimate(&chunks, &options, &self.surfel_progress) {
+        let start = Instant::now();
+        let estimated = cloud::estimate(&chunks, &options, &self.surfel_progress);
+        tracing::debug!(cloud, ?orientation, seconds = start.elapsed().as_secs_f64(), "normals and radii");
+        match estimated {
             Some(surfels) => self.send(Event::Surfels { cloud, surfels }),
             None => Some(()),
         }
@@ -408,4 +417,131 @@ fn selection(info: &codec::Info, settings: &Settings) -> codec::Selection {
     };
     let attributes = info.attributes.iter().map(|attribute| wanted(&attribute.name)).collect();
     codec::Selection { positions: true, colors: true, normals: true, attributes }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    const THREE_POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+        property float z\nproperty uchar intensity\nend_header\n0 0 0 7\n1 0 0 8\n0 1 0 9\n";
+
+    fn words(words: &[&str]) -> Vec<String> {
+        words.iter().map(|word| (*word).to_owned()).collect()
+    }
+
+    fn message(word: &str) -> String {
+        format!("{:#}", resolve(&words(&[word])).unwrap_err())
+    }
+
+    #[test]
+    fn words_name_files_scenes_and_built_in_scenes() {
+        let folder = tempfile::tempdir().unwrap();
+        let cloud = folder.path().join("cloud.ply");
+        let scene = folder.path().join("scene.toml");
+        std::fs::write(&cloud, THREE_POINTS).unwrap();
+        std::fs::write(
+            &scene,
+            "clouds = [\"cloud.ply\", \"five-mirrors/torus\"]\n[parameters]\n\"splat.size\" = 2.0\n\"splat.nope\" = 1\n",
+        )
+        .unwrap();
+        let request = resolve(&words(&[scene.to_str().unwrap()])).unwrap();
+        let torus = Input::BuiltIn(five_mirrors::Mirror::Torus);
+        assert_eq!(request.inputs, [Input::File(cloud), torus.clone()]);
+        let view = request.view.unwrap();
+        assert_eq!((view.settings.splat.size, view.camera), (2.0, None));
+        assert!(request.warnings.len() == 1 && request.warnings[0].contains("splat.nope"), "{:?}", request.warnings);
+
+        let alone = resolve(&words(&["five-mirrors/torus"])).unwrap();
+        assert_eq!(alone.inputs, [torus]);
+        assert_eq!(alone.view.unwrap().camera, Some(five_mirrors::camera()));
+        assert!(resolve(&[]).unwrap().inputs.is_empty());
+    }
+
+    #[test]
+    fn words_that_name_nothing_are_refused_with_the_nearest_name() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("office.laz"), "").unwrap();
+        let typo = folder.path().join("ofice.laz").display().to_string();
+        assert!(message(&typo).contains("office.laz`?"), "{}", message(&typo));
+        assert!(message("five-mirrors/sphre").contains("did you mean `five-mirrors/sphere`?"));
+        assert!(message("sphere").contains("did you mean `five-mirrors/sphere`?"));
+        assert!(message("five-mirrors/teapot").contains("glint scenes"));
+        assert!(message(folder.path().to_str().unwrap()).contains("a folder"));
+        assert!(message("no_such_scene.toml").contains("no_such_scene.toml"));
+    }
+
+    #[test]
+    fn a_file_comes_in_as_header_chunks_and_the_surfels_it_lacks() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cloud.ply");
+        std::fs::write(&path, THREE_POINTS).unwrap();
+        let missing = Input::File(folder.path().join("gone.ply"));
+        let job = start(vec![missing, Input::File(path)], &Settings::default());
+        let mut seen = Vec::new();
+        for event in &job.events {
+            seen.push(match event {
+                Event::Failed { input, .. } => {
+                    assert!(input.ends_with("gone.ply"));
+                    "failed"
+                }
+                Event::Opened { cloud, expected_points, up, .. } => {
+                    assert_eq!((cloud, expected_points, up), (0, 3, DVec3::Z));
+                    "opened"
+                }
+                Event::Chunk { chunk, .. } => {
+                    assert_eq!(chunk.len(), 3);
+                    assert!(chunk.columns[0].is_some(), "intensity is read without being asked for");
+                    "chunk"
+                }
+                Event::Read { summary, .. } => {
+                    assert_eq!(summary.points, 3);
+                    "read"
+                }
+                Event::Surfels { surfels, .. } => {
+                    assert_eq!(surfels.iter().map(|surfels| surfels.normals.len()).collect::<Vec<_>>(), [3]);
+                    "surfels"
+                }
+                Event::Finished => "finished",
+            });
+        }
+        assert_eq!(seen, ["failed", "opened", "chunk", "read", "surfels", "finished"]);
+        assert_eq!((job.progress.done(), job.progress.total()), (3, 3));
+    }
+
+    #[test]
+    fn a_built_in_scene_has_as_many_points_as_asked_for() {
+        let mut settings = Settings::default();
+        settings.scene.points = 200_000;
+        let job = start(vec![Input::BuiltIn(five_mirrors::Mirror::Sphere)], &settings);
+        let (mut points, mut mirrors) = (0, 0);
+        for event in &job.events {
+            match event {
+                Event::Opened { material, .. } => mirrors += usize::from(material.specular_intensity > 0.0),
+                Event::Chunk { chunk, .. } => points += chunk.len(),
+                Event::Surfels { .. } | Event::Failed { .. } => panic!("its points are complete"),
+                Event::Read { .. } | Event::Finished => {}
+            }
+        }
+        assert_eq!((points, mirrors), (200_000, 1));
+    }
+
+    #[test]
+    fn a_dropped_job_ends_its_thread() {
+        let mut settings = Settings::default();
+        // More chunks than the channel holds, so that the thread waits for room when the job is dropped.
+        settings.scene.points = 2_000_000;
+        let job = start(vec![Input::BuiltIn(five_mirrors::Mirror::Sphere)], &settings);
+        let progress = job.progress.clone();
+        assert!(job.events.recv().is_ok());
+        drop(job);
+        assert!(progress.is_cancelled());
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while Arc::strong_count(&progress) > 1 {
+            assert!(Instant::now() < deadline, "the thread is still there");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
 }

@@ -256,7 +256,7 @@ fn load(request: Request, settings: &Settings) -> anyhow::Result<(Vec<Loaded>, u
 fn upload(store: &mut PointStore, loaded: &mut Loaded, settings: &Settings) -> anyhow::Result<()> {
     let (plan, warning) = ColorPlan::new(&loaded.cloud, &settings.color, loaded.up);
     if let Some(warning) = warning {
-        crate::complain(&format!("warning: {}: {warning}", loaded.cloud.name));
+        crate::complain(&format!("warning: {warning}"));
     }
     if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), &loaded.source) {
         let progress = Progress::default();
