@@ -20,6 +20,7 @@ struct Splat {
     min_pixels: f32,
     max_pixels: f32,
     depth_offset: f32,
+    close_gaps: u32,
     atomics: u32,
 }
 const SPLAT_QUALITY_NEAREST: u32 = 0u;

@@ -121,10 +121,14 @@ impl ColorPlan {
     }
 }
 
-/// RGB where there is any, else intensity that varies, else height.
+/// RGB where there is any. A survey (scaled integer coordinates) without has its intensity, if that varies, else its height.
+/// Any other cloud is shown plain: the floats that meshes and reconstructions call intensity are rarely brightness.
 fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>) -> ColorSource {
     if has_colors {
         return ColorSource::Rgb;
+    }
+    if cloud.grid.is_none() {
+        return ColorSource::Plain;
     }
     let varies = |index: &usize| {
         percentile_range(&cloud.chunks, Scalar::Column(*index), 0.01, 0.99).is_some_and(|(low, high)| high > low)
@@ -291,7 +295,7 @@ mod tests {
         Cloud {
             name: "test".into(),
             attributes: vec![attribute("intensity", ColumnType::U16), attribute("gps_time", ColumnType::F64)],
-            grid: None,
+            grid: Some(cloud::Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO }),
             chunks: vec![chunk],
         }
     }
@@ -303,6 +307,8 @@ mod tests {
         assert_eq!((plan.source, warning), (ColorSource::Column(0), None));
         let (plan, _) = ColorPlan::new(&cloud(vec![0; 1000]), &color, DVec3::Z);
         assert_eq!(plan.source, ColorSource::Height);
+        let mesh = Cloud { grid: None, ..cloud((0..1000).collect()) };
+        assert_eq!(ColorPlan::new(&mesh, &color, DVec3::Z).0.source, ColorSource::Plain);
     }
 
     #[test]

@@ -39,6 +39,10 @@ pub const SPLAT_RESOLVE: Pass = Pass {
     name: "splat_resolve",
     groups: &[FRAME, PAGE, &[Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
 };
+pub const CLOSE_GAPS: Pass = Pass {
+    name: "close_gaps",
+    groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
+};
 pub const SHADE: Pass = Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float)]] };
 pub const PRESENT: Pass = Pass { name: "present", groups: &[FRAME, &[Texture, Texture, Write(Rgba8Unorm)]] };
 
@@ -51,6 +55,7 @@ pub const ALL: &[&Pass] = &[
     &SPLAT_ACCUMULATE,
     &SPLAT_AVERAGE,
     &SPLAT_RESOLVE,
+    &CLOSE_GAPS,
     &SHADE,
     &PRESENT,
 ];

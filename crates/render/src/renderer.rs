@@ -60,6 +60,7 @@ struct Pipelines {
     splat_accumulate: Compiled,
     splat_average: Compiled,
     splat_resolve: Compiled,
+    close_gaps: Compiled,
     shade: Compiled,
     present: Compiled,
 }
@@ -72,11 +73,29 @@ struct Targets {
     /// Sums of the high quality, made when it is first asked for. 32-bit fixed point: at the largest weight of 64, albedo
     /// (12 bits) and signed normals (11 bits) take 16 thousand splats a pixel before they could overflow.
     sums: Option<[wgpu::Buffer; 3]>,
-    albedo: wgpu::Texture,
-    normal: wgpu::Texture,
-    depth: wgpu::Texture,
+    /// As splatted.
+    splatted: GBuffer,
+    /// With its gaps closed, where that is asked for.
+    closed: GBuffer,
+    gaps_are_closed: bool,
     color: wgpu::Texture,
     picture: wgpu::Texture,
+}
+
+/// What is seen at each pixel.
+struct GBuffer {
+    /// Linear albedo; specular intensity.
+    albedo: wgpu::Texture,
+    /// World normal towards the eye; specular power.
+    normal: wgpu::Texture,
+    /// Linear depth, world units; 0: empty.
+    depth: wgpu::Texture,
+}
+
+impl GBuffer {
+    fn views(&self) -> [wgpu::TextureView; 3] {
+        [&self.albedo, &self.normal, &self.depth].map(|texture| texture.create_view(&Default::default()))
+    }
 }
 
 impl Renderer {
@@ -94,6 +113,7 @@ impl Renderer {
             splat_accumulate: compile(&passes::SPLAT_ACCUMULATE)?,
             splat_average: compile(&passes::SPLAT_AVERAGE)?,
             splat_resolve: compile(&passes::SPLAT_RESOLVE)?,
+            close_gaps: compile(&passes::CLOSE_GAPS)?,
             shade: compile(&passes::SHADE)?,
             present: compile(&passes::PRESENT)?,
         };
@@ -140,7 +160,7 @@ impl Renderer {
         let frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
         let list = store.draw_list(&frame_camera);
         let inputs = Inputs::new(&self.gpu, frame_camera, settings, store, &list);
-        let targets = self.targets.as_ref().ok_or_else(|| Error::Lost("no targets".into()))?;
+        let targets = self.targets.as_ref().ok_or_else(nothing_rendered)?;
         let mut recorder = Recorder::new(&self.gpu);
 
         recorder.clear(&targets.nearest);
@@ -153,44 +173,49 @@ impl Renderer {
         for pass in splats.into_iter().flatten() {
             self.each_page(&mut recorder, pass, &inputs, std::slice::from_ref(&nearest));
         }
-        let [albedo, normal, depth, color, picture] =
-            [&targets.albedo, &targets.normal, &targets.depth, &targets.color, &targets.picture]
-                .map(|texture| texture.create_view(&Default::default()));
-        let texture = wgpu::BindingResource::TextureView;
+        let splatted = targets.splatted.views();
+        let splatted = splatted.each_ref().map(wgpu::BindingResource::TextureView);
         match (settings.splat.quality, &targets.sums) {
             (Quality::High, Some(sums)) => {
                 for buffer in sums {
                     recorder.clear(buffer);
                 }
-                let [color_sums, surface_sums, specular_sums] = [0, 1, 2].map(|i: usize| sums[i].as_entire_binding());
+                let [color_sums, surface_sums, specular_sums] = sums.each_ref().map(|sums| sums.as_entire_binding());
                 let sums = [nearest, color_sums, surface_sums, specular_sums];
                 self.each_page(&mut recorder, &self.pipelines.splat_accumulate, &inputs, &sums);
-                let outputs = [texture(&albedo), texture(&normal), texture(&depth)];
-                let resources: Vec<wgpu::BindingResource<'_>> = sums.into_iter().chain(outputs).collect();
+                let resources: Vec<_> = sums.iter().chain(&splatted).cloned().collect();
                 self.each_pixel(&mut recorder, &self.pipelines.splat_average, &inputs, &resources);
             }
             _ => {
-                let resources = [nearest, texture(&albedo), texture(&normal), texture(&depth)];
+                let resources: Vec<_> = std::iter::once(&nearest).chain(&splatted).cloned().collect();
                 self.each_page_pixel(&mut recorder, &self.pipelines.splat_resolve, &inputs, &resources);
             }
         }
-        let resources = [texture(&albedo), texture(&normal), texture(&depth), texture(&color)];
-        self.each_pixel(&mut recorder, &self.pipelines.shade, &inputs, &resources);
-        self.each_pixel(
-            &mut recorder,
-            &self.pipelines.present,
-            &inputs,
-            &[texture(&color), texture(&depth), texture(&picture)],
-        );
+        let closed = targets.closed.views();
+        let closed = closed.each_ref().map(wgpu::BindingResource::TextureView);
+        if settings.splat.close_gaps {
+            let resources: Vec<_> = splatted.iter().chain(&closed).cloned().collect();
+            self.each_pixel(&mut recorder, &self.pipelines.close_gaps, &inputs, &resources);
+        }
+        let [albedo, normal, depth] = if settings.splat.close_gaps { closed } else { splatted };
+        let [color, picture] =
+            [&targets.color, &targets.picture].map(|texture| texture.create_view(&Default::default()));
+        let [color, picture] = [&color, &picture].map(wgpu::BindingResource::TextureView);
+        self.each_pixel(&mut recorder, &self.pipelines.shade, &inputs, &[albedo, normal, depth.clone(), color.clone()]);
+        self.each_pixel(&mut recorder, &self.pipelines.present, &inputs, &[color, depth, picture]);
 
         let (passes, frame_milliseconds) = recorder.finish()?;
+        let gpu_bytes = store.gpu_bytes() + targets.bytes();
+        if let Some(targets) = &mut self.targets {
+            targets.gaps_are_closed = settings.splat.close_gaps;
+        }
         self.camera = Some(frame_camera);
         Ok(FrameStats {
             passes,
             frame_milliseconds,
             points_drawn: list.points,
             points_resident: store.points(),
-            gpu_bytes: store.gpu_bytes() + targets.bytes(),
+            gpu_bytes,
             clock: self.gpu.clock,
         })
     }
@@ -215,11 +240,12 @@ impl Renderer {
     pub fn read_aov(&self, aov: Aov) -> Result<AovImage> {
         let targets = self.rendered()?;
         let camera = self.camera.ok_or_else(nothing_rendered)?;
-        let depth = floats32(&self.gpu.read_texture(&targets.depth)?);
+        let surface = if targets.gaps_are_closed { &targets.closed } else { &targets.splatted };
+        let depth = floats32(&self.gpu.read_texture(&surface.depth)?);
         let per_pixel: Vec<f32> = match aov {
             Aov::Depth => depth.clone(),
-            Aov::Normal => floats32(&self.gpu.read_texture(&targets.normal)?),
-            Aov::Albedo | Aov::Mirror => floats16(&self.gpu.read_texture(&targets.albedo)?),
+            Aov::Normal => floats32(&self.gpu.read_texture(&surface.normal)?),
+            Aov::Albedo | Aov::Mirror => floats16(&self.gpu.read_texture(&surface.albedo)?),
             Aov::Color => floats16(&self.gpu.read_texture(&targets.color)?),
             Aov::Position => Vec::new(),
         };
@@ -401,13 +427,18 @@ impl Targets {
                 view_formats: &[],
             })
         };
+        let surface = || GBuffer {
+            albedo: texture("albedo", wgpu::TextureFormat::Rgba16Float),
+            normal: texture("normal", wgpu::TextureFormat::Rgba32Float),
+            depth: texture("depth", wgpu::TextureFormat::R32Float),
+        };
         Self {
             size,
             nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * 8),
             sums: None,
-            albedo: texture("albedo", wgpu::TextureFormat::Rgba16Float),
-            normal: texture("normal", wgpu::TextureFormat::Rgba32Float),
-            depth: texture("depth", wgpu::TextureFormat::R32Float),
+            splatted: surface(),
+            closed: surface(),
+            gaps_are_closed: false,
             color: texture("color", wgpu::TextureFormat::Rgba16Float),
             picture: texture("picture", wgpu::TextureFormat::Rgba8Unorm),
         }
@@ -415,7 +446,7 @@ impl Targets {
 
     fn bytes(&self) -> u64 {
         let sums = if self.sums.is_some() { 40 } else { 0 };
-        u64::from(self.size[0]) * u64::from(self.size[1]) * (8 + sums + 8 + 16 + 4 + 8 + 4)
+        u64::from(self.size[0]) * u64::from(self.size[1]) * (8 + sums + 2 * (8 + 16 + 4) + 8 + 4)
     }
 }
 

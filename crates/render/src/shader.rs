@@ -13,7 +13,7 @@ macro_rules! embedded {
 
 /// The passes, by name.
 pub const PASSES: &[(&str, &str)] = embedded!("": splat_nearest, splat_depth, splat_identity, splat_accumulate, splat_average,
-    splat_resolve, shade, present);
+    splat_resolve, close_gaps, shade, present);
 
 const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, color);
 

@@ -57,13 +57,15 @@ params! {
         max_pixels: f32 = 64.0, 1.0..=512.0, "pixels";
         /// High quality: how far behind the front point others still count, in splat radii.
         depth_offset: f32 = 1.0, 0.01..=10.0, "radii";
+        /// Close pixels that see through a gap between splats: empty or far behind, with a nearer surface around them.
+        close_gaps: bool = true;
         /// Width of the atomics; auto takes 64 bits where the adapter has them.
         atomics: Atomics = Atomics::Auto;
     }
 
     /// Colour of the points.
     pub struct Color = "color" {
-        /// What colours the points; auto takes RGB where a cloud has it, else intensity, else height.
+        /// What colours the points; auto takes RGB where a cloud has it; for LAS and LAZ without, intensity, else height; else plain.
         by: ColorBy = ColorBy::Auto;
         /// Name of the attribute shown when color.by is attribute (any extra byte or PLY property).
         attribute: String = String::new();
@@ -88,7 +90,7 @@ params! {
     /// Light.
     pub struct Light = "light" {
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
-        headlight: f32 = 0.3, 0.0..=1.0, "share";
+        headlight: f32 = 0.5, 0.0..=1.0, "share";
     }
 
     /// Surface estimation: normals and spacing of clouds that come without.

@@ -1,0 +1,77 @@
+// Closes pixels that see through a gap between splats: points are samples, and however large the discs, some pixels between
+// them stay open. A pixel counts as a gap if at least six of its eight neighbours form one surface nearer than what it shows;
+// it takes their mean. Outlines have at most five such neighbours, so they stay where they are. One thread a pixel.
+#import frame
+#import params
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var albedo_in: texture_2d<f32>;
+@group(1) @binding(1) var normal_in: texture_2d<f32>;
+@group(1) @binding(2) var depth_in: texture_2d<f32>;
+@group(1) @binding(3) var albedo_out: texture_storage_2d<rgba16float, write>;
+@group(1) @binding(4) var normal_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(5) var depth_out: texture_storage_2d<r32float, write>;
+
+// Neighbours this much behind the nearest of them, or less, are one surface with it; a pixel behind by more is behind it.
+// Relative to the depth: a surface seen at 80 degrees changes by this much over two pixels of a 60-degree picture.
+const SAME_SURFACE: f32 = 0.02;
+const ENOUGH: u32 = 6u;
+
+@compute @workgroup_size(8, 8)
+fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let center = vec2i(id.xy);
+    let own_depth = textureLoad(depth_in, center, 0).x;
+    var albedo = textureLoad(albedo_in, center, 0);
+    var normal = textureLoad(normal_in, center, 0);
+    var depth = own_depth;
+    let last = vec2i(i32(frame.width), i32(frame.height)) - 1;
+    var depths: array<f32, 8>;
+    var front = 3e38;
+    for (var i = 0; i < 8; i++) {
+        let at = center + neighbor(i);
+        // Beyond the picture's edge nothing is known.
+        depths[i] = 0.0;
+        if all(at >= vec2i(0)) && all(at <= last) {
+            depths[i] = textureLoad(depth_in, at, 0).x;
+        }
+        if depths[i] > 0.0 {
+            front = min(front, depths[i]);
+        }
+    }
+    let limit = front * (1.0 + SAME_SURFACE);
+    if own_depth == 0.0 || own_depth > limit {
+        var count = 0u;
+        var albedo_sum = vec4f(0.0);
+        var normal_sum = vec4f(0.0);
+        var depth_sum = 0.0;
+        for (var i = 0; i < 8; i++) {
+            if depths[i] > 0.0 && depths[i] <= limit {
+                let at = center + neighbor(i);
+                count += 1u;
+                albedo_sum += textureLoad(albedo_in, at, 0);
+                normal_sum += textureLoad(normal_in, at, 0);
+                depth_sum += depths[i];
+            }
+        }
+        if count >= ENOUGH {
+            albedo = albedo_sum / f32(count);
+            let direction = normal_sum.xyz;
+            let mean = select(normal.xyz, normalize(direction), dot(direction, direction) > 0.0);
+            normal = vec4f(mean, normal_sum.w / f32(count));
+            depth = depth_sum / f32(count);
+        }
+    }
+    textureStore(albedo_out, center, albedo);
+    textureStore(normal_out, center, normal);
+    textureStore(depth_out, center, vec4f(depth));
+}
+
+fn neighbor(index: i32) -> vec2i {
+    // 0 to 7 around the pixel, the pixel itself left out.
+    let i = index + select(0, 1, index >= 4);
+    return vec2i(i % 3 - 1, i / 3 - 1);
+}
