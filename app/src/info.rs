@@ -219,9 +219,12 @@ fn wrapped(words: &[String], width: usize) -> Vec<String> {
             Some(line) if line.len() + word.len() + 2 <= width => {
                 line.push_str(", ");
                 line.push_str(word);
+                continue;
             }
-            _ => lines.push(word.clone()),
+            Some(line) => line.push(','),
+            None => {}
         }
+        lines.push(word.clone());
     }
     lines
 }
@@ -249,6 +252,6 @@ mod tests {
     #[test]
     fn long_lists_break_between_words() {
         let words: Vec<String> = (0..5).map(|index| format!("word{index} u8")).collect();
-        assert_eq!(wrapped(&words, 20), ["word0 u8, word1 u8", "word2 u8, word3 u8", "word4 u8"]);
+        assert_eq!(wrapped(&words, 20), ["word0 u8, word1 u8,", "word2 u8, word3 u8,", "word4 u8"]);
     }
 }

@@ -129,7 +129,9 @@ pub fn scenes(as_json: bool) -> anyhow::Result<()> {
     for (name, help) in scenes {
         let _ = writeln!(text, "{name:<26}{help}");
     }
-    text.push_str("\nOpen one as a file: glint five-mirrors/sphere; --set scene.points=N samples it with N points.\n");
+    text.push_str(
+        "\nOpen one like a file: glint five-mirrors/sphere, or glint render five-mirrors/sphere -o sphere.png\n",
+    );
     crate::print(&text)
 }
 

@@ -65,7 +65,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
 
     let mut renderer = Renderer::new(gpu.clone())?;
-    let mut draw = || renderer.render(&mut store, &camera, &settings, arguments.size);
+    let mut draw = || renderer.render(&store, &camera, &settings, arguments.size);
     let mut frames = vec![draw()?];
     if arguments.stats.is_some() {
         // The frame before was the one to warm up.
@@ -211,9 +211,13 @@ fn load(request: Request, settings: &Settings) -> anyhow::Result<(Vec<Loaded>, u
             bar.suspend(|| crate::complain(&format!("warning: {name}: {warning}")));
         }
     };
+    let mut surfels_begun = false;
     loop {
-        let surfels_begun = job.surfel_progress.total() > 0;
-        bar.set_message(if surfels_begun { "normals" } else { "reading" });
+        if !surfels_begun && job.surfel_progress.total() > 0 {
+            surfels_begun = true;
+            bar.reset();
+            bar.set_message("normals");
+        }
         progress_bar::update(&bar, if surfels_begun { &job.surfel_progress } else { &job.progress });
         match job.events.recv_timeout(INTERVAL) {
             Err(RecvTimeoutError::Timeout) => {}
