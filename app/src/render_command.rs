@@ -10,7 +10,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use cloud::{Bounds, Cloud, Progress};
+use cloud::{Cloud, Progress};
 use glam::DVec3;
 use param::Choice as _;
 use render::{Aov, ColorPlan, FrameStats, Gpu, PointStore, Renderer};
@@ -54,11 +54,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         // All that is to be said has been said.
         return Ok(2);
     }
-    let bounds = clouds.iter().fold(Bounds::EMPTY, |all, loaded| all.union(cloud::robust_bounds(&loaded.cloud.chunks)));
+    let outline: Vec<DVec3> = clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks)).collect();
     let Some(up) = clouds.iter().find(|loaded| !loaded.cloud.is_empty()).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", arguments.inputs.join(", "))));
     };
-    let camera = viewpoint.camera(bounds, up, &settings, arguments.size);
+    let camera = viewpoint.camera(&outline, up, &settings, arguments.size);
     let mut store = PointStore::new(gpu.clone());
     for loaded in &mut clouds {
         upload(&mut store, loaded, &settings)?;
@@ -178,11 +178,11 @@ impl Viewpoint {
         view.camera.map(Self::Camera).ok_or_else(|| usage(format!("--camera {word}: there is no [camera] in it")))
     }
 
-    fn camera(&self, bounds: Bounds, up: DVec3, settings: &Settings, size: [u32; 2]) -> Camera {
+    fn camera(&self, outline: &[DVec3], up: DVec3, settings: &Settings, size: [u32; 2]) -> Camera {
         let aspect = f64::from(size[0]) / f64::from(size[1]);
         match self {
             Self::Camera(camera) => *camera,
-            Self::Framing(view) => Camera::framing(bounds, *view, up, settings.view.field_of_view, aspect),
+            Self::Framing(view) => Camera::framing(outline, *view, up, settings.view.field_of_view, aspect),
         }
     }
 }
@@ -470,7 +470,7 @@ mod tests {
         let viewpoint = Viewpoint::new(path.to_str(), &Request::default(), &mut settings).unwrap();
         settings.set_text("splat.size", "4").unwrap();
         assert_eq!((settings.splat.size, settings.edl.strength), (4.0, 2.0));
-        let seen = viewpoint.camera(Bounds::EMPTY, DVec3::Z, &settings, [8, 8]);
+        let seen = viewpoint.camera(&[], DVec3::Z, &settings, [8, 8]);
         assert!(seen.eye.distance(camera.eye) < 1e-12);
     }
 
