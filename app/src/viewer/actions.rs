@@ -89,6 +89,7 @@ impl State {
                 self.effects.push(Effect::SetFullScreen(self.is_full_screen));
             }
             Action::SavePicture => self.save_picture(),
+            Action::StopLoading => self.stop_loading(),
             Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
         }
     }
@@ -102,18 +103,16 @@ impl State {
     }
 
     fn frame_all(&mut self) {
-        let bounds = self.bounds();
-        if !bounds.is_empty() {
+        if !self.bounds().is_empty() {
             let mut camera = self.camera;
-            camera.frame(bounds, self.settings.view.field_of_view, self.aspect());
+            camera.frame(&self.outline(), self.settings.view.field_of_view, self.aspect());
             self.jump(self.settings.clone(), camera);
         }
     }
 
     fn look_from(&mut self, view: StandardView) {
-        let bounds = self.bounds();
-        if !bounds.is_empty() {
-            let camera = self.framed(bounds, view);
+        if !self.bounds().is_empty() {
+            let camera = self.framed(&self.outline(), view);
             self.jump(self.settings.clone(), camera);
         }
     }

@@ -49,6 +49,7 @@ pub enum Action {
     ToggleFullScreen,
     SavePicture,
     ToggleShortcuts,
+    StopLoading,
 }
 
 /// The modifier keys a gesture needs: exactly these. `ctrl` is the command key on a Mac.
@@ -100,9 +101,7 @@ const fn bind(section: &'static str, trigger: Trigger, action: Action, text: &'s
     Binding { section, mode: None, trigger, action, text }
 }
 
-const fn bind_in(
-    mode: Mode, section: &'static str, trigger: Trigger, action: Action, text: &'static str,
-) -> Binding {
+const fn bind_in(mode: Mode, section: &'static str, trigger: Trigger, action: Action, text: &'static str) -> Binding {
     Binding { section, mode: Some(mode), trigger, action, text }
 }
 
@@ -162,6 +161,7 @@ pub const BINDINGS: &[Binding] = {
         bind(COLORS, key(Key::Minus), A::PointSize(-1.0), "Points smaller"),
         bind(FILES, Trigger::Key(CTRL, Key::O), A::Open, "Open files"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::O), A::OpenPath, "Open by typing a path"),
+        bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopLoading, "Stop loading; what is loaded stays"),
         bind(FILES, key(Key::F12), A::SavePicture, "Save the picture"),
         bind(FILES, Trigger::Key(CTRL, Key::C), A::CopyView, "Copy the view as text"),
         bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),

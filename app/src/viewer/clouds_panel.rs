@@ -57,12 +57,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         Wish::Show(visible) => state.set_visible(key, visible),
         Wish::Remove => state.remove_cloud(key),
         Wish::Frame => {
-            let bounds = state.cloud(key).and_then(|entry| entry.figures.as_ref()).map(|figures| figures.bounds);
-            if let Some(bounds) = bounds.filter(|bounds| !bounds.is_empty()) {
-                let mut camera = state.framed(bounds, StandardView::Isometric);
+            let outline =
+                state.cloud(key).and_then(|entry| entry.figures.as_ref()).map(|figures| figures.outline.clone());
+            if let Some(outline) = outline.filter(|outline| !outline.is_empty()) {
+                let mut camera = state.framed(&outline, StandardView::Isometric);
                 // As it is looked at now, but at this cloud.
                 camera.eye = camera.pivot - state.camera.forward() * camera.distance();
-                camera.frame(bounds, state.settings.view.field_of_view, state.aspect());
+                camera.frame(&outline, state.settings.view.field_of_view, state.aspect());
                 state.jump(state.settings.clone(), camera);
             }
         }
@@ -72,9 +73,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 /// An open or closed eye that can be clicked. `of` is read out by screen readers.
 pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(20.0, 16.0), Sense::click());
-    response.widget_info(|| {
-        egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}"))
-    });
+    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}")));
     let color = match (open, response.hovered()) {
         (_, true) => egui::Color32::WHITE,
         (true, false) => ui.visuals().text_color(),

@@ -22,9 +22,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.add(egui::ProgressBar::new(share).text(format!("reading {name}")).desired_height(14.0));
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
-    let with_ramp = state.clouds.iter().filter(|entry| entry.is_visible).find_map(|entry| {
-        entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty())
-    });
+    let with_ramp = state
+        .clouds
+        .iter()
+        .filter(|entry| entry.is_visible)
+        .find_map(|entry| entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()));
     if let Some(figures) = with_ramp {
         let color = &state.settings.color;
         let (low, high) = histogram(ui, figures, color.ramp, color.low, color.high);
@@ -76,7 +78,8 @@ fn attribute_choice(ui: &mut Ui, state: &mut State) {
 fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
     let plan = &figures.plan;
     let (start, end) = plan.full_range;
-    let place_of = |value: f64| if end > start { ((value - start) / (end - start)).clamp(0.0, 1.0) as f32 } else { 0.5 };
+    let place_of =
+        |value: f64| if end > start { ((value - start) / (end - start)).clamp(0.0, 1.0) as f32 } else { 0.5 };
     ui.label(RichText::new(&plan.label).small().color(theme::WEAK));
     let (outer, response) = ui.allocate_exact_size(vec2(ui.available_width(), 70.0), Sense::click_and_drag());
     // Room for the handles at the ends.

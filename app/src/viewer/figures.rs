@@ -26,6 +26,8 @@ pub struct Figures {
     pub classes: Vec<(u8, u64)>,
     /// Without stray points.
     pub bounds: Bounds,
+    /// What to frame.
+    pub outline: Vec<DVec3>,
 }
 
 /// As many as the panel has pixels to show.
@@ -35,7 +37,9 @@ impl Figures {
     pub fn of(cloud: &Cloud, color: &scene::Color, up: DVec3) -> Self {
         let (plan, warning) = ColorPlan::new(cloud, color, up);
         let histogram = plan.histogram(cloud, up, HISTOGRAM_BINS);
-        Self { plan, warning, histogram, classes: classes(cloud), bounds: cloud::robust_bounds(&cloud.chunks) }
+        let bounds = cloud::robust_bounds(&cloud.chunks);
+        let outline = cloud::robust_outline(&cloud.chunks);
+        Self { plan, warning, histogram, classes: classes(cloud), bounds, outline }
     }
 }
 

@@ -43,8 +43,9 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
     if let Some(prompt) = &mut state.path_prompt {
         match prompt.show(ui.ctx()) {
             Some(Outcome::Open(path)) => {
-                state.path_prompt = None;
-                state.open(&[path]);
+                if state.open(&[path]) {
+                    state.path_prompt = None;
+                }
             }
             Some(Outcome::Close) => state.path_prompt = None,
             None => {}
@@ -78,7 +79,9 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
         });
         section(ui, "Colour", true, |ui| colors_panel::show(ui, state));
         for (title, groups) in SECTIONS {
-            section(ui, title, title != "When loading", |ui| parameter_groups(ui, state, |name| groups.contains(&name)));
+            section(ui, title, title != "When loading", |ui| {
+                parameter_groups(ui, state, |name| groups.contains(&name))
+            });
         }
         let is_named = |name: &str| name == "color" || SECTIONS.iter().any(|(_, groups)| groups.contains(&name));
         if state.settings.groups().iter().any(|params| !is_named(params.group().name)) {
@@ -185,7 +188,7 @@ fn empty_state(ui: &mut Ui, state: &mut State, rect: Rect) {
                 state.act(Action::Open);
             }
             ui.add_space(14.0);
-            ui.label(RichText::new("or look at a built-in scene").color(theme::WEAK));
+            ui.label(RichText::new("or look at a built-in scene: five mirrors").color(theme::WEAK));
             ui.add_space(4.0);
         });
         let names = loading::built_in_names();
@@ -228,7 +231,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
         }
         if let Some(job) = state.jobs.first() {
             if job_progress(ui, job) {
-                state.cancel_loading();
+                state.stop_loading();
             }
             ui.ctx().request_repaint_after(Duration::from_millis(100));
         } else {
@@ -250,7 +253,9 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             }
             if let Some((_, Some(world))) = state.navigation.hovered {
                 ui.add_space(6.0);
-                let text = RichText::new(pick_panel::coordinates(world)).monospace().size(11.5);
+                // Enough to read along; a pick gives the rest.
+                let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
+                let text = RichText::new(text).monospace().size(11.5);
                 ui.label(text.color(theme::WEAK));
             }
         });
@@ -267,7 +272,9 @@ fn job_progress(ui: &mut Ui, job: &JobEntry) -> bool {
     };
     let share = if total > 0 { (done as f32 / total as f32).clamp(0.0, 1.0) } else { 0.0 };
     ui.label(format!("{verb} {}", job.name));
-    ui.add(egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0).fill(theme::ACCENT.gamma_multiply(0.7)));
+    ui.add(
+        egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0).fill(theme::ACCENT.gamma_multiply(0.7)),
+    );
     ui.label(RichText::new(progress_text(done, total, is_reading, job.started.elapsed())).small().color(theme::WEAK));
     ui.small_button("Cancel").on_hover_text("Stop; what is loaded stays").clicked()
 }
@@ -298,6 +305,9 @@ fn messages_button(ui: &mut Ui, state: &mut State) {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
@@ -375,6 +385,18 @@ mod tests {
             let name = params.group().name;
             assert!(named.contains(&name) || name == "color", "{name} has no section");
         }
+    }
+
+    #[test]
+    fn cancel_stops_reading_and_estimating() {
+        let mut harness = harness();
+        let (progress, surfel_progress) = (Arc::new(Progress::default()), Arc::new(Progress::default()));
+        progress.set_total(100);
+        harness.state_mut().add_job(Vec::new(), progress.clone(), surfel_progress.clone());
+        harness.run_ok();
+        harness.get_by_label("Cancel").click();
+        harness.run_ok();
+        assert!(progress.is_cancelled() && surfel_progress.is_cancelled());
     }
 
     #[test]

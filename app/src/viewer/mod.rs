@@ -150,6 +150,7 @@ impl ApplicationHandler<Wake> for Viewer {
             }
             Wake::Chosen(None, took) => {
                 if took < QUICKEST_HAND {
+                    self.state.log(json!({ "event": "prompt" }));
                     let reason = "No file dialog answers on this desktop: type the path.";
                     self.state.path_prompt = Some(PathPrompt::because(reason));
                 }

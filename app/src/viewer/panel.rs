@@ -43,7 +43,9 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value) -> Option<Value> 
         label.on_hover_ui(|ui| {
             ui.set_max_width(300.0);
             ui.label(field.help);
-            ui.label(RichText::new(format!("{group}.{} · {}", field.name, field.range_text())).small().color(theme::WEAK));
+            ui.label(
+                RichText::new(format!("{group}.{} · {}", field.name, field.range_text())).small().color(theme::WEAK),
+            );
             let reset = format!("default {} · double-click resets", field.format(&field.default()));
             ui.label(RichText::new(reset).small().color(theme::WEAK));
         });

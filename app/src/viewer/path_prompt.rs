@@ -94,7 +94,11 @@ impl PathPrompt {
                 self.is_shown = false;
                 None
             }
-            Some(Outcome::Open(text)) => Some(Outcome::Open(expanded(&text).display().to_string())),
+            Some(Outcome::Open(text)) => {
+                // If it names nothing, the prompt stays, ready for another try.
+                self.is_shown = false;
+                Some(Outcome::Open(expanded(&text).display().to_string()))
+            }
             other => other,
         }
     }

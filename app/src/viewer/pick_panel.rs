@@ -31,11 +31,8 @@ fn contents(ui: &mut Ui, state: &mut State) {
     ui.set_width(290.0);
     if let Some(distance) = state.distance() {
         egui::Grid::new("distance").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
-            let figures = [
-                ("Distance", distance.total),
-                ("Horizontal", distance.horizontal),
-                ("Vertical", distance.vertical),
-            ];
+            let figures =
+                [("Distance", distance.total), ("Horizontal", distance.horizontal), ("Vertical", distance.vertical)];
             for (name, value) in figures {
                 ui.label(RichText::new(name).strong());
                 ui.label(RichText::new(format!("{value:.4}")).monospace());
@@ -92,7 +89,8 @@ pub fn coordinates(world: DVec3) -> String {
 /// The fewest decimals that mean the same number but for the rounding of integer times scale plus offset: two units in the
 /// last place of the double.
 fn shortest(value: f64) -> String {
-    let same = |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
+    let same =
+        |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
     (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
 }
 
@@ -100,7 +98,8 @@ fn shortest(value: f64) -> String {
 fn as_text(picks: &[Pick]) -> String {
     let mut text = String::new();
     for pick in picks {
-        text += &format!("{}\tpoint {}\t{}\n", pick.cloud, pick.point.point, coordinates(pick.world).replace("  ", "\t"));
+        text +=
+            &format!("{}\tpoint {}\t{}\n", pick.cloud, pick.point.point, coordinates(pick.world).replace("  ", "\t"));
         for (name, value) in pick.record.iter().flatten().flatten() {
             text += &format!("{name}\t{value}\n");
         }

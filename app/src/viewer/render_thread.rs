@@ -43,18 +43,45 @@ pub enum PickPurpose {
 }
 
 pub enum Command {
-    AddCloud { key: CloudKey, material: Material, provisional_radius: f32 },
+    AddCloud {
+        key: CloudKey,
+        material: Material,
+        provisional_radius: f32,
+    },
     /// Adds the chunk, or replaces the one with the same `first_point`. `classes` is the column of that index.
-    Chunk { key: CloudKey, chunk: Chunk, classes: Option<usize> },
+    Chunk {
+        key: CloudKey,
+        chunk: Chunk,
+        classes: Option<usize>,
+    },
     /// `cloud` has the column that the plan shows.
-    Color { key: CloudKey, cloud: Cloud, plan: ColorPlan, up: DVec3 },
-    SetVisible { key: CloudKey, visible: bool },
-    SetVisibleClasses { key: CloudKey, visible: Box<[bool; 256]> },
-    Remove { key: CloudKey },
+    Color {
+        key: CloudKey,
+        cloud: Cloud,
+        plan: ColorPlan,
+        up: DVec3,
+    },
+    SetVisible {
+        key: CloudKey,
+        visible: bool,
+    },
+    SetVisibleClasses {
+        key: CloudKey,
+        visible: Box<[bool; 256]>,
+    },
+    Remove {
+        key: CloudKey,
+    },
     Frame(FrameRequest),
-    Pick { pixel: [u32; 2], purpose: PickPurpose },
+    Pick {
+        pixel: [u32; 2],
+        purpose: PickPurpose,
+    },
     /// Draws once more and writes a PNG file.
-    Save { request: FrameRequest, path: PathBuf },
+    Save {
+        request: FrameRequest,
+        path: PathBuf,
+    },
 }
 
 /// A picture that is ready to be shown.
@@ -77,9 +104,15 @@ pub struct PickedPoint {
 
 pub enum Report {
     /// Shaders are compiled.
-    Ready { adapter: String },
+    Ready {
+        adapter: String,
+    },
     Frame(Box<Frame>),
-    Picked { pixel: [u32; 2], purpose: PickPurpose, point: Option<PickedPoint> },
+    Picked {
+        pixel: [u32; 2],
+        purpose: PickPurpose,
+        point: Option<PickedPoint>,
+    },
     Saved(PathBuf),
     Problem(String),
     /// Nothing can be drawn any more.
@@ -209,9 +242,10 @@ impl Worker {
             Command::Color { key, cloud, plan, up } => {
                 if let Some(resident) = self.clouds.get(&key) {
                     // Chunks that the store refused are left out.
-                    let resident_chunks = cloud.chunks.iter().filter_map(|chunk| {
-                        resident.chunks.get(&chunk.first_point).map(|id| (chunk.clone(), *id))
-                    });
+                    let resident_chunks = cloud
+                        .chunks
+                        .iter()
+                        .filter_map(|chunk| resident.chunks.get(&chunk.first_point).map(|id| (chunk.clone(), *id)));
                     let (chunks, ids): (Vec<_>, Vec<_>) = resident_chunks.unzip();
                     self.store.set_color(resident.id, &Cloud { chunks, ..cloud }, &ids, &plan, up)?;
                 }

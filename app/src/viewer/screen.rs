@@ -56,7 +56,8 @@ impl Screen {
         let side = gpu.device.limits().max_texture_dimension_2d as usize;
         let scale = Some(window.scale_factor() as f32);
         let input = egui_winit::State::new(context.clone(), ViewportId::ROOT, &window, scale, None, Some(side));
-        let painter = egui_wgpu::Renderer::new(&gpu.device, configuration.format, egui_wgpu::RendererOptions::default());
+        let painter =
+            egui_wgpu::Renderer::new(&gpu.device, configuration.format, egui_wgpu::RendererOptions::default());
         Ok(Self { window, gpu, context, input, surface, configuration, painter, picture: None })
     }
 
@@ -105,7 +106,8 @@ impl Screen {
             }
         }
         let freed = std::mem::take(&mut output.textures_delta.free);
-        let next = output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |viewport| viewport.repaint_delay);
+        let next =
+            output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |viewport| viewport.repaint_delay);
         let painted = self.present(output.shapes, output.pixels_per_point);
         for id in &freed {
             self.painter.free_texture(id);

@@ -26,10 +26,25 @@ use crate::loading::{self, Input};
 /// What the window is to do.
 pub enum Effect {
     Render(Command),
-    Load { inputs: Vec<Input> },
-    FindFigures { key: CloudKey, cloud: Cloud, basis: Basis, up: DVec3 },
-    ReadColumn { key: CloudKey, source: Arc<codec::Source>, attribute: usize, progress: Arc<Progress> },
-    ReadRecord { picked: PickedPoint, source: Arc<codec::Source> },
+    Load {
+        inputs: Vec<Input>,
+    },
+    FindFigures {
+        key: CloudKey,
+        cloud: Cloud,
+        basis: Basis,
+        up: DVec3,
+    },
+    ReadColumn {
+        key: CloudKey,
+        source: Arc<codec::Source>,
+        attribute: usize,
+        progress: Arc<Progress>,
+    },
+    ReadRecord {
+        picked: PickedPoint,
+        source: Arc<codec::Source>,
+    },
     OpenDialog,
     Copy(String),
     SetFullScreen(bool),
@@ -214,11 +229,18 @@ impl State {
 
     // ---- opening ----
 
-    /// Opens what the words name: files, scenes, built-in scenes.
-    pub fn open(&mut self, words: &[String]) {
+    /// Opens what the words name: files, scenes, built-in scenes. Says what is wrong if they name nothing, and returns
+    /// whether they do.
+    pub fn open(&mut self, words: &[String]) -> bool {
         match loading::resolve(words) {
-            Ok(request) => self.open_request(request),
-            Err(error) => self.say(Level::Error, format!("{error:#}")),
+            Ok(request) => {
+                self.open_request(request);
+                true
+            }
+            Err(error) => {
+                self.say(Level::Error, format!("{error:#}"));
+                false
+            }
         }
     }
 
@@ -328,7 +350,8 @@ impl State {
             return path.display().to_string();
         }
         let inputs = self.jobs.iter().find(|entry| entry.id == job).map_or(&[][..], |entry| &entry.inputs);
-        let names: Vec<String> = inputs.iter().filter(|input| matches!(input, Input::BuiltIn(_))).map(Input::name).collect();
+        let names: Vec<String> =
+            inputs.iter().filter(|input| matches!(input, Input::BuiltIn(_))).map(Input::name).collect();
         let named = names.iter().find(|name| cloud.starts_with(name.as_str()));
         named.or(names.first()).cloned().unwrap_or_else(|| cloud.to_string())
     }
@@ -398,7 +421,8 @@ impl State {
         }
         // What could be opened but holds nothing would be a line without a picture.
         let empty = |entry: &CloudEntry| job.owns(entry.key) && entry.points == 0;
-        let names: Vec<String> = self.clouds.iter().filter(|entry| empty(entry)).map(|e| e.cloud.name.clone()).collect();
+        let names: Vec<String> =
+            self.clouds.iter().filter(|entry| empty(entry)).map(|e| e.cloud.name.clone()).collect();
         self.clouds.retain(|entry| !empty(entry));
         if !job.progress.is_cancelled() {
             for name in names {
@@ -409,7 +433,8 @@ impl State {
         self.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
     }
 
-    pub fn cancel_loading(&mut self) {
+    /// What has been read stays.
+    pub fn stop_loading(&mut self) {
         for job in &self.jobs {
             job.progress.cancel();
             job.surfel_progress.cancel();
@@ -577,16 +602,27 @@ impl State {
         f64::from(self.view_size[0].max(1)) / f64::from(self.view_size[1].max(1))
     }
 
-    pub fn framed(&self, bounds: Bounds, view: StandardView) -> Camera {
-        Camera::framing(bounds, view, self.up(), self.settings.view.field_of_view, self.aspect())
+    /// What sticks out furthest of the visible clouds: what framing has to keep in the picture.
+    pub fn outline(&self) -> Vec<DVec3> {
+        let visible = self.clouds.iter().filter(|entry| entry.is_visible);
+        let of = |entry: &CloudEntry| match &entry.figures {
+            Some(figures) => figures.outline.clone(),
+            None if entry.bounds.is_empty() => Vec::new(),
+            None => entry.bounds.corners().to_vec(),
+        };
+        visible.flat_map(of).collect()
+    }
+
+    pub fn framed(&self, outline: &[DVec3], view: StandardView) -> Camera {
+        Camera::framing(outline, view, self.up(), self.settings.view.field_of_view, self.aspect())
     }
 
     /// Shows all of `bounds` unless someone has chosen the camera.
     fn frame_while_unplaced(&mut self, bounds: Bounds) {
         if !self.camera_is_placed && !bounds.is_empty() && self.clouds.len() <= 1 {
-            self.camera = self.framed(bounds, StandardView::Isometric);
+            self.camera = self.framed(&bounds.corners(), StandardView::Isometric);
         } else if !self.camera_is_placed && !self.bounds().is_empty() {
-            self.camera = self.framed(self.bounds(), StandardView::Isometric);
+            self.camera = self.framed(&self.outline(), StandardView::Isometric);
         }
     }
 
@@ -695,9 +731,10 @@ impl State {
     /// World position of a point: the file's own coordinates.
     pub fn world_position(&self, picked: PickedPoint) -> Option<DVec3> {
         let cloud = &self.cloud(picked.key)?.cloud;
-        let chunk = cloud.chunks.iter().find(|chunk| {
-            (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&picked.point)
-        })?;
+        let chunk = cloud
+            .chunks
+            .iter()
+            .find(|chunk| (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&picked.point))?;
         Some(cloud.world_position(chunk, (picked.point - chunk.first_point) as usize))
     }
 
@@ -805,9 +842,8 @@ fn put_column(chunk: &mut Chunk, attribute: usize, columns: &BTreeMap<u64, Arc<C
 
 /// What is known of a point without a file.
 fn loaded_attributes(cloud: &Cloud, point: u64) -> Vec<(String, String)> {
-    let chunk = cloud.chunks.iter().find(|chunk| {
-        (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&point)
-    });
+    let chunk =
+        cloud.chunks.iter().find(|chunk| (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&point));
     let Some(chunk) = chunk else { return Vec::new() };
     let index = (point - chunk.first_point) as usize;
     let mut attributes = Vec::new();

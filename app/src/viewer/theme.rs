@@ -48,12 +48,8 @@ pub fn apply(context: &egui::Context) {
         style.spacing.item_spacing = egui::vec2(8.0, 5.0);
         style.spacing.button_padding = egui::vec2(8.0, 3.0);
         style.spacing.slider_width = 84.0;
-        let sizes = [
-            (TextStyle::Heading, 15.0),
-            (TextStyle::Body, 13.0),
-            (TextStyle::Button, 13.0),
-            (TextStyle::Small, 11.0),
-        ];
+        let sizes =
+            [(TextStyle::Heading, 15.0), (TextStyle::Body, 13.0), (TextStyle::Button, 13.0), (TextStyle::Small, 11.0)];
         for (text_style, size) in sizes {
             if let Some(font) = style.text_styles.get_mut(&text_style) {
                 font.size = size;

@@ -109,6 +109,28 @@ pub fn robust_bounds(chunks: &[Chunk]) -> Bounds {
     inside.reduce(|| Bounds::EMPTY, Bounds::union)
 }
 
+/// Directions an outline is taken in: a point that sticks out between two of them is missed by a hundredth of the size.
+const OUTLINE_DIRECTIONS: u64 = 256;
+
+/// The points that stick out furthest, stray ones left out, in a few hundred directions: a stand-in for the whole cloud when
+/// it is to be framed. From a sample of 100 thousand points; empty for a cloud without points.
+pub fn robust_outline(chunks: &[Chunk]) -> Vec<DVec3> {
+    let fence = robust_bounds(chunks);
+    let center = fence.center();
+    // In units of the box, so that flat clouds have an outline from every side.
+    let size = fence.size().max(DVec3::splat(f64::MIN_POSITIVE));
+    let inside = spread_sample(chunks).filter(|point| fence.contains(*point));
+    let sample: Vec<DVec3> = inside.map(|point| (point - center) / size).collect();
+    let extreme = |i: u64| {
+        // Fibonacci's spiral over the sphere.
+        let z = 1.0 - 2.0 * (i as f64 + 0.5) / OUTLINE_DIRECTIONS as f64;
+        let (sine, cosine) = (i as f64 * 2.399_963_229_728_653).sin_cos();
+        let direction = DVec3::new(cosine * (1.0 - z * z).sqrt(), sine * (1.0 - z * z).sqrt(), z);
+        sample.iter().copied().max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction)))
+    };
+    (0..OUTLINE_DIRECTIONS).into_par_iter().filter_map(extreme).map(|point| point * size + center).collect()
+}
+
 /// The values below which the shares `low` and `high` (0 ..= 1) of the points lie, from a sample of 100 thousand points.
 /// `None` if no value is finite; both the same for a constant. `(0.0, 1.0)` is not the full range of a large cloud.
 pub fn percentile_range(chunks: &[Chunk], scalar: Scalar, low: f64, high: f64) -> Option<(f64, f64)> {
@@ -145,6 +167,29 @@ pub fn histogram(chunks: &[Chunk], scalar: Scalar, (low, high): (f64, f64), bins
         a
     };
     chunks.par_iter().map(count).reduce(|| vec![0; bins], add)
+}
+
+#[cfg(test)]
+mod outline_tests {
+    use super::*;
+
+    #[test]
+    fn an_outline_holds_what_sticks_out_and_not_what_is_stray() {
+        let mut positions: Vec<[f32; 3]> = (0..5000)
+            .map(|i| {
+                let unit = |k: u64| hash(i * 3 + k) as f64 / u64::MAX as f64 * 2.0 - 1.0;
+                let direction = DVec3::new(unit(0), unit(1), unit(2)).normalize();
+                (direction * DVec3::new(4.0, 2.0, 1.0)).as_vec3().to_array()
+            })
+            .collect();
+        positions.push([900.0, 0.0, 0.0]);
+        let outline = robust_outline(&[Chunk::new(0, DVec3::new(1e6, 0.0, 0.0), positions)]);
+        let reach = |axis: DVec3| outline.iter().map(|point| (*point - DVec3::X * 1e6).dot(axis)).fold(0.0, f64::max);
+        for (axis, size) in [(DVec3::X, 4.0), (-DVec3::X, 4.0), (DVec3::Y, 2.0), (DVec3::Z, 1.0)] {
+            assert!((reach(axis) / size - 1.0).abs() < 0.02, "{axis}: {}", reach(axis));
+        }
+        assert!(robust_outline(&[]).is_empty());
+    }
 }
 
 #[cfg(test)]

@@ -107,7 +107,8 @@ fn radii_of_evenly_sampled_surfaces_follow_from_area_and_number() {
     for surface in [SQUARE, SPHERE, TORUS] {
         let count = 100_000;
         let surfels = run(&chunked(&positions(&surface.sample(count, 3)), 65_536), Orientation::Up(Vec3::Z));
-        let expected = 1.5 * (surface.area() / (std::f64::consts::PI * count as f64)).sqrt();
+        let expected =
+            f64::from(cloud::SPLAT_OVERLAP) * (surface.area() / (std::f64::consts::PI * count as f64)).sqrt();
         let mut radii: Vec<f32> =
             surfels.radii.iter().map(|&radius| unpack_radius(radius).expect("a radius")).collect();
         radii.sort_by(f32::total_cmp);
@@ -137,7 +138,7 @@ fn radii_are_those_of_exhaustive_search() {
         let mut distances: Vec<f64> =
             cloud.iter().map(|p| DVec3::from(p.map(f64::from)).distance(from)).filter(|d| *d > 0.0).collect();
         let distance = *distances.select_nth_unstable_by(neighbours - 1, f64::total_cmp).1;
-        let expected = ((1.5 * distance / (neighbours as f64).sqrt()) as f32).min(largest);
+        let expected = ((f64::from(cloud::SPLAT_OVERLAP) * distance / (neighbours as f64).sqrt()) as f32).min(largest);
         let radius = unpack_radius(radii[index]).expect("a radius");
         assert!((radius / expected - 1.0).abs() < 1e-3, "point {index}: {radius} instead of {expected}");
     }

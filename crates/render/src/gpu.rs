@@ -132,21 +132,31 @@ impl Gpu {
     /// # Errors
     /// The device was lost.
     pub fn read_texture(&self, texture: &wgpu::Texture) -> Result<Vec<u8>> {
+        self.read_rows(texture, 0, texture.height())
+    }
+
+    /// Copies `count` rows of a texture from row `first` on to the CPU, without padding.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn read_rows(&self, texture: &wgpu::Texture, first: u32, count: u32) -> Result<Vec<u8>> {
         let bytes_per_pixel = texture.format().block_copy_size(None).unwrap_or(4);
         let row = texture.width() * bytes_per_pixel;
         let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("read-back"),
-            size: u64::from(padded) * u64::from(texture.height()),
+            size: u64::from(padded) * u64::from(count),
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
         let mut encoder = self.device.create_command_encoder(&Default::default());
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded), rows_per_image: None };
+        let mut source = texture.as_image_copy();
+        source.origin.y = first;
         encoder.copy_texture_to_buffer(
-            texture.as_image_copy(),
+            source,
             wgpu::TexelCopyBufferInfo { buffer: &staging, layout },
-            texture.size(),
+            wgpu::Extent3d { width: texture.width(), height: count, depth_or_array_layers: 1 },
         );
         self.queue.submit([encoder.finish()]);
         let bytes = self.read_mapped(&staging)?;

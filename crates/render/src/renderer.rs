@@ -240,7 +240,7 @@ impl Renderer {
     pub fn read_aov(&self, aov: Aov) -> Result<AovImage> {
         let targets = self.rendered()?;
         let camera = self.camera.ok_or_else(nothing_rendered)?;
-        let surface = if targets.gaps_are_closed { &targets.closed } else { &targets.splatted };
+        let surface = targets.surface();
         let depth = floats32(&self.gpu.read_texture(&surface.depth)?);
         let per_pixel: Vec<f32> = match aov {
             Aov::Depth => depth.clone(),
@@ -270,7 +270,7 @@ impl Renderer {
         Ok(AovImage { size: targets.size, channels, data })
     }
 
-    /// The point drawn nearest to a pixel, at most `radius` pixels from it.
+    /// The point drawn nearest to a pixel, at most `radius` pixels from it; where a gap was closed, one beside it.
     ///
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
@@ -280,18 +280,23 @@ impl Renderer {
         if pixel[0] >= width || pixel[1] >= height {
             return Ok(None);
         }
+        let radius = radius.max(1);
         let (top, bottom) = (pixel[1].saturating_sub(radius), (pixel[1] + radius).min(height - 1));
         let row_bytes = u64::from(width) * 8;
         let rows = u64::from(bottom - top + 1);
         let bytes = self.gpu.read_buffer(&targets.nearest, u64::from(top) * row_bytes, rows * row_bytes)?;
         let words: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
+        let shown = floats32(&self.gpu.read_rows(&targets.surface().depth, top, bottom - top + 1)?);
         let (left, right) = (pixel[0].saturating_sub(radius), (pixel[0] + radius).min(width - 1));
         let mut best: Option<(u32, [u32; 2], [u32; 2])> = None;
         for y in top..=bottom {
             for x in left..=right {
-                let word = words[((y - top) * width + x) as usize];
+                let place = ((y - top) * width + x) as usize;
+                let word = words[place];
+                // Behind a closed gap lies a point that is not seen.
+                let is_seen = word[1] != 0 && f32::from_bits(u32::MAX - word[1]) <= shown[place] * (1.0 + SAME_SURFACE);
                 let distance = x.abs_diff(pixel[0]).pow(2) + y.abs_diff(pixel[1]).pow(2);
-                if word[1] != 0 && best.is_none_or(|(least, ..)| distance < least) {
+                if is_seen && best.is_none_or(|(least, ..)| distance < least) {
                     best = Some((distance, [x, y], word));
                 }
             }
@@ -407,6 +412,9 @@ impl Renderer {
     }
 }
 
+/// Depths that differ by this share or less are of one surface: the constant of close_gaps.wgsl.
+const SAME_SURFACE: f32 = 0.02;
+
 fn nothing_rendered() -> Error {
     Error::Shader("nothing has been rendered yet".into())
 }
@@ -442,6 +450,11 @@ impl Targets {
             color: texture("color", wgpu::TextureFormat::Rgba16Float),
             picture: texture("picture", wgpu::TextureFormat::Rgba8Unorm),
         }
+    }
+
+    /// What the picture was made from.
+    fn surface(&self) -> &GBuffer {
+        if self.gaps_are_closed { &self.closed } else { &self.splatted }
     }
 
     fn bytes(&self) -> u64 {

@@ -103,8 +103,9 @@ impl Camera {
             eye[axis] = (right - left) * 0.5;
             depth = depth.min(-(right + left) / (2.0 * tangent));
         }
-        // A single point has no size to fill the picture with.
-        eye.z = depth.min(-bounds.radius().max(1e-9) * 1e-3);
+        // A single point has no size to fill the picture with; far from the origin, doubles are a billionth of that apart.
+        let nearest = (bounds.radius() * 1e-3).max(center.abs().max_element() * 1e-9).max(1e-9);
+        eye.z = depth.min(-nearest);
         self.eye = center + rows.transpose() * eye;
         self.pivot = self.eye + rows.row(2) * -eye.z;
     }
@@ -212,6 +213,15 @@ mod tests {
                     assert!(worst <= 0.97 && worst > 0.95, "{up} {view:?}: {worst}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_single_point_is_framed_wherever_it_is() {
+        for point in [DVec3::ZERO, DVec3::new(1.2, 12_345.7, 1_234_568_000.0)] {
+            let camera = Camera::framing(&[point], StandardView::Isometric, DVec3::Z, 60.0, 1.0);
+            let view = camera.view_from_world() * (point - camera.eye);
+            assert!(view.z > 0.0 && (view.x / view.z).abs() < 0.1 && (view.y / view.z).abs() < 0.1, "{view}");
         }
     }
 

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use cloud::sampling::{Placement, StarShape, Surface, SurfacePoint, sort_along_curve};
-use cloud::{CHUNK_POINTS, Chunk, SPLAT_OVERLAP, pack_normal, pack_radius};
+use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
 use glam::{DMat3, DVec3};
 
 use crate::Camera;
@@ -91,6 +91,8 @@ impl Mirror {
 
 /// Size of a mirror among five to that of one alone.
 const ALL_SCALE: f64 = 0.38;
+/// Splat radius over the radius of a disc with a point's share of area.
+const OVERLAP: f32 = 1.5;
 
 fn blob_radius(d: DVec3) -> f64 {
     0.40 * (1.0 + 0.10 * (6.0 * d.x + 1.0).sin() * (5.0 * d.y).sin() + 0.06 * (7.0 * d.z).sin())
@@ -170,7 +172,7 @@ pub fn sample(mirror: Mirror, points: u64, seed: u64) -> Vec<Part> {
         .chain(mirrors.iter().map(|(_, surface, at)| surface.area() * at.scale * at.scale))
         .collect();
     let total_area: f64 = areas.iter().sum();
-    let radius = SPLAT_OVERLAP * (total_area / (PI * points.max(1) as f64)).sqrt() as f32;
+    let radius = OVERLAP * (total_area / (PI * points.max(1) as f64)).sqrt() as f32;
     // Shares rounded by their running sum add up to the whole.
     let mut counts = Vec::with_capacity(areas.len());
     let (mut area, mut before) = (0.0, 0);
