@@ -51,7 +51,8 @@ impl Session {
     pub fn open<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Window<'_> {
         let messages = File::create(self.folder.path("messages.txt")).expect("a file in a temporary folder");
         let mut command = self.folder.command(arguments);
-        command.env("DISPLAY", &self.display).stdout(Stdio::null()).stderr(messages);
+        command.env("DISPLAY", &self.display).env("GLINT_EVENT_LOG", self.folder.path("events.jsonl"));
+        command.stdout(Stdio::null()).stderr(messages);
         let program = command.spawn().expect("the program starts");
         let mut window = Window { session: self, program, id: String::new() };
         let process = window.program.id().to_string();
@@ -149,6 +150,25 @@ impl Window<'_> {
     /// What the program wrote to standard error so far.
     pub fn messages(&self) -> String {
         std::fs::read_to_string(self.session.folder.path("messages.txt")).unwrap_or_default()
+    }
+
+    /// What the program logged so far, oldest first.
+    pub fn events(&self) -> Vec<serde_json::Value> {
+        let text = std::fs::read_to_string(self.session.folder.path("events.jsonl")).unwrap_or_default();
+        text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+    }
+
+    /// The first event of this name, of those after the first `skipped` events of any name, that fulfils `condition`.
+    pub fn wait_for_event(
+        &self,
+        name: &str,
+        skipped: usize,
+        condition: impl Fn(&serde_json::Value) -> bool,
+    ) -> serde_json::Value {
+        self.wait_for(&format!("the event `{name}`"), |window| {
+            let events = window.events().into_iter().skip(skipped);
+            events.filter(|event| event["event"] == name).find(|event| condition(event))
+        })
     }
 
     fn hands(&self, action: &[&str], on: &[&str]) {

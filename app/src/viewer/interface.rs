@@ -150,7 +150,7 @@ fn recent_menu(ui: &mut Ui, state: &mut State) {
 fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect: Rect) {
     let scale = ui.ctx().pixels_per_point();
     let side = |length: f32| (length * scale).round().max(0.0) as u32;
-    state.view_size = [side(rect.width()), side(rect.height())];
+    state.set_view_size([side(rect.width()), side(rect.height())]);
     let [red, green, blue, _] = state.settings.view.background.bytes();
     ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
@@ -225,7 +225,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
         if ui.small_button(text).on_hover_text(help).clicked() {
             state.preferences.panel_is_open = !is_open;
         }
-        if state.adapter.is_none() {
+        if state.adapter.is_none() && state.fatal.is_none() {
             ui.spinner();
             ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
         }

@@ -93,9 +93,13 @@ impl Screen {
     }
 
     /// Runs `contents` and shows the result.
-    pub fn paint(&mut self, event_loop: &ActiveEventLoop, contents: impl FnMut(&mut egui::Ui)) -> Painted {
+    pub fn paint(&mut self, event_loop: &ActiveEventLoop, mut contents: impl FnMut(&mut egui::Ui)) -> Painted {
         let input = self.input.take_egui_input(&self.window);
-        let mut output = self.context.run_ui(input, contents);
+        let mut passes = passes(input).into_iter();
+        let mut output = self.context.run_ui(passes.next().unwrap_or_default(), &mut contents);
+        for later in passes {
+            output.append(self.context.run_ui(later, &mut contents));
+        }
         let platform = std::mem::take(&mut output.platform_output);
         self.input.handle_platform_output_with_event_loop(&self.window, event_loop, platform);
         // Before any early return: egui does not send them twice.
@@ -149,5 +153,63 @@ impl Screen {
         self.window.pre_present_notify();
         queue.present(frame);
         true
+    }
+}
+
+/// Splits input that holds both a press and its release: before egui would see a drag, the button is up again. On a slow
+/// machine a quick drag falls between two frames of the window, and must not be lost for it.
+fn passes(mut input: egui::RawInput) -> Vec<egui::RawInput> {
+    let events = std::mem::take(&mut input.events);
+    let is_button =
+        |event: &egui::Event, wanted| matches!(event, egui::Event::PointerButton { pressed, .. } if *pressed == wanted);
+    if !(events.iter().any(|event| is_button(event, true)) && events.iter().any(|event| is_button(event, false))) {
+        return vec![egui::RawInput { events, ..input }];
+    }
+    // A press ends a pass, a release begins one.
+    let mut parts: Vec<Vec<egui::Event>> = vec![Vec::new()];
+    let mut begin = false;
+    for event in events {
+        if begin || is_button(&event, false) {
+            parts.push(Vec::new());
+        }
+        begin = is_button(&event, true);
+        if let Some(part) = parts.last_mut() {
+            part.push(event);
+        }
+    }
+    parts.retain(|part| !part.is_empty());
+    let mut passes: Vec<egui::RawInput> =
+        parts.into_iter().map(|events| egui::RawInput { events, ..input.clone() }).collect();
+    for later in passes.iter_mut().skip(1) {
+        later.dropped_files.clear();
+    }
+    passes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn button(pressed: bool) -> egui::Event {
+        let (pos, modifiers) = (egui::Pos2::ZERO, egui::Modifiers::NONE);
+        egui::Event::PointerButton { pos, button: egui::PointerButton::Primary, pressed, modifiers }
+    }
+
+    #[test]
+    fn a_drag_within_one_frame_is_press_move_and_release() {
+        let moved = || egui::Event::PointerMoved(egui::Pos2::ZERO);
+        let events = vec![moved(), button(true), moved(), moved(), button(false), moved()];
+        let passes = passes(egui::RawInput { events, ..Default::default() });
+        let lengths: Vec<usize> = passes.iter().map(|pass| pass.events.len()).collect();
+        assert_eq!(lengths, [2, 2, 2]);
+    }
+
+    #[test]
+    fn other_input_stays_in_one_frame() {
+        for events in [vec![], vec![button(true)], vec![button(false)]] {
+            let count = events.len();
+            let passes = passes(egui::RawInput { events, ..Default::default() });
+            assert_eq!((passes.len(), passes[0].events.len()), (1, count));
+        }
     }
 }

@@ -626,6 +626,15 @@ impl State {
         }
     }
 
+    /// Pixels of the picture.
+    pub fn set_view_size(&mut self, size: [u32; 2]) {
+        if self.view_size != size {
+            self.view_size = size;
+            let bounds = self.bounds();
+            self.frame_while_unplaced(bounds);
+        }
+    }
+
     /// Moves the camera at once, perhaps with other parameters: one step of undo.
     pub fn jump(&mut self, settings: Settings, camera: Camera) {
         self.history.before_jump(&self.settings, self.camera);

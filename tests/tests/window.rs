@@ -1,0 +1,204 @@
+//! The window, driven as a person drives it: by mouse and keyboard, in an X session of its own. Judged by its picture and by
+//! its event log.
+
+use image::RgbaImage;
+use serde_json::Value;
+use tests::{Session, Window, colors};
+
+/// A built-in scene of few points: quick to load and to draw.
+const SMALL_SCENE: &str = "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"scene.points\" = 20000\n";
+
+/// Somewhere on the picture, right of the panel.
+const MIDDLE: [i32; 2] = [790, 380];
+
+/// A square of points two units apart at coordinates of seven digits, with an intensity.
+fn lattice() -> String {
+    let header = "ply\nformat ascii 1.0\nelement vertex 1681\nproperty double x\nproperty double y\nproperty double z\n\
+                  property ushort intensity\nend_header\n";
+    let line =
+        |i: i32, j: i32| format!("{} {} {}.25 {}\n", 5_000_000 + 2 * i, 600_000 + 2 * j, (i + j) / 20, 100 * i + j);
+    let lines = (0..41).flat_map(|i| (0..41).map(move |j| line(i, j)));
+    header.to_string() + &lines.collect::<String>()
+}
+
+/// Two gigabytes of points that are all zero, which take no room on the disk: long to read, quick to write.
+fn large_las(session: &Session, points: u32) {
+    let mut header = vec![0_u8; 227];
+    header[..4].copy_from_slice(b"LASF");
+    // Version 1.2, header size, offset to the points, point format 0 of 20 bytes.
+    header[24..26].copy_from_slice(&[1, 2]);
+    header[94..96].copy_from_slice(&227_u16.to_le_bytes());
+    header[96..100].copy_from_slice(&227_u32.to_le_bytes());
+    header[105..107].copy_from_slice(&20_u16.to_le_bytes());
+    header[107..111].copy_from_slice(&points.to_le_bytes());
+    for axis in 0..3 {
+        header[131 + 8 * axis..139 + 8 * axis].copy_from_slice(&0.01_f64.to_le_bytes());
+    }
+    let path = session.folder.write("large.las", &header);
+    let file = std::fs::File::options().write(true).open(path).expect("the file just written");
+    file.set_len(227 + 20 * u64::from(points)).expect("a sparse file");
+}
+
+/// Waits until everything is loaded and the final picture is on the screen, later than the first `skipped` events.
+fn settled(window: &Window, skipped: usize) -> RgbaImage {
+    window.wait_for_event("frame", skipped, |event| event["settled"] == true);
+    // The picture follows its event within a frame of the window.
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    window.screenshot()
+}
+
+/// The part of the window that shows the points.
+fn view(picture: &RgbaImage) -> RgbaImage {
+    image::imageops::crop_imm(picture, 320, 60, 940, 640).to_image()
+}
+
+fn number(event: &Value, path: &str) -> f64 {
+    event.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {path} in {event}"))
+}
+
+#[test]
+fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
+    let session = Session::start();
+    session.folder.write("small.toml", SMALL_SCENE);
+    let window = session.open(["small.toml"]);
+    let loaded = window.wait_for_event("loaded", 0, |_| true);
+    assert_eq!(number(&loaded, "/points"), 20_000.0);
+    let before = view(&settled(&window, 0));
+    assert!(colors(&before) > 50, "{} colours", colors(&before));
+    window.drag(1, MIDDLE, [MIDDLE[0] + 120, MIDDLE[1] + 40]);
+    window.wait_for_picture("the scene turned", |picture| view(picture) != before);
+    let seen = window.events().len();
+    window.press("ctrl+z Home 6");
+    window.wait_for_event("colored", seen, |event| event["by"] == "normal");
+    assert!(window.is_open(), "{}", window.messages());
+}
+
+#[test]
+fn a_path_that_is_typed_is_opened_where_no_dialog_answers() {
+    let session = Session::start();
+    session.folder.write("lattice.ply", lattice());
+    let window = session.open::<[&str; 0]>([]);
+    window.wait_for_event("ready", 0, |_| true);
+    window.press("ctrl+o");
+    window.wait_for_event("prompt", 0, |_| true);
+    // Until the field has the keyboard.
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    window.type_text("latt");
+    window.press("Tab Return");
+    let loaded = window.wait_for_event("loaded", 0, |_| true);
+    assert_eq!(number(&loaded, "/points"), 1681.0);
+    assert!(colors(&view(&settled(&window, 0))) > 20);
+}
+
+#[test]
+fn clicks_give_full_coordinates_attributes_and_the_distance() {
+    let session = Session::start();
+    session.folder.write("lattice.ply", lattice());
+    let window = session.open(["lattice.ply"]);
+    settled(&window, 0);
+    // From above, so that the middle of the picture is the middle of the lattice.
+    let seen = window.events().len();
+    window.press("KP_7");
+    settled(&window, seen);
+    window.click(1, MIDDLE);
+    let first = window.wait_for_event("picked", 0, |_| true);
+    let record = window.wait_for_event("record", 0, |_| true);
+    for (axis, origin) in [(0, 5_000_000.0), (1, 600_000.0)] {
+        let steps = (number(&first, &format!("/world/{axis}")) - origin) / 2.0;
+        assert!(steps.fract() == 0.0 && (0.0..=40.0).contains(&steps), "{first}");
+    }
+    let (i, j) = ((number(&first, "/world/0") - 5e6) / 2.0, (number(&first, "/world/1") - 6e5) / 2.0);
+    assert_eq!(record["attributes"]["intensity"], format!("{}", 100.0 * i + j), "{record} at {first}");
+    // Not the place of the first one, and later than a double-click.
+    std::thread::sleep(std::time::Duration::from_millis(600));
+    let seen = window.events().len();
+    window.click(1, [MIDDLE[0] + 90, MIDDLE[1] + 30]);
+    let second = window.wait_for_event("picked", seen, |_| true);
+    let distance = window.wait_for_event("distance", seen, |_| true);
+    let difference = [0, 1, 2].map(|axis| {
+        let path = format!("/world/{axis}");
+        number(&second, &path) - number(&first, &path)
+    });
+    let horizontal = difference[0].hypot(difference[1]);
+    assert!((number(&distance, "/horizontal") - horizontal).abs() < 1e-9, "{distance}");
+    assert!((number(&distance, "/vertical") - difference[2]).abs() < 1e-9, "{distance}");
+    assert!((number(&distance, "/total") - horizontal.hypot(difference[2])).abs() < 1e-9, "{distance}");
+}
+
+#[test]
+fn the_number_row_changes_the_colours() {
+    let session = Session::start();
+    session.folder.write("lattice.ply", lattice());
+    let window = session.open(["lattice.ply"]);
+    let intensity = view(&settled(&window, 0));
+    let seen = window.events().len();
+    window.press("2");
+    window.wait_for_event("colored", seen, |event| event["by"] == "height");
+    window.wait_for_picture("colours by height", |picture| view(picture) != intensity);
+    let seen = window.events().len();
+    window.press("9");
+    window.wait_for_event("colored", seen, |event| event["by"] == "plain");
+}
+
+#[test]
+fn loading_can_be_stopped_and_what_is_loaded_stays() {
+    let session = Session::start();
+    let points = 100_000_000;
+    large_las(&session, points);
+    let window = session.open(["large.las"]);
+    window.wait_for_event("opened", 0, |_| true);
+    window.press("ctrl+period");
+    window.wait_for_event("cancelled", 0, |_| true);
+    let loaded = window.wait_for_event("loaded", 0, |_| true);
+    assert!(number(&loaded, "/points") < f64::from(points), "{loaded}");
+    assert!(window.is_open(), "{}", window.messages());
+}
+
+#[test]
+fn a_bad_file_shows_its_message_and_the_rest_keeps_working() {
+    let session = Session::start();
+    session.folder.write("broken.laz", "LASF, but nothing else");
+    session.folder.write("lattice.ply", lattice());
+    let window = session.open(["broken.laz", "lattice.ply"]);
+    let message = window.wait_for_event("message", 0, |event| event["level"] == "error");
+    assert!(message["text"].as_str().is_some_and(|text| text.contains("broken.laz")), "{message}");
+    let picture = settled(&window, 0);
+    assert!(colors(&view(&picture)) > 20);
+    let seen = window.events().len();
+    window.press("2");
+    window.wait_for_event("colored", seen, |event| event["by"] == "height");
+}
+
+#[test]
+fn the_saved_picture_is_what_the_command_line_renders() {
+    let session = Session::start();
+    session.folder.write("small.toml", SMALL_SCENE);
+    let window = session.open(["small.toml"]);
+    settled(&window, 0);
+    let seen = window.events().len();
+    window.drag(1, MIDDLE, [MIDDLE[0] - 70, MIDDLE[1] + 30]);
+    settled(&window, seen);
+    window.press("F12 ctrl+c");
+    let saved = window.wait_for_event("saved", 0, |_| true);
+    let copied = window.wait_for_event("copied", 0, |_| true);
+    session.folder.write("view.toml", copied["text"].as_str().expect("the view"));
+    let name = saved["path"].as_str().expect("a path");
+    let picture = image::open(session.folder.path(name)).expect("the saved picture").into_rgba8();
+    let size = format!("{}x{}", picture.width(), picture.height());
+    let rendered = session.folder.glint([
+        "render",
+        "five-mirrors/sphere",
+        "--set",
+        "scene.points=20000",
+        "--camera",
+        "view.toml",
+        "--size",
+        &size,
+        "-o",
+        "rendered.png",
+    ]);
+    assert_eq!(rendered.status, Some(0), "{rendered}");
+    let rendered = image::open(session.folder.path("rendered.png")).expect("the rendered picture").into_rgba8();
+    let differing = picture.pixels().zip(rendered.pixels()).filter(|(a, b)| a != b).count();
+    assert_eq!(differing, 0, "of {size} pixels");
+}
