@@ -44,27 +44,29 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
         }
     }
     let limit = front * (1.0 + SAME_SURFACE);
-    if own_depth == 0.0 || own_depth > limit {
-        var count = 0u;
-        var albedo_sum = vec4f(0.0);
-        var normal_sum = vec4f(0.0);
-        var depth_sum = 0.0;
-        for (var i = 0; i < 8; i++) {
-            if depths[i] > 0.0 && depths[i] <= limit {
-                let at = center + neighbor(i);
-                count += 1u;
-                albedo_sum += textureLoad(albedo_in, at, 0);
-                normal_sum += textureLoad(normal_in, at, 0);
-                depth_sum += depths[i];
-            }
+    var count = 0u;
+    for (var i = 0; i < 8; i++) {
+        count += select(0u, 1u, depths[i] > 0.0 && depths[i] <= limit);
+    }
+    let is_gap = count >= ENOUGH && (own_depth == 0.0 || own_depth > limit);
+    var albedo_sum = vec4f(0.0);
+    var normal_sum = vec4f(0.0);
+    var depth_sum = 0.0;
+    // Gaps are rare: the condition stands in the loop because software rasterisers run both sides of a branch.
+    for (var i = 0; is_gap && i < 8; i++) {
+        if depths[i] > 0.0 && depths[i] <= limit {
+            let at = center + neighbor(i);
+            albedo_sum += textureLoad(albedo_in, at, 0);
+            normal_sum += textureLoad(normal_in, at, 0);
+            depth_sum += depths[i];
         }
-        if count >= ENOUGH {
-            albedo = albedo_sum / f32(count);
-            let direction = normal_sum.xyz;
-            let mean = select(normal.xyz, normalize(direction), dot(direction, direction) > 0.0);
-            normal = vec4f(mean, normal_sum.w / f32(count));
-            depth = depth_sum / f32(count);
-        }
+    }
+    if is_gap {
+        albedo = albedo_sum / f32(count);
+        let direction = normal_sum.xyz;
+        let mean = select(normal.xyz, normalize(direction), dot(direction, direction) > 0.0);
+        normal = vec4f(mean, normal_sum.w / f32(count));
+        depth = depth_sum / f32(count);
     }
     textureStore(albedo_out, center, albedo);
     textureStore(normal_out, center, normal);

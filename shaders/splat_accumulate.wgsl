@@ -23,6 +23,11 @@
 // Two words a pixel: specular intensity and power * weight.
 @group(2) @binding(3) var<storage, read_write> specular_sums: array<atomic<u32>>;
 
+// Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
+override pixels_only: bool = false;
+// Set while a class is hidden.
+override filter_classes: bool = false;
+
 @compute @workgroup_size(128)
 fn splat_accumulate(
     @builtin(workgroup_id) group: vec3u,
@@ -42,22 +47,61 @@ fn splat_accumulate(
 
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
-    let class_code = (point.w >> 16u) & 0xffu;
-    if (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u {
+    if filter_classes {
+        let class_code = (point.w >> 16u) & 0xffu;
+        if (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u {
+            return;
+        }
+    }
+    var disc: Disc;
+    if !pixels_only {
+        disc = disc_of_point(frame, settings.splat, item, point);
+        if disc.radius_pixels == 0.0 {
+            return;
+        }
+    }
+    if pixels_only || disc.is_single {
+        let single = single_of_point(frame, item, point);
+        if !single.is_drawn {
+            return;
+        }
+        let front = front_depth(single.pixel);
+        // A single pixel counts as half a pixel in radius, whatever smaller the disc is.
+        let offset = 0.5 / pixels_per_unit(frame, single.center.z) * settings.splat.depth_offset;
+        // Most points of a dense scan are hidden: they are found out before anything else of them is read.
+        if single.center.z <= front + offset {
+            let surface = surface_of_point(item, point, index, single.center);
+            add(single.pixel, item, surface, Fragment(single.center.z, 1.0), front);
+        }
         return;
     }
-    var disc = disc_of_point(frame, settings.splat, item, point);
-    if disc.radius_pixels == 0.0 {
-        return;
-    }
+    let surface = surface_of_point(item, point, index, disc.center);
+    disc.normal = surface.normal_in_view;
     let offset = disc.radius * settings.splat.depth_offset;
-    let only_pixel = u32(disc.first.y) * frame.width + u32(disc.first.x);
-    // Most points of a dense scan are hidden: they are found out before anything else of them is read.
-    if disc.is_single && disc.center.z > front_depth(only_pixel) + offset {
-        return;
+    for (var y = disc.first.y; y <= disc.last.y; y++) {
+        for (var x = disc.first.x; x <= disc.last.x; x++) {
+            let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
+            if fragment.depth > 0.0 {
+                let pixel = u32(y) * frame.width + u32(x);
+                let front = front_depth(pixel);
+                if fragment.depth <= front + offset {
+                    add(pixel, item, surface, fragment, front);
+                }
+            }
+        }
     }
+}
+
+struct PointSurface {
+    // Linear, 12 bits.
+    albedo: vec3u,
+    // World, 11 bits and sign.
+    normal: vec3i,
+    normal_in_view: vec3f,
+}
+
+fn surface_of_point(item: Item, point: vec4u, index: u32, center: vec3f) -> PointSurface {
     let color_normal = attributes[index];
-    disc = oriented(frame, disc, color_normal.y);
     var scalar = 0.0;
     if item.color_source == COLOR_SCALAR {
         scalar = scalars[index];
@@ -68,36 +112,21 @@ fn splat_point(item: Item, index: u32) {
         palette_color = palette[entry];
     }
     let albedo = vec3u(albedo_of_point(item, color_normal, entry, palette_color) * 4095.0 + 0.5);
-    let normal = vec3i(round(world_direction(frame, disc.normal) * 2047.0));
-    if disc.is_single {
-        add(only_pixel, item, albedo, normal, Fragment(disc.center.z, 1.0), front_depth(only_pixel));
-        return;
-    }
-    for (var y = disc.first.y; y <= disc.last.y; y++) {
-        for (var x = disc.first.x; x <= disc.last.x; x++) {
-            let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
-            if fragment.depth > 0.0 {
-                let pixel = u32(y) * frame.width + u32(x);
-                let front = front_depth(pixel);
-                if fragment.depth <= front + offset {
-                    add(pixel, item, albedo, normal, fragment, front);
-                }
-            }
-        }
-    }
+    let normal = normal_toward_eye(frame, center, color_normal.y);
+    return PointSurface(albedo, vec3i(round(world_direction(frame, normal) * 2047.0)), normal);
 }
 
 fn front_depth(pixel: u32) -> f32 {
     return depth_from_nearness(nearest[pixel].y);
 }
 
-fn add(pixel: u32, item: Item, albedo: vec3u, normal: vec3i, fragment: Fragment, front: f32) {
+fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front: f32) {
     let weight = 1u + u32(fragment.weight * 63.0);
     atomicAdd(&color_sums[pixel * 4u], weight);
-    atomicAdd(&color_sums[pixel * 4u + 1u], albedo.r * weight);
-    atomicAdd(&color_sums[pixel * 4u + 2u], albedo.g * weight);
-    atomicAdd(&color_sums[pixel * 4u + 3u], albedo.b * weight);
-    let weighted = bitcast<vec3u>(normal * i32(weight));
+    atomicAdd(&color_sums[pixel * 4u + 1u], surface.albedo.r * weight);
+    atomicAdd(&color_sums[pixel * 4u + 2u], surface.albedo.g * weight);
+    atomicAdd(&color_sums[pixel * 4u + 3u], surface.albedo.b * weight);
+    let weighted = bitcast<vec3u>(surface.normal * i32(weight));
     atomicAdd(&surface_sums[pixel * 4u], weighted.x);
     atomicAdd(&surface_sums[pixel * 4u + 1u], weighted.y);
     atomicAdd(&surface_sums[pixel * 4u + 2u], weighted.z);

@@ -15,6 +15,11 @@
 // Two words a pixel: identity of the point, nearness. 0: empty. The layout is that of the 64-bit pass.
 @group(2) @binding(0) var<storage, read_write> nearest: array<atomic<u32>>;
 
+// Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
+override pixels_only: bool = false;
+// Set while a class is hidden.
+override filter_classes: bool = false;
+
 @compute @workgroup_size(128)
 fn splat_identity(
     @builtin(workgroup_id) group: vec3u,
@@ -34,12 +39,21 @@ fn splat_identity(
 
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
-    let class_code = (point.w >> 16u) & 0xffu;
-    if (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u {
+    if filter_classes {
+        let class_code = (point.w >> 16u) & 0xffu;
+        if (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u {
+            return;
+        }
+    }
+    let identity = page.first_identity + index;
+    if pixels_only {
+        let single = single_of_point(frame, item, point);
+        if single.is_drawn {
+            put(single.pixel, single.center.z, identity);
+        }
         return;
     }
     var disc = disc_of_point(frame, settings.splat, item, point);
-    let identity = page.first_identity + index;
     if disc.is_single {
         put(u32(disc.first.y) * frame.width + u32(disc.first.x), disc.center.z, identity);
         return;
@@ -47,7 +61,7 @@ fn splat_point(item: Item, index: u32) {
     if disc.radius_pixels == 0.0 {
         return;
     }
-    disc = oriented(frame, disc, attributes[index].y);
+    disc.normal = normal_toward_eye(frame, disc.center, attributes[index].y);
     for (var y = disc.first.y; y <= disc.last.y; y++) {
         for (var x = disc.first.x; x <= disc.last.x; x++) {
             let fragment = fragment_of_disc(frame, disc, vec2i(x, y));

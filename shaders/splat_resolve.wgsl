@@ -10,7 +10,8 @@
 @group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
 @group(1) @binding(3) var<storage, read> scalars: array<f32>;
 @group(1) @binding(4) var<storage, read> items: array<Item>;
-@group(1) @binding(5) var<storage, read> blocks: array<Block>;
+// Item of each run of BLOCK_POINTS points of the page.
+@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
 @group(1) @binding(6) var<storage, read> class_masks: array<u32>;
 @group(1) @binding(7) var<storage, read> palette: array<u32>;
 @group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
@@ -40,7 +41,7 @@ fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
     if index >= page.point_count {
         return;
     }
-    let item = items[item_of_point(index)];
+    let item = items[items_of_runs[index / BLOCK_POINTS]];
     let point = points[index];
     let color_normal = attributes[index];
     var scalar = 0.0;
@@ -61,19 +62,4 @@ fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
     textureStore(albedo_out, id.xy, vec4f(albedo_of_point(item, color_normal, entry, palette_color), item.specular_intensity));
     textureStore(normal_out, id.xy, vec4f(normal, item.specular_power));
     textureStore(depth_out, id.xy, vec4f(depth));
-}
-
-// The item whose block holds a point of this page: blocks are sorted by their first point.
-fn item_of_point(index: u32) -> u32 {
-    var low = 0u;
-    var high = page.block_count;
-    while low + 1u < high {
-        let middle = (low + high) / 2u;
-        if blocks[middle].first <= index {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    return blocks[low].item;
 }

@@ -24,6 +24,9 @@ struct Item {
     height_axis: vec4f,
 }
 
+// Of crates/render/src/store.rs.
+const BLOCK_POINTS: u32 = 1024u;
+
 // A run of at most BLOCK_POINTS points of one item: what one workgroup splats.
 struct Block {
     item: u32,
@@ -41,6 +44,23 @@ struct Page {
     point_count: u32,
     // 1 for the first page of the frame: it writes the empty pixels.
     is_first: u32,
+}
+
+// All there is to know of a point that covers one pixel: the pixel that holds its centre.
+struct Single {
+    pixel: u32,
+    is_drawn: bool,
+    // View space.
+    center: vec3f,
+}
+
+fn single_of_point(frame: Frame, item: Item, point: vec4u) -> Single {
+    let center = view_from_relative(frame, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz);
+    let pixel = floor(pixel_from_view(frame, center));
+    let size = vec2f(f32(frame.width), f32(frame.height));
+    // Written so that NaN is not drawn.
+    let is_drawn = center.z > frame.near && center.z < 3e38 && all(pixel >= vec2f(0.0)) && all(pixel < size);
+    return Single(u32(pixel.y) * frame.width + u32(pixel.x), is_drawn, center);
 }
 
 struct Disc {
@@ -94,12 +114,11 @@ fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
     return Disc(center, radius_pixels / scale, vec3f(0.0), pixel, shown_radius, shown_first, shown_last, is_single);
 }
 
-fn oriented(frame: Frame, disc: Disc, packed_normal: u32) -> Disc {
-    var turned = disc;
+// View-space normal of a point towards the eye; zero if it has none.
+fn normal_toward_eye(frame: Frame, center: vec3f, packed_normal: u32) -> vec3f {
     let normal = view_from_relative(frame, unpack_normal(packed_normal));
-    let toward_eye = select(dot(normal, disc.center), normal.z, frame.orthographic != 0u);
-    turned.normal = select(normal, -normal, toward_eye > 0.0);
-    return turned;
+    let away = select(dot(normal, center), normal.z, frame.orthographic != 0u);
+    return select(normal, -normal, away > 0.0);
 }
 
 struct Fragment {

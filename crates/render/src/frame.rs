@@ -110,6 +110,12 @@ impl FrameCamera {
         self.eye + self.view_from_world.transpose() * view
     }
 
+    /// Pixels that a world unit takes at the nearest point of a sphere; infinite if that is not before the eye.
+    pub fn most_pixels_per_unit(&self, center: DVec3, radius: f64) -> f64 {
+        let nearest = (self.view_from_world.row(2).dot(center - self.eye) - radius).max(0.0);
+        if self.orthographic { self.focal_pixels } else { self.focal_pixels / nearest }
+    }
+
     /// Whether a sphere may be in the picture.
     pub fn sees(&self, center: DVec3, radius: f64) -> bool {
         let view = self.view_from_world * (center - self.eye);

@@ -68,9 +68,11 @@ pub struct Compiled {
 }
 
 impl Compiled {
+    /// `switches`: values of the shader's `override` constants.
+    ///
     /// # Errors
     /// What the shader compiler says, with file and line.
-    pub fn new(device: &wgpu::Device, pass: &Pass) -> Result<Self, String> {
+    pub fn new(device: &wgpu::Device, pass: &Pass, switches: &[(&str, bool)]) -> Result<Self, String> {
         let woven = crate::shader::weave(pass.name)?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -103,12 +105,13 @@ impl Compiled {
             bind_group_layouts: &optional,
             ..Default::default()
         });
+        let constants: Vec<(&str, f64)> = switches.iter().map(|(name, on)| (*name, f64::from(u8::from(*on)))).collect();
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(pass.name),
             layout: Some(&layout),
             module: &module,
             entry_point: Some(pass.name),
-            compilation_options: Default::default(),
+            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
             cache: None,
         });
         if let Some(error) = pollster::block_on(scope.pop()) {

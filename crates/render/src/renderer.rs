@@ -1,16 +1,17 @@
 //! A frame: which passes run in which order, on which images; pass times; what is read back.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
 use scene::{Atomics, Camera, Quality, Settings};
 
-use crate::frame::FrameCamera;
+use crate::frame::{Block, FrameCamera, Page};
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::image::{Aov, AovImage};
-use crate::passes::{self, Compiled};
-use crate::store::{ChunkId, CloudId, DrawList, PointStore};
+use crate::passes::{self, Compiled, Pass};
+use crate::store::{ChunkId, CloudId, DrawList, PageDraw, PointStore};
 
 /// Time of one pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,11 +54,10 @@ pub struct Renderer {
     camera: Option<FrameCamera>,
 }
 
+/// The passes over pixels, and those over points as they come to be needed.
 struct Pipelines {
-    splat_nearest: Option<Compiled>,
-    splat_depth: Option<Compiled>,
-    splat_identity: Option<Compiled>,
-    splat_accumulate: Compiled,
+    /// By shader, `pixels_only` and `filter_classes`.
+    over_points: HashMap<(&'static str, bool, bool), Compiled>,
     splat_average: Compiled,
     splat_resolve: Compiled,
     close_gaps: Compiled,
@@ -105,12 +105,9 @@ impl Renderer {
     /// # Errors
     /// A shader is refused, or the device is lost.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self> {
-        let compile = |pass| Compiled::new(&gpu.device, pass).map_err(Error::Shader);
+        let compile = |pass| Compiled::new(&gpu.device, pass, &[]).map_err(Error::Shader);
         let pipelines = Pipelines {
-            splat_nearest: gpu.atomics64.then(|| compile(&passes::SPLAT_NEAREST)).transpose()?,
-            splat_depth: (!gpu.atomics64).then(|| compile(&passes::SPLAT_DEPTH)).transpose()?,
-            splat_identity: (!gpu.atomics64).then(|| compile(&passes::SPLAT_IDENTITY)).transpose()?,
-            splat_accumulate: compile(&passes::SPLAT_ACCUMULATE)?,
+            over_points: HashMap::new(),
             splat_average: compile(&passes::SPLAT_AVERAGE)?,
             splat_resolve: compile(&passes::SPLAT_RESOLVE)?,
             close_gaps: compile(&passes::CLOSE_GAPS)?,
@@ -125,7 +122,11 @@ impl Renderer {
     fn warm_up(&mut self) -> Result<()> {
         let mut store = PointStore::new(self.gpu.clone());
         let cloud = store.add_cloud(Default::default());
+        // One chunk of single pixels, one of discs.
         store.add_chunk(cloud, &cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]), None)?;
+        let mut disc = cloud::Chunk::new(1, DVec3::ZERO, vec![[0.0; 3]]);
+        disc.radii = Some(Arc::new(vec![cloud::pack_radius(1.0)]));
+        store.add_chunk(cloud, &disc, None)?;
         let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
         for quality in [Quality::Nearest, Quality::High] {
             let mut settings = Settings::default();
@@ -149,28 +150,24 @@ impl Renderer {
     ) -> Result<FrameStats> {
         self.resize(size, settings.splat.quality)?;
         let atomics64 = self.gpu.atomics64 && settings.splat.atomics != Atomics::Bits32;
-        if !atomics64 && self.pipelines.splat_depth.is_none() {
-            self.pipelines.splat_depth =
-                Some(Compiled::new(&self.gpu.device, &passes::SPLAT_DEPTH).map_err(Error::Shader)?);
-            self.pipelines.splat_identity =
-                Some(Compiled::new(&self.gpu.device, &passes::SPLAT_IDENTITY).map_err(Error::Shader)?);
-        }
         let bounds = store.bounds();
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
         let frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
-        let list = store.draw_list(&frame_camera);
+        let list = store.draw_list(&frame_camera, &settings.splat);
+        let nearest_passes: &[&Pass] =
+            if atomics64 { &[&passes::SPLAT_NEAREST] } else { &[&passes::SPLAT_DEPTH, &passes::SPLAT_IDENTITY] };
+        for pass in nearest_passes.iter().copied().chain([&passes::SPLAT_ACCUMULATE]) {
+            if pass.name != passes::SPLAT_ACCUMULATE.name || settings.splat.quality == Quality::High {
+                self.compile_over_points(pass, &list)?;
+            }
+        }
         let inputs = Inputs::new(&self.gpu, frame_camera, settings, store, &list);
         let targets = self.targets.as_ref().ok_or_else(nothing_rendered)?;
         let mut recorder = Recorder::new(&self.gpu);
 
         recorder.clear(&targets.nearest);
         let nearest = targets.nearest.as_entire_binding();
-        let splats = if atomics64 {
-            vec![&self.pipelines.splat_nearest]
-        } else {
-            vec![&self.pipelines.splat_depth, &self.pipelines.splat_identity]
-        };
-        for pass in splats.into_iter().flatten() {
+        for pass in nearest_passes {
             self.each_page(&mut recorder, pass, &inputs, std::slice::from_ref(&nearest));
         }
         let splatted = targets.splatted.views();
@@ -182,7 +179,7 @@ impl Renderer {
                 }
                 let [color_sums, surface_sums, specular_sums] = sums.each_ref().map(|sums| sums.as_entire_binding());
                 let sums = [nearest, color_sums, surface_sums, specular_sums];
-                self.each_page(&mut recorder, &self.pipelines.splat_accumulate, &inputs, &sums);
+                self.each_page(&mut recorder, &passes::SPLAT_ACCUMULATE, &inputs, &sums);
                 let resources: Vec<_> = sums.iter().chain(&splatted).cloned().collect();
                 self.each_pixel(&mut recorder, &self.pipelines.splat_average, &inputs, &resources);
             }
@@ -339,19 +336,40 @@ impl Renderer {
         Ok(())
     }
 
+    /// Compiles the variants of a pass over points that a frame needs.
+    fn compile_over_points(&mut self, pass: &Pass, list: &DrawList) -> Result<()> {
+        let kinds = |page: &PageDraw| [0, 1].map(|kind| (!page.blocks[kind].is_empty()).then_some(kind == 1));
+        for pixels_only in list.pages.iter().flat_map(kinds).flatten() {
+            let key = (pass.name, pixels_only, list.filter_classes);
+            if !self.pipelines.over_points.contains_key(&key) {
+                let switches = [("pixels_only", pixels_only), ("filter_classes", list.filter_classes)];
+                let compiled = Compiled::new(&self.gpu.device, pass, &switches).map_err(Error::Shader)?;
+                self.pipelines.over_points.insert(key, compiled);
+            }
+        }
+        Ok(())
+    }
+
     /// Runs a pass over the blocks of each page.
     fn each_page(
         &self,
         recorder: &mut Recorder<'_>,
-        pass: &Compiled,
+        pass: &Pass,
         inputs: &Inputs,
         outputs: &[wgpu::BindingResource<'_>],
     ) {
-        self.pages(recorder, pass, inputs, outputs, |page| {
+        let lists = inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list)));
+        let dispatches = lists.filter_map(|(page, list)| {
+            let compiled = self.pipelines.over_points.get(&(pass.name, list.pixels_only, inputs.filter_classes))?;
             // At most 65,535 groups a dimension.
-            let x = page.block_count.min(32_768);
-            [x, page.block_count.div_ceil(x.max(1)), 1]
+            let x = list.block_count.clamp(1, 32_768);
+            Some((
+                compiled,
+                inputs.page_resources(page, &list.page, &list.blocks),
+                [x, list.block_count.div_ceil(x), 1],
+            ))
         });
+        self.dispatch(recorder, pass.name, dispatches, inputs, outputs);
     }
 
     /// Runs a pass over the pixels, once for each page.
@@ -362,31 +380,31 @@ impl Renderer {
         inputs: &Inputs,
         outputs: &[wgpu::BindingResource<'_>],
     ) {
-        self.pages(recorder, pass, inputs, outputs, |_| inputs.pixel_groups());
+        let resources = |page| inputs.page_resources(page, &page.page, &page.items_of_runs);
+        let dispatches = inputs.pages.iter().map(|page| (pass, resources(page), inputs.pixel_groups()));
+        self.dispatch(recorder, pass.name, dispatches, inputs, outputs);
     }
 
-    fn pages(
+    fn dispatch<'a>(
         &self,
         recorder: &mut Recorder<'_>,
-        pass: &Compiled,
+        name: &'static str,
+        dispatches: impl Iterator<Item = (&'a Compiled, [wgpu::BindingResource<'a>; 8], [u32; 3])>,
         inputs: &Inputs,
         outputs: &[wgpu::BindingResource<'_>],
-        groups: impl Fn(&PageInputs) -> [u32; 3],
     ) {
         let device = &self.gpu.device;
-        let frame = pass.bind(device, 0, &inputs.frame_resources());
-        let outputs = pass.bind(device, 2, outputs);
-        let bound: Vec<_> = inputs
-            .pages
-            .iter()
-            .map(|page| (pass.bind(device, 1, &inputs.page_resources(page)), groups(page)))
-            .collect();
-        recorder.pass(pass.name, |compute| {
-            compute.set_pipeline(&pass.pipeline);
-            compute.set_bind_group(0, &frame, &[]);
-            compute.set_bind_group(2, &outputs, &[]);
-            for (page, [x, y, z]) in &bound {
-                compute.set_bind_group(1, page, &[]);
+        let bind = |(pass, page, groups): (&'a Compiled, [wgpu::BindingResource<'a>; 8], [u32; 3])| {
+            let frame = pass.bind(device, 0, &inputs.frame_resources());
+            (pass, [frame, pass.bind(device, 1, &page), pass.bind(device, 2, outputs)], groups)
+        };
+        let bound: Vec<_> = dispatches.map(bind).collect();
+        recorder.pass(name, |compute| {
+            for (pass, groups, [x, y, z]) in &bound {
+                compute.set_pipeline(&pass.pipeline);
+                for (index, group) in groups.iter().enumerate() {
+                    compute.set_bind_group(index as u32, group, &[]);
+                }
                 compute.dispatch_workgroups(*x, *y, *z);
             }
         });
@@ -500,6 +518,7 @@ struct Inputs {
     items: wgpu::Buffer,
     class_masks: wgpu::Buffer,
     palette: wgpu::Buffer,
+    filter_classes: bool,
     pages: Vec<PageInputs>,
 }
 
@@ -508,8 +527,16 @@ struct PageInputs {
     points: wgpu::Buffer,
     attributes: wgpu::Buffer,
     scalars: wgpu::Buffer,
+    items_of_runs: wgpu::Buffer,
+    lists: Vec<ListInputs>,
+}
+
+/// Blocks of one page that one kernel draws.
+struct ListInputs {
+    page: wgpu::Buffer,
     blocks: wgpu::Buffer,
     block_count: u32,
+    pixels_only: bool,
 }
 
 impl Inputs {
@@ -526,29 +553,43 @@ impl Inputs {
         };
         let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
         let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
-        let empty = crate::frame::Page { first_identity: 0, block_count: 0, point_count: 0, is_first: 1 };
+        let page = |first_identity, point_count, is_first, block_count: usize| {
+            let page =
+                Page { first_identity, block_count: block_count as u32, point_count, is_first: u32::from(is_first) };
+            upload("page", uniform, bytemuck::bytes_of(&page))
+        };
+        let lists = |draw: &PageDraw| {
+            let list = |(kind, blocks): (usize, &Vec<Block>)| ListInputs {
+                page: page(draw.first_identity, draw.capacity, false, blocks.len()),
+                blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
+                block_count: blocks.len() as u32,
+                pixels_only: kind == 1,
+            };
+            draw.blocks.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()
+        };
         let mut pages: Vec<PageInputs> = list
             .pages
             .iter()
-            .map(|draw| PageInputs {
-                page: upload("page", uniform, bytemuck::bytes_of(&draw.page)),
+            .enumerate()
+            .map(|(index, draw)| PageInputs {
+                page: page(draw.first_identity, draw.capacity, index == 0, 0),
                 points: draw.points.clone(),
                 attributes: draw.attributes.clone(),
                 scalars: draw.scalars.clone(),
-                blocks: upload("blocks", storage, bytemuck::cast_slice(&draw.blocks)),
-                block_count: draw.page.block_count,
+                items_of_runs: upload("items of runs", storage, bytemuck::cast_slice(&draw.items_of_runs)),
+                lists: lists(draw),
             })
             .collect();
         if pages.is_empty() {
             // The passes over pixels still have to write "empty".
             let nothing = upload("nothing", storage, &[]);
             pages.push(PageInputs {
-                page: upload("page", uniform, bytemuck::bytes_of(&empty)),
+                page: page(0, 0, true, 0),
                 points: nothing.clone(),
                 attributes: nothing.clone(),
                 scalars: nothing.clone(),
-                blocks: nothing,
-                block_count: 0,
+                items_of_runs: nothing,
+                lists: Vec::new(),
             });
         }
         Self {
@@ -558,6 +599,7 @@ impl Inputs {
             items: upload("items", storage, bytemuck::cast_slice(&list.items)),
             class_masks: upload("class masks", storage, bytemuck::cast_slice(&list.class_masks)),
             palette: upload("palette", storage, bytemuck::cast_slice(&store.palette())),
+            filter_classes: list.filter_classes,
             pages,
         }
     }
@@ -566,18 +608,15 @@ impl Inputs {
         [self.frame.as_entire_binding(), self.settings.as_entire_binding()]
     }
 
-    fn page_resources<'a>(&'a self, page: &'a PageInputs) -> [wgpu::BindingResource<'a>; 8] {
-        [
-            &page.page,
-            &page.points,
-            &page.attributes,
-            &page.scalars,
-            &self.items,
-            &page.blocks,
-            &self.class_masks,
-            &self.palette,
-        ]
-        .map(|buffer| buffer.as_entire_binding())
+    /// Group 1 of the passes over points, in slot order; `runs` is the list of blocks, or that of the items of runs.
+    fn page_resources<'a>(
+        &'a self,
+        page: &'a PageInputs,
+        uniform: &'a wgpu::Buffer,
+        runs: &'a wgpu::Buffer,
+    ) -> [wgpu::BindingResource<'a>; 8] {
+        [uniform, &page.points, &page.attributes, &page.scalars, &self.items, runs, &self.class_masks, &self.palette]
+            .map(|buffer| buffer.as_entire_binding())
     }
 
     fn pixel_groups(&self) -> [u32; 3] {

@@ -6,20 +6,18 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL};
+use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, unpack_radius};
 use glam::{DVec3, Vec3};
-use scene::Ramp;
+use scene::{Ramp, Splat};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
-use crate::frame::{Block, FrameCamera, Item, Page};
+use crate::frame::{Block, FrameCamera, Item};
 use crate::gpu::{Error, Gpu, Result};
 
 /// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
 const BLOCK_POINTS: u32 = 1024;
 /// Smallest page: 24 MiB, so that small clouds stay small.
 const SMALLEST_PAGE: u32 = 1 << 20;
-/// Largest page: 64 MiB in the widest buffer, half of the smallest binding limit met (128 MiB, lavapipe).
-const LARGEST_PAGE: u32 = 1 << 22;
 
 const POINT_BYTES: u64 = 16;
 const ATTRIBUTE_BYTES: u64 = 8;
@@ -74,15 +72,36 @@ struct StoredChunk {
     bounds: Bounds,
     /// Which column its scalars hold, and what was taken off them.
     scalars: Option<(usize, f64)>,
+    /// Largest known splat radius, world units.
+    largest_radius: f32,
+    lacks_radii: bool,
+}
+
+impl StoredChunk {
+    /// Whether no point of the chunk can cover more than one pixel.
+    fn is_of_single_pixels(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
+        let provisional = if self.lacks_radii { cloud.provisional_radius } else { 0.0 };
+        let radius = f64::from(self.largest_radius.max(provisional));
+        let pixels =
+            radius * f64::from(splat.size) * camera.most_pixels_per_unit(self.bounds.center(), self.bounds.radius());
+        // The limits as disc_of_point in splat.wgsl has them.
+        let (least, most) =
+            (f64::from(splat.min_pixels) * 0.5, f64::from(splat.max_pixels.max(splat.min_pixels)) * 0.5);
+        pixels.clamp(least, most) <= 0.5
+    }
 }
 
 /// What a frame draws of one page.
 pub(crate) struct PageDraw {
-    pub page: Page,
+    pub first_identity: u32,
+    pub capacity: u32,
     pub points: wgpu::Buffer,
     pub attributes: wgpu::Buffer,
     pub scalars: wgpu::Buffer,
-    pub blocks: Vec<Block>,
+    /// Of discs, and of points that cover one pixel: two kernels draw them.
+    pub blocks: [Vec<Block>; 2],
+    /// Which item each run of `BLOCK_POINTS` points of the page belongs to; `u32::MAX` where none is drawn.
+    pub items_of_runs: Vec<u32>,
 }
 
 /// What a frame draws.
@@ -90,6 +109,7 @@ pub(crate) struct DrawList {
     pub pages: Vec<PageDraw>,
     pub items: Vec<Item>,
     pub class_masks: Vec<u32>,
+    pub filter_classes: bool,
     pub points: u64,
 }
 
@@ -102,6 +122,8 @@ pub struct PointStore {
     next_cloud: u32,
     next_chunk: u32,
     ramp: Ramp,
+    /// Points announced by `reserve`.
+    reserved: u32,
     /// Stands in for buffers a page does not have.
     nothing: wgpu::Buffer,
 }
@@ -117,8 +139,15 @@ impl PointStore {
             next_cloud: 0,
             next_chunk: 0,
             ramp: Ramp::Turbo,
+            reserved: 0,
             nothing,
         }
+    }
+
+    /// Announces how many points the store will come to hold, so that its next page is as large as that takes. Nothing is
+    /// allocated before points come, and never more than one page ahead of them.
+    pub fn reserve(&mut self, points: u64) {
+        self.reserved = points.min(u64::from(u32::MAX)) as u32;
     }
 
     pub fn add_cloud(&mut self, material: Material) -> CloudId {
@@ -152,7 +181,16 @@ impl PointStore {
         self.next_chunk += 1;
         self.chunks.insert(
             id,
-            StoredChunk { cloud, page, range, origin: chunk.origin, bounds: chunk.bounds(), scalars: None },
+            StoredChunk {
+                cloud,
+                page,
+                range,
+                origin: chunk.origin,
+                bounds: chunk.bounds(),
+                scalars: None,
+                largest_radius: 0.0,
+                lacks_radii: true,
+            },
         );
         self.update_chunk(id, chunk, classes)?;
         Ok(id)
@@ -163,9 +201,13 @@ impl PointStore {
     /// # Errors
     /// The chunk has another number of points than it had, or is not in the store.
     pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<()> {
-        let stored = self.chunks.get(&id).filter(|stored| stored.range.len() == chunk.len());
+        let stored = self.chunks.get_mut(&id).filter(|stored| stored.range.len() == chunk.len());
         let stored =
             stored.ok_or_else(|| Error::Shader("a chunk that is not in the point store was updated".into()))?;
+        // Packed radii grow with the radius.
+        let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
+        stored.largest_radius = largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0);
+        stored.lacks_radii = chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS));
         let page = &self.pages[stored.page];
         let points: Vec<[u32; 4]> = (0..chunk.len())
             .map(|i| {
@@ -266,7 +308,8 @@ impl PointStore {
             self.chunks.iter().filter(|(_, chunk)| chunk.cloud == cloud).map(|(id, _)| *id).collect();
         for id in gone {
             if let Some(chunk) = self.chunks.remove(&id) {
-                self.release(chunk.page, chunk.range);
+                let end = chunk.range.start + (chunk.range.len() as u32).next_multiple_of(BLOCK_POINTS);
+                self.release(chunk.page, chunk.range.start..end);
             }
         }
         // Empty pages at the end give their memory back; earlier ones keep the identities of later ones in place.
@@ -306,14 +349,23 @@ impl PointStore {
     }
 
     /// What of the visible clouds may be in the picture.
-    pub(crate) fn draw_list(&self, camera: &FrameCamera) -> DrawList {
+    pub(crate) fn draw_list(&self, camera: &FrameCamera, splat: &Splat) -> DrawList {
         let mut cloud_ids: Vec<CloudId> = self.clouds.keys().copied().collect();
         cloud_ids.sort();
-        let class_masks = cloud_ids.iter().flat_map(|id| self.clouds[id].class_mask).collect();
+        let class_masks: Vec<u32> = cloud_ids.iter().flat_map(|id| self.clouds[id].class_mask).collect();
         let mut chunks: Vec<&StoredChunk> = self.chunks.values().collect();
         chunks.sort_by_key(|chunk| (chunk.page, chunk.range.start));
         let mut items = Vec::new();
-        let mut blocks: Vec<Vec<Block>> = self.pages.iter().map(|_| Vec::new()).collect();
+        let draw = |page: &PageBuffers| PageDraw {
+            first_identity: page.first_identity,
+            capacity: page.capacity,
+            points: page.points.clone(),
+            attributes: page.attributes.clone(),
+            scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
+            blocks: Default::default(),
+            items_of_runs: vec![u32::MAX; page.capacity.div_ceil(BLOCK_POINTS) as usize],
+        };
+        let mut pages: Vec<PageDraw> = self.pages.iter().map(draw).collect();
         let mut points = 0;
         for chunk in chunks {
             let cloud = &self.clouds[&chunk.cloud];
@@ -329,25 +381,17 @@ impl PointStore {
             let item = items.len() as u32;
             items.push(self.item(chunk, cloud, camera, mask));
             points += chunk.range.len() as u64;
+            let kind = usize::from(chunk.is_of_single_pixels(cloud, camera, splat));
             for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
                 let count = BLOCK_POINTS.min(chunk.range.end - first);
-                blocks[chunk.page].push(Block { item, first, count, unused: 0 });
+                let page = &mut pages[chunk.page];
+                page.items_of_runs[(first / BLOCK_POINTS) as usize] = item;
+                page.blocks[kind].push(Block { item, first, count, unused: 0 });
             }
         }
-        let pages = self.pages.iter().zip(blocks).filter(|(_, blocks)| !blocks.is_empty()).enumerate();
-        let draw = |(index, (page, blocks)): (usize, (&PageBuffers, Vec<Block>))| PageDraw {
-            page: Page {
-                first_identity: page.first_identity,
-                block_count: blocks.len() as u32,
-                point_count: page.capacity,
-                is_first: u32::from(index == 0),
-            },
-            points: page.points.clone(),
-            attributes: page.attributes.clone(),
-            scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
-            blocks,
-        };
-        DrawList { pages: pages.map(draw).collect(), items, class_masks, points }
+        pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
+        let filter_classes = class_masks.iter().any(|word| *word != u32::MAX);
+        DrawList { pages, items, class_masks, filter_classes, points }
     }
 
     fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera, class_mask: u32) -> Item {
@@ -379,24 +423,29 @@ impl PointStore {
         Some((chunk.cloud, *id, (index - chunk.range.start) as usize))
     }
 
+    /// Room for `count` points, from a multiple of `BLOCK_POINTS` on: a run of that many points has one item.
     fn allocate(&mut self, count: u32) -> Result<(usize, std::ops::Range<u32>)> {
+        let room = count.next_multiple_of(BLOCK_POINTS);
         for (index, page) in self.pages.iter_mut().enumerate() {
-            if let Some(free) = page.free.iter_mut().find(|free| free.len() as u32 >= count) {
+            if let Some(free) = page.free.iter_mut().find(|free| free.len() as u32 >= room) {
                 let range = free.start..free.start + count;
-                free.start += count;
+                free.start += room;
                 page.free.retain(|free| !free.is_empty());
                 return Ok((index, range));
             }
         }
-        if count > LARGEST_PAGE {
+        let largest = self.largest_page();
+        if room > largest {
             return Err(self.too_large(
                 "a chunk of points",
-                u64::from(count) * POINT_BYTES,
-                u64::from(LARGEST_PAGE) * POINT_BYTES,
+                u64::from(room) * POINT_BYTES,
+                u64::from(largest) * POINT_BYTES,
             ));
         }
         let resident: u32 = self.pages.iter().map(|page| page.capacity).sum();
-        let capacity = resident.max(count).next_power_of_two().clamp(SMALLEST_PAGE, LARGEST_PAGE);
+        let announced = self.reserved.saturating_sub(resident);
+        let wanted = if announced > 0 { announced } else { resident }.max(room);
+        let capacity = wanted.min(largest).next_power_of_two().clamp(SMALLEST_PAGE, largest);
         let first_identity = self.pages.last().map_or(Some(0), |page| page.first_identity.checked_add(page.capacity));
         let first_identity = first_identity.filter(|first| first.checked_add(capacity).is_some());
         let first_identity =
@@ -410,9 +459,17 @@ impl PointStore {
                 problem: format!("no memory for more points: {error}"),
             });
         }
-        let free = if count < capacity { vec![count..capacity] } else { Vec::new() };
+        let free = if room < capacity { vec![room..capacity] } else { Vec::new() };
         self.pages.push(PageBuffers { points, attributes, scalars: None, capacity, first_identity, free });
         Ok((self.pages.len() - 1, 0..count))
+    }
+
+    /// Points of the largest page: what one binding takes. A page costs a dispatch a pass, so few large ones are better.
+    fn largest_page(&self) -> u32 {
+        let limits = self.gpu.device.limits();
+        let points = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / POINT_BYTES;
+        // Rounded down to a power of two, so that pages fill their bindings in whole blocks.
+        1 << points.clamp(u64::from(SMALLEST_PAGE), 1 << 30).ilog2()
     }
 
     fn release(&mut self, page: usize, range: std::ops::Range<u32>) {
