@@ -52,10 +52,8 @@ fn classes(cloud: &Cloud) -> Vec<(u8, u64)> {
     let Some(index) = class_column(cloud) else { return Vec::new() };
     let mut counts = [0_u64; 256];
     for chunk in &cloud.chunks {
-        if let Some(Some(column)) = chunk.columns.get(index) {
-            if let Column::U8(values) = column.as_ref() {
-                values.iter().for_each(|class| counts[usize::from(*class)] += 1);
-            }
+        if let Some(Column::U8(values)) = chunk.columns.get(index).and_then(Option::as_deref) {
+            values.iter().for_each(|class| counts[usize::from(*class)] += 1);
         }
     }
     (0..=255).zip(counts).filter(|(_, count)| *count > 0).collect()

@@ -41,14 +41,13 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
     pick_panel::show(ui.ctx(), ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0)), state);
     bindings::sheet_window(ui.ctx(), &mut state.shortcuts_are_open);
     if let Some(prompt) = &mut state.path_prompt {
-        match prompt.show(ui.ctx()) {
-            Some(Outcome::Open(path)) => {
-                if state.open(&[path]) {
-                    state.path_prompt = None;
-                }
-            }
-            Some(Outcome::Close) => state.path_prompt = None,
-            None => {}
+        let is_done = match prompt.show(ui.ctx()) {
+            Some(Outcome::Open(path)) => state.open(&[path]),
+            Some(Outcome::Close) => true,
+            None => false,
+        };
+        if is_done {
+            state.path_prompt = None;
         }
     }
 }

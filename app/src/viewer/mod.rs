@@ -117,11 +117,12 @@ const QUICKEST_HAND: Duration = Duration::from_millis(400);
 
 impl ApplicationHandler<Wake> for Viewer {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
-        if self.screen.is_none() {
-            if let Err(error) = self.open(event_loop) {
-                self.failure = Some(error);
-                event_loop.exit();
-            }
+        if self.screen.is_some() {
+            return;
+        }
+        if let Err(error) = self.open(event_loop) {
+            self.failure = Some(error);
+            event_loop.exit();
         }
     }
 

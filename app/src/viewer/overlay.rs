@@ -21,10 +21,9 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
         Some(rect.min + vec2(x, y))
     };
     let painter = painter.with_clip_rect(rect);
-    if state.navigation.pivot_mark().is_some() {
-        if let Some(at) = place(shown.request.camera.pivot) {
-            pivot(&painter, at);
-        }
+    let marked = state.navigation.pivot_mark().and_then(|_| place(shown.request.camera.pivot));
+    if let Some(at) = marked {
+        pivot(&painter, at);
     }
     let places: Vec<Option<Pos2>> = state.picks.iter().map(|pick| place(pick.world)).collect();
     if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), state.distance()) {

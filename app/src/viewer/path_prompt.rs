@@ -67,6 +67,8 @@ impl PathPrompt {
                 .desired_width(400.0)
                 .lock_focus(true);
             let response = ui.add(field).labelled_by(label.id);
+            // Before the focus is asked for below: Tab and Enter may come in one frame.
+            let entered = response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             if !self.is_shown {
                 self.is_shown = true;
                 response.request_focus();
@@ -77,7 +79,6 @@ impl PathPrompt {
                 move_cursor_to_end(ui.ctx(), id, &self.text);
                 response.request_focus();
             }
-            let entered = response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             if ui.button("Open").clicked() || entered {
                 outcome = Some(Outcome::Open(self.text.trim().to_string()));
             }
@@ -230,7 +231,6 @@ mod tests {
         harness.event(egui::Event::Text(format!("{}/office_1", folder.path().display())));
         harness.run();
         harness.key_press(Key::Tab);
-        harness.run();
         harness.key_press(Key::Enter);
         harness.run();
         let expected = folder.path().join("office_1.laz").display().to_string();

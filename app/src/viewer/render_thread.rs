@@ -47,6 +47,7 @@ pub enum Command {
         key: CloudKey,
         material: Material,
         provisional_radius: f32,
+        expected_points: u64,
     },
     /// Adds the chunk, or replaces the one with the same `first_point`. `classes` is the column of that index.
     Chunk {
@@ -233,7 +234,8 @@ impl Worker {
 
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
-            Command::AddCloud { key, material, provisional_radius } => {
+            Command::AddCloud { key, material, provisional_radius, expected_points } => {
+                self.store.reserve(expected_points);
                 let id = self.store.add_cloud(material);
                 self.store.set_provisional_radius(id, provisional_radius);
                 self.clouds.insert(key, Resident { id, chunks: HashMap::new() });
@@ -276,9 +278,8 @@ impl Worker {
                 report(Report::Picked { pixel, purpose, point });
             }
             Command::Save { request, path } => {
-                self.renderer.render(&mut self.store, &request.camera, &request.settings, request.size)?;
+                self.renderer.render(&self.store, &request.camera, &request.settings, request.size)?;
                 let pixels = self.renderer.read_picture()?;
-                // Compressing takes longer than drawing; it needs nothing from here.
                 let [width, height] = request.size;
                 let saved = image::save_buffer(&path, &pixels, width, height, image::ColorType::Rgba8);
                 report(match saved {
@@ -311,7 +312,7 @@ impl Worker {
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
         let started = Instant::now();
-        let stats = self.renderer.render(&mut self.store, &request.camera, &request.settings, request.size)?;
+        let stats = self.renderer.render(&self.store, &request.camera, &request.settings, request.size)?;
         let pixels = self.renderer.read_picture()?;
         let [width, height] = request.size;
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };

@@ -1,6 +1,7 @@
 //! What the viewer knows: clouds, jobs, parameters, camera, picks. Plain data that panels edit and tests build without a
 //! window. What has to happen outside (drawing, reading, the clipboard) is left in `effects` for the window to do.
 
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -294,7 +295,7 @@ impl State {
                 let input = self.input_name(job, path, &cloud.name);
                 let key = CloudKey(self.next_cloud);
                 self.next_cloud += 1;
-                self.render(Command::AddCloud { key, material, provisional_radius });
+                self.render(Command::AddCloud { key, material, provisional_radius, expected_points });
                 if self.visible_classes.contains(&false) {
                     let visible = Box::new(self.visible_classes);
                     self.render(Command::SetVisibleClasses { key, visible });
@@ -520,9 +521,8 @@ impl State {
         if let (Some(attribute), Some(source)) = (figures.plan.missing_column(&entry.cloud), entry.source.clone()) {
             // What is shown stays until the column has come.
             entry.figures_basis = Some(basis);
-            if !entry.column_reads.contains_key(&attribute) {
-                let progress = Arc::new(Progress::default());
-                entry.column_reads.insert(attribute, progress.clone());
+            if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
+                let progress = read.insert(Arc::default()).clone();
                 self.effects.push(Effect::ReadColumn { key, source, attribute, progress });
             }
             return;
@@ -669,11 +669,10 @@ impl State {
             hurried: false,
         };
         let rest = self.navigation.time_to_rest();
-        if rest.is_some() {
-            if let Some(settings) = render_thread::hurried(&wanted.settings, self.careful_milliseconds) {
-                wanted.settings = settings;
-                wanted.hurried = true;
-            }
+        let hurried = rest.and_then(|_| render_thread::hurried(&wanted.settings, self.careful_milliseconds));
+        if let Some(settings) = hurried {
+            wanted.settings = settings;
+            wanted.hurried = true;
         }
         if self.requested.as_ref() == Some(&wanted) {
             return rest;
