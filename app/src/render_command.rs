@@ -60,6 +60,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     };
     let camera = viewpoint.camera(&outline, up, &settings, arguments.size);
     let mut store = PointStore::new(gpu.clone());
+    store.reserve(clouds.iter().map(|loaded| loaded.cloud.len()).sum());
     for loaded in &mut clouds {
         upload(&mut store, loaded, &settings)?;
     }

@@ -144,10 +144,10 @@ impl PointStore {
         }
     }
 
-    /// Announces how many points the store will come to hold, so that its next page is as large as that takes. Nothing is
-    /// allocated before points come, and never more than one page ahead of them.
+    /// Announces `points` more, so that the next page is as large as they take. Nothing is allocated before points come, and
+    /// never more than one page ahead of them.
     pub fn reserve(&mut self, points: u64) {
-        self.reserved = points.min(u64::from(u32::MAX)) as u32;
+        self.reserved = (self.points() + points).min(u64::from(u32::MAX)) as u32;
     }
 
     pub fn add_cloud(&mut self, material: Material) -> CloudId {

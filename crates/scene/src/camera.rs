@@ -95,17 +95,30 @@ impl Camera {
         let tangent = (f64::from(field_of_view_degrees).to_radians() * 0.5).tan() / 1.04;
         // Per axis, each point must lie between two planes through the eye: p - e <= t (z - ez) and e - p <= t (z - ez).
         let mut depth = f64::INFINITY;
-        let mut eye = DVec3::ZERO;
+        let mut most = [[0.0; 2]; 2];
         for (axis, tangent) in [(0, tangent * aspect), (1, tangent)] {
-            let most =
+            let bound =
                 |sign: f64| seen.iter().map(|p| sign * p[axis] - tangent * p.z).fold(f64::NEG_INFINITY, f64::max);
-            let (right, left) = (most(1.0), most(-1.0));
-            eye[axis] = (right - left) * 0.5;
-            depth = depth.min(-(right + left) / (2.0 * tangent));
+            most[axis] = [bound(1.0), bound(-1.0)];
+            depth = depth.min(-(most[axis][0] + most[axis][1]) / (2.0 * tangent));
         }
+        let mut eye = DVec3::ZERO;
         // A single point has no size to fill the picture with; far from the origin, doubles are a billionth of that apart.
         let nearest = (bounds.radius() * 1e-3).max(center.abs().max_element() * 1e-9).max(1e-9);
         eye.z = depth.min(-nearest);
+        // What room is left along the other axis is shared out evenly on the screen: by bisection, for the slope of the
+        // uppermost point falls and that of the lowest grows with the eye's height.
+        for (axis, tangent) in [(0, tangent * aspect), (1, tangent)] {
+            let (mut low, mut high) = (most[axis][0] + tangent * eye.z, -most[axis][1] - tangent * eye.z);
+            for _ in 0..40 {
+                eye[axis] = (low + high) * 0.5;
+                let slopes = seen.iter().map(|p| (p[axis] - eye[axis]) / (p.z - eye.z));
+                let (least, largest) = slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, largest), slope| {
+                    (slope.min(least), slope.max(largest))
+                });
+                if largest > -least { low = eye[axis] } else { high = eye[axis] }
+            }
+        }
         self.eye = center + rows.transpose() * eye;
         self.pivot = self.eye + rows.row(2) * -eye.z;
     }
@@ -211,6 +224,11 @@ mod tests {
                         points.iter().map(|point| pixel(&camera, *point) / DVec2::new(limit * 1.5, limit)).collect();
                     let worst = seen.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
                     assert!(worst <= 0.97 && worst > 0.95, "{up} {view:?}: {worst}");
+                    let sum = |axis: usize| {
+                        let along = seen.iter().map(|p| p[axis]);
+                        along.clone().fold(f64::NEG_INFINITY, f64::max) + along.fold(f64::INFINITY, f64::min)
+                    };
+                    assert!(sum(0).abs() < 1e-6 && sum(1).abs() < 1e-6, "centred both ways");
                 }
             }
         }
