@@ -102,7 +102,7 @@ mod tests {
         let back = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
         assert_eq!(back.layer_data.size, exr::prelude::Vec2(2, 2));
         for (index, name) in picture.channels.iter().enumerate() {
-            let channel = back.layer_data.channel_data.list.iter().find(|channel| channel.name.eq(*name)).unwrap();
+            let channel = back.layer_data.channel_data.list.iter().find(|channel| channel.name.eq(name)).unwrap();
             let FlatSamples::F32(samples) = &channel.sample_data else { panic!("not float32") };
             let bits: Vec<u32> = samples.iter().map(|value| value.to_bits()).collect();
             let expected: Vec<u32> = picture.data.iter().skip(index).step_by(3).map(|value| value.to_bits()).collect();

@@ -122,6 +122,7 @@ impl Column {
         self.len() == 0
     }
 
+    #[allow(clippy::unnecessary_cast, reason = "one of the ten types is f64 already")]
     /// Value of point `index` as f64 (64-bit integers above 2^53 lose digits; `text` does not).
     pub fn value(&self, index: usize) -> f64 {
         each_type!(self, values => values[index] as f64)

@@ -20,9 +20,9 @@ use crate::{Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, pack_normal, pack_rad
 /// Splat radius over the radius of a disc with a point's share of area. Points that fall at random leave exp(-2^2) = 2 % of a
 /// surface bare; scans, more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
-/// A splat's largest radius over the median one. The spacing of a scan from one place grows with the distance, and ten
+/// A splat's largest radius over the median one. The spacing of a scan from one place grows with the distance, and five
 /// times the median distance covers most of it, while a stray point in the sky stays a dot instead of hiding the rest.
-const LARGEST_RADIUS: f32 = 10.0;
+const LARGEST_RADIUS: f32 = 5.0;
 /// Neighbourhoods narrower than this times their length (in variance: squared) are lines, which have no normal; below it
 /// f32 rounding of the covariance would turn the normal by a degree.
 const THINNEST: f64 = 1e-5;

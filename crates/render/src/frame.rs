@@ -134,9 +134,13 @@ impl FrameCamera {
     }
 }
 
-/// Name, size and field offsets of each struct shared with the shaders, padding left out.
+/// Name, size, and name and offset of each field.
 #[cfg(test)]
-pub fn layouts() -> Vec<(&'static str, usize, Vec<(&'static str, usize)>)> {
+pub type Layout = (&'static str, usize, Vec<(&'static str, usize)>);
+
+/// The structs shared with the shaders, padding left out.
+#[cfg(test)]
+pub fn layouts() -> Vec<Layout> {
     macro_rules! layout {
         ($Struct:ident: $($field:ident),*) => {
             (stringify!($Struct), size_of::<$Struct>(), vec![$((stringify!($field), offset_of!($Struct, $field))),*])

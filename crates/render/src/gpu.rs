@@ -1,6 +1,6 @@
 //! Adapters and devices: what there is, what is chosen and why.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 pub type Result<T> = std::result::Result<T, Error>;
@@ -49,6 +49,8 @@ pub struct Gpu {
     pub clock: Clock,
     /// 64-bit atomic maximum in storage buffers.
     pub atomics64: bool,
+    /// The first error that no scope was there for (memory that ran out, a lost device): the next wait reports it.
+    failure: Arc<Mutex<Option<String>>>,
 }
 
 /// How long a frame may take before the device is given up for lost: software Vulkan compiles shaders for seconds at the first
@@ -98,16 +100,24 @@ impl Gpu {
             .map_err(|error| Error::Device { adapter: info.name.clone(), problem: error.to_string() })?;
         let clock =
             if timestamps.is_empty() || info.device_type == wgpu::DeviceType::Cpu { Clock::Host } else { Clock::Gpu };
-        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64 }))
+        let failure = Arc::new(Mutex::new(None));
+        let first = failure.clone();
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let mut first = first.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            first.get_or_insert_with(|| error.to_string());
+        }));
+        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64, failure }))
     }
 
     /// Waits until everything submitted is done.
     ///
     /// # Errors
-    /// The device was lost, or took longer than five minutes.
+    /// The device was lost, took longer than five minutes, or something submitted since the last wait failed.
     pub fn wait(&self) -> Result<()> {
         let poll = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
-        self.device.poll(poll).map(|_| ()).map_err(|error| Error::Lost(error.to_string()))
+        self.device.poll(poll).map_err(|error| Error::Lost(error.to_string()))?;
+        let failure = self.failure.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take();
+        failure.map_or(Ok(()), |failure| Err(Error::Lost(failure)))
     }
 
     /// Copies a buffer that was created with `COPY_SRC` to the CPU.

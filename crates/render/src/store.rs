@@ -459,7 +459,8 @@ impl PointStore {
                 problem: format!("no memory for more points: {error}"),
             });
         }
-        let free = if room < capacity { vec![room..capacity] } else { Vec::new() };
+        let rest = room..capacity;
+        let free: Vec<_> = (!rest.is_empty()).then_some(rest).into_iter().collect();
         self.pages.push(PageBuffers { points, attributes, scalars: None, capacity, first_identity, free });
         Ok((self.pages.len() - 1, 0..count))
     }

@@ -1,5 +1,6 @@
 //! Splatting on the GPU against closed forms, and the laws it obeys. One renderer for all tests: software Vulkan compiles
 //! each pass for half a second.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 

@@ -32,6 +32,9 @@ pub struct Camera {
 /// "right" would be undefined.
 const POLE_MARGIN: f64 = 0.0087;
 
+/// Framing keeps the eye this many radii away from the middle.
+const CLOSEST_RADII: f64 = 1.2;
+
 impl Camera {
     /// From `pivot + back * distance`, `back` pointing from the pivot to the eye.
     pub fn looking(pivot: DVec3, back: DVec3, distance: f64, up: DVec3) -> Self {
@@ -103,8 +106,9 @@ impl Camera {
             depth = depth.min(-(most[axis][0] + most[axis][1]) / (2.0 * tangent));
         }
         let mut eye = DVec3::ZERO;
-        // A single point has no size to fill the picture with; far from the origin, doubles are a billionth of that apart.
-        let nearest = (bounds.radius() * 1e-3).max(center.abs().max_element() * 1e-9).max(1e-9);
+        // A single point has no size to fill the picture with, and far from the origin, doubles are a billionth of that apart.
+        // Closer than this, near parts would tower over far ones.
+        let nearest = (bounds.radius() * CLOSEST_RADII).max(center.abs().max_element() * 1e-9).max(1e-9);
         eye.z = depth.min(-nearest);
         // What room is left along the other axis is shared out evenly on the screen: by bisection, for the slope of the
         // uppermost point falls and that of the lowest grows with the eye's height.
@@ -144,7 +148,7 @@ impl Camera {
 
     fn leave_pole(&mut self) {
         let angle = self.forward().angle_between(self.up);
-        if angle < POLE_MARGIN || angle > std::f64::consts::PI - POLE_MARGIN {
+        if !(POLE_MARGIN..=std::f64::consts::PI - POLE_MARGIN).contains(&angle) {
             let (_, front) = horizontal_axes(self.up);
             let distance = self.distance();
             let back = -self.forward() + front * POLE_MARGIN * 2.0;
@@ -223,7 +227,10 @@ mod tests {
                     let seen: Vec<DVec2> =
                         points.iter().map(|point| pixel(&camera, *point) / DVec2::new(limit * 1.5, limit)).collect();
                     let worst = seen.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
-                    assert!(worst <= 0.97 && worst > 0.95, "{up} {view:?}: {worst}");
+                    let mut bounds = Bounds::EMPTY;
+                    points.iter().for_each(|point| bounds.include(*point));
+                    let is_closest = camera.distance() < bounds.radius() * CLOSEST_RADII * 1.001;
+                    assert!(worst <= 0.97 && (worst > 0.95 || is_closest), "{up} {view:?}: {worst}");
                     let sum = |axis: usize| {
                         let along = seen.iter().map(|p| p[axis]);
                         along.clone().fold(f64::NEG_INFINITY, f64::max) + along.fold(f64::INFINITY, f64::min)

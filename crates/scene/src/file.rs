@@ -67,10 +67,9 @@ impl SceneFile {
     pub fn parse(text: &str) -> Result<Self, Error> {
         let file: Self = toml::from_str(text)
             .map_err(|error| Error::Malformed { problem: error.to_string().trim_end().replace('\n', " ") })?;
-        if let Some(camera) = file.camera {
-            if !(camera.eye.is_finite() && camera.pivot.is_finite() && camera.up.is_finite()) {
-                return Err(Error::Malformed { problem: "the camera has coordinates that are not finite".into() });
-            }
+        let is_finite = |camera: &Camera| camera.eye.is_finite() && camera.pivot.is_finite() && camera.up.is_finite();
+        if !file.camera.as_ref().is_none_or(is_finite) {
+            return Err(Error::Malformed { problem: "the camera has coordinates that are not finite".into() });
         }
         Ok(file)
     }
