@@ -126,7 +126,8 @@ impl Window<'_> {
         for step in 1..=STEPS {
             let along = |axis: usize| from[axis] + (to[axis] - from[axis]) * step / STEPS;
             self.move_to([along(0), along(1)]);
-            std::thread::sleep(Duration::from_millis(20));
+            // Slow enough for a busy machine's window to see the button held in several of its frames.
+            std::thread::sleep(Duration::from_millis(80));
         }
         self.hands(&["mouseup"], &[&button.to_string()]);
     }

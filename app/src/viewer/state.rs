@@ -532,7 +532,7 @@ impl State {
             old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
         });
         entry.figures_basis = Some(basis);
-        let bounds_changed = entry.figures.as_ref().is_none_or(|old| old.bounds != figures.bounds);
+        let outline_changed = entry.figures.as_ref().is_none_or(|old| old.outline != figures.outline);
         let (cloud, up, plan) = (entry.cloud.clone(), entry.up, figures.plan.clone());
         let warning = figures.warning.clone();
         entry.figures = Some(figures);
@@ -545,7 +545,7 @@ impl State {
             self.say(Level::Warning, warning.clone());
             self.warned.push(warning);
         }
-        if bounds_changed {
+        if outline_changed {
             self.frame_while_unplaced(self.bounds());
         }
     }
@@ -617,12 +617,15 @@ impl State {
         Camera::framing(outline, view, self.up(), self.settings.view.field_of_view, self.aspect())
     }
 
-    /// Shows all of `bounds` unless someone has chosen the camera.
+    /// Shows everything unless someone has chosen the camera: the clouds' outlines, or `bounds` while none is known.
     fn frame_while_unplaced(&mut self, bounds: Bounds) {
-        if !self.camera_is_placed && !bounds.is_empty() && self.clouds.len() <= 1 {
-            self.camera = self.framed(&bounds.corners(), StandardView::Isometric);
-        } else if !self.camera_is_placed && !self.bounds().is_empty() {
+        if self.camera_is_placed {
+            return;
+        }
+        if self.clouds.iter().any(|entry| entry.is_visible && entry.figures.is_some()) {
             self.camera = self.framed(&self.outline(), StandardView::Isometric);
+        } else if !bounds.is_empty() {
+            self.camera = self.framed(&bounds.corners(), StandardView::Isometric);
         }
     }
 
