@@ -26,8 +26,7 @@ struct Splat {
 const SPLAT_QUALITY_NEAREST: u32 = 0u;
 const SPLAT_QUALITY_HIGH: u32 = 1u;
 const SPLAT_ATOMICS_AUTO: u32 = 0u;
-const SPLAT_ATOMICS_64: u32 = 1u;
-const SPLAT_ATOMICS_32: u32 = 2u;
+const SPLAT_ATOMICS_32: u32 = 1u;
 
 // Colour of the points.
 struct Color {

@@ -78,12 +78,16 @@ struct StoredChunk {
 }
 
 impl StoredChunk {
+    /// Of any of its splats, world units.
+    fn largest_radius(&self, cloud: &StoredCloud, splat: &Splat) -> f64 {
+        let provisional = if self.lacks_radii { cloud.provisional_radius } else { 0.0 };
+        f64::from(self.largest_radius.max(provisional)) * f64::from(splat.size)
+    }
+
     /// Whether no point of the chunk can cover more than one pixel.
     fn is_of_single_pixels(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
-        let provisional = if self.lacks_radii { cloud.provisional_radius } else { 0.0 };
-        let radius = f64::from(self.largest_radius.max(provisional));
-        let pixels =
-            radius * f64::from(splat.size) * camera.most_pixels_per_unit(self.bounds.center(), self.bounds.radius());
+        let scale = camera.most_pixels_per_unit(self.bounds.center(), self.bounds.radius());
+        let pixels = self.largest_radius(cloud, splat) * scale;
         // The limits as disc_of_point in splat.wgsl has them.
         let (least, most) =
             (f64::from(splat.min_pixels) * 0.5, f64::from(splat.max_pixels.max(splat.min_pixels)) * 0.5);
@@ -370,7 +374,7 @@ impl PointStore {
         for chunk in chunks {
             let cloud = &self.clouds[&chunk.cloud];
             // Splats reach beyond their points.
-            let reach = f64::from(cloud.provisional_radius).max(chunk.bounds.radius() * 0.05);
+            let reach = chunk.largest_radius(cloud, splat);
             if !cloud.visible
                 || chunk.bounds.is_empty()
                 || !camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach)

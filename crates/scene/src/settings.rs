@@ -14,7 +14,7 @@ choices! {
 }
 choices! {
     /// Width of the atomics that find the nearest point of a pixel.
-    pub enum Atomics { Auto = "auto", Bits64 = "64", Bits32 = "32" }
+    pub enum Atomics { Auto = "auto", Bits32 = "32" }
 }
 choices! {
     /// What colours the points.
@@ -95,9 +95,9 @@ params! {
 
     /// Surface estimation: normals and spacing of clouds that come without.
     pub struct Surface = "surface" {
-        /// Nearest neighbours that a plane is fitted to.
+        /// Nearest neighbours that a plane is fitted to when a cloud is read.
         neighbours: u32 = 16, 4..=64, "points";
-        /// Which way estimated normals point; auto guesses from the cloud's shape.
+        /// Which way normals point that are estimated when a cloud is read; auto guesses from its shape.
         orientation: SurfaceOrientation = SurfaceOrientation::Auto;
     }
 
