@@ -43,7 +43,7 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
             front = min(front, depths[i]);
         }
     }
-    let limit = front * (1.0 + SAME_SURFACE);
+    let limit = front + SAME_SURFACE * select(front, frame.reference_depth, frame.orthographic != 0u);
     var count = 0u;
     for (var i = 0; i < 8; i++) {
         count += select(0u, 1u, depths[i] > 0.0 && depths[i] <= limit);

@@ -38,7 +38,7 @@ fn eye_dome(pixel: vec2i, depth: f32) -> f32 {
         let neighbor = clamp(pixel + offset, vec2i(0), size - 1);
         let neighbor_depth = textureLoad(depth_in, neighbor, 0).x;
         if neighbor_depth > 0.0 {
-            sum += max(0.0, log2(depth / neighbor_depth));
+            sum += log2(1.0 + max(0.0, depth_step(frame, neighbor_depth, depth)));
         }
     }
     // 300 is the customary factor: at strength 0.4 a step of one percent of the depth on one side darkens by a fifth or so.

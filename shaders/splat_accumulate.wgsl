@@ -1,6 +1,6 @@
 // High quality: every fragment within the depth offset of the pixel's nearest one adds its colour, normal and depth, by its
 // weight (Botsch et al. 2005, visibility splatting; here with integer atomics, so the order of the points cannot matter).
-// Sums are fixed-point; crates/render/src/renderer.rs says how many fragments a pixel may take before they could overflow.
+// Sums are fixed-point words with 16 bits of carry each, so that a pixel can take all points there are.
 #import splat
 #import color
 
@@ -18,10 +18,12 @@
 @group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
 // Four words a pixel: weight, albedo * weight.
 @group(2) @binding(1) var<storage, read_write> color_sums: array<atomic<u32>>;
-// Four words a pixel: normal * weight (signed), depth behind the front over the front depth * weight.
+// Four words a pixel: (normal + NORMAL_BIAS) * weight, depth behind the front over the front depth * weight.
 @group(2) @binding(2) var<storage, read_write> surface_sums: array<atomic<u32>>;
-// Two words a pixel: specular intensity and power * weight.
+// Three words a pixel: specular intensity and power * weight, and their carries.
 @group(2) @binding(3) var<storage, read_write> specular_sums: array<atomic<u32>>;
+// Four words a pixel: the carries of color_sums and surface_sums, 16 bits each.
+@group(2) @binding(4) var<storage, read_write> carries: array<atomic<u32>>;
 
 // Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
 override pixels_only: bool = false;
@@ -122,20 +124,39 @@ fn front_depth(pixel: u32) -> f32 {
 
 fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front: f32) {
     let weight = 1u + u32(fragment.weight * 63.0);
-    atomicAdd(&color_sums[pixel * 4u], weight);
-    atomicAdd(&color_sums[pixel * 4u + 1u], surface.albedo.r * weight);
-    atomicAdd(&color_sums[pixel * 4u + 2u], surface.albedo.g * weight);
-    atomicAdd(&color_sums[pixel * 4u + 3u], surface.albedo.b * weight);
-    let weighted = bitcast<vec3u>(surface.normal * i32(weight));
-    atomicAdd(&surface_sums[pixel * 4u], weighted.x);
-    atomicAdd(&surface_sums[pixel * 4u + 1u], weighted.y);
-    atomicAdd(&surface_sums[pixel * 4u + 2u], weighted.z);
+    add_color(pixel, 0u, weight);
+    add_color(pixel, 1u, surface.albedo.r * weight);
+    add_color(pixel, 2u, surface.albedo.g * weight);
+    add_color(pixel, 3u, surface.albedo.b * weight);
+    let biased = vec3u(surface.normal + NORMAL_BIAS) * weight;
+    add_surface(pixel, 0u, biased.x);
+    add_surface(pixel, 1u, biased.y);
+    add_surface(pixel, 2u, biased.z);
     // A quarter of the front depth in 16 bits: splats are limited to fewer pixels than that.
     let behind = u32(clamp((fragment.depth - front) / front, 0.0, 0.25) * 4.0 * 65535.0 + 0.5);
-    atomicAdd(&surface_sums[pixel * 4u + 3u], behind * weight);
+    add_surface(pixel, 3u, behind * weight);
     // Most points are no mirrors: they pay nothing for it.
     if item.specular_intensity > 0.0 {
-        atomicAdd(&specular_sums[pixel * 2u], u32(item.specular_intensity * 1023.0 + 0.5) * weight);
-        atomicAdd(&specular_sums[pixel * 2u + 1u], u32(item.specular_power + 0.5) * weight);
+        add_specular(pixel, 0u, u32(item.specular_intensity * 1023.0 + 0.5) * weight);
+        add_specular(pixel, 1u, u32(item.specular_power + 0.5) * weight);
+    }
+}
+
+// A sum that wraps adds one to its half of a word of carries.
+fn add_color(pixel: u32, word: u32, value: u32) {
+    if atomicAdd(&color_sums[pixel * 4u + word], value) > 0xffffffffu - value {
+        atomicAdd(&carries[pixel * 4u + word / 2u], 1u << (16u * (word & 1u)));
+    }
+}
+
+fn add_surface(pixel: u32, word: u32, value: u32) {
+    if atomicAdd(&surface_sums[pixel * 4u + word], value) > 0xffffffffu - value {
+        atomicAdd(&carries[pixel * 4u + 2u + word / 2u], 1u << (16u * (word & 1u)));
+    }
+}
+
+fn add_specular(pixel: u32, word: u32, value: u32) {
+    if atomicAdd(&specular_sums[pixel * 3u + word], value) > 0xffffffffu - value {
+        atomicAdd(&specular_sums[pixel * 3u + 2u], 1u << (16u * word));
     }
 }

@@ -12,6 +12,14 @@ struct Frame {
     height: u32,
     // Nothing nearer than this is drawn, world units.
     near: f32,
+    // Orthographic: the pivot's distance, which depth differences are compared with, since depths themselves depend on where
+    // along the line of sight the eye was put. Perspective: 0.
+    reference_depth: f32,
+}
+
+// How far `far` lies behind `near`, as a share of the depth at which it is seen.
+fn depth_step(frame: Frame, near: f32, far: f32) -> f32 {
+    return (far - near) / select(near, frame.reference_depth, frame.orthographic != 0u);
 }
 
 fn view_from_relative(frame: Frame, relative: vec3f) -> vec3f {

@@ -159,6 +159,9 @@ fn fragment_of_disc(frame: Frame, disc: Disc, pixel: vec2i) -> Fragment {
     return Fragment(hit.z, 1.0 - outside);
 }
 
+// Added to the components of normals, 11 bits and sign, to sum them unsigned.
+const NORMAL_BIAS: i32 = 2048;
+
 // Depth as an integer that is larger the nearer: 0 stays "empty", and a cleared buffer is all zero.
 fn nearness(depth: f32) -> u32 {
     return 0xffffffffu - bitcast<u32>(depth);

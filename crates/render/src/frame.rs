@@ -17,7 +17,8 @@ pub struct Frame {
     pub width: u32,
     pub height: u32,
     pub near: f32,
-    pub unused: [f32; 3],
+    pub reference_depth: f32,
+    pub unused: [f32; 2],
 }
 
 #[repr(C)]
@@ -62,6 +63,10 @@ pub struct FrameCamera {
     pub orthographic: bool,
     pub size: [u32; 2],
     pub near: f64,
+    /// Orthographic: distance of the pivot.
+    pub reference_depth: f64,
+    /// How far the eye was moved back from the camera's own.
+    pub moved_back: f64,
 }
 
 impl FrameCamera {
@@ -74,17 +79,21 @@ impl FrameCamera {
         let distance = camera.distance().max(1e-12);
         let mut eye = camera.eye;
         let focal_pixels = if orthographic { half_height / (tangent * distance) } else { half_height / tangent };
+        let mut moved_back = 0.0;
         let near = if orthographic {
             let forward = camera.forward();
             let front = (scene_center - eye).dot(forward) - scene_radius * 1.01;
-            eye += forward * front.min(0.0);
+            moved_back = -front.min(0.0);
+            eye -= forward * moved_back;
             0.0
         } else {
             // A ten-thousandth of the distance looked at: close enough for flying through walls, and f32 depth keeps its
             // relative precision whatever it is.
             distance * 1e-4
         };
-        Self { eye, view_from_world: camera.view_from_world(), focal_pixels, orthographic, size, near }
+        let reference_depth = if orthographic { distance } else { 0.0 };
+        let view_from_world = camera.view_from_world();
+        Self { eye, view_from_world, focal_pixels, orthographic, size, near, reference_depth, moved_back }
     }
 
     pub fn to_gpu(self) -> Frame {
@@ -98,7 +107,8 @@ impl FrameCamera {
             width: self.size[0],
             height: self.size[1],
             near: self.near as f32,
-            unused: [0.0; 3],
+            reference_depth: self.reference_depth as f32,
+            unused: [0.0; 2],
         }
     }
 
@@ -116,13 +126,14 @@ impl FrameCamera {
         if self.orthographic { self.focal_pixels } else { self.focal_pixels / nearest }
     }
 
-    /// Whether a sphere may be in the picture.
-    pub fn sees(&self, center: DVec3, radius: f64) -> bool {
+    /// Whether a sphere, widened by `margin` pixels, may be in the picture.
+    pub fn sees(&self, center: DVec3, radius: f64, margin: f64) -> bool {
         let view = self.view_from_world * (center - self.eye);
         if view.z < self.near - radius {
             return false;
         }
-        let half = [f64::from(self.size[0]) * 0.5, f64::from(self.size[1]) * 0.5].map(|half| half / self.focal_pixels);
+        let half = [f64::from(self.size[0]) * 0.5, f64::from(self.size[1]) * 0.5]
+            .map(|half| (half + margin) / self.focal_pixels);
         [(view.x, half[0]), (view.y, half[1])].into_iter().all(|(offset, half)| {
             if self.orthographic {
                 offset.abs() <= half + radius
@@ -147,7 +158,7 @@ pub fn layouts() -> Vec<Layout> {
         };
     }
     vec![
-        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near),
+        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near, reference_depth),
         layout!(Item: origin_radius, low, inverse_range, color_source, plain, specular_intensity, specular_power, class_mask, height, height_axis),
         layout!(Block: item, first, count, unused),
         layout!(Page: first_identity, block_count, point_count, is_first),
@@ -186,10 +197,10 @@ mod tests {
                 let view = camera.view_from_world * (center - camera.eye);
                 let scale = if camera.orthographic { camera.focal_pixels } else { camera.focal_pixels / view.z };
                 let inside = view.z > camera.near && (view.x * scale).abs() < 200.0 && (view.y * scale).abs() < 150.0;
-                assert!(!inside || camera.sees(center, 0.0), "{center}");
+                assert!(!inside || camera.sees(center, 0.0, 0.0), "{center}");
             }
-            assert!(!camera.sees(DVec3::new(10.0, 500.0, 0.0), 1.0));
-            assert!(camera.sees(DVec3::new(10.0, 500.0, 0.0), 499.0));
+            assert!(!camera.sees(DVec3::new(10.0, 500.0, 0.0), 1.0, 0.0));
+            assert!(camera.sees(DVec3::new(10.0, 500.0, 0.0), 499.0, 0.0));
         }
     }
 

@@ -30,10 +30,10 @@ pub const SPLAT_NEAREST: Pass = Pass { name: "splat_nearest", groups: &[FRAME, P
 pub const SPLAT_DEPTH: Pass = Pass { name: "splat_depth", groups: &[FRAME, PAGE, &[ReadWrite]] };
 pub const SPLAT_IDENTITY: Pass = Pass { name: "splat_identity", groups: &[FRAME, PAGE, &[ReadWrite]] };
 pub const SPLAT_ACCUMULATE: Pass =
-    Pass { name: "splat_accumulate", groups: &[FRAME, PAGE, &[Read, ReadWrite, ReadWrite, ReadWrite]] };
+    Pass { name: "splat_accumulate", groups: &[FRAME, PAGE, &[Read, ReadWrite, ReadWrite, ReadWrite, ReadWrite]] };
 pub const SPLAT_AVERAGE: Pass = Pass {
     name: "splat_average",
-    groups: &[FRAME, &[Read, Read, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
+    groups: &[FRAME, &[Read, Read, Read, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
 };
 pub const SPLAT_RESOLVE: Pass = Pass {
     name: "splat_resolve",

@@ -70,9 +70,8 @@ struct Targets {
     size: [u32; 2],
     /// Two words a pixel: identity of the nearest point, nearness (0: empty).
     nearest: wgpu::Buffer,
-    /// Sums of the high quality, made when it is first asked for. 32-bit fixed point: at the largest weight of 64, albedo
-    /// (12 bits) and signed normals (11 bits) take 16 thousand splats a pixel before they could overflow.
-    sums: Option<[wgpu::Buffer; 3]>,
+    /// Sums of the high quality and their carries, made when it is first asked for.
+    sums: Option<[wgpu::Buffer; 4]>,
     /// As splatted.
     splatted: GBuffer,
     /// With its gaps closed, where that is asked for.
@@ -177,8 +176,9 @@ impl Renderer {
                 for buffer in sums {
                     recorder.clear(buffer);
                 }
-                let [color_sums, surface_sums, specular_sums] = sums.each_ref().map(|sums| sums.as_entire_binding());
-                let sums = [nearest, color_sums, surface_sums, specular_sums];
+                let [color_sums, surface_sums, specular_sums, carries] =
+                    sums.each_ref().map(|sums| sums.as_entire_binding());
+                let sums = [nearest, color_sums, surface_sums, specular_sums, carries];
                 self.each_page(&mut recorder, &passes::SPLAT_ACCUMULATE, &inputs, &sums);
                 let resources: Vec<_> = sums.iter().chain(&splatted).cloned().collect();
                 self.each_pixel(&mut recorder, &self.pipelines.splat_average, &inputs, &resources);
@@ -255,7 +255,7 @@ impl Renderer {
                 continue;
             }
             match aov {
-                Aov::Depth => data.push(depth),
+                Aov::Depth => data.push((f64::from(depth) - camera.moved_back) as f32),
                 Aov::Mirror => data.push(if per_pixel[pixel * 4 + 3] > 0.0 { 1.0 } else { 0.0 }),
                 Aov::Position => {
                     let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
@@ -277,6 +277,7 @@ impl Renderer {
         if pixel[0] >= width || pixel[1] >= height {
             return Ok(None);
         }
+        let camera = self.camera.ok_or_else(nothing_rendered)?;
         let radius = radius.max(1);
         let (top, bottom) = (pixel[1].saturating_sub(radius), (pixel[1] + radius).min(height - 1));
         let row_bytes = u64::from(width) * 8;
@@ -291,7 +292,9 @@ impl Renderer {
                 let place = ((y - top) * width + x) as usize;
                 let word = words[place];
                 // Behind a closed gap lies a point that is not seen.
-                let is_seen = word[1] != 0 && f32::from_bits(u32::MAX - word[1]) <= shown[place] * (1.0 + SAME_SURFACE);
+                let same =
+                    SAME_SURFACE * if camera.orthographic { camera.reference_depth as f32 } else { shown[place] };
+                let is_seen = word[1] != 0 && f32::from_bits(u32::MAX - word[1]) <= shown[place] + same;
                 let distance = x.abs_diff(pixel[0]).pow(2) + y.abs_diff(pixel[1]).pow(2);
                 if is_seen && best.is_none_or(|(least, ..)| distance < least) {
                     best = Some((distance, [x, y], word));
@@ -331,7 +334,7 @@ impl Renderer {
         if let Some(targets) =
             self.targets.as_mut().filter(|targets| quality == Quality::High && targets.sums.is_none())
         {
-            targets.sums = Some([16, 16, 8].map(|bytes| storage(&self.gpu.device, "sums", pixels * bytes)));
+            targets.sums = Some([16, 16, 12, 16].map(|bytes| storage(&self.gpu.device, "sums", pixels * bytes)));
         }
         Ok(())
     }
@@ -476,7 +479,7 @@ impl Targets {
     }
 
     fn bytes(&self) -> u64 {
-        let sums = if self.sums.is_some() { 40 } else { 0 };
+        let sums = if self.sums.is_some() { 60 } else { 0 };
         u64::from(self.size[0]) * u64::from(self.size[1]) * (8 + sums + 2 * (8 + 16 + 4) + 8 + 4)
     }
 }

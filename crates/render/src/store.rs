@@ -151,7 +151,7 @@ impl PointStore {
     /// Announces `points` more, so that the next page is as large as they take. Nothing is allocated before points come, and
     /// never more than one page ahead of them.
     pub fn reserve(&mut self, points: u64) {
-        self.reserved = (self.points() + points).min(u64::from(u32::MAX)) as u32;
+        self.reserved = (u64::from(self.reserved).max(self.points()) + points).min(u64::from(u32::MAX)) as u32;
     }
 
     pub fn add_cloud(&mut self, material: Material) -> CloudId {
@@ -375,9 +375,10 @@ impl PointStore {
             let cloud = &self.clouds[&chunk.cloud];
             // Splats reach beyond their points.
             let reach = chunk.largest_radius(cloud, splat);
+            let margin = f64::from(splat.min_pixels) * 0.5;
             if !cloud.visible
                 || chunk.bounds.is_empty()
-                || !camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach)
+                || !camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin)
             {
                 continue;
             }

@@ -438,6 +438,56 @@ fn gaps_between_splats_are_closed_and_outlines_stay() {
 }
 
 #[test]
+fn a_pixel_takes_a_hundred_thousand_points_as_it_takes_one() {
+    let mut stage = stage_or_skip!();
+    let normal = Vec3::new(0.3, -1.0, 0.4).normalize();
+    let at = Point { position: DVec3::ZERO, normal, color: [250, 90, 255], radius: 1e-6 };
+    for discs in ["1", "3"] {
+        let settings = settings(&[("splat.min_pixels", discs), ("splat.max_pixels", discs)]);
+        let camera = front_camera();
+        draw(&mut stage, vec![chunk(&[at], DVec3::ZERO)], &camera, &settings);
+        let one = [Aov::Albedo, Aov::Normal].map(|aov| stage.renderer.read_aov(aov).unwrap().data);
+        draw(&mut stage, vec![chunk(&vec![at; 100_000], DVec3::ZERO)], &camera, &settings);
+        let many = [Aov::Albedo, Aov::Normal].map(|aov| stage.renderer.read_aov(aov).unwrap().data);
+        for (one, many) in one.iter().zip(&many) {
+            let differences =
+                one.iter().zip(many).filter(|(a, b)| !(a.is_nan() && b.is_nan() || (*a - *b).abs() < 2e-3));
+            assert_eq!(differences.count(), 0, "discs of {discs} pixels");
+        }
+    }
+}
+
+#[test]
+fn a_parallel_picture_does_not_depend_on_where_along_the_line_of_sight_the_eye_is() {
+    let mut stage = stage_or_skip!();
+    let points = ball(30_000);
+    let settings = settings(&[("view.projection", "orthographic")]);
+    let near = front_camera();
+    let (_, a) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &near, &settings);
+    let at = |stage: &Stage| stage.renderer.read_aov(Aov::Depth).unwrap().data[60 * 160 + 80];
+    let depth = at(&stage);
+    // Through the ball: the pivot's distance, which sets the scale, stays.
+    let shift = near.forward() * 2.5;
+    let inside = Camera { eye: near.eye + shift, pivot: near.pivot + shift, ..near };
+    let (_, b) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &inside, &settings);
+    assert!(share_different(&a, &b, 2) < 2e-3, "{}", share_different(&a, &b, 2));
+    assert!((depth - at(&stage) - 2.5).abs() < 1e-3, "depths are the camera's own");
+}
+
+#[test]
+fn splats_widened_on_the_screen_reach_in_from_beyond_its_edge() {
+    let mut stage = stage_or_skip!();
+    let settings = settings(&[("splat.min_pixels", "40")]);
+    let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 4.0, DVec3::Z);
+    // Ten pixels beyond the right edge.
+    let x = 90.0 / 60.0 * 4.0 * 30_f64.to_radians().tan();
+    let point = Point { position: DVec3::new(x, 0.0, 0.0), normal: Vec3::NEG_Y, color: [255; 3], radius: 1e-4 };
+    draw(&mut stage, vec![chunk(&[point], DVec3::ZERO)], &camera, &settings);
+    let covered = stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().filter(|depth| !depth.is_nan()).count();
+    assert!(covered > 100, "{covered}");
+}
+
+#[test]
 fn an_empty_store_shows_the_background() {
     let mut stage = stage_or_skip!();
     let store = PointStore::new(stage.gpu.clone());

@@ -168,6 +168,10 @@ impl Camera {
 
     /// Scales the distances of eye and pivot to `anchor` by `factor`, so that `anchor` stays where it is in the picture.
     pub fn zoom_toward(&mut self, anchor: DVec3, factor: f64) {
+        // Beyond these, doubles could no longer tell the eye from the pivot, or a coordinate from infinity.
+        let reach = self.eye.abs().max_element().max(self.pivot.abs().max_element()).max(1.0);
+        let distance = self.distance().max(f64::MIN_POSITIVE);
+        let factor = factor.clamp((reach * 1e-12 / distance).min(1.0), (1e15 / distance).max(1.0));
         self.eye = anchor + (self.eye - anchor) * factor;
         self.pivot = anchor + (self.pivot - anchor) * factor;
     }
@@ -283,6 +287,25 @@ mod tests {
         let before = pixel(&camera, anchor);
         camera.zoom_toward(anchor, 0.7);
         assert!(pixel(&camera, anchor).abs_diff_eq(before, 1e-12));
+    }
+
+    #[test]
+    fn zooming_without_end_keeps_a_camera_that_can_zoom_back() {
+        for factor in [0.8, 1.25] {
+            let mut camera = Camera::looking(DVec3::new(6e6, 5e6, 100.0), DVec3::new(0.3, -1.0, 0.4), 500.0, DVec3::Z);
+            let forward = camera.forward();
+            for _ in 0..2000 {
+                camera.zoom_toward(camera.pivot, factor);
+            }
+            assert!(
+                camera.eye.is_finite() && camera.distance() > 0.0 && camera.forward().dot(forward) > 0.9,
+                "{camera:?}"
+            );
+            for _ in 0..20 {
+                camera.zoom_toward(camera.pivot, 1.0 / factor);
+            }
+            assert!(camera.forward().dot(forward) > 0.9);
+        }
     }
 
     #[test]

@@ -39,7 +39,7 @@ params! {
         projection: Projection = Projection::Perspective;
         /// Vertical field of view; in parallel projection it still sets how much is seen at the pivot's distance.
         field_of_view: f32 = 60.0, 1.0..=150.0, "degrees";
-        /// Axis that points up; auto takes z for LAS and LAZ and for PLY clouds, y for PLY meshes.
+        /// Axis that points up when a cloud is read; auto takes z for LAS and LAZ and for PLY clouds, y for PLY meshes.
         up: UpAxis = UpAxis::Auto;
         /// Colour where there is no point.
         background: param::Color = param::Color(0x1d20_25ff);
