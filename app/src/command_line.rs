@@ -88,7 +88,7 @@ pub struct RenderArguments {
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
     /// Frames whose times --stats takes the median of, after one to warm up; 1 if not given
-    #[arg(long, value_name = "N", requires = "stats", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: Option<u32>,
     /// Seed of the built-in scenes' points; short for --set scene.seed=N
     #[arg(long, value_name = "N")]

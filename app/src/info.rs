@@ -63,10 +63,12 @@ struct AttributeReport {
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     let mut inputs = Vec::new();
     for word in &arguments.inputs {
-        match loading::resolve(std::slice::from_ref(word)) {
-            Ok(request) => inputs.extend(request.inputs.into_iter().map(|input| entry(&input, arguments.scan))),
-            Err(error) => inputs.push(Entry::Unreadable { path: word.clone(), error: format!("{error:#}") }),
+        let request = loading::resolve(std::slice::from_ref(word));
+        request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
+        if request.inputs.is_empty() {
+            inputs.push(Entry::Unreadable { path: word.clone(), error: format!("{word}: no clouds in it") });
         }
+        inputs.extend(request.inputs.iter().map(|input| entry(input, arguments.scan)));
     }
     let unreadable = inputs.iter().any(|entry| matches!(entry, Entry::Unreadable { .. }));
     let report = Report { inputs };
@@ -91,6 +93,7 @@ fn entry(input: &Input, scan: bool) -> Entry {
     let report = match input {
         Input::File(path) => file_report(path, scan).map_err(|error| error.to_string()),
         Input::BuiltIn(_) => Err(format!("{}: a built-in scene, not a file; `glint scenes` lists them", input.name())),
+        Input::Unknown { error, .. } => Err(error.clone()),
     };
     match report {
         Ok(report) => Entry::Read(Box::new(report)),

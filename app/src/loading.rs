@@ -10,7 +10,6 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use anyhow::Context as _;
 use cloud::{Attribute, Chunk, Column, Grid, Orientation, Progress, SurfelOptions, Surfels};
 use glam::DVec3;
 use scene::{ColorBy, SceneFile, SceneSettings, Settings, SurfaceOrientation, UpAxis, View, five_mirrors};
@@ -26,6 +25,11 @@ const CHUNKS_UNDER_WAY: usize = 16;
 pub enum Input {
     File(PathBuf),
     BuiltIn(five_mirrors::Mirror),
+    /// A word that names nothing, or a scene file that cannot be read. It keeps its place, and fails when it is loaded.
+    Unknown {
+        name: String,
+        error: String,
+    },
 }
 
 impl Input {
@@ -34,6 +38,7 @@ impl Input {
         match self {
             Self::File(path) => path.display().to_string(),
             Self::BuiltIn(mirror) => built_in_name(*mirror),
+            Self::Unknown { name, .. } => name.clone(),
         }
     }
 }
@@ -47,18 +52,36 @@ pub struct Request {
     pub warnings: Vec<String>,
 }
 
+impl Request {
+    /// # Errors
+    /// If words were given and none of them names anything; a line for each.
+    pub fn check(&self) -> anyhow::Result<()> {
+        let errors: Vec<&str> = self
+            .inputs
+            .iter()
+            .filter_map(|input| if let Input::Unknown { error, .. } = input { Some(error.as_str()) } else { None })
+            .collect();
+        if errors.is_empty() || errors.len() < self.inputs.len() { Ok(()) } else { Err(usage(errors.join("\n"))) }
+    }
+}
+
 /// Finds out what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
-///
-/// # Errors
-/// A word that names nothing, with the name that may have been meant; a scene file that cannot be read.
-pub fn resolve(words: &[String]) -> anyhow::Result<Request> {
+/// A word that names nothing becomes `Input::Unknown`, with the name that may have been meant: the others count.
+pub fn resolve(words: &[String]) -> Request {
     let mut request = Request::default();
     for word in words {
         if Path::new(word).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
-            let file = SceneFile::read(Path::new(word))?;
-            for cloud in &file.clouds {
-                request.inputs.push(input(cloud).with_context(|| word.clone())?);
-            }
+            let file = match SceneFile::read(Path::new(word)) {
+                Ok(file) => file,
+                Err(error) => {
+                    request.inputs.push(Input::Unknown { name: word.clone(), error: error.to_string() });
+                    continue;
+                }
+            };
+            request.inputs.extend(file.clouds.iter().map(|cloud| match input(cloud) {
+                Ok(input) => input,
+                Err(error) => Input::Unknown { name: cloud.clone(), error: format!("{word}: {error}") },
+            }));
             let view = file.view();
             request.warnings.extend(view.warnings.iter().map(|warning| format!("{word}: {warning}")));
             if request.view.replace(view).is_some() {
@@ -67,7 +90,8 @@ pub fn resolve(words: &[String]) -> anyhow::Result<Request> {
                     .push(format!("{word}: its camera and parameters replace those of the scene before it"));
             }
         } else {
-            request.inputs.push(input(word)?);
+            let named = input(word).unwrap_or_else(|error| Input::Unknown { name: word.clone(), error });
+            request.inputs.push(named);
         }
     }
     let built_in_alone =
@@ -81,16 +105,17 @@ pub fn resolve(words: &[String]) -> anyhow::Result<Request> {
         });
         view.camera.get_or_insert(camera);
     }
-    Ok(request)
+    request
 }
 
-fn input(word: &str) -> anyhow::Result<Input> {
+/// The file or built-in scene that `word` names, or what to say.
+fn input(word: &str) -> Result<Input, String> {
     if let Some(mirror) = five_mirrors::Mirror::ALL.into_iter().find(|mirror| built_in_name(*mirror) == word) {
         return Ok(Input::BuiltIn(mirror));
     }
     let path = Path::new(word);
     if path.is_dir() {
-        return Err(usage(format!("{word}: a folder; name the files in it, as in {}", path.join("*.laz").display())));
+        return Err(format!("{word}: a folder; name the files in it, as in {}", path.join("*.laz").display()));
     }
     if path.exists() {
         return Ok(Input::File(path.to_owned()));
@@ -105,7 +130,7 @@ fn input(word: &str) -> anyhow::Result<Input> {
         None if word.starts_with("five-mirrors") => "; `glint scenes` lists the built-in scenes".into(),
         None => String::new(),
     };
-    Err(usage(format!("{word}: no such file or built-in scene{hint}")))
+    Err(format!("{word}: no such file or built-in scene{hint}"))
 }
 
 /// Files in the folder where `path` was looked for, written as `path` is.
@@ -256,6 +281,9 @@ impl Loader {
             match input {
                 Input::File(path) => opened.extend(self.open(path, opened.len())?),
                 Input::BuiltIn(mirror) => self.sample(*mirror, &mut opened)?,
+                Input::Unknown { name, error } => {
+                    self.send(Event::Failed { input: name.clone(), error: error.clone() })?;
+                }
             }
         }
         let expected = opened.iter().filter_map(|loading| loading.source.as_ref()).map(|source| source.info().points);
@@ -433,7 +461,7 @@ mod tests {
     }
 
     fn message(word: &str) -> String {
-        format!("{:#}", resolve(&words(&[word])).unwrap_err())
+        resolve(&words(&[word])).check().unwrap_err().to_string()
     }
 
     #[test]
@@ -447,17 +475,31 @@ mod tests {
             "clouds = [\"cloud.ply\", \"five-mirrors/torus\"]\n[parameters]\n\"splat.size\" = 2.0\n\"splat.nope\" = 1\n",
         )
         .unwrap();
-        let request = resolve(&words(&[scene.to_str().unwrap()])).unwrap();
+        let request = resolve(&words(&[scene.to_str().unwrap()]));
         let torus = Input::BuiltIn(five_mirrors::Mirror::Torus);
         assert_eq!(request.inputs, [Input::File(cloud), torus.clone()]);
         let view = request.view.unwrap();
         assert_eq!((view.settings.splat.size, view.camera), (2.0, None));
         assert!(request.warnings.len() == 1 && request.warnings[0].contains("splat.nope"), "{:?}", request.warnings);
 
-        let alone = resolve(&words(&["five-mirrors/torus"])).unwrap();
+        let alone = resolve(&words(&["five-mirrors/torus"]));
         assert_eq!(alone.inputs, [torus]);
         assert_eq!(alone.view.unwrap().camera, Some(five_mirrors::camera()));
-        assert!(resolve(&[]).unwrap().inputs.is_empty());
+        let nothing = resolve(&[]);
+        assert!(nothing.inputs.is_empty() && nothing.check().is_ok());
+    }
+
+    #[test]
+    fn a_word_that_names_nothing_leaves_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene.toml");
+        std::fs::write(&scene, "clouds = [\"gone.ply\", \"five-mirrors/torus\"]\n").unwrap();
+        let request = resolve(&words(&["no_such.laz", scene.to_str().unwrap(), "no_such.toml"]));
+        assert!(request.check().is_ok());
+        let unknown = request.inputs.iter().map(|input| matches!(input, Input::Unknown { .. }));
+        assert_eq!(unknown.collect::<Vec<_>>(), [true, true, false, true]);
+        let both = resolve(&words(&["no_such.laz", "no_such.ply"])).check().unwrap_err().to_string();
+        assert!(both.contains("no_such.laz") && both.contains("no_such.ply"), "{both}");
     }
 
     #[test]

@@ -55,7 +55,8 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
     match line.command.unwrap_or(Command::View(line.view)) {
         Command::View(arguments) => {
             // Checked before the display: a wrong name is wrong everywhere.
-            let request = loading::resolve(&arguments.inputs)?;
+            let request = loading::resolve(&arguments.inputs);
+            request.check()?;
             if !has_display() {
                 let name = arguments.inputs.first().map_or("five-mirrors/sphere", String::as_str);
                 return Err(NoScreen(format!(

@@ -3,7 +3,7 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, WritableImage as _};
@@ -66,6 +66,19 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
     }
 }
 
+/// Whether there is a device or a pipe at `path`, which a file cannot replace.
+pub fn is_special(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file())
+}
+
+/// The same for all ways to write one place: the folder without links or detours, and the name in it, which is what a new
+/// file replaces.
+pub fn place(path: &Path) -> PathBuf {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    folder.join(path.file_name().unwrap_or_default())
+}
+
 fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>) -> anyhow::Result<()> {
     let finish = |file: File| -> anyhow::Result<()> {
         let mut file = BufWriter::new(file);
@@ -73,9 +86,7 @@ fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::
         file.flush()?;
         Ok(())
     };
-    // A device or a pipe cannot be replaced by a file.
-    let special = std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file());
-    if special {
+    if is_special(path) {
         return File::create(path).map_err(Into::into).and_then(finish).with_context(|| path.display().to_string());
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy();

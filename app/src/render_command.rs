@@ -32,7 +32,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         return Err(usage("--bounces: this version does not follow reflections yet; leave it out, or give 0"));
     }
     let images = images(arguments)?;
-    let request = loading::resolve(&arguments.inputs)?;
+    let request = loading::resolve(&arguments.inputs);
+    request.check()?;
+    spare_inputs(arguments, &request)?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let viewpoint = Viewpoint::new(arguments.camera.as_deref(), &request, &mut settings)?;
     for (key, value) in &arguments.set {
@@ -68,7 +70,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let mut renderer = Renderer::new(gpu.clone())?;
     let mut draw = || renderer.render(&store, &camera, &settings, arguments.size);
     let mut frames = vec![draw()?];
-    if arguments.stats.is_some() {
+    if arguments.stats.is_some() || arguments.frames.is_some() {
         // The frame before was the one to warm up.
         frames = (0..arguments.frames.unwrap_or(1)).map(|_| draw()).collect::<render::Result<_>>()?;
     }
@@ -126,14 +128,42 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Vec<(Aov, PathBuf)>> {
         files.push(path.clone());
         images.push((aov, path));
     }
-    files.extend(arguments.stats.clone());
-    for (index, file) in files.iter().enumerate() {
+    if let Some(path) = &arguments.stats {
+        if !picture_file::is_special(path) {
+            needs_extension(path, "json")?;
+        }
+        files.push(path.clone());
+    }
+    let mut places: Vec<PathBuf> = Vec::new();
+    for file in &files {
         picture_file::check_place(file)?;
-        if files[..index].contains(file) {
+        let place = picture_file::place(file);
+        if places.contains(&place) {
             return Err(usage(format!("{}: named for two outputs", file.display())));
         }
+        places.push(place);
     }
     Ok(images)
+}
+
+/// Refuses outputs that would replace something the run reads.
+fn spare_inputs(arguments: &RenderArguments, request: &Request) -> anyhow::Result<()> {
+    let clouds = request.inputs.iter().map(|input| PathBuf::from(input.name()));
+    let words = arguments.inputs.iter().chain(&arguments.camera).map(PathBuf::from);
+    // Both the name that was given and, of a link, the file behind it.
+    let read: Vec<PathBuf> = clouds
+        .chain(words)
+        .filter(|path| path.is_file())
+        .flat_map(|path| [Some(picture_file::place(&path)), path.canonicalize().ok()])
+        .flatten()
+        .collect();
+    let images = arguments.aov.iter().map(|(_, path)| Path::new(path));
+    for output in images.chain([arguments.output.as_path()]).chain(arguments.stats.as_deref()) {
+        if read.contains(&picture_file::place(output)) {
+            return Err(usage(format!("{}: named for an input and an output", output.display())));
+        }
+    }
+    Ok(())
 }
 
 fn needs_extension(path: &Path, extension: &str) -> anyhow::Result<()> {
@@ -456,6 +486,20 @@ mod tests {
         assert!(refusal(&[scene, "-o", "a.png", "--camera", "frnt"]).contains("front, back"));
         assert!(refusal(&["no_such.laz", "-o", "a.png"]).contains("no_such.laz: no such file"));
         assert!(refusal(&["five-mirrors/sphre", "-o", "a.png"]).contains("did you mean `five-mirrors/sphere`?"));
+    }
+
+    #[test]
+    fn outputs_replace_neither_inputs_nor_one_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).display().to_string();
+        let (cloud, roundabout) = (path("cloud.json"), path("./cloud.json"));
+        std::fs::write(&cloud, "").unwrap();
+        let picture = path("a.png");
+        assert!(refusal(&[&cloud, "-o", &picture, "--stats", &roundabout]).contains("an input and an output"));
+        let scene = "five-mirrors/sphere";
+        assert!(refusal(&[scene, "-o", &picture, "--stats", &path("cloud.laz")]).contains(".json"));
+        let images = [format!("depth={}", path("a.exr")), format!("normal={}", path("./a.exr"))];
+        assert!(refusal(&[scene, "-o", &picture, "--aov", &images[0], "--aov", &images[1]]).contains("two outputs"));
     }
 
     #[test]

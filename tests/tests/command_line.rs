@@ -209,6 +209,36 @@ fn a_bad_input_is_reported_in_its_place_and_the_others_still_are() {
     assert!(text.text().contains("good.ply"), "{text}");
 }
 
+#[test]
+fn a_scene_file_counts_for_what_is_there_of_it() {
+    let folder = Folder::new();
+    folder.write("good.ply", THREE_POINTS);
+    folder.write("scene.toml", "clouds = [\"gone.ply\", \"good.ply\"]\n[parameters]\n\"splat.nope\" = 1\n");
+    folder.write("none.toml", "clouds = []\n");
+    let outcome = folder.glint(["info", "--json", "scene.toml", "none.toml"]);
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    let inputs = &outcome.json()["inputs"];
+    assert!(inputs[0]["error"].as_str().is_some_and(|error| error.contains("gone.ply")), "{outcome}");
+    assert_eq!(inputs[1]["points"], 3);
+    assert!(inputs[2]["error"].as_str().is_some_and(|error| error.contains("no clouds")), "{outcome}");
+    assert!(outcome.messages.contains("splat.nope"), "{outcome}");
+    if let Some(rendered) = render(&folder, &["good.ply", "absent.laz"]) {
+        assert_refused(&rendered, 2, &["absent.laz"]);
+        assert!(folder.path("picture.png").exists(), "{rendered}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_refused_instead_of_waited_for() {
+    let folder = Folder::new();
+    let pipe = folder.path("points.ply");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.is_ok_and(|status| status.success()));
+    let outcome = folder.glint_within(REFUSAL_TIME, ["info", "points.ply"]);
+    assert_refused(&outcome, 2, &["points.ply", "not a regular file"]);
+}
+
 /// A row of the data folder's README.md: what an independent reader found in a file.
 struct ManifestRow {
     path: String,

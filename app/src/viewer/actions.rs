@@ -67,11 +67,11 @@ impl State {
             Action::CopyView => {
                 let text = SceneFile::new(Vec::new(), self.camera, &self.settings).to_text();
                 self.effects.push(Effect::Copy(text));
-                self.messages.note("View copied as text");
+                self.messages.note(self.copied("View copied as text"));
             }
             Action::CopyCommandLine => {
                 self.effects.push(Effect::Copy(self.command_line()));
-                self.messages.note("Command line copied");
+                self.messages.note(self.copied("Command line copied"));
             }
             Action::Undo => {
                 let done = self.history.undo(&mut self.settings, &mut self.camera);
@@ -169,6 +169,13 @@ impl State {
         line + " --camera /dev/stdin <<'VIEW'\n" + &view + "VIEW\n"
     }
 
+    /// What was done, and what the copy does not say of the picture.
+    fn copied(&self, done: &str) -> String {
+        let hides_classes = self.visible_classes.contains(&false);
+        let lacking = if hides_classes { "; hidden classes are not part of it, all will be shown" } else { "" };
+        format!("{done}{lacking}")
+    }
+
     fn save_picture(&mut self) {
         let Some(shown) = &self.shown else {
             self.messages.note("There is no picture to save yet");
@@ -235,6 +242,19 @@ mod tests {
         assert!(other.camera.eye.distance(one.camera.eye) < 1e-9);
         other.act(Action::Undo);
         assert_eq!(other.settings, Settings::default());
+    }
+
+    #[test]
+    fn a_copy_that_shows_more_classes_says_so() {
+        let mut state = State::new(Preferences::default());
+        let note = |state: &State| state.messages.all.last().map_or(String::new(), |message| message.text.clone());
+        state.act(Action::CopyView);
+        assert_eq!(note(&state), "View copied as text");
+        state.set_class_visible([7], false);
+        for action in [Action::CopyView, Action::CopyCommandLine] {
+            state.act(action);
+            assert!(note(&state).contains("hidden classes"), "{}", note(&state));
+        }
     }
 
     #[test]

@@ -64,10 +64,7 @@ enum Wake {
 /// # Errors
 /// No display or adapter (`NoScreen`, `render::Error::NoAdapter`), or the graphics device was lost.
 pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
-    let no_screen = |error: winit::error::EventLoopError| {
-        NoScreen(format!("no window can be opened ({error}); `glint render` writes a picture without one"))
-    };
-    let event_loop = EventLoop::<Wake>::with_user_event().build().map_err(no_screen)?;
+    let event_loop = EventLoop::<Wake>::with_user_event().build().map_err(|error| no_screen(&error))?;
     let (preferences, problem) = Preferences::load();
     let mut state = State::new(preferences);
     if let Some(problem) = problem {
@@ -87,8 +84,23 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
         device_lost: Arc::default(),
         failure: None,
     };
-    event_loop.run_app(&mut viewer)?;
+    let ended = event_loop.run_app(&mut viewer);
+    if let Err(error) = ended {
+        // winit's own text tells where in its source, which helps nobody here.
+        tracing::error!("window: {error}");
+        return Err(viewer.failure.unwrap_or_else(|| anyhow::anyhow!("the connection to the desktop was lost")));
+    }
     viewer.failure.map_or(Ok(()), Err)
+}
+
+/// winit's own text goes to the log: it tells where in its source, not what to do.
+fn no_screen(error: &dyn std::error::Error) -> NoScreen {
+    tracing::error!("window: {error}");
+    NoScreen(
+        "no window can be opened on this display; check DISPLAY and WAYLAND_DISPLAY\n\
+         `glint render` writes a picture without one"
+            .into(),
+    )
 }
 
 struct Viewer {
@@ -293,6 +305,7 @@ impl Viewer {
 
     fn on_report(&mut self, report: Report) {
         if let (Report::Frame(frame), Some(screen)) = (&report, &mut self.screen) {
+            // The state decides whether it is shown.
             screen.set_picture(frame.texture.clone());
         }
         self.state.on_report(report);

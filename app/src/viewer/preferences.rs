@@ -32,13 +32,8 @@ const RECENT_FILES: usize = 12;
 const NOT_KEPT: [&str; 3] = ["color.", "scene.", "view.up"];
 
 impl Preferences {
-    /// `GLINT_CONFIG_DIR`, else the platform's folder for settings; `None` where there is neither.
     fn path() -> Option<PathBuf> {
-        let folder = match std::env::var_os("GLINT_CONFIG_DIR") {
-            Some(folder) => PathBuf::from(folder),
-            None => directories::ProjectDirs::from("", "", "glint")?.config_dir().to_owned(),
-        };
-        Some(folder.join("viewer.toml"))
+        Some(crate::settings_folder()?.join("viewer.toml"))
     }
 
     /// What was kept, and what was wrong with it.

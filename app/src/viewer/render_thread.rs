@@ -16,6 +16,8 @@ use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, PointStore, Renderer};
 use scene::{Camera, Quality, Settings};
 
+use crate::picture_file;
+
 /// A cloud, the same in the window, here and in events. Never used twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CloudKey(pub u32);
@@ -116,6 +118,8 @@ pub enum Report {
     },
     Saved(PathBuf),
     Problem(String),
+    /// The latest frame failed; others may follow.
+    NotDrawn(String),
     /// Nothing can be drawn any more.
     Lost(String),
 }
@@ -226,7 +230,8 @@ impl Worker {
             if let Some(request) = frame {
                 match self.draw(request) {
                     Ok(frame) => report(Report::Frame(Box::new(frame))),
-                    Err(error) => return report(Report::Lost(error.to_string())),
+                    Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
+                    Err(error) => report(Report::NotDrawn(error.to_string())),
                 }
             }
         }
@@ -280,11 +285,9 @@ impl Worker {
             Command::Save { request, path } => {
                 self.renderer.render(&self.store, &request.camera, &request.settings, request.size)?;
                 let pixels = self.renderer.read_picture()?;
-                let [width, height] = request.size;
-                let saved = image::save_buffer(&path, &pixels, width, height, image::ColorType::Rgba8);
-                report(match saved {
+                report(match picture_file::write_png(&path, request.size, &pixels) {
                     Ok(()) => Report::Saved(path),
-                    Err(error) => Report::Problem(format!("{}: cannot be written: {error}", path.display())),
+                    Err(error) => Report::Problem(format!("{error:#}")),
                 });
             }
             Command::Frame(_) => {}

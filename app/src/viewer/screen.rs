@@ -35,7 +35,7 @@ impl Screen {
             .with_title("glint")
             .with_inner_size(winit::dpi::LogicalSize::new(size[0], size[1]))
             .with_min_inner_size(winit::dpi::LogicalSize::new(480, 320));
-        let window = Arc::new(event_loop.create_window(attributes)?);
+        let window = Arc::new(event_loop.create_window(attributes).map_err(|error| super::no_screen(&error))?);
         let display = Box::new(event_loop.owned_display_handle());
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_with_display_handle(display));
         let surface = instance.create_surface(window.clone())?;

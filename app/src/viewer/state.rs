@@ -80,8 +80,8 @@ pub struct CloudEntry {
     figures_under_way: bool,
     /// Columns read after the points, also for chunks that are still to come.
     late_columns: HashMap<usize, BTreeMap<u64, Arc<Column>>>,
-    /// Attributes that are being read, or could not be.
-    column_reads: HashMap<usize, Arc<Progress>>,
+    /// Attributes that are being read, or could not be (`None`), which are not tried again.
+    column_reads: HashMap<usize, Option<Arc<Progress>>>,
 }
 
 /// Loading under way.
@@ -233,13 +233,14 @@ impl State {
     /// Opens what the words name: files, scenes, built-in scenes. Says what is wrong if they name nothing, and returns
     /// whether they do.
     pub fn open(&mut self, words: &[String]) -> bool {
-        match loading::resolve(words) {
-            Ok(request) => {
+        let request = loading::resolve(words);
+        match request.check() {
+            Ok(()) => {
                 self.open_request(request);
                 true
             }
             Err(error) => {
-                self.say(Level::Error, format!("{error:#}"));
+                self.say(Level::Error, error.to_string());
                 false
             }
         }
@@ -422,11 +423,15 @@ impl State {
         }
         // What could be opened but holds nothing would be a line without a picture.
         let empty = |entry: &CloudEntry| job.owns(entry.key) && entry.points == 0;
-        let names: Vec<String> =
-            self.clouds.iter().filter(|entry| empty(entry)).map(|e| e.cloud.name.clone()).collect();
-        self.clouds.retain(|entry| !empty(entry));
-        if !job.progress.is_cancelled() {
-            for name in names {
+        let empty: Vec<(CloudKey, String)> = self
+            .clouds
+            .iter()
+            .filter(|entry| empty(entry))
+            .map(|entry| (entry.key, entry.cloud.name.clone()))
+            .collect();
+        for (key, name) in empty {
+            self.remove_cloud(key);
+            if !job.progress.is_cancelled() {
                 self.say(Level::Warning, format!("{name}: has no points"));
             }
         }
@@ -522,7 +527,8 @@ impl State {
             // What is shown stays until the column has come.
             entry.figures_basis = Some(basis);
             if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
-                let progress = read.insert(Arc::default()).clone();
+                let progress = Arc::<Progress>::default();
+                read.insert(Some(progress.clone()));
                 self.effects.push(Effect::ReadColumn { key, source, attribute, progress });
             }
             return;
@@ -567,6 +573,7 @@ impl State {
                 }
             }
             Err(error) => {
+                entry.column_reads.insert(attribute, None);
                 let name = entry.cloud.attributes.get(attribute).map_or(String::new(), |known| known.name.clone());
                 self.say(Level::Error, format!("{name}: {error}"));
             }
@@ -576,8 +583,9 @@ impl State {
     /// Attributes that are being read now, with how far they are.
     pub fn columns_under_way(&self) -> impl Iterator<Item = (&str, &Progress)> {
         self.clouds.iter().flat_map(|entry| {
-            let reads = entry.column_reads.iter().filter(|(attribute, _)| !entry.late_columns.contains_key(attribute));
-            reads.map(|(attribute, progress)| (entry.cloud.attributes[*attribute].name.as_str(), progress.as_ref()))
+            let reads = entry.column_reads.iter();
+            let reads = reads.filter_map(|(attribute, progress)| Some((*attribute, progress.as_deref()?)));
+            reads.map(|(attribute, progress)| (entry.cloud.attributes[attribute].name.as_str(), progress))
         })
     }
 
@@ -707,6 +715,8 @@ impl State {
                 self.log(json!({ "event": "ready", "adapter": adapter }));
                 self.adapter = Some(adapter);
             }
+            // Of clouds that have been removed since.
+            Report::Frame(_) if self.clouds.is_empty() => self.frames_under_way = 0,
             Report::Frame(frame) => {
                 // Those that were overtaken are never drawn.
                 self.frames_under_way = u32::from(self.requested.as_ref() != Some(&frame.request));
@@ -730,6 +740,10 @@ impl State {
                 self.messages.note(format!("Picture saved: {}", path.display()));
             }
             Report::Problem(problem) => self.say(Level::Error, problem),
+            Report::NotDrawn(problem) => {
+                self.frames_under_way = 0;
+                self.say(Level::Error, problem);
+            }
             Report::Lost(problem) => {
                 self.log(json!({ "event": "lost", "text": problem }));
                 self.fatal = Some(problem);
@@ -871,4 +885,60 @@ fn loaded_attributes(cloud: &Cloud, point: u64) -> Vec<(String, String)> {
         }
     }
     attributes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cloud with one attribute whose header has been read, by job 0.
+    fn opened() -> (State, CloudKey) {
+        let mut state = State::new(Preferences::default());
+        let job = state.add_job(Vec::new(), Arc::default(), Arc::default());
+        let event = loading::Event::Opened {
+            cloud: 0,
+            name: "cloud.ply".into(),
+            path: None,
+            source: None,
+            attributes: vec![cloud::Attribute { name: "intensity".into(), column_type: cloud::ColumnType::U8 }],
+            grid: None,
+            expected_points: 3,
+            material: render::Material::default(),
+            up: DVec3::Z,
+            provisional_radius: 0.0,
+            warnings: Vec::new(),
+        };
+        state.on_loading(job, event);
+        let key = state.clouds[0].key;
+        (state, key)
+    }
+
+    #[test]
+    fn a_column_that_cannot_be_read_is_no_longer_under_way() {
+        let (mut state, key) = opened();
+        state.clouds[0].column_reads.insert(0, Some(Arc::default()));
+        assert_eq!(state.columns_under_way().map(|(name, _)| name).collect::<Vec<_>>(), ["intensity"]);
+        state.on_found(Found::Column { key, attribute: 0, result: Err("gone".into()) });
+        assert_eq!(state.columns_under_way().count(), 0);
+        assert!(state.messages.all.last().is_some_and(|message| message.text == "intensity: gone"));
+    }
+
+    #[test]
+    fn a_cloud_without_points_leaves_the_renderer_too() {
+        let (mut state, removed) = opened();
+        state.on_loading(0, loading::Event::Finished);
+        assert!(state.clouds.is_empty());
+        let is_removal = |effect: &Effect| matches!(effect, Effect::Render(Command::Remove { key }) if *key == removed);
+        assert!(state.effects.iter().any(is_removal));
+    }
+
+    #[test]
+    fn a_frame_that_cannot_be_drawn_ends_neither_the_window_nor_later_frames() {
+        let (mut state, _) = opened();
+        state.on_report(Report::Ready { adapter: "any".into() });
+        state.request_frame();
+        assert_eq!(state.frames_under_way, 1);
+        state.on_report(Report::NotDrawn("too large".into()));
+        assert_eq!((state.frames_under_way, state.fatal.as_deref()), (0, None));
+    }
 }

@@ -2,6 +2,8 @@
 
 use egui::{Color32, CornerRadius, Stroke, TextStyle};
 
+pub use crate::info::grouped;
+
 /// Warm amber: changed values, active tools, links.
 pub const ACCENT: Color32 = Color32::from_rgb(0xe6, 0xb2, 0x5c);
 pub const ERROR: Color32 = Color32::from_rgb(0xf0, 0x7a, 0x6a);
@@ -58,37 +60,11 @@ pub fn apply(context: &egui::Context) {
     });
 }
 
-/// A count as people read it: `3,214,786`.
-pub fn grouped(count: u64) -> String {
-    let digits = count.to_string();
-    let mut text = String::with_capacity(digits.len() * 4 / 3);
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
 /// Bytes as people read them: `312 MB` (decimal, as file managers count).
 pub fn bytes(count: u64) -> String {
     match count {
         0..1_000_000 => format!("{} kB", count / 1000),
         1_000_000..1_000_000_000 => format!("{} MB", count / 1_000_000),
         _ => format!("{:.2} GB", count as f64 / 1e9),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn counts_are_grouped_by_thousands() {
-        assert_eq!(grouped(0), "0");
-        assert_eq!(grouped(999), "999");
-        assert_eq!(grouped(1000), "1,000");
-        assert_eq!(grouped(3_214_786), "3,214,786");
     }
 }

@@ -83,6 +83,13 @@ pub enum Source {
 /// # Errors
 /// What is wrong and where: not readable, not a format we know, a header that contradicts the file.
 pub fn open(path: &Path) -> Result<Source> {
+    let metadata = std::fs::metadata(path).map_err(|error| Error::io(path, error))?;
+    if !metadata.is_file() {
+        // Opening a pipe would wait for someone to write.
+        let problem =
+            std::io::Error::other("not a regular file; points are read out of order, so save it as one first");
+        return Err(Error::io(path, problem));
+    }
     let mut start = Vec::new();
     let file = File::open(path).map_err(|error| Error::io(path, error))?;
     file.take(4).read_to_end(&mut start).map_err(|error| Error::io(path, error))?;
@@ -146,6 +153,20 @@ impl Source {
         match self {
             Self::Las(_) => Ok(Vec::new()),
             Self::Ply(source) => source.triangles(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_regular_file_is_refused_before_it_is_opened() {
+        for path in ["/dev/null", "/"] {
+            let error = open(Path::new(path)).err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(error.contains("not a regular file"), "{error}");
         }
     }
 }
