@@ -24,3 +24,15 @@ fn a_misspelt_flag_is_bad_usage_and_named() {
     assert_eq!((status, answer.as_str()), (Some(2), ""));
     assert!(complaint.contains("--sise") && complaint.lines().count() <= 2, "{complaint}");
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_display_that_does_not_answer_is_named_without_the_insides() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_glint"));
+    command.arg("five-mirrors/sphere").env("DISPLAY", ":98765").env_remove("WAYLAND_DISPLAY");
+    let output = command.output().expect("the program starts");
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{complaint}");
+    assert!(complaint.contains("DISPLAY") && complaint.contains("glint render"), "{complaint}");
+    assert!(!complaint.contains(".rs") && complaint.lines().count() <= 2, "{complaint}");
+}
