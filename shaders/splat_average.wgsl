@@ -22,16 +22,12 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     }
     let pixel = id.y * frame.width + id.x;
     let color = color_sums[pixel];
-    if nearest[pixel].y == 0u {
-        textureStore(albedo_out, id.xy, vec4f(0.0));
-        textureStore(normal_out, id.xy, vec4f(0.0));
-        textureStore(depth_out, id.xy, vec4f(0.0));
-        return;
-    }
     let carry = carries[pixel];
     let color_sum = total(color, carry.xy);
     let surface_sum = total(surface_sums[pixel], carry.zw);
-    let weight = color_sum.x;
+    // At least one point's weight wherever anything was splatted.
+    let weight = max(color_sum.x, 1.0);
+    let is_empty = nearest[pixel].y == 0u;
     let specular_carry = specular_sums[pixel * 3u + 2u];
     let specular_sum = vec2f(vec2u(specular_sums[pixel * 3u], specular_sums[pixel * 3u + 1u]))
         + vec2f(vec2u(specular_carry & 0xffffu, specular_carry >> 16u)) * 4294967296.0;
@@ -43,9 +39,10 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     // Where no point had a normal, or they cancelled, the surface is taken to face the eye.
     let facing = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
     let normal = select(facing, normalize(sum), dot(sum, sum) > weight * weight);
-    textureStore(albedo_out, id.xy, vec4f(color_sum.yzw / (weight * 4095.0), specular.x / 1023.0));
-    textureStore(normal_out, id.xy, vec4f(normal, specular.y));
-    textureStore(depth_out, id.xy, vec4f(depth));
+    let albedo = vec4f(color_sum.yzw / (weight * 4095.0), specular.x / 1023.0);
+    textureStore(albedo_out, id.xy, select(albedo, vec4f(0.0), is_empty));
+    textureStore(normal_out, id.xy, select(vec4f(normal, specular.y), vec4f(0.0), is_empty));
+    textureStore(depth_out, id.xy, vec4f(select(depth, 0.0, is_empty)));
 }
 
 // Sums with their carries, 16 bits each, two a word.

@@ -28,21 +28,45 @@ fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let key = nearest[id.y * frame.width + id.x];
-    if key.y == 0u {
-        if page.is_first == 1u {
-            textureStore(albedo_out, id.xy, vec4f(0.0));
-            textureStore(normal_out, id.xy, vec4f(0.0));
-            textureStore(depth_out, id.xy, vec4f(0.0));
+    var albedo = vec4f(0.0);
+    var normal = vec4f(0.0);
+    var depth = 0.0;
+    var is_ours = page.is_first == 1u;
+    if key.y != 0u {
+        // Wraps below the page's first identity, which the comparison then refuses.
+        let index = key.x - page.first_identity;
+        is_ours = index < page.point_count;
+        if is_ours {
+            depth = depth_from_nearness(key.y);
+            let ray = view_from_pixel(frame, vec2f(id.xy) + 0.5, depth);
+            let toward_eye = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
+            let surface = surface_of_point(index, toward_eye);
+            albedo = surface.albedo;
+            normal = surface.normal;
         }
-        return;
     }
-    // Wraps below the page's first identity, which the comparison then refuses.
-    let index = key.x - page.first_identity;
-    if index >= page.point_count {
-        return;
+    // One place to write from: on software rasterisers each store costs whether or not it is taken.
+    if is_ours {
+        textureStore(albedo_out, id.xy, albedo);
+        textureStore(normal_out, id.xy, normal);
+        textureStore(depth_out, id.xy, vec4f(depth));
     }
+}
+
+struct SurfaceOfPoint {
+    // a: specular intensity.
+    albedo: vec4f,
+    // World, towards the eye; w: specular power.
+    normal: vec4f,
+}
+
+fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
     let item = items[items_of_runs[index / BLOCK_POINTS]];
-    let point = points[index];
+    // Points lie all over memory: what is not asked for is not fetched.
+    var point = vec4u(0u);
+    if item.color_source == COLOR_HEIGHT || item.color_source == COLOR_CLASS {
+        point = points[index];
+    }
     let color_normal = attributes[index];
     var scalar = 0.0;
     if item.color_source == COLOR_SCALAR {
@@ -53,13 +77,9 @@ fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
     if entry != PALETTE_NONE {
         palette_color = palette[entry];
     }
-    let depth = depth_from_nearness(key.y);
-    let ray = view_from_pixel(frame, vec2f(id.xy) + 0.5, depth);
-    let facing = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
     let own = unpack_normal(color_normal.y);
-    let outward = select(own, -own, dot(own, facing) < 0.0);
-    let normal = select(outward, facing, all(own == vec3f(0.0)));
-    textureStore(albedo_out, id.xy, vec4f(albedo_of_point(item, color_normal, entry, palette_color), item.specular_intensity));
-    textureStore(normal_out, id.xy, vec4f(normal, item.specular_power));
-    textureStore(depth_out, id.xy, vec4f(depth));
+    let outward = select(own, -own, dot(own, toward_eye) < 0.0);
+    let normal = select(outward, toward_eye, all(own == vec3f(0.0)));
+    let albedo = albedo_of_point(item, color_normal, entry, palette_color);
+    return SurfaceOfPoint(vec4f(albedo, item.specular_intensity), vec4f(normal, item.specular_power));
 }

@@ -27,10 +27,12 @@ fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
 
 // Linear albedo; `palette_color` is the palette's entry where palette_index gave one.
 fn albedo_of_point(item: Item, attributes: vec2u, index: u32, palette_color: u32) -> vec3f {
+    let own = select(item.plain, attributes.x, item.color_source == COLOR_RGB);
+    var srgb = unpack4x8unorm(select(palette_color, own, index == PALETTE_NONE)).rgb;
     if item.color_source == COLOR_NORMAL {
         // Normals are shown as they are commonly drawn: components -1 to 1 as sRGB 0 to 1.
-        return linear_from_srgb(unpack_normal(attributes.y) * 0.5 + 0.5);
+        srgb = unpack_normal(attributes.y) * 0.5 + 0.5;
     }
-    let own = select(item.plain, attributes.x, item.color_source == COLOR_RGB);
-    return linear_from_srgb(unpack4x8unorm(select(palette_color, own, index == PALETTE_NONE)).rgb);
+    // Once, for all sources: the powers in it are most of what a point's colour costs.
+    return linear_from_srgb(srgb);
 }
