@@ -1,19 +1,9 @@
 // High quality: every fragment within the depth offset of the pixel's nearest one adds its colour, normal and depth, by its
 // weight (Botsch et al. 2005, visibility splatting; here with integer atomics, so the order of the points cannot matter).
 // Sums are fixed-point words with 16 bits of carry each, so that a pixel can take all points there are.
-#import splat
+#import blocks
 #import color
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var<uniform> page: Page;
-@group(1) @binding(1) var<storage, read> points: array<vec4u>;
-@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
-@group(1) @binding(3) var<storage, read> scalars: array<f32>;
-@group(1) @binding(4) var<storage, read> items: array<Item>;
-@group(1) @binding(5) var<storage, read> blocks: array<Block>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
-@group(1) @binding(7) var<storage, read> palette: array<u32>;
 // Two words a pixel: identity of the point, nearness.
 @group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
 // Four words a pixel: weight, albedo * weight.
@@ -25,35 +15,19 @@
 // Four words a pixel: the carries of color_sums and surface_sums, 16 bits each.
 @group(2) @binding(4) var<storage, read_write> carries: array<atomic<u32>>;
 
-// Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
-override pixels_only: bool = false;
-// Set while a class is hidden.
-override filter_classes: bool = false;
-
 @compute @workgroup_size(128)
 fn splat_accumulate(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let block_index = group.x + group.y * groups.x;
-    if block_index >= page.block_count {
-        return;
-    }
-    let block = blocks[block_index];
-    let item = items[block.item];
-    for (var i = lane; i < block.count; i += 128u) {
-        splat_point(item, block.first + i);
-    }
+    splat_block(group, groups, lane);
 }
 
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
-    if filter_classes {
-        let class_code = (point.w >> 16u) & 0xffu;
-        if (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u {
-            return;
-        }
+    if is_hidden(item, point) {
+        return;
     }
     var disc: Disc;
     if !pixels_only {

@@ -1,24 +1,9 @@
 // The nearest point of each pixel by one 64-bit atomic maximum of (nearness, identity) per fragment
 // (Schuetz, Kerbl, Wimmer 2021). One workgroup per block of points.
-#import splat
+#import nearest_point
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var<uniform> page: Page;
-@group(1) @binding(1) var<storage, read> points: array<vec4u>;
-@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
-@group(1) @binding(3) var<storage, read> scalars: array<f32>;
-@group(1) @binding(4) var<storage, read> items: array<Item>;
-@group(1) @binding(5) var<storage, read> blocks: array<Block>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
-@group(1) @binding(7) var<storage, read> palette: array<u32>;
 // Low word: identity of the point. High word: nearness. 0: empty.
 @group(2) @binding(0) var<storage, read_write> nearest: array<atomic<u64>>;
-
-// Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
-override pixels_only: bool = false;
-// Set while a class is hidden.
-override filter_classes: bool = false;
 
 @compute @workgroup_size(128)
 fn splat_nearest(
@@ -26,54 +11,11 @@ fn splat_nearest(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let block_index = group.x + group.y * groups.x;
-    if block_index >= page.block_count {
-        return;
-    }
-    let block = blocks[block_index];
-    let item = items[block.item];
-    for (var i = lane; i < block.count; i += 128u) {
-        splat_point(item, block.first + i);
-    }
+    splat_block(group, groups, lane);
 }
 
-fn splat_point(item: Item, index: u32) {
-    let point = points[index];
-    if filter_classes {
-        let class_code = (point.w >> 16u) & 0xffu;
-        if (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u {
-            return;
-        }
-    }
-    let identity = u64(page.first_identity + index);
-    if pixels_only {
-        let single = single_of_point(frame, item, point);
-        if single.is_drawn {
-            put(single.pixel, single.center.z, identity);
-        }
-        return;
-    }
-    var disc = disc_of_point(frame, settings.splat, item, point);
-    if disc.is_single {
-        put(u32(disc.first.y) * frame.width + u32(disc.first.x), disc.center.z, identity);
-        return;
-    }
-    if disc.radius_pixels == 0.0 {
-        return;
-    }
-    disc.normal = normal_toward_eye(frame, disc.center, attributes[index].y);
-    for (var y = disc.first.y; y <= disc.last.y; y++) {
-        for (var x = disc.first.x; x <= disc.last.x; x++) {
-            let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
-            if fragment.depth > 0.0 {
-                put(u32(y) * frame.width + u32(x), fragment.depth, identity);
-            }
-        }
-    }
-}
-
-fn put(pixel: u32, depth: f32, identity: u64) {
-    let key = (u64(nearness(depth)) << 32u) | identity;
+fn put(pixel: u32, depth: f32, identity: u32) {
+    let key = (u64(nearness(depth)) << 32u) | u64(identity);
     // Looking first saves the atomic wherever something nearer is there already.
     if atomicLoad(&nearest[pixel]) < key {
         atomicMax(&nearest[pixel], key);

@@ -15,7 +15,7 @@ macro_rules! embedded {
 pub const PASSES: &[(&str, &str)] = embedded!("": splat_nearest, splat_depth, splat_identity, splat_accumulate, splat_average,
     splat_resolve, close_gaps, shade, present);
 
-const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, color);
+const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color);
 
 /// A shader with its imports taken in.
 #[derive(Debug, Default)]

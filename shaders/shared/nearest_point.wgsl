@@ -1,0 +1,35 @@
+// Offers every fragment of a point to its pixel. The importing pass defines `put(pixel, depth, identity)`, which keeps the
+// nearest.
+#import blocks
+
+fn splat_point(item: Item, index: u32) {
+    let point = points[index];
+    if is_hidden(item, point) {
+        return;
+    }
+    let identity = page.first_identity + index;
+    if pixels_only {
+        let single = single_of_point(frame, item, point);
+        if single.is_drawn {
+            put(single.pixel, single.center.z, identity);
+        }
+        return;
+    }
+    var disc = disc_of_point(frame, settings.splat, item, point);
+    if disc.is_single {
+        put(u32(disc.first.y) * frame.width + u32(disc.first.x), disc.center.z, identity);
+        return;
+    }
+    if disc.radius_pixels == 0.0 {
+        return;
+    }
+    disc.normal = normal_toward_eye(frame, disc.center, attributes[index].y);
+    for (var y = disc.first.y; y <= disc.last.y; y++) {
+        for (var x = disc.first.x; x <= disc.last.x; x++) {
+            let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
+            if fragment.depth > 0.0 {
+                put(u32(y) * frame.width + u32(x), fragment.depth, identity);
+            }
+        }
+    }
+}
