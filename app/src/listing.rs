@@ -120,7 +120,7 @@ fn shortest(value: f32) -> serde_json::Value {
 /// If standard output cannot be written.
 pub fn scenes(as_json: bool) -> anyhow::Result<()> {
     let scenes: Vec<(String, &str)> =
-        five_mirrors::Mirror::ALL.into_iter().map(|mirror| (loading::built_in_name(mirror), mirror.help())).collect();
+        five_mirrors::Variant::ALL.into_iter().map(|mirror| (loading::built_in_name(mirror), mirror.help())).collect();
     if as_json {
         let listing: Vec<_> = scenes.iter().map(|(name, help)| json!({"name": name, "help": help})).collect();
         return crate::print(&(serde_json::to_string_pretty(&json!({"scenes": listing}))? + "\n"));

@@ -24,7 +24,7 @@ const CHUNKS_UNDER_WAY: usize = 16;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Input {
     File(PathBuf),
-    BuiltIn(five_mirrors::Mirror),
+    BuiltIn(five_mirrors::Variant),
     /// A word that names nothing, or a scene file that cannot be read. It keeps its place, and fails when it is loaded.
     Unknown {
         name: String,
@@ -110,7 +110,7 @@ pub fn resolve(words: &[String]) -> Request {
 
 /// The file or built-in scene that `word` names, or what to say.
 fn input(word: &str) -> Result<Input, String> {
-    if let Some(mirror) = five_mirrors::Mirror::ALL.into_iter().find(|mirror| built_in_name(*mirror) == word) {
+    if let Some(mirror) = five_mirrors::Variant::ALL.into_iter().find(|mirror| built_in_name(*mirror) == word) {
         return Ok(Input::BuiltIn(mirror));
     }
     let path = Path::new(word);
@@ -141,12 +141,12 @@ fn files_beside(path: &Path) -> Vec<String> {
     entries.map(|entry| folder.join(entry.file_name()).to_string_lossy().into_owned()).collect()
 }
 
-pub fn built_in_name(mirror: five_mirrors::Mirror) -> String {
+pub fn built_in_name(mirror: five_mirrors::Variant) -> String {
     format!("five-mirrors/{}", mirror.name())
 }
 
 pub fn built_in_names() -> Vec<String> {
-    five_mirrors::Mirror::ALL.into_iter().map(built_in_name).collect()
+    five_mirrors::Variant::ALL.into_iter().map(built_in_name).collect()
 }
 
 /// A cloud on its way in. `cloud` counts from 0 within the job; a built-in scene is a cloud per material.
@@ -328,24 +328,25 @@ impl Loader {
     }
 
     /// A built-in scene, all of it at once: a cloud per material, complete with normals and radii.
-    fn sample(&self, mirror: five_mirrors::Mirror, opened: &mut Vec<Loading>) -> Option<()> {
+    fn sample(&self, variant: five_mirrors::Variant, opened: &mut Vec<Loading>) -> Option<()> {
         let SceneSettings { points, seed } = self.settings.scene;
         let up = self.up(DVec3::Y);
-        for part in five_mirrors::sample(mirror, u64::from(points), u64::from(seed)) {
+        for part in five_mirrors::sample(variant, u64::from(points), u64::from(seed)) {
             let cloud = opened.len();
             let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+            let name = part.mirror.as_ref().map_or("walls", |mirror| &mirror.name);
             self.send(Event::Opened {
                 cloud,
-                name: format!("{}, {}", built_in_name(mirror), part.name),
+                name: format!("{}, {name}", built_in_name(variant)),
                 path: None,
                 source: None,
                 attributes: Vec::new(),
                 grid: None,
                 expected_points: points,
-                material: render::Material {
-                    specular_intensity: part.specular_intensity,
-                    specular_power: part.specular_power,
-                },
+                material: part.mirror.as_ref().map_or(render::Material::default(), |mirror| render::Material {
+                    specular_intensity: mirror.specular_intensity,
+                    specular_power: mirror.specular_power,
+                }),
                 up,
                 provisional_radius: 0.0,
                 warnings: Vec::new(),
@@ -476,7 +477,7 @@ mod tests {
         )
         .unwrap();
         let request = resolve(&words(&[scene.to_str().unwrap()]));
-        let torus = Input::BuiltIn(five_mirrors::Mirror::Torus);
+        let torus = Input::BuiltIn(five_mirrors::Variant::Torus);
         assert_eq!(request.inputs, [Input::File(cloud), torus.clone()]);
         let view = request.view.unwrap();
         assert_eq!((view.settings.splat.size, view.camera), (2.0, None));
@@ -557,7 +558,7 @@ mod tests {
     fn a_built_in_scene_has_as_many_points_as_asked_for() {
         let mut settings = Settings::default();
         settings.scene.points = 200_000;
-        let job = start(vec![Input::BuiltIn(five_mirrors::Mirror::Sphere)], &settings);
+        let job = start(vec![Input::BuiltIn(five_mirrors::Variant::Sphere)], &settings);
         let (mut points, mut mirrors) = (0, 0);
         for event in &job.events {
             match event {
@@ -575,7 +576,7 @@ mod tests {
         let mut settings = Settings::default();
         // More chunks than the channel holds, so that the thread waits for room when the job is dropped.
         settings.scene.points = 2_000_000;
-        let job = start(vec![Input::BuiltIn(five_mirrors::Mirror::Sphere)], &settings);
+        let job = start(vec![Input::BuiltIn(five_mirrors::Variant::Sphere)], &settings);
         let progress = job.progress.clone();
         assert!(job.events.recv().is_ok());
         drop(job);

@@ -60,8 +60,81 @@ struct Edl {
 
 // Light.
 struct Light {
+    by: u32,
     headlight: f32,
 }
+const LIGHT_BY_AUTO: u32 = 0u;
+const LIGHT_BY_LIGHTS: u32 = 1u;
+const LIGHT_BY_HEADLIGHT: u32 = 2u;
+const LIGHT_BY_COLORS: u32 = 3u;
+
+// Mirrors.
+struct Mirror {
+    surface: u32,
+    tint: f32,
+    fresnel: f32,
+}
+const MIRROR_SURFACE_AUTO: u32 = 0u;
+const MIRROR_SURFACE_EXACT: u32 = 1u;
+const MIRROR_SURFACE_POINTS: u32 = 2u;
+
+// Reflections.
+struct Reflection {
+    method: u32,
+    bounces: u32,
+    keep: u32,
+    show: u32,
+}
+const REFLECTION_METHOD_AUTO: u32 = 0u;
+const REFLECTION_METHOD_NONE: u32 = 1u;
+const REFLECTION_METHOD_SSCR: u32 = 2u;
+const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 3u;
+const REFLECTION_METHOD_SURFEL_TRACE: u32 = 4u;
+const REFLECTION_SHOW_PICTURE: u32 = 0u;
+const REFLECTION_SHOW_CURVATURE: u32 = 1u;
+const REFLECTION_SHOW_REGIONS: u32 = 2u;
+const REFLECTION_SHOW_STEPS: u32 = 3u;
+const REFLECTION_SHOW_UNCONVERGED: u32 = 4u;
+const REFLECTION_SHOW_COVERAGE: u32 = 5u;
+const REFLECTION_SHOW_DISTANCE: u32 = 6u;
+const REFLECTION_SHOW_ALBEDO: u32 = 7u;
+const REFLECTION_SHOW_NORMAL: u32 = 8u;
+const REFLECTION_SHOW_POSITION: u32 = 9u;
+
+// Screen-space curved reflections (Preiner 2010).
+struct Sscr {
+    seed_attempts: u32,
+    step_attempts: u32,
+    initial_step: f32,
+    max_steps: u32,
+    threshold: f32,
+    max_splat_size: f32,
+    mirror_z_far: f32,
+    mirror_depth_offset: f32,
+    pull_levels: u32,
+    planar_normal_threshold: f32,
+    depth_step_threshold: f32,
+    distribution: u32,
+    visibility: u32,
+    solve_once: u32,
+    solver: u32,
+    seeds: u32,
+    regions_per_point: u32,
+    cull_blocks: u32,
+    per_region: u32,
+}
+const SSCR_DISTRIBUTION_WEIGHTED: u32 = 0u;
+const SSCR_DISTRIBUTION_EQUAL: u32 = 1u;
+const SSCR_VISIBILITY_NEAREST: u32 = 0u;
+const SSCR_VISIBILITY_ACCUMULATED: u32 = 1u;
+const SSCR_SOLVER_INTERLEAVED: u32 = 0u;
+const SSCR_SOLVER_NEWTON: u32 = 1u;
+const SSCR_SOLVER_BROYDEN: u32 = 2u;
+const SSCR_SOLVER_NELDER_MEAD: u32 = 3u;
+const SSCR_SOLVER_CONJUGATE_GRADIENT: u32 = 4u;
+const SSCR_SEEDS_RANDOM: u32 = 0u;
+const SSCR_SEEDS_GRID: u32 = 1u;
+const SSCR_SEEDS_LAST_FRAME: u32 = 2u;
 
 // Surface estimation: normals and spacing of clouds that come without.
 struct Surface {
@@ -86,6 +159,9 @@ struct Settings {
     color: Color,
     edl: Edl,
     light: Light,
+    mirror: Mirror,
+    reflection: Reflection,
+    sscr: Sscr,
     surface: Surface,
     scene: Scene,
 }

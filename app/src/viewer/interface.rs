@@ -13,8 +13,12 @@ use super::{clouds_panel, colors_panel, navigation, overlay, panel, pick_panel, 
 use crate::loading;
 
 /// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
-const SECTIONS: [(&str, &[&str]); 3] =
-    [("Splats and view", &["splat", "view"]), ("Light", &["light", "edl"]), ("When loading", &["surface", "scene"])];
+const SECTIONS: [(&str, &[&str]); 4] = [
+    ("Splats and view", &["splat", "view"]),
+    ("Light", &["light", "edl"]),
+    ("Reflections", &["mirror", "reflection", "sscr"]),
+    ("When loading", &["surface", "scene"]),
+];
 
 /// Draws everything; `picture` is the render thread's last frame.
 pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {

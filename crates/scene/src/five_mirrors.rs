@@ -7,15 +7,15 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use cloud::sampling::{Placement, StarShape, Surface, SurfacePoint, sort_along_curve};
+use cloud::sampling::{Surface, SurfacePoint, sort_along_curve};
 use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
-use glam::{DMat3, DVec3};
+use glam::{DQuat, DVec3};
 
-use crate::Camera;
+use crate::{Camera, Mirror, Shape, SpotLight};
 
 /// What stands in the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mirror {
+pub enum Variant {
     None,
     Sphere,
     Parabolic,
@@ -25,7 +25,7 @@ pub enum Mirror {
     All,
 }
 
-impl Mirror {
+impl Variant {
     pub const ALL: [Self; 7] =
         [Self::None, Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral, Self::All];
     /// Those that `All` shows, from left to right.
@@ -56,36 +56,43 @@ impl Mirror {
         }
     }
 
-    /// The surfaces and where they stand.
-    fn surfaces(self) -> Vec<(Self, Surface, Placement)> {
-        let at = Placement::ORIGIN;
-        let single = match self {
+    /// The mirrors, from left to right, those of `All` scaled so that they do not touch.
+    pub fn mirrors(self) -> Vec<Mirror> {
+        let (shape, size) = match self {
             Self::None => return Vec::new(),
             Self::All => {
-                // A wall's width for five: scaled so that they do not touch.
-                let place = |(index, mirror): (usize, Self)| {
+                let place = |(index, variant): (usize, Self)| {
                     let aside = DVec3::X * 0.36 * (index as f64 - 2.0);
-                    mirror.surfaces().into_iter().map(move |(mirror, surface, at)| {
-                        let translation = at.translation * ALL_SCALE + aside;
-                        (mirror, surface, Placement { scale: at.scale * ALL_SCALE, translation, ..at })
+                    variant.mirrors().into_iter().map(move |mirror| Mirror {
+                        position: mirror.position * ALL_SCALE + aside,
+                        size: mirror.size * ALL_SCALE,
+                        ..mirror
                     })
                 };
                 return Self::SINGLE.into_iter().enumerate().flat_map(place).collect();
             }
-            Self::Sphere => (Surface::Sphere { radius: 0.43 }, at),
-            Self::Parabolic => (
-                Surface::Paraboloid { focal_length: 0.25, rim_radius: 0.45 },
-                Placement { translation: DVec3::Z * -0.2, ..at },
-            ),
-            Self::Blob => (Surface::Star(StarShape { radius: blob_radius, gradient: blob_gradient }), at),
-            // The axis z turned to (0, sin 55, cos 55 degrees).
-            Self::Torus => (
-                Surface::Torus { ring: 0.33, tube: 0.14 },
-                Placement { rotation: DMat3::from_rotation_x(-55.0_f64.to_radians()), ..at },
-            ),
-            Self::Coral => (Surface::Star(StarShape { radius: coral_radius, gradient: coral_gradient }), at),
+            Self::Sphere => (Shape::Sphere, 0.43),
+            Self::Parabolic => (Shape::Paraboloid { focal_length: 0.25 / 0.45 }, 0.45),
+            Self::Blob => (Shape::Blob, 0.40),
+            Self::Torus => (Shape::Torus { tube: 0.14 / 0.33 }, 0.33),
+            Self::Coral => (Shape::Coral, 0.36),
         };
-        vec![(self, single.0, single.1)]
+        vec![Mirror {
+            name: self.name().to_string(),
+            shape,
+            position: if self == Self::Parabolic { DVec3::Z * -0.2 } else { DVec3::ZERO },
+            // The torus' axis z turned to (0, sin 55, cos 55 degrees).
+            rotation: if self == Self::Torus {
+                DQuat::from_rotation_x(-55.0_f64.to_radians())
+            } else {
+                DQuat::IDENTITY
+            },
+            size,
+            color: MIRROR_GREY.map(|v| v as f32),
+            specular_intensity: 1.0,
+            specular_power: MIRROR_POWER,
+            as_points: true,
+        }]
     }
 }
 
@@ -93,27 +100,6 @@ impl Mirror {
 const ALL_SCALE: f64 = 0.38;
 /// Splat radius over the radius of a disc with a point's share of area.
 const OVERLAP: f32 = 1.5;
-
-fn blob_radius(d: DVec3) -> f64 {
-    0.40 * (1.0 + 0.10 * (6.0 * d.x + 1.0).sin() * (5.0 * d.y).sin() + 0.06 * (7.0 * d.z).sin())
-}
-
-fn blob_gradient(d: DVec3) -> DVec3 {
-    let ((sin_x, cos_x), (sin_y, cos_y)) = ((6.0 * d.x + 1.0).sin_cos(), (5.0 * d.y).sin_cos());
-    0.40 * DVec3::new(0.10 * 6.0 * cos_x * sin_y, 0.10 * 5.0 * sin_x * cos_y, 0.06 * 7.0 * (7.0 * d.z).cos())
-}
-
-fn coral_radius(d: DVec3) -> f64 {
-    let bumps = (19.0 * d.x).sin() * (17.0 * d.y).sin() * (23.0 * d.z).sin();
-    0.36 * (1.0 + 0.08 * bumps + 0.03 * (41.0 * d.x + 3.0 * d.y).sin())
-}
-
-fn coral_gradient(d: DVec3) -> DVec3 {
-    let [(sin_x, cos_x), (sin_y, cos_y), (sin_z, cos_z)] = [19.0 * d.x, 17.0 * d.y, 23.0 * d.z].map(f64::sin_cos);
-    let ripple = 0.03 * (41.0 * d.x + 3.0 * d.y).cos();
-    let bumps = DVec3::new(19.0 * cos_x * sin_y * sin_z, 17.0 * sin_x * cos_y * sin_z, 23.0 * sin_x * sin_y * cos_z);
-    0.36 * (0.08 * bumps + ripple * DVec3::new(41.0, 3.0, 0.0))
-}
 
 const LEFT: [f64; 3] = [0.63, 0.065, 0.05];
 const RIGHT: [f64; 3] = [0.14, 0.45, 0.091];
@@ -127,10 +113,10 @@ const MIRROR_GREY: [f64; 3] = [0.5, 0.5, 0.5];
 const MIRROR_POWER: f32 = 1000.0;
 
 /// Linear red, green and blue at a world position.
-type Albedo = fn(DVec3) -> [f64; 3];
+pub type Albedo = fn(DVec3) -> [f64; 3];
 
 /// The walls, their normals towards the inside, and their albedo.
-fn walls() -> [(Surface, Albedo); 6] {
+pub fn walls() -> [(Surface, Albedo); 6] {
     let (x, y, z) = (DVec3::X * 2.0, DVec3::Y * 2.0, DVec3::Z * 4.0);
     let near = DVec3::new(-1.0, -1.0, -2.0);
     let wall = |corner, edges| Surface::Rectangle { corner, edges };
@@ -150,13 +136,10 @@ fn walls() -> [(Surface, Albedo); 6] {
 
 /// The points of one material.
 pub struct Part {
-    /// `walls`, or which mirror.
-    pub name: &'static str,
     /// Positions, normals, radii and colours; each chunk's points lie together.
     pub chunks: Vec<Chunk>,
-    /// 1 for mirrors, 0 for walls.
-    pub specular_intensity: f32,
-    pub specular_power: f32,
+    /// Which mirror they sample; the walls have none.
+    pub mirror: Option<Mirror>,
 }
 
 /// The scene's points, exactly `points` of them: the walls, then a part for each mirror. The same seed gives the same
@@ -164,12 +147,12 @@ pub struct Part {
 ///
 /// Colours are albedos as 8-bit sRGB, which is what a chunk holds: the linear values are met within 0.004, and the darkest
 /// (0.05) within 3 %.
-pub fn sample(mirror: Mirror, points: u64, seed: u64) -> Vec<Part> {
-    let (walls, mirrors) = (walls(), mirror.surfaces());
+pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<Part> {
+    let (walls, mirrors) = (walls(), variant.mirrors());
     let areas: Vec<f64> = walls
         .iter()
         .map(|(surface, _)| surface.area())
-        .chain(mirrors.iter().map(|(_, surface, at)| surface.area() * at.scale * at.scale))
+        .chain(mirrors.iter().map(|mirror| mirror.surface().0.area() * mirror.size * mirror.size))
         .collect();
     let total_area: f64 = areas.iter().sum();
     let radius = OVERLAP * (total_area / (PI * points.max(1) as f64)).sqrt() as f32;
@@ -182,18 +165,20 @@ pub fn sample(mirror: Mirror, points: u64, seed: u64) -> Vec<Part> {
         counts.push((after - before) as usize);
         before = after;
     }
-    let mut parts = vec![Part { name: "walls", chunks: Vec::new(), specular_intensity: 0.0, specular_power: 0.0 }];
+    let mut parts = vec![Part { chunks: Vec::new(), mirror: None }];
+    let walls_count = walls.len();
     for (index, (surface, albedo)) in walls.into_iter().enumerate() {
         let points = surface.sample(counts[index], seed.wrapping_add(index as u64));
         append(&mut parts[0].chunks, points, radius, albedo);
     }
-    for (index, (mirror, surface, at)) in mirrors.into_iter().enumerate() {
-        let index = walls.len() + index;
+    for (index, mirror) in mirrors.into_iter().enumerate() {
+        let index = walls_count + index;
+        let (surface, at) = mirror.surface();
         let mut points = surface.sample(counts[index], seed.wrapping_add(index as u64));
         points.iter_mut().for_each(|point| *point = at.place(*point));
         let mut chunks = Vec::new();
         append(&mut chunks, points, radius, |_| MIRROR_GREY);
-        parts.push(Part { name: mirror.name(), chunks, specular_intensity: 1.0, specular_power: MIRROR_POWER });
+        parts.push(Part { chunks, mirror: Some(mirror) });
     }
     parts
 }
@@ -219,6 +204,17 @@ fn srgb(linear: [f64; 3]) -> [u8; 4] {
     let encode = |v: f64| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     let [red, green, blue] = linear.map(|v| (255.0 * encode(v)).round() as u8);
     [red, green, blue, 255]
+}
+
+/// The scene's only light.
+pub fn light() -> SpotLight {
+    SpotLight {
+        position: DVec3::new(-0.6, 0.9, 1.6),
+        target: DVec3::new(1.0, -1.0, -2.0),
+        intensity: [10.0; 3],
+        inner_degrees: 20.0,
+        outer_degrees: 25.0,
+    }
 }
 
 /// At (0, 0, 1.9), looking along -z, up +y; the definition's vertical field of view, 60 degrees, is a view setting.
@@ -247,30 +243,30 @@ mod tests {
 
     /// Zero on the mirror's surface, growing by about one per unit outwards (for the paraboloid: on the hollow side). The
     /// definition's own formulas, in coordinates where the mirror stands alone at the origin.
-    fn distance(mirror: Mirror, p: DVec3) -> f64 {
+    fn distance(mirror: Variant, p: DVec3) -> f64 {
         let d = p.normalize_or_zero();
         match mirror {
-            Mirror::Sphere => p.length() - 0.43,
-            Mirror::Parabolic => p.z - ((p.x * p.x + p.y * p.y) / (4.0 * 0.25) - 0.2),
-            Mirror::Blob => {
+            Variant::Sphere => p.length() - 0.43,
+            Variant::Parabolic => p.z - ((p.x * p.x + p.y * p.y) / (4.0 * 0.25) - 0.2),
+            Variant::Blob => {
                 let r = 0.40 * (1.0 + 0.10 * (6.0 * d.x + 1.0).sin() * (5.0 * d.y).sin() + 0.06 * (7.0 * d.z).sin());
                 p.length() - r
             }
-            Mirror::Torus => {
+            Variant::Torus => {
                 let (sin, cos) = 55.0_f64.to_radians().sin_cos();
                 let along = p.dot(DVec3::new(0.0, sin, cos));
                 let across = (p.length_squared() - along * along).max(0.0).sqrt();
                 (across - 0.33).hypot(along) - 0.14
             }
-            Mirror::Coral => {
+            Variant::Coral => {
                 let bumps = 0.08 * (19.0 * d.x).sin() * (17.0 * d.y).sin() * (23.0 * d.z).sin();
                 p.length() - 0.36 * (1.0 + bumps + 0.03 * (41.0 * d.x + 3.0 * d.y).sin())
             }
-            Mirror::None | Mirror::All => unreachable!("no single surface"),
+            Variant::None | Variant::All => unreachable!("no single surface"),
         }
     }
 
-    fn assert_on_surface(mirror: Mirror, position: DVec3, normal: DVec3) {
+    fn assert_on_surface(mirror: Variant, position: DVec3, normal: DVec3) {
         let off = distance(mirror, position);
         assert!(off.abs() < 1e-6, "{mirror:?}: {position} is {off} off");
         // The gradient by differences, of the definition and not of the sampler.
@@ -285,14 +281,15 @@ mod tests {
 
     #[test]
     fn points_and_normals_of_each_mirror_are_those_of_its_definition() {
-        for mirror in Mirror::SINGLE {
+        for mirror in Variant::SINGLE {
             let parts = sample(mirror, FEW, 1);
             assert_eq!(parts.len(), 2);
-            assert_eq!((parts[1].name, parts[1].specular_intensity), (mirror.name(), 1.0));
+            let placed = parts[1].mirror.as_ref().expect("a mirror");
+            assert_eq!((placed.name.as_str(), placed.specular_intensity), (mirror.name(), 1.0));
             assert!(count(&parts[1]) > 1000);
             for (position, normal) in points(&parts[1]) {
                 assert_on_surface(mirror, position, normal);
-                if mirror == Mirror::Parabolic {
+                if mirror == Variant::Parabolic {
                     assert!(position.x.hypot(position.y) <= 0.45 + 1e-6 && normal.z > 0.0, "{position} {normal}");
                 }
             }
@@ -301,10 +298,10 @@ mod tests {
 
     #[test]
     fn five_mirrors_side_by_side_are_the_single_ones_scaled() {
-        let parts = sample(Mirror::All, FEW, 1);
+        let parts = sample(Variant::All, FEW, 1);
         assert_eq!(parts.len(), 6);
-        for ((part, mirror), x) in parts[1..].iter().zip(Mirror::SINGLE).zip([-0.72, -0.36, 0.0, 0.36, 0.72]) {
-            assert_eq!(part.name, mirror.name());
+        for ((part, mirror), x) in parts[1..].iter().zip(Variant::SINGLE).zip([-0.72, -0.36, 0.0, 0.36, 0.72]) {
+            assert_eq!(part.mirror.as_ref().expect("a mirror").name, mirror.name());
             for (position, normal) in points(part) {
                 assert_on_surface(mirror, (position - DVec3::X * x) / 0.38, normal);
             }
@@ -313,8 +310,8 @@ mod tests {
 
     #[test]
     fn walls_close_the_box_and_face_its_inside() {
-        let parts = sample(Mirror::None, FEW, 1);
-        assert_eq!((parts.len(), parts[0].specular_intensity), (1, 0.0));
+        let parts = sample(Variant::None, FEW, 1);
+        assert!(parts.len() == 1 && parts[0].mirror.is_none());
         let mut seen = [0_u64; 6];
         for (position, normal) in points(&parts[0]) {
             let walls = [
@@ -335,7 +332,7 @@ mod tests {
 
     #[test]
     fn colours_are_those_of_the_definition() {
-        let parts = sample(Mirror::None, FEW, 1);
+        let parts = sample(Variant::None, FEW, 1);
         let linear = |v: u8| {
             let v = f64::from(v) / 255.0;
             if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
@@ -369,14 +366,15 @@ mod tests {
 
     #[test]
     fn points_are_shared_by_area_and_add_up() {
-        for mirror in Mirror::ALL {
+        for mirror in Variant::ALL {
             for points in [0, 1, 10, 12_345, FEW] {
                 let parts = sample(mirror, points, 1);
                 assert_eq!(parts.iter().map(count).sum::<u64>(), points, "{mirror:?}");
             }
         }
         // The walls' area is 40, the sphere's 4 pi 0.43^2, the torus' 4 pi^2 0.33 0.14.
-        for (mirror, area) in [(Mirror::Sphere, 4.0 * PI * 0.43 * 0.43), (Mirror::Torus, 4.0 * PI * PI * 0.33 * 0.14)] {
+        for (mirror, area) in [(Variant::Sphere, 4.0 * PI * 0.43 * 0.43), (Variant::Torus, 4.0 * PI * PI * 0.33 * 0.14)]
+        {
             let parts = sample(mirror, FEW, 1);
             let expected = area / (40.0 + area) * FEW as f64;
             assert!((count(&parts[1]) as f64 - expected).abs() <= 1.0, "{mirror:?}");
@@ -392,7 +390,7 @@ mod tests {
 
     #[test]
     fn chunks_are_small_in_space_and_number_their_points() {
-        for part in sample(Mirror::All, 1_600_000, 1) {
+        for part in sample(Variant::All, 1_600_000, 1) {
             let mut first_point = 0;
             for chunk in &part.chunks {
                 assert_eq!(chunk.first_point, first_point);
@@ -407,7 +405,10 @@ mod tests {
     #[test]
     fn same_seed_gives_the_same_scene_and_another_seed_another() {
         let positions = |seed| {
-            sample(Mirror::Blob, FEW, seed).iter().flat_map(|part| points(part).collect::<Vec<_>>()).collect::<Vec<_>>()
+            sample(Variant::Blob, FEW, seed)
+                .iter()
+                .flat_map(|part| points(part).collect::<Vec<_>>())
+                .collect::<Vec<_>>()
         };
         assert_eq!(positions(5), positions(5));
         assert_ne!(positions(5), positions(6));

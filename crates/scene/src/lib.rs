@@ -3,11 +3,16 @@
 mod camera;
 mod file;
 pub mod five_mirrors;
+mod light;
+mod mirror;
 mod settings;
 
 pub use camera::{Camera, Projection, StandardView};
 pub use file::{Error, SceneFile, View};
+pub use light::SpotLight;
+pub use mirror::{Mirror, Shape};
 pub use settings::{
-    Atomics, Color, ColorBy, Edl, Light, Quality, Ramp, SceneSettings, Settings, Splat, Surface, SurfaceOrientation,
-    UpAxis, ViewSettings,
+    Atomics, Color, ColorBy, Distribution, Edl, Light, Lighting, Method, MirrorSettings, MirrorSurface, Quality, Ramp,
+    Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Surface, SurfaceOrientation, UpAxis,
+    ViewSettings, Visibility,
 };

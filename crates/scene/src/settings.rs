@@ -32,6 +32,48 @@ choices! {
     pub enum SurfaceOrientation { Auto = "auto", Up = "up", Inward = "inward", Outward = "outward" }
 }
 
+choices! {
+    /// What lights the points.
+    pub enum Lighting { Auto = "auto", Lights = "lights", Headlight = "headlight", Colors = "colors" }
+}
+choices! {
+    /// How mirrors show what they reflect.
+    pub enum Method {
+        Auto = "auto", None = "none", Sscr = "sscr", SscrHierarchical = "sscr_hierarchical",
+        SurfelTrace = "surfel_trace",
+    }
+}
+choices! {
+    /// What is shown instead of the picture.
+    pub enum Show {
+        Picture = "picture", Curvature = "curvature", Regions = "regions", Steps = "steps", Unconverged = "unconverged",
+        Coverage = "coverage", Distance = "distance", Albedo = "albedo", Normal = "normal", Position = "position",
+    }
+}
+choices! {
+    /// How mirrors that have a formula come into the camera's G-buffer.
+    pub enum MirrorSurface { Auto = "auto", Exact = "exact", Points = "points" }
+}
+choices! {
+    /// How points are shared out among the mirror's regions.
+    pub enum Distribution { Weighted = "weighted", Equal = "equal" }
+}
+choices! {
+    /// What a mirror pixel keeps of the points that are reflected into it.
+    pub enum Visibility { Nearest = "nearest", Accumulated = "accumulated" }
+}
+choices! {
+    /// What finds the mirror pixel of a point.
+    pub enum Solver {
+        Interleaved = "interleaved", Newton = "newton", Broyden = "broyden", NelderMead = "nelder-mead",
+        ConjugateGradient = "conjugate-gradient",
+    }
+}
+choices! {
+    /// Where the search for a point's mirror pixel starts.
+    pub enum Seeds { Random = "random", Grid = "grid", LastFrame = "last-frame" }
+}
+
 params! {
     /// The view: projection, up axis, background.
     pub struct ViewSettings = "view" {
@@ -89,8 +131,74 @@ params! {
 
     /// Light.
     pub struct Light = "light" {
+        /// What lights the points: the scene's lights, a lamp at the eye, or nothing (the data's own colours); auto takes lights where there are any.
+        by: Lighting = Lighting::Auto;
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
         headlight: f32 = 0.5, 0.0..=1.0, "share";
+    }
+
+    /// Mirrors.
+    pub struct MirrorSettings = "mirror" {
+        /// Mirrors that have a formula: exact casts a ray a pixel, points splats samples of them; auto takes points for the built-in scenes.
+        surface: MirrorSurface = MirrorSurface::Auto;
+        /// Share of a mirror's own colour that its reflections take on, as metals do.
+        tint: f32 = 0.0, 0.0..=1.0, "share";
+        /// Reflect more the flatter the line of sight (Schlick 1994), by this share of the full effect.
+        fresnel: f32 = 0.0, 0.0..=1.0, "share";
+    }
+
+    /// Reflections.
+    pub struct Reflection = "reflection" {
+        /// What finds the reflected points; auto takes the best there is.
+        method: Method = Method::Auto;
+        /// Reflections of reflections that are followed.
+        bounces: u32 = 1, 0..=4, "bounces";
+        /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
+        keep: bool = true;
+        /// What is shown instead of the picture, to see how a method comes to its result.
+        show: Show = Show::Picture;
+    }
+
+    /// Screen-space curved reflections (Preiner 2010).
+    pub struct Sscr = "sscr" {
+        /// Pairs of start pixels that are tried when the first gives no bracket.
+        seed_attempts: u32 = 6, 0..=16, "attempts";
+        /// Halvings that are tried for a step that leaves the region.
+        step_attempts: u32 = 6, 0..=16, "attempts";
+        /// First step, as a share of the region's extent.
+        initial_step: f32 = 0.2, 0.005..=0.5, "share";
+        /// Steps after which a point is given up.
+        max_steps: u32 = 30, 1..=100, "steps";
+        /// Distance of the two pixels of a bracket at which its root is interpolated.
+        threshold: f32 = 2.0, 1.0..=16.0, "pixels";
+        /// Diameter of a point's splat on the mirror when it touches it.
+        max_splat_size: f32 = 6.0, 1.0..=32.0, "pixels";
+        /// Distance from the mirror at which splats have shrunk to one pixel, in scene radii.
+        mirror_z_far: f32 = 1.0, 0.01..=10.0, "radii";
+        /// How far behind the nearest reflected point of a pixel others still count, in scene radii.
+        mirror_depth_offset: f32 = 0.02, 0.0..=1.0, "radii";
+        /// Levels of the pull-push pyramid that closes holes.
+        pull_levels: u32 = 3, 0..=4, "levels";
+        /// Change of the normal from pixel to pixel below which the mirror counts as planar.
+        planar_normal_threshold: f32 = 0.0005, 0.0..=0.1, "";
+        /// Change of linear depth from pixel to pixel that parts regions, relative to the depth.
+        depth_step_threshold: f32 = 0.05, 0.001..=1.0, "share";
+        /// Share the points out by the regions' pixels, or equally.
+        distribution: Distribution = Distribution::Weighted;
+        /// Keep the nearest point of a mirror pixel, or the mean of all within the depth offset.
+        visibility: Visibility = Visibility::Accumulated;
+        /// Keep each point's pixel from the depth pass instead of searching for it twice.
+        solve_once: bool = false;
+        /// What finds the mirror pixel of a point; interleaved bracketing and bisection is the published one.
+        solver: Solver = Solver::Interleaved;
+        /// Where the search starts.
+        seeds: Seeds = Seeds::Random;
+        /// Regions that each point is tried in.
+        regions_per_point: u32 = 1, 1..=16, "regions";
+        /// Leave out blocks of points that can be reflected nowhere.
+        cull_blocks: bool = false;
+        /// Choose the first step and the start pairs by each region's size and curvature.
+        per_region: bool = false;
     }
 
     /// Surface estimation: normals and spacing of clouds that come without.
@@ -118,18 +226,32 @@ pub struct Settings {
     pub color: Color,
     pub edl: Edl,
     pub light: Light,
+    pub mirror: MirrorSettings,
+    pub reflection: Reflection,
+    pub sscr: Sscr,
     pub surface: Surface,
     pub scene: SceneSettings,
 }
 
 impl Settings {
-    pub fn groups(&self) -> [&dyn Params; 7] {
-        [&self.view, &self.splat, &self.color, &self.edl, &self.light, &self.surface, &self.scene]
+    pub fn groups(&self) -> [&dyn Params; 10] {
+        [
+            &self.view,
+            &self.splat,
+            &self.color,
+            &self.edl,
+            &self.light,
+            &self.mirror,
+            &self.reflection,
+            &self.sscr,
+            &self.surface,
+            &self.scene,
+        ]
     }
 
-    pub fn groups_mut(&mut self) -> [&mut dyn Params; 7] {
-        let Self { view, splat, color, edl, light, surface, scene } = self;
-        [view, splat, color, edl, light, surface, scene]
+    pub fn groups_mut(&mut self) -> [&mut dyn Params; 10] {
+        let Self { view, splat, color, edl, light, mirror, reflection, sscr, surface, scene } = self;
+        [view, splat, color, edl, light, mirror, reflection, sscr, surface, scene]
     }
 
     /// Sets the parameter `key` (`group.name`) from text.
