@@ -11,6 +11,7 @@ mod packing;
 mod progress;
 mod robust;
 pub mod sampling;
+mod smoothing;
 mod surfels;
 
 pub use bounds::Bounds;
@@ -19,6 +20,7 @@ pub use column::{Attribute, Column, ColumnType};
 pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
 pub use progress::Progress;
 pub use robust::{Scalar, histogram, percentile_range, robust_bounds, robust_outline};
+pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
     MeshNormals, Orientation, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, guess_orientation,
     normals_from_triangles, provisional_radius,

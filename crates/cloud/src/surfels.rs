@@ -198,7 +198,7 @@ fn normal(neighbourhood: &Neighbourhood) -> Option<Vec3> {
 
 /// Unit eigenvector of the smallest eigenvalue of a covariance, if the two smaller ones can be told apart and the points
 /// are no line. Eigenvalues in closed form (Smith 1961), in f64 because two nearly equal ones lose half the digits.
-fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
+pub(crate) fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
     let mean = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z) / 3.0;
     let centred = covariance - DMat3::from_diagonal(DVec3::splat(mean));
     let squares = centred.x_axis.length_squared() + centred.y_axis.length_squared() + centred.z_axis.length_squared();

@@ -8,15 +8,31 @@
 //! up = [0.0, 0.0, 1.0]
 //! [parameters]
 //! "splat.size" = 2.0
+//! [[mirrors]]
+//! name = "ball"
+//! shape = "sphere"                     # or { plane = { height = 0.75 } }, { paraboloid = { focal_length = 0.6 } }, ...
+//! position = [1.0, 0.0, 0.5]
+//! size = 0.5
+//! [[lights]]
+//! position = [0.0, 0.0, 3.0]
+//! target = [0.0, 0.0, 0.0]
+//! intensity = [10.0, 10.0, 10.0]
+//! inner_degrees = 20.0
+//! outer_degrees = 25.0
+//! [[mirror_points]]
+//! cloud = "office.laz"
+//! points = { class = 9 }               # or "all", { box = { min, max } }, { attribute = { name, low, high } }
+//! normals = "flatten"                  # or "own", { smooth = { radius } }, { fit = { neighbours } }
 //! ```
-//! The same text without `clouds` is what "copy view" puts on the clipboard and what `--camera` reads.
+//! The same text without `clouds` is what "copy view" puts on the clipboard and what `--camera` reads. A mirror with the name
+//! of one that a built-in scene brings takes its place.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Settings};
+use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight};
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -38,6 +54,13 @@ pub struct SceneFile {
     /// Parameters that differ from their defaults, `group.name` to value.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, toml::Value>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mirrors: Vec<Mirror>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lights: Vec<SpotLight>,
+    /// Points of the clouds that reflect.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mirror_points: Vec<MirrorPoints>,
 }
 
 /// A view read from text: camera and parameters, with what was not understood.
@@ -59,11 +82,11 @@ impl SceneFile {
             let is_text = key == "color.attribute";
             (key, if is_text { value } else { plain.unwrap_or(value) })
         });
-        Self { clouds, camera: Some(camera), parameters: parameters.collect() }
+        Self { clouds, camera: Some(camera), parameters: parameters.collect(), ..Self::default() }
     }
 
     /// # Errors
-    /// Not TOML, or not of this form: with the line.
+    /// Not TOML, or not of this form: with the line. A mirror or light that cannot be: with its number and name.
     pub fn parse(text: &str) -> Result<Self, Error> {
         let file: Self = toml::from_str(text)
             .map_err(|error| Error::Malformed { problem: error.to_string().trim_end().replace('\n', " ") })?;
@@ -71,7 +94,25 @@ impl SceneFile {
         if !file.camera.as_ref().is_none_or(is_finite) {
             return Err(Error::Malformed { problem: "the camera has coordinates that are not finite".into() });
         }
-        Ok(file)
+        match file.odd_object() {
+            Some(problem) => Err(Error::Malformed { problem }),
+            None => Ok(file),
+        }
+    }
+
+    /// The first object that cannot be, and why.
+    fn odd_object(&self) -> Option<String> {
+        let numbered = |kind: &str, index: usize, name: &str, problem: Option<String>| {
+            let name = if name.is_empty() { String::new() } else { format!(" (`{name}`)") };
+            problem.map(|problem| format!("{kind} {}{name}: {problem}", index + 1))
+        };
+        let mirrors = self.mirrors.iter().enumerate();
+        let mut mirrors = mirrors.filter_map(|(i, mirror)| numbered("mirror", i, &mirror.name, mirror.problem()));
+        let lights = self.lights.iter().enumerate();
+        let mut lights = lights.filter_map(|(i, light)| numbered("light", i, "", light.problem()));
+        let points = self.mirror_points.iter().enumerate();
+        let mut points = points.filter_map(|(i, points)| numbered("mirror points", i, &points.cloud, points.problem()));
+        mirrors.next().or_else(|| lights.next()).or_else(|| points.next())
     }
 
     /// # Errors
@@ -81,7 +122,7 @@ impl SceneFile {
         let mut file =
             Self::parse(&text).map_err(|error| Error::Malformed { problem: format!("{}: {error}", path.display()) })?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        for cloud in &mut file.clouds {
+        for cloud in file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud)) {
             let beside = folder.join(&*cloud);
             if beside.exists() {
                 *cloud = beside.to_string_lossy().into_owned();
@@ -116,9 +157,10 @@ impl SceneFile {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
+    use glam::{DQuat, DVec3};
 
     use super::*;
+    use crate::{MirrorNormals, PointChoice, Shape};
 
     #[test]
     fn a_view_survives_its_text_to_the_last_digit() {
@@ -140,6 +182,78 @@ mod tests {
         assert_eq!(view.settings, settings);
         let back = view.camera.unwrap();
         assert!(back.eye.distance(camera.eye) < 1e-9 && back.pivot == camera.pivot, "{text}");
+    }
+
+    #[test]
+    fn mirrors_lights_and_marked_points_survive_the_text_to_the_last_digit() {
+        let rotation = DQuat::from_euler(glam::EulerRot::ZXY, 0.1, 1.2, -2.3);
+        let mirrors: Vec<Mirror> = Shape::ALL
+            .into_iter()
+            .map(|shape| Mirror {
+                rotation,
+                specular_intensity: 0.9,
+                color: [0.1, 0.2, 0.3],
+                as_points: shape == Shape::Blob,
+                ..Mirror::standing(shape, DVec3::new(635_619.123_456_7, 0.1, 1.0 / 3.0), DVec3::X, DVec3::Z, 0.7)
+            })
+            .collect();
+        let points = |points, normals| MirrorPoints {
+            cloud: "a.laz".into(),
+            points,
+            specular_intensity: 0.5,
+            specular_power: 300.0,
+            normals,
+        };
+        let (min, max) = (DVec3::new(1e6 + 0.1, 0.0, 0.0), DVec3::new(1e6 + 0.3, 1.0, 2.0));
+        let by_name = PointChoice::Attribute { name: "Deviation, 2nd".into(), low: -0.1, high: 0.3 };
+        let file = SceneFile {
+            mirrors,
+            lights: vec![crate::five_mirrors::light()],
+            mirror_points: vec![
+                points(PointChoice::All, MirrorNormals::Own),
+                points(PointChoice::Class(9), MirrorNormals::Flatten),
+                points(PointChoice::Box { min, max }, MirrorNormals::Smooth { radius: 0.1 }),
+                points(by_name, MirrorNormals::Fit { neighbours: 12 }),
+            ],
+            ..SceneFile::default()
+        };
+        let text = file.to_text();
+        assert_eq!(SceneFile::parse(&text).unwrap(), file, "{text}");
+        assert!(text.contains("specular_intensity = 0.9\n"), "{text}");
+    }
+
+    #[test]
+    fn a_mirror_needs_no_more_than_shape_place_and_size() {
+        let file = SceneFile::parse("[[mirrors]]\nshape = \"sphere\"\nposition = [0, 1.5, 2]\nsize = 0.5\n").unwrap();
+        assert_eq!(file.mirrors[0].specular_intensity, 1.0);
+        assert_eq!(file.mirrors[0].rotation, DQuat::IDENTITY);
+        let file = SceneFile::parse("[[mirror_points]]\ncloud = \"lake.laz\"\npoints = { class = 9 }\n").unwrap();
+        assert_eq!(file.mirror_points[0].points, PointChoice::Class(9));
+    }
+
+    #[test]
+    fn odd_objects_are_refused_by_number_and_name() {
+        let refusal = |text: &str| SceneFile::parse(text).unwrap_err().to_string();
+        let sphere = "[[mirrors]]\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 1\n";
+        let second =
+            |line: &str| refusal(&format!("{sphere}{}name = \"ball\"\n{line}\n", sphere.replace("size = 1\n", "")));
+        assert_eq!(second("size = 0"), "not a scene: mirror 2 (`ball`): size is 0, expected more than 0");
+        assert!(second("size = nan").contains("mirror 2 (`ball`): size is NaN"));
+        assert!(second("size = 1\nrotation = [0, 0, 0, 2]").contains("mirror 2 (`ball`): rotation"));
+        assert!(
+            second("size = 1\nspecular_intensity = 1.01").contains("mirror 2 (`ball`): specular_intensity is 1.01")
+        );
+        assert!(second("size = 1\ncolour = [1, 1, 1]").contains("colour"));
+        assert!(refusal("[[mirrors]]\nshape = \"ball\"\nposition = [0, 0, 0]\nsize = 1\n").contains("line 2"));
+        let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n";
+        assert!(refusal(&format!("{light}inner_degrees = 30\nouter_degrees = 20\n")).contains("light 1: it opens"));
+        let points = "[[mirror_points]]\ncloud = \"a.laz\"\n";
+        assert!(refusal(&format!("{points}specular_intensity = -1")).contains("mirror points 1 (`a.laz`)"));
+        assert!(refusal(&format!("{points}normals = {{ smooth = {{ radius = 0 }} }}")).contains("radius"));
+        assert!(refusal(&format!("{points}normals = {{ fit = {{ neighbours = 2 }} }}")).contains("3 to 64"));
+        assert!(refusal(&format!("{points}points = {{ class = 256 }}")).contains("line 3"));
+        let empty = "points = { attribute = { name = \"wet\", low = 2, high = 1 } }";
+        assert!(refusal(&format!("{points}{empty}")).contains("range of wet"));
     }
 
     #[test]

@@ -11,6 +11,7 @@ use cloud::sampling::{Surface, SurfacePoint, sort_along_curve};
 use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
 use glam::{DQuat, DVec3};
 
+use crate::mirror::{MIRROR_GREY, MIRROR_POWER};
 use crate::{Camera, Mirror, Shape, SpotLight};
 
 /// What stands in the box.
@@ -88,7 +89,7 @@ impl Variant {
                 DQuat::IDENTITY
             },
             size,
-            color: MIRROR_GREY.map(|v| v as f32),
+            color: [MIRROR_GREY; 3],
             specular_intensity: 1.0,
             specular_power: MIRROR_POWER,
             as_points: true,
@@ -107,10 +108,6 @@ const PALE: [f64; 3] = [0.725, 0.71, 0.68];
 const DARK: [f64; 3] = [0.2, 0.2, 0.2];
 /// Width of the floor's squares.
 const CHECK: f64 = 0.25;
-/// What a mirror is drawn with where reflections are not: half of the light, linear.
-const MIRROR_GREY: [f64; 3] = [0.5, 0.5, 0.5];
-/// Blinn exponent of a mirror's highlight; sharp enough for the spot light to show as a point.
-const MIRROR_POWER: f32 = 1000.0;
 
 /// Linear red, green and blue at a world position.
 pub type Albedo = fn(DVec3) -> [f64; 3];
@@ -155,7 +152,7 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<Part> {
         .chain(mirrors.iter().map(|mirror| mirror.surface().0.area() * mirror.size * mirror.size))
         .collect();
     let total_area: f64 = areas.iter().sum();
-    let radius = OVERLAP * (total_area / (PI * points.max(1) as f64)).sqrt() as f32;
+    let radius = splat_radius(total_area, points);
     // Shares rounded by their running sum add up to the whole.
     let mut counts = Vec::with_capacity(areas.len());
     let (mut area, mut before) = (0.0, 0);
@@ -177,14 +174,24 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<Part> {
         let mut points = surface.sample(counts[index], seed.wrapping_add(index as u64));
         points.iter_mut().for_each(|point| *point = at.place(*point));
         let mut chunks = Vec::new();
-        append(&mut chunks, points, radius, |_| MIRROR_GREY);
+        append(&mut chunks, points, radius, |_| [f64::from(MIRROR_GREY); 3]);
         parts.push(Part { chunks, mirror: Some(mirror) });
     }
     parts
 }
 
+/// World radius of the splats of `points` that share an area evenly.
+pub(crate) fn splat_radius(area: f64, points: u64) -> f32 {
+    OVERLAP * (area / (PI * points.max(1) as f64)).sqrt() as f32
+}
+
 /// Appends a surface's points in chunks of neighbours.
-fn append(chunks: &mut Vec<Chunk>, mut points: Vec<SurfacePoint>, radius: f32, albedo: impl Fn(DVec3) -> [f64; 3]) {
+pub(crate) fn append(
+    chunks: &mut Vec<Chunk>,
+    mut points: Vec<SurfacePoint>,
+    radius: f32,
+    albedo: impl Fn(DVec3) -> [f64; 3],
+) {
     sort_along_curve(&mut points);
     let mut first_point = chunks.last().map_or(0, |chunk| chunk.first_point + chunk.len() as u64);
     for run in points.chunks(CHUNK_POINTS) {

@@ -5,12 +5,14 @@ mod file;
 pub mod five_mirrors;
 mod light;
 mod mirror;
+mod mirror_points;
 mod settings;
 
 pub use camera::{Camera, Projection, StandardView};
 pub use file::{Error, SceneFile, View};
 pub use light::SpotLight;
 pub use mirror::{Mirror, Shape};
+pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use settings::{
     Atomics, Color, ColorBy, Distribution, Edl, Light, Lighting, Method, MirrorSettings, MirrorSurface, Quality, Ramp,
     Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Surface, SurfaceOrientation, UpAxis,

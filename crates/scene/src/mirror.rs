@@ -1,8 +1,11 @@
-//! Mirrors with a formula: what they look like and where they stand.
+//! Mirrors with a formula: what they look like, where they stand, and the points that stand for them.
 
+use cloud::Chunk;
 use cloud::sampling::{Placement, StarShape, Surface};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
+
+use crate::five_mirrors;
 
 /// The form of a mirror whose size is 1, in its own coordinates. Lengths are relative to the mirror's size.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,29 +25,187 @@ pub enum Shape {
     Coral,
 }
 
-/// A mirror in the scene.
+impl Shape {
+    /// One of each, in proportions that look like what they are called.
+    pub const ALL: [Self; 6] = [
+        Self::Plane { height: 0.75 },
+        Self::Sphere,
+        Self::Paraboloid { focal_length: 0.6 },
+        Self::Torus { tube: 0.4 },
+        Self::Blob,
+        Self::Coral,
+    ];
+
+    /// As in a scene file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plane { .. } => "plane",
+            Self::Sphere => "sphere",
+            Self::Paraboloid { .. } => "paraboloid",
+            Self::Torus { .. } => "torus",
+            Self::Blob => "blob",
+            Self::Coral => "coral",
+        }
+    }
+
+    /// How far its surface reaches from the origin in the direction of -z: what it stands on lies there.
+    fn foot(self) -> f64 {
+        match self {
+            // Two hundredths off, so that it does not fight for pixels with the surface it lies on.
+            Self::Plane { .. } => 0.02,
+            Self::Sphere => 1.0,
+            Self::Paraboloid { .. } => 0.0,
+            Self::Torus { tube } => tube,
+            Self::Blob => blob_radius(-DVec3::Z),
+            Self::Coral => coral_radius(-DVec3::Z),
+        }
+    }
+
+    /// Radius of a ball about the origin that holds the surface.
+    pub fn reach(self) -> f64 {
+        match self {
+            Self::Plane { height } => 1.0_f64.hypot(height),
+            Self::Sphere => 1.0,
+            Self::Paraboloid { focal_length } => 1.0_f64.hypot(1.0 / (4.0 * focal_length)),
+            Self::Torus { tube } => 1.0 + tube,
+            // The sums of the amplitudes below.
+            Self::Blob => 1.16,
+            Self::Coral => 1.11,
+        }
+    }
+
+    fn problem(self) -> Option<String> {
+        let (name, value, most) = match self {
+            Self::Plane { height } => ("height", height, 1e3),
+            Self::Paraboloid { focal_length } => ("focal_length", focal_length, 1e6),
+            Self::Torus { tube } => ("tube", tube, 1.0),
+            Self::Sphere | Self::Blob | Self::Coral => return None,
+        };
+        let is_fine = value > 0.0 && value < most;
+        (!is_fine).then(|| format!("{name} is {value}, expected more than 0 and less than {most}"))
+    }
+}
+
+/// Linear grey of mirrors that have no colour of their own: what is seen of them where reflections are not.
+pub const MIRROR_GREY: f32 = 0.5;
+/// Blinn exponent of a mirror's highlight; sharp enough for a lamp to show as a point.
+pub const MIRROR_POWER: f32 = 1000.0;
+
+fn identity() -> DQuat {
+    DQuat::IDENTITY
+}
+
+fn grey() -> [f32; 3] {
+    [MIRROR_GREY; 3]
+}
+
+pub(crate) fn one() -> f32 {
+    1.0
+}
+
+pub(crate) fn sharp() -> f32 {
+    MIRROR_POWER
+}
+
+/// A mirror in the scene. In a scene file only shape, position and size are needed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mirror {
+    #[serde(default)]
     pub name: String,
     pub shape: Shape,
     /// World units.
     pub position: DVec3,
     /// Turns the shape's own axes into the world's.
+    #[serde(default = "identity")]
     pub rotation: DQuat,
     /// World units.
     pub size: f64,
     /// Linear albedo of its diffuse part, and the tint of its reflections.
+    #[serde(default = "grey")]
     pub color: [f32; 3],
     /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
+    #[serde(default = "one")]
     pub specular_intensity: f32,
+    #[serde(default = "sharp")]
     pub specular_power: f32,
     /// Drawn as sampled points unless `mirror.surface` says otherwise: the published condition of the built-in scenes.
     #[serde(default)]
     pub as_points: bool,
 }
 
+/// How far the length of a written quaternion may be from one: what eight printed digits leave.
+const UNIT_TOLERANCE: f64 = 1e-4;
+
+/// Fewest and most points that stand for a mirror: enough for its outline, and never the larger part of a scene.
+const SAMPLES: std::ops::RangeInclusive<f64> = 20_000.0..=200_000.0;
+
 impl Mirror {
+    /// A perfect mirror that stands on a surface at `point` and points away from it along `normal`; the shape's x axis
+    /// becomes level. A plane lies on the surface.
+    pub fn standing(shape: Shape, point: DVec3, normal: DVec3, up: DVec3, size: f64) -> Self {
+        let z = normal.normalize_or(up.normalize_or(DVec3::Z));
+        let x = up.cross(z).normalize_or(z.any_orthonormal_vector());
+        Self {
+            name: shape.name().to_string(),
+            shape,
+            position: point + z * (shape.foot() * size),
+            rotation: DQuat::from_mat3(&DMat3::from_cols(x, z.cross(x), z)),
+            size,
+            color: grey(),
+            specular_intensity: one(),
+            specular_power: sharp(),
+            as_points: false,
+        }
+    }
+
+    /// What makes it no mirror, in words, if anything does.
+    pub fn problem(&self) -> Option<String> {
+        let length = self.rotation.length();
+        let out_of_range = |name: &str, values: &[f32]| {
+            let odd = values.iter().find(|value| !(0.0..=1.0).contains(*value))?;
+            Some(format!("{name} is {odd}, expected 0 to 1"))
+        };
+        if !self.position.is_finite() {
+            return Some(format!("position is {}, expected finite coordinates", self.position));
+        }
+        if !((length - 1.0).abs() < UNIT_TOLERANCE) {
+            return Some(format!("rotation is a quaternion of length {length}, expected 1"));
+        }
+        if !(self.size > 0.0 && self.size.is_finite()) {
+            return Some(format!("size is {}, expected more than 0", self.size));
+        }
+        if !(self.specular_power > 0.0 && self.specular_power.is_finite()) {
+            return Some(format!("specular_power is {}, expected more than 0", self.specular_power));
+        }
+        out_of_range("specular_intensity", &[self.specular_intensity])
+            .or_else(|| out_of_range("color", &self.color))
+            .or_else(|| self.shape.problem())
+    }
+
+    /// Points that stand for it beside a cloud of which a point takes `area_per_point`, squared world units: as dense, but
+    /// neither too few nor too many.
+    pub fn sample_count(&self, area_per_point: f64) -> usize {
+        let wanted = self.surface().0.area() * self.size * self.size / area_per_point;
+        let wanted = if wanted.is_finite() { wanted } else { *SAMPLES.end() };
+        wanted.clamp(*SAMPLES.start(), *SAMPLES.end()) as usize
+    }
+
+    /// `count` points on it, evenly by area, with normals, radii and colour. The same seed gives the same points.
+    pub fn sample(&self, count: usize, seed: u64) -> Vec<Chunk> {
+        let (surface, at) = self.surface();
+        // Relative to the mirror's own position: coordinates of seven digits lose nothing.
+        let at = Placement { translation: DVec3::ZERO, ..at };
+        let mut points = surface.sample(count, seed);
+        points.iter_mut().for_each(|point| *point = at.place(*point));
+        let area = surface.area() * self.size * self.size;
+        let radius = five_mirrors::splat_radius(area, count as u64);
+        let mut chunks = Vec::new();
+        five_mirrors::append(&mut chunks, points, radius, |_| self.color.map(f64::from));
+        chunks.iter_mut().for_each(|chunk| chunk.origin += self.position);
+        chunks
+    }
+
     /// The surface and where it stands.
     pub fn surface(&self) -> (Surface, Placement) {
         let surface = match self.shape {
@@ -82,4 +243,91 @@ fn coral_gradient(d: DVec3) -> DVec3 {
     let ripple = 0.03 * (41.0 * d.x + 3.0 * d.y).cos();
     let bumps = DVec3::new(19.0 * cos_x * sin_y * sin_z, 17.0 * sin_x * cos_y * sin_z, 23.0 * sin_x * sin_y * cos_z);
     0.08 * bumps + ripple * DVec3::new(41.0, 3.0, 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use cloud::unpack_normal;
+
+    use super::*;
+
+    /// On a slope, at coordinates of seven digits.
+    fn standing(shape: Shape) -> (Mirror, DVec3, DVec3) {
+        let (point, normal) = (DVec3::new(635_000.0, 5_077_000.0, 120.0), DVec3::new(0.3, -0.2, 0.9).normalize());
+        (Mirror::standing(shape, point, normal, DVec3::Z, 2.5), point, normal)
+    }
+
+    #[test]
+    fn a_mirror_that_is_added_stands_on_the_surface_and_not_in_it() {
+        for shape in Shape::ALL {
+            let (mirror, point, normal) = standing(shape);
+            assert_eq!(mirror.problem(), None, "{shape:?}");
+            let heights = mirror
+                .sample(20_000, 1)
+                .iter()
+                .flat_map(|chunk| {
+                    (0..chunk.len()).map(|index| (chunk.position(index) - point).dot(normal)).collect::<Vec<_>>()
+                })
+                .fold(f64::INFINITY, f64::min);
+            // The bumps beside a star's foot may reach a little lower.
+            assert!((-0.2 * mirror.size..0.03 * mirror.size).contains(&heights), "{shape:?} is {heights} above");
+        }
+    }
+
+    #[test]
+    fn samples_keep_the_precision_of_the_mirror_and_lie_within_its_reach() {
+        for shape in Shape::ALL {
+            let (mirror, _, _) = standing(shape);
+            let chunks = mirror.sample(5000, 3);
+            assert_eq!(chunks.iter().map(Chunk::len).sum::<usize>(), 5000);
+            let mut farthest: f64 = 0.0;
+            for chunk in &chunks {
+                for index in 0..chunk.len() {
+                    farthest = farthest.max(chunk.position(index).distance(mirror.position));
+                }
+                assert!(chunk.normals.iter().flat_map(|normals| normals.iter()).all(|n| unpack_normal(*n).is_some()));
+            }
+            let reach = shape.reach() * mirror.size;
+            assert!(farthest <= reach * (1.0 + 1e-6) && farthest > reach * 0.8, "{shape:?}: {farthest} of {reach}");
+        }
+        let (sphere, _, _) = standing(Shape::Sphere);
+        for chunk in sphere.sample(1000, 1) {
+            for index in 0..chunk.len() {
+                let off = chunk.position(index).distance(sphere.position) - sphere.size;
+                assert!(off.abs() < 1e-6, "{off}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_mirror_has_as_many_points_as_its_surroundings_within_limits() {
+        let (mirror, _, _) = standing(Shape::Sphere);
+        let area = 4.0 * std::f64::consts::PI * 2.5 * 2.5;
+        assert_eq!(mirror.sample_count(area / 60_000.4), 60_000);
+        assert_eq!(mirror.sample_count(1e9), 20_000);
+        for too_dense in [1e-9, 0.0, f64::NAN] {
+            assert_eq!(mirror.sample_count(too_dense), 200_000);
+        }
+    }
+
+    #[test]
+    fn odd_values_are_named() {
+        let (good, _, _) = standing(Shape::Torus { tube: 0.4 });
+        let problem = |change: fn(&mut Mirror)| {
+            let mut mirror = good.clone();
+            change(&mut mirror);
+            mirror.problem().unwrap_or_default()
+        };
+        assert!(problem(|mirror| mirror.position.y = f64::NAN).contains("position"));
+        assert!(problem(|mirror| mirror.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 1.1)).contains("length 1.1"));
+        assert!(problem(|mirror| mirror.rotation.x = f64::NAN).contains("rotation"));
+        assert!(problem(|mirror| mirror.size = 0.0).contains("size is 0"));
+        assert!(problem(|mirror| mirror.size = f64::INFINITY).contains("size is inf"));
+        assert!(problem(|mirror| mirror.specular_intensity = 1.5).contains("specular_intensity is 1.5"));
+        assert!(problem(|mirror| mirror.specular_intensity = f32::NAN).contains("NaN"));
+        assert!(problem(|mirror| mirror.specular_power = 0.0).contains("specular_power"));
+        assert!(problem(|mirror| mirror.color[1] = -0.1).contains("color is -0.1"));
+        assert!(problem(|mirror| mirror.shape = Shape::Torus { tube: 1.0 }).contains("tube is 1"));
+        assert!(problem(|mirror| mirror.shape = Shape::Plane { height: 0.0 }).contains("height"));
+    }
 }
