@@ -346,6 +346,7 @@ impl Loader {
                 material: part.mirror.as_ref().map_or(render::Material::default(), |mirror| render::Material {
                     specular_intensity: mirror.specular_intensity,
                     specular_power: mirror.specular_power,
+                    has_formula: true,
                 }),
                 up,
                 provisional_radius: 0.0,

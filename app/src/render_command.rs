@@ -13,7 +13,7 @@ use anyhow::{Context as _, anyhow};
 use cloud::{Cloud, Progress};
 use glam::DVec3;
 use param::Choice as _;
-use render::{Aov, ColorPlan, FrameStats, Gpu, PointStore, Renderer};
+use render::{Aov, ColorPlan, FrameStats, Gpu, Objects, PointStore, Renderer};
 use scene::{Camera, SceneFile, Settings, StandardView};
 use serde::Serialize;
 
@@ -68,7 +68,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
 
     let mut renderer = Renderer::new(gpu.clone())?;
-    let mut draw = || renderer.render(&store, &camera, &settings, arguments.size);
+    let mut draw = || renderer.render(&store, &camera, &settings, Objects::default(), arguments.size);
     let mut frames = vec![draw()?];
     if arguments.stats.is_some() || arguments.frames.is_some() {
         // The frame before was the one to warm up.

@@ -15,6 +15,8 @@ struct Frame {
     // Orthographic: the pivot's distance, which depth differences are compared with, since depths themselves depend on where
     // along the line of sight the eye was put. Perspective: 0.
     reference_depth: f32,
+    // Of what is drawn, world units.
+    scene_radius: f32,
 }
 
 // How far `far` lies behind `near`, as a share of the depth at which it is seen.

@@ -62,6 +62,7 @@ struct Edl {
 struct Light {
     by: u32,
     headlight: f32,
+    shadow_bias: f32,
 }
 const LIGHT_BY_AUTO: u32 = 0u;
 const LIGHT_BY_LIGHTS: u32 = 1u;

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
-use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, PointStore, Renderer};
+use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::{Camera, Quality, Settings};
 
 use crate::picture_file;
@@ -283,7 +283,7 @@ impl Worker {
                 report(Report::Picked { pixel, purpose, point });
             }
             Command::Save { request, path } => {
-                self.renderer.render(&self.store, &request.camera, &request.settings, request.size)?;
+                self.renderer.render(&self.store, &request.camera, &request.settings, Objects::default(), request.size)?;
                 let pixels = self.renderer.read_picture()?;
                 report(match picture_file::write_png(&path, request.size, &pixels) {
                     Ok(()) => Report::Saved(path),
@@ -315,7 +315,7 @@ impl Worker {
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
         let started = Instant::now();
-        let stats = self.renderer.render(&self.store, &request.camera, &request.settings, request.size)?;
+        let stats = self.renderer.render(&self.store, &request.camera, &request.settings, Objects::default(), request.size)?;
         let pixels = self.renderer.read_picture()?;
         let [width, height] = request.size;
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };

@@ -18,7 +18,8 @@ pub struct Frame {
     pub height: u32,
     pub near: f32,
     pub reference_depth: f32,
-    pub unused: [f32; 2],
+    pub scene_radius: f32,
+    pub unused: f32,
 }
 
 #[repr(C)]
@@ -55,7 +56,7 @@ pub struct Page {
 }
 
 /// The camera of one frame, in full precision on the CPU side.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameCamera {
     pub eye: DVec3,
     pub view_from_world: DMat3,
@@ -67,6 +68,8 @@ pub struct FrameCamera {
     pub reference_depth: f64,
     /// How far the eye was moved back from the camera's own.
     pub moved_back: f64,
+    /// Of what is drawn, world units.
+    pub scene_radius: f64,
 }
 
 impl FrameCamera {
@@ -93,7 +96,24 @@ impl FrameCamera {
         };
         let reference_depth = if orthographic { distance } else { 0.0 };
         let view_from_world = camera.view_from_world();
-        Self { eye, view_from_world, focal_pixels, orthographic, size, near, reference_depth, moved_back }
+        Self { eye, view_from_world, focal_pixels, orthographic, size, near, reference_depth, moved_back, scene_radius }
+    }
+
+    /// A perspective view without a picture's camera, as a light has it. `focal_pixels`: pixels per unit of tangent.
+    pub fn along(eye: DVec3, direction: DVec3, focal_pixels: f64, size: [u32; 2]) -> Self {
+        let forward = direction.normalize_or(-DVec3::Z);
+        let right = forward.any_orthonormal_vector();
+        Self {
+            eye,
+            view_from_world: DMat3::from_cols(right, right.cross(forward), forward).transpose(),
+            focal_pixels,
+            orthographic: false,
+            size,
+            near: direction.length() * 1e-4,
+            reference_depth: 0.0,
+            moved_back: 0.0,
+            scene_radius: 0.0,
+        }
     }
 
     pub fn to_gpu(self) -> Frame {
@@ -108,7 +128,8 @@ impl FrameCamera {
             height: self.size[1],
             near: self.near as f32,
             reference_depth: self.reference_depth as f32,
-            unused: [0.0; 2],
+            scene_radius: self.scene_radius as f32,
+            unused: 0.0,
         }
     }
 
@@ -158,7 +179,7 @@ pub fn layouts() -> Vec<Layout> {
         };
     }
     vec![
-        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near, reference_depth),
+        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near, reference_depth, scene_radius),
         layout!(Item: origin_radius, low, inverse_range, color_source, plain, specular_intensity, specular_power, class_mask, height, height_axis),
         layout!(Block: item, first, count, unused),
         layout!(Page: first_identity, block_count, point_count, is_first),

@@ -15,10 +15,29 @@ pub enum Aov {
     Position,
     /// Shaded colour before tone mapping, linear RGB.
     Color,
+    /// Radiance of direct light, without reflections, linear RGB.
+    Direct,
+    /// World position of what is seen by one reflection; coverage.
+    MirrorPosition,
+    /// Linear RGB of what is seen by one reflection.
+    MirrorAlbedo,
+    /// World normal of what is seen by one reflection.
+    MirrorNormal,
 }
 
 impl Aov {
-    pub const ALL: [Self; 6] = [Self::Depth, Self::Normal, Self::Albedo, Self::Mirror, Self::Position, Self::Color];
+    pub const ALL: [Self; 10] = [
+        Self::Depth,
+        Self::Normal,
+        Self::Albedo,
+        Self::Mirror,
+        Self::Position,
+        Self::Color,
+        Self::Direct,
+        Self::MirrorPosition,
+        Self::MirrorAlbedo,
+        Self::MirrorNormal,
+    ];
 
     pub fn name(self) -> &'static str {
         match self {
@@ -28,6 +47,10 @@ impl Aov {
             Self::Mirror => "mirror",
             Self::Position => "position",
             Self::Color => "color",
+            Self::Direct => "direct",
+            Self::MirrorPosition => "mirror_position",
+            Self::MirrorAlbedo => "mirror_albedo",
+            Self::MirrorNormal => "mirror_normal",
         }
     }
 
@@ -36,8 +59,9 @@ impl Aov {
         match self {
             Self::Depth => &["Z"],
             Self::Mirror => &["Y"],
-            Self::Albedo | Self::Color => &["R", "G", "B"],
-            Self::Normal | Self::Position => &["X", "Y", "Z"],
+            Self::Albedo | Self::Color | Self::Direct | Self::MirrorAlbedo => &["R", "G", "B"],
+            Self::MirrorPosition => &["X", "Y", "Z", "A"],
+            Self::Normal | Self::Position | Self::MirrorNormal => &["X", "Y", "Z"],
         }
     }
 }

@@ -43,7 +43,18 @@ pub const CLOSE_GAPS: Pass = Pass {
     name: "close_gaps",
     groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
 };
-pub const SHADE: Pass = Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float)]] };
+pub const CAMERA_POSITION: Pass = Pass { name: "camera_position", groups: &[FRAME, &[Texture, Write(Rgba32Float)]] };
+pub const MIRROR_SURFACE: Pass = Pass {
+    name: "mirror_surface",
+    groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba32Float), Write(Rgba32Float)]],
+};
+pub const MIRROR_COUNT: Pass = Pass { name: "mirror_count", groups: &[FRAME, &[Texture, Texture, ReadWrite]] };
+pub const SHADE: Pass =
+    Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Read, Read, Write(Rgba16Float)]] };
+pub const BLEND: Pass = Pass {
+    name: "blend",
+    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
+};
 pub const PRESENT: Pass = Pass { name: "present", groups: &[FRAME, &[Texture, Texture, Write(Rgba8Unorm)]] };
 
 /// Every pass, for the tests that compare them with their shaders.
@@ -56,13 +67,17 @@ pub const ALL: &[&Pass] = &[
     &SPLAT_AVERAGE,
     &SPLAT_RESOLVE,
     &CLOSE_GAPS,
+    &CAMERA_POSITION,
+    &MIRROR_SURFACE,
+    &MIRROR_COUNT,
     &SHADE,
+    &BLEND,
     &PRESENT,
 ];
 
 /// A compiled pass.
 pub struct Compiled {
-    pub name: &'static str,
+    name: &'static str,
     pub pipeline: wgpu::ComputePipeline,
     layouts: Vec<wgpu::BindGroupLayout>,
 }
@@ -72,7 +87,7 @@ impl Compiled {
     ///
     /// # Errors
     /// What the shader compiler says, with file and line.
-    pub fn new(device: &wgpu::Device, pass: &Pass, switches: &[(&str, bool)]) -> Result<Self, String> {
+    pub fn new(device: &wgpu::Device, pass: &Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
         let woven = crate::shader::weave(pass.name)?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -105,7 +120,7 @@ impl Compiled {
             bind_group_layouts: &optional,
             ..Default::default()
         });
-        let constants: Vec<(&str, f64)> = switches.iter().map(|(name, on)| (*name, f64::from(u8::from(*on)))).collect();
+        let constants: Vec<(&str, f64)> = switches.iter().map(|(name, value)| (*name, f64::from(*value))).collect();
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(pass.name),
             layout: Some(&layout),

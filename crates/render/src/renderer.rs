@@ -1,25 +1,20 @@
 //! A frame: which passes run in which order, on which images; pass times; what is read back.
 
-use std::collections::HashMap;
 use std::sync::Arc;
-use std::time::Instant;
 
 use glam::DVec3;
-use scene::{Atomics, Camera, Quality, Settings};
+use scene::{Atomics, Camera, Lighting, Method, Mirror, Quality, Settings, SpotLight};
 
-use crate::frame::{Block, FrameCamera, Page};
+use crate::frame::FrameCamera;
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::image::{Aov, AovImage};
-use crate::passes::{self, Compiled, Pass};
-use crate::store::{ChunkId, CloudId, DrawList, PageDraw, PointStore};
-
-/// Time of one pass.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PassTime {
-    /// The pass's shader, or `clear`.
-    pub name: &'static str,
-    pub milliseconds: f64,
-}
+use crate::inputs::Inputs;
+use crate::lighting::{Lights, MOST_LIGHTS};
+use crate::passes::{self, Pass};
+use crate::recorder::{PassTime, Pipelines, Recorder};
+use crate::reflection::{ReflectionStats, Reflections, SurfaceImages};
+use crate::store::{ChunkId, CloudId, DrawList, PointStore, Selection};
+use crate::targets::{Image, Targets, storage};
 
 /// What a frame cost and drew.
 #[derive(Clone, Debug)]
@@ -32,6 +27,8 @@ pub struct FrameStats {
     pub points_resident: u64,
     pub gpu_bytes: u64,
     pub clock: Clock,
+    /// Where reflections were asked for.
+    pub reflection: Option<ReflectionStats>,
 }
 
 /// The point under a pixel.
@@ -45,75 +42,70 @@ pub struct Picked {
     pub pixel: [u32; 2],
 }
 
+/// What stands in the scene besides points.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Objects<'a> {
+    /// Mirrors with a formula. Their samples are clouds of the store, with a material that says so.
+    pub mirrors: &'a [Mirror],
+    /// The first four are lit.
+    pub lights: &'a [SpotLight],
+}
+
 /// Renders frames. One at a time, on any thread.
 pub struct Renderer {
     gpu: Arc<Gpu>,
     pipelines: Pipelines,
     targets: Option<Targets>,
-    /// Camera of the last frame.
+    reflections: Option<Reflections>,
+    lights: Lights,
+    /// What the surfaces and reflections at hand were made from.
+    kept: Option<Kept>,
+    /// What the shadow maps at hand were made from: points, splats, lights.
+    kept_shadows: Option<(u64, scene::Splat, Vec<SpotLight>)>,
+    /// Of the last frame.
     camera: Option<FrameCamera>,
 }
 
-/// The passes over pixels, and those over points as they come to be needed.
-struct Pipelines {
-    /// By shader, `pixels_only` and `filter_classes`.
-    over_points: HashMap<(&'static str, bool, bool), Compiled>,
-    splat_average: Compiled,
-    splat_resolve: Compiled,
-    close_gaps: Compiled,
-    shade: Compiled,
-    present: Compiled,
+/// All that the surfaces and the reflected points of a frame depend on.
+#[derive(Clone, PartialEq)]
+struct Kept {
+    camera: FrameCamera,
+    /// Light, colours of the mirrors and what is shown are left out.
+    settings: Settings,
+    revision: u64,
+    mirrors: Vec<Mirror>,
 }
 
-/// Images and buffers of one picture size.
-struct Targets {
-    size: [u32; 2],
-    /// Two words a pixel: identity of the nearest point, nearness (0: empty).
-    nearest: wgpu::Buffer,
-    /// Sums of the high quality and their carries, made when it is first asked for.
-    sums: Option<[wgpu::Buffer; 4]>,
-    /// As splatted.
-    splatted: GBuffer,
-    /// With its gaps closed, where that is asked for.
-    closed: GBuffer,
-    gaps_are_closed: bool,
-    color: wgpu::Texture,
-    picture: wgpu::Texture,
-}
-
-/// What is seen at each pixel.
-struct GBuffer {
-    /// Linear albedo; specular intensity.
-    albedo: wgpu::Texture,
-    /// World normal towards the eye; specular power.
-    normal: wgpu::Texture,
-    /// Linear depth, world units; 0: empty.
-    depth: wgpu::Texture,
-}
-
-impl GBuffer {
-    fn views(&self) -> [wgpu::TextureView; 3] {
-        [&self.albedo, &self.normal, &self.depth].map(|texture| texture.create_view(&Default::default()))
+impl Kept {
+    fn new(camera: FrameCamera, settings: &Settings, store: &PointStore, objects: Objects<'_>) -> Self {
+        let defaults = Settings::default();
+        let mut settings = settings.clone();
+        (settings.light, settings.edl) = (defaults.light, defaults.edl);
+        (settings.mirror.tint, settings.mirror.fresnel) = (defaults.mirror.tint, defaults.mirror.fresnel);
+        settings.reflection.show = defaults.reflection.show;
+        Self { camera, settings, revision: store.revision(), mirrors: objects.mirrors.to_vec() }
     }
 }
 
 impl Renderer {
-    /// Compiles every pass the adapter needs and runs each once on a tiny picture: drivers compile at the first dispatch, on
-    /// software Vulkan for seconds, so call this off the window's thread.
+    /// Compiles the passes that every picture needs and runs each once on a tiny one: drivers compile at the first dispatch,
+    /// on software Vulkan for seconds, so call this off the window's thread. Passes of reflections are compiled when they are
+    /// first asked for.
     ///
     /// # Errors
     /// A shader is refused, or the device is lost.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self> {
-        let compile = |pass| Compiled::new(&gpu.device, pass, &[]).map_err(Error::Shader);
-        let pipelines = Pipelines {
-            over_points: HashMap::new(),
-            splat_average: compile(&passes::SPLAT_AVERAGE)?,
-            splat_resolve: compile(&passes::SPLAT_RESOLVE)?,
-            close_gaps: compile(&passes::CLOSE_GAPS)?,
-            shade: compile(&passes::SHADE)?,
-            present: compile(&passes::PRESENT)?,
+        let lights = Lights::new(&gpu);
+        let mut renderer = Self {
+            gpu,
+            pipelines: Pipelines::new(),
+            targets: None,
+            reflections: None,
+            lights,
+            kept: None,
+            kept_shadows: None,
+            camera: None,
         };
-        let mut renderer = Self { gpu: gpu.clone(), pipelines, targets: None, camera: None };
         renderer.warm_up()?;
         Ok(renderer)
     }
@@ -130,10 +122,16 @@ impl Renderer {
         for quality in [Quality::Nearest, Quality::High] {
             let mut settings = Settings::default();
             settings.splat.quality = quality;
-            self.render(&store, &camera, &settings, [8, 8])?;
+            settings.reflection.method = Method::None;
+            self.render(&store, &camera, &settings, Objects::default(), [8, 8])?;
         }
-        self.targets = None;
+        (self.targets, self.reflections, self.kept) = (None, None, None);
         Ok(())
+    }
+
+    /// Forgets what is kept while nothing changes, so that the next frame is made from scratch. For measurements.
+    pub fn forget(&mut self) {
+        (self.kept, self.kept_shadows) = (None, None);
     }
 
     /// Renders a frame and waits for it.
@@ -145,6 +143,7 @@ impl Renderer {
         store: &PointStore,
         camera: &Camera,
         settings: &Settings,
+        objects: Objects<'_>,
         size: [u32; 2],
     ) -> Result<FrameStats> {
         self.resize(size, settings.splat.quality)?;
@@ -152,74 +151,60 @@ impl Renderer {
         let bounds = store.bounds();
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
         let frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
-        let list = store.draw_list(&frame_camera, &settings.splat);
-        let nearest_passes: &[&Pass] =
-            if atomics64 { &[&passes::SPLAT_NEAREST] } else { &[&passes::SPLAT_DEPTH, &passes::SPLAT_IDENTITY] };
-        for pass in nearest_passes.iter().copied().chain([&passes::SPLAT_ACCUMULATE]) {
-            if pass.name != passes::SPLAT_ACCUMULATE.name || settings.splat.quality == Quality::High {
-                self.compile_over_points(pass, &list)?;
-            }
-        }
-        let inputs = Inputs::new(&self.gpu, frame_camera, settings, store, &list);
-        let targets = self.targets.as_ref().ok_or_else(nothing_rendered)?;
-        let mut recorder = Recorder::new(&self.gpu);
+        let lights = &objects.lights[..objects.lights.len().min(MOST_LIGHTS)];
+        let lighting = Lights::chosen(settings, lights);
+        let asks = Kept::new(frame_camera, settings, store, objects);
+        let is_kept = settings.reflection.keep && self.kept.as_ref() == Some(&asks);
+        // Half a frame must not be kept if an error leaves it so.
+        self.kept = None;
+        let points_drawn = store.draw_list(&frame_camera, &settings.splat, Selection::Seen { by_formula: true });
 
-        recorder.clear(&targets.nearest);
-        let nearest = targets.nearest.as_entire_binding();
-        for pass in nearest_passes {
-            self.each_page(&mut recorder, pass, &inputs, std::slice::from_ref(&nearest));
+        let Self { gpu, targets, reflections, .. } = self;
+        let (Some(targets), Some(reflections)) = (targets, reflections) else { return Err(nothing_rendered()) };
+        let mut recorder = Recorder::new(gpu, &mut self.pipelines);
+        let nothing = DrawList::default();
+        let list = if is_kept { &nothing } else { &points_drawn };
+        let inputs = Inputs::new(gpu, frame_camera, settings, store, list);
+        if !is_kept {
+            draw_surface(&mut recorder, &inputs, settings, targets, atomics64)?;
+            let camera_surface = SurfaceImages {
+                albedo: &targets.surfaces[targets.shown].albedo,
+                normal: &targets.surfaces[targets.shown].normal,
+                position: &targets.position,
+            };
+            let everything = store.draw_list(&frame_camera, &settings.splat, Selection::Everything);
+            let supply = Inputs::new(gpu, frame_camera, settings, store, &everything);
+            reflections.find(&mut recorder, &supply, settings, store, camera_surface)?;
         }
-        let splatted = targets.splatted.views();
-        let splatted = splatted.each_ref().map(wgpu::BindingResource::TextureView);
-        match (settings.splat.quality, &targets.sums) {
-            (Quality::High, Some(sums)) => {
-                for buffer in sums {
-                    recorder.clear(buffer);
-                }
-                let [color_sums, surface_sums, specular_sums, carries] =
-                    sums.each_ref().map(|sums| sums.as_entire_binding());
-                let sums = [nearest, color_sums, surface_sums, specular_sums, carries];
-                self.each_page(&mut recorder, &passes::SPLAT_ACCUMULATE, &inputs, &sums);
-                let resources: Vec<_> = sums.iter().chain(&splatted).cloned().collect();
-                self.each_pixel(&mut recorder, &self.pipelines.splat_average, &inputs, &resources);
-            }
-            _ => {
-                let resources: Vec<_> = std::iter::once(&nearest).chain(&splatted).cloned().collect();
-                self.each_page_pixel(&mut recorder, &self.pipelines.splat_resolve, &inputs, &resources);
-            }
+        self.lights.upload(gpu, lights, frame_camera.eye);
+        let shadows = (store.revision(), settings.splat.clone(), lights.to_vec());
+        if lighting == Lighting::Lights && self.kept_shadows.as_ref() != Some(&shadows) {
+            self.lights.draw_shadows(&mut recorder, store, settings, lights, atomics64)?;
+            self.kept_shadows = Some(shadows);
         }
-        let closed = targets.closed.views();
-        let closed = closed.each_ref().map(wgpu::BindingResource::TextureView);
-        if settings.splat.close_gaps {
-            let resources: Vec<_> = splatted.iter().chain(&closed).cloned().collect();
-            self.each_pixel(&mut recorder, &self.pipelines.close_gaps, &inputs, &resources);
-        }
-        let [albedo, normal, depth] = if settings.splat.close_gaps { closed } else { splatted };
-        let [color, picture] =
-            [&targets.color, &targets.picture].map(|texture| texture.create_view(&Default::default()));
-        let [color, picture] = [&color, &picture].map(wgpu::BindingResource::TextureView);
-        self.each_pixel(&mut recorder, &self.pipelines.shade, &inputs, &[albedo, normal, depth.clone(), color.clone()]);
-        self.each_pixel(&mut recorder, &self.pipelines.present, &inputs, &[color, depth, picture]);
+        shade(&mut recorder, &inputs, targets, reflections, &self.lights, lighting, lights.len())?;
+        let surface = targets.surface();
+        let resources = [targets.color.bind(), surface.depth.bind(), targets.picture.bind()];
+        recorder.over_pixels(&passes::PRESENT, &[], &inputs, &resources)?;
 
         let (passes, frame_milliseconds) = recorder.finish()?;
-        let gpu_bytes = store.gpu_bytes() + targets.bytes();
-        if let Some(targets) = &mut self.targets {
-            targets.gaps_are_closed = settings.splat.close_gaps;
-        }
-        self.camera = Some(frame_camera);
+        let gpu_bytes = store.gpu_bytes() + targets.bytes() + reflections.bytes();
+        let reflection = if reflections.count > 0 { Some(reflections.stats(gpu)?) } else { None };
+        (self.camera, self.kept) = (Some(frame_camera), Some(asks));
         Ok(FrameStats {
             passes,
             frame_milliseconds,
-            points_drawn: list.points,
+            points_drawn: points_drawn.points,
             points_resident: store.points(),
             gpu_bytes,
             clock: self.gpu.clock,
+            reflection,
         })
     }
 
     /// The last frame's picture: Rgba8Unorm holding sRGB values. Another texture after a change of size.
     pub fn picture(&self) -> Option<&wgpu::Texture> {
-        self.targets.as_ref().map(|targets| &targets.picture)
+        self.targets.as_ref().map(|targets| &targets.picture.texture)
     }
 
     /// The last frame's picture, RGBA8 sRGB, rows top to bottom.
@@ -227,41 +212,61 @@ impl Renderer {
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
     pub fn read_picture(&self) -> Result<Vec<u8>> {
-        self.gpu.read_texture(&self.rendered()?.picture)
+        self.gpu.read_texture(&self.rendered()?.picture.texture)
     }
 
     /// One of the last frame's linear images.
     ///
     /// # Errors
-    /// Nothing was rendered yet, or the device was lost.
+    /// Nothing was rendered yet, no reflections for an image of them, or the device was lost.
     pub fn read_aov(&self, aov: Aov) -> Result<AovImage> {
         let targets = self.rendered()?;
         let camera = self.camera.ok_or_else(nothing_rendered)?;
         let surface = targets.surface();
-        let depth = floats32(&self.gpu.read_texture(&surface.depth)?);
+        let read = |image: &Image| self.gpu.read_texture(&image.texture);
+        let depth = floats32(&read(&surface.depth)?);
+        let first = || self.reflections.as_ref().ok_or_else(nothing_rendered)?.first();
         let per_pixel: Vec<f32> = match aov {
             Aov::Depth => depth.clone(),
-            Aov::Normal => floats32(&self.gpu.read_texture(&surface.normal)?),
-            Aov::Albedo | Aov::Mirror => floats16(&self.gpu.read_texture(&surface.albedo)?),
-            Aov::Color => floats16(&self.gpu.read_texture(&targets.color)?),
+            Aov::Normal => floats32(&read(&surface.normal)?),
+            Aov::Albedo | Aov::Mirror => floats16(&read(&surface.albedo)?),
+            Aov::Color => floats16(&read(&targets.color)?),
+            Aov::Direct => floats16(&read(&targets.direct)?),
             Aov::Position => Vec::new(),
+            Aov::MirrorPosition => floats32(&read(&first()?.seen.position)?),
+            Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
+            Aov::MirrorNormal => floats32(&read(&first()?.seen.normal)?),
+        };
+        let coverage = match aov {
+            Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.seen.position)?),
+            _ => Vec::new(),
         };
         let width = targets.size[0] as usize;
         let channels = aov.channels();
         let mut data = Vec::with_capacity(depth.len() * channels.len());
         for (pixel, &depth) in depth.iter().enumerate() {
-            if depth == 0.0 {
+            let four = || &per_pixel[pixel * 4..pixel * 4 + 4];
+            let is_empty = match aov {
+                Aov::MirrorPosition => four()[3] == 0.0,
+                Aov::MirrorAlbedo | Aov::MirrorNormal => coverage[pixel * 4 + 3] == 0.0,
+                _ => depth == 0.0,
+            };
+            if is_empty {
                 data.extend(channels.iter().map(|_| f32::NAN));
                 continue;
             }
             match aov {
                 Aov::Depth => data.push((f64::from(depth) - camera.moved_back) as f32),
-                Aov::Mirror => data.push(if per_pixel[pixel * 4 + 3] > 0.0 { 1.0 } else { 0.0 }),
+                Aov::Mirror => data.push(if four()[3] > 0.0 { 1.0 } else { 0.0 }),
                 Aov::Position => {
                     let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
                     data.extend(camera.world_from_pixel(x, y, f64::from(depth)).as_vec3().to_array());
                 }
-                Aov::Normal | Aov::Albedo | Aov::Color => data.extend(&per_pixel[pixel * 4..pixel * 4 + 3]),
+                Aov::MirrorPosition => {
+                    let [x, y, z] = [0, 1, 2].map(|axis| (f64::from(four()[axis]) + camera.eye[axis]) as f32);
+                    data.extend([x, y, z, four()[3]]);
+                }
+                _ => data.extend(&four()[..3]),
             }
         }
         Ok(AovImage { size: targets.size, channels, data })
@@ -284,7 +289,7 @@ impl Renderer {
         let rows = u64::from(bottom - top + 1);
         let bytes = self.gpu.read_buffer(&targets.nearest, u64::from(top) * row_bytes, rows * row_bytes)?;
         let words: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
-        let shown = floats32(&self.gpu.read_rows(&targets.surface().depth, top, bottom - top + 1)?);
+        let shown = floats32(&self.gpu.read_rows(&targets.surface().depth.texture, top, bottom - top + 1)?);
         let (left, right) = (pixel[0].saturating_sub(radius), (pixel[0] + radius).min(width - 1));
         let mut best: Option<(u32, [u32; 2], [u32; 2])> = None;
         for y in top..=bottom {
@@ -330,6 +335,8 @@ impl Renderer {
         }
         if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
             self.targets = Some(Targets::new(&self.gpu.device, size));
+            self.reflections = Some(Reflections::new(&self.gpu.device, size));
+            self.kept = None;
         }
         if let Some(targets) =
             self.targets.as_mut().filter(|targets| quality == Quality::High && targets.sums.is_none())
@@ -338,99 +345,115 @@ impl Renderer {
         }
         Ok(())
     }
+}
 
-    /// Compiles the variants of a pass over points that a frame needs.
-    fn compile_over_points(&mut self, pass: &Pass, list: &DrawList) -> Result<()> {
-        let kinds = |page: &PageDraw| [0, 1].map(|kind| (!page.blocks[kind].is_empty()).then_some(kind == 1));
-        for pixels_only in list.pages.iter().flat_map(kinds).flatten() {
-            let key = (pass.name, pixels_only, list.filter_classes);
-            if !self.pipelines.over_points.contains_key(&key) {
-                let switches = [("pixels_only", pixels_only), ("filter_classes", list.filter_classes)];
-                let compiled = Compiled::new(&self.gpu.device, pass, &switches).map_err(Error::Shader)?;
-                self.pipelines.over_points.insert(key, compiled);
+/// Splats the points as the camera sees them, closes gaps, and places each pixel in the world.
+fn draw_surface(
+    recorder: &mut Recorder<'_>,
+    inputs: &Inputs,
+    settings: &Settings,
+    targets: &mut Targets,
+    atomics64: bool,
+) -> Result<()> {
+    recorder.clear(&targets.nearest);
+    let nearest = targets.nearest.as_entire_binding();
+    let nearest_passes: &[&Pass] =
+        if atomics64 { &[&passes::SPLAT_NEAREST] } else { &[&passes::SPLAT_DEPTH, &passes::SPLAT_IDENTITY] };
+    for pass in nearest_passes {
+        recorder.over_points(pass, &[], inputs, std::slice::from_ref(&nearest))?;
+    }
+    let splatted = targets.surfaces[0].bind();
+    match (settings.splat.quality, &targets.sums) {
+        (Quality::High, Some(sums)) => {
+            for buffer in sums {
+                recorder.clear(buffer);
             }
+            let [color_sums, surface_sums, specular_sums, carries] =
+                sums.each_ref().map(|sums| sums.as_entire_binding());
+            let sums = [nearest, color_sums, surface_sums, specular_sums, carries];
+            recorder.over_points(&passes::SPLAT_ACCUMULATE, &[], inputs, &sums)?;
+            let resources: Vec<_> = sums.iter().chain(&splatted).cloned().collect();
+            recorder.over_pixels(&passes::SPLAT_AVERAGE, &[], inputs, &resources)?;
         }
-        Ok(())
+        _ => {
+            let resources: Vec<_> = std::iter::once(&nearest).chain(&splatted).cloned().collect();
+            recorder.over_page_pixels(&passes::SPLAT_RESOLVE, inputs, &resources)?;
+        }
     }
-
-    /// Runs a pass over the blocks of each page.
-    fn each_page(
-        &self,
-        recorder: &mut Recorder<'_>,
-        pass: &Pass,
-        inputs: &Inputs,
-        outputs: &[wgpu::BindingResource<'_>],
-    ) {
-        let lists = inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list)));
-        let dispatches = lists.filter_map(|(page, list)| {
-            let compiled = self.pipelines.over_points.get(&(pass.name, list.pixels_only, inputs.filter_classes))?;
-            // At most 65,535 groups a dimension.
-            let x = list.block_count.clamp(1, 32_768);
-            Some((
-                compiled,
-                inputs.page_resources(page, &list.page, &list.blocks),
-                [x, list.block_count.div_ceil(x), 1],
-            ))
-        });
-        self.dispatch(recorder, pass.name, dispatches, inputs, outputs);
+    targets.shown = 0;
+    if settings.splat.close_gaps {
+        let resources: Vec<_> = splatted.into_iter().chain(targets.surfaces[1].bind()).collect();
+        recorder.over_pixels(&passes::CLOSE_GAPS, &[], inputs, &resources)?;
+        targets.shown = 1;
     }
+    let resources = [targets.surface().depth.bind(), targets.position.bind()];
+    recorder.over_pixels(&passes::CAMERA_POSITION, &[], inputs, &resources)
+}
 
-    /// Runs a pass over the pixels, once for each page.
-    fn each_page_pixel(
-        &self,
-        recorder: &mut Recorder<'_>,
-        pass: &Compiled,
-        inputs: &Inputs,
-        outputs: &[wgpu::BindingResource<'_>],
-    ) {
-        let resources = |page| inputs.page_resources(page, &page.page, &page.items_of_runs);
-        let dispatches = inputs.pages.iter().map(|page| (pass, resources(page), inputs.pixel_groups()));
-        self.dispatch(recorder, pass.name, dispatches, inputs, outputs);
+/// Shades what the camera sees and what each bounce sees, and blends them from the last bounce to the camera.
+fn shade(
+    recorder: &mut Recorder<'_>,
+    inputs: &Inputs,
+    targets: &Targets,
+    reflections: &Reflections,
+    lights: &Lights,
+    lighting: Lighting,
+    light_count: usize,
+) -> Result<()> {
+    let camera = SurfaceImages {
+        albedo: &targets.surface().albedo,
+        normal: &targets.surface().normal,
+        position: &targets.position,
+    };
+    let bounces = &reflections.bounces[..reflections.count];
+    let surfaces: Vec<SurfaceImages<'_>> =
+        std::iter::once(camera).chain(bounces.iter().map(|bounce| bounce.surface())).collect();
+    let radiance: Vec<&Image> =
+        std::iter::once(&targets.direct).chain(bounces.iter().map(|bounce| &bounce.radiance)).collect();
+    for (index, (surface, radiance)) in surfaces.iter().zip(&radiance).enumerate() {
+        // Seen from the camera, or from the mirror point before.
+        let from = if index == 0 { &targets.position } else { &bounces[index - 1].mirror.point };
+        let switches = [
+            ("from_camera", u32::from(index == 0)),
+            ("lighting", lighting as u32),
+            ("light_count", light_count as u32),
+        ];
+        let resources = [
+            surface.albedo.bind(),
+            surface.normal.bind(),
+            surface.position.bind(),
+            from.bind(),
+            lights.lights.as_entire_binding(),
+            lights.shadows.as_entire_binding(),
+            radiance.bind(),
+        ];
+        recorder.over_pixels(&passes::SHADE, &switches, inputs, &resources)?;
     }
-
-    fn dispatch<'a>(
-        &self,
-        recorder: &mut Recorder<'_>,
-        name: &'static str,
-        dispatches: impl Iterator<Item = (&'a Compiled, [wgpu::BindingResource<'a>; 8], [u32; 3])>,
-        inputs: &Inputs,
-        outputs: &[wgpu::BindingResource<'_>],
-    ) {
-        let device = &self.gpu.device;
-        let bind = |(pass, page, groups): (&'a Compiled, [wgpu::BindingResource<'a>; 8], [u32; 3])| {
-            let frame = pass.bind(device, 0, &inputs.frame_resources());
-            (pass, [frame, pass.bind(device, 1, &page), pass.bind(device, 2, outputs)], groups)
+    // From the last bounce on, what is reflected is added to what reflects it.
+    let mut reflected: Option<&Image> = None;
+    for index in (0..surfaces.len()).rev() {
+        let surface = surfaces[index];
+        let from = if index == 0 { &targets.position } else { &bounces[index - 1].mirror.point };
+        let target = match index {
+            0 => &targets.color,
+            _ => &bounces[index - 1].blended,
         };
-        let bound: Vec<_> = dispatches.map(bind).collect();
-        recorder.pass(name, |compute| {
-            for (pass, groups, [x, y, z]) in &bound {
-                compute.set_pipeline(&pass.pipeline);
-                for (index, group) in groups.iter().enumerate() {
-                    compute.set_bind_group(index as u32, group, &[]);
-                }
-                compute.dispatch_workgroups(*x, *y, *z);
-            }
-        });
+        let seen = bounces.get(index).map_or(surface.position, |bounce| &bounce.seen.position);
+        let resources = [
+            surface.albedo.bind(),
+            surface.normal.bind(),
+            surface.position.bind(),
+            from.bind(),
+            radiance[index].bind(),
+            seen.bind(),
+            reflected.unwrap_or(radiance[index]).bind(),
+            target.bind(),
+        ];
+        let switches = [("from_camera", u32::from(index == 0)), ("has_reflection", u32::from(reflected.is_some()))];
+        recorder.over_pixels(&passes::BLEND, &switches, inputs, &resources)?;
+        reflected = Some(target);
     }
-
-    /// Runs a pass over the pixels.
-    fn each_pixel(
-        &self,
-        recorder: &mut Recorder<'_>,
-        pass: &Compiled,
-        inputs: &Inputs,
-        resources: &[wgpu::BindingResource<'_>],
-    ) {
-        let frame = pass.bind(&self.gpu.device, 0, &inputs.frame_resources());
-        let resources = pass.bind(&self.gpu.device, 1, resources);
-        let [x, y, z] = inputs.pixel_groups();
-        recorder.pass(pass.name, |compute| {
-            compute.set_pipeline(&pass.pipeline);
-            compute.set_bind_group(0, &frame, &[]);
-            compute.set_bind_group(1, &resources, &[]);
-            compute.dispatch_workgroups(x, y, z);
-        });
-    }
+    Ok(())
 }
 
 /// Depths that differ by this share or less are of one surface: the constant of close_gaps.wgsl.
@@ -438,59 +461,6 @@ const SAME_SURFACE: f32 = 0.02;
 
 fn nothing_rendered() -> Error {
     Error::Shader("nothing has been rendered yet".into())
-}
-
-impl Targets {
-    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
-        let texture = |label, format| {
-            device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::STORAGE_BINDING
-                    | wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::COPY_SRC,
-                view_formats: &[],
-            })
-        };
-        let surface = || GBuffer {
-            albedo: texture("albedo", wgpu::TextureFormat::Rgba16Float),
-            normal: texture("normal", wgpu::TextureFormat::Rgba32Float),
-            depth: texture("depth", wgpu::TextureFormat::R32Float),
-        };
-        Self {
-            size,
-            nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * 8),
-            sums: None,
-            splatted: surface(),
-            closed: surface(),
-            gaps_are_closed: false,
-            color: texture("color", wgpu::TextureFormat::Rgba16Float),
-            picture: texture("picture", wgpu::TextureFormat::Rgba8Unorm),
-        }
-    }
-
-    /// What the picture was made from.
-    fn surface(&self) -> &GBuffer {
-        if self.gaps_are_closed { &self.closed } else { &self.splatted }
-    }
-
-    fn bytes(&self) -> u64 {
-        let sums = if self.sums.is_some() { 60 } else { 0 };
-        u64::from(self.size[0]) * u64::from(self.size[1]) * (8 + sums + 2 * (8 + 16 + 4) + 8 + 4)
-    }
-}
-
-fn storage(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Buffer {
-    device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(label),
-        size,
-        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
 }
 
 fn floats32(bytes: &[u8]) -> Vec<f32> {
@@ -510,213 +480,5 @@ fn half_to_f32(half: u16) -> f32 {
         31 if fraction == 0.0 => f32::INFINITY,
         31 => f32::NAN,
         _ => (1.0 + fraction / 1024.0) * 2f32.powi(exponent - 15),
-    }
-}
-
-/// What a frame uploads.
-struct Inputs {
-    size: [u32; 2],
-    frame: wgpu::Buffer,
-    settings: wgpu::Buffer,
-    items: wgpu::Buffer,
-    class_masks: wgpu::Buffer,
-    palette: wgpu::Buffer,
-    filter_classes: bool,
-    pages: Vec<PageInputs>,
-}
-
-struct PageInputs {
-    page: wgpu::Buffer,
-    points: wgpu::Buffer,
-    attributes: wgpu::Buffer,
-    scalars: wgpu::Buffer,
-    items_of_runs: wgpu::Buffer,
-    lists: Vec<ListInputs>,
-}
-
-/// Blocks of one page that one kernel draws.
-struct ListInputs {
-    page: wgpu::Buffer,
-    blocks: wgpu::Buffer,
-    block_count: u32,
-    pixels_only: bool,
-}
-
-impl Inputs {
-    fn new(gpu: &Gpu, camera: FrameCamera, settings: &Settings, store: &PointStore, list: &DrawList) -> Self {
-        let upload = |label, usage, bytes: &[u8]| {
-            let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: (bytes.len() as u64).max(128),
-                usage: usage | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            });
-            gpu.queue.write_buffer(&buffer, 0, bytes);
-            buffer
-        };
-        let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
-        let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
-        let page = |first_identity, point_count, is_first, block_count: usize| {
-            let page =
-                Page { first_identity, block_count: block_count as u32, point_count, is_first: u32::from(is_first) };
-            upload("page", uniform, bytemuck::bytes_of(&page))
-        };
-        let lists = |draw: &PageDraw| {
-            let list = |(kind, blocks): (usize, &Vec<Block>)| ListInputs {
-                page: page(draw.first_identity, draw.capacity, false, blocks.len()),
-                blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
-                block_count: blocks.len() as u32,
-                pixels_only: kind == 1,
-            };
-            draw.blocks.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()
-        };
-        let mut pages: Vec<PageInputs> = list
-            .pages
-            .iter()
-            .enumerate()
-            .map(|(index, draw)| PageInputs {
-                page: page(draw.first_identity, draw.capacity, index == 0, 0),
-                points: draw.points.clone(),
-                attributes: draw.attributes.clone(),
-                scalars: draw.scalars.clone(),
-                items_of_runs: upload("items of runs", storage, bytemuck::cast_slice(&draw.items_of_runs)),
-                lists: lists(draw),
-            })
-            .collect();
-        if pages.is_empty() {
-            // The passes over pixels still have to write "empty".
-            let nothing = upload("nothing", storage, &[]);
-            pages.push(PageInputs {
-                page: page(0, 0, true, 0),
-                points: nothing.clone(),
-                attributes: nothing.clone(),
-                scalars: nothing.clone(),
-                items_of_runs: nothing,
-                lists: Vec::new(),
-            });
-        }
-        Self {
-            size: camera.size,
-            frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
-            settings: upload("settings", storage, bytemuck::cast_slice(&words)),
-            items: upload("items", storage, bytemuck::cast_slice(&list.items)),
-            class_masks: upload("class masks", storage, bytemuck::cast_slice(&list.class_masks)),
-            palette: upload("palette", storage, bytemuck::cast_slice(&store.palette())),
-            filter_classes: list.filter_classes,
-            pages,
-        }
-    }
-
-    fn frame_resources(&self) -> [wgpu::BindingResource<'_>; 2] {
-        [self.frame.as_entire_binding(), self.settings.as_entire_binding()]
-    }
-
-    /// Group 1 of the passes over points, in slot order; `runs` is the list of blocks, or that of the items of runs.
-    fn page_resources<'a>(
-        &'a self,
-        page: &'a PageInputs,
-        uniform: &'a wgpu::Buffer,
-        runs: &'a wgpu::Buffer,
-    ) -> [wgpu::BindingResource<'a>; 8] {
-        [uniform, &page.points, &page.attributes, &page.scalars, &self.items, runs, &self.class_masks, &self.palette]
-            .map(|buffer| buffer.as_entire_binding())
-    }
-
-    fn pixel_groups(&self) -> [u32; 3] {
-        [self.size[0].div_ceil(8), self.size[1].div_ceil(8), 1]
-    }
-}
-
-/// Records passes and times each of them: by GPU timestamps in one submit, or by the host's clock around a submit each.
-struct Recorder<'a> {
-    gpu: &'a Gpu,
-    encoder: wgpu::CommandEncoder,
-    queries: Option<wgpu::QuerySet>,
-    names: Vec<&'static str>,
-    host_times: Vec<PassTime>,
-    failure: Option<Error>,
-}
-
-/// Passes of a frame at most: a timestamp pair each.
-const MOST_PASSES: u32 = 64;
-
-impl<'a> Recorder<'a> {
-    fn new(gpu: &'a Gpu) -> Self {
-        let queries = (gpu.clock == Clock::Gpu).then(|| {
-            gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
-                label: Some("pass times"),
-                ty: wgpu::QueryType::Timestamp,
-                count: MOST_PASSES * 2,
-            })
-        });
-        let encoder = gpu.device.create_command_encoder(&Default::default());
-        Self { gpu, encoder, queries, names: Vec::new(), host_times: Vec::new(), failure: None }
-    }
-
-    fn clear(&mut self, buffer: &wgpu::Buffer) {
-        self.encoder.clear_buffer(buffer, 0, None);
-        if self.queries.is_none() {
-            self.submit("clear");
-        }
-    }
-
-    fn pass(&mut self, name: &'static str, record: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
-        let first = self.names.len() as u32 * 2;
-        let timestamp_writes = self.queries.as_ref().map(|query_set| wgpu::ComputePassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index: Some(first),
-            end_of_pass_write_index: Some(first + 1),
-        });
-        record(
-            &mut self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes }),
-        );
-        self.names.push(name);
-        if self.queries.is_none() {
-            self.submit(name);
-        }
-    }
-
-    fn submit(&mut self, name: &'static str) {
-        let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
-        let commands = encoder.finish();
-        let start = Instant::now();
-        self.gpu.queue.submit([commands]);
-        if let Err(error) = self.gpu.wait() {
-            self.failure.get_or_insert(error);
-        }
-        let milliseconds = start.elapsed().as_secs_f64() * 1000.0;
-        match self.host_times.iter_mut().find(|time| time.name == name) {
-            Some(time) => time.milliseconds += milliseconds,
-            None => self.host_times.push(PassTime { name, milliseconds }),
-        }
-    }
-
-    /// Waits for the frame. Pass times in order, and the frame's.
-    fn finish(self) -> Result<(Vec<PassTime>, f64)> {
-        if let Some(error) = self.failure {
-            return Err(error);
-        }
-        let Some(queries) = self.queries else {
-            let total = self.host_times.iter().map(|time| time.milliseconds).sum();
-            return Ok((self.host_times, total));
-        };
-        let count = self.names.len() as u32 * 2;
-        let size = u64::from(count) * 8;
-        let resolved = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("pass times"),
-            size,
-            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        });
-        let mut encoder = self.encoder;
-        encoder.resolve_query_set(&queries, 0..count, &resolved, 0);
-        self.gpu.queue.submit([encoder.finish()]);
-        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&self.gpu.read_buffer(&resolved, 0, size)?);
-        let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
-        let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
-        let pairs = self.names.iter().zip(ticks.chunks_exact(2));
-        let times = pairs.map(|(name, pair)| PassTime { name, milliseconds: span(pair[0], pair[1]) }).collect();
-        let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
-        Ok((times, total))
     }
 }

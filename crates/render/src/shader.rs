@@ -13,9 +13,10 @@ macro_rules! embedded {
 
 /// The passes, by name.
 pub const PASSES: &[(&str, &str)] = embedded!("": splat_nearest, splat_depth, splat_identity, splat_accumulate, splat_average,
-    splat_resolve, close_gaps, shade, present);
+    splat_resolve, close_gaps, camera_position, mirror_surface, mirror_count, shade, blend, present);
 
-const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color);
+const SHARED: &[(&str, &str)] =
+    embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color, light, counters);
 
 /// A shader with its imports taken in.
 #[derive(Debug, Default)]

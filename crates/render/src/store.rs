@@ -37,6 +37,17 @@ pub struct Material {
     /// 0 to 1.
     pub specular_intensity: f32,
     pub specular_power: f32,
+    /// Samples of a mirror that the renderer may also draw by its formula.
+    pub has_formula: bool,
+}
+
+/// Which chunks a frame takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Selection {
+    /// What may be in the picture; samples of mirrors with a formula only if `by_formula`.
+    Seen { by_formula: bool },
+    /// All that is visible, wherever the camera looks: what may be seen by reflection.
+    Everything,
 }
 
 struct PageBuffers {
@@ -109,12 +120,18 @@ pub(crate) struct PageDraw {
 }
 
 /// What a frame draws.
+#[derive(Default)]
 pub(crate) struct DrawList {
     pub pages: Vec<PageDraw>,
     pub items: Vec<Item>,
     pub class_masks: Vec<u32>,
     pub filter_classes: bool,
     pub points: u64,
+}
+
+fn next_revision() -> u64 {
+    static REVISION: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
+    REVISION.fetch_add(1, std::sync::atomic::Ordering::Relaxed)
 }
 
 /// Points resident on the GPU.
@@ -130,6 +147,8 @@ pub struct PointStore {
     reserved: u32,
     /// Stands in for buffers a page does not have.
     nothing: wgpu::Buffer,
+    /// See `revision()`.
+    revision: u64,
 }
 
 impl PointStore {
@@ -145,6 +164,7 @@ impl PointStore {
             ramp: Ramp::Turbo,
             reserved: 0,
             nothing,
+            revision: next_revision(),
         }
     }
 
@@ -155,6 +175,7 @@ impl PointStore {
     }
 
     pub fn add_cloud(&mut self, material: Material) -> CloudId {
+        self.revision = next_revision();
         let id = CloudId(self.next_cloud);
         self.next_cloud += 1;
         self.clouds.insert(
@@ -205,6 +226,7 @@ impl PointStore {
     /// # Errors
     /// The chunk has another number of points than it had, or is not in the store.
     pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<()> {
+        self.revision = next_revision();
         let stored = self.chunks.get_mut(&id).filter(|stored| stored.range.len() == chunk.len());
         let stored =
             stored.ok_or_else(|| Error::Shader("a chunk that is not in the point store was updated".into()))?;
@@ -237,6 +259,7 @@ impl PointStore {
 
     /// Radius of the cloud's points whose spacing is not known yet, world units.
     pub fn set_provisional_radius(&mut self, cloud: CloudId, radius: f32) {
+        self.revision = next_revision();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
             cloud.provisional_radius = radius;
         }
@@ -255,6 +278,7 @@ impl PointStore {
         plan: &ColorPlan,
         up: DVec3,
     ) -> Result<()> {
+        self.revision = next_revision();
         let Some(stored) = self.clouds.get_mut(&cloud_id) else { return Ok(()) };
         self.ramp = plan.ramp;
         let ColorSource::Column(index) = plan.source else {
@@ -293,6 +317,7 @@ impl PointStore {
     }
 
     pub fn set_visible(&mut self, cloud: CloudId, visible: bool) {
+        self.revision = next_revision();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
             cloud.visible = visible;
         }
@@ -300,6 +325,7 @@ impl PointStore {
 
     /// Which classes of a cloud are drawn.
     pub fn set_visible_classes(&mut self, cloud: CloudId, visible: &[bool; 256]) {
+        self.revision = next_revision();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
             let word = |word: usize| (0..32).fold(0, |bits, bit| bits | u32::from(visible[word * 32 + bit]) << bit);
             cloud.class_mask = std::array::from_fn(word);
@@ -307,6 +333,7 @@ impl PointStore {
     }
 
     pub fn remove_cloud(&mut self, cloud: CloudId) {
+        self.revision = next_revision();
         self.clouds.remove(&cloud);
         let gone: Vec<ChunkId> =
             self.chunks.iter().filter(|(_, chunk)| chunk.cloud == cloud).map(|(id, _)| *id).collect();
@@ -324,6 +351,11 @@ impl PointStore {
         {
             self.pages.pop();
         }
+    }
+
+    /// Another number after each change, and in each store.
+    pub(crate) fn revision(&self) -> u64 {
+        self.revision
     }
 
     pub fn points(&self) -> u64 {
@@ -352,8 +384,8 @@ impl PointStore {
         ramp_colors(self.ramp).into_iter().chain(classes).map(u32::from_le_bytes).collect()
     }
 
-    /// What of the visible clouds may be in the picture.
-    pub(crate) fn draw_list(&self, camera: &FrameCamera, splat: &Splat) -> DrawList {
+    /// What a frame draws of the visible clouds.
+    pub(crate) fn draw_list(&self, camera: &FrameCamera, splat: &Splat, selection: Selection) -> DrawList {
         let mut cloud_ids: Vec<CloudId> = self.clouds.keys().copied().collect();
         cloud_ids.sort();
         let class_masks: Vec<u32> = cloud_ids.iter().flat_map(|id| self.clouds[id].class_mask).collect();
@@ -376,17 +408,22 @@ impl PointStore {
             // Splats reach beyond their points.
             let reach = chunk.largest_radius(cloud, splat);
             let margin = f64::from(splat.min_pixels) * 0.5;
-            if !cloud.visible
-                || chunk.bounds.is_empty()
-                || !camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin)
-            {
+            let is_taken = match selection {
+                Selection::Everything => true,
+                Selection::Seen { by_formula } => {
+                    (by_formula || !cloud.material.has_formula)
+                        && camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin)
+                }
+            };
+            if !cloud.visible || chunk.bounds.is_empty() || !is_taken {
                 continue;
             }
             let mask = cloud_ids.binary_search(&chunk.cloud).unwrap_or_default() as u32 * 8;
             let item = items.len() as u32;
             items.push(self.item(chunk, cloud, camera, mask));
             points += chunk.range.len() as u64;
-            let kind = usize::from(chunk.is_of_single_pixels(cloud, camera, splat));
+            let is_seen = selection != Selection::Everything;
+            let kind = usize::from(is_seen && chunk.is_of_single_pixels(cloud, camera, splat));
             for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
                 let count = BLOCK_POINTS.min(chunk.range.end - first);
                 let page = &mut pages[chunk.page];

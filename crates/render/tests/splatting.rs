@@ -7,7 +7,7 @@ use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, pack_normal, pack_radius};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use param::{Kind, Value};
-use render::{Aov, ColorPlan, Gpu, Material, PointStore, Renderer};
+use render::{Aov, ColorPlan, Gpu, Material, Objects, PointStore, Renderer};
 use scene::{Camera, Settings};
 
 struct Stage {
@@ -70,7 +70,7 @@ fn draw(stage: &mut Stage, chunks: Vec<Chunk>, camera: &Camera, settings: &Setti
     let cloud = Cloud { chunks, ..Cloud::default() };
     let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
     store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-    stage.renderer.render(&store, camera, settings, SIZE).unwrap();
+    stage.renderer.render(&store, camera, settings, Objects::default(), SIZE).unwrap();
     let picture = stage.renderer.read_picture().unwrap();
     (store, picture)
 }
@@ -286,7 +286,10 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
     let classes: Vec<u8> = (0..2_000).map(|i| if i % 2 == 0 { 2 } else { 200 }).collect();
     store.add_chunk(cloud, &chunk(&points, DVec3::ZERO), Some(&classes)).unwrap();
     let mut drawn = |store: &PointStore| {
-        stage.renderer.render(store, &front_camera(), &settings(&[("splat.max_pixels", "1")]), SIZE).unwrap();
+        stage
+            .renderer
+            .render(store, &front_camera(), &settings(&[("splat.max_pixels", "1")]), Objects::default(), SIZE)
+            .unwrap();
         stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().filter(|depth| !depth.is_nan()).count()
     };
     let all = drawn(&store);
@@ -327,7 +330,7 @@ fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
     let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
     store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
     let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 2.2, DVec3::Z);
-    stage.renderer.render(&store, &camera, &settings, SIZE).unwrap();
+    stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
     let albedo = stage.renderer.read_aov(Aov::Albedo).unwrap().data;
     let row = (0..SIZE[0] as usize).map(|x| albedo[(60 * SIZE[0] as usize + x) * 3]);
     let shown: Vec<f32> = row.filter(|level| !level.is_nan()).collect();
@@ -355,13 +358,16 @@ fn a_specular_cloud_is_a_mirror_in_both_qualities() {
     let mut stage = stage_or_skip!();
     for quality in ["nearest", "high"] {
         let mut store = PointStore::new(stage.gpu.clone());
-        let mirror = store.add_cloud(Material { specular_intensity: 1.0, specular_power: 0.0 });
+        let mirror = store.add_cloud(Material { specular_intensity: 1.0, ..Default::default() });
         store.add_chunk(mirror, &chunk(&ball(5_000), DVec3::ZERO), None).unwrap();
         let wall = store.add_cloud(Material::default());
         let shifted = |point: Point| Point { position: point.position + DVec3::X * 2.5, ..point };
         let shifted: Vec<Point> = ball(5_000).into_iter().map(shifted).collect();
         store.add_chunk(wall, &chunk(&shifted, DVec3::ZERO), None).unwrap();
-        stage.renderer.render(&store, &front_camera(), &settings(&[("splat.quality", quality)]), SIZE).unwrap();
+        stage
+            .renderer
+            .render(&store, &front_camera(), &settings(&[("splat.quality", quality)]), Objects::default(), SIZE)
+            .unwrap();
         let mask = stage.renderer.read_aov(Aov::Mirror).unwrap().data;
         assert_eq!(mask[60 * 160 + 80], 1.0, "{quality}");
         assert!(mask.contains(&0.0) && mask[0].is_nan(), "{quality}");
@@ -493,7 +499,7 @@ fn an_empty_store_shows_the_background() {
     let store = PointStore::new(stage.gpu.clone());
     for quality in ["nearest", "high"] {
         let settings = settings(&[("splat.quality", quality), ("view.background", "#123456")]);
-        stage.renderer.render(&store, &front_camera(), &settings, SIZE).unwrap();
+        stage.renderer.render(&store, &front_camera(), &settings, Objects::default(), SIZE).unwrap();
         assert_eq!(stage.renderer.read_picture().unwrap()[..4], [0x12, 0x34, 0x56, 255]);
     }
 }
@@ -521,7 +527,8 @@ fn removed_clouds_give_their_room_back() {
 fn a_picture_too_large_for_the_adapter_is_a_named_error() {
     let mut stage = stage_or_skip!();
     let store = PointStore::new(stage.gpu.clone());
-    let result = stage.renderer.render(&store, &front_camera(), &Settings::default(), [200_000, 10]);
+    let result =
+        stage.renderer.render(&store, &front_camera(), &Settings::default(), Objects::default(), [200_000, 10]);
     let error = result.unwrap_err().to_string();
     assert!(error.contains("ask for a smaller picture"), "{error}");
 }

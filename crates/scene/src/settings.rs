@@ -135,6 +135,8 @@ params! {
         by: Lighting = Lighting::Auto;
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
         headlight: f32 = 0.5, 0.0..=1.0, "share";
+        /// Depth by which a surface may lie behind what the light sees before it is in shadow, in texels of the shadow map.
+        shadow_bias: f32 = 3.0, 0.0..=64.0, "texels";
     }
 
     /// Mirrors.

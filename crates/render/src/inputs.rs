@@ -1,0 +1,121 @@
+//! What a frame uploads: camera, parameters, and which points of which page are drawn how.
+
+use scene::Settings;
+
+use crate::frame::{Block, FrameCamera, Page};
+use crate::gpu::Gpu;
+use crate::store::{DrawList, PageDraw, PointStore};
+
+/// What a frame uploads.
+pub(crate) struct Inputs {
+    pub size: [u32; 2],
+    frame: wgpu::Buffer,
+    settings: wgpu::Buffer,
+    items: wgpu::Buffer,
+    class_masks: wgpu::Buffer,
+    palette: wgpu::Buffer,
+    pub filter_classes: bool,
+    pub pages: Vec<PageInputs>,
+}
+
+pub(crate) struct PageInputs {
+    pub page: wgpu::Buffer,
+    points: wgpu::Buffer,
+    attributes: wgpu::Buffer,
+    scalars: wgpu::Buffer,
+    pub items_of_runs: wgpu::Buffer,
+    pub lists: Vec<ListInputs>,
+}
+
+/// Blocks of one page that one kernel draws.
+pub(crate) struct ListInputs {
+    pub page: wgpu::Buffer,
+    pub blocks: wgpu::Buffer,
+    pub block_count: u32,
+    pub pixels_only: bool,
+}
+
+impl Inputs {
+    pub fn new(gpu: &Gpu, camera: FrameCamera, settings: &Settings, store: &PointStore, list: &DrawList) -> Self {
+        let upload = |label, usage, bytes: &[u8]| {
+            let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: (bytes.len() as u64).max(128),
+                usage: usage | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            });
+            gpu.queue.write_buffer(&buffer, 0, bytes);
+            buffer
+        };
+        let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
+        let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
+        let page = |first_identity, point_count, is_first, block_count: usize| {
+            let page =
+                Page { first_identity, block_count: block_count as u32, point_count, is_first: u32::from(is_first) };
+            upload("page", uniform, bytemuck::bytes_of(&page))
+        };
+        let lists = |draw: &PageDraw| {
+            let list = |(kind, blocks): (usize, &Vec<Block>)| ListInputs {
+                page: page(draw.first_identity, draw.capacity, false, blocks.len()),
+                blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
+                block_count: blocks.len() as u32,
+                pixels_only: kind == 1,
+            };
+            draw.blocks.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()
+        };
+        let mut pages: Vec<PageInputs> = list
+            .pages
+            .iter()
+            .enumerate()
+            .map(|(index, draw)| PageInputs {
+                page: page(draw.first_identity, draw.capacity, index == 0, 0),
+                points: draw.points.clone(),
+                attributes: draw.attributes.clone(),
+                scalars: draw.scalars.clone(),
+                items_of_runs: upload("items of runs", storage, bytemuck::cast_slice(&draw.items_of_runs)),
+                lists: lists(draw),
+            })
+            .collect();
+        if pages.is_empty() {
+            // The passes over pixels still have to write "empty".
+            let nothing = upload("nothing", storage, &[]);
+            pages.push(PageInputs {
+                page: page(0, 0, true, 0),
+                points: nothing.clone(),
+                attributes: nothing.clone(),
+                scalars: nothing.clone(),
+                items_of_runs: nothing,
+                lists: Vec::new(),
+            });
+        }
+        Self {
+            size: camera.size,
+            frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
+            settings: upload("settings", storage, bytemuck::cast_slice(&words)),
+            items: upload("items", storage, bytemuck::cast_slice(&list.items)),
+            class_masks: upload("class masks", storage, bytemuck::cast_slice(&list.class_masks)),
+            palette: upload("palette", storage, bytemuck::cast_slice(&store.palette())),
+            filter_classes: list.filter_classes,
+            pages,
+        }
+    }
+
+    pub fn frame_resources(&self) -> [wgpu::BindingResource<'_>; 2] {
+        [self.frame.as_entire_binding(), self.settings.as_entire_binding()]
+    }
+
+    /// Group 1 of the passes over points, in slot order; `runs` is the list of blocks, or that of the items of runs.
+    pub fn page_resources<'a>(
+        &'a self,
+        page: &'a PageInputs,
+        uniform: &'a wgpu::Buffer,
+        runs: &'a wgpu::Buffer,
+    ) -> [wgpu::BindingResource<'a>; 8] {
+        [uniform, &page.points, &page.attributes, &page.scalars, &self.items, runs, &self.class_masks, &self.palette]
+            .map(|buffer| buffer.as_entire_binding())
+    }
+
+    pub fn pixel_groups(&self) -> [u32; 3] {
+        [self.size[0].div_ceil(8), self.size[1].div_ceil(8), 1]
+    }
+}

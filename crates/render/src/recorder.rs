@@ -1,0 +1,226 @@
+//! Compiles passes when they are first needed, records them, and times each of them: by GPU timestamps in one submit, or by
+//! the host's clock around a submit each.
+
+use std::collections::HashMap;
+use std::time::Instant;
+
+use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::inputs::Inputs;
+use crate::passes::{Compiled, Pass};
+
+/// Time of one pass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PassTime {
+    /// The pass's shader, or `clear`.
+    pub name: &'static str,
+    pub milliseconds: f64,
+}
+
+/// Values of a shader's `override` constants.
+pub(crate) type Switches<'a> = &'a [(&'static str, u32)];
+
+/// The passes compiled so far, by name and switches.
+pub(crate) type Pipelines = HashMap<(&'static str, Vec<(&'static str, u32)>), Compiled>;
+
+pub(crate) struct Recorder<'a> {
+    pub gpu: &'a Gpu,
+    pipelines: &'a mut Pipelines,
+    encoder: wgpu::CommandEncoder,
+    queries: Option<wgpu::QuerySet>,
+    names: Vec<&'static str>,
+    host_times: Vec<PassTime>,
+    failure: Option<Error>,
+}
+
+/// Passes of a frame at most: a timestamp pair each. Four bounces of the longest method take a third of this.
+const MOST_PASSES: u32 = 512;
+
+/// One dispatch: which variant of the pass, its bind groups in order, workgroups.
+type Dispatch<'r> = (Vec<(&'static str, u32)>, Vec<Vec<wgpu::BindingResource<'r>>>, [u32; 3]);
+
+impl<'a> Recorder<'a> {
+    pub fn new(gpu: &'a Gpu, pipelines: &'a mut Pipelines) -> Self {
+        let queries = (gpu.clock == Clock::Gpu).then(|| {
+            gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("pass times"),
+                ty: wgpu::QueryType::Timestamp,
+                count: MOST_PASSES * 2,
+            })
+        });
+        let encoder = gpu.device.create_command_encoder(&Default::default());
+        Self { gpu, pipelines, encoder, queries, names: Vec::new(), host_times: Vec::new(), failure: None }
+    }
+
+    pub fn clear(&mut self, buffer: &wgpu::Buffer) {
+        self.encoder.clear_buffer(buffer, 0, None);
+        if self.queries.is_none() {
+            self.submit("clear");
+        }
+    }
+
+    /// Runs a pass over the pixels of the picture; `resources` are its group 1.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over_pixels(
+        &mut self,
+        pass: &Pass,
+        switches: Switches<'_>,
+        inputs: &Inputs,
+        resources: &[wgpu::BindingResource<'_>],
+    ) -> Result<()> {
+        self.over(pass, switches, inputs, resources, inputs.pixel_groups())
+    }
+
+    /// Runs a pass with so many workgroups; `resources` are its group 1.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over(
+        &mut self,
+        pass: &Pass,
+        switches: Switches<'_>,
+        inputs: &Inputs,
+        resources: &[wgpu::BindingResource<'_>],
+        groups: [u32; 3],
+    ) -> Result<()> {
+        let bound = vec![inputs.frame_resources().to_vec(), resources.to_vec()];
+        self.dispatch(pass, vec![(switches.to_vec(), bound, groups)])
+    }
+
+    /// Runs a pass over the blocks of each page of points; `outputs` are its group 2. The pass imports `blocks`.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over_points(
+        &mut self,
+        pass: &Pass,
+        switches: Switches<'_>,
+        inputs: &Inputs,
+        outputs: &[wgpu::BindingResource<'_>],
+    ) -> Result<()> {
+        let lists = inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list)));
+        let dispatches = lists.map(|(page, list)| {
+            let mut switches = switches.to_vec();
+            switches.push(("pixels_only", u32::from(list.pixels_only)));
+            switches.push(("filter_classes", u32::from(inputs.filter_classes)));
+            // At most 65,535 groups a dimension.
+            let x = list.block_count.clamp(1, 32_768);
+            let page = inputs.page_resources(page, &list.page, &list.blocks).to_vec();
+            let bound = vec![inputs.frame_resources().to_vec(), page, outputs.to_vec()];
+            (switches, bound, [x, list.block_count.div_ceil(x), 1])
+        });
+        let dispatches = dispatches.collect();
+        self.dispatch(pass, dispatches)
+    }
+
+    /// Runs a pass over the pixels, once for each page of points; `outputs` are its group 2.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over_page_pixels(
+        &mut self,
+        pass: &Pass,
+        inputs: &Inputs,
+        outputs: &[wgpu::BindingResource<'_>],
+    ) -> Result<()> {
+        let dispatches = inputs.pages.iter().map(|page| {
+            let page = inputs.page_resources(page, &page.page, &page.items_of_runs).to_vec();
+            (Vec::new(), vec![inputs.frame_resources().to_vec(), page, outputs.to_vec()], inputs.pixel_groups())
+        });
+        let dispatches = dispatches.collect();
+        self.dispatch(pass, dispatches)
+    }
+
+    fn dispatch(&mut self, pass: &Pass, dispatches: Vec<Dispatch<'_>>) -> Result<()> {
+        for (switches, ..) in &dispatches {
+            let key = (pass.name, switches.clone());
+            if !self.pipelines.contains_key(&key) {
+                let compiled = Compiled::new(&self.gpu.device, pass, switches).map_err(Error::Shader)?;
+                self.pipelines.insert(key, compiled);
+            }
+        }
+        let pipelines = &*self.pipelines;
+        let bind = |(switches, bound, groups): Dispatch<'_>| {
+            let compiled = &pipelines[&(pass.name, switches)];
+            let bind = |(group, resources): (usize, &Vec<_>)| compiled.bind(&self.gpu.device, group, resources);
+            (compiled.pipeline.clone(), bound.iter().enumerate().map(bind).collect::<Vec<_>>(), groups)
+        };
+        let bound: Vec<_> = dispatches.into_iter().map(bind).collect();
+        let first = self.names.len() as u32 * 2;
+        let timestamp_writes = self.queries.as_ref().map(|query_set| wgpu::ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        });
+        let mut compute =
+            self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(pass.name), timestamp_writes });
+        for (pipeline, groups, [x, y, z]) in &bound {
+            compute.set_pipeline(pipeline);
+            for (index, group) in groups.iter().enumerate() {
+                compute.set_bind_group(index as u32, group, &[]);
+            }
+            compute.dispatch_workgroups(*x, *y, *z);
+        }
+        drop(compute);
+        self.names.push(pass.name);
+        if self.queries.is_none() {
+            self.submit(pass.name);
+        }
+        Ok(())
+    }
+
+    fn submit(&mut self, name: &'static str) {
+        let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
+        let commands = encoder.finish();
+        let start = Instant::now();
+        self.gpu.queue.submit([commands]);
+        if let Err(error) = self.gpu.wait() {
+            self.failure.get_or_insert(error);
+        }
+        self.host_times.push(PassTime { name, milliseconds: start.elapsed().as_secs_f64() * 1000.0 });
+    }
+
+    /// Waits for the frame. Pass times in order, passes that ran several times summed, and the frame's.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn finish(self) -> Result<(Vec<PassTime>, f64)> {
+        if let Some(error) = self.failure {
+            return Err(error);
+        }
+        let Some(queries) = self.queries else {
+            let total = self.host_times.iter().map(|time| time.milliseconds).sum();
+            return Ok((summed(self.host_times), total));
+        };
+        let count = self.names.len() as u32 * 2;
+        let size = u64::from(count) * 8;
+        let resolved = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("pass times"),
+            size,
+            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.encoder;
+        encoder.resolve_query_set(&queries, 0..count, &resolved, 0);
+        self.gpu.queue.submit([encoder.finish()]);
+        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&self.gpu.read_buffer(&resolved, 0, size)?);
+        let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
+        let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
+        let pairs = self.names.iter().zip(ticks.chunks_exact(2));
+        let times = pairs.map(|(name, pair)| PassTime { name, milliseconds: span(pair[0], pair[1]) }).collect();
+        let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
+        Ok((summed(times), total))
+    }
+}
+
+fn summed(times: Vec<PassTime>) -> Vec<PassTime> {
+    let mut sums: Vec<PassTime> = Vec::new();
+    for time in times {
+        match sums.iter_mut().find(|sum| sum.name == time.name) {
+            Some(sum) => sum.milliseconds += time.milliseconds,
+            None => sums.push(time),
+        }
+    }
+    sums
+}

@@ -1,0 +1,257 @@
+//! Reflections. A method answers one question for every mirror pixel: which scene point does the reflected eye ray see? It
+//! answers by filling a Mirror G-Buffer. What comes after that, shading and blending, and the next bounce, knows nothing of
+//! the method.
+//!
+//! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
+//! `gather`. To add a method: a module with a `run` function, its shaders, and a line in `Methods::run`.
+
+use scene::{Method, Settings};
+
+use crate::gpu::{Error, Result};
+use crate::inputs::Inputs;
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::store::PointStore;
+use crate::targets::{Image, storage};
+
+/// The mirror pixels of one bounce, as the methods see them. All images are picture-sized.
+pub(crate) struct MirrorSurface {
+    /// xyz: P relative to the camera's eye, world axes. w: specular intensity; 0 where there is no mirror.
+    pub point: Image,
+    /// xyz: where the ray to P came from, relative to the camera's eye. w: linear depth of P as seen from there.
+    pub eye: Image,
+}
+
+/// What is seen by reflection at each pixel: the Mirror G-Buffer.
+pub(crate) struct MirrorGBuffer {
+    /// Linear albedo of Q; its specular intensity.
+    pub albedo: Image,
+    /// World normal at Q towards P; specular power.
+    pub normal: Image,
+    /// Q relative to the camera's eye, world axes. w: coverage; 0 none, 1 found, between: closed from neighbours.
+    pub position: Image,
+}
+
+impl MirrorGBuffer {
+    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        Self {
+            albedo: Image::new(device, size, "mirror albedo", wgpu::TextureFormat::Rgba16Float),
+            normal: Image::new(device, size, "mirror normal", wgpu::TextureFormat::Rgba32Float),
+            position: Image::new(device, size, "mirror position", wgpu::TextureFormat::Rgba32Float),
+        }
+    }
+
+    pub fn bind(&self) -> [wgpu::BindingResource<'_>; 3] {
+        [self.albedo.bind(), self.normal.bind(), self.position.bind()]
+    }
+}
+
+/// One bounce.
+pub(crate) struct Bounce {
+    pub mirror: MirrorSurface,
+    pub seen: MirrorGBuffer,
+    /// Radiance of what is seen, before and after further reflections are added.
+    pub radiance: Image,
+    pub blended: Image,
+}
+
+/// A surface that light bounces off: the camera's G-buffer, or the Mirror G-Buffer of the bounce before.
+#[derive(Clone, Copy)]
+pub(crate) struct SurfaceImages<'a> {
+    pub albedo: &'a Image,
+    pub normal: &'a Image,
+    pub position: &'a Image,
+}
+
+impl Bounce {
+    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        let image = |label, format| Image::new(device, size, label, format);
+        Self {
+            mirror: MirrorSurface {
+                point: image("mirror point", wgpu::TextureFormat::Rgba32Float),
+                eye: image("mirror eye", wgpu::TextureFormat::Rgba32Float),
+            },
+            seen: MirrorGBuffer::new(device, size),
+            radiance: image("mirror radiance", wgpu::TextureFormat::Rgba16Float),
+            blended: image("mirror blended", wgpu::TextureFormat::Rgba16Float),
+        }
+    }
+
+    pub fn surface(&self) -> SurfaceImages<'_> {
+        SurfaceImages { albedo: &self.seen.albedo, normal: &self.seen.normal, position: &self.seen.position }
+    }
+
+    fn bytes(&self) -> u64 {
+        let Self { mirror, seen, radiance, blended } = self;
+        [&mirror.point, &mirror.eye, &seen.albedo, &seen.normal, &seen.position, radiance, blended]
+            .map(Image::bytes)
+            .iter()
+            .sum()
+    }
+}
+
+/// What a frame's reflections found, of the first bounce.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReflectionStats {
+    pub mirror_pixels: u32,
+    /// Share of the mirror pixels in which a point was found.
+    pub coverage: f64,
+    /// With those closed from their neighbours.
+    pub closed_coverage: f64,
+    /// Share of the points that were tried and found a pixel (forward methods).
+    pub hit_rate: Option<f64>,
+    /// Regions of the mirror pixels (SSCR).
+    pub regions: Option<u32>,
+    pub bounces: u32,
+}
+
+/// Words of the counters, in shaders/shared/counters.wgsl.
+pub(crate) const COUNTERS: usize = 16;
+const MIRROR_PIXELS: usize = 0;
+const FOUND_PIXELS: usize = 1;
+const CLOSED_PIXELS: usize = 2;
+const POINTS_TRIED: usize = 3;
+const POINTS_FOUND: usize = 4;
+const REGIONS: usize = 5;
+
+/// What a method works on and with.
+pub(crate) struct Task<'a> {
+    /// All visible points, whether or not the camera sees them.
+    pub supply: &'a Inputs,
+    pub settings: &'a Settings,
+    pub store: &'a PointStore,
+    /// 0 for what the camera sees by one reflection.
+    pub bounce: usize,
+    pub mirror: &'a MirrorSurface,
+    /// xyz: unit normal towards where the ray came from. w: specular power.
+    pub normal: &'a Image,
+    pub seen: &'a MirrorGBuffer,
+    /// `COUNTERS` words, counted up by the methods, read when the frame is done.
+    pub counters: &'a wgpu::Buffer,
+}
+
+/// The methods, with what each keeps from frame to frame.
+#[derive(Default)]
+struct Methods {
+    size: [u32; 2],
+}
+
+impl Methods {
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    fn run(&mut self, _recorder: &mut Recorder<'_>, method: Method, _task: &Task<'_>) -> Result<()> {
+        match method {
+            Method::None | Method::Auto => Ok(()),
+            Method::Sscr | Method::SscrHierarchical | Method::SurfelTrace => Ok(()),
+        }
+    }
+}
+
+/// What `auto` stands for.
+fn chosen(method: Method) -> Method {
+    if method == Method::Auto { Method::SscrHierarchical } else { method }
+}
+
+/// The bounces of a frame and what finds them.
+pub(crate) struct Reflections {
+    size: [u32; 2],
+    pub bounces: Vec<Bounce>,
+    /// Those of the last frame that reflections were looked for in.
+    pub count: usize,
+    methods: Methods,
+    counters: wgpu::Buffer,
+}
+
+impl Reflections {
+    pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        let counters = storage(device, "counters", COUNTERS as u64 * 4);
+        Self { size, bounces: Vec::new(), count: 0, methods: Methods { size }, counters }
+    }
+
+    /// How many bounces the settings ask for.
+    pub fn asked(settings: &Settings) -> usize {
+        if settings.reflection.method == Method::None { 0 } else { settings.reflection.bounces as usize }
+    }
+
+    /// Fills the Mirror G-Buffer of each bounce.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn find(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        supply: &Inputs,
+        settings: &Settings,
+        store: &PointStore,
+        camera: SurfaceImages<'_>,
+    ) -> Result<()> {
+        let method = chosen(settings.reflection.method);
+        self.count = Self::asked(settings);
+        while self.bounces.len() < self.count {
+            self.bounces.push(Bounce::new(&recorder.gpu.device, self.size));
+        }
+        self.bounces.truncate(self.count);
+        recorder.clear(&self.counters);
+        for index in 0..self.count {
+            let (before, rest) = self.bounces.split_at(index);
+            let bounce = &rest[0];
+            let surface = before.last().map_or(camera, Bounce::surface);
+            // Where the rays came from: the camera, or the mirror points of the bounce before.
+            let from = before.last().map_or(camera.position, |before| &before.mirror.point);
+            let resources = [
+                surface.albedo.bind(),
+                surface.position.bind(),
+                from.bind(),
+                bounce.mirror.point.bind(),
+                bounce.mirror.eye.bind(),
+            ];
+            let first = [("from_camera", u32::from(index == 0))];
+            recorder.over_pixels(&passes::MIRROR_SURFACE, &first, supply, &resources)?;
+            let task = Task {
+                supply,
+                settings,
+                store,
+                bounce: index,
+                mirror: &bounce.mirror,
+                normal: surface.normal,
+                seen: &bounce.seen,
+                counters: &self.counters,
+            };
+            self.methods.run(recorder, method, &task)?;
+            if index == 0 {
+                let resources =
+                    [bounce.mirror.point.bind(), bounce.seen.position.bind(), self.counters.as_entire_binding()];
+                recorder.over_pixels(&passes::MIRROR_COUNT, &[], supply, &resources)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// # Errors
+    /// The device was lost.
+    pub fn stats(&self, gpu: &crate::Gpu) -> Result<ReflectionStats> {
+        let bytes = gpu.read_buffer(&self.counters, 0, COUNTERS as u64 * 4)?;
+        let counters: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
+        let share = |part: u32, whole: u32| if whole == 0 { 0.0 } else { f64::from(part) / f64::from(whole) };
+        let pixels = counters[MIRROR_PIXELS];
+        let tried = counters[POINTS_TRIED];
+        Ok(ReflectionStats {
+            mirror_pixels: pixels,
+            coverage: share(counters[FOUND_PIXELS], pixels),
+            closed_coverage: share(counters[FOUND_PIXELS] + counters[CLOSED_PIXELS], pixels),
+            hit_rate: (tried > 0).then(|| share(counters[POINTS_FOUND], tried)),
+            regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
+            bounces: self.count as u32,
+        })
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.bounces.iter().map(Bounce::bytes).sum()
+    }
+
+    /// # Errors
+    /// No reflections were rendered.
+    pub fn first(&self) -> Result<&Bounce> {
+        self.bounces.first().ok_or_else(|| Error::Shader("no reflections have been rendered".into()))
+    }
+}

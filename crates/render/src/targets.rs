@@ -1,0 +1,121 @@
+//! Images and buffers that a picture is made in.
+
+/// A picture-sized image.
+pub(crate) struct Image {
+    pub texture: wgpu::Texture,
+    view: wgpu::TextureView,
+}
+
+impl Image {
+    pub fn new(device: &wgpu::Device, size: [u32; 2], label: &str, format: wgpu::TextureFormat) -> Self {
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_SRC
+                | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&Default::default());
+        Self { texture, view }
+    }
+
+    pub fn bind(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::TextureView(&self.view)
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let pixels = u64::from(self.texture.width()) * u64::from(self.texture.height());
+        pixels * u64::from(self.texture.format().block_copy_size(None).unwrap_or(0))
+    }
+}
+
+/// What is seen at each pixel from the camera.
+pub(crate) struct GBuffer {
+    /// Linear albedo; specular intensity.
+    pub albedo: Image,
+    /// World normal towards the eye; specular power.
+    pub normal: Image,
+    /// Linear depth, world units; 0: empty.
+    pub depth: Image,
+}
+
+impl GBuffer {
+    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        Self {
+            albedo: Image::new(device, size, "albedo", wgpu::TextureFormat::Rgba16Float),
+            normal: Image::new(device, size, "normal", wgpu::TextureFormat::Rgba32Float),
+            depth: Image::new(device, size, "depth", wgpu::TextureFormat::R32Float),
+        }
+    }
+
+    pub fn bind(&self) -> [wgpu::BindingResource<'_>; 3] {
+        [self.albedo.bind(), self.normal.bind(), self.depth.bind()]
+    }
+
+    fn bytes(&self) -> u64 {
+        self.albedo.bytes() + self.normal.bytes() + self.depth.bytes()
+    }
+}
+
+/// Images and buffers of one picture size.
+pub(crate) struct Targets {
+    pub size: [u32; 2],
+    /// Two words a pixel: identity of the nearest point, nearness (0: empty).
+    pub nearest: wgpu::Buffer,
+    /// Sums of the high quality and their carries, made when it is first asked for.
+    pub sums: Option<[wgpu::Buffer; 4]>,
+    /// Two: passes over pixels read one and write the other.
+    pub surfaces: [GBuffer; 2],
+    /// Which of the two the picture was made from.
+    pub shown: usize,
+    /// Of the shown surface, relative to the eye, world axes; w: 1, or 0 where it is empty.
+    pub position: Image,
+    /// Radiance of the shown surface, before reflections are added.
+    pub direct: Image,
+    /// With reflections.
+    pub color: Image,
+    pub picture: Image,
+}
+
+impl Targets {
+    pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        let image = |label, format| Image::new(device, size, label, format);
+        Self {
+            size,
+            nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * 8),
+            sums: None,
+            surfaces: [GBuffer::new(device, size), GBuffer::new(device, size)],
+            shown: 0,
+            position: image("position", wgpu::TextureFormat::Rgba32Float),
+            direct: image("direct", wgpu::TextureFormat::Rgba16Float),
+            color: image("color", wgpu::TextureFormat::Rgba16Float),
+            picture: image("picture", wgpu::TextureFormat::Rgba8Unorm),
+        }
+    }
+
+    /// What the picture was made from.
+    pub fn surface(&self) -> &GBuffer {
+        &self.surfaces[self.shown]
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let sums = self.sums.iter().flatten().map(wgpu::Buffer::size).sum::<u64>();
+        let images = [&self.position, &self.direct, &self.color, &self.picture].map(Image::bytes).iter().sum::<u64>();
+        self.nearest.size() + sums + images + self.surfaces.iter().map(GBuffer::bytes).sum::<u64>()
+    }
+}
+
+pub(crate) fn storage(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size: size.max(16),
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}

@@ -1,0 +1,38 @@
+// The mirror pixels of a surface, and where the rays to them came from. One thread a pixel.
+#import frame
+#import params
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+// a: specular intensity.
+@group(1) @binding(0) var albedo_in: texture_2d<f32>;
+// xyz: relative to the eye, w: coverage.
+@group(1) @binding(1) var position_in: texture_2d<f32>;
+// xyz: mirror points of the bounce before.
+@group(1) @binding(2) var from_in: texture_2d<f32>;
+// xyz: mirror point, w: specular intensity, 0 where there is no mirror.
+@group(1) @binding(3) var point_out: texture_storage_2d<rgba32float, write>;
+// xyz: where the ray came from, w: linear depth of the mirror point seen from there.
+@group(1) @binding(4) var eye_out: texture_storage_2d<rgba32float, write>;
+
+// The surface is what the camera sees, not what a mirror does.
+override from_camera: bool = true;
+
+@compute @workgroup_size(8, 8)
+fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let position = textureLoad(position_in, id.xy, 0);
+    let intensity = select(0.0, textureLoad(albedo_in, id.xy, 0).a, position.w > 0.0);
+    var eye = vec4f(0.0);
+    if from_camera {
+        eye.w = dot(position.xyz, frame.forward.xyz);
+        eye = vec4f(select(vec3f(0.0), position.xyz - frame.forward.xyz * eye.w, frame.orthographic != 0u), eye.w);
+    } else {
+        let origin = textureLoad(from_in, id.xy, 0).xyz;
+        eye = vec4f(origin, distance(origin, position.xyz));
+    }
+    textureStore(point_out, id.xy, vec4f(position.xyz, intensity));
+    textureStore(eye_out, id.xy, eye);
+}

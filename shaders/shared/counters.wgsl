@@ -1,0 +1,7 @@
+// What a frame's reflections count; crates/render/src/reflection/mod.rs reads them when the frame is done.
+const MIRROR_PIXELS: u32 = 0u;
+const FOUND_PIXELS: u32 = 1u;
+const CLOSED_PIXELS: u32 = 2u;
+const POINTS_TRIED: u32 = 3u;
+const POINTS_FOUND: u32 = 4u;
+const REGIONS: u32 = 5u;
