@@ -68,7 +68,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
 
     let mut renderer = Renderer::new(gpu.clone())?;
-    let mut draw = || renderer.render(&store, &camera, &settings, Objects::default(), arguments.size);
+    let mut draw = || {
+        // Every frame is made from scratch, so that its time is that of all its passes.
+        renderer.forget();
+        renderer.render(&store, &camera, &settings, Objects::default(), arguments.size)
+    };
     let mut frames = vec![draw()?];
     if arguments.stats.is_some() || arguments.frames.is_some() {
         // The frame before was the one to warm up.
