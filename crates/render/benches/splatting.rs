@@ -259,6 +259,7 @@ fn main() {
             .iter()
             .zip(&mut passes)
             .map(|((_, settings), passes)| {
+                renderer.forget();
                 let start = Instant::now();
                 let stats = renderer.render(&store, &camera, settings, Objects::default(), SIZE).expect("a frame");
                 let wall = start.elapsed().as_secs_f64() * 1000.0;

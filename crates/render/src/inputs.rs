@@ -4,10 +4,11 @@ use scene::Settings;
 
 use crate::frame::{Block, FrameCamera, Page};
 use crate::gpu::Gpu;
-use crate::store::{DrawList, PageDraw, PointStore};
+use crate::store::{ChunkId, DrawList, PageDraw, PointStore};
 
 /// What a frame uploads.
 pub(crate) struct Inputs {
+    pub camera: FrameCamera,
     pub size: [u32; 2],
     frame: wgpu::Buffer,
     settings: wgpu::Buffer,
@@ -16,9 +17,13 @@ pub(crate) struct Inputs {
     palette: wgpu::Buffer,
     pub filter_classes: bool,
     pub pages: Vec<PageInputs>,
+    /// Chunks that are drawn.
+    pub chunks: Vec<ChunkId>,
 }
 
 pub(crate) struct PageInputs {
+    /// Number of the page in the store.
+    pub number: usize,
     pub page: wgpu::Buffer,
     points: wgpu::Buffer,
     attributes: wgpu::Buffer,
@@ -68,6 +73,7 @@ impl Inputs {
             .iter()
             .enumerate()
             .map(|(index, draw)| PageInputs {
+                number: draw.number,
                 page: page(draw.first_identity, draw.capacity, index == 0, 0),
                 points: draw.points.clone(),
                 attributes: draw.attributes.clone(),
@@ -80,6 +86,7 @@ impl Inputs {
             // The passes over pixels still have to write "empty".
             let nothing = upload("nothing", storage, &[]);
             pages.push(PageInputs {
+                number: usize::MAX,
                 page: page(0, 0, true, 0),
                 points: nothing.clone(),
                 attributes: nothing.clone(),
@@ -89,6 +96,8 @@ impl Inputs {
             });
         }
         Self {
+            camera,
+            chunks: list.chunks.clone(),
             size: camera.size,
             frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
             settings: upload("settings", storage, bytemuck::cast_slice(&words)),

@@ -49,6 +49,18 @@ pub const MIRROR_SURFACE: Pass = Pass {
     groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba32Float), Write(Rgba32Float)]],
 };
 pub const MIRROR_COUNT: Pass = Pass { name: "mirror_count", groups: &[FRAME, &[Texture, Texture, ReadWrite]] };
+pub const SURFEL_TRACE: Pass = Pass {
+    name: "surfel_trace",
+    groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, Read, Read, Read, ReadWrite, Uniform]],
+};
+pub const GATHER_RESOLVE: Pass = Pass {
+    name: "gather_resolve",
+    groups: &[
+        FRAME,
+        PAGE,
+        &[Texture, Texture, Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)],
+    ],
+};
 pub const SHADE: Pass =
     Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Read, Read, Write(Rgba16Float)]] };
 pub const BLEND: Pass = Pass {
@@ -70,6 +82,8 @@ pub const ALL: &[&Pass] = &[
     &CAMERA_POSITION,
     &MIRROR_SURFACE,
     &MIRROR_COUNT,
+    &SURFEL_TRACE,
+    &GATHER_RESOLVE,
     &SHADE,
     &BLEND,
     &PRESENT,

@@ -13,10 +13,9 @@ macro_rules! embedded {
 
 /// The passes, by name.
 pub const PASSES: &[(&str, &str)] = embedded!("": splat_nearest, splat_depth, splat_identity, splat_accumulate, splat_average,
-    splat_resolve, close_gaps, camera_position, mirror_surface, mirror_count, shade, blend, present);
+    splat_resolve, close_gaps, camera_position, mirror_surface, mirror_count, surfel_trace, gather_resolve, shade, blend, present);
 
-const SHARED: &[(&str, &str)] =
-    embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color, light, counters);
+const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color, light, counters, point_surface, surfel_tree, mirror_ray);
 
 /// A shader with its imports taken in.
 #[derive(Debug, Default)]

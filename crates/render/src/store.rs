@@ -86,6 +86,10 @@ struct StoredChunk {
     /// Largest known splat radius, world units.
     largest_radius: f32,
     lacks_radii: bool,
+    /// The points themselves, shared with whoever loaded them; without columns.
+    points: Chunk,
+    /// Another number after each change of the points.
+    revision: u64,
 }
 
 impl StoredChunk {
@@ -108,6 +112,8 @@ impl StoredChunk {
 
 /// What a frame draws of one page.
 pub(crate) struct PageDraw {
+    /// Number of the page in the store.
+    pub number: usize,
     pub first_identity: u32,
     pub capacity: u32,
     pub points: wgpu::Buffer,
@@ -119,11 +125,27 @@ pub(crate) struct PageDraw {
     pub items_of_runs: Vec<u32>,
 }
 
+/// A chunk and where its points lie in the store.
+pub(crate) struct PlacedChunk<'a> {
+    pub points: &'a Chunk,
+    /// Another number after each change of the points.
+    pub revision: u64,
+    pub bounds: Bounds,
+    pub page: usize,
+    /// In the page; a multiple of `BLOCK_POINTS`.
+    pub first: u32,
+    /// Radius of its points whose own is not known yet, world units.
+    pub provisional_radius: f32,
+    pub largest_radius: f32,
+}
+
 /// What a frame draws.
 #[derive(Default)]
 pub(crate) struct DrawList {
     pub pages: Vec<PageDraw>,
     pub items: Vec<Item>,
+    /// Of each item.
+    pub chunks: Vec<ChunkId>,
     pub class_masks: Vec<u32>,
     pub filter_classes: bool,
     pub points: u64,
@@ -215,6 +237,8 @@ impl PointStore {
                 scalars: None,
                 largest_radius: 0.0,
                 lacks_radii: true,
+                points: Chunk::new(chunk.first_point, chunk.origin, Vec::new()),
+                revision: 0,
             },
         );
         self.update_chunk(id, chunk, classes)?;
@@ -233,6 +257,8 @@ impl PointStore {
         // Packed radii grow with the radius.
         let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
         stored.largest_radius = largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0);
+        stored.points = Chunk { columns: Vec::new(), ..chunk.clone() };
+        stored.revision = self.revision;
         stored.lacks_radii = chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS));
         let page = &self.pages[stored.page];
         let points: Vec<[u32; 4]> = (0..chunk.len())
@@ -353,6 +379,30 @@ impl PointStore {
         }
     }
 
+    /// A chunk of the draw list `Selection::Everything`, for an index over its points.
+    pub(crate) fn placed(&self, id: ChunkId) -> Option<PlacedChunk<'_>> {
+        let chunk = self.chunks.get(&id)?;
+        let cloud = self.clouds.get(&chunk.cloud)?;
+        Some(PlacedChunk {
+            points: &chunk.points,
+            revision: chunk.revision,
+            bounds: chunk.bounds,
+            page: chunk.page,
+            first: chunk.range.start,
+            provisional_radius: cloud.provisional_radius,
+            largest_radius: if chunk.lacks_radii {
+                chunk.largest_radius.max(cloud.provisional_radius)
+            } else {
+                chunk.largest_radius
+            },
+        })
+    }
+
+    /// Points that each page has room for.
+    pub(crate) fn page_capacities(&self) -> Vec<u32> {
+        self.pages.iter().map(|page| page.capacity).collect()
+    }
+
     /// Another number after each change, and in each store.
     pub(crate) fn revision(&self) -> u64 {
         self.revision
@@ -389,10 +439,12 @@ impl PointStore {
         let mut cloud_ids: Vec<CloudId> = self.clouds.keys().copied().collect();
         cloud_ids.sort();
         let class_masks: Vec<u32> = cloud_ids.iter().flat_map(|id| self.clouds[id].class_mask).collect();
-        let mut chunks: Vec<&StoredChunk> = self.chunks.values().collect();
-        chunks.sort_by_key(|chunk| (chunk.page, chunk.range.start));
+        let mut chunks: Vec<(&ChunkId, &StoredChunk)> = self.chunks.iter().collect();
+        chunks.sort_by_key(|(_, chunk)| (chunk.page, chunk.range.start));
         let mut items = Vec::new();
-        let draw = |page: &PageBuffers| PageDraw {
+        let mut chunk_ids = Vec::new();
+        let draw = |(number, page): (usize, &PageBuffers)| PageDraw {
+            number,
             first_identity: page.first_identity,
             capacity: page.capacity,
             points: page.points.clone(),
@@ -401,9 +453,9 @@ impl PointStore {
             blocks: Default::default(),
             items_of_runs: vec![u32::MAX; page.capacity.div_ceil(BLOCK_POINTS) as usize],
         };
-        let mut pages: Vec<PageDraw> = self.pages.iter().map(draw).collect();
+        let mut pages: Vec<PageDraw> = self.pages.iter().enumerate().map(draw).collect();
         let mut points = 0;
-        for chunk in chunks {
+        for (id, chunk) in chunks {
             let cloud = &self.clouds[&chunk.cloud];
             // Splats reach beyond their points.
             let reach = chunk.largest_radius(cloud, splat);
@@ -421,6 +473,7 @@ impl PointStore {
             let mask = cloud_ids.binary_search(&chunk.cloud).unwrap_or_default() as u32 * 8;
             let item = items.len() as u32;
             items.push(self.item(chunk, cloud, camera, mask));
+            chunk_ids.push(*id);
             points += chunk.range.len() as u64;
             let is_seen = selection != Selection::Everything;
             let kind = usize::from(is_seen && chunk.is_of_single_pixels(cloud, camera, splat));
@@ -433,7 +486,7 @@ impl PointStore {
         }
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
         let filter_classes = class_masks.iter().any(|word| *word != u32::MAX);
-        DrawList { pages, items, class_masks, filter_classes, points }
+        DrawList { pages, items, chunks: chunk_ids, class_masks, filter_classes, points }
     }
 
     fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera, class_mask: u32) -> Item {

@@ -5,7 +5,15 @@
 //! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
 //! `gather`. To add a method: a module with a `run` function, its shaders, and a line in `Methods::run`.
 
+mod gather;
+mod surfel_index;
+mod surfel_trace;
+mod surfel_tree;
+
 use scene::{Method, Settings};
+
+use gather::Gather;
+use surfel_index::SurfelIndex;
 
 use crate::gpu::{Error, Result};
 use crate::inputs::Inputs;
@@ -134,15 +142,19 @@ pub(crate) struct Task<'a> {
 #[derive(Default)]
 struct Methods {
     size: [u32; 2],
+    index: SurfelIndex,
+    gather: Option<Gather>,
 }
 
 impl Methods {
     /// # Errors
     /// A shader is refused, or there is no memory.
-    fn run(&mut self, _recorder: &mut Recorder<'_>, method: Method, _task: &Task<'_>) -> Result<()> {
+    fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
+        let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
         match method {
             Method::None | Method::Auto => Ok(()),
-            Method::Sscr | Method::SscrHierarchical | Method::SurfelTrace => Ok(()),
+            Method::SurfelTrace => surfel_trace::run(recorder, &mut self.index, gather, task),
+            Method::Sscr | Method::SscrHierarchical => Ok(()),
         }
     }
 }
@@ -165,7 +177,7 @@ pub(crate) struct Reflections {
 impl Reflections {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
-        Self { size, bounces: Vec::new(), count: 0, methods: Methods { size }, counters }
+        Self { size, bounces: Vec::new(), count: 0, methods: Methods { size, ..Default::default() }, counters }
     }
 
     /// How many bounces the settings ask for.

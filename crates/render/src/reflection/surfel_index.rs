@@ -1,0 +1,176 @@
+//! The trees of all chunks on the GPU, page by page beside the store's points. A chunk's tree is made and sent when the chunk
+//! is new or has changed; what a frame makes anew is a small tree over the chunks' boxes.
+
+use std::collections::HashMap;
+
+use glam::Vec4;
+use rayon::prelude::*;
+
+use super::surfel_tree::{Node, POINTS_PER_NODE, SurfelTree, tree_over_boxes};
+use crate::gpu::{Error, Gpu, Result};
+use crate::inputs::Inputs;
+use crate::store::{ChunkId, PointStore};
+use crate::targets::storage;
+
+/// Trees of one page.
+pub(crate) struct IndexPage {
+    pub nodes: wgpu::Buffer,
+    pub surfels: wgpu::Buffer,
+    /// Index in the page of each disc's point.
+    pub order: wgpu::Buffer,
+    capacity: u32,
+}
+
+/// What rays of a frame are traced through on one page.
+pub(crate) struct FrameTrees {
+    /// Number of the page in the store.
+    pub page: usize,
+    /// A tree over the boxes of the page's chunks; a leaf is the index of a place.
+    pub tops: wgpu::Buffer,
+    pub places: wgpu::Buffer,
+}
+
+/// As shaders/shared/surfel_tree.wgsl has it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+struct TreePlace {
+    origin_margin: Vec4,
+    first_node: u32,
+    end_node: u32,
+    first_surfel: u32,
+    unused: u32,
+}
+
+#[derive(Default)]
+pub(crate) struct SurfelIndex {
+    pages: Vec<IndexPage>,
+    /// Revision, place and number of nodes of each chunk that is indexed.
+    chunks: HashMap<ChunkId, Indexed>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+struct Indexed {
+    revision: u64,
+    page: usize,
+    first: u32,
+    provisional_radius: f32,
+    nodes: u32,
+}
+
+impl SurfelIndex {
+    pub fn page(&self, number: usize) -> Option<&IndexPage> {
+        self.pages.get(number)
+    }
+
+    /// Brings the index up to date with the chunks of `supply`, and places them before this frame's eye.
+    ///
+    /// # Errors
+    /// No memory for the index.
+    pub fn update(
+        &mut self,
+        gpu: &Gpu,
+        store: &PointStore,
+        supply: &Inputs,
+        splat_size: f32,
+    ) -> Result<Vec<FrameTrees>> {
+        self.make_room(gpu, store)?;
+        let placed: Vec<_> = supply.chunks.iter().filter_map(|id| Some((*id, store.placed(*id)?))).collect();
+        let stale: Vec<_> = placed
+            .iter()
+            .filter(|(id, chunk)| {
+                self.chunks.get(id).is_none_or(|indexed| {
+                    (indexed.revision, indexed.page, indexed.first, indexed.provisional_radius)
+                        != (chunk.revision, chunk.page, chunk.first, chunk.provisional_radius)
+                })
+            })
+            .collect();
+        // In batches: trees of a whole large cloud would take as much memory as the cloud.
+        for batch in stale.chunks(16) {
+            let trees: Vec<SurfelTree> =
+                batch.par_iter().map(|(_, chunk)| SurfelTree::new(chunk.points, chunk.provisional_radius)).collect();
+            for ((id, chunk), tree) in batch.iter().zip(trees) {
+                let page = &self.pages[chunk.page];
+                let first = u64::from(chunk.first);
+                let order: Vec<u32> = tree.order.iter().map(|index| chunk.first + index).collect();
+                gpu.queue.write_buffer(&page.nodes, first / POINTS_PER_NODE * 32, bytemuck::cast_slice(&tree.nodes));
+                gpu.queue.write_buffer(&page.surfels, first * 8, bytemuck::cast_slice(&tree.surfels));
+                gpu.queue.write_buffer(&page.order, first * 4, bytemuck::cast_slice(&order));
+                let indexed = Indexed {
+                    revision: chunk.revision,
+                    page: chunk.page,
+                    first: chunk.first,
+                    provisional_radius: chunk.provisional_radius,
+                    nodes: tree.nodes.len() as u32,
+                };
+                self.chunks.insert(*id, indexed);
+            }
+            gpu.queue.submit([]);
+        }
+        let mut frames = Vec::new();
+        for page in supply.pages.iter().map(|page| page.number).filter(|page| *page < self.pages.len()) {
+            let (mut boxes, mut places) = (Vec::new(), Vec::new());
+            for (id, chunk) in placed.iter().filter(|(_, chunk)| chunk.page == page) {
+                let Some(indexed) = self.chunks.get(id).filter(|indexed| indexed.nodes > 0) else { continue };
+                let relative = |corner: glam::DVec3| (corner - supply.camera.eye).as_vec3();
+                let radius = chunk.largest_radius * splat_size.max(1.0);
+                boxes.push((relative(chunk.bounds.min) - radius, relative(chunk.bounds.max) + radius));
+                let origin = relative(chunk.points.origin);
+                let first_node = (u64::from(chunk.first) / POINTS_PER_NODE) as u32;
+                places.push(TreePlace {
+                    origin_margin: origin.extend(chunk.largest_radius * (splat_size - 1.0).max(0.0)),
+                    first_node,
+                    end_node: indexed.nodes,
+                    first_surfel: chunk.first,
+                    unused: 0,
+                });
+            }
+            if boxes.is_empty() {
+                continue;
+            }
+            let tops: Vec<Node> = tree_over_boxes(&boxes);
+            let upload = |label, bytes: &[u8]| {
+                let buffer = storage(&gpu.device, label, bytes.len() as u64);
+                gpu.queue.write_buffer(&buffer, 0, bytes);
+                buffer
+            };
+            frames.push(FrameTrees {
+                page,
+                tops: upload("top nodes", bytemuck::cast_slice(&tops)),
+                places: upload("places of trees", bytemuck::cast_slice(&places)),
+            });
+        }
+        Ok(frames)
+    }
+
+    /// Pages as large as the store's.
+    fn make_room(&mut self, gpu: &Gpu, store: &PointStore) -> Result<()> {
+        let capacities = store.page_capacities();
+        let fits = self.pages.len() <= capacities.len()
+            && self.pages.iter().zip(&capacities).all(|(page, capacity)| page.capacity == *capacity);
+        if !fits {
+            *self = Self::default();
+        }
+        for &capacity in &capacities[self.pages.len()..] {
+            let points = u64::from(capacity);
+            let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+            let page = IndexPage {
+                nodes: storage(&gpu.device, "tree nodes", points / POINTS_PER_NODE * 32),
+                surfels: storage(&gpu.device, "tree discs", points * 8),
+                order: storage(&gpu.device, "tree order", points * 4),
+                capacity,
+            };
+            if let Some(error) = pollster::block_on(scope.pop()) {
+                return Err(Error::Device {
+                    adapter: gpu.info.name.clone(),
+                    problem: format!("no memory for the index of reflected points: {error}"),
+                });
+            }
+            self.pages.push(page);
+        }
+        Ok(())
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.pages.iter().map(|page| page.nodes.size() + page.surfels.size() + page.order.size()).sum()
+    }
+}

@@ -1,0 +1,58 @@
+// The Mirror G-Buffer from the point that each mirror pixel's ray meets. Runs once for each page of the point store and takes
+// the pixels whose point lies in it; the first page also writes the pixels that see nothing. One thread a pixel.
+#import point_surface
+#import mirror_ray
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var<uniform> page: Page;
+@group(1) @binding(1) var<storage, read> points: array<vec4u>;
+@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
+@group(1) @binding(3) var<storage, read> scalars: array<f32>;
+@group(1) @binding(4) var<storage, read> items: array<Item>;
+@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
+@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(7) var<storage, read> palette: array<u32>;
+@group(2) @binding(0) var point_in: texture_2d<f32>;
+@group(2) @binding(1) var normal_in: texture_2d<f32>;
+@group(2) @binding(2) var eye_in: texture_2d<f32>;
+// y: identity + 1, 0: nothing. z: f32 bits of the distance.
+@group(2) @binding(3) var<storage, read> hits: array<vec4u>;
+@group(2) @binding(4) var albedo_out: texture_storage_2d<rgba16float, write>;
+@group(2) @binding(5) var normal_out: texture_storage_2d<rgba32float, write>;
+// xyz: relative to the eye, w: 1, or 0 where nothing was found.
+@group(2) @binding(6) var position_out: texture_storage_2d<rgba32float, write>;
+
+@compute @workgroup_size(8, 8)
+fn gather_resolve(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    var albedo = vec4f(0.0);
+    var normal = vec4f(0.0);
+    var position = vec4f(0.0);
+    let point = textureLoad(point_in, id.xy, 0);
+    var hit = vec4u(0u);
+    if point.w > 0.0 {
+        hit = hits[id.y * frame.width + id.x];
+    }
+    var is_ours = page.is_first == 1u;
+    if hit.y != 0u {
+        // Wraps below the page's first identity, which the comparison then refuses.
+        let index = hit.y - 1u - page.first_identity;
+        is_ours = index < page.point_count;
+        if is_ours {
+            let seen_from = textureLoad(eye_in, id.xy, 0).xyz;
+            let direction = reflected_direction(point.xyz, textureLoad(normal_in, id.xy, 0).xyz, seen_from);
+            let surface = surface_of_point(index, -direction);
+            albedo = surface.albedo;
+            normal = surface.normal;
+            position = vec4f(point.xyz + direction * bitcast<f32>(hit.z), 1.0);
+        }
+    }
+    if is_ours {
+        textureStore(albedo_out, id.xy, albedo);
+        textureStore(normal_out, id.xy, normal);
+        textureStore(position_out, id.xy, position);
+    }
+}

@@ -1,0 +1,29 @@
+// Labelling, third of three passes: every pixel's parent is its root, and the roots know their pixels. One thread a pixel.
+#import frame
+#import params
+#import region
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var<storage, read_write> parents: array<atomic<u32>>;
+@group(1) @binding(1) var<storage, read_write> sizes: array<atomic<u32>>;
+
+@compute @workgroup_size(8, 8)
+fn label_flatten(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let index = id.y * frame.width + id.x;
+    var at = index;
+    var parent = atomicLoad(&parents[at]);
+    if parent == OUTSIDE {
+        return;
+    }
+    while parent != at {
+        at = parent;
+        parent = atomicLoad(&parents[at]);
+    }
+    // Threads that are still on their way up only find a shorter one.
+    atomicStore(&parents[index], at);
+    atomicAdd(&sizes[at], 1u);
+}

@@ -1,0 +1,39 @@
+// Forward methods, depth pass (Preiner 2010, section 4.5.2): the distance of the nearest point reflected in each mirror
+// pixel. One workgroup a block of points.
+#import blocks
+#import mirror_splat
+
+// By point of the page.
+@group(2) @binding(0) var<storage, read> solutions: array<Solution>;
+// w: specular intensity, 0 where there is no mirror.
+@group(2) @binding(1) var point_in: texture_2d<f32>;
+// Nearness of the nearest point; 0: none.
+@group(2) @binding(2) var<storage, read_write> nearest: array<atomic<u32>>;
+
+@compute @workgroup_size(128)
+fn mirror_depth(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    splat_block(group, groups, lane);
+}
+
+fn splat_point(item: Item, index: u32) {
+    let solution = solutions[index];
+    if solution.distance == 0.0 {
+        return;
+    }
+    let far = settings.sscr.mirror_z_far * frame.scene_radius;
+    let size = vec2u(frame.width, frame.height);
+    let splat = splat_of_solution(solution, settings.sscr.max_splat_size, far, size);
+    let key = nearness(solution.distance);
+    for (var y = splat.first.y; y <= splat.last.y; y++) {
+        for (var x = splat.first.x; x <= splat.last.x; x++) {
+            let pixel = u32(y) * frame.width + u32(x);
+            if atomicLoad(&nearest[pixel]) < key && textureLoad(point_in, vec2i(x, y), 0).w > 0.0 {
+                atomicMax(&nearest[pixel], key);
+            }
+        }
+    }
+}

@@ -1,0 +1,82 @@
+// Forward methods, visibility pass (Preiner 2010, sections 3.7 and 4.5.3): all points within the depth offset of the nearest
+// add what they are to the mirror pixels they cover. One workgroup a block of points.
+#import blocks
+#import color
+#import mirror_splat
+#import mirror_sums
+
+// By point of the page.
+@group(2) @binding(0) var<storage, read> solutions: array<Solution>;
+// xyz: mirror point. w: specular intensity, 0 where there is no mirror.
+@group(2) @binding(1) var point_in: texture_2d<f32>;
+@group(2) @binding(2) var<storage, read> nearest: array<u32>;
+// MIRROR_SUMS words a pixel.
+@group(2) @binding(3) var<storage, read_write> sums: array<atomic<u32>>;
+// Half as many.
+@group(2) @binding(4) var<storage, read_write> carries: array<atomic<u32>>;
+
+@compute @workgroup_size(128)
+fn mirror_visibility(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    splat_block(group, groups, lane);
+}
+
+fn splat_point(item: Item, index: u32) {
+    let solution = solutions[index];
+    if solution.distance == 0.0 {
+        return;
+    }
+    let far = settings.sscr.mirror_z_far * frame.scene_radius;
+    let size = vec2u(frame.width, frame.height);
+    let splat = splat_of_solution(solution, settings.sscr.max_splat_size, far, size);
+    let behind = settings.sscr.mirror_depth_offset * frame.scene_radius;
+    let offset = select(behind, 0.0, settings.sscr.visibility == SSCR_VISIBILITY_NEAREST);
+    let point = points[index];
+    let color_normal = attributes[index];
+    var scalar = 0.0;
+    if item.color_source == COLOR_SCALAR {
+        scalar = scalars[index];
+    }
+    let entry = palette_index(item, point, scalar);
+    var palette_color = 0u;
+    if entry != PALETTE_NONE {
+        palette_color = palette[entry];
+    }
+    let albedo = vec3u(albedo_of_point(item, color_normal, entry, palette_color) * 4095.0 + 0.5);
+    let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
+    let own = unpack_normal(color_normal.y);
+    for (var y = splat.first.y; y <= splat.last.y; y++) {
+        for (var x = splat.first.x; x <= splat.last.x; x++) {
+            let pixel = u32(y) * frame.width + u32(x);
+            let front = depth_from_nearness(nearest[pixel]);
+            // Where there is no mirror nothing is nearest, and `front` no number.
+            if solution.distance <= front + offset {
+                let toward = q - textureLoad(point_in, vec2i(x, y), 0).xyz;
+                let facing = select(own, -own, dot(own, toward) > 0.0);
+                let normal = vec3u(vec3i(round(facing * 2047.0)) + NORMAL_BIAS);
+                let relative = clamp(toward / (POSITION_REACH * front), vec3f(-1.0), vec3f(1.0));
+                let position = vec3u((relative + 1.0) * POSITION_STEPS + 0.5);
+                add(pixel, SUM_COUNT, 1u);
+                for (var axis = 0u; axis < 3u; axis++) {
+                    add(pixel, SUM_ALBEDO + axis, albedo[axis]);
+                    add(pixel, SUM_NORMAL + axis, normal[axis]);
+                    add(pixel, SUM_POSITION + axis, position[axis]);
+                }
+                if item.specular_intensity > 0.0 {
+                    add(pixel, SUM_INTENSITY, u32(item.specular_intensity * 1023.0 + 0.5));
+                    add(pixel, SUM_POWER, u32(item.specular_power + 0.5));
+                }
+            }
+        }
+    }
+}
+
+// A sum that wraps adds one to its half of a word of carries.
+fn add(pixel: u32, word: u32, value: u32) {
+    if atomicAdd(&sums[pixel * MIRROR_SUMS + word], value) > 0xffffffffu - value {
+        atomicAdd(&carries[(pixel * MIRROR_SUMS + word) / 2u], 1u << (16u * (word & 1u)));
+    }
+}

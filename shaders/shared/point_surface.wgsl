@@ -1,0 +1,35 @@
+// Colour, normal and material of a point. The importing pass has the bindings of a page with `items_of_runs` in groups 0 and 1
+// (see splat_resolve.wgsl).
+#import splat
+#import color
+
+struct SurfaceOfPoint {
+    // a: specular intensity.
+    albedo: vec4f,
+    // World, towards the eye; w: specular power.
+    normal: vec4f,
+}
+
+fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
+    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    // Points lie all over memory: what is not asked for is not fetched.
+    var point = vec4u(0u);
+    if item.color_source == COLOR_HEIGHT || item.color_source == COLOR_CLASS {
+        point = points[index];
+    }
+    let color_normal = attributes[index];
+    var scalar = 0.0;
+    if item.color_source == COLOR_SCALAR {
+        scalar = scalars[index];
+    }
+    let entry = palette_index(item, point, scalar);
+    var palette_color = 0u;
+    if entry != PALETTE_NONE {
+        palette_color = palette[entry];
+    }
+    let own = unpack_normal(color_normal.y);
+    let outward = select(own, -own, dot(own, toward_eye) < 0.0);
+    let normal = select(outward, toward_eye, all(own == vec3f(0.0)));
+    let albedo = albedo_of_point(item, color_normal, entry, palette_color);
+    return SurfaceOfPoint(vec4f(albedo, item.specular_intensity), vec4f(normal, item.specular_power));
+}

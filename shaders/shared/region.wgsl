@@ -1,0 +1,66 @@
+// Regions of the mirror that bend one way, and the bits of the curvature map they are made from (Preiner 2010, sections 3.5
+// and 4.4). CPU twin: crates/render/src/reflection/sscr/twin.rs.
+
+// How the surface bends from the previous pixel to this one: two bits for x, then two for y. Neither: planar.
+const CONVEX: u32 = 1u;
+const HOLLOW: u32 = 2u;
+const BENT: u32 = 3u;
+const DIRECTION_BITS: u32 = 2u;
+// Depth step from the left pixel; from the upper one a bit further left.
+const DEPTH_STEP: u32 = 16u;
+const MIRROR: u32 = 128u;
+
+// Label of a pixel that no region can hold: outside of the mirror, or on a border.
+const OUTSIDE: u32 = 0xffffffffu;
+// Smallest region that a bracket fits in: two by two pixels.
+const LEAST_REGION: u32 = 4u;
+
+struct Region {
+    // First and last pixel.
+    first_x: u32,
+    first_y: u32,
+    last_x: u32,
+    last_y: u32,
+    pixels: u32,
+    // Pixels of this region and all before it.
+    accumulated: u32,
+    unused_0: u32,
+    unused_1: u32,
+    // Bounds of its mirror points and of the directions reflected there, as ordered integers.
+    point_low: array<u32, 3>,
+    point_high: array<u32, 3>,
+    direction_low: array<u32, 3>,
+    direction_high: array<u32, 3>,
+}
+
+// Words of a Region, and the places of its words, for passes that write them as atomics.
+const REGION_WORDS: u32 = 20u;
+const REGION_FIRST: u32 = 0u;
+const REGION_LAST: u32 = 2u;
+const REGION_PIXELS: u32 = 4u;
+const REGION_ACCUMULATED: u32 = 5u;
+const REGION_POINT_LOW: u32 = 8u;
+const REGION_POINT_HIGH: u32 = 11u;
+const REGION_DIRECTION_LOW: u32 = 14u;
+const REGION_DIRECTION_HIGH: u32 = 17u;
+
+// What the regions add up to.
+struct RegionTotals {
+    regions: u32,
+    pixels: u32,
+}
+
+// Integers in the order of the numbers they stand for, so that integer atomics find their minimum and maximum.
+fn ordered(value: f32) -> u32 {
+    let bits = bitcast<u32>(value);
+    return select(bits | 0x80000000u, ~bits, bits >= 0x80000000u);
+}
+
+fn from_ordered(bits: u32) -> f32 {
+    return bitcast<f32>(select(~bits, bits & 0x7fffffffu, bits >= 0x80000000u));
+}
+
+// Whether two neighbours bend opposite ways along x or along y.
+fn is_border(flags: u32, before: u32) -> bool {
+    return ((flags | before) & BENT) == BENT || (((flags | before) >> DIRECTION_BITS) & BENT) == BENT;
+}

@@ -1,0 +1,339 @@
+// Search for the pixel of a region in which a point is reflected: the root of the mirror-space error. The published search is
+// interleaved bracketing and bisection (Preiner 2010, section 3.4.3, algorithm 3.1); the others take the slope of the error
+// from neighbouring pixels, so the direction of the root lines on the screen does not matter to them.
+// The importing pass defines `probe(search, at)`. CPU twin: crates/render/src/reflection/sscr/twin.rs.
+#import params
+
+override solver: u32 = SSCR_SOLVER_INTERLEAVED;
+override seeds: u32 = SSCR_SEEDS_RANDOM;
+override per_region: bool = false;
+
+struct Search {
+    // Of the region.
+    label: u32,
+    first: vec2f,
+    extent: vec2f,
+    // Share of the pixels in its bounds that are its own.
+    fill: f32,
+    // The point, relative to the camera's eye.
+    q: vec3f,
+}
+
+// A pixel coordinate, centres at halves, and the error there.
+struct Probe {
+    at: vec2f,
+    error: vec2f,
+    // Whether it is in the region.
+    is_inside: bool,
+}
+
+const FOUND: u32 = 0u;
+// Outside of the region, or with steps that are too small.
+const LOST: u32 = 1u;
+// Out of steps.
+const UNCONVERGED: u32 = 2u;
+
+struct Outcome {
+    // Where it was found, or where the search ended.
+    at: vec2f,
+    state: u32,
+    steps: u32,
+}
+
+// Where the search starts.
+struct Start {
+    p1: Probe,
+    p2: Probe,
+    step: vec2f,
+}
+
+// PCG's output permutation as a hash (Jarzynski, Olano 2020).
+fn hash(value: u32) -> u32 {
+    let state = value * 747796405u + 2891336453u;
+    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+    return (word >> 22u) ^ word;
+}
+
+fn random(state: ptr<function, u32>) -> f32 {
+    *state = hash(*state);
+    return f32(*state >> 8u) / 16777216.0;
+}
+
+// Halton's sequence in base 2.
+fn halton(index: u32) -> f32 {
+    return f32(reverseBits(index) >> 8u) / 16777216.0;
+}
+
+// A step below this stays in its pixel more often than not (section 3.4.3 ends where "the step size fell below 1 pixel").
+const LEAST_STEP: f32 = 0.5;
+// Cells along each side of the grid of start pixels: 16 probes cost about what a search from a bad start does.
+const GRID: u32 = 4u;
+
+fn random_seed(search: Search, state: ptr<function, u32>) -> Probe {
+    var attempts = settings.sscr.seed_attempts;
+    if per_region {
+        // So many that one start in a hundred is lost to the holes of the region.
+        attempts = u32(clamp(log2(0.01) / log2(clamp(1.0 - search.fill, 1e-3, 0.999)), 1.0, 32.0));
+    }
+    var found = Probe(vec2f(0.0), vec2f(0.0), false);
+    for (var attempt = 0u; attempt <= attempts && !found.is_inside; attempt++) {
+        let x = random(state);
+        let y = random(state);
+        found = probe(search, search.first + search.extent * vec2f(x, y));
+    }
+    return found;
+}
+
+fn start_of(search: Search, state: ptr<function, u32>, last: vec2f) -> Start {
+    var step = search.extent * settings.sscr.initial_step;
+    if per_region {
+        // In regions a few pixels wide a share of the extent is no step at all.
+        step = max(step, vec2f(settings.sscr.threshold));
+    }
+    if seeds == SSCR_SEEDS_LAST_FRAME && last.x >= 0.0 {
+        let p1 = probe(search, last);
+        // Between two frames the root moves by a few pixels.
+        let side = select(vec2f(-2.0), vec2f(2.0), last < search.first + search.extent * 0.5);
+        return Start(p1, probe(search, last + side), vec2f(2.0));
+    }
+    if seeds == SSCR_SEEDS_GRID {
+        var best = Probe(vec2f(0.0), vec2f(0.0), false);
+        var second = best;
+        var best_error = 3e38;
+        var second_error = 3e38;
+        for (var cell = 0u; cell < GRID * GRID; cell++) {
+            let place = (vec2f(vec2u(cell % GRID, cell / GRID)) + 0.5) / f32(GRID);
+            let found = probe(search, search.first + search.extent * place);
+            let error = select(3e38, dot(found.error, found.error), found.is_inside);
+            if error < best_error {
+                second = best;
+                second_error = best_error;
+                best = found;
+                best_error = error;
+            } else if error < second_error {
+                second = found;
+                second_error = error;
+            }
+        }
+        // Holes of the region can swallow the grid.
+        if !best.is_inside {
+            best = random_seed(search, state);
+        }
+        if !second.is_inside {
+            second = random_seed(search, state);
+        }
+        return Start(best, second, step);
+    }
+    let p1 = random_seed(search, state);
+    var p2 = p1;
+    if solver == SSCR_SOLVER_INTERLEAVED && p1.is_inside {
+        p2 = random_seed(search, state);
+    }
+    return Start(p1, p2, step);
+}
+
+// The probe after `from` by `step`, or by as many halves of it as are allowed until it stays in the region.
+fn probe_after(search: Search, origin: vec2f, step: vec2f) -> Probe {
+    var shortened = step;
+    var found = probe(search, origin + shortened);
+    for (var attempt = 0u; attempt < settings.sscr.step_attempts && !found.is_inside; attempt++) {
+        shortened *= 0.5;
+        found = probe(search, origin + shortened);
+    }
+    return found;
+}
+
+fn find_root(search: Search, start: Start) -> Outcome {
+    if !start.p1.is_inside {
+        return Outcome(start.p1.at, LOST, 0u);
+    }
+    if solver == SSCR_SOLVER_INTERLEAVED {
+        return interleaved(search, start);
+    }
+    if solver == SSCR_SOLVER_NELDER_MEAD {
+        return nelder_mead(search, start);
+    }
+    return descent(search, start);
+}
+
+// Interleaved bracketing and bisection. Two pixels, the last two of a walk: along each axis it goes on while the error falls,
+// turns round where it grows, and turns with half the step where the error changes its sign.
+fn interleaved(search: Search, start: Start) -> Outcome {
+    var p1 = start.p1;
+    var p2 = start.p2;
+    if !p2.is_inside {
+        return Outcome(p1.at, LOST, 0u);
+    }
+    var step = start.step;
+    var dir = select(vec2f(1.0), vec2f(-1.0), p2.at < p1.at);
+    var outcome = Outcome(p2.at, UNCONVERGED, 0u);
+    while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
+        let crossed = p1.error * p2.error < vec2f(0.0);
+        let is_near = distance(p1.at, p2.at) < settings.sscr.threshold;
+        let turned = crossed | (abs(p2.error) >= abs(p1.error));
+        dir = select(dir, -dir, turned);
+        step = select(step, step * 0.5, crossed);
+        if is_near && all(crossed) {
+            let share = abs(p1.error) / (abs(p1.error) + abs(p2.error));
+            outcome.at = p1.at + (p2.at - p1.at) * share;
+            outcome.state = FOUND;
+        } else if (is_near && settings.sscr.stop == SSCR_STOP_PAIR) || max(step.x, step.y) < LEAST_STEP {
+            outcome.state = LOST;
+        } else {
+            p1 = p2;
+            p2 = probe_after(search, p2.at, dir * step);
+            outcome.at = p1.at;
+            outcome.steps++;
+            outcome.state = select(LOST, UNCONVERGED, p2.is_inside);
+        }
+    }
+    return outcome;
+}
+
+// How the error changes over a pixel along x and along y.
+struct Slope {
+    along_x: vec2f,
+    along_y: vec2f,
+    // Whether the region has the neighbours that it takes.
+    is_known: bool,
+}
+
+fn slope_at(search: Search, here: Probe) -> Slope {
+    var side = vec2f(1.0);
+    var x = probe(search, here.at + vec2f(1.0, 0.0));
+    if !x.is_inside {
+        side.x = -1.0;
+        x = probe(search, here.at - vec2f(1.0, 0.0));
+    }
+    var y = probe(search, here.at + vec2f(0.0, 1.0));
+    if !y.is_inside {
+        side.y = -1.0;
+        y = probe(search, here.at - vec2f(0.0, 1.0));
+    }
+    return Slope((x.error - here.error) * side.x, (y.error - here.error) * side.y, x.is_inside && y.is_inside);
+}
+
+// The step to the root of the plane through an error with a slope; huge where the plane is level.
+fn newton_step(slope: Slope, error: vec2f) -> vec2f {
+    let determinant = slope.along_x.x * slope.along_y.y - slope.along_y.x * slope.along_x.y;
+    let step = vec2f(
+        slope.along_y.x * error.y - slope.along_y.y * error.x,
+        slope.along_x.y * error.x - slope.along_x.x * error.y
+    );
+    return step / select(determinant, 1e-20, abs(determinant) < 1e-20);
+}
+
+// A root within one pixel of a pixel's centre, by the slope there, is found: nearer the pixels cannot tell.
+const ROOT_REACH: f32 = 1.0;
+
+// Newton, Broyden and conjugate gradient: from pixel centre to pixel centre by steps of at most the first step's length.
+fn descent(search: Search, start: Start) -> Outcome {
+    var here = probe(search, floor(start.p1.at) + 0.5);
+    var slope = slope_at(search, here);
+    var direction = vec2f(0.0);
+    var gradient = vec2f(0.0);
+    let longest = max(start.step, vec2f(1.0));
+    var outcome = Outcome(here.at, select(LOST, UNCONVERGED, slope.is_known), 0u);
+    while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
+        var step = newton_step(slope, here.error);
+        if all(abs(step) <= vec2f(ROOT_REACH)) {
+            outcome.at = here.at + step;
+            outcome.state = FOUND;
+        } else {
+            if solver == SSCR_SOLVER_CONJUGATE_GRADIENT {
+                // Of half the squared error; Polak and Ribiere's weight, started anew where it turns negative. The length is
+                // that to the minimum along the direction if the slope stays as it is.
+                let steepest = vec2f(dot(slope.along_x, here.error), dot(slope.along_y, here.error));
+                let weight = dot(steepest, steepest - gradient) / max(dot(gradient, gradient), 1e-20);
+                direction = -steepest + direction * max(select(weight, 0.0, outcome.steps == 0u), 0.0);
+                gradient = steepest;
+                let change = slope.along_x * direction.x + slope.along_y * direction.y;
+                step = direction * (-dot(here.error, change) / max(dot(change, change), 1e-20));
+            }
+            let excess = abs(step) / longest;
+            step /= max(max(excess.x, excess.y), 1.0);
+            // At least to the next pixel.
+            let largest = max(abs(step.x), abs(step.y));
+            step *= max(1.0, 1.0 / max(largest, 1e-20));
+            var next = probe_after(search, here.at, step);
+            next.at = floor(next.at) + 0.5;
+            let moved = next.at - here.at;
+            let is_stuck = !next.is_inside || dot(moved, moved) == 0.0;
+            if solver == SSCR_SOLVER_BROYDEN {
+                // The least change of the slope that explains the error at the new pixel.
+                let predicted = slope.along_x * moved.x + slope.along_y * moved.y;
+                let surprise = (next.error - here.error - predicted) / max(dot(moved, moved), 1e-20);
+                slope.along_x += surprise * moved.x;
+                slope.along_y += surprise * moved.y;
+            } else {
+                slope = slope_at(search, next);
+            }
+            here = next;
+            outcome.at = here.at;
+            outcome.steps++;
+            outcome.state = select(UNCONVERGED, LOST, is_stuck || !slope.is_known);
+        }
+    }
+    return outcome;
+}
+
+fn squared_error(found: Probe) -> f32 {
+    return select(3e38, dot(found.error, found.error), found.is_inside);
+}
+
+// The simplex of Nelder and Mead 1965 on the squared error; outside of the region it is infinite.
+fn nelder_mead(search: Search, start: Start) -> Outcome {
+    var best = start.p1;
+    var middle = probe_after(search, best.at, vec2f(start.step.x, 0.0));
+    var worst = probe_after(search, best.at, vec2f(0.0, start.step.y));
+    var outcome = Outcome(best.at, UNCONVERGED, 0u);
+    while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
+        // In order of their errors.
+        if squared_error(middle) < squared_error(best) {
+            let swapped = best;
+            best = middle;
+            middle = swapped;
+        }
+        if squared_error(worst) < squared_error(middle) {
+            let swapped = middle;
+            middle = worst;
+            worst = swapped;
+        }
+        if squared_error(middle) < squared_error(best) {
+            let swapped = best;
+            best = middle;
+            middle = swapped;
+        }
+        outcome.at = best.at;
+        if max(distance(best.at, middle.at), distance(best.at, worst.at)) < 1.0 {
+            outcome.state = LOST;
+        } else {
+            let center = (best.at + middle.at) * 0.5;
+            let away = center - worst.at;
+            let reflected = probe(search, center + away);
+            var next = reflected;
+            if squared_error(reflected) < squared_error(best) {
+                let further = probe(search, center + away * 2.0);
+                if squared_error(further) < squared_error(reflected) {
+                    next = further;
+                }
+            } else if squared_error(reflected) >= squared_error(middle) {
+                let is_better = squared_error(reflected) < squared_error(worst);
+                next = probe(search, center + away * select(-0.5, 0.5, is_better));
+                if squared_error(next) >= min(squared_error(worst), squared_error(reflected)) {
+                    middle = probe(search, (best.at + middle.at) * 0.5);
+                    next = probe(search, (best.at + worst.at) * 0.5);
+                }
+            }
+            worst = next;
+            outcome.steps++;
+        }
+    }
+    let here = probe(search, floor(outcome.at) + 0.5);
+    let step = newton_step(slope_at(search, here), here.error);
+    if outcome.state == LOST && all(abs(step) <= vec2f(ROOT_REACH)) {
+        outcome.at = here.at + step;
+        outcome.state = FOUND;
+    }
+    return outcome;
+}

@@ -1,0 +1,62 @@
+// A chunk's points as a tree of oriented discs. Filled by crates/render/src/reflection/surfel_tree.rs.
+
+struct Node {
+    // xyz: f32 bits of the box's lower corner. w: the node that follows when a ray misses this one.
+    low_skip: vec4u,
+    // xyz: f32 bits of the upper corner. w: first disc << 8 | count of a leaf; INNER else.
+    high_leaf: vec4u,
+}
+const INNER: u32 = 0xffffffffu;
+
+// A chunk's tree among those of its page.
+struct TreePlace {
+    // xyz: origin of its positions relative to the eye. w: by how much boxes are widened because splats are drawn larger.
+    origin_margin: vec4f,
+    first_node: u32,
+    end_node: u32,
+    // Of its discs in the page, as of its points.
+    first_surfel: u32,
+    unused: u32,
+}
+
+// A disc is not seen from closer than this many of its radii: beside the mirror point lie the mirror's own splats.
+const SELF_DISTANCE: f32 = 4.0;
+
+struct DiscHit {
+    // Along the ray, in units of its direction; 0: missed.
+    distance: f32,
+    // Squared distance from the disc's centre over its squared radius.
+    outside: f32,
+    radius: f32,
+}
+
+// `origin` and the box are relative to the same point; `direction` has unit length. `scale`: of the radii.
+fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, direction: vec3f) -> DiscHit {
+    let extent = high - low;
+    let place = vec3f(f32(packed.x & 1023u), f32((packed.x >> 10u) & 1023u), f32(packed.x >> 20u));
+    let offset = low + place * (extent / 1023.0) - origin;
+    let radius = scale * length(extent) * exp2(f32(packed.y & 255u) / -32.0);
+    let folded = vec2f(f32((packed.y >> 8u) & 2047u), f32((packed.y >> 19u) & 2047u)) * (2.0 / 2047.0) - 1.0;
+    let z = 1.0 - abs(folded.x) - abs(folded.y);
+    let side = select(vec2f(-1.0), vec2f(1.0), folded >= vec2f(0.0));
+    // Not of unit length: only its direction matters.
+    let octahedral = vec3f(select((1.0 - abs(folded.yx)) * side, folded, z >= 0.0), z);
+    let normal = select(direction, octahedral, (packed.y & 0x40000000u) != 0u);
+    let distance = dot(normal, offset) / dot(normal, direction);
+    let across = direction * distance - offset;
+    let outside = dot(across, across) / (radius * radius);
+    // Written so that NaN (a disc seen edge-on) misses.
+    let is_hit = outside <= 1.0 && distance > SELF_DISTANCE * radius;
+    return DiscHit(select(0.0, distance, is_hit), outside, radius);
+}
+
+// Where a ray enters a box widened by `margin`; at or beyond `limit`: it misses.
+fn box_entry(low: vec3f, high: vec3f, margin: f32, origin: vec3f, inverse: vec3f, limit: f32) -> f32 {
+    let a = (low - margin - origin) * inverse;
+    let b = (high + margin - origin) * inverse;
+    let near = min(a, b);
+    let far = max(a, b);
+    let entry = max(max(near.x, near.y), max(near.z, 0.0));
+    let exit = min(min(far.x, far.y), far.z);
+    return select(limit, entry, entry <= exit && entry < limit);
+}

@@ -1,0 +1,189 @@
+// Screen-space curved reflections (Preiner 2010, sections 3.4 and 4.5): draws a region for each point and searches it for the
+// pixel that reflects the point. What is found is kept for the passes that splat it. One workgroup a block of points.
+#import blocks
+#import counters
+#import mirror_space
+#import mirror_splat
+#import region
+#import root_finding
+
+@group(2) @binding(0) var<uniform> round: Round;
+@group(2) @binding(1) var<storage, read> mirror_pixels: array<MirrorPixel>;
+@group(2) @binding(2) var<storage, read> regions: array<Region>;
+@group(2) @binding(3) var<storage, read> totals: RegionTotals;
+// By point of the page. In: where it was found last.
+@group(2) @binding(4) var<storage, read_write> solutions: array<Solution>;
+@group(2) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
+// Three words a pixel: searches that ended there, their steps, those of them that ran out of steps.
+@group(2) @binding(6) var<storage, read_write> endings: array<atomic<u32>>;
+
+// One of the regions that each point is tried in.
+struct Round {
+    index: u32,
+    // Of the random numbers.
+    seed: u32,
+}
+
+override weighted: bool = true;
+override cull: bool = false;
+override count_points: bool = true;
+override record_endings: bool = false;
+
+var<workgroup> tried: atomic<u32>;
+var<workgroup> found: atomic<u32>;
+var<workgroup> unconverged: atomic<u32>;
+
+@compute @workgroup_size(128)
+fn sscr_solve(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    splat_block(group, groups, lane);
+    if count_points {
+        workgroupBarrier();
+        if lane == 0u {
+            atomicAdd(&counters[POINTS_TRIED], atomicLoad(&tried));
+            atomicAdd(&counters[POINTS_FOUND], atomicLoad(&found));
+            atomicAdd(&counters[POINTS_UNCONVERGED], atomicLoad(&unconverged));
+        }
+    }
+}
+
+fn splat_point(item: Item, index: u32) {
+    let point = points[index];
+    let last = solutions[index];
+    var solution = Solution(0u, 0.0);
+    if totals.regions > 0u && !is_hidden(item, point) {
+        let identity = page.first_identity + index;
+        let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
+        var last_at = vec2f(-1.0);
+        var label = drawn_label(identity);
+        if seeds == SSCR_SEEDS_LAST_FRAME && last.place != 0u {
+            let at = unpack_place(last.place);
+            let last_label = label_at(at);
+            if last_label != 0u {
+                last_at = at;
+                label = last_label;
+            }
+        }
+        let region = regions[label - 1u];
+        let extent = vec2f(vec2u(region.last_x - region.first_x, region.last_y - region.first_y) + 1u);
+        let fill = f32(region.pixels) / (extent.x * extent.y);
+        let search = Search(label, vec2f(vec2u(region.first_x, region.first_y)), extent, fill, q);
+        var outcome = Outcome(vec2f(0.0), LOST, 0u);
+        // A loop of at most one turn: software rasterisers run both sides of a branch.
+        for (var turn = 0u; turn < 1u && may_reflect(region, q); turn++) {
+            var state = hash(identity ^ round.seed);
+            outcome = find_root(search, start_of(search, &state, last_at));
+        }
+        if outcome.state == FOUND {
+            solution = solution_at(item, point, q, label, outcome.at);
+        }
+        if record_endings && outcome.steps > 0u {
+            let size = vec2u(frame.width, frame.height);
+            let ended = min(vec2u(max(outcome.at, vec2f(0.0))), size - 1u);
+            let word = (ended.y * frame.width + ended.x) * 3u;
+            atomicAdd(&endings[word], 1u);
+            atomicAdd(&endings[word + 1u], outcome.steps);
+            atomicAdd(&endings[word + 2u], select(0u, 1u, outcome.state == UNCONVERGED));
+        }
+        if count_points {
+            atomicAdd(&tried, 1u);
+            atomicAdd(&found, select(0u, 1u, solution.distance > 0.0));
+            atomicAdd(&unconverged, select(0u, 1u, outcome.state == UNCONVERGED));
+        }
+    }
+    // The place of an earlier frame is kept for points that are not found now.
+    if solution.distance == 0.0 && seeds == SSCR_SEEDS_LAST_FRAME {
+        solution.place = last.place;
+    }
+    solutions[index] = solution;
+}
+
+// The label of the region that a point is tried in: by the regions' pixels and a Halton number (section 4.5.1), or in turn.
+// The paper sorts the regions by size first; drawing from the running sum is the same in any order.
+fn drawn_label(identity: u32) -> u32 {
+    if !weighted {
+        return (identity + round.index) % totals.regions + 1u;
+    }
+    // Rounds are apart by the golden ratio, which spreads any number of them evenly.
+    let number = fract(halton(identity) + f32(round.index) * 0.61803399);
+    let place = min(u32(number * f32(totals.pixels)), totals.pixels - 1u);
+    var low = 0u;
+    var high = totals.regions - 1u;
+    while low < high {
+        let middle = (low + high) / 2u;
+        if regions[middle].accumulated <= place {
+            low = middle + 1u;
+        } else {
+            high = middle;
+        }
+    }
+    return low + 1u;
+}
+
+fn label_at(at: vec2f) -> u32 {
+    let pixel = vec2u(at);
+    if pixel.x >= frame.width || pixel.y >= frame.height {
+        return 0u;
+    }
+    return mirror_pixels[pixel.y * frame.width + pixel.x].point_label.w;
+}
+
+fn probe(search: Search, at: vec2f) -> Probe {
+    let size = vec2f(f32(frame.width), f32(frame.height));
+    let is_in = all(at >= vec2f(0.0)) && all(at < size);
+    let place = vec2u(select(vec2f(0.0), at, is_in));
+    let pixel = mirror_pixels[place.y * frame.width + place.x];
+    let is_inside = is_in && pixel.point_label.w == search.label;
+    return Probe(at, mirror_space_error(pixel, frame.right.xyz, search.q), is_inside);
+}
+
+// What is kept of a root: nothing where the point lies behind the mirror, or is a point of the mirror itself beside it. The
+// paper also leaves out points that turn their back; clouds are drawn from both sides here, and so they are reflected.
+fn solution_at(item: Item, point: vec4u, q: vec3f, label: u32, at: vec2f) -> Solution {
+    if any(at < vec2f(0.0)) || label_at(at) != label {
+        return Solution(0u, 0.0);
+    }
+    let pixel = mirror_pixels[u32(at.y) * frame.width + u32(at.x)];
+    let offset = q - bitcast<vec3f>(pixel.point_label.xyz);
+    let reach = length(offset);
+    let own_radius = unpack_radius(point.w & 0xffffu);
+    let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0) * settings.splat.size;
+    if dot(offset, bitcast<vec3f>(pixel.normal_eye.xyz)) <= 0.0 || reach <= OWN_SURFACE_RADII * radius {
+        return Solution(0u, 0.0);
+    }
+    return Solution(pack_place(at), reach);
+}
+
+// Whether any ray reflected in the region may meet the point: its mirror points lie in a sphere, its reflected rays in a cone.
+fn may_reflect(region: Region, q: vec3f) -> bool {
+    if !cull {
+        return true;
+    }
+    let point_low = from_ordered3(region.point_low);
+    let point_high = from_ordered3(region.point_high);
+    let direction_low = from_ordered3(region.direction_low);
+    let direction_high = from_ordered3(region.direction_high);
+    let radius = length(point_high - point_low) * 0.5;
+    let axis = (direction_low + direction_high) * 0.5;
+    // Unit directions within this distance of the axis' tip; half a sphere of them or more rules nothing out.
+    let spread = length(direction_high - direction_low) * 0.5;
+    let offset = q - (point_low + point_high) * 0.5;
+    let reach = length(offset);
+    let sine = spread / max(length(axis), 1e-6);
+    if sine >= 1.0 || reach <= radius {
+        return true;
+    }
+    // The angle to the axis, less what the sphere of mirror points may add.
+    let angle = acos(clamp(dot(offset, axis) / (reach * length(axis)), -1.0, 1.0));
+    return angle <= asin(sine) + asin(min(radius / reach, 1.0)) + CULL_SLACK;
+}
+
+// Radians: a search ends within a few pixels of the root, and the ray of a pixel is not the last of its region.
+const CULL_SLACK: f32 = 0.05;
+
+fn from_ordered3(bits: array<u32, 3>) -> vec3f {
+    return vec3f(from_ordered(bits[0]), from_ordered(bits[1]), from_ordered(bits[2]));
+}

@@ -1,0 +1,112 @@
+// Follows the reflected eye ray of each mirror pixel through the points of a page, as oriented discs, to the nearest hit. Runs
+// once for each page; later pages start from what earlier ones found. One thread a pixel.
+#import splat
+#import surfel_tree
+#import mirror_ray
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var point_in: texture_2d<f32>;
+@group(1) @binding(1) var normal_in: texture_2d<f32>;
+@group(1) @binding(2) var eye_in: texture_2d<f32>;
+// A tree over the boxes of the page's chunks.
+@group(1) @binding(3) var<storage, read> tops: array<Node>;
+@group(1) @binding(4) var<storage, read> places: array<TreePlace>;
+@group(1) @binding(5) var<storage, read> nodes: array<Node>;
+@group(1) @binding(6) var<storage, read> surfels: array<vec2u>;
+// Index in the page of each disc's point.
+@group(1) @binding(7) var<storage, read> order: array<u32>;
+// Runs of the trees that the pixel's tile may see, `LIST_WORDS` words a tile (see beam_lists.wgsl).
+@group(1) @binding(8) var<storage, read> lists: array<u32>;
+// x: f32 bits of the key that the nearest is chosen by. y: identity of the point + 1, 0: nothing yet. z: f32 bits of the
+// distance.
+@group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
+@group(1) @binding(10) var<uniform> page: Page;
+
+// Words of a tile's list: how many runs, and a place and a node for each.
+const LIST_WORDS: u32 = 257u;
+
+// Start from the tile's list, not from the top of the tree.
+override use_lists: bool = false;
+
+struct Nearest {
+    key: f32,
+    distance: f32,
+    // Disc in the page; NONE if nothing nearer was found.
+    surfel: u32,
+}
+const NONE: u32 = 0xffffffffu;
+
+@compute @workgroup_size(8, 8)
+fn surfel_trace(@builtin(global_invocation_id) id: vec3u, @builtin(workgroup_id) tile: vec3u) {
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let point = textureLoad(point_in, id.xy, 0);
+    if point.w == 0.0 {
+        return;
+    }
+    let ray = mirror_ray(point.xyz, textureLoad(normal_in, id.xy, 0).xyz, textureLoad(eye_in, id.xy, 0).xyz);
+    let pixel = id.y * frame.width + id.x;
+    let before = hits[pixel];
+    var nearest = Nearest(3e38, 3e38, NONE);
+    if before.y != 0u {
+        nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), NONE);
+    }
+    if use_lists {
+        let list = (tile.y * ((frame.width + 7u) / 8u) + tile.x) * LIST_WORDS;
+        let count = lists[list];
+        for (var i = 0u; i < count; i++) {
+            let place = places[lists[list + 1u + i * 2u]];
+            let first = lists[list + 2u + i * 2u];
+            let end = nodes[place.first_node + first].low_skip.w;
+            nearest = through_tree(ray, place, first, end, nearest);
+        }
+    } else {
+        let top_count = tops[0].low_skip.w;
+        var i = 0u;
+        while i < top_count {
+            let top = tops[i];
+            let low = bitcast<vec3f>(top.low_skip.xyz);
+            let high = bitcast<vec3f>(top.high_leaf.xyz);
+            let entry = box_entry(low, high, 0.0, ray.origin, ray.inverse, nearest.distance);
+            i = select(top.low_skip.w, i + 1u, entry < nearest.distance);
+            if entry < nearest.distance && top.high_leaf.w != INNER {
+                let place = places[top.high_leaf.w];
+                nearest = through_tree(ray, place, 0u, place.end_node, nearest);
+            }
+        }
+    }
+    if nearest.surfel != NONE {
+        let identity = page.first_identity + order[nearest.surfel];
+        hits[pixel] = vec4u(bitcast<u32>(nearest.key), identity + 1u, bitcast<u32>(nearest.distance), 0u);
+    }
+}
+
+// Where discs overlap, the one whose centre is nearer to the ray is a little nearer: else rounding would choose.
+const CENTER_SHARE: f32 = 0.05;
+
+fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: Nearest) -> Nearest {
+    var nearest = so_far;
+    let origin = ray.origin - place.origin_margin.xyz;
+    let margin = place.origin_margin.w;
+    let scale = settings.splat.size;
+    var i = first;
+    while i < end {
+        let node = nodes[place.first_node + i];
+        let low = bitcast<vec3f>(node.low_skip.xyz);
+        let high = bitcast<vec3f>(node.high_leaf.xyz);
+        let is_met = box_entry(low, high, margin, origin, ray.inverse, nearest.distance) < nearest.distance;
+        i = select(node.low_skip.w, i + 1u, is_met);
+        let count = select(0u, node.high_leaf.w & 255u, is_met && node.high_leaf.w != INNER);
+        let first_surfel = place.first_surfel + (node.high_leaf.w >> 8u);
+        for (var k = 0u; k < count; k++) {
+            let hit = disc_hit(surfels[first_surfel + k], low, high, scale, origin, ray.direction);
+            let key = hit.distance + hit.outside * hit.radius * CENTER_SHARE;
+            if hit.distance > 0.0 && key < nearest.key {
+                nearest = Nearest(key, hit.distance, first_surfel + k);
+            }
+        }
+    }
+    return nearest;
+}
