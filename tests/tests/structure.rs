@@ -8,7 +8,7 @@ use cargo_metadata::{Metadata, MetadataCommand, Package};
 /// Which crate of the workspace may depend on which. Anyone may depend on `param`; `tests` may depend on all.
 const ARROWS: [(&str, &[&str]); 10] = [
     ("glint", &["study", "render", "stream", "scene", "codec", "cloud"]),
-    ("study", &["render", "trace", "scene", "codec"]),
+    ("study", &["render", "trace", "scene", "codec", "cloud"]),
     ("render", &["scene", "stream", "cloud"]),
     ("trace", &["scene", "cloud"]),
     ("stream", &["codec", "cloud"]),

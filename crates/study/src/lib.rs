@@ -1,0 +1,1 @@
+//! How accurate a reflection is, and what it costs.

@@ -1,0 +1,21 @@
+//! The truth: a CPU ray tracer over the same surfels the renderer draws, and over exact analytic surfaces.
+//!
+//! It judges the renderer and therefore shares no code with it. Everything that decides where a ray ends is f64, every
+//! picture is computed on all cores and is the same for any number of them.
+//!
+//! [`Surfels`] and [`Exact`] are what rays are traced in; [`PixelRays`] are the rays of a picture's pixel centres;
+//! [`reflected`] follows the eye's rays from a camera G-buffer into mirrors; [`picture`] lights what they see.
+
+mod camera;
+pub mod exact;
+mod light;
+mod ray;
+mod reflection;
+mod surfels;
+
+pub use camera::{PixelRays, Viewpoint};
+pub use exact::Exact;
+pub use light::{Lighting, direct, picture, radiance};
+pub use ray::{Geometry, Hit, Ray, SELF_DISTANCE};
+pub use reflection::{MirrorPoint, Reflection, mirrored, primary, reflected};
+pub use surfels::{Part, Surfels};

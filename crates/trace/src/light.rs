@@ -1,0 +1,193 @@
+//! Light: spot lights with shadows on Lambertian surfaces, blended with what mirrors reflect.
+//!
+//! The definition: a diffuse surface sends out albedo / pi times its irradiance. A mirror of specular intensity SI shows
+//! (1 - SI) of its diffuse light and SI of what arrives along the reflected ray; its albedo tints and Fresnel's law
+//! strengthens reflections as far as `scene::MirrorSettings` asks for. After the last bounce a mirror shows its diffuse share
+//! alone. No other light, and where a ray sees nothing there is none.
+
+use std::f64::consts::FRAC_1_PI;
+
+use cloud::Progress;
+use glam::DVec3;
+use scene::{MirrorSettings, SpotLight};
+
+use crate::reflection::in_parallel;
+use crate::{Geometry, Hit, PixelRays, Ray, mirrored};
+
+/// What lights a scene, and how far reflections are followed.
+#[derive(Clone, Copy, Debug)]
+pub struct Lighting<'a> {
+    pub lights: &'a [SpotLight],
+    /// Mirrors that a ray is followed over.
+    pub bounces: u32,
+    pub mirror: &'a MirrorSettings,
+}
+
+/// Linear red, green and blue of each pixel, row by row; none where nothing is seen. `progress` counts pixels. `None` when
+/// cancelled.
+pub fn picture(
+    geometry: &impl Geometry,
+    rays: &PixelRays,
+    lighting: &Lighting,
+    progress: &Progress,
+) -> Option<Vec<Option<DVec3>>> {
+    in_parallel(rays.pixel_count(), progress, |pixel| {
+        let ray = rays.ray(pixel);
+        geometry.nearest(&ray).map(|hit| radiance(geometry, &hit, ray.direction, lighting))
+    })
+}
+
+/// Light that a hit sends back along the ray that arrives in `direction`.
+pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, lighting: &Lighting) -> DVec3 {
+    let Lighting { lights, bounces, mirror } = *lighting;
+    let reflectance = reflectance(hit, direction, mirror);
+    let diffuse = if hit.specular_intensity < 1.0 {
+        direct(geometry, hit, lights) * (1.0 - hit.specular_intensity)
+    } else {
+        DVec3::ZERO
+    };
+    if bounces == 0 || reflectance == DVec3::ZERO {
+        return diffuse;
+    }
+    let ray = Ray::from_surface(hit.position, mirrored(direction, hit.normal).normalize());
+    let reflected = geometry
+        .nearest(&ray)
+        .map(|seen| radiance(geometry, &seen, ray.direction, &Lighting { bounces: bounces - 1, ..*lighting }));
+    diffuse + reflectance * reflected.unwrap_or(DVec3::ZERO)
+}
+
+/// Share of the light that a mirror reflects.
+fn reflectance(hit: &Hit, direction: DVec3, mirror: &MirrorSettings) -> DVec3 {
+    if hit.specular_intensity <= 0.0 {
+        return DVec3::ZERO;
+    }
+    let tint = DVec3::ONE.lerp(hit.albedo, f64::from(mirror.tint));
+    let share = DVec3::splat(hit.specular_intensity) * tint;
+    // Schlick 1994: towards 1 by the fifth power.
+    let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0).powi(5);
+    share.lerp(DVec3::ONE, f64::from(mirror.fresnel) * flatness)
+}
+
+/// Light that the lights reach a hit's diffuse part with and that it sends out, whatever share of it is diffuse.
+pub fn direct(geometry: &impl Geometry, hit: &Hit, lights: &[SpotLight]) -> DVec3 {
+    let irradiance: DVec3 = lights
+        .iter()
+        .map(|light| {
+            let to_light = light.position - hit.position;
+            let distance = to_light.length();
+            let direction = to_light / distance;
+            let cosine = direction.dot(hit.normal);
+            let intensity = intensity(light, -direction);
+            // Written so that a light right on the surface (NaN) gives none.
+            let is_lit = cosine > 0.0 && intensity != DVec3::ZERO;
+            if is_lit && !geometry.is_blocked(&Ray::from_surface(hit.position, direction), distance) {
+                intensity * (cosine / (distance * distance))
+            } else {
+                DVec3::ZERO
+            }
+        })
+        .sum();
+    hit.albedo * irradiance * FRAC_1_PI
+}
+
+/// Radiant intensity of a spot light in a direction.
+fn intensity(light: &SpotLight, direction: DVec3) -> DVec3 {
+    let axis = (light.target - light.position).normalize_or_zero();
+    let angle = axis.cross(direction).length().atan2(axis.dot(direction)).to_degrees();
+    let [inner, outer] = [light.inner_degrees, light.outer_degrees].map(f64::from);
+    let share = if angle <= inner {
+        1.0
+    } else if angle < outer {
+        (outer - angle) / (outer - inner)
+    } else {
+        0.0
+    };
+    DVec3::from(light.intensity.map(f64::from)) * share
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Exact;
+    use crate::exact::{Albedo, Object};
+    use cloud::sampling::{Placement, Surface};
+
+    const ALBEDO: [f64; 3] = [0.8, 0.4, 0.2];
+
+    /// In z = `z`, x from `x` on.
+    fn wall(x: f64, z: f64, albedo: [f64; 3], specular_intensity: f64) -> Object {
+        let surface = Surface::Rectangle { corner: DVec3::new(x, -5.0, z), edges: [DVec3::X * 10.0, DVec3::Y * 10.0] };
+        Object::new(surface, Placement::ORIGIN, Albedo::Even(albedo), specular_intensity)
+    }
+
+    /// Two above the middle of the wall in z = 0, straight down.
+    fn light() -> SpotLight {
+        SpotLight {
+            position: DVec3::Z * 2.0,
+            target: DVec3::ZERO,
+            intensity: [10.0, 20.0, 30.0],
+            inner_degrees: 20.0,
+            outer_degrees: 40.0,
+        }
+    }
+
+    fn seen_at(geometry: &Exact, x: f64) -> (Hit, DVec3) {
+        let direction = (DVec3::X * x - DVec3::new(0.5, 0.0, 1.0)).normalize();
+        (geometry.nearest(&Ray::from_eye(DVec3::new(0.5, 0.0, 1.0), direction)).unwrap(), direction)
+    }
+
+    #[test]
+    fn direct_light_on_a_wall_is_that_of_the_closed_form() {
+        let geometry = Exact::new(vec![wall(-5.0, 0.0, ALBEDO, 0.0)]);
+        for degrees in [0.0_f64, 10.0, 19.9, 25.0, 30.0, 39.0, 41.0, 60.0] {
+            let angle = degrees.to_radians();
+            let (hit, _) = seen_at(&geometry, 2.0 * angle.tan());
+            let falloff = ((40.0 - degrees) / 20.0).clamp(0.0, 1.0);
+            // E = I cos / (h / cos)^2.
+            let irradiance = DVec3::new(10.0, 20.0, 30.0) * falloff * angle.cos().powi(3) / 4.0;
+            let expected = DVec3::from(ALBEDO) * irradiance / std::f64::consts::PI;
+            let found = direct(&geometry, &hit, &[light()]);
+            assert!(found.distance(expected) < 1e-12, "{degrees} degrees: {found} instead of {expected}");
+        }
+    }
+
+    #[test]
+    fn light_is_stopped_by_what_stands_in_between_and_shines_on_one_side() {
+        // Shades x > 0.2 of the plane z = 1, so x > 0.4 of the wall.
+        let geometry = Exact::new(vec![wall(-5.0, 0.0, ALBEDO, 0.0), wall(0.2, 1.5, ALBEDO, 0.0)]);
+        let at = |x: f64| {
+            let (hit, _) = seen_at(&geometry, x);
+            direct(&geometry, &hit, &[light()])
+        };
+        assert!(at(0.39).x > 0.0 && at(0.81).x == 0.0);
+        let (hit, _) = seen_at(&geometry, 0.1);
+        assert_eq!(direct(&geometry, &Hit { normal: -hit.normal, ..hit }, &[light()]), DVec3::ZERO);
+    }
+
+    #[test]
+    fn a_mirror_shows_its_share_of_the_reflected_light() {
+        // The mirror at z = 0 reflects the wall at z = 3, which the light cannot reach, and one beyond it that shines on it.
+        let grey = [0.5; 3];
+        let up = SpotLight { target: DVec3::Z * 3.0, ..light() };
+        let geometry = Exact::new(vec![wall(-5.0, 0.0, grey, 0.6), wall(-5.0, 3.0, ALBEDO, 0.0)]);
+        let settings = MirrorSettings::default();
+        let lights = [up, light()];
+        let lighting = |bounces, mirror| Lighting { lights: &lights, bounces, mirror };
+        let (hit, direction) = seen_at(&geometry, 0.3);
+        let own = direct(&geometry, &hit, &lights) * 0.4;
+        assert!(own.x > 0.0);
+        assert_eq!(radiance(&geometry, &hit, direction, &lighting(0, &settings)), own);
+        let wall = geometry.nearest(&Ray::from_surface(hit.position, mirrored(direction, DVec3::Z))).unwrap();
+        assert!((wall.position.z - 3.0).abs() < 1e-12);
+        let reflected = direct(&geometry, &wall, &lights);
+        let found = radiance(&geometry, &hit, direction, &lighting(1, &settings));
+        assert!(found.distance(own + 0.6 * reflected) < 1e-12 && reflected.x > 0.0);
+        let tinted = MirrorSettings { tint: 1.0, ..settings.clone() };
+        let found = radiance(&geometry, &hit, direction, &lighting(1, &tinted));
+        assert!(found.distance(own + 0.6 * 0.5 * reflected) < 1e-12);
+        let fresnel = MirrorSettings { fresnel: 1.0, ..settings.clone() };
+        let share = 0.6 + 0.4 * (1.0 + direction.z).powi(5);
+        let found = radiance(&geometry, &hit, direction, &lighting(1, &fresnel));
+        assert!(found.distance(own + share * reflected) < 1e-12);
+    }
+}
