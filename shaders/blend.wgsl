@@ -10,7 +10,7 @@
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var position_in: texture_2d<f32>;
-// xyz: the mirror point that sees the surface.
+// xyz: the mirror point that sees the surface, w: its specular intensity, 0 where there is no mirror.
 @group(1) @binding(3) var from_in: texture_2d<f32>;
 @group(1) @binding(4) var radiance_in: texture_2d<f32>;
 // w: coverage of what is reflected.
@@ -23,7 +23,7 @@ override has_reflection: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn blend(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height {
+    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id.xy, 0).w == 0.0) {
         return;
     }
     var color = textureLoad(radiance_in, id.xy, 0).rgb;

@@ -25,17 +25,15 @@
 
 @compute @workgroup_size(8, 8)
 fn gather_resolve(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height {
+    // Nothing reads the Mirror G-Buffer where there is no mirror.
+    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id.xy, 0).w == 0.0 {
         return;
     }
     var albedo = vec4f(0.0);
     var normal = vec4f(0.0);
     var position = vec4f(0.0);
     let point = textureLoad(point_in, id.xy, 0);
-    var hit = vec4u(0u);
-    if point.w > 0.0 {
-        hit = hits[id.y * frame.width + id.x];
-    }
+    let hit = hits[id.y * frame.width + id.x];
     var is_ours = page.is_first == 1u;
     if hit.y != 0u {
         // Wraps below the page's first identity, which the comparison then refuses.

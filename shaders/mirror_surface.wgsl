@@ -8,7 +8,7 @@
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 // xyz: relative to the eye, w: coverage.
 @group(1) @binding(1) var position_in: texture_2d<f32>;
-// xyz: mirror points of the bounce before.
+// xyz: mirror points of the bounce before, w: 0 where there is no mirror.
 @group(1) @binding(2) var from_in: texture_2d<f32>;
 // xyz: mirror point, w: specular intensity, 0 where there is no mirror.
 @group(1) @binding(3) var point_out: texture_storage_2d<rgba32float, write>;
@@ -24,7 +24,9 @@ fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let position = textureLoad(position_in, id.xy, 0);
-    let intensity = select(0.0, textureLoad(albedo_in, id.xy, 0).a, position.w > 0.0);
+    // Beyond the first bounce, only where the mirror before it saw something is there a surface.
+    let is_seen = position.w > 0.0 && (from_camera || textureLoad(from_in, id.xy, 0).w > 0.0);
+    let intensity = select(0.0, textureLoad(albedo_in, id.xy, 0).a, is_seen);
     var eye = vec4f(0.0);
     if from_camera {
         eye.w = dot(position.xyz, frame.forward.xyz);

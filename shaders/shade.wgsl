@@ -11,7 +11,7 @@
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 // xyz: relative to the eye, w: coverage.
 @group(1) @binding(2) var position_in: texture_2d<f32>;
-// xyz: the mirror point that sees the surface.
+// xyz: the mirror point that sees the surface, w: its specular intensity, 0 where there is no mirror.
 @group(1) @binding(3) var from_in: texture_2d<f32>;
 @group(1) @binding(4) var<storage, read> lights: array<SpotLight>;
 // SHADOW_SIZE squared a light; y: nearness of the nearest point, 0 where there is none.
@@ -27,7 +27,7 @@ override light_count: u32 = 0u;
 
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height {
+    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id.xy, 0).w == 0.0) {
         return;
     }
     let position = textureLoad(position_in, id.xy, 0);

@@ -23,9 +23,6 @@
 @group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
 @group(1) @binding(10) var<uniform> page: Page;
 
-// Words of a tile's list: how many runs, and a place and a node for each.
-const LIST_WORDS: u32 = 257u;
-
 // Start from the tile's list, not from the top of the tree.
 override use_lists: bool = false;
 
@@ -53,9 +50,12 @@ fn surfel_trace(@builtin(global_invocation_id) id: vec3u, @builtin(workgroup_id)
     if before.y != 0u {
         nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), NONE);
     }
+    let list = (tile.y * ((frame.width + 7u) / 8u) + tile.x) * LIST_WORDS;
+    var count = LIST_IS_FULL;
     if use_lists {
-        let list = (tile.y * ((frame.width + 7u) / 8u) + tile.x) * LIST_WORDS;
-        let count = lists[list];
+        count = lists[list];
+    }
+    if count != LIST_IS_FULL {
         for (var i = 0u; i < count; i++) {
             let place = places[lists[list + 1u + i * 2u]];
             let first = lists[list + 2u + i * 2u];

@@ -5,3 +5,5 @@ const CLOSED_PIXELS: u32 = 2u;
 const POINTS_TRIED: u32 = 3u;
 const POINTS_FOUND: u32 = 4u;
 const REGIONS: u32 = 5u;
+// Those of the points tried whose search ran out of steps.
+const POINTS_UNCONVERGED: u32 = 6u;

@@ -109,6 +109,7 @@ struct Sscr {
     initial_step: f32,
     max_steps: u32,
     threshold: f32,
+    stop: u32,
     max_splat_size: f32,
     mirror_z_far: f32,
     mirror_depth_offset: f32,
@@ -124,6 +125,8 @@ struct Sscr {
     cull_blocks: u32,
     per_region: u32,
 }
+const SSCR_STOP_STEP: u32 = 0u;
+const SSCR_STOP_PAIR: u32 = 1u;
 const SSCR_DISTRIBUTION_WEIGHTED: u32 = 0u;
 const SSCR_DISTRIBUTION_EQUAL: u32 = 1u;
 const SSCR_VISIBILITY_NEAREST: u32 = 0u;

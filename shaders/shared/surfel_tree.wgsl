@@ -19,6 +19,11 @@ struct TreePlace {
     unused: u32,
 }
 
+// A tile's list of runs of nodes: how many, then a place and a node for each.
+const LIST_RUNS: u32 = 128u;
+const LIST_WORDS: u32 = 257u;
+const LIST_IS_FULL: u32 = 0xffffffffu;
+
 // A disc is not seen from closer than this many of its radii: beside the mirror point lie the mirror's own splats.
 const SELF_DISTANCE: f32 = 4.0;
 

@@ -90,6 +90,7 @@ fn store(gpu: &Arc<Gpu>, variant: Variant, settings: &Settings) -> PointStore {
             specular_intensity: mirror.specular_intensity,
             specular_power: mirror.specular_power,
             has_formula: true,
+            as_points: mirror.as_points,
         });
         let id = store.add_cloud(material);
         let ids: Vec<_> =

@@ -70,10 +70,13 @@ impl Lights {
             self.shadows = storage(&recorder.gpu.device, "shadows", bytes);
         }
         recorder.clear(&self.shadows);
+        // Light must not leak between splats: each is at least three texels wide.
+        let mut wide = settings.clone();
+        wide.splat.min_pixels = wide.splat.min_pixels.max(3.0);
         for (index, light) in lights.iter().enumerate() {
             let camera = shadow_camera(light);
-            let list = store.draw_list(&camera, &settings.splat, Selection::Seen { by_formula: true });
-            let inputs = Inputs::new(recorder.gpu, camera, settings, store, &list);
+            let list = store.draw_list(&camera, &wide, Selection::SeenWithMirrors);
+            let inputs = Inputs::new(recorder.gpu, camera, &wide, store, &list);
             let map = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                 buffer: &self.shadows,
                 offset: SHADOW_BYTES * index as u64,

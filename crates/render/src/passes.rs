@@ -43,12 +43,36 @@ pub const CLOSE_GAPS: Pass = Pass {
     name: "close_gaps",
     groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
 };
+pub const MIRROR_EXACT: Pass = Pass {
+    name: "mirror_exact",
+    groups: &[FRAME, &[Texture, Texture, Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
+};
+pub const MIRROR_EXACT_SEEN: Pass = Pass {
+    name: "mirror_exact_seen",
+    groups: &[
+        FRAME,
+        &[
+            Texture,
+            Texture,
+            Texture,
+            Read,
+            Texture,
+            Texture,
+            Texture,
+            Write(Rgba16Float),
+            Write(Rgba32Float),
+            Write(Rgba32Float),
+        ],
+    ],
+};
 pub const CAMERA_POSITION: Pass = Pass { name: "camera_position", groups: &[FRAME, &[Texture, Write(Rgba32Float)]] };
 pub const MIRROR_SURFACE: Pass = Pass {
     name: "mirror_surface",
     groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba32Float), Write(Rgba32Float)]],
 };
 pub const MIRROR_COUNT: Pass = Pass { name: "mirror_count", groups: &[FRAME, &[Texture, Texture, ReadWrite]] };
+pub const BEAM_LISTS: Pass =
+    Pass { name: "beam_lists", groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, ReadWrite]] };
 pub const SURFEL_TRACE: Pass = Pass {
     name: "surfel_trace",
     groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, Read, Read, Read, ReadWrite, Uniform]],
@@ -60,6 +84,38 @@ pub const GATHER_RESOLVE: Pass = Pass {
         PAGE,
         &[Texture, Texture, Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)],
     ],
+};
+pub const CURVATURE: Pass = Pass { name: "curvature", groups: &[FRAME, &[Texture, Texture, Texture, ReadWrite]] };
+pub const CURVATURE_SMOOTH: Pass = Pass { name: "curvature_smooth", groups: &[FRAME, &[ReadWrite]] };
+pub const LABEL_START: Pass = Pass { name: "label_start", groups: &[FRAME, &[Read, ReadWrite, ReadWrite]] };
+pub const LABEL_JOIN: Pass = Pass { name: "label_join", groups: &[FRAME, &[ReadWrite]] };
+pub const LABEL_FLATTEN: Pass = Pass { name: "label_flatten", groups: &[FRAME, &[ReadWrite, ReadWrite]] };
+pub const REGION_COUNT: Pass = Pass { name: "region_count", groups: &[FRAME, &[Read, Read, ReadWrite]] };
+pub const REGION_SCAN: Pass = Pass { name: "region_scan", groups: &[FRAME, &[ReadWrite, ReadWrite, ReadWrite]] };
+pub const REGION_NUMBER: Pass = Pass { name: "region_number", groups: &[FRAME, &[Read, ReadWrite, Read, ReadWrite]] };
+pub const REGION_ASSIGN: Pass =
+    Pass { name: "region_assign", groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, ReadWrite, ReadWrite]] };
+pub const SSCR_SOLVE: Pass =
+    Pass { name: "sscr_solve", groups: &[FRAME, PAGE, &[Uniform, Read, Read, Read, ReadWrite, ReadWrite, ReadWrite]] };
+pub const SSCR_VIEWS: Pass = Pass { name: "sscr_views", groups: &[FRAME, &[Read, Read, Read, Write(Rgba32Float)]] };
+pub const MIRROR_DEPTH: Pass = Pass { name: "mirror_depth", groups: &[FRAME, PAGE, &[Read, Texture, ReadWrite]] };
+pub const MIRROR_VISIBILITY: Pass =
+    Pass { name: "mirror_visibility", groups: &[FRAME, PAGE, &[Read, Texture, Read, ReadWrite, ReadWrite]] };
+pub const MIRROR_AVERAGE: Pass = Pass {
+    name: "mirror_average",
+    groups: &[FRAME, &[Texture, Read, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
+};
+pub const PULL: Pass = Pass {
+    name: "pull",
+    groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
+};
+pub const PUSH: Pass = Pass {
+    name: "push",
+    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
+};
+pub const GATHER_CLOSE: Pass = Pass {
+    name: "gather_close",
+    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
 };
 pub const SHADE: Pass =
     Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Read, Read, Write(Rgba16Float)]] };
@@ -79,11 +135,31 @@ pub const ALL: &[&Pass] = &[
     &SPLAT_AVERAGE,
     &SPLAT_RESOLVE,
     &CLOSE_GAPS,
+    &MIRROR_EXACT,
+    &MIRROR_EXACT_SEEN,
     &CAMERA_POSITION,
     &MIRROR_SURFACE,
     &MIRROR_COUNT,
+    &BEAM_LISTS,
     &SURFEL_TRACE,
     &GATHER_RESOLVE,
+    &CURVATURE,
+    &CURVATURE_SMOOTH,
+    &LABEL_START,
+    &LABEL_JOIN,
+    &LABEL_FLATTEN,
+    &REGION_COUNT,
+    &REGION_SCAN,
+    &REGION_NUMBER,
+    &REGION_ASSIGN,
+    &SSCR_SOLVE,
+    &SSCR_VIEWS,
+    &MIRROR_DEPTH,
+    &MIRROR_VISIBILITY,
+    &MIRROR_AVERAGE,
+    &PULL,
+    &PUSH,
+    &GATHER_CLOSE,
     &SHADE,
     &BLEND,
     &PRESENT,

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::time::Instant;
 
 use crate::gpu::{Clock, Error, Gpu, Result};
-use crate::inputs::Inputs;
+use crate::inputs::{Inputs, PageInputs};
 use crate::passes::{Compiled, Pass};
 
 /// Time of one pass.
@@ -99,16 +99,31 @@ impl<'a> Recorder<'a> {
         inputs: &Inputs,
         outputs: &[wgpu::BindingResource<'_>],
     ) -> Result<()> {
+        self.over_points_by_page(pass, switches, inputs, |_| Some(outputs.to_vec()))
+    }
+
+    /// Runs a pass over the blocks of each page of points; `outputs` gives the page's group 2, or leaves the page out. The
+    /// pass imports `blocks`.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over_points_by_page<'r>(
+        &mut self,
+        pass: &Pass,
+        switches: Switches<'_>,
+        inputs: &'r Inputs,
+        outputs: impl Fn(&PageInputs) -> Option<Vec<wgpu::BindingResource<'r>>>,
+    ) -> Result<()> {
         let lists = inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list)));
-        let dispatches = lists.map(|(page, list)| {
+        let dispatches = lists.filter_map(|(page, list)| {
             let mut switches = switches.to_vec();
             switches.push(("pixels_only", u32::from(list.pixels_only)));
             switches.push(("filter_classes", u32::from(inputs.filter_classes)));
             // At most 65,535 groups a dimension.
             let x = list.block_count.clamp(1, 32_768);
-            let page = inputs.page_resources(page, &list.page, &list.blocks).to_vec();
-            let bound = vec![inputs.frame_resources().to_vec(), page, outputs.to_vec()];
-            (switches, bound, [x, list.block_count.div_ceil(x), 1])
+            let resources = inputs.page_resources(page, &list.page, &list.blocks).to_vec();
+            let bound = vec![inputs.frame_resources().to_vec(), resources, outputs(page)?];
+            Some((switches, bound, [x, list.block_count.div_ceil(x), 1]))
         });
         let dispatches = dispatches.collect();
         self.dispatch(pass, dispatches)

@@ -12,7 +12,7 @@ use crate::inputs::Inputs;
 use crate::lighting::{Lights, MOST_LIGHTS};
 use crate::passes::{self, Pass};
 use crate::recorder::{PassTime, Pipelines, Recorder};
-use crate::reflection::{ReflectionStats, Reflections, SurfaceImages};
+use crate::reflection::{self, ReflectionStats, Reflections, SurfaceImages};
 use crate::store::{ChunkId, CloudId, DrawList, PointStore, Selection};
 use crate::targets::{Image, Targets, storage};
 
@@ -157,7 +157,7 @@ impl Renderer {
         let is_kept = settings.reflection.keep && self.kept.as_ref() == Some(&asks);
         // Half a frame must not be kept if an error leaves it so.
         self.kept = None;
-        let points_drawn = store.draw_list(&frame_camera, &settings.splat, Selection::Seen { by_formula: true });
+        let points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
 
         let Self { gpu, targets, reflections, .. } = self;
         let (Some(targets), Some(reflections)) = (targets, reflections) else { return Err(nothing_rendered()) };
@@ -166,15 +166,16 @@ impl Renderer {
         let list = if is_kept { &nothing } else { &points_drawn };
         let inputs = Inputs::new(gpu, frame_camera, settings, store, list);
         if !is_kept {
-            draw_surface(&mut recorder, &inputs, settings, targets, atomics64)?;
+            let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
+            draw_surface(&mut recorder, &inputs, settings, targets, formulas.as_ref(), atomics64)?;
             let camera_surface = SurfaceImages {
                 albedo: &targets.surfaces[targets.shown].albedo,
                 normal: &targets.surfaces[targets.shown].normal,
                 position: &targets.position,
             };
-            let everything = store.draw_list(&frame_camera, &settings.splat, Selection::Everything);
-            let supply = Inputs::new(gpu, frame_camera, settings, store, &everything);
-            reflections.find(&mut recorder, &supply, settings, store, camera_surface)?;
+            let everywhere = store.draw_list(&frame_camera, settings, reflection::supply(settings));
+            let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
+            reflections.find(&mut recorder, &supply, settings, store, formulas.as_ref(), camera_surface)?;
         }
         self.lights.upload(gpu, lights, frame_camera.eye);
         let shadows = (store.revision(), settings.splat.clone(), lights.to_vec());
@@ -241,14 +242,19 @@ impl Renderer {
             Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.seen.position)?),
             _ => Vec::new(),
         };
+        let mirror = match aov {
+            Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.mirror.point)?),
+            _ => Vec::new(),
+        };
+        let is_mirror = |pixel: usize| mirror[pixel * 4 + 3] > 0.0;
         let width = targets.size[0] as usize;
         let channels = aov.channels();
         let mut data = Vec::with_capacity(depth.len() * channels.len());
         for (pixel, &depth) in depth.iter().enumerate() {
             let four = || &per_pixel[pixel * 4..pixel * 4 + 4];
             let is_empty = match aov {
-                Aov::MirrorPosition => four()[3] == 0.0,
-                Aov::MirrorAlbedo | Aov::MirrorNormal => coverage[pixel * 4 + 3] == 0.0,
+                Aov::MirrorPosition => !is_mirror(pixel) || four()[3] == 0.0,
+                Aov::MirrorAlbedo | Aov::MirrorNormal => !is_mirror(pixel) || coverage[pixel * 4 + 3] == 0.0,
                 _ => depth == 0.0,
             };
             if is_empty {
@@ -353,6 +359,7 @@ fn draw_surface(
     inputs: &Inputs,
     settings: &Settings,
     targets: &mut Targets,
+    formulas: Option<&wgpu::Buffer>,
     atomics64: bool,
 ) -> Result<()> {
     recorder.clear(&targets.nearest);
@@ -385,6 +392,13 @@ fn draw_surface(
         let resources: Vec<_> = splatted.into_iter().chain(targets.surfaces[1].bind()).collect();
         recorder.over_pixels(&passes::CLOSE_GAPS, &[], inputs, &resources)?;
         targets.shown = 1;
+    }
+    if let Some(formulas) = formulas {
+        let mut resources = targets.surface().bind().to_vec();
+        resources.push(formulas.as_entire_binding());
+        resources.extend(targets.surfaces[1 - targets.shown].bind());
+        recorder.over_pixels(&passes::MIRROR_EXACT, &[], inputs, &resources)?;
+        targets.shown = 1 - targets.shown;
     }
     let resources = [targets.surface().depth.bind(), targets.position.bind()];
     recorder.over_pixels(&passes::CAMERA_POSITION, &[], inputs, &resources)

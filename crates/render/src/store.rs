@@ -8,11 +8,12 @@ use std::sync::Arc;
 
 use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, unpack_radius};
 use glam::{DVec3, Vec3};
-use scene::{Ramp, Splat};
+use scene::{Ramp, Settings, Splat};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
 use crate::frame::{Block, FrameCamera, Item};
 use crate::gpu::{Error, Gpu, Result};
+use crate::reflection::is_exact;
 
 /// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
 const BLOCK_POINTS: u32 = 1024;
@@ -39,15 +40,21 @@ pub struct Material {
     pub specular_power: f32,
     /// Samples of a mirror that the renderer may also draw by its formula.
     pub has_formula: bool,
+    /// Drawn as these samples unless `mirror.surface` asks for the formula.
+    pub as_points: bool,
 }
 
 /// Which chunks a frame takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Selection {
-    /// What may be in the picture; samples of mirrors with a formula only if `by_formula`.
-    Seen { by_formula: bool },
-    /// All that is visible, wherever the camera looks: what may be seen by reflection.
-    Everything,
+    /// What may be in the picture, but for mirrors that are drawn by their formula.
+    Seen,
+    /// What may be in the picture.
+    SeenWithMirrors,
+    /// All that is visible, wherever the camera looks, but for mirrors that are drawn by their formula.
+    Everywhere,
+    /// All that is visible, wherever the camera looks.
+    EverywhereWithMirrors,
 }
 
 struct PageBuffers {
@@ -379,7 +386,7 @@ impl PointStore {
         }
     }
 
-    /// A chunk of the draw list `Selection::Everything`, for an index over its points.
+    /// A chunk, for an index over its points.
     pub(crate) fn placed(&self, id: ChunkId) -> Option<PlacedChunk<'_>> {
         let chunk = self.chunks.get(&id)?;
         let cloud = self.clouds.get(&chunk.cloud)?;
@@ -435,7 +442,10 @@ impl PointStore {
     }
 
     /// What a frame draws of the visible clouds.
-    pub(crate) fn draw_list(&self, camera: &FrameCamera, splat: &Splat, selection: Selection) -> DrawList {
+    pub(crate) fn draw_list(&self, camera: &FrameCamera, settings: &Settings, selection: Selection) -> DrawList {
+        let splat = &settings.splat;
+        let asks_where_seen = matches!(selection, Selection::Seen | Selection::SeenWithMirrors);
+        let with_mirrors = matches!(selection, Selection::SeenWithMirrors | Selection::EverywhereWithMirrors);
         let mut cloud_ids: Vec<CloudId> = self.clouds.keys().copied().collect();
         cloud_ids.sort();
         let class_masks: Vec<u32> = cloud_ids.iter().flat_map(|id| self.clouds[id].class_mask).collect();
@@ -460,14 +470,9 @@ impl PointStore {
             // Splats reach beyond their points.
             let reach = chunk.largest_radius(cloud, splat);
             let margin = f64::from(splat.min_pixels) * 0.5;
-            let is_taken = match selection {
-                Selection::Everything => true,
-                Selection::Seen { by_formula } => {
-                    (by_formula || !cloud.material.has_formula)
-                        && camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin)
-                }
-            };
-            if !cloud.visible || chunk.bounds.is_empty() || !is_taken {
+            let is_seen = !asks_where_seen || camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin);
+            let by_formula = cloud.material.has_formula && is_exact(settings, cloud.material.as_points);
+            if !cloud.visible || chunk.bounds.is_empty() || !is_seen || (by_formula && !with_mirrors) {
                 continue;
             }
             let mask = cloud_ids.binary_search(&chunk.cloud).unwrap_or_default() as u32 * 8;
@@ -475,8 +480,7 @@ impl PointStore {
             items.push(self.item(chunk, cloud, camera, mask));
             chunk_ids.push(*id);
             points += chunk.range.len() as u64;
-            let is_seen = selection != Selection::Everything;
-            let kind = usize::from(is_seen && chunk.is_of_single_pixels(cloud, camera, splat));
+            let kind = usize::from(asks_where_seen && chunk.is_of_single_pixels(cloud, camera, splat));
             for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
                 let count = BLOCK_POINTS.min(chunk.range.end - first);
                 let page = &mut pages[chunk.page];

@@ -63,6 +63,10 @@ choices! {
     pub enum Visibility { Nearest = "nearest", Accumulated = "accumulated" }
 }
 choices! {
+    /// What gives up the search for a point's mirror pixel.
+    pub enum Stop { Step = "step", Pair = "pair" }
+}
+choices! {
     /// What finds the mirror pixel of a point.
     pub enum Solver {
         Interleaved = "interleaved", Newton = "newton", Broyden = "broyden", NelderMead = "nelder-mead",
@@ -163,7 +167,7 @@ params! {
 
     /// Screen-space curved reflections (Preiner 2010).
     pub struct Sscr = "sscr" {
-        /// Pairs of start pixels that are tried when the first gives no bracket.
+        /// Further random start pixels that are tried where one lies outside of its region.
         seed_attempts: u32 = 6, 0..=16, "attempts";
         /// Halvings that are tried for a step that leaves the region.
         step_attempts: u32 = 6, 0..=16, "attempts";
@@ -173,14 +177,16 @@ params! {
         max_steps: u32 = 30, 1..=100, "steps";
         /// Distance of the two pixels of a bracket at which its root is interpolated.
         threshold: f32 = 2.0, 1.0..=16.0, "pixels";
+        /// What gives a point up before that: steps under half a pixel (the paper's text), or also a pair of pixels within the threshold that is no bracket (its listing).
+        stop: Stop = Stop::Step;
         /// Diameter of a point's splat on the mirror when it touches it.
-        max_splat_size: f32 = 6.0, 1.0..=32.0, "pixels";
+        max_splat_size: f32 = 3.0, 1.0..=32.0, "pixels";
         /// Distance from the mirror at which splats have shrunk to one pixel, in scene radii.
         mirror_z_far: f32 = 1.0, 0.01..=10.0, "radii";
         /// How far behind the nearest reflected point of a pixel others still count, in scene radii.
         mirror_depth_offset: f32 = 0.02, 0.0..=1.0, "radii";
         /// Levels of the pull-push pyramid that closes holes.
-        pull_levels: u32 = 3, 0..=4, "levels";
+        pull_levels: u32 = 4, 0..=4, "levels";
         /// Change of the normal from pixel to pixel below which the mirror counts as planar.
         planar_normal_threshold: f32 = 0.0005, 0.0..=0.1, "";
         /// Change of linear depth from pixel to pixel that parts regions, relative to the depth.
@@ -197,9 +203,9 @@ params! {
         seeds: Seeds = Seeds::Random;
         /// Regions that each point is tried in.
         regions_per_point: u32 = 1, 1..=16, "regions";
-        /// Leave out blocks of points that can be reflected nowhere.
+        /// Leave out points that the region drawn for them cannot reflect, by bounds of its reflected rays.
         cull_blocks: bool = false;
-        /// Choose the first step and the start pairs by each region's size and curvature.
+        /// Choose the first step and the number of start pixels by each region's size and shape.
         per_region: bool = false;
     }
 

@@ -1,7 +1,7 @@
 //! What methods share that follow the reflected ray of each mirror pixel: the nearest hit of each pixel, and the Mirror G-Buffer
 //! made of it.
 
-use super::Task;
+use super::{MirrorGBuffer, Task};
 use crate::gpu::Result;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -11,19 +11,26 @@ use crate::targets::storage;
 pub(crate) struct Gather {
     /// Four words a pixel; see shaders/surfel_trace.wgsl.
     pub hits: wgpu::Buffer,
+    /// As found, and half closed.
+    found: [MirrorGBuffer; 2],
 }
 
 impl Gather {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
-        Self { hits: storage(device, "hits", u64::from(size[0]) * u64::from(size[1]) * 16) }
+        let hits = storage(device, "hits", u64::from(size[0]) * u64::from(size[1]) * 16);
+        Self { hits, found: [MirrorGBuffer::new(device, size), MirrorGBuffer::new(device, size)] }
     }
 
-    /// Fills the Mirror G-Buffer from the hits.
+    /// Fills the Mirror G-Buffer from the hits, and closes pixels whose ray slipped between discs.
     ///
     /// # Errors
     /// A shader is refused.
     pub fn resolve(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
-        let [albedo, normal, position] = task.seen.bind();
+        // Each step reads what the one before wrote; the last writes the Mirror G-Buffer itself.
+        let closings = if task.settings.splat.close_gaps { 2 } else { 0 };
+        let steps = closings + usize::from(task.formulas.is_some());
+        let images = |step: usize| if step == steps { task.seen } else { &self.found[step % 2] };
+        let [albedo, normal, position] = images(0).bind();
         let outputs = [
             task.mirror.point.bind(),
             task.normal.bind(),
@@ -33,6 +40,22 @@ impl Gather {
             normal,
             position,
         ];
-        recorder.over_page_pixels(&passes::GATHER_RESOLVE, task.supply, &outputs)
+        recorder.over_page_pixels(&passes::GATHER_RESOLVE, task.supply, &outputs)?;
+        for step in 0..closings {
+            let mut resources = vec![task.mirror.point.bind()];
+            resources.extend(images(step).bind().into_iter().chain(images(step + 1).bind()));
+            recorder.over_pixels(&passes::GATHER_CLOSE, &[], task.supply, &resources)?;
+        }
+        if let Some(formulas) = task.formulas {
+            let mut resources = vec![
+                task.mirror.point.bind(),
+                task.normal.bind(),
+                task.mirror.eye.bind(),
+                formulas.as_entire_binding(),
+            ];
+            resources.extend(images(closings).bind().into_iter().chain(task.seen.bind()));
+            recorder.over_pixels(&passes::MIRROR_EXACT_SEEN, &[], task.supply, &resources)?;
+        }
+        Ok(())
     }
 }

@@ -5,21 +5,27 @@
 //! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
 //! `gather`. To add a method: a module with a `run` function, its shaders, and a line in `Methods::run`.
 
+mod formula;
+mod forward;
 mod gather;
+mod sscr;
 mod surfel_index;
 mod surfel_trace;
 mod surfel_tree;
 
 use scene::{Method, Settings};
 
+pub(crate) use formula::{is_exact, upload};
+use forward::Forward;
 use gather::Gather;
+use sscr::Sscr;
 use surfel_index::SurfelIndex;
 
 use crate::gpu::{Error, Result};
 use crate::inputs::Inputs;
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::store::PointStore;
+use crate::store::{PointStore, Selection};
 use crate::targets::{Image, storage};
 
 /// The mirror pixels of one bounce, as the methods see them. All images are picture-sized.
@@ -134,6 +140,8 @@ pub(crate) struct Task<'a> {
     /// xyz: unit normal towards where the ray came from. w: specular power.
     pub normal: &'a Image,
     pub seen: &'a MirrorGBuffer,
+    /// Mirrors that are drawn by their formula.
+    pub formulas: Option<&'a wgpu::Buffer>,
     /// `COUNTERS` words, counted up by the methods, read when the frame is done.
     pub counters: &'a wgpu::Buffer,
 }
@@ -144,6 +152,8 @@ struct Methods {
     size: [u32; 2],
     index: SurfelIndex,
     gather: Option<Gather>,
+    forward: Option<Forward>,
+    sscr: Option<Sscr>,
 }
 
 impl Methods {
@@ -153,15 +163,38 @@ impl Methods {
         let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
         match method {
             Method::None | Method::Auto => Ok(()),
-            Method::SurfelTrace => surfel_trace::run(recorder, &mut self.index, gather, task),
-            Method::Sscr | Method::SscrHierarchical => Ok(()),
+            Method::SurfelTrace => surfel_trace::run(recorder, &mut self.index, gather, task, false),
+            Method::SscrHierarchical => surfel_trace::run(recorder, &mut self.index, gather, task, true),
+            Method::Sscr => {
+                let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
+                let sscr = made(&mut self.sscr, || Sscr::new(recorder.gpu, self.size))?;
+                sscr.run(recorder, forward, task)
+            }
         }
     }
+}
+
+/// What is in `place`, made if it is empty.
+fn made<T>(place: &mut Option<T>, make: impl FnOnce() -> Result<T>) -> Result<&mut T> {
+    let value = match place.take() {
+        Some(value) => value,
+        None => make()?,
+    };
+    Ok(place.insert(value))
 }
 
 /// What `auto` stands for.
 fn chosen(method: Method) -> Method {
     if method == Method::Auto { Method::SscrHierarchical } else { method }
+}
+
+/// What a frame's method needs of the points. Forward methods see mirrors only by their samples; gather methods meet the
+/// formula where there is one.
+pub(crate) fn supply(settings: &Settings) -> Selection {
+    match chosen(settings.reflection.method) {
+        Method::Sscr => Selection::EverywhereWithMirrors,
+        _ => Selection::Everywhere,
+    }
 }
 
 /// The bounces of a frame and what finds them.
@@ -195,6 +228,7 @@ impl Reflections {
         supply: &Inputs,
         settings: &Settings,
         store: &PointStore,
+        formulas: Option<&wgpu::Buffer>,
         camera: SurfaceImages<'_>,
     ) -> Result<()> {
         let method = chosen(settings.reflection.method);
@@ -227,6 +261,7 @@ impl Reflections {
                 mirror: &bounce.mirror,
                 normal: surface.normal,
                 seen: &bounce.seen,
+                formulas,
                 counters: &self.counters,
             };
             self.methods.run(recorder, method, &task)?;

@@ -1,0 +1,67 @@
+//! Mirrors that are drawn by their formula, a ray a pixel: which, and what the shaders are told of them.
+
+use glam::{DMat3, DVec3, Vec4};
+use scene::{Mirror, MirrorSurface, Settings, Shape};
+
+use crate::gpu::Gpu;
+use crate::targets::storage;
+
+/// As shaders/shared/mirror_formula.wgsl has it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub(crate) struct FormulaMirror {
+    x_kind: Vec4,
+    y_parameter: Vec4,
+    z_size: Vec4,
+    position_reach: Vec4,
+    color_intensity: Vec4,
+    specular_power: f32,
+    unused: [f32; 3],
+}
+
+/// Whether mirrors that came as points (or not) are drawn by their formula.
+pub(crate) fn is_exact(settings: &Settings, as_points: bool) -> bool {
+    match settings.mirror.surface {
+        MirrorSurface::Exact => true,
+        MirrorSurface::Points => false,
+        MirrorSurface::Auto => !as_points,
+    }
+}
+
+/// The mirrors that are drawn by their formula; none: nothing to draw.
+pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DVec3) -> Option<wgpu::Buffer> {
+    let exact = mirrors.iter().filter(|mirror| is_exact(settings, mirror.as_points));
+    let mirrors: Vec<FormulaMirror> = exact.map(|mirror| formula(mirror, eye)).collect();
+    if mirrors.is_empty() {
+        return None;
+    }
+    let bytes: &[u8] = bytemuck::cast_slice(&mirrors);
+    let buffer = storage(&gpu.device, "mirrors", bytes.len() as u64);
+    gpu.queue.write_buffer(&buffer, 0, bytes);
+    Some(buffer)
+}
+
+fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
+    let (kind, parameter, reach) = match mirror.shape {
+        Shape::Plane { height } => (0.0, height, 1.0_f64.hypot(height)),
+        Shape::Sphere => (1.0, 0.0, 1.0),
+        Shape::Paraboloid { focal_length } => (2.0, focal_length, 1.0_f64.hypot(0.25 / focal_length)),
+        Shape::Torus { tube } => (3.0, tube, 1.0 + tube),
+        // Largest radii of the two formulas.
+        Shape::Blob => (4.0, 0.0, 1.16),
+        Shape::Coral => (5.0, 0.0, 1.11),
+    };
+    let rows = DMat3::from_quat(mirror.rotation.normalize()).transpose();
+    let row = |index| rows.row(index).as_vec3();
+    let [red, green, blue] = mirror.color;
+    FormulaMirror {
+        x_kind: row(0).extend(kind),
+        y_parameter: row(1).extend(parameter as f32),
+        z_size: row(2).extend(mirror.size as f32),
+        // A little more, for rays that touch the rim.
+        position_reach: (mirror.position - eye).as_vec3().extend((reach * mirror.size * 1.001) as f32),
+        color_intensity: Vec4::new(red, green, blue, mirror.specular_intensity),
+        specular_power: mirror.specular_power,
+        unused: [0.0; 3],
+    }
+}

@@ -1,0 +1,190 @@
+//! The back end of forward methods: points that know the pixel in which they are reflected become a Mirror G-Buffer (Preiner
+//! 2010, sections 3.6, 3.7, 4.5 and 4.6). Depth pass, visibility pass with accumulation, average, pull-push closing.
+//!
+//! A method solves for the points of each page and leaves what it finds in `Forward::solutions`; all else happens here.
+
+use std::collections::HashMap;
+
+use super::Task;
+use crate::gpu::{Error, Gpu, Result};
+use crate::inputs::PageInputs;
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::targets::storage;
+
+/// Bytes of a `Solution` in shaders/shared/mirror_splat.wgsl.
+const SOLUTION_BYTES: u64 = 8;
+/// Bytes a pixel of the sums and of their carries in shaders/shared/mirror_sums.wgsl.
+const SUM_BYTES: [u64; 2] = [48, 24];
+/// Levels above the picture itself, as published.
+const PULL_LEVELS: u32 = 4;
+
+/// Solutions of the points of one page: a page is solved for several times if its points are tried in several regions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct SolutionKey {
+    /// Number of the page in the store.
+    pub page: usize,
+    pub round: u32,
+    /// Kept apart only where solutions outlive their bounce.
+    pub bounce: usize,
+}
+
+/// What the back end keeps from frame to frame.
+pub(crate) struct Forward {
+    size: [u32; 2],
+    pub solutions: HashMap<SolutionKey, wgpu::Buffer>,
+    /// Nearness of the nearest reflected point of each pixel.
+    nearest: wgpu::Buffer,
+    sums: wgpu::Buffer,
+    carries: wgpu::Buffer,
+    /// Albedo, normal and position; level 0 is the Mirror G-Buffer before it is closed.
+    pyramids: [Pyramid; 3],
+}
+
+/// A texture with all the levels that pull makes.
+struct Pyramid {
+    all: wgpu::TextureView,
+    levels: Vec<wgpu::TextureView>,
+}
+
+impl Pyramid {
+    fn new(device: &wgpu::Device, size: [u32; 2], label: &str, format: wgpu::TextureFormat) -> Self {
+        let mip_level_count = (PULL_LEVELS + 1).min(size[0].max(size[1]).ilog2() + 1);
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+            mip_level_count,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        });
+        let view = |base_mip_level, mip_level_count| {
+            texture.create_view(&wgpu::TextureViewDescriptor { base_mip_level, mip_level_count, ..Default::default() })
+        };
+        Self { all: view(0, None), levels: (0..mip_level_count).map(|level| view(level, Some(1))).collect() }
+    }
+}
+
+impl Forward {
+    /// # Errors
+    /// A picture too large for the adapter.
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
+        let pixels = u64::from(size[0]) * u64::from(size[1]);
+        let pyramid = |label, format| Pyramid::new(&gpu.device, size, label, format);
+        Ok(Self {
+            size,
+            solutions: HashMap::new(),
+            nearest: picture_buffer(gpu, "nearest reflections", pixels * 4)?,
+            sums: picture_buffer(gpu, "sums of reflections", pixels * SUM_BYTES[0])?,
+            carries: picture_buffer(gpu, "carries of reflections", pixels * SUM_BYTES[1])?,
+            pyramids: [
+                pyramid("found albedo", wgpu::TextureFormat::Rgba16Float),
+                pyramid("found normal", wgpu::TextureFormat::Rgba32Float),
+                pyramid("found position", wgpu::TextureFormat::Rgba32Float),
+            ],
+        })
+    }
+
+    /// Makes room for the solutions of each page's points; those of pages that are no more go.
+    ///
+    /// # Errors
+    /// No more memory.
+    pub fn reserve(&mut self, gpu: &Gpu, task: &Task<'_>, rounds: u32, bounce: usize) -> Result<()> {
+        let capacities = task.store.page_capacities();
+        let bytes = |page: usize| capacities.get(page).map(|capacity| u64::from(*capacity) * SOLUTION_BYTES);
+        self.solutions.retain(|key, buffer| key.round < rounds && bytes(key.page) == Some(buffer.size()));
+        let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        for page in task.supply.pages.iter().map(|page| page.number) {
+            let Some(bytes) = bytes(page) else { continue };
+            for round in 0..rounds {
+                let key = SolutionKey { page, round, bounce };
+                self.solutions.entry(key).or_insert_with(|| storage(&gpu.device, "solutions", bytes));
+            }
+        }
+        pollster::block_on(scope.pop()).map_or(Ok(()), |error| {
+            let problem = format!("no memory for where points are reflected: {error}");
+            Err(Error::Device { adapter: gpu.info.name.clone(), problem })
+        })
+    }
+
+    /// Where the solutions of a page's points are kept.
+    pub fn bind_solutions(&self, page: &PageInputs, round: u32, bounce: usize) -> Option<wgpu::BindingResource<'_>> {
+        let key = SolutionKey { page: page.number, round, bounce };
+        self.solutions.get(&key).map(wgpu::Buffer::as_entire_binding)
+    }
+
+    /// Before the first depth pass of a bounce.
+    pub fn clear(&self, recorder: &mut Recorder<'_>) {
+        [&self.nearest, &self.sums, &self.carries].into_iter().for_each(|buffer| recorder.clear(buffer));
+    }
+
+    /// Splats the distances of one round's solutions.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn depth(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, round: u32, bounce: usize) -> Result<()> {
+        recorder.over_points_by_page(&passes::MIRROR_DEPTH, &[], task.supply, |page| {
+            let solutions = self.bind_solutions(page, round, bounce)?;
+            Some(vec![solutions, task.mirror.point.bind(), self.nearest.as_entire_binding()])
+        })
+    }
+
+    /// Adds up what is near enough to the nearest, of one round's solutions; after the depth passes of all rounds.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn visibility(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, round: u32, bounce: usize) -> Result<()> {
+        recorder.over_points_by_page(&passes::MIRROR_VISIBILITY, &[], task.supply, |page| {
+            Some(vec![
+                self.bind_solutions(page, round, bounce)?,
+                task.mirror.point.bind(),
+                self.nearest.as_entire_binding(),
+                self.sums.as_entire_binding(),
+                self.carries.as_entire_binding(),
+            ])
+        })
+    }
+
+    /// Averages the sums and closes what is left open, into the task's Mirror G-Buffer.
+    ///
+    /// # Errors
+    /// A shader is refused.
+    pub fn close(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
+        let level = |level: usize| {
+            self.pyramids.each_ref().map(|pyramid| wgpu::BindingResource::TextureView(&pyramid.levels[level]))
+        };
+        let mut resources = vec![
+            task.mirror.point.bind(),
+            self.nearest.as_entire_binding(),
+            self.sums.as_entire_binding(),
+            self.carries.as_entire_binding(),
+        ];
+        resources.extend(level(0));
+        recorder.over_pixels(&passes::MIRROR_AVERAGE, &[], task.supply, &resources)?;
+        let made = self.pyramids[0].levels.len();
+        for above in 1..made.min(task.settings.sscr.pull_levels as usize + 1) {
+            let resources: Vec<_> = level(above - 1).into_iter().chain(level(above)).collect();
+            let [width, height] = self.size.map(|edge| (edge >> above).max(1).div_ceil(8));
+            recorder.over(&passes::PULL, &[], task.supply, &resources, [width, height, 1])?;
+        }
+        let mut resources = vec![task.mirror.point.bind()];
+        resources.extend(self.pyramids.each_ref().map(|pyramid| wgpu::BindingResource::TextureView(&pyramid.all)));
+        resources.extend(task.seen.bind());
+        recorder.over_pixels(&passes::PUSH, &[], task.supply, &resources)
+    }
+}
+
+/// A storage buffer that a method needs for a picture.
+///
+/// # Errors
+/// More than the adapter can bind.
+pub(crate) fn picture_buffer(gpu: &Gpu, what: &'static str, bytes: u64) -> Result<wgpu::Buffer> {
+    let limit = gpu.device.limits().max_storage_buffer_binding_size;
+    if bytes > limit {
+        let adapter = gpu.info.name.clone();
+        return Err(Error::TooLarge { what, bytes, limit, adapter, advice: "; ask for a smaller picture" });
+    }
+    Ok(storage(&gpu.device, what, bytes))
+}
