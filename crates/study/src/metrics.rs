@@ -1,0 +1,335 @@
+//! The figures of accuracy that one picture gives, over its mirror pixels.
+//!
+//! A mirror pixel shows the point P of a mirror; the eye's ray is reflected there into a direction R. A method says that it
+//! sees the point Q; the truth is that the ray along R ends in H.
+
+use glam::DVec3;
+use palette::color_difference::Ciede2000;
+use palette::white_point::D65;
+use palette::{FromColor, Lab, LinSrgb};
+use serde::{Deserialize, Serialize};
+
+use crate::flip::flip;
+
+/// What a result is compared with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Truth {
+    /// Rays from the picture's own mirror points into the points that it was drawn from, as discs: the method's error alone.
+    SameInput,
+    /// Rays from exact mirrors into exact surfaces: the errors of method and sampling.
+    Exact,
+}
+
+/// How well reflections are where they should be. NaN (`null` in JSON) where nothing could be measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Accuracy {
+    pub truth: Truth,
+    /// Pixels that the figures are of.
+    pub mirror_pixels: usize,
+    /// Share of the mirror pixels that a point was found for.
+    pub coverage: f64,
+    /// Share of the mirror pixels that are filled, by a point found or from neighbours.
+    pub closed_coverage: f64,
+    /// Share of the mirror pixels that are filled although the truth sees nothing there.
+    pub false_fill: f64,
+    /// Angle between Q - P and R over the filled pixels, degrees.
+    pub angle_error: Percentiles,
+    /// The same in pixels: over the angle by which R changes from this pixel to the next.
+    pub pixel_error: Percentiles,
+    /// Share of the pixels that are filled and see something whose |Q - P| differs from |H - P| by more than 5 %.
+    pub occlusion_error: f64,
+    /// Share of the points truly visible by reflection that were found; of forward methods only.
+    pub recall: Option<f64>,
+    pub image: Option<ImageError>,
+}
+
+/// Values that half, 95 and 99 of a hundred do not exceed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Percentiles {
+    pub median: f64,
+    pub p95: f64,
+    pub p99: f64,
+}
+
+impl Percentiles {
+    /// By nearest rank. NaN if there are no values.
+    pub fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let rank = |share: f64| {
+            let rank = (share * values.len() as f64).ceil() as usize;
+            values.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+        };
+        Self { median: rank(0.5), p95: rank(0.95), p99: rank(0.99) }
+    }
+}
+
+/// One mirror pixel. Positions in world coordinates, directions unit vectors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MirrorPixel {
+    /// P.
+    pub position: DVec3,
+    /// Direction of the eye's ray.
+    pub incoming: DVec3,
+    /// R; zero where the mirror point has no normal, and nothing but its coverage can be judged.
+    pub reflected: DVec3,
+    /// Q.
+    pub found: DVec3,
+    /// 0: nothing found, and Q means nothing; 1: found; between: closed from neighbours.
+    pub coverage: f64,
+    /// H, if the ray ends anywhere.
+    pub truth: Option<DVec3>,
+}
+
+/// Distances that differ by this share are not those of the same surface.
+const OCCLUSION_TOLERANCE: f64 = 0.05;
+
+/// Judges a picture of rows of `width` pixels, `None` where there is no mirror.
+pub fn accuracy(truth: Truth, width: usize, pixels: &[Option<MirrorPixel>]) -> Accuracy {
+    let mirrors = || pixels.iter().flatten();
+    let mirror_pixels = mirrors().count();
+    let share = |is_counted: fn(&MirrorPixel) -> bool| {
+        mirrors().filter(|pixel| is_counted(pixel)).count() as f64 / mirror_pixels as f64
+    };
+    let (mut angles, mut in_pixels, mut compared, mut occluded) = (Vec::new(), Vec::new(), 0, 0);
+    for (index, pixel) in pixels.iter().enumerate() {
+        let Some(pixel) = pixel.filter(|pixel| pixel.is_filled() && pixel.reflected != DVec3::ZERO) else {
+            continue;
+        };
+        let angle = pixel.angle_error();
+        angles.push(angle);
+        if let Some(step) = direction_step(width, pixels, index) {
+            in_pixels.push(angle / step);
+        }
+        if let Some(truth) = pixel.truth {
+            let [found, true_distance] = [pixel.found, truth].map(|end| end.distance(pixel.position));
+            compared += 1;
+            // Written so that a distance that is no number is wrong.
+            let is_same = (found - true_distance).abs() <= OCCLUSION_TOLERANCE * true_distance;
+            occluded += usize::from(!is_same);
+        }
+    }
+    Accuracy {
+        truth,
+        mirror_pixels,
+        coverage: share(|pixel| pixel.coverage >= 1.0),
+        closed_coverage: share(MirrorPixel::is_filled),
+        false_fill: share(|pixel| pixel.is_filled() && pixel.truth.is_none()),
+        angle_error: Percentiles::of(angles),
+        pixel_error: Percentiles::of(in_pixels),
+        occlusion_error: f64::from(occluded as u32) / f64::from(compared),
+        recall: None,
+        image: None,
+    }
+}
+
+impl MirrorPixel {
+    fn is_filled(&self) -> bool {
+        self.coverage > 0.0
+    }
+
+    /// Degrees. A point that is nowhere, or on the mirror point itself, is as wrong as can be.
+    fn angle_error(&self) -> f64 {
+        match (self.found - self.position).try_normalize() {
+            Some(direction) => angle(direction, self.reflected),
+            None => 180.0,
+        }
+    }
+}
+
+/// Angle between two unit vectors, degrees; exact for small ones, where the cosine is not.
+fn angle(a: DVec3, b: DVec3) -> f64 {
+    a.cross(b).length().atan2(a.dot(b)).to_degrees()
+}
+
+/// Neighbours whose points are this much farther apart along the ray than across it lie on different surfaces, or on one seen
+/// flatter than 3 degrees. At the built-in scenes' size it is a twentieth of the distance.
+const DEPTH_STEP: f64 = 20.0;
+
+/// By how many degrees the reflected direction changes from a mirror pixel to the next: the larger of the mean changes to the
+/// left and right and to the upper and lower neighbour, those without a mirror or beyond a depth step left out. `None`
+/// where that leaves no neighbour, or no change.
+pub fn direction_step(width: usize, pixels: &[Option<MirrorPixel>], index: usize) -> Option<f64> {
+    let pixel = pixels.get(index).copied().flatten()?;
+    let column = index % width;
+    let change = |neighbour: Option<usize>| {
+        let other = pixels.get(neighbour?).copied().flatten()?;
+        let offset = other.position - pixel.position;
+        let along = offset.dot(pixel.incoming).abs();
+        let across = offset.reject_from_normalized(pixel.incoming).length();
+        let is_same_surface = along <= DEPTH_STEP * across && other.reflected != DVec3::ZERO;
+        is_same_surface.then(|| angle(pixel.reflected, other.reflected))
+    };
+    let mean = |neighbours: [Option<usize>; 2]| match neighbours.map(change) {
+        [Some(a), Some(b)] => (a + b) / 2.0,
+        [one, other] => one.or(other).unwrap_or(0.0),
+    };
+    let sideways = mean([(column > 0).then(|| index - 1), (column + 1 < width).then_some(index + 1)]);
+    let upright = mean([index.checked_sub(width), Some(index + width)]);
+    let step = sideways.max(upright);
+    (step > 0.0).then_some(step)
+}
+
+/// How different a picture looks, over its mirror pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImageError {
+    /// Root of the mean square difference of linear red, green and blue, not clamped.
+    pub rmse: f64,
+    /// Mean CIEDE2000 difference in CIELAB (D65, 2 degrees).
+    pub delta_e: f64,
+    /// Mean of the FLIP differences, 0 to 1; see [`flip`](crate::flip::flip).
+    pub flip: f64,
+}
+
+/// Compares two pictures, linear red, green and blue, over the pixels marked in `mirror`; what the others show does not matter.
+/// Colours that are not finite (empty pixels) count as black. Delta E and FLIP see colours as a screen shows them, clamped
+/// to 0 ..= 1. `width` is that of a row. NaN if no pixel is marked.
+pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], reference: &[[f32; 3]]) -> ImageError {
+    let finite = |color: &[f32; 3]| color.map(|value| if value.is_finite() { f64::from(value) } else { 0.0 });
+    let reference: Vec<[f64; 3]> = reference.iter().map(finite).collect();
+    // Outside of the mirrors both are the same, so that nothing reaches in by FLIP's filters.
+    let picture: Vec<[f64; 3]> = (picture.iter().zip(&reference).zip(mirror))
+        .map(|((color, same), is_mirror)| if *is_mirror { finite(color) } else { *same })
+        .collect();
+    let flip = flip(width, &picture, &reference);
+    let (mut count, mut squares, mut delta_e, mut flip_sum) = (0.0, 0.0, 0.0, 0.0);
+    for index in (0..mirror.len()).filter(|&index| mirror[index]) {
+        let (color, true_color) = (picture[index], reference[index]);
+        count += 1.0;
+        squares += (0..3).map(|channel| (color[channel] - true_color[channel]).powi(2)).sum::<f64>() / 3.0;
+        delta_e += lab(color).difference(lab(true_color));
+        flip_sum += flip[index];
+    }
+    ImageError { rmse: (squares / count).sqrt(), delta_e: delta_e / count, flip: flip_sum / count }
+}
+
+fn lab(color: [f64; 3]) -> Lab<D65, f64> {
+    let [red, green, blue] = color.map(|value| value.clamp(0.0, 1.0));
+    Lab::from_color(LinSrgb::new(red, green, blue))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turned(axis: DVec3, degrees: f64, direction: DVec3) -> DVec3 {
+        glam::DQuat::from_axis_angle(axis, degrees.to_radians()) * direction
+    }
+
+    /// At (x, 0, 0), seen from above, reflecting along z turned by `degrees` about y, into a ceiling at distance 2.
+    fn pixel(x: f64, degrees: f64) -> MirrorPixel {
+        let (position, reflected) = (DVec3::X * x, turned(DVec3::Y, degrees, DVec3::Z));
+        let end = position + reflected * 2.0;
+        MirrorPixel { position, incoming: -DVec3::Z, reflected, found: end, coverage: 1.0, truth: Some(end) }
+    }
+
+    #[test]
+    fn percentiles_are_the_values_that_so_many_do_not_exceed() {
+        let values = (1..=200).rev().map(f64::from).collect();
+        assert_eq!(Percentiles::of(values), Percentiles { median: 100.0, p95: 190.0, p99: 198.0 });
+        assert_eq!(Percentiles::of(vec![3.0]), Percentiles { median: 3.0, p95: 3.0, p99: 3.0 });
+        assert!(Percentiles::of(Vec::new()).median.is_nan());
+    }
+
+    #[test]
+    fn each_figure_counts_what_it_says() {
+        // Directions two degrees apart.
+        let [right, missing, mut closed, mut open, mut far, mut lost] = [0, 1, 2, 3, 4, 5].map(|column| {
+            let column = f64::from(column);
+            pixel(column, 2.0 * column)
+        });
+        let missing = MirrorPixel { coverage: 0.0, found: DVec3::NAN, ..missing };
+        closed.coverage = 0.4;
+        closed.found = closed.position + turned(DVec3::X, 3.0, closed.reflected) * 2.0;
+        open.truth = None;
+        far.found = far.position + far.reflected * 2.2;
+        lost.found = lost.position;
+        let row = [Some(right), Some(missing), Some(closed), Some(open), Some(far), Some(lost), None];
+        let figures = accuracy(Truth::SameInput, row.len(), &row);
+        assert_eq!(figures.mirror_pixels, 6);
+        let shares = [figures.coverage, figures.closed_coverage, figures.false_fill, figures.occlusion_error];
+        assert_eq!(shares, [4.0 / 6.0, 5.0 / 6.0, 1.0 / 6.0, 2.0 / 4.0]);
+        // Of 0, 3, 0, 0 and 180 degrees: a point on the mirror point itself points nowhere.
+        let turn = angle(turned(DVec3::X, 3.0, closed.reflected), closed.reflected);
+        assert!(figures.angle_error.median < 1e-9 && figures.angle_error.p99 == 180.0, "{figures:?}");
+        assert!((angle_of(&row[..3]) - turn).abs() < 1e-12 && turn > 2.9);
+        let in_pixels = accuracy(Truth::SameInput, 7, &row[..3]).pixel_error;
+        assert!((in_pixels.p99 - turn / 2.0).abs() < 1e-9, "{in_pixels:?}");
+    }
+
+    fn angle_of(pixels: &[Option<MirrorPixel>]) -> f64 {
+        accuracy(Truth::Exact, pixels.len(), pixels).angle_error.p99
+    }
+
+    #[test]
+    fn angles_far_below_a_pixel_are_measured() {
+        for degrees in [1e-9, 1e-4, 0.5, 90.0, 179.0] {
+            let right = pixel(0.0, 0.0);
+            let off = MirrorPixel { found: right.position + turned(DVec3::Y, degrees, right.reflected) * 7.0, ..right };
+            assert!((angle_of(&[Some(off)]) / degrees - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn direction_step_is_the_larger_of_both_ways_within_one_surface() {
+        // Two degrees a column, three a row; a third column of 5 more degrees, and one behind it all.
+        let at = |column: f64, row: f64, degrees: f64| {
+            let mut pixel = pixel(column, degrees);
+            pixel.position.y = row;
+            pixel.reflected = turned(DVec3::X, 3.0 * row, DVec3::Z);
+            pixel.reflected = turned(DVec3::Y, degrees, pixel.reflected);
+            Some(pixel)
+        };
+        let behind =
+            at(3.0, 0.0, 60.0).map(|pixel| MirrorPixel { position: pixel.position - DVec3::Z * 30.0, ..pixel });
+        let rows = [
+            at(0.0, 0.0, 0.0),
+            at(1.0, 0.0, 2.0),
+            at(2.0, 0.0, 9.0),
+            behind, //
+            at(0.0, 1.0, 0.0),
+            None,
+            at(2.0, 1.0, 9.0),
+            None,
+        ];
+        let step = |index: usize| direction_step(4, &rows, index);
+        assert!((step(0).unwrap() - 3.0).abs() < 1e-9, "the row below");
+        assert!((step(1).unwrap() - (2.0 + 7.0) / 2.0).abs() < 1e-9, "the mean of left and right");
+        assert!((step(2).unwrap() - 7.0).abs() < 1e-9, "what is behind is no neighbour");
+        assert_eq!((step(3), step(5)), (None, None));
+        assert_eq!(direction_step(1, &[at(0.0, 0.0, 0.0)], 0), None);
+    }
+
+    #[test]
+    fn figures_have_the_names_that_charts_rely_on() {
+        let mut figures = accuracy(Truth::SameInput, 1, &[Some(pixel(0.0, 0.0))]);
+        figures.image = Some(ImageError { rmse: 0.5, delta_e: 2.0, flip: 0.25 });
+        let json = serde_json::to_value(&figures).unwrap();
+        assert_eq!(json["truth"], "same_input");
+        assert_eq!(json["angle_error"]["p95"], 0.0);
+        assert!(json["pixel_error"]["median"].is_null(), "no neighbour, no pixel error");
+        assert_eq!(json["image"]["flip"], 0.25);
+        for name in ["coverage", "closed_coverage", "false_fill", "occlusion_error", "recall"] {
+            assert!(json.get(name).is_some(), "{name}");
+        }
+    }
+
+    #[test]
+    fn image_errors_are_those_of_the_mirror_pixels() {
+        let reference = vec![[0.5, 0.2, 0.1]; 64];
+        let mut picture = vec![[0.45, 0.25, 0.12]; 64];
+        let mirror: Vec<bool> = (0..64).map(|index| index % 8 > 2).collect();
+        let found = image_error(8, &mirror, &picture, &reference);
+        // CIEDE2000 of the pair as colour-science 0.4 has it.
+        assert!((found.delta_e - 7.34935).abs() < 1e-3, "{}", found.delta_e);
+        let mean_square = (0.05_f64.powi(2) + 0.05_f64.powi(2) + 0.02_f64.powi(2)) / 3.0;
+        assert!((found.rmse - mean_square.sqrt()).abs() < 1e-6 && found.flip > 0.05, "{found:?}");
+        // What is no mirror does not matter, nor does it reach in.
+        picture.iter_mut().zip(&mirror).filter(|(_, is_mirror)| !**is_mirror).for_each(|(color, _)| *color = [9.0; 3]);
+        assert_eq!(image_error(8, &mirror, &picture, &reference), found);
+        let same = image_error(8, &mirror, &reference, &reference);
+        assert_eq!(same, ImageError { rmse: 0.0, delta_e: 0.0, flip: 0.0 });
+        let empty = image_error(8, &mirror, &[[f32::NAN; 3]; 64], &[[0.0; 3]; 64]);
+        assert_eq!(empty, same, "empty pixels are black");
+    }
+}
