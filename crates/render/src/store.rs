@@ -80,6 +80,8 @@ struct StoredCloud {
     scalar_origin: f64,
     plain: [u8; 4],
     up_axis: usize,
+    /// Specular power of points with a mark.
+    marked_power: f32,
 }
 
 struct StoredChunk {
@@ -97,6 +99,8 @@ struct StoredChunk {
     points: Chunk,
     /// Another number after each change of the points.
     revision: u64,
+    /// Specular intensity of each point, 0 for that of the cloud; empty: none has its own.
+    marks: Vec<u8>,
 }
 
 impl StoredChunk {
@@ -220,6 +224,7 @@ impl PointStore {
                 scalar_origin: 0.0,
                 plain: scene::Color::default().plain.bytes(),
                 up_axis: 2,
+                marked_power: 0.0,
             },
         );
         id
@@ -246,6 +251,7 @@ impl PointStore {
                 lacks_radii: true,
                 points: Chunk::new(chunk.first_point, chunk.origin, Vec::new()),
                 revision: 0,
+                marks: Vec::new(),
             },
         );
         self.update_chunk(id, chunk, classes)?;
@@ -268,12 +274,13 @@ impl PointStore {
         stored.revision = self.revision;
         stored.lacks_radii = chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS));
         let page = &self.pages[stored.page];
+        let mark = |i: usize| stored.marks.get(i).map_or(0, |mark| u32::from(*mark));
         let points: Vec<[u32; 4]> = (0..chunk.len())
             .map(|i| {
                 let radius = chunk.radii.as_ref().map_or(0, |radii| u32::from(radii[i]));
                 let class = classes.map_or(0, |classes| u32::from(classes[i]));
                 let [x, y, z] = chunk.positions[i].map(f32::to_bits);
-                [x, y, z, radius | class << 16]
+                [x, y, z, radius | class << 16 | mark(i) << 24]
             })
             .collect();
         let attributes: Vec<[u32; 2]> = (0..chunk.len())
@@ -288,6 +295,16 @@ impl PointStore {
         // Writes are staged until the next submit; without one, loading a large cloud would hold it twice.
         self.gpu.queue.submit([]);
         Ok(())
+    }
+
+    /// Makes mirrors of points: `intensities` are the specular intensities of a chunk's points, in 255ths, 0 for that of the
+    /// cloud; empty takes all marks away. They are sent with the chunk's next `update_chunk`.
+    pub fn mark_mirror(&mut self, id: ChunkId, intensities: Vec<u8>, specular_power: f32) {
+        let Some(chunk) = self.chunks.get_mut(&id) else { return };
+        chunk.marks = intensities;
+        if let Some(cloud) = self.clouds.get_mut(&chunk.cloud) {
+            cloud.marked_power = specular_power.max(0.0);
+        }
     }
 
     /// Radius of the cloud's points whose spacing is not known yet, world units.
@@ -510,7 +527,7 @@ impl PointStore {
             specular_power: cloud.material.specular_power,
             class_mask,
             height: (chunk.origin[cloud.up_axis] - reference) as f32,
-            height_axis: height_axis.extend(0.0),
+            height_axis: height_axis.extend(if chunk.marks.is_empty() { -1.0 } else { cloud.marked_power }),
         }
     }
 
