@@ -23,6 +23,11 @@
 @group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
 @group(1) @binding(10) var<uniform> page: Page;
 
+@group(1) @binding(11) var<storage, read> points: array<vec4u>;
+@group(1) @binding(12) var<storage, read> class_masks: array<u32>;
+
+// Set while a class is hidden.
+override filter_classes: bool = false;
 // Start from the tile's list, not from the top of the tree.
 override use_lists: bool = false;
 
@@ -103,10 +108,19 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         for (var k = 0u; k < count; k++) {
             let hit = disc_hit(surfels[first_surfel + k], low, high, scale, origin, ray.direction);
             let key = hit.distance + hit.outside * hit.radius * CENTER_SHARE;
-            if hit.distance > 0.0 && key < nearest.key {
+            var is_nearer = hit.distance > 0.0 && key < nearest.key;
+            if filter_classes {
+                is_nearer = is_nearer && is_shown(place, first_surfel + k);
+            }
+            if is_nearer {
                 nearest = Nearest(key, hit.distance, first_surfel + k);
             }
         }
     }
     return nearest;
+}
+
+fn is_shown(place: TreePlace, surfel: u32) -> bool {
+    let class_code = (points[order[surfel]].w >> 16u) & 0xffu;
+    return (class_masks[place.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) != 0u;
 }

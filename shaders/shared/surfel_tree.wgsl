@@ -16,7 +16,8 @@ struct TreePlace {
     end_node: u32,
     // Of its discs in the page, as of its points.
     first_surfel: u32,
-    unused: u32,
+    // First of its cloud's eight words in the class masks.
+    class_mask: u32,
 }
 
 // A tile's list of runs of nodes: how many, then a place and a node for each.

@@ -13,19 +13,19 @@ pub(crate) struct Inputs {
     frame: wgpu::Buffer,
     settings: wgpu::Buffer,
     items: wgpu::Buffer,
-    class_masks: wgpu::Buffer,
+    pub class_masks: wgpu::Buffer,
     palette: wgpu::Buffer,
     pub filter_classes: bool,
     pub pages: Vec<PageInputs>,
-    /// Chunks that are drawn.
-    pub chunks: Vec<ChunkId>,
+    /// Chunks that are drawn, and the first word of each in the class masks.
+    pub chunks: Vec<(ChunkId, u32)>,
 }
 
 pub(crate) struct PageInputs {
     /// Number of the page in the store.
     pub number: usize,
     pub page: wgpu::Buffer,
-    points: wgpu::Buffer,
+    pub points: wgpu::Buffer,
     attributes: wgpu::Buffer,
     scalars: wgpu::Buffer,
     pub items_of_runs: wgpu::Buffer,
@@ -97,7 +97,7 @@ impl Inputs {
         }
         Self {
             camera,
-            chunks: list.chunks.clone(),
+            chunks: list.chunks.iter().copied().zip(list.items.iter().map(|item| item.class_mask)).collect(),
             size: camera.size,
             frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
             settings: upload("settings", storage, bytemuck::cast_slice(&words)),

@@ -75,7 +75,7 @@ pub const BEAM_LISTS: Pass =
     Pass { name: "beam_lists", groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, ReadWrite]] };
 pub const SURFEL_TRACE: Pass = Pass {
     name: "surfel_trace",
-    groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, Read, Read, Read, ReadWrite, Uniform]],
+    groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, Read, Read, Read, ReadWrite, Uniform, Read, Read]],
 };
 pub const GATHER_RESOLVE: Pass = Pass {
     name: "gather_resolve",

@@ -38,7 +38,7 @@ struct TreePlace {
     first_node: u32,
     end_node: u32,
     first_surfel: u32,
-    unused: u32,
+    class_mask: u32,
 }
 
 #[derive(Default)]
@@ -74,10 +74,11 @@ impl SurfelIndex {
         splat_size: f32,
     ) -> Result<Vec<FrameTrees>> {
         self.make_room(gpu, store)?;
-        let placed: Vec<_> = supply.chunks.iter().filter_map(|id| Some((*id, store.placed(*id)?))).collect();
+        let place = |(id, class_mask): &(ChunkId, u32)| Some((*id, store.placed(*id)?, *class_mask));
+        let placed: Vec<_> = supply.chunks.iter().filter_map(place).collect();
         let stale: Vec<_> = placed
             .iter()
-            .filter(|(id, chunk)| {
+            .filter(|(id, chunk, _)| {
                 self.chunks.get(id).is_none_or(|indexed| {
                     (indexed.revision, indexed.page, indexed.first, indexed.provisional_radius)
                         != (chunk.revision, chunk.page, chunk.first, chunk.provisional_radius)
@@ -87,8 +88,8 @@ impl SurfelIndex {
         // In batches: trees of a whole large cloud would take as much memory as the cloud.
         for batch in stale.chunks(16) {
             let trees: Vec<SurfelTree> =
-                batch.par_iter().map(|(_, chunk)| SurfelTree::new(chunk.points, chunk.provisional_radius)).collect();
-            for ((id, chunk), tree) in batch.iter().zip(trees) {
+                batch.par_iter().map(|(_, chunk, _)| SurfelTree::new(chunk.points, chunk.provisional_radius)).collect();
+            for ((id, chunk, _), tree) in batch.iter().zip(trees) {
                 let page = &self.pages[chunk.page];
                 let first = u64::from(chunk.first);
                 let order: Vec<u32> = tree.order.iter().map(|index| chunk.first + index).collect();
@@ -109,7 +110,7 @@ impl SurfelIndex {
         let mut frames = Vec::new();
         for page in supply.pages.iter().map(|page| page.number).filter(|page| *page < self.pages.len()) {
             let (mut boxes, mut places) = (Vec::new(), Vec::new());
-            for (id, chunk) in placed.iter().filter(|(_, chunk)| chunk.page == page) {
+            for (id, chunk, class_mask) in placed.iter().filter(|(_, chunk, _)| chunk.page == page) {
                 let Some(indexed) = self.chunks.get(id).filter(|indexed| indexed.nodes > 0) else { continue };
                 let relative = |corner: glam::DVec3| (corner - supply.camera.eye).as_vec3();
                 let radius = chunk.largest_radius * splat_size.max(1.0);
@@ -121,7 +122,7 @@ impl SurfelIndex {
                     first_node,
                     end_node: indexed.nodes,
                     first_surfel: chunk.first,
-                    unused: 0,
+                    class_mask: *class_mask,
                 });
             }
             if boxes.is_empty() {

@@ -43,9 +43,13 @@ pub(crate) fn run(
             lists.as_entire_binding(),
             gather.hits.as_entire_binding(),
             inputs.page.as_entire_binding(),
+            inputs.points.as_entire_binding(),
+            task.supply.class_masks.as_entire_binding(),
         ];
         let resources: Vec<_> = mirror.into_iter().chain(nodes).chain(rest).collect();
-        recorder.over_pixels(&passes::SURFEL_TRACE, &[("use_lists", u32::from(use_beams))], task.supply, &resources)?;
+        let switches =
+            [("use_lists", u32::from(use_beams)), ("filter_classes", u32::from(task.supply.filter_classes))];
+        recorder.over_pixels(&passes::SURFEL_TRACE, &switches, task.supply, &resources)?;
     }
     gather.resolve(recorder, task)
 }
