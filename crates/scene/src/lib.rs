@@ -11,10 +11,10 @@ mod settings;
 pub use camera::{Camera, Projection, StandardView};
 pub use file::{Error, SceneFile, View};
 pub use light::SpotLight;
-pub use mirror::{Mirror, Shape};
+pub use mirror::{MIRROR_POWER, Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use settings::{
     Atomics, Color, ColorBy, Distribution, Edl, Light, Lighting, Method, MirrorSettings, MirrorSurface, Quality, Ramp,
-    Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Surface, SurfaceOrientation, UpAxis,
+    Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Stop, Surface, SurfaceOrientation, UpAxis,
     ViewSettings, Visibility,
 };
