@@ -69,19 +69,20 @@ pub struct RenderArguments {
     /// Width and height of the picture, pixels
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "800x600", value_parser = parse_size)]
     pub size: [u32; 2],
-    /// Reflection method; `glint methods` lists them
-    #[arg(long, value_name = "NAME", default_value = "none")]
-    pub method: String,
+    /// Reflection method; `glint methods` lists them. Short for --set reflection.method=NAME
+    #[arg(long, value_name = "NAME")]
+    pub method: Option<String>,
     /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
     /// File with a view (as "copy view" gives it), or front, back, left, right, top, bottom, iso, or scene for the scene's own
     #[arg(long, value_name = "FILE|NAME")]
     pub camera: Option<String>,
-    /// Reflections of reflections that are followed
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub bounces: u32,
-    /// Also write a linear float image: depth, normal, albedo, mirror, position or color
+    /// Reflections that are followed, one after the other. Short for --set reflection.bounces=N
+    #[arg(long, value_name = "N")]
+    pub bounces: Option<u32>,
+    /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, color, mirror_position,
+    /// mirror_albedo, mirror_normal, regions or curvature
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = parse_pair)]
     pub aov: Vec<(String, String)>,
     /// Write times, counts and memory as JSON

@@ -92,7 +92,9 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
 fn entry(input: &Input, scan: bool) -> Entry {
     let report = match input {
         Input::File(path) => file_report(path, scan).map_err(|error| error.to_string()),
-        Input::BuiltIn(_) => Err(format!("{}: a built-in scene, not a file; `glint scenes` lists them", input.name())),
+        Input::BuiltIn { .. } => {
+            Err(format!("{}: a built-in scene, not a file; `glint scenes` lists them", input.name()))
+        }
         Input::Unknown { error, .. } => Err(error.clone()),
     };
     match report {

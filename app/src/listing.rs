@@ -3,35 +3,38 @@
 
 use std::fmt::Write as _;
 
-use param::{Field, Group, Kind, Value};
-use scene::{Settings, five_mirrors};
+use param::{Choice as _, Field, Group, Kind, Value};
+use scene::{Method, Settings, five_mirrors};
 use serde_json::json;
 
 use crate::loading;
 
-/// A reflection method: its name on the command line, and a line of help.
-pub struct Method {
-    pub name: &'static str,
-    pub help: &'static str,
+/// A line of help for each reflection method.
+fn method_help(method: Method) -> &'static str {
+    match method {
+        Method::Auto => "The best there is for the scene",
+        Method::None => "Mirrors stay plain grey: the scene without reflections",
+        Method::Sscr => "Screen-space curved reflections as published (Preiner 2010): a root search for each point",
+        Method::SscrHierarchical => {
+            "Screen-space curved reflections through a pyramid of reflected rays: all roots, nothing random"
+        }
+        Method::SurfelTrace => "Reflected rays traced through the points as discs, on the GPU",
+    }
 }
 
-/// The methods of this version.
-pub const METHODS: [Method; 1] =
-    [Method { name: "none", help: "Mirrors stay plain grey: the scene without reflections" }];
+fn all_methods() -> impl Iterator<Item = Method> {
+    (0..Method::NAMES.len() as u32).filter_map(Method::from_index)
+}
 
 /// Names that are fixed for methods of later versions, so that asking for one is not taken for a spelling mistake.
-pub const LATER_METHODS: [&str; 11] = [
+pub const LATER_METHODS: [&str; 7] = [
     "environment_map",
     "mirrored_viewpoint",
-    "sscr",
-    "sscr_hierarchical",
     "cubemap_trace",
     "screen_trace",
     "sample_cameras",
     "light_field",
-    "surfel_trace",
     "ray_trace",
-    "auto",
 ];
 
 /// Every parameter: its key and its line of the table.
@@ -48,14 +51,15 @@ fn parameters() -> Vec<(String, Field)> {
 /// If standard output cannot be written.
 pub fn methods(as_json: bool) -> anyhow::Result<()> {
     if as_json {
-        let methods: Vec<_> = METHODS.iter().map(|method| json!({"name": method.name, "help": method.help})).collect();
+        let methods: Vec<_> =
+            all_methods().map(|method| json!({"name": method.name(), "help": method_help(method)})).collect();
         let parameters: Vec<_> = parameters().iter().map(|(key, field)| parameter_json(key, field)).collect();
         let listing = json!({"methods": methods, "parameters": parameters});
         return crate::print(&(serde_json::to_string_pretty(&listing)? + "\n"));
     }
     let mut text = String::from("Reflection methods (--method NAME)\n");
-    for method in METHODS {
-        let _ = writeln!(text, "  {:<24}{}", method.name, method.help);
+    for method in all_methods() {
+        let _ = writeln!(text, "  {:<24}{}", method.name(), method_help(method));
     }
     text.push_str("\nParameters (--set KEY=VALUE)\n");
     for (key, field) in parameters() {
@@ -264,6 +268,7 @@ mod tests {
 
     #[test]
     fn present_and_later_methods_do_not_overlap() {
-        assert!(METHODS.iter().all(|method| !LATER_METHODS.contains(&method.name)));
+        assert!(all_methods().all(|method| !LATER_METHODS.contains(&method.name())));
+        assert_eq!(all_methods().count(), Method::NAMES.len());
     }
 }

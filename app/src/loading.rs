@@ -12,7 +12,10 @@ use std::time::Instant;
 
 use cloud::{Attribute, Chunk, Column, Grid, Orientation, Progress, SurfelOptions, Surfels};
 use glam::DVec3;
-use scene::{ColorBy, SceneFile, SceneSettings, Settings, SurfaceOrientation, UpAxis, View, five_mirrors};
+use scene::{
+    ColorBy, Mirror, MirrorPoints, SceneFile, SceneSettings, Settings, SpotLight, SurfaceOrientation, UpAxis, View,
+    five_mirrors,
+};
 
 use crate::failure::usage;
 
@@ -24,7 +27,11 @@ const CHUNKS_UNDER_WAY: usize = 16;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Input {
     File(PathBuf),
-    BuiltIn(five_mirrors::Variant),
+    BuiltIn {
+        variant: five_mirrors::Variant,
+        /// Names of its mirrors that are left out: others have taken their places.
+        without: Vec<String>,
+    },
     /// A word that names nothing, or a scene file that cannot be read. It keeps its place, and fails when it is loaded.
     Unknown {
         name: String,
@@ -37,7 +44,7 @@ impl Input {
     pub fn name(&self) -> String {
         match self {
             Self::File(path) => path.display().to_string(),
-            Self::BuiltIn(mirror) => built_in_name(*mirror),
+            Self::BuiltIn { variant, .. } => built_in_name(*variant),
             Self::Unknown { name, .. } => name.clone(),
         }
     }
@@ -49,6 +56,11 @@ pub struct Request {
     pub inputs: Vec<Input>,
     /// Camera and parameters of the scene file, or the camera of a built-in scene that is shown alone.
     pub view: Option<View>,
+    /// Of scene files; built-in scenes bring theirs when they are loaded.
+    pub mirrors: Vec<Mirror>,
+    pub mirror_points: Vec<MirrorPoints>,
+    /// Of scene files and built-in scenes.
+    pub lights: Vec<SpotLight>,
     pub warnings: Vec<String>,
 }
 
@@ -63,12 +75,25 @@ impl Request {
             .collect();
         if errors.is_empty() || errors.len() < self.inputs.len() { Ok(()) } else { Err(usage(errors.join("\n"))) }
     }
+
+    /// Takes in the mirrors and lights of a scene file or a view.
+    pub fn furnish(&mut self, file: &SceneFile) {
+        self.mirrors.extend(file.mirrors.iter().cloned());
+        self.mirror_points.extend(file.mirror_points.iter().cloned());
+        self.lights.extend(file.lights.iter().copied());
+        for input in &mut self.inputs {
+            if let Input::BuiltIn { without, .. } = input {
+                without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));
+            }
+        }
+    }
 }
 
 /// Finds out what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
 /// A word that names nothing becomes `Input::Unknown`, with the name that may have been meant: the others count.
 pub fn resolve(words: &[String]) -> Request {
     let mut request = Request::default();
+    let mut files = Vec::new();
     for word in words {
         if Path::new(word).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
             let file = match SceneFile::read(Path::new(word)) {
@@ -83,6 +108,7 @@ pub fn resolve(words: &[String]) -> Request {
                 Err(error) => Input::Unknown { name: cloud.clone(), error: format!("{word}: {error}") },
             }));
             let view = file.view();
+            files.push(file);
             request.warnings.extend(view.warnings.iter().map(|warning| format!("{word}: {warning}")));
             if request.view.replace(view).is_some() {
                 request
@@ -94,8 +120,12 @@ pub fn resolve(words: &[String]) -> Request {
             request.inputs.push(named);
         }
     }
-    let built_in_alone =
-        !request.inputs.is_empty() && request.inputs.iter().all(|input| matches!(input, Input::BuiltIn(_)));
+    files.iter().for_each(|file| request.furnish(file));
+    let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
+    if request.inputs.iter().any(is_built_in) {
+        request.lights.push(five_mirrors::light());
+    }
+    let built_in_alone = !request.inputs.is_empty() && request.inputs.iter().all(is_built_in);
     if built_in_alone {
         let camera = five_mirrors::camera();
         let view = request.view.get_or_insert_with(|| View {
@@ -111,7 +141,7 @@ pub fn resolve(words: &[String]) -> Request {
 /// The file or built-in scene that `word` names, or what to say.
 fn input(word: &str) -> Result<Input, String> {
     if let Some(mirror) = five_mirrors::Variant::ALL.into_iter().find(|mirror| built_in_name(*mirror) == word) {
-        return Ok(Input::BuiltIn(mirror));
+        return Ok(Input::BuiltIn { variant: mirror, without: Vec::new() });
     }
     let path = Path::new(word);
     if path.is_dir() {
@@ -149,7 +179,7 @@ pub fn built_in_names() -> Vec<String> {
     five_mirrors::Variant::ALL.into_iter().map(built_in_name).collect()
 }
 
-/// A cloud on its way in. `cloud` counts from 0 within the job; a built-in scene is a cloud per material.
+/// A cloud on its way in. `cloud` counts from 0 within the job.
 pub enum Event {
     /// A header was read, or a built-in scene begun.
     Opened {
@@ -161,7 +191,6 @@ pub enum Event {
         grid: Option<Grid>,
         /// Points a full read should yield.
         expected_points: u64,
-        material: render::Material,
         /// Unit vector.
         up: DVec3,
         /// World units, for points whose radius is not known yet; 0 where not even the extent is known.
@@ -171,6 +200,12 @@ pub enum Event {
     Chunk {
         cloud: usize,
         chunk: Chunk,
+    },
+    /// A mirror of a built-in scene, and the points that stand for it.
+    Mirror {
+        input: String,
+        mirror: Mirror,
+        samples: Vec<Chunk>,
     },
     /// All chunks of the cloud have been sent.
     Read {
@@ -280,7 +315,7 @@ impl Loader {
         for input in inputs {
             match input {
                 Input::File(path) => opened.extend(self.open(path, opened.len())?),
-                Input::BuiltIn(mirror) => self.sample(*mirror, &mut opened)?,
+                Input::BuiltIn { variant, without } => self.sample(*variant, without, &mut opened)?,
                 Input::Unknown { name, error } => {
                     self.send(Event::Failed { input: name.clone(), error: error.clone() })?;
                 }
@@ -319,7 +354,6 @@ impl Loader {
             attributes: info.attributes.clone(),
             grid: info.grid,
             expected_points: info.points,
-            material: render::Material::default(),
             up,
             provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),
             warnings: info.warnings.clone(),
@@ -327,27 +361,29 @@ impl Loader {
         Some(Some(Loading { cloud, source: Some(source), up, chunks: Vec::new() }))
     }
 
-    /// A built-in scene, all of it at once: a cloud per material, complete with normals and radii.
-    fn sample(&self, variant: five_mirrors::Variant, opened: &mut Vec<Loading>) -> Option<()> {
+    /// A built-in scene, all of it at once: its walls as a cloud and its mirrors, complete with normals and radii.
+    fn sample(&self, variant: five_mirrors::Variant, without: &[String], opened: &mut Vec<Loading>) -> Option<()> {
         let SceneSettings { points, seed } = self.settings.scene;
         let up = self.up(DVec3::Y);
+        let input = built_in_name(variant);
         for part in five_mirrors::sample(variant, u64::from(points), u64::from(seed)) {
-            let cloud = opened.len();
             let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
-            let name = part.mirror.as_ref().map_or("walls", |mirror| &mirror.name);
+            if let Some(mirror) = part.mirror {
+                if !without.contains(&mirror.name) {
+                    self.progress.add(points);
+                    self.send(Event::Mirror { input: input.clone(), mirror, samples: part.chunks })?;
+                }
+                continue;
+            }
+            let cloud = opened.len();
             self.send(Event::Opened {
                 cloud,
-                name: format!("{}, {name}", built_in_name(variant)),
+                name: format!("{input}, walls"),
                 path: None,
                 source: None,
                 attributes: Vec::new(),
                 grid: None,
                 expected_points: points,
-                material: part.mirror.as_ref().map_or(render::Material::default(), |mirror| render::Material {
-                    specular_intensity: mirror.specular_intensity,
-                    specular_power: mirror.specular_power,
-                    has_formula: true,
-                }),
                 up,
                 provisional_radius: 0.0,
                 warnings: Vec::new(),
@@ -478,7 +514,7 @@ mod tests {
         )
         .unwrap();
         let request = resolve(&words(&[scene.to_str().unwrap()]));
-        let torus = Input::BuiltIn(five_mirrors::Variant::Torus);
+        let torus = Input::BuiltIn { variant: five_mirrors::Variant::Torus, without: Vec::new() };
         assert_eq!(request.inputs, [Input::File(cloud), torus.clone()]);
         let view = request.view.unwrap();
         assert_eq!((view.settings.splat.size, view.camera), (2.0, None));
@@ -489,6 +525,25 @@ mod tests {
         assert_eq!(alone.view.unwrap().camera, Some(five_mirrors::camera()));
         let nothing = resolve(&[]);
         assert!(nothing.inputs.is_empty() && nothing.check().is_ok());
+    }
+
+    #[test]
+    fn mirrors_of_a_scene_file_take_the_place_of_a_built_in_scenes_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene.toml");
+        let text = "clouds = [\"five-mirrors/all\"]\n[[mirrors]]\nname = \"torus\"\nshape = \"sphere\"\n\
+                    position = [0, 0, 0]\nsize = 0.2\n";
+        std::fs::write(&scene, text).unwrap();
+        let request = resolve(&words(&[scene.to_str().unwrap()]));
+        assert_eq!((request.mirrors.len(), request.lights.len()), (1, 1));
+        let mut settings = Settings::default();
+        settings.scene.points = 10_000;
+        let job = start(request.inputs, &settings);
+        let brought = job.events.iter().filter_map(|event| match event {
+            Event::Mirror { mirror, .. } => Some(mirror.name),
+            _ => None,
+        });
+        assert_eq!(brought.collect::<Vec<_>>(), ["sphere", "parabolic", "blob", "coral"]);
     }
 
     #[test]
@@ -544,6 +599,7 @@ mod tests {
                     assert_eq!(summary.points, 3);
                     "read"
                 }
+                Event::Mirror { .. } => panic!("there is none"),
                 Event::Surfels { surfels, .. } => {
                     assert_eq!(surfels.iter().map(|surfels| surfels.normals.len()).collect::<Vec<_>>(), [3]);
                     "surfels"
@@ -559,11 +615,17 @@ mod tests {
     fn a_built_in_scene_has_as_many_points_as_asked_for() {
         let mut settings = Settings::default();
         settings.scene.points = 200_000;
-        let job = start(vec![Input::BuiltIn(five_mirrors::Variant::Sphere)], &settings);
+        let input = Input::BuiltIn { variant: five_mirrors::Variant::Sphere, without: Vec::new() };
+        let job = start(vec![input], &settings);
         let (mut points, mut mirrors) = (0, 0);
         for event in &job.events {
             match event {
-                Event::Opened { material, .. } => mirrors += usize::from(material.specular_intensity > 0.0),
+                Event::Opened { .. } => {}
+                Event::Mirror { mirror, samples, .. } => {
+                    assert_eq!((mirror.name.as_str(), mirror.specular_intensity), ("sphere", 1.0));
+                    mirrors += 1;
+                    points += samples.iter().map(Chunk::len).sum::<usize>();
+                }
                 Event::Chunk { chunk, .. } => points += chunk.len(),
                 Event::Surfels { .. } | Event::Failed { .. } => panic!("its points are complete"),
                 Event::Read { .. } | Event::Finished => {}
@@ -577,7 +639,8 @@ mod tests {
         let mut settings = Settings::default();
         // More chunks than the channel holds, so that the thread waits for room when the job is dropped.
         settings.scene.points = 2_000_000;
-        let job = start(vec![Input::BuiltIn(five_mirrors::Variant::Sphere)], &settings);
+        let input = Input::BuiltIn { variant: five_mirrors::Variant::Sphere, without: Vec::new() };
+        let job = start(vec![input], &settings);
         let progress = job.progress.clone();
         assert!(job.events.recv().is_ok());
         drop(job);

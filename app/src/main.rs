@@ -6,6 +6,7 @@ mod failure;
 mod info;
 mod listing;
 mod loading;
+mod mirrors;
 mod picture_file;
 mod progress_bar;
 mod render_command;

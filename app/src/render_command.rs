@@ -10,38 +10,48 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
-use cloud::{Cloud, Progress};
+use cloud::{Chunk, Cloud, Progress};
 use glam::DVec3;
 use param::Choice as _;
 use render::{Aov, ColorPlan, FrameStats, Gpu, Objects, PointStore, Renderer};
-use scene::{Camera, SceneFile, Settings, StandardView};
+use scene::{Camera, Method, Mirror, MirrorPoints, SceneFile, Settings, StandardView};
 use serde::Serialize;
 
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
-use crate::loading::{self, Event, Request};
-use crate::{listing, picture_file, progress_bar};
+use crate::loading::{self, Event, Input, Request};
+use crate::{listing, mirrors, picture_file, progress_bar};
 
 /// Renders; the exit status is 2 if one of several inputs could not be read and the picture shows the others.
 ///
 /// # Errors
 /// Bad usage, nothing that can be read, no adapter, a file that cannot be written.
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
-    check_method(&arguments.method)?;
-    if arguments.bounces > 0 {
-        return Err(usage("--bounces: this version does not follow reflections yet; leave it out, or give 0"));
-    }
     let images = images(arguments)?;
-    let request = loading::resolve(&arguments.inputs);
+    let mut request = loading::resolve(&arguments.inputs);
     request.check()?;
     spare_inputs(arguments, &request)?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
-    let viewpoint = Viewpoint::new(arguments.camera.as_deref(), &request, &mut settings)?;
+    let viewpoint = Viewpoint::new(arguments.camera.as_deref(), &mut request, &mut settings)?;
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     if let Some(seed) = arguments.seed {
         settings.scene.seed = seed;
+    }
+    if let Some(name) = &arguments.method {
+        settings.reflection.method = method(name)?;
+    }
+    if let Some(bounces) = arguments.bounces {
+        settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
+    }
+    if let Some((aov, _)) = images.iter().find(|(aov, _)| is_of_reflections(*aov))
+        && (settings.reflection.method == Method::None || settings.reflection.bounces == 0)
+    {
+        let name = aov.name();
+        return Err(usage(format!(
+            "--aov: `{name}` is of what mirrors show; it needs a --method and at least one of --bounces"
+        )));
     }
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     let largest = gpu.device.limits().max_texture_dimension_2d;
@@ -51,12 +61,15 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
 
-    let (mut clouds, failures) = load(request, &settings)?;
+    let Loads { mut clouds, mirrors: mut placed, failures } = load(std::mem::take(&mut request.inputs), &settings)?;
     if clouds.is_empty() && failures > 0 {
         // All that is to be said has been said.
         return Ok(2);
     }
-    let outline: Vec<DVec3> = clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks)).collect();
+    let area = mirrors::area_per_point(clouds.iter().flat_map(|loaded| &loaded.cloud.chunks));
+    placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
+    let outline = clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks));
+    let outline: Vec<DVec3> = outline.chain(placed.iter().flat_map(|(mirror, _)| mirrors::outline(mirror))).collect();
     let Some(up) = clouds.iter().find(|loaded| !loaded.cloud.is_empty()).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", arguments.inputs.join(", "))));
     };
@@ -64,14 +77,26 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let mut store = PointStore::new(gpu.clone());
     store.reserve(clouds.iter().map(|loaded| loaded.cloud.len()).sum());
     for loaded in &mut clouds {
-        upload(&mut store, loaded, &settings)?;
+        let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
+        let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
+        upload(&mut store, loaded, &reflecting, &settings)?;
     }
+    for points in &request.mirror_points {
+        if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
+            crate::complain(&format!("warning: mirror points: no cloud is called `{}`", points.cloud));
+        }
+    }
+    for (mirror, samples) in &placed {
+        mirrors::upload(&mut store, mirror, samples)?;
+    }
+    let placed: Vec<Mirror> = placed.into_iter().map(|(mirror, _)| mirror).collect();
+    let objects = Objects { mirrors: &placed, lights: &request.lights };
 
     let mut renderer = Renderer::new(gpu.clone())?;
     let mut draw = || {
-        // Every frame is made from scratch, so that its time is that of all its passes.
+        // Each from scratch: what a frame keeps of the one before would be missing from its time.
         renderer.forget();
-        renderer.render(&store, &camera, &settings, Objects::default(), arguments.size)
+        renderer.render(&store, &camera, &settings, objects, arguments.size)
     };
     let mut frames = vec![draw()?];
     if arguments.stats.is_some() || arguments.frames.is_some() {
@@ -86,35 +111,27 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         picture_file::write_exr(path, &renderer.read_aov(*aov)?)?;
     }
     if let Some(path) = &arguments.stats {
-        let mirror = renderer.read_aov(Aov::Mirror)?;
-        let stats =
-            Stats::new(arguments, &gpu, &settings, &frames, mirror.data.iter().filter(|value| **value > 0.0).count());
+        let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?);
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(if failures > 0 { 2 } else { 0 })
 }
 
-fn check_method(name: &str) -> anyhow::Result<()> {
-    let available: Vec<&str> = listing::METHODS.iter().map(|method| method.name).collect();
-    if available.contains(&name) {
-        return Ok(());
+fn method(name: &str) -> anyhow::Result<Method> {
+    if let Some(index) = Method::NAMES.iter().position(|known| *known == name) {
+        return Ok(Method::from_index(index as u32).unwrap_or(Method::Auto));
     }
     let problem = if listing::LATER_METHODS.contains(&name) { "is not in this version yet" } else { "is unknown" };
-    Err(usage(format!("--method: `{name}` {problem}; available: {}", available.join(", "))))
+    Err(usage(format!("--method: `{name}` {problem}; available: {}", Method::NAMES.join(", "))))
+}
+
+/// Images of what mirrors show: there are none where nothing is looked for.
+fn is_of_reflections(aov: Aov) -> bool {
+    matches!(aov, Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal)
 }
 
 /// AOVs of INTERFACE that belong to parts of the program this version does not have.
-const LATER_AOVS: [&str; 9] = [
-    "mirror_position",
-    "mirror_albedo",
-    "mirror_normal",
-    "regions",
-    "curvature",
-    "direct",
-    "indirect",
-    "reference_position",
-    "reference_color",
-];
+const LATER_AOVS: [&str; 3] = ["indirect", "reference_position", "reference_color"];
 
 /// The images of `--aov`, once it is sure that every file of the run has a place of its own.
 fn images(arguments: &RenderArguments) -> anyhow::Result<Vec<(Aov, PathBuf)>> {
@@ -185,8 +202,9 @@ enum Viewpoint {
 }
 
 impl Viewpoint {
-    /// `word` is the value of `--camera`; parameters that come with a camera file are applied to `settings`.
-    fn new(word: Option<&str>, request: &Request, settings: &mut Settings) -> anyhow::Result<Self> {
+    /// `word` is the value of `--camera`; parameters that come with a camera file are applied to `settings`, its mirrors and
+    /// lights are put into `request`.
+    fn new(word: Option<&str>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
         let own = request.view.as_ref().and_then(|view| view.camera);
         let Some(word) = word else {
             return Ok(own.map_or(Self::Framing(StandardView::Isometric), Self::Camera));
@@ -205,7 +223,9 @@ impl Viewpoint {
             let names = StandardView::NAMES.join(", ");
             return Err(usage(format!("--camera {word}: no such file, and none of {names}, scene")));
         }
-        let view = SceneFile::read(path)?.view();
+        let file = SceneFile::read(path)?;
+        let view = file.view();
+        request.furnish(&file);
         view.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {word}: {warning}")));
         for (key, value) in view.settings.differing() {
             settings.set_text(&key, &value)?;
@@ -225,8 +245,9 @@ impl Viewpoint {
 /// A cloud that is in memory.
 struct Loaded {
     cloud: Cloud,
+    /// As on the command line or in the scene file; the name where it is part of a built-in scene.
+    input: String,
     source: Option<Arc<codec::Source>>,
-    material: render::Material,
     up: DVec3,
     provisional_radius: f32,
 }
@@ -234,12 +255,20 @@ struct Loaded {
 /// How long the receiver waits before it looks at the progress again.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// All inputs in memory, chunks in the order of the file, with normals and radii; and how many inputs failed, which are
-/// reported as they fail.
-fn load(request: Request, settings: &Settings) -> anyhow::Result<(Vec<Loaded>, usize)> {
-    let job = loading::start(request.inputs, settings);
-    let mut clouds: Vec<Loaded> = Vec::new();
-    let mut failures = 0;
+/// All inputs in memory.
+#[derive(Default)]
+struct Loads {
+    /// Chunks in the order of the file, with normals and radii.
+    clouds: Vec<Loaded>,
+    /// Of built-in scenes, and the points that stand for them.
+    mirrors: Vec<(Mirror, Vec<Chunk>)>,
+    /// Inputs that failed; they are reported as they fail.
+    failures: usize,
+}
+
+fn load(inputs: Vec<Input>, settings: &Settings) -> anyhow::Result<Loads> {
+    let job = loading::start(inputs, settings);
+    let Loads { mut clouds, mut mirrors, mut failures } = Loads::default();
     let bar = progress_bar::points("reading");
     let warn = |name: &str, warnings: &[String]| {
         for warning in warnings {
@@ -257,13 +286,13 @@ fn load(request: Request, settings: &Settings) -> anyhow::Result<(Vec<Loaded>, u
         match job.events.recv_timeout(INTERVAL) {
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return Err(anyhow!("loading ended before it was done")),
-            Ok(Event::Opened {
-                name, source, attributes, grid, material, up, provisional_radius, warnings, ..
-            }) => {
+            Ok(Event::Opened { name, path, source, attributes, grid, up, provisional_radius, warnings, .. }) => {
                 warn(&name, &warnings);
                 let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
-                clouds.push(Loaded { cloud, source, material, up, provisional_radius });
+                let input = path.map_or(cloud.name.clone(), |path| path.display().to_string());
+                clouds.push(Loaded { cloud, input, source, up, provisional_radius });
             }
+            Ok(Event::Mirror { mirror, samples, .. }) => mirrors.push((mirror, samples)),
             Ok(Event::Chunk { cloud, chunk }) => clouds[cloud].cloud.chunks.push(chunk),
             Ok(Event::Read { cloud, summary }) => {
                 let opened = clouds[cloud].source.as_ref().map(|source| source.info().warnings.clone());
@@ -288,11 +317,17 @@ fn load(request: Request, settings: &Settings) -> anyhow::Result<(Vec<Loaded>, u
         }
     }
     bar.finish_and_clear();
-    Ok((clouds, failures))
+    Ok(Loads { clouds, mirrors, failures })
 }
 
-/// Puts a cloud on the GPU in the colours that the settings ask for.
-fn upload(store: &mut PointStore, loaded: &mut Loaded, settings: &Settings) -> anyhow::Result<()> {
+/// Puts a cloud on the GPU in the colours that the settings ask for, and those of its points that reflect as clouds of their
+/// own.
+fn upload(
+    store: &mut PointStore,
+    loaded: &mut Loaded,
+    reflecting: &[&MirrorPoints],
+    settings: &Settings,
+) -> anyhow::Result<()> {
     let (plan, warning) = ColorPlan::new(&loaded.cloud, &settings.color, loaded.up);
     if let Some(warning) = warning {
         crate::complain(&format!("warning: {warning}"));
@@ -305,26 +340,49 @@ fn upload(store: &mut PointStore, loaded: &mut Loaded, settings: &Settings) -> a
             chunk.columns[attribute] = columns.remove(&chunk.first_point);
         }
     }
-    let id = store.add_cloud(loaded.material);
-    store.set_provisional_radius(id, loaded.provisional_radius);
-    let classification = loaded.cloud.attributes.iter().position(|attribute| attribute.name == "classification");
-    let mut chunks = Vec::with_capacity(loaded.cloud.chunks.len());
-    for chunk in &loaded.cloud.chunks {
-        let classes = classification.and_then(|index| chunk.columns.get(index)?.as_deref());
-        let classes = if let Some(cloud::Column::U8(classes)) = classes { Some(classes.as_slice()) } else { None };
-        chunks.push(store.add_chunk(id, chunk, classes)?);
+    let mut marked = Vec::new();
+    for points in reflecting {
+        let progress = Progress::default();
+        let mark = || mirrors::mark(&loaded.cloud, loaded.source.as_deref(), points, &progress);
+        marked.extend(progress_bar::watch("mirror", &progress, mark).map_err(|error| usage(format!("{error:#}")))?);
     }
-    store.set_color(id, &loaded.cloud, &chunks, &plan, loaded.up)?;
+    let mut parts: Vec<(render::Material, Vec<Chunk>)> = vec![(render::Material::default(), Vec::new())];
+    parts.extend(marked.iter().map(|marked| (marked.material, Vec::new())));
+    for (index, chunk) in loaded.cloud.chunks.iter().enumerate() {
+        let parted = mirrors::part(chunk, index, &marked);
+        let reflecting = parted.reflecting.into_iter().map(|(taken, _)| taken);
+        for ((_, chunks), part) in parts.iter_mut().zip(std::iter::once(parted.rest).chain(reflecting)) {
+            chunks.push(part);
+        }
+    }
+    let classification = loaded.cloud.attributes.iter().position(|attribute| attribute.name == "classification");
+    for (material, mut chunks) in parts {
+        chunks.retain(|chunk| !chunk.is_empty());
+        let id = store.add_cloud(material);
+        store.set_provisional_radius(id, loaded.provisional_radius);
+        let mut ids = Vec::with_capacity(chunks.len());
+        for chunk in &chunks {
+            let classes = classification.and_then(|index| chunk.columns.get(index)?.as_deref());
+            let classes = if let Some(cloud::Column::U8(classes)) = classes { Some(classes.as_slice()) } else { None };
+            ids.push(store.add_chunk(id, chunk, classes)?);
+        }
+        store.set_color(id, &Cloud { chunks, ..loaded.cloud.clone() }, &ids, &plan, loaded.up)?;
+    }
     Ok(())
 }
 
-/// `--stats`: names and order are fixed, and figures of reflections are null until there are some.
+/// Pixels that are a mirror, whether or not it was asked what they show.
+fn mirror_pixels(renderer: &Renderer) -> render::Result<usize> {
+    Ok(renderer.read_aov(Aov::Mirror)?.data.iter().filter(|value| **value > 0.0).count())
+}
+
+/// `--stats`: names and order are fixed. Figures of reflections are of the first bounce, null where none was looked for.
 #[derive(Serialize)]
 struct Stats {
     adapter: AdapterStats,
     clock: &'static str,
     size: [u32; 2],
-    method: String,
+    method: &'static str,
     /// What `--set` must say for this picture: what differs from the defaults, and what was said.
     set: BTreeMap<String, serde_json::Value>,
     points: PointStats,
@@ -336,7 +394,7 @@ struct Stats {
     coverage: Option<f64>,
     closed_coverage: Option<f64>,
     hit_rate: Option<f64>,
-    regions: Option<u64>,
+    regions: Option<u32>,
     bounces: u32,
     memory: MemoryStats,
     accuracy: Option<f64>,
@@ -378,6 +436,7 @@ impl Stats {
         let mut said: Vec<&str> = arguments.set.iter().map(|(key, _)| key.as_str()).collect();
         said.extend(arguments.seed.map(|_| "scene.seed"));
         let last = frames.last();
+        let reflection = last.and_then(|frame| frame.reflection);
         let pass_median = |name: &str| {
             let of_name = |frame: &FrameStats| {
                 frame.passes.iter().filter(|pass| pass.name == name).map(|pass| pass.milliseconds).sum::<f64>()
@@ -398,7 +457,7 @@ impl Stats {
             },
             clock: gpu.clock.name(),
             size: arguments.size,
-            method: arguments.method.clone(),
+            method: settings.reflection.method.name(),
             set: set_values(settings, &said),
             points: PointStats {
                 scene: last.map_or(0, |frame| frame.points_resident),
@@ -408,11 +467,11 @@ impl Stats {
             frame_ms: median(frames.iter().map(|frame| frame.frame_milliseconds).collect()),
             frames: frames.len(),
             mirror_pixels,
-            coverage: None,
-            closed_coverage: None,
-            hit_rate: None,
-            regions: None,
-            bounces: 0,
+            coverage: reflection.map(|stats| stats.coverage),
+            closed_coverage: reflection.map(|stats| stats.closed_coverage),
+            hit_rate: reflection.and_then(|stats| stats.hit_rate),
+            regions: reflection.and_then(|stats| stats.regions),
+            bounces: reflection.map_or(0, |stats| stats.bounces),
             memory: MemoryStats {
                 gpu_bytes: last.map_or(0, |frame| frame.gpu_bytes),
                 host_peak_bytes: host_peak_bytes(),
@@ -474,12 +533,15 @@ mod tests {
     #[test]
     fn bad_words_are_refused_by_name_before_any_work() {
         let scene = "five-mirrors/sphere";
-        let later = refusal(&[scene, "-o", "a.png", "--method", "sscr"]);
-        assert_eq!(later, "--method: `sscr` is not in this version yet; available: none");
-        assert!(refusal(&[scene, "-o", "a.png", "--method", "ssrc"]).contains("is unknown; available: none"));
-        assert!(refusal(&[scene, "-o", "a.png", "--bounces", "2"]).contains("--bounces"));
+        let later = refusal(&[scene, "-o", "a.png", "--method", "cubemap_trace"]);
+        assert!(later.contains("`cubemap_trace` is not in this version yet; available: auto, none, sscr"), "{later}");
+        assert!(refusal(&[scene, "-o", "a.png", "--method", "ssrc"]).contains("is unknown; available: auto, none"));
+        assert!(refusal(&[scene, "-o", "a.png", "--bounces", "5"]).contains("0 to 4"));
+        let blind = ["--aov", "mirror_position=b.exr"];
+        assert!(refusal(&[&[scene, "-o", "a.png", "--bounces", "0"][..], &blind].concat()).contains("--bounces"));
+        assert!(refusal(&[&[scene, "-o", "a.png", "--method", "none"][..], &blind].concat()).contains("--method"));
         assert!(refusal(&[scene, "-o", "a.jpg"]).contains(".png"));
-        assert!(refusal(&[scene, "-o", "a.png", "--aov", "mirror_position=b.exr"]).contains("not in this version yet"));
+        assert!(refusal(&[scene, "-o", "a.png", "--aov", "reference_color=b.exr"]).contains("not in this version yet"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "dept=b.exr"]).contains("available: depth, normal"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "depth=b.png"]).contains(".exr"));
         assert!(
@@ -516,7 +578,7 @@ mod tests {
         let camera = Camera::looking(DVec3::ONE, DVec3::X, 5.0, DVec3::Z);
         std::fs::write(&path, SceneFile::new(Vec::new(), camera, &settings).to_text()).unwrap();
         let mut settings = Settings::default();
-        let viewpoint = Viewpoint::new(path.to_str(), &Request::default(), &mut settings).unwrap();
+        let viewpoint = Viewpoint::new(path.to_str(), &mut Request::default(), &mut settings).unwrap();
         settings.set_text("splat.size", "4").unwrap();
         assert_eq!((settings.splat.size, settings.edl.strength), (4.0, 2.0));
         let seen = viewpoint.camera(&[], DVec3::Z, &settings, [8, 8]);

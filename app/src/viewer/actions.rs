@@ -1,18 +1,31 @@
-//! What the actions of the table of bindings do to the state, one by one, and the views and command lines that are copied.
+//! What the actions of the table of bindings do to the state, one by one, and the views, scenes and command lines that are
+//! copied and saved.
 
 use std::path::{Path, PathBuf};
 
+use cloud::{Bounds, Chunk};
+use glam::DVec2;
 use param::Choice as _;
-use scene::{ColorBy, Projection, SceneFile, Settings, StandardView};
+use scene::{ColorBy, Mirror, Projection, SceneFile, Settings, Shape, StandardView, five_mirrors};
 use serde_json::json;
 
 use super::bindings::{Action, Mode};
+use super::gizmo::Handles;
+use super::inspection::{Inspection, Ray, Surface};
+use super::navigation::to_vector;
+use super::objects::Placed;
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, FrameRequest, PickPurpose};
 use super::state::{Effect, State, short_name};
 
 /// Growth of splats and of the field of view per notch: seven notches double.
 const STEP: f32 = 1.1;
+/// Radians that a notch tilts the inspection mirror.
+const TILT_STEP: f64 = 0.087;
+/// Size of a mirror that is added, over the scene's radius: a tenth of the scene across.
+const MIRROR_SIZE: f64 = 0.1;
+/// Pixels about the cursor that its sight line takes in: as when a point is picked.
+const CAST_RADIUS: f64 = 4.0;
 
 impl State {
     pub fn act(&mut self, action: Action) {
@@ -38,6 +51,7 @@ impl State {
                     self.render(Command::Pick { pixel, purpose: PickPurpose::Pivot });
                 }
             }
+            Action::Pick if self.inspection.is_some() => self.pin_inspection(),
             Action::Pick => {
                 if let Some(pixel) = self.cursor() {
                     self.render(Command::Pick { pixel, purpose: PickPurpose::Select });
@@ -63,22 +77,47 @@ impl State {
                 *strength = if *strength > 0.0 { 0.0 } else { scene::Edl::default().strength };
             }
             Action::Open => self.effects.push(Effect::OpenDialog),
-            Action::OpenPath => self.path_prompt = Some(PathPrompt::default()),
+            Action::OpenPath => {
+                self.path_prompt = Some(PathPrompt::default());
+                self.prompt_is_for_mirror = false;
+            }
             Action::CopyView => {
-                let text = SceneFile::new(Vec::new(), self.camera, &self.settings).to_text();
+                let text = SceneFile { clouds: Vec::new(), ..self.scene_file(&self.settings) }.to_text();
                 self.effects.push(Effect::Copy(text));
                 self.messages.note(self.copied("View copied as text"));
+            }
+            Action::SaveScene => self.save_scene(),
+            Action::Gizmo(handles) => {
+                let shown = &mut self.gizmo.handles;
+                *shown = if *shown == handles { Handles::All } else { handles };
+            }
+            Action::DuplicateMirror => self.duplicate_mirror(),
+            Action::DeleteMirror => {
+                if let Some(id) = self.selected.take() {
+                    self.edit_objects(|objects| objects.mirrors.retain(|placed| placed.id != id));
+                }
+            }
+            Action::Inspect => self.toggle_inspection(),
+            Action::InspectDistance(notches) => {
+                if let Some(held) = &mut self.inspection {
+                    held.distance *= f64::from(STEP.powf(notches));
+                }
+            }
+            Action::InspectTilt(notches) => {
+                if let Some(held) = &mut self.inspection {
+                    held.tilt = (held.tilt + TILT_STEP * f64::from(notches)).clamp(-3.0, 3.0);
+                }
             }
             Action::CopyCommandLine => {
                 self.effects.push(Effect::Copy(self.command_line()));
                 self.messages.note(self.copied("Command line copied"));
             }
             Action::Undo => {
-                let done = self.history.undo(&mut self.settings, &mut self.camera);
+                let done = self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera);
                 self.after_history(done, "Nothing to undo");
             }
             Action::Redo => {
-                let done = self.history.redo(&mut self.settings, &mut self.camera);
+                let done = self.history.redo(&mut self.settings, &mut self.objects, &mut self.camera);
                 self.after_history(done, "Nothing to redo");
             }
             Action::PickTool => self.pick_tool = !self.pick_tool,
@@ -97,6 +136,7 @@ impl State {
     fn after_history(&mut self, done: bool, otherwise: &str) {
         if done {
             self.navigation.camera_moved();
+            self.log(json!({ "event": "history", "mirrors": self.objects.mirrors.len() }));
         } else {
             self.messages.note(otherwise);
         }
@@ -132,8 +172,13 @@ impl State {
             self.shortcuts_are_open = false;
         } else if self.path_prompt.is_some() {
             self.path_prompt = None;
+        } else if self.inspection.is_some() {
+            self.inspection = None;
+            self.navigation.camera_moved();
         } else if self.pick_tool {
             self.pick_tool = false;
+        } else if self.selected.is_some() {
+            self.selected = None;
         } else if !self.picks.is_empty() {
             self.picks.clear();
         } else if self.is_full_screen {
@@ -150,6 +195,7 @@ impl State {
                     self.messages.warning(format!("pasted view: {warning}"));
                 }
                 self.jump(view.settings, view.camera.unwrap_or(self.camera));
+                self.take_mirrors(&file);
                 self.messages.note("View pasted");
                 self.log(json!({ "event": "pasted" }));
             }
@@ -157,16 +203,172 @@ impl State {
         }
     }
 
+    /// Mirrors and lights of a view: those whose names are known move there, others are added.
+    fn take_mirrors(&mut self, file: &SceneFile) {
+        for mirror in &file.mirrors {
+            let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
+            match known {
+                Some(known) => known.mirror = mirror.clone(),
+                None => {
+                    let id = self.next_mirror_id();
+                    self.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
+                }
+            }
+        }
+        for light in file.lights.iter().filter(|light| !self.lights.contains(light)).copied().collect::<Vec<_>>() {
+            self.lights.push(light);
+        }
+        self.history.after_jump(&self.settings, &self.objects);
+    }
+
+    /// What is on the screen as a scene, with these of its parameters.
+    fn scene_file(&self, settings: &Settings) -> SceneFile {
+        let objects = self.objects.scene_file(&self.inputs());
+        let own_light = objects.clouds.iter().any(|input| input.starts_with("five-mirrors/")).then(five_mirrors::light);
+        SceneFile {
+            lights: self.lights.iter().filter(|light| Some(**light) != own_light).copied().collect(),
+            camera: Some(self.camera),
+            parameters: SceneFile::new(Vec::new(), self.camera, settings).parameters,
+            ..objects
+        }
+    }
+
+    fn save_scene(&mut self) {
+        let mut file = self.scene_file(&self.settings);
+        if file.clouds.is_empty() {
+            self.messages.note("There is no scene to save yet");
+            return;
+        }
+        // The file may be moved: only built-in scenes have no place of their own.
+        let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
+        for cloud in clouds.filter(|cloud| Path::new(cloud).is_file()) {
+            if let Ok(path) = std::path::absolute(&*cloud) {
+                *cloud = path.display().to_string();
+            }
+        }
+        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
+        let path = free_path(Path::new(""), &name, "toml");
+        self.effects.push(Effect::SaveScene { path, text: file.to_text() });
+    }
+
     /// The command that renders what is on the screen, for a POSIX shell.
     pub fn command_line(&self) -> String {
         let [width, height] = self.view_size;
-        let inputs: Vec<String> = self.inputs().iter().map(|input| quoted(input)).collect();
+        let file = self.scene_file(&Settings::default());
+        let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(input)).collect();
         let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
         for (key, text) in self.settings.differing() {
             line += &format!(" --set {}", quoted(&format!("{key}={text}")));
         }
-        let view = SceneFile::new(Vec::new(), self.camera, &Settings::default()).to_text();
+        let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
         line + " --camera /dev/stdin <<'VIEW'\n" + &view + "VIEW\n"
+    }
+
+    // ---- mirrors ----
+
+    /// Adds a mirror on the surface at the last pick, or at the pivot, and selects it.
+    pub fn add_mirror(&mut self, shape: Shape) {
+        let up = self.up();
+        let size = self.bounds().radius() * MIRROR_SIZE;
+        let size = if size > 0.0 { size } else { self.camera.distance() * MIRROR_SIZE };
+        let picked = self.picks.last().map(|pick| (pick.world, self.normal_at(pick.point)));
+        let (point, normal) = picked.unwrap_or((self.camera.pivot, None));
+        let to_eye = self.camera.eye - point;
+        let normal = normal.map_or(up, |normal| if normal.dot(to_eye) < 0.0 { -normal } else { normal });
+        let name = self.objects.free_name(shape.name(), None);
+        let mirror = Mirror { name, ..Mirror::standing(shape, point, normal, up, size) };
+        self.place(mirror);
+    }
+
+    fn place(&mut self, mirror: Mirror) {
+        let id = self.next_mirror_id();
+        self.log(json!({
+            "event": "mirror", "name": mirror.name, "position": mirror.position.to_array(), "size": mirror.size,
+        }));
+        self.edit_objects(|objects| objects.mirrors.push(Placed { id, mirror, input: None }));
+        self.selected = Some(id);
+    }
+
+    fn duplicate_mirror(&mut self) {
+        let Some(mirror) = self.selected.and_then(|id| self.objects.mirror(id)) else { return };
+        let name = self.objects.free_name(&mirror.name, None);
+        // Beside it, so that it can be seen and grabbed.
+        let aside = self.camera.right() * (mirror.shape.reach() * mirror.size);
+        let copy = Mirror { name, position: mirror.position + aside, ..mirror.clone() };
+        self.place(copy);
+    }
+
+    fn toggle_inspection(&mut self) {
+        if self.inspection.take().is_some() {
+            self.navigation.camera_moved();
+            return;
+        }
+        let radius = self.bounds().radius();
+        if radius > 0.0 {
+            let id = self.next_mirror_id();
+            self.inspection = Some(Inspection::new(id, radius));
+            self.selected = None;
+            self.messages.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");
+        }
+    }
+
+    /// Leaves the inspection mirror where it is.
+    fn pin_inspection(&mut self) {
+        let Some(mut held) = self.inspection.take() else { return };
+        if let Some(mirror) = held.mirror.take() {
+            let (id, name) = (held.id, self.objects.free_name(&mirror.name, None));
+            let mirror = Mirror { name, ..mirror };
+            self.log(json!({ "event": "mirror", "name": mirror.name, "position": mirror.position.to_array() }));
+            self.edit_objects(|objects| objects.mirrors.push(Placed { id, mirror, input: None }));
+            self.selected = Some(id);
+        }
+    }
+
+    /// Keeps the inspection mirror at the cursor; called every frame of the window.
+    pub fn follow_cursor(&mut self) {
+        let (eye, up, cursor) = (self.camera.eye, self.up(), self.cursor());
+        let Some(held) = &mut self.inspection else { return };
+        let before = held.mirror.clone();
+        held.update(None, eye, up);
+        let is_changed = held.mirror != before;
+        if is_changed {
+            self.navigation.camera_moved();
+        }
+        let Some(pixel) = cursor else { return };
+        let Some(held) = &mut self.inspection else { return };
+        if held.asked.is_some() || held.known == Some(pixel) {
+            return;
+        }
+        held.asked = Some(pixel);
+        let visible = self.clouds.iter().filter(|entry| entry.is_visible);
+        let chunks = visible.flat_map(|entry| {
+            let bounds = |chunk: &Chunk| entry.chunk_bounds.get(&chunk.first_point).copied();
+            entry.cloud.chunks.iter().filter_map(move |chunk| Some((chunk.clone(), bounds(chunk)?)))
+        });
+        let ray = self.sight_line(pixel, chunks.collect());
+        self.effects.push(Effect::Cast(ray));
+    }
+
+    /// What a pixel looks along.
+    pub fn sight_line(&self, pixel: [u32; 2], chunks: Vec<(Chunk, Bounds)>) -> Ray {
+        let lens = self.lens();
+        let pixel = to_vector(pixel);
+        let (origin, direction) = lens.ray(pixel);
+        let (_, beside) = lens.ray(pixel + DVec2::X * CAST_RADIUS);
+        let is_parallel = self.settings.view.projection == Projection::Orthographic;
+        let width = lens.units_per_pixel(self.camera.pivot).filter(|_| is_parallel).unwrap_or(0.0) * CAST_RADIUS;
+        Ray { origin, direction, spread: direction.distance(beside), width, chunks }
+    }
+
+    /// What a sight line has met. Beyond the scan the mirror stays where it was.
+    pub fn on_surface(&mut self, surface: Option<Surface>) {
+        let (eye, up) = (self.camera.eye, self.up());
+        let Some(held) = &mut self.inspection else { return };
+        held.known = held.asked.take();
+        if surface.is_some() {
+            held.update(surface, eye, up);
+            self.navigation.camera_moved();
+        }
     }
 
     /// What was done, and what the copy does not say of the picture.
@@ -184,7 +386,7 @@ impl State {
         let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
         let request = request.unhurried(&self.settings);
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
-        let path = free_path(Path::new(""), &name);
+        let path = free_path(Path::new(""), &name, "png");
         self.render(Command::Save { request, path });
     }
 }
@@ -219,8 +421,8 @@ fn picture_name(input: &str) -> String {
 }
 
 /// `glint-NAME-1.png`, or the first number that is free.
-fn free_path(folder: &Path, name: &str) -> PathBuf {
-    let path = |number: u32| folder.join(format!("glint-{name}-{number}.png"));
+fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
+    let path = |number: u32| folder.join(format!("glint-{name}-{number}.{extension}"));
     (1..u32::MAX).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
 }
 
@@ -288,7 +490,8 @@ mod tests {
     fn pictures_never_overwrite_one_another() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("glint-office-1.png"), "").unwrap();
-        assert!(free_path(folder.path(), "office").ends_with("glint-office-2.png"));
+        assert!(free_path(folder.path(), "office", "png").ends_with("glint-office-2.png"));
+        assert!(free_path(folder.path(), "office", "toml").ends_with("glint-office-1.toml"));
         assert_eq!(picture_name("scans/office.laz"), "office");
         assert_eq!(picture_name("office.laz"), "office");
         assert_eq!(picture_name("five-mirrors/sphere"), "five-mirrors-sphere");

@@ -4,6 +4,8 @@
 use egui::{Key, PointerButton};
 use scene::{ColorBy, StandardView};
 
+use super::gizmo::Handles;
+
 /// How the mouse moves the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
@@ -50,6 +52,14 @@ pub enum Action {
     SavePicture,
     ToggleShortcuts,
     StopLoading,
+    SaveScene,
+    Gizmo(Handles),
+    DuplicateMirror,
+    DeleteMirror,
+    Inspect,
+    /// In wheel notches.
+    InspectDistance(f32),
+    InspectTilt(f32),
 }
 
 /// The modifier keys a gesture needs: exactly these. `ctrl` is the command key on a Mac.
@@ -109,6 +119,7 @@ const MOVE: &str = "Move";
 const VIEWS: &str = "Views";
 const COLORS: &str = "Colours and points";
 const FILES: &str = "Files and pictures";
+const MIRRORS: &str = "Mirrors";
 const TOOLS: &str = "Tools and window";
 
 /// The table. Lines with the same section and text share a row of the shortcut sheet.
@@ -166,7 +177,16 @@ pub const BINDINGS: &[Binding] = {
         bind(FILES, Trigger::Key(CTRL, Key::C), A::CopyView, "Copy the view as text"),
         bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::C), A::CopyCommandLine, "Copy the command line of this picture"),
-        bind(TOOLS, Click, A::Pick, "Pick a point; a second one gives the distance"),
+        bind(FILES, Trigger::Key(CTRL, Key::S), A::SaveScene, "Save the scene"),
+        bind(MIRRORS, key(Key::G), A::Gizmo(Handles::Move), "Handles to move; again: all"),
+        bind(MIRRORS, key(Key::T), A::Gizmo(Handles::Turn), "Handles to turn; again: all"),
+        bind(MIRRORS, key(Key::Y), A::Gizmo(Handles::Scale), "Handle to scale; again: all"),
+        bind(MIRRORS, Trigger::Key(CTRL, Key::D), A::DuplicateMirror, "Copy the selected mirror"),
+        bind(MIRRORS, key(Key::Delete), A::DeleteMirror, "Delete the selected mirror"),
+        bind(MIRRORS, key(Key::M), A::Inspect, "Inspection mirror at the cursor; click pins it"),
+        bind(MIRRORS, Wheel(CTRL), A::InspectDistance(1.0), "Its distance"),
+        bind(MIRRORS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),
+        bind(TOOLS, Click, A::Pick, "Pick a point or a mirror; a second point gives the distance"),
         bind(TOOLS, key(Key::I), A::PickTool, "Pick with a crosshair"),
         bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear picks"),
         bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),
@@ -191,6 +211,8 @@ impl Action {
             Self::PointSize(step) => Self::PointSize(step * notches),
             Self::FieldOfView(step) => Self::FieldOfView(step * notches),
             Self::FlySpeed(step) => Self::FlySpeed(step * notches),
+            Self::InspectDistance(step) => Self::InspectDistance(step * notches),
+            Self::InspectTilt(step) => Self::InspectTilt(step * notches),
             other => other,
         }
     }
@@ -214,12 +236,17 @@ pub fn held(input: &egui::InputState) -> impl Iterator<Item = Action> {
     let modifiers = Modifiers::from(input.modifiers);
     BINDINGS.iter().filter_map(move |binding| {
         let down = match binding.trigger {
-            Trigger::Hold(key) => input.key_down(key),
+            // Ctrl+S saves and does not fly.
+            Trigger::Hold(key) => input.key_down(key) && !is_bound(Trigger::Key(modifiers, key)),
             Trigger::Modifier(wanted) => wanted == modifiers,
             _ => false,
         };
         down.then_some(binding.action)
     })
+}
+
+fn is_bound(trigger: Trigger) -> bool {
+    BINDINGS.iter().any(|binding| binding.trigger == trigger)
 }
 
 /// The first gesture of an action, for tool-tips; empty if it has none.
@@ -271,7 +298,7 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
 /// The shortcut sheet, in two columns; closed by its button or by `open`.
 pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let rows = sheet();
-    let sections = [MOVE, VIEWS, COLORS, FILES, TOOLS];
+    let sections = [MOVE, VIEWS, MIRRORS, COLORS, FILES, TOOLS];
     egui::Window::new("Shortcuts")
         .open(open)
         .collapsible(false)
@@ -280,8 +307,8 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
         .show(context, |ui| {
             ui.columns(2, |columns| {
                 for (index, section) in sections.into_iter().enumerate() {
-                    // Move and Views on the left, the rest on the right: about as many lines each.
-                    let ui = &mut columns[usize::from(index >= 2)];
+                    // About as many lines on either side.
+                    let ui = &mut columns[usize::from(index >= 3)];
                     ui.add_space(4.0);
                     ui.label(egui::RichText::new(section).strong().color(super::theme::ACCENT));
                     egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {

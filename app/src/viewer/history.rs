@@ -1,65 +1,67 @@
-//! Undo and redo of parameters and camera jumps. A slider's drag is one step: changes are gathered until nothing is held down
-//! and nothing has changed for a moment.
+//! Undo and redo of parameters, mirrors and camera jumps. A slider's or a gizmo's drag is one step: changes are gathered until
+//! nothing is held down and nothing has changed for a moment.
 
 use std::time::{Duration, Instant};
 
 use scene::{Camera, Settings};
 
+use super::objects::Objects;
+
 /// How things were before a step. `camera` is set where the step moved it at once (frame all, standard views, paste).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Snapshot {
-    pub settings: Settings,
-    pub camera: Option<Camera>,
+struct Snapshot {
+    settings: Settings,
+    objects: Objects,
+    camera: Option<Camera>,
 }
 
 #[derive(Default)]
 pub struct History {
     past: Vec<Snapshot>,
     future: Vec<Snapshot>,
-    /// The settings at the last step.
-    settled: Option<Settings>,
-    changed: Option<(Settings, Instant)>,
+    /// What was at the last step.
+    settled: Option<(Settings, Objects)>,
+    changed: Option<(Settings, Objects, Instant)>,
 }
 
 /// Quiet time that ends a step: longer than between two notches of a wheel, shorter than between two thoughts.
 const QUIET: Duration = Duration::from_millis(400);
-/// Steps kept: a snapshot is under a kilobyte.
+/// Steps kept: a snapshot is a few kilobytes.
 const STEPS: usize = 500;
 
 impl History {
-    /// Watches the settings; called every frame of the window. `is_held`: a mouse button is down or text is being typed.
+    /// Watches what can be undone; called every frame of the window. `is_held`: a mouse button is down or text is being typed.
     /// Returns when to look again.
-    pub fn watch(&mut self, settings: &Settings, is_held: bool) -> Option<Duration> {
+    pub fn watch(&mut self, settings: &Settings, objects: &Objects, is_held: bool) -> Option<Duration> {
         let Some(settled) = &self.settled else {
-            self.settled = Some(settings.clone());
+            self.settled = Some((settings.clone(), objects.clone()));
             return None;
         };
-        if settled == settings {
+        if settled.0 == *settings && settled.1 == *objects {
             self.changed = None;
             return None;
         }
         match &mut self.changed {
-            Some((changed, since)) if changed == settings => {
+            Some((changed, moved, since)) if changed == settings && moved == objects => {
                 if !is_held && since.elapsed() >= QUIET {
-                    self.settle(settings);
+                    self.settle(settings, objects);
                     return None;
                 }
             }
-            changed => *changed = Some((settings.clone(), Instant::now())),
+            changed => *changed = Some((settings.clone(), objects.clone(), Instant::now())),
         }
         Some(QUIET)
     }
 
     /// Ends the step under way.
-    fn settle(&mut self, settings: &Settings) {
+    pub fn settle(&mut self, settings: &Settings, objects: &Objects) {
         self.changed = None;
-        match &self.settled {
-            Some(settled) if settled != settings => {
-                let before = Snapshot { settings: settled.clone(), camera: None };
-                self.push(before);
-                self.settled = Some(settings.clone());
+        match self.settled.take() {
+            Some((before, objects_before)) if before != *settings || objects_before != *objects => {
+                self.push(Snapshot { settings: before, objects: objects_before, camera: None });
+                self.settled = Some((settings.clone(), objects.clone()));
             }
-            _ => {}
+            settled => self.settled = settled,
         }
     }
 
@@ -71,41 +73,57 @@ impl History {
         }
     }
 
-    /// A jump is about to happen; `settings` may change with it.
-    pub fn before_jump(&mut self, settings: &Settings, camera: Camera) {
-        self.settle(settings);
-        self.push(Snapshot { settings: settings.clone(), camera: Some(camera) });
+    /// What came or went with a file is no step: it is in all of them, or in none.
+    pub fn rewrite(&mut self, change: impl Fn(&mut Objects)) {
+        let steps = self.past.iter_mut().chain(&mut self.future).map(|step| &mut step.objects);
+        steps.chain(self.settled.as_mut().map(|(_, objects)| objects)).for_each(change);
+        self.changed = None;
+    }
+
+    /// A jump is about to happen; everything may change with it.
+    pub fn before_jump(&mut self, settings: &Settings, objects: &Objects, camera: Camera) {
+        self.settle(settings, objects);
+        self.push(Snapshot { settings: settings.clone(), objects: objects.clone(), camera: Some(camera) });
     }
 
     /// A jump has happened.
-    pub fn after_jump(&mut self, settings: &Settings) {
-        self.settled = Some(settings.clone());
+    pub fn after_jump(&mut self, settings: &Settings, objects: &Objects) {
+        self.settled = Some((settings.clone(), objects.clone()));
     }
 
-    pub fn undo(&mut self, settings: &mut Settings, camera: &mut Camera) -> bool {
-        self.settle(settings);
+    pub fn undo(&mut self, settings: &mut Settings, objects: &mut Objects, camera: &mut Camera) -> bool {
+        self.settle(settings, objects);
         let Some(step) = self.past.pop() else { return false };
-        let now = self.apply(step, settings, camera);
+        let now = self.apply(step, settings, objects, camera);
         self.future.push(now);
         true
     }
 
-    pub fn redo(&mut self, settings: &mut Settings, camera: &mut Camera) -> bool {
-        self.settle(settings);
+    pub fn redo(&mut self, settings: &mut Settings, objects: &mut Objects, camera: &mut Camera) -> bool {
+        self.settle(settings, objects);
         let Some(step) = self.future.pop() else { return false };
-        let now = self.apply(step, settings, camera);
+        let now = self.apply(step, settings, objects, camera);
         self.past.push(now);
         true
     }
 
     /// Returns how things were, in the form that leads back.
-    fn apply(&mut self, step: Snapshot, settings: &mut Settings, camera: &mut Camera) -> Snapshot {
-        let now = Snapshot { settings: settings.clone(), camera: step.camera.map(|_| *camera) };
-        *settings = step.settings;
+    fn apply(
+        &mut self,
+        step: Snapshot,
+        settings: &mut Settings,
+        objects: &mut Objects,
+        camera: &mut Camera,
+    ) -> Snapshot {
+        let now = Snapshot {
+            settings: std::mem::replace(settings, step.settings),
+            objects: std::mem::replace(objects, step.objects),
+            camera: step.camera.map(|_| *camera),
+        };
         if let Some(before) = step.camera {
             *camera = before;
         }
-        self.settled = Some(settings.clone());
+        self.settled = Some((settings.clone(), objects.clone()));
         now
     }
 }
@@ -113,53 +131,127 @@ impl History {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
+    use scene::{Mirror, Shape};
 
+    use super::super::objects::{MirrorId, Placed};
     use super::*;
 
     fn camera(distance: f64) -> Camera {
         Camera::looking(DVec3::ZERO, DVec3::X, distance, DVec3::Z)
     }
 
+    struct Subject {
+        history: History,
+        settings: Settings,
+        objects: Objects,
+        camera: Camera,
+    }
+
+    impl Subject {
+        fn new() -> Self {
+            let mut subject = Self {
+                history: History::default(),
+                settings: Settings::default(),
+                objects: Objects::default(),
+                camera: camera(1.0),
+            };
+            subject.watch(false);
+            subject
+        }
+
+        fn watch(&mut self, is_held: bool) {
+            self.history.watch(&self.settings, &self.objects, is_held);
+        }
+
+        fn undo(&mut self) -> bool {
+            self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera)
+        }
+
+        fn redo(&mut self) -> bool {
+            self.history.redo(&mut self.settings, &mut self.objects, &mut self.camera)
+        }
+
+        fn jump(&mut self, camera: Camera) {
+            self.history.before_jump(&self.settings, &self.objects, self.camera);
+            self.camera = camera;
+            self.history.after_jump(&self.settings, &self.objects);
+        }
+    }
+
+    fn ball(id: u32) -> Placed {
+        let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0);
+        Placed { id: MirrorId(id), mirror, input: None }
+    }
+
     #[test]
     fn a_drag_is_one_step_and_comes_back_by_redo() {
-        let (mut history, mut settings, mut camera) = (History::default(), Settings::default(), camera(1.0));
-        history.watch(&settings, false);
+        let mut subject = Subject::new();
         for step in 1..=20 {
-            settings.splat.size = step as f32 * 0.1;
-            history.watch(&settings, true);
+            subject.settings.splat.size = step as f32 * 0.1;
+            subject.watch(true);
         }
-        assert!(history.undo(&mut settings, &mut camera));
-        assert_eq!(settings, Settings::default());
-        assert!(!history.undo(&mut settings, &mut camera));
-        assert!(history.redo(&mut settings, &mut camera));
-        assert_eq!(settings.splat.size, 2.0);
-        assert!(!history.redo(&mut settings, &mut camera));
+        assert!(subject.undo());
+        assert_eq!(subject.settings, Settings::default());
+        assert!(!subject.undo());
+        assert!(subject.redo());
+        assert_eq!(subject.settings.splat.size, 2.0);
+        assert!(!subject.redo());
     }
 
     #[test]
     fn camera_jumps_are_undone_but_turning_by_hand_is_not() {
-        let (mut history, mut settings, mut now) = (History::default(), Settings::default(), camera(1.0));
-        history.watch(&settings, false);
-        history.before_jump(&settings, now);
-        now = camera(5.0);
-        history.after_jump(&settings);
-        now.orbit(0.3, 0.1);
-        let turned = now;
-        assert!(history.undo(&mut settings, &mut now));
-        assert_eq!(now, camera(1.0));
-        assert!(history.redo(&mut settings, &mut now));
-        assert_eq!(now, turned);
+        let mut subject = Subject::new();
+        subject.jump(camera(5.0));
+        subject.camera.orbit(0.3, 0.1);
+        let turned = subject.camera;
+        assert!(subject.undo());
+        assert_eq!(subject.camera, camera(1.0));
+        assert!(subject.redo());
+        assert_eq!(subject.camera, turned);
     }
 
     #[test]
     fn a_parameter_undone_leaves_the_camera_where_it_is() {
-        let (mut history, mut settings, mut now) = (History::default(), Settings::default(), camera(1.0));
-        history.watch(&settings, false);
-        settings.edl.strength = 3.0;
-        history.watch(&settings, true);
-        now.orbit(1.0, 0.0);
-        let turned = now;
-        assert!(history.undo(&mut settings, &mut now));
-        assert_eq!((settings, now), (Settings::default(), turned));
+        let mut subject = Subject::new();
+        subject.settings.edl.strength = 3.0;
+        subject.watch(true);
+        subject.camera.orbit(1.0, 0.0);
+        let turned = subject.camera;
+        assert!(subject.undo());
+        assert_eq!((&subject.settings, subject.camera), (&Settings::default(), turned));
+    }
+
+    #[test]
+    fn mirrors_and_parameters_are_undone_in_the_order_they_were_changed() {
+        let mut subject = Subject::new();
+        subject.objects.mirrors.push(ball(1));
+        subject.history.settle(&subject.settings, &subject.objects);
+        subject.settings.splat.size = 2.0;
+        subject.history.settle(&subject.settings, &subject.objects);
+        for step in 1..=10 {
+            subject.objects.mirrors[0].mirror.position.x = f64::from(step);
+            subject.watch(true);
+        }
+        assert!(subject.undo());
+        assert_eq!((subject.objects.mirrors[0].mirror.position.x, subject.settings.splat.size), (0.0, 2.0));
+        assert!(subject.undo());
+        assert_eq!((subject.objects.mirrors.len(), subject.settings.splat.size), (1, 1.0));
+        assert!(subject.undo());
+        assert!(subject.objects.mirrors.is_empty());
+        assert!(subject.redo() && subject.redo() && subject.redo());
+        assert_eq!(subject.objects.mirrors[0].mirror.position.x, 10.0);
+    }
+
+    #[test]
+    fn what_a_file_brings_is_not_undone() {
+        let mut subject = Subject::new();
+        subject.settings.splat.size = 2.0;
+        subject.history.settle(&subject.settings, &subject.objects);
+        let bring = |objects: &mut Objects| objects.mirrors.push(ball(1));
+        bring(&mut subject.objects);
+        subject.history.rewrite(bring);
+        assert!(subject.undo());
+        assert_eq!((subject.objects.mirrors.len(), subject.settings.splat.size), (1, 1.0));
+        assert!(!subject.undo());
     }
 }

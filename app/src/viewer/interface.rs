@@ -4,12 +4,16 @@ use std::time::Duration;
 
 use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, TextureId, Ui};
 
+use scene::MirrorPoints;
+
 use super::bindings::{self, Action};
 use super::messages::Level;
 use super::path_prompt::Outcome;
 use super::state::{JobEntry, State, short_name};
 use super::theme::{self, grouped};
-use super::{clouds_panel, colors_panel, navigation, overlay, panel, pick_panel, timings_panel};
+use super::{
+    clouds_panel, colors_panel, gizmo, mirrors_panel, navigation, overlay, panel, pick_panel, presets, timings_panel,
+};
 use crate::loading;
 
 /// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
@@ -46,7 +50,13 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
     bindings::sheet_window(ui.ctx(), &mut state.shortcuts_are_open);
     if let Some(prompt) = &mut state.path_prompt {
         let is_done = match prompt.show(ui.ctx()) {
-            Some(Outcome::Open(path)) => state.open(&[path]),
+            Some(Outcome::Open(path)) => {
+                let is_opened = state.open(&[path.clone()]);
+                if is_opened && state.prompt_is_for_mirror {
+                    state.await_marking(MirrorPoints::whole(path));
+                }
+                is_opened
+            }
             Some(Outcome::Close) => true,
             None => false,
         };
@@ -81,8 +91,12 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
             }
         });
         section(ui, "Colour", true, |ui| colors_panel::show(ui, state));
+        section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state));
         for (title, groups) in SECTIONS {
             section(ui, title, title != "When loading", |ui| {
+                if groups.contains(&"sscr") {
+                    presets::show(ui, &mut state.settings);
+                }
                 parameter_groups(ui, state, |name| groups.contains(&name))
             });
         }
@@ -162,6 +176,7 @@ fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect
         ui.painter().image(picture, rect, whole, Color32::WHITE);
     }
     overlay::paint(ui.painter(), rect, state);
+    gizmo::interact(&response, state);
     navigation::handle(ui, &response, state);
     if state.pick_tool && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
@@ -380,7 +395,7 @@ mod tests {
     fn the_panel_shows_every_group_of_parameters() {
         let mut harness = harness();
         harness.run_ok();
-        for title in ["Clouds", "Colour", "Splats and view", "Light", "When loading", "Timings"] {
+        for title in ["Clouds", "Colour", "Mirrors", "Splats and view", "Light", "When loading", "Timings"] {
             assert!(harness.query_all_by_label(title).next().is_some(), "{title}");
         }
         let named: Vec<&str> = SECTIONS.iter().flat_map(|(_, groups)| groups.iter().copied()).collect();

@@ -11,15 +11,21 @@ mod clouds_panel;
 mod colors_panel;
 mod event_log;
 mod figures;
+mod gizmo;
 mod history;
+mod inspection;
 mod interface;
+mod marking;
 mod messages;
+mod mirrors_panel;
 mod navigation;
+mod objects;
 mod overlay;
 mod panel;
 mod path_prompt;
 mod pick_panel;
 mod preferences;
+mod presets;
 mod render_thread;
 mod screen;
 mod state;
@@ -32,12 +38,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use cloud::Progress;
 use event_log::EventLog;
 use figures::Figures;
 use messages::Level;
 use path_prompt::PathPrompt;
 use preferences::Preferences;
 use render_thread::{RenderThread, Report};
+use scene::{MirrorNormals, MirrorPoints};
 use screen::{Painted, Screen};
 use serde_json::json;
 use state::{Effect, Found, State};
@@ -49,6 +57,7 @@ use winit::window::WindowId;
 
 use crate::failure::NoScreen;
 use crate::loading::{self, Request};
+use crate::{mirrors, picture_file};
 
 /// What other threads tell the window.
 enum Wake {
@@ -278,8 +287,10 @@ impl Viewer {
             }
         });
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
-        let again = [state.history.watch(&state.settings, is_held), state.request_frame()];
+        state.follow_cursor();
+        let again = [state.history.watch(&state.settings, &state.objects, is_held), state.request_frame()];
         state.renew_figures();
+        state.sync_objects();
         match painted {
             Painted::Next(delay) => {
                 let delay = again.into_iter().flatten().fold(delay, Duration::min);
@@ -347,6 +358,32 @@ impl Viewer {
                 Effect::ReadRecord { picked, source } => self.work("record", move |wake| {
                     let result = source.record(picked.point).map_err(|error| error.to_string());
                     let _ = wake.send_event(Wake::Found(Found::Record { picked, result }));
+                }),
+                Effect::SampleMirror { id, mirror, area_per_point } => self.work("mirror", move |wake| {
+                    let samples = mirrors::sample(&mirror, area_per_point);
+                    let _ = wake.send_event(Wake::Found(Found::Samples { id, mirror, area_per_point, samples }));
+                }),
+                Effect::MarkPoints { key, cloud, source, wanted, progress } => {
+                    self.work("mirror points", move |wake| {
+                        let mark = |wanted| mirrors::mark(&cloud, source.as_deref(), wanted, &progress);
+                        let result = wanted.iter().map(mark).collect::<anyhow::Result<Option<Vec<_>>>>();
+                        let result = result.map_err(|error| format!("{error:#}"));
+                        let _ = wake.send_event(Wake::Found(Found::Marked { key, wanted, result }));
+                    })
+                }
+                Effect::CountPoints { cloud, source, wanted } => self.work("count", move |wake| {
+                    let own = MirrorPoints { normals: MirrorNormals::Own, ..wanted.clone() };
+                    let marked = mirrors::mark(&cloud, source.as_deref(), &own, &Progress::default());
+                    let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
+                    let result = result.map_err(|error| format!("{error:#}"));
+                    let _ = wake.send_event(Wake::Found(Found::Counted { wanted, result }));
+                }),
+                Effect::Cast(ray) => self.work("sight line", move |wake| {
+                    let _ = wake.send_event(Wake::Found(Found::Surface(inspection::cast(&ray))));
+                }),
+                Effect::SaveScene { path, text } => self.work("scene", move |wake| {
+                    let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
+                    let _ = wake.send_event(Wake::Found(Found::SceneSaved { path, result }));
                 }),
                 Effect::OpenDialog => self.work("dialog", |wake| {
                     let asked = Instant::now();

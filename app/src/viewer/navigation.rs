@@ -90,12 +90,16 @@ pub fn handle(ui: &Ui, picture: &Response, state: &mut State) {
     } else {
         state.raw_colors = false;
     }
-    drags(picture, state, scale);
+    if !state.gizmo.has_mouse() {
+        drags(picture, state, scale);
+    }
     if picture.contains_pointer() {
         wheel(ui, state);
     }
     hover(ui, picture, state, scale);
-    if picture.double_clicked() {
+    if state.gizmo.has_mouse() {
+        // A click on a handle is meant for nothing else.
+    } else if picture.double_clicked() {
         // Its first click was not meant as a pick.
         state.picks = std::mem::take(&mut state.navigation.picks_before);
         act(state, bindings::action(Trigger::DoubleClick, state.mode));
@@ -286,7 +290,7 @@ impl State {
     }
 }
 
-fn to_vector(pixel: [u32; 2]) -> DVec2 {
+pub fn to_vector(pixel: [u32; 2]) -> DVec2 {
     // Its centre.
     DVec2::from(pixel.map(f64::from)) + 0.5
 }
@@ -327,6 +331,28 @@ impl Lens {
         Some((DVec2::new(device.x, -device.y) + 1.0) * 0.5 * self.size)
     }
 
+    /// Where the sight line of a pixel begins, and its unit direction.
+    pub fn ray(&self, pixel: DVec2) -> (DVec3, DVec3) {
+        let at = self.on_pivot_plane(pixel);
+        let forward = self.view_from_world.row(2);
+        if self.is_parallel {
+            (at - forward * self.distance, forward)
+        } else {
+            (self.eye, (at - self.eye).normalize_or(forward))
+        }
+    }
+
+    /// World units per pixel at the depth of a world position; `None` behind the eye.
+    pub fn units_per_pixel(&self, world: DVec3) -> Option<f64> {
+        let depth = if self.is_parallel { self.distance } else { self.view_from_world.row(2).dot(world - self.eye) };
+        (depth > 0.0).then(|| 2.0 * self.tangents.y * depth / self.size.y)
+    }
+
+    /// Unit vector into the picture.
+    pub fn forward(&self) -> DVec3 {
+        self.view_from_world.row(2)
+    }
+
     /// World position of a pixel on the plane through the pivot that faces the eye.
     pub fn on_pivot_plane(&self, pixel: DVec2) -> DVec3 {
         let device = pixel / self.size * 2.0 - 1.0;
@@ -350,6 +376,9 @@ mod tests {
                 assert!(back.distance(pixel) < 1e-4, "{pixel} became {back}");
             }
             assert!(lens.project(camera.pivot).unwrap().distance(DVec2::new(400.0, 300.0)) < 1e-4);
+            let (from, direction) = lens.ray(DVec2::new(123.0, 456.0));
+            let seen = lens.project(from + direction * 57.0).unwrap();
+            assert!(seen.distance(DVec2::new(123.0, 456.0)) < 1e-4, "{seen}");
         }
         let lens = Lens::new(&camera, &ViewSettings::default(), [800, 600]);
         assert_eq!(lens.project(camera.eye - camera.forward()), None);

@@ -1,9 +1,10 @@
-//! What is drawn over the picture: the pivot, picked points, the line between them. Seen through the camera of the picture
+//! What is drawn over the picture: the pivot, picked points, the line between them, handles. Seen through the camera of the picture
 //! that is shown, so that marks stick to their points.
 
 use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::DVec3;
 
+use super::gizmo;
 use super::navigation::Lens;
 use super::state::State;
 use super::theme;
@@ -34,6 +35,7 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
     for at in places.into_iter().flatten() {
         cross(&painter, at);
     }
+    gizmo::paint(&painter, rect, state);
 }
 
 fn pivot(painter: &Painter, at: Pos2) {

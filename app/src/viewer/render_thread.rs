@@ -14,8 +14,9 @@ use std::time::{Duration, Instant};
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
-use scene::{Camera, Quality, Settings};
+use scene::{Camera, Mirror, Quality, Settings, SpotLight};
 
+use crate::mirrors::{self, Marked};
 use crate::picture_file;
 
 /// A cloud, the same in the window, here and in events. Never used twice.
@@ -27,6 +28,8 @@ pub struct CloudKey(pub u32);
 pub struct FrameRequest {
     pub camera: Camera,
     pub settings: Settings,
+    pub mirrors: Vec<Mirror>,
+    pub lights: Vec<SpotLight>,
     /// Pixels.
     pub size: [u32; 2],
     /// Counts changes of the points and their colours.
@@ -47,7 +50,6 @@ pub enum PickPurpose {
 pub enum Command {
     AddCloud {
         key: CloudKey,
-        material: Material,
         provisional_radius: f32,
         expected_points: u64,
     },
@@ -74,6 +76,19 @@ pub enum Command {
     },
     Remove {
         key: CloudKey,
+    },
+    /// Points that stand for a mirror, in place of those that did under the same key.
+    Mirror {
+        key: CloudKey,
+        mirror: Mirror,
+        samples: Vec<Chunk>,
+    },
+    /// Which points of a cloud reflect, by lists for these chunks; they are clouds of their own on the GPU.
+    Mark {
+        key: CloudKey,
+        cloud: Cloud,
+        classes: Option<usize>,
+        marked: Vec<Marked>,
     },
     Frame(FrameRequest),
     Pick {
@@ -172,6 +187,56 @@ struct Resident {
     id: CloudId,
     /// By `first_point`.
     chunks: HashMap<u64, ChunkId>,
+    /// Points of it that reflect.
+    reflecting: Vec<Reflecting>,
+    /// How it is drawn, which those share.
+    color: Option<(ColorPlan, DVec3)>,
+    is_visible: bool,
+    visible_classes: Option<Box<[bool; 256]>>,
+}
+
+/// Points of a cloud that reflect, as a cloud of the store.
+struct Reflecting {
+    id: CloudId,
+    /// By `first_point` of the chunks they were taken from, with their indices in them.
+    chunks: HashMap<u64, (ChunkId, Vec<u32>)>,
+}
+
+impl Resident {
+    fn new(id: CloudId) -> Self {
+        let chunks = HashMap::new();
+        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true, visible_classes: None }
+    }
+
+    fn ids(&self) -> impl Iterator<Item = CloudId> {
+        std::iter::once(self.id).chain(self.reflecting.iter().map(|reflecting| reflecting.id))
+    }
+}
+
+/// What of `cloud` is in the store, and as what: chunks that the store refused are left out.
+fn stored(cloud: &Cloud, chunks: &HashMap<u64, ChunkId>) -> (Cloud, Vec<ChunkId>) {
+    let known = cloud.chunks.iter().filter_map(|chunk| Some((chunk.clone(), *chunks.get(&chunk.first_point)?)));
+    let (chunks, ids) = known.unzip();
+    (Cloud { chunks, ..cloud.clone() }, ids)
+}
+
+impl Reflecting {
+    fn stored(&self, cloud: &Cloud) -> (Cloud, Vec<ChunkId>) {
+        let known = cloud.chunks.iter().filter_map(|chunk| {
+            let (id, indices) = self.chunks.get(&chunk.first_point)?;
+            Some((chunk.select(indices), *id))
+        });
+        let (chunks, ids) = known.unzip();
+        (Cloud { chunks, ..cloud.clone() }, ids)
+    }
+}
+
+/// The classes of a chunk whose column `index` they are.
+fn classes_of(chunk: &Chunk, index: Option<usize>) -> Option<&[u8]> {
+    match chunk.columns.get(index?)?.as_deref()? {
+        cloud::Column::U8(classes) => Some(classes.as_slice()),
+        _ => None,
+    }
 }
 
 struct Worker {
@@ -180,7 +245,8 @@ struct Worker {
     renderer: Renderer,
     store: PointStore,
     clouds: HashMap<CloudKey, Resident>,
-    first_points: HashMap<ChunkId, (CloudKey, u64)>,
+    /// Where the points of a chunk come from: their indices in the file follow one another, or are these after the first.
+    first_points: HashMap<ChunkId, (CloudKey, u64, Option<Vec<u32>>)>,
     shown: Option<wgpu::Texture>,
     /// The store refused points: said once, not for each chunk.
     is_full: bool,
@@ -239,51 +305,56 @@ impl Worker {
 
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
-            Command::AddCloud { key, material, provisional_radius, expected_points } => {
+            Command::AddCloud { key, provisional_radius, expected_points } => {
                 self.store.reserve(expected_points);
-                let id = self.store.add_cloud(material);
+                let id = self.store.add_cloud(Material::default());
                 self.store.set_provisional_radius(id, provisional_radius);
-                self.clouds.insert(key, Resident { id, chunks: HashMap::new() });
+                self.clouds.insert(key, Resident::new(id));
             }
             Command::Chunk { key, chunk, classes } => return self.put(key, &chunk, classes),
             Command::Color { key, cloud, plan, up } => {
-                if let Some(resident) = self.clouds.get(&key) {
-                    // Chunks that the store refused are left out.
-                    let resident_chunks = cloud
-                        .chunks
-                        .iter()
-                        .filter_map(|chunk| resident.chunks.get(&chunk.first_point).map(|id| (chunk.clone(), *id)));
-                    let (chunks, ids): (Vec<_>, Vec<_>) = resident_chunks.unzip();
-                    self.store.set_color(resident.id, &Cloud { chunks, ..cloud }, &ids, &plan, up)?;
+                if let Some(resident) = self.clouds.get_mut(&key) {
+                    let (known, ids) = stored(&cloud, &resident.chunks);
+                    self.store.set_color(resident.id, &known, &ids, &plan, up)?;
+                    for reflecting in &resident.reflecting {
+                        let (known, ids) = reflecting.stored(&cloud);
+                        self.store.set_color(reflecting.id, &known, &ids, &plan, up)?;
+                    }
+                    resident.color = Some((plan, up));
                 }
             }
             Command::SetVisible { key, visible } => {
-                if let Some(resident) = self.clouds.get(&key) {
-                    self.store.set_visible(resident.id, visible);
+                if let Some(resident) = self.clouds.get_mut(&key) {
+                    resident.is_visible = visible;
+                    resident.ids().for_each(|id| self.store.set_visible(id, visible));
                 }
             }
             Command::SetVisibleClasses { key, visible } => {
-                if let Some(resident) = self.clouds.get(&key) {
-                    self.store.set_visible_classes(resident.id, &visible);
+                if let Some(resident) = self.clouds.get_mut(&key) {
+                    resident.ids().for_each(|id| self.store.set_visible_classes(id, &visible));
+                    resident.visible_classes = Some(visible);
                 }
             }
-            Command::Remove { key } => {
-                if let Some(resident) = self.clouds.remove(&key) {
-                    self.store.remove_cloud(resident.id);
-                    self.first_points.retain(|_, (owner, _)| *owner != key);
-                    self.is_full = false;
-                }
+            Command::Remove { key } => self.remove(key),
+            Command::Mark { key, cloud, classes, marked } => return self.mark(key, &cloud, classes, &marked),
+            Command::Mirror { key, mirror, samples } => {
+                self.remove(key);
+                let (id, ids) = mirrors::upload(&mut self.store, &mirror, &samples)?;
+                let chunks: HashMap<u64, ChunkId> = samples.iter().map(|chunk| chunk.first_point).zip(ids).collect();
+                self.first_points.extend(chunks.iter().map(|(first_point, id)| (*id, (key, *first_point, None))));
+                self.clouds.insert(key, Resident { chunks, ..Resident::new(id) });
             }
             Command::Pick { pixel, purpose } => {
                 let picked = self.renderer.pick(&self.store, pixel, PICK_RADIUS)?;
                 let point = picked.and_then(|picked| {
-                    let (key, first_point) = *self.first_points.get(&picked.chunk)?;
-                    Some(PickedPoint { key, point: first_point + picked.index as u64 })
+                    let (key, first_point, indices) = self.first_points.get(&picked.chunk)?;
+                    let index = indices.as_ref().map_or(picked.index as u64, |indices| indices[picked.index].into());
+                    Some(PickedPoint { key: *key, point: first_point + index })
                 });
                 report(Report::Picked { pixel, purpose, point });
             }
             Command::Save { request, path } => {
-                self.renderer.render(&self.store, &request.camera, &request.settings, Objects::default(), request.size)?;
+                self.render(&request)?;
                 let pixels = self.renderer.read_picture()?;
                 report(match picture_file::write_png(&path, request.size, &pixels) {
                     Ok(()) => Report::Saved(path),
@@ -295,12 +366,59 @@ impl Worker {
         Ok(())
     }
 
+    fn remove(&mut self, key: CloudKey) {
+        if let Some(resident) = self.clouds.remove(&key) {
+            resident.ids().for_each(|id| self.store.remove_cloud(id));
+            self.first_points.retain(|_, (owner, ..)| *owner != key);
+            self.is_full = false;
+        }
+    }
+
+    fn render(&mut self, request: &FrameRequest) -> render::Result<FrameStats> {
+        let objects = Objects { mirrors: &request.mirrors, lights: &request.lights };
+        self.renderer.render(&self.store, &request.camera, &request.settings, objects, request.size)
+    }
+
+    /// Takes the points that reflect out of a cloud and makes clouds of them, after putting back those that did before.
+    fn mark(&mut self, key: CloudKey, cloud: &Cloud, classes: Option<usize>, marked: &[Marked]) -> render::Result<()> {
+        let Some(resident) = self.clouds.get_mut(&key) else { return Ok(()) };
+        for before in resident.reflecting.drain(..) {
+            self.store.remove_cloud(before.id);
+            before.chunks.values().for_each(|(id, _)| drop(self.first_points.remove(id)));
+        }
+        for marked in marked {
+            let id = self.store.add_cloud(marked.material);
+            resident.reflecting.push(Reflecting { id, chunks: HashMap::new() });
+        }
+        for (index, chunk) in cloud.chunks.iter().enumerate() {
+            let Some(id) = resident.chunks.get(&chunk.first_point) else { continue };
+            let parted = mirrors::part(chunk, index, marked);
+            self.store.update_chunk(*id, &parted.rest, classes_of(chunk, classes))?;
+            for (reflecting, (taken, indices)) in resident.reflecting.iter_mut().zip(parted.reflecting) {
+                if taken.is_empty() {
+                    continue;
+                }
+                let id = self.store.add_chunk(reflecting.id, &taken, classes_of(&taken, classes))?;
+                self.first_points.insert(id, (key, chunk.first_point, Some(indices.clone())));
+                reflecting.chunks.insert(chunk.first_point, (id, indices));
+            }
+        }
+        for reflecting in &resident.reflecting {
+            self.store.set_visible(reflecting.id, resident.is_visible);
+            if let Some(visible) = &resident.visible_classes {
+                self.store.set_visible_classes(reflecting.id, visible);
+            }
+            if let Some((plan, up)) = &resident.color {
+                let (known, ids) = reflecting.stored(cloud);
+                self.store.set_color(reflecting.id, &known, &ids, plan, *up)?;
+            }
+        }
+        Ok(())
+    }
+
     fn put(&mut self, key: CloudKey, chunk: &Chunk, classes: Option<usize>) -> render::Result<()> {
         let Some(resident) = self.clouds.get_mut(&key) else { return Ok(()) };
-        let classes = classes.and_then(|index| chunk.columns.get(index)?.as_deref()).and_then(|column| match column {
-            cloud::Column::U8(classes) => Some(classes.as_slice()),
-            _ => None,
-        });
+        let classes = classes_of(chunk, classes);
         if let Some(id) = resident.chunks.get(&chunk.first_point) {
             return self.store.update_chunk(*id, chunk, classes);
         }
@@ -309,13 +427,13 @@ impl Worker {
         }
         let id = self.store.add_chunk(resident.id, chunk, classes).inspect_err(|_| self.is_full = true)?;
         resident.chunks.insert(chunk.first_point, id);
-        self.first_points.insert(id, (key, chunk.first_point));
+        self.first_points.insert(id, (key, chunk.first_point, None));
         Ok(())
     }
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
         let started = Instant::now();
-        let stats = self.renderer.render(&self.store, &request.camera, &request.settings, Objects::default(), request.size)?;
+        let stats = self.render(&request)?;
         let pixels = self.renderer.read_picture()?;
         let [width, height] = request.size;
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
@@ -351,15 +469,13 @@ impl FrameRequest {
     }
 }
 
-/// The settings for a frame while the camera moves: the quality falls to one point a pixel when the better one took too long
-/// last time.
+/// The settings for a frame while the camera or a mirror moves: when the better one took too long last time, the quality falls
+/// to one point a pixel, and mirrors show no further mirrors.
 pub fn hurried(settings: &Settings, last_careful_milliseconds: f64) -> Option<Settings> {
     // Below 20 frames a second a turn no longer feels like a turn.
     const TOO_LONG: f64 = 50.0;
-    if settings.splat.quality == Quality::Nearest || last_careful_milliseconds <= TOO_LONG {
-        return None;
-    }
-    let mut settings = settings.clone();
-    settings.splat.quality = Quality::Nearest;
-    Some(settings)
+    let mut hurried = settings.clone();
+    hurried.splat.quality = Quality::Nearest;
+    hurried.reflection.bounces = settings.reflection.bounces.min(1);
+    (hurried != *settings && last_careful_milliseconds > TOO_LONG).then_some(hurried)
 }

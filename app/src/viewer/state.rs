@@ -10,19 +10,25 @@ use std::time::{Duration, Instant};
 use cloud::{Bounds, Chunk, Cloud, Column, Progress, Surfels};
 use glam::DVec3;
 use render::FrameStats;
-use scene::{Camera, Settings, StandardView};
+use scene::{Camera, Mirror, MirrorPoints, Settings, SpotLight, StandardView};
 use serde_json::json;
 
 use super::bindings::Mode;
 use super::figures::{Basis, Figures, class_column};
+use super::gizmo::Gizmo;
 use super::history::History;
+use super::inspection::{self, Inspection};
+use super::marking::Draft;
 use super::messages::{Level, Messages};
 use super::navigation::{Lens, Navigation};
+use super::objects::{Marking, MirrorId, Objects, Placed};
 use super::path_prompt::PathPrompt;
 use super::preferences::Preferences;
 use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
 use super::theme::grouped;
+use super::timings_panel::FigureHistory;
 use crate::loading::{self, Input};
+use crate::mirrors::{self, Marked};
 
 /// What the window is to do.
 pub enum Effect {
@@ -46,7 +52,32 @@ pub enum Effect {
         picked: PickedPoint,
         source: Arc<codec::Source>,
     },
+    SampleMirror {
+        id: MirrorId,
+        mirror: Mirror,
+        /// Of the points around it, squared world units.
+        area_per_point: f64,
+    },
+    /// Finds the points of a cloud that are to reflect, or, without `then`, how many they are.
+    MarkPoints {
+        key: CloudKey,
+        cloud: Cloud,
+        source: Option<Arc<codec::Source>>,
+        wanted: Vec<MirrorPoints>,
+        progress: Arc<Progress>,
+    },
+    CountPoints {
+        cloud: Cloud,
+        source: Option<Arc<codec::Source>>,
+        wanted: MirrorPoints,
+    },
+    /// Finds the surface that a ray meets.
+    Cast(inspection::Ray),
     OpenDialog,
+    SaveScene {
+        path: PathBuf,
+        text: String,
+    },
     Copy(String),
     SetFullScreen(bool),
     /// A line of the event log.
@@ -55,9 +86,50 @@ pub enum Effect {
 
 /// What a worker thread found.
 pub enum Found {
-    Figures { key: CloudKey, basis: Basis, figures: Box<Figures> },
-    Column { key: CloudKey, attribute: usize, result: Result<BTreeMap<u64, Arc<Column>>, String> },
-    Record { picked: PickedPoint, result: Result<Vec<(String, String)>, String> },
+    Figures {
+        key: CloudKey,
+        basis: Basis,
+        figures: Box<Figures>,
+    },
+    Column {
+        key: CloudKey,
+        attribute: usize,
+        result: Result<BTreeMap<u64, Arc<Column>>, String>,
+    },
+    Record {
+        picked: PickedPoint,
+        result: Result<Vec<(String, String)>, String>,
+    },
+    Samples {
+        id: MirrorId,
+        mirror: Mirror,
+        area_per_point: f64,
+        samples: Vec<Chunk>,
+    },
+    /// `None` if it was cancelled.
+    Marked {
+        key: CloudKey,
+        wanted: Vec<MirrorPoints>,
+        result: Result<Option<Vec<Marked>>, String>,
+    },
+    Counted {
+        wanted: MirrorPoints,
+        result: Result<u64, String>,
+    },
+    Surface(Option<inspection::Surface>),
+    SceneSaved {
+        path: PathBuf,
+        result: Result<(), String>,
+    },
+}
+
+/// The points that stand for a mirror, and what they were made for.
+pub struct Sample {
+    pub key: CloudKey,
+    mirror: Mirror,
+    /// `None` if a built-in scene brought them.
+    area_per_point: Option<f64>,
+    chunks: Vec<(Chunk, Bounds)>,
 }
 
 pub struct CloudEntry {
@@ -82,6 +154,12 @@ pub struct CloudEntry {
     late_columns: HashMap<usize, BTreeMap<u64, Arc<Column>>>,
     /// Attributes that are being read, or could not be (`None`), which are not tried again.
     column_reads: HashMap<usize, Option<Arc<Progress>>>,
+    /// By `first_point`.
+    pub chunk_bounds: HashMap<u64, Bounds>,
+    /// What of it reflects on the render thread.
+    marked: Vec<MirrorPoints>,
+    /// What is being found out.
+    pub marking: Option<(Vec<MirrorPoints>, Arc<Progress>)>,
 }
 
 /// Loading under way.
@@ -124,6 +202,23 @@ pub struct State {
     pub clouds: Vec<CloudEntry>,
     pub jobs: Vec<JobEntry>,
     pub settings: Settings,
+    pub objects: Objects,
+    pub lights: Vec<SpotLight>,
+    pub selected: Option<MirrorId>,
+    pub gizmo: Gizmo,
+    pub inspection: Option<Inspection>,
+    pub samples: HashMap<MirrorId, Sample>,
+    /// A mirror whose points are being made.
+    sampling: Option<MirrorId>,
+    /// Of what is loaded, squared world units.
+    area_per_point: Option<f64>,
+    /// Points that may be turned into a mirror.
+    pub draft: Draft,
+    /// Of scene files whose clouds are still to come.
+    awaited_markings: Vec<MirrorPoints>,
+    /// What the prompt opens is to be a mirror.
+    pub prompt_is_for_mirror: bool,
+    pub figure_history: FigureHistory,
     pub camera: Camera,
     /// Someone chose the camera: loading no longer moves it.
     pub camera_is_placed: bool,
@@ -155,6 +250,7 @@ pub struct State {
     pub effects: Vec<Effect>,
     next_cloud: u32,
     next_job: u32,
+    next_mirror: u32,
     /// Why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
@@ -174,6 +270,18 @@ impl State {
             clouds: Vec::new(),
             jobs: Vec::new(),
             settings,
+            objects: Objects::default(),
+            lights: Vec::new(),
+            selected: None,
+            gizmo: Gizmo::default(),
+            inspection: None,
+            samples: HashMap::new(),
+            sampling: None,
+            area_per_point: None,
+            draft: Draft::default(),
+            awaited_markings: Vec::new(),
+            prompt_is_for_mirror: false,
+            figure_history: FigureHistory::default(),
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
             camera_is_placed: false,
             mode: Mode::Orbit,
@@ -200,6 +308,7 @@ impl State {
             effects: Vec::new(),
             next_cloud: 0,
             next_job: 0,
+            next_mirror: 0,
             fatal: None,
             wants_to_quit: false,
             warned: Vec::new(),
@@ -259,6 +368,15 @@ impl State {
                 _ => self.settings = settings,
             }
         }
+        for light in request.lights {
+            if !self.lights.contains(&light) {
+                self.lights.push(light);
+            }
+        }
+        for mirror in request.mirrors {
+            self.bring_mirror(mirror, None);
+        }
+        self.awaited_markings.extend(request.mirror_points);
         if !request.inputs.is_empty() {
             self.effects.push(Effect::Load { inputs: request.inputs });
         }
@@ -286,7 +404,6 @@ impl State {
                 attributes,
                 grid,
                 expected_points,
-                material,
                 up,
                 provisional_radius,
                 warnings,
@@ -296,7 +413,7 @@ impl State {
                 let input = self.input_name(job, path, &cloud.name);
                 let key = CloudKey(self.next_cloud);
                 self.next_cloud += 1;
-                self.render(Command::AddCloud { key, material, provisional_radius, expected_points });
+                self.render(Command::AddCloud { key, provisional_radius, expected_points });
                 if self.visible_classes.contains(&false) {
                     let visible = Box::new(self.visible_classes);
                     self.render(Command::SetVisibleClasses { key, visible });
@@ -325,6 +442,9 @@ impl State {
                     figures_under_way: false,
                     late_columns: HashMap::new(),
                     column_reads: HashMap::new(),
+                    chunk_bounds: HashMap::new(),
+                    marked: Vec::new(),
+                    marking: None,
                 });
                 if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
                     entry.clouds.insert(index, key);
@@ -334,6 +454,10 @@ impl State {
                 }
             }
             loading::Event::Chunk { cloud, chunk } => self.add_chunk(job, cloud, chunk),
+            loading::Event::Mirror { input, mirror, samples } => {
+                let id = self.bring_mirror(mirror.clone(), Some(input));
+                self.put_samples(id, mirror, None, samples);
+            }
             loading::Event::Read { cloud, summary } => self.on_read(job, cloud, &summary),
             loading::Event::Surfels { cloud, surfels } => self.add_surfels(job, cloud, surfels),
             loading::Event::Failed { input, error } => {
@@ -346,14 +470,14 @@ impl State {
         }
     }
 
-    /// The command-line word of a cloud. A built-in scene is several clouds, each named after it.
+    /// The command-line word of a cloud. That of a built-in scene is named after it.
     fn input_name(&self, job: u32, path: Option<PathBuf>, cloud: &str) -> String {
         if let Some(path) = path {
             return path.display().to_string();
         }
         let inputs = self.jobs.iter().find(|entry| entry.id == job).map_or(&[][..], |entry| &entry.inputs);
         let names: Vec<String> =
-            inputs.iter().filter(|input| matches!(input, Input::BuiltIn(_))).map(Input::name).collect();
+            inputs.iter().filter(|input| matches!(input, Input::BuiltIn { .. })).map(Input::name).collect();
         let named = names.iter().find(|name| cloud.starts_with(name.as_str()));
         named.or(names.first()).cloned().unwrap_or_else(|| cloud.to_string())
     }
@@ -369,7 +493,9 @@ impl State {
             put_column(&mut chunk, *attribute, columns);
         }
         entry.points += chunk.len() as u64;
-        entry.bounds = entry.bounds.union(chunk.bounds());
+        let chunk_bounds = chunk.bounds();
+        entry.chunk_bounds.insert(chunk.first_point, chunk_bounds);
+        entry.bounds = entry.bounds.union(chunk_bounds);
         entry.cloud.chunks.push(chunk.clone());
         let (key, classes, bounds) = (entry.key, class_column(&entry.cloud), entry.bounds);
         let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
@@ -404,6 +530,8 @@ impl State {
             chunk.normals = Some(Arc::new(surfels.normals));
             chunk.radii = Some(Arc::new(surfels.radii));
         }
+        // What reflects is to be found again, with these.
+        entry.marked = Vec::new();
         let (key, classes, chunks) = (entry.key, class_column(&entry.cloud), entry.cloud.chunks.clone());
         // Chunks of normals are new colours, too.
         entry.figures_basis = None;
@@ -435,8 +563,17 @@ impl State {
                 self.say(Level::Warning, format!("{name}: has no points"));
             }
         }
-        let points: u64 = self.clouds.iter().map(|entry| entry.points).sum();
+        self.area_per_point = None;
+        self.place_awaited_markings();
+        let points = self.points();
         self.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
+    }
+
+    /// Of all clouds, and of the mirrors of built-in scenes.
+    pub fn points(&self) -> u64 {
+        let brought = self.samples.values().filter(|sample| sample.area_per_point.is_none());
+        let of_mirrors = brought.flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64).sum::<u64>();
+        self.clouds.iter().map(|entry| entry.points).sum::<u64>() + of_mirrors
     }
 
     /// What has been read stays.
@@ -450,7 +587,14 @@ impl State {
 
     pub fn remove_cloud(&mut self, key: CloudKey) {
         let Some(index) = self.clouds.iter().position(|entry| entry.key == key) else { return };
-        self.clouds.remove(index);
+        let input = self.clouds.remove(index).input;
+        self.area_per_point = None;
+        let is_last = self.clouds.is_empty();
+        // Mirrors of a scene that is gone go with it, and with the last cloud all of them.
+        self.rewrite_objects(|objects| {
+            objects.markings.retain(|marking| marking.key != key);
+            objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
+        });
         self.picks.retain(|pick| pick.point.key != key);
         self.render(Command::Remove { key });
         self.revision += 1;
@@ -461,9 +605,10 @@ impl State {
                 job.surfel_progress.cancel();
             }
         }
-        if self.clouds.is_empty() {
+        if is_last {
             self.camera_is_placed = false;
             self.shown = None;
+            self.lights.clear();
         }
     }
 
@@ -517,6 +662,189 @@ impl State {
                     result.unwrap_or_default().into_iter().map(|(name, value)| (name, value.into())).collect();
                 self.log(json!({ "event": "record", "point": picked.point, "attributes": attributes }));
             }
+            Found::Samples { id, mirror, area_per_point, samples } => {
+                self.sampling = None;
+                // Of a mirror that has been deleted meanwhile there is nothing to show.
+                if self.all_mirrors().any(|(known, _)| known == id) {
+                    self.put_samples(id, mirror, Some(area_per_point), samples);
+                }
+            }
+            Found::Marked { key, wanted, result } => self.on_marked(key, wanted, result),
+            Found::Counted { wanted, result } => self.draft.on_counted(wanted, result),
+            Found::Surface(surface) => self.on_surface(surface),
+            Found::SceneSaved { path, result } => match result {
+                Ok(()) => {
+                    self.log(json!({ "event": "scene_saved", "path": path }));
+                    self.messages.note(format!("Scene saved: {}", path.display()));
+                }
+                Err(error) => self.say(Level::Error, format!("{}: {error}", path.display())),
+            },
+        }
+    }
+
+    // ---- mirrors ----
+
+    /// Changes the objects in one step of undo.
+    pub fn edit_objects(&mut self, change: impl FnOnce(&mut Objects)) {
+        self.history.settle(&self.settings, &self.objects);
+        change(&mut self.objects);
+        self.history.settle(&self.settings, &self.objects);
+        self.navigation.camera_moved();
+    }
+
+    /// Whole clouds to be turned into mirrors when they have come.
+    pub fn await_marking(&mut self, points: MirrorPoints) {
+        self.awaited_markings.push(points);
+    }
+
+    pub fn next_mirror_id(&mut self) -> MirrorId {
+        self.next_mirror += 1;
+        MirrorId(self.next_mirror - 1)
+    }
+
+    /// Changes the objects in a way that is no step of undo: something came or went with a file.
+    fn rewrite_objects(&mut self, change: impl Fn(&mut Objects)) {
+        self.history.settle(&self.settings, &self.objects);
+        change(&mut self.objects);
+        self.history.rewrite(change);
+    }
+
+    /// A mirror that a file or a built-in scene brings.
+    fn bring_mirror(&mut self, mirror: Mirror, input: Option<String>) -> MirrorId {
+        let id = self.next_mirror_id();
+        let mirror = Mirror { name: self.objects.free_name(&mirror.name, None), ..mirror };
+        self.log(json!({ "event": "mirror", "name": mirror.name }));
+        self.rewrite_objects(|objects| {
+            objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: input.clone() });
+        });
+        id
+    }
+
+    /// Those of the scene, and the one that is held over it.
+    pub fn all_mirrors(&self) -> impl Iterator<Item = (MirrorId, &Mirror)> {
+        let placed = self.objects.mirrors.iter().map(|placed| (placed.id, &placed.mirror));
+        let held = self.inspection.iter().filter_map(|held| Some((held.id, held.mirror.as_ref()?)));
+        placed.chain(held)
+    }
+
+    fn put_samples(&mut self, id: MirrorId, mirror: Mirror, area_per_point: Option<f64>, chunks: Vec<Chunk>) {
+        let next = &mut self.next_cloud;
+        let key = self.samples.get(&id).map_or_else(
+            || {
+                *next += 1;
+                CloudKey(*next - 1)
+            },
+            |sample| sample.key,
+        );
+        self.render(Command::Mirror { key, mirror: mirror.clone(), samples: chunks.clone() });
+        let with_bounds = |chunk: Chunk| {
+            let bounds = chunk.bounds();
+            (chunk, bounds)
+        };
+        let chunks = chunks.into_iter().map(with_bounds).collect();
+        self.samples.insert(id, Sample { key, mirror, area_per_point, chunks });
+        self.revision += 1;
+    }
+
+    /// Brings the render thread to what the objects say: points of mirrors that were added or changed, of clouds that begin or
+    /// end to reflect. Called every frame of the window; what takes time is done elsewhere, one thing at a time, so that what
+    /// is dragged is always the latest.
+    pub fn sync_objects(&mut self) {
+        let gone: Vec<MirrorId> =
+            self.samples.keys().copied().filter(|id| self.all_mirrors().all(|(known, _)| known != *id)).collect();
+        for id in gone {
+            if let Some(sample) = self.samples.remove(&id) {
+                self.render(Command::Remove { key: sample.key });
+                self.revision += 1;
+            }
+        }
+        if self.selected.is_some_and(|id| self.objects.mirror(id).is_none()) {
+            self.selected = None;
+        }
+        // The spacing of the points is known when they are all there.
+        if !self.jobs.is_empty() || self.clouds.is_empty() {
+            return;
+        }
+        let clouds = &self.clouds;
+        let area_per_point = *self
+            .area_per_point
+            .get_or_insert_with(|| mirrors::area_per_point(clouds.iter().flat_map(|entry| &entry.cloud.chunks)));
+        if self.sampling.is_none() {
+            let is_current = |id: MirrorId, mirror: &Mirror| {
+                self.samples.get(&id).is_some_and(|sample| {
+                    let same_area = sample.area_per_point.is_none_or(|area| area.to_bits() == area_per_point.to_bits());
+                    same_area
+                        && Mirror { name: String::new(), ..mirror.clone() }
+                            == Mirror { name: String::new(), ..sample.mirror.clone() }
+                })
+            };
+            let stale = self.all_mirrors().find(|(id, mirror)| !is_current(*id, mirror));
+            if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
+                self.sampling = Some(id);
+                self.effects.push(Effect::SampleMirror { id, mirror, area_per_point });
+            }
+        }
+        for entry in &mut self.clouds {
+            let wanted: Vec<MirrorPoints> =
+                self.objects.markings.iter().filter(|m| m.key == entry.key).map(|m| m.points.clone()).collect();
+            match &entry.marking {
+                Some((under_way, progress)) if *under_way != wanted => progress.cancel(),
+                Some(_) => {}
+                None if entry.marked != wanted => {
+                    let progress = Arc::<Progress>::default();
+                    entry.marking = Some((wanted.clone(), progress.clone()));
+                    let (key, cloud, source) = (entry.key, entry.cloud.clone(), entry.source.clone());
+                    self.effects.push(Effect::MarkPoints { key, cloud, source, wanted, progress });
+                }
+                None => {}
+            }
+        }
+    }
+
+    fn on_marked(&mut self, key: CloudKey, wanted: Vec<MirrorPoints>, result: Result<Option<Vec<Marked>>, String>) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        entry.marking = None;
+        match result {
+            Ok(None) => {
+                let now: Vec<&MirrorPoints> =
+                    self.objects.markings.iter().filter(|m| m.key == key).map(|m| &m.points).collect();
+                // Unless it was overtaken by another wish, someone has stopped it: what reflects already stays.
+                if now.into_iter().eq(&wanted) {
+                    let kept = self.cloud(key).map_or(Vec::new(), |entry| entry.marked.clone());
+                    self.rewrite_objects(|objects| {
+                        objects.markings.retain(|marking| marking.key != key || kept.contains(&marking.points));
+                    });
+                }
+            }
+            Ok(Some(marked)) => {
+                entry.marked = wanted;
+                let (cloud, classes) = (entry.cloud.clone(), class_column(&entry.cloud));
+                let name = cloud.name.clone();
+                let count: u64 = marked.iter().map(|marked| marked.count).sum();
+                self.render(Command::Mark { key, cloud, classes, marked });
+                self.revision += 1;
+                self.log(json!({ "event": "marked", "name": name, "points": count }));
+            }
+            Err(error) => {
+                entry.marked = wanted.clone();
+                self.rewrite_objects(|objects| {
+                    objects.markings.retain(|marking| marking.key != key || !wanted.contains(&marking.points));
+                });
+                self.say(Level::Error, error);
+            }
+        }
+    }
+
+    /// Markings of scene files whose clouds have come.
+    fn place_awaited_markings(&mut self) {
+        for points in std::mem::take(&mut self.awaited_markings) {
+            let entry = self.clouds.iter().find(|entry| points.is_of(&entry.input, &entry.cloud.name));
+            match entry.map(|entry| entry.key) {
+                Some(key) => {
+                    self.rewrite_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
+                }
+                None => self.say(Level::Warning, format!("mirror points: no cloud is called `{}`", points.cloud)),
+            }
         }
     }
 
@@ -567,6 +895,7 @@ impl State {
                 entry.late_columns.insert(attribute, columns);
                 let classes = class_column(&entry.cloud);
                 if classes == Some(attribute) {
+                    entry.marked = Vec::new();
                     for chunk in entry.cloud.chunks.clone() {
                         self.render(Command::Chunk { key, chunk, classes });
                     }
@@ -595,7 +924,15 @@ impl State {
     pub fn bounds(&self) -> Bounds {
         let of = |entry: &CloudEntry| entry.figures.as_ref().map_or(entry.bounds, |figures| figures.bounds);
         let visible = self.clouds.iter().filter(|entry| entry.is_visible && entry.points > 0);
-        visible.fold(Bounds::EMPTY, |all, entry| all.union(of(entry)))
+        let mut bounds = visible.fold(Bounds::EMPTY, |all, entry| all.union(of(entry)));
+        if !bounds.is_empty() {
+            self.objects
+                .mirrors
+                .iter()
+                .flat_map(|placed| mirrors::outline(&placed.mirror))
+                .for_each(|p| bounds.include(p));
+        }
+        bounds
     }
 
     pub fn up(&self) -> DVec3 {
@@ -618,7 +955,8 @@ impl State {
             None if entry.bounds.is_empty() => Vec::new(),
             None => entry.bounds.corners().to_vec(),
         };
-        visible.flat_map(of).collect()
+        let mirrors = self.objects.mirrors.iter().flat_map(|placed| mirrors::outline(&placed.mirror));
+        visible.flat_map(of).chain(mirrors).collect()
     }
 
     pub fn framed(&self, outline: &[DVec3], view: StandardView) -> Camera {
@@ -648,11 +986,11 @@ impl State {
 
     /// Moves the camera at once, perhaps with other parameters: one step of undo.
     pub fn jump(&mut self, settings: Settings, camera: Camera) {
-        self.history.before_jump(&self.settings, self.camera);
+        self.history.before_jump(&self.settings, &self.objects, self.camera);
         self.settings = settings;
         self.camera = camera;
         self.camera_is_placed = true;
-        self.history.after_jump(&self.settings);
+        self.history.after_jump(&self.settings, &self.objects);
         self.navigation.camera_moved();
     }
 
@@ -675,6 +1013,8 @@ impl State {
         let mut wanted = FrameRequest {
             camera: self.camera,
             settings,
+            mirrors: self.all_mirrors().map(|(_, mirror)| mirror.clone()).collect(),
+            lights: self.lights.clone(),
             size: self.view_size,
             revision: self.revision,
             hurried: false,
@@ -728,6 +1068,9 @@ impl State {
                     "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
                     "settled": settled,
                 }));
+                if !frame.request.hurried {
+                    self.figure_history.push(&frame.stats);
+                }
                 self.shown = Some(Shown {
                     request: frame.request,
                     stats: frame.stats,
@@ -755,37 +1098,69 @@ impl State {
 
     /// World position of a point: the file's own coordinates.
     pub fn world_position(&self, picked: PickedPoint) -> Option<DVec3> {
+        let holds =
+            |chunk: &&Chunk| (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&picked.point);
         let cloud = &self.cloud(picked.key)?.cloud;
-        let chunk = cloud
-            .chunks
+        let chunk = cloud.chunks.iter().find(holds)?;
+        Some(cloud.world_position(chunk, (picked.point - chunk.first_point) as usize))
+    }
+
+    /// Normal of a point, if it has one.
+    pub fn normal_at(&self, picked: PickedPoint) -> Option<DVec3> {
+        let chunks = &self.cloud(picked.key)?.cloud.chunks;
+        let chunk = chunks
             .iter()
             .find(|chunk| (chunk.first_point..chunk.first_point + chunk.len() as u64).contains(&picked.point))?;
-        Some(cloud.world_position(chunk, (picked.point - chunk.first_point) as usize))
+        let normal = chunk.normals.as_ref()?[(picked.point - chunk.first_point) as usize];
+        Some(cloud::unpack_normal(normal)?.as_dvec3())
     }
 
     fn on_picked(&mut self, pixel: [u32; 2], purpose: PickPurpose, point: Option<PickedPoint>) {
         let found = point.and_then(|point| Some((point, self.world_position(point)?)));
-        match purpose {
-            PickPurpose::Hover => {
-                let world = found.map(|(_, world)| world);
+        // Where a mirror is drawn by its formula there is no point, and where it stands in front the point is not meant.
+        let lens = self.lens();
+        let depth = |world: DVec3| lens.forward().dot(world - self.camera.eye);
+        let mirror = self.mirror_at(pixel);
+        let mirror = mirror.filter(|(_, at)| found.is_none_or(|(_, world)| depth(*at) <= depth(world)));
+        let world = mirror.map(|(_, world)| world).or(found.map(|(_, world)| world));
+        match (purpose, world) {
+            (PickPurpose::Hover, world) => {
                 self.navigation.on_hover(pixel, world);
                 self.apply_pending_zoom(true);
             }
-            PickPurpose::Pivot => match found {
-                Some((_, world)) => {
-                    let mut camera = self.camera;
-                    camera.recenter(world);
-                    self.jump(self.settings.clone(), camera);
-                    self.navigation.show_pivot();
-                    self.log(json!({ "event": "pivot", "world": world.to_array() }));
-                }
-                None => self.messages.note("No point there to turn about"),
-            },
-            PickPurpose::Select => {
-                let Some((point, world)) = found else { return };
-                self.select(point, world);
+            (PickPurpose::Pivot, Some(world)) => {
+                let mut camera = self.camera;
+                camera.recenter(world);
+                self.jump(self.settings.clone(), camera);
+                self.navigation.show_pivot();
+                self.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
+            (PickPurpose::Pivot, None) => self.messages.note("No point there to turn about"),
+            (PickPurpose::Select, _) => match (mirror, found) {
+                (Some((id, _)), _) => {
+                    self.selected = Some(id);
+                    self.log(json!({ "event": "selected", "mirror": self.objects.mirror(id).map(|m| &m.name) }));
+                }
+                (None, Some((point, world))) => {
+                    self.selected = None;
+                    self.select(point, world);
+                }
+                (None, None) => {}
+            },
         }
+    }
+
+    /// The mirror under a pixel, and where: by the points that stand for it.
+    fn mirror_at(&self, pixel: [u32; 2]) -> Option<(MirrorId, DVec3)> {
+        let lens = self.lens();
+        let hit = |placed: &Placed| {
+            let sample = self.samples.get(&placed.id)?;
+            let ray = self.sight_line(pixel, sample.chunks.clone());
+            Some((placed.id, inspection::cast(&ray)?.position))
+        };
+        let depth = |world: DVec3| lens.forward().dot(world - self.camera.eye);
+        let hits = self.objects.mirrors.iter().filter_map(hit);
+        hits.min_by(|a, b| depth(a.1).total_cmp(&depth(b.1)))
     }
 
     fn select(&mut self, point: PickedPoint, world: DVec3) {
@@ -820,7 +1195,7 @@ impl State {
     // ---- words for the outside ----
 
     pub fn title(&self) -> String {
-        let points: u64 = self.clouds.iter().map(|entry| entry.points).sum();
+        let points = self.points();
         match self.inputs().as_slice() {
             [] => "glint".into(),
             [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
@@ -903,7 +1278,6 @@ mod tests {
             attributes: vec![cloud::Attribute { name: "intensity".into(), column_type: cloud::ColumnType::U8 }],
             grid: None,
             expected_points: 3,
-            material: render::Material::default(),
             up: DVec3::Z,
             provisional_radius: 0.0,
             warnings: Vec::new(),

@@ -1,10 +1,83 @@
-//! Where a frame's time goes: every pass, the counts and the memory.
+//! Where a frame's time goes: every pass, the counts and the memory; and what the reflections came to, with how it went.
+
+use std::collections::VecDeque;
 
 use egui::{Align, Layout, RichText, Ui};
-use render::Clock;
+use render::{Clock, FrameStats, ReflectionStats};
 
 use super::state::State;
 use super::theme::{self, bytes, grouped};
+
+/// Frames that the plots show.
+const REMEMBERED: usize = 120;
+
+/// Name, how it reads, and what it is of the reflections; where a method has no such figure there is none.
+type Figure = (&'static str, fn(f64) -> String, fn(&ReflectionStats) -> Option<f64>);
+
+const FIGURES: [Figure; 5] = [
+    ("Mirror pixels", |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
+    ("Coverage", percent, |stats| Some(stats.coverage)),
+    ("Closed coverage", percent, |stats| Some(stats.closed_coverage)),
+    ("Hit rate", percent, |stats| stats.hit_rate),
+    ("Regions", |regions| grouped(regions as u64), |stats| stats.regions.map(f64::from)),
+];
+
+fn percent(share: f64) -> String {
+    format!("{:.2} %", share * 100.0)
+}
+
+/// What the last frames' reflections came to.
+#[derive(Default)]
+pub struct FigureHistory {
+    /// In the order of `FIGURES`; NaN where there was none.
+    frames: VecDeque<[f64; FIGURES.len()]>,
+}
+
+impl FigureHistory {
+    pub fn push(&mut self, stats: &FrameStats) {
+        let Some(reflection) = &stats.reflection else { return };
+        if self.frames.len() == REMEMBERED {
+            self.frames.pop_front();
+        }
+        self.frames.push_back(FIGURES.map(|(_, _, figure)| figure(reflection).unwrap_or(f64::NAN)));
+    }
+
+    fn of(&self, figure: usize) -> impl Iterator<Item = f64> {
+        self.frames.iter().map(move |frame| frame[figure])
+    }
+}
+
+fn reflections(ui: &mut Ui, state: &State, stats: &ReflectionStats) {
+    for (index, (name, text, figure)) in FIGURES.into_iter().enumerate() {
+        let Some(value) = figure(stats) else { continue };
+        let rect = row(ui, name, &text(value), None);
+        sparkline(ui, rect, state.figure_history.of(index).filter(|value| value.is_finite()).collect());
+    }
+    if stats.bounces > 1 {
+        row(ui, "Bounces", &stats.bounces.to_string(), None);
+    }
+    ui.separator();
+}
+
+/// Draws a line of values over the middle of a row, from the least to the largest of them.
+fn sparkline(ui: &Ui, row: egui::Rect, values: Vec<f64>) {
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    if values.len() < 2 {
+        return;
+    }
+    let rect = egui::Rect::from_x_y_ranges(
+        egui::lerp(row.x_range(), 0.42)..=egui::lerp(row.x_range(), 0.70),
+        row.top() + 3.0..=row.bottom() - 3.0,
+    );
+    let place = |(index, value): (usize, &f64)| {
+        let along = index as f32 / (values.len() - 1) as f32;
+        // A figure that does not change is a line in the middle.
+        let height = if high > low { ((value - low) / (high - low)) as f32 } else { 0.5 };
+        egui::pos2(egui::lerp(rect.x_range(), along), egui::lerp(rect.bottom()..=rect.top(), height))
+    };
+    let points = values.iter().enumerate().map(place).collect();
+    ui.painter().add(egui::Shape::line(points, egui::Stroke::new(1.2, theme::ACCENT.gamma_multiply(0.8))));
+}
 
 pub fn show(ui: &mut Ui, state: &State) {
     let Some(shown) = &state.shown else {
@@ -12,6 +85,9 @@ pub fn show(ui: &mut Ui, state: &State) {
         return;
     };
     let stats = &shown.stats;
+    if let Some(reflection) = &stats.reflection {
+        reflections(ui, state, reflection);
+    }
     let clock = match stats.clock {
         Clock::Gpu => "GPU clock",
         Clock::Host => "host clock (this adapter's own is not to be trusted)",
@@ -49,7 +125,7 @@ pub fn show(ui: &mut Ui, state: &State) {
 }
 
 /// Name left, figure right; a bar behind them for a share of the longest.
-fn row(ui: &mut Ui, name: &str, figure: &str, share: Option<f32>) {
+fn row(ui: &mut Ui, name: &str, figure: &str, share: Option<f32>) -> egui::Rect {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(ui.available_width(), 17.0), egui::Sense::hover());
     if let Some(share) = share {
         let bar = egui::Rect::from_min_size(rect.min, egui::vec2(rect.width() * share.clamp(0.0, 1.0), rect.height()));
@@ -62,6 +138,7 @@ fn row(ui: &mut Ui, name: &str, figure: &str, share: Option<f32>) {
             ui.label(RichText::new(figure).monospace().size(11.5));
         });
     });
+    rect
 }
 
 /// Resident memory of this process, bytes; `None` where the system does not tell as Linux does.

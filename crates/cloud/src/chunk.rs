@@ -76,6 +76,24 @@ impl Chunk {
         Bounds { min: self.origin + min.as_dvec3(), max: self.origin + max.as_dvec3() }
     }
 
+    /// Some of its points as a chunk of their own, in the order of `indices`, with all that is known of them. Their indices in
+    /// the file no longer follow one another.
+    pub fn select(&self, indices: &[u32]) -> Self {
+        fn of<T: Copy>(values: &[T], indices: &[u32]) -> Arc<Vec<T>> {
+            Arc::new(indices.iter().map(|index| values[*index as usize]).collect())
+        }
+        Self {
+            first_point: self.first_point,
+            origin: self.origin,
+            positions: of(&self.positions, indices),
+            exact_positions: self.exact_positions.as_ref().map(|values| of(values, indices)),
+            colors: self.colors.as_ref().map(|values| of(values, indices)),
+            normals: self.normals.as_ref().map(|values| of(values, indices)),
+            radii: self.radii.as_ref().map(|values| of(values, indices)),
+            columns: self.columns.iter().map(|column| Some(Arc::new(column.as_ref()?.select(indices)))).collect(),
+        }
+    }
+
     pub fn size_in_bytes(&self) -> usize {
         let points = self.len();
         points * 12
@@ -139,6 +157,19 @@ impl Cloud {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn selected_points_keep_all_that_is_known_of_them() {
+        let mut chunk = Chunk::new(7, DVec3::X, vec![[0.0; 3], [1.0; 3], [2.0; 3]]);
+        chunk.colors = Some(Arc::new(vec![[0; 4], [1; 4], [2; 4]]));
+        chunk.radii = Some(Arc::new(vec![10, 11, 12]));
+        chunk.columns = vec![None, Some(Arc::new(Column::I16(vec![-1, -2, -3])))];
+        let some = chunk.select(&[2, 0]);
+        assert_eq!((some.len(), some.position(0), some.position(1)), (2, DVec3::new(3.0, 2.0, 2.0), DVec3::X));
+        assert_eq!((some.colors.unwrap()[0], some.radii.unwrap()[0]), ([2; 4], 12));
+        assert!(some.normals.is_none() && some.columns[0].is_none());
+        assert_eq!(some.columns[1].as_deref(), Some(&Column::I16(vec![-3, -1])));
+    }
 
     #[test]
     fn coordinates_on_a_millimetre_grid_come_back_exactly() {

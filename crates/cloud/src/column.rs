@@ -133,6 +133,18 @@ impl Column {
         each_type!(self, values => values[index].to_string())
     }
 
+    /// The values of some points, in the order of `indices`.
+    pub fn select(&self, indices: &[u32]) -> Self {
+        macro_rules! selected {
+            ($($Variant:ident),*) => {
+                match self {
+                    $( Self::$Variant(values) => Self::$Variant(indices.iter().map(|i| values[*i as usize]).collect()), )*
+                }
+            };
+        }
+        selected!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+    }
+
     pub fn size_in_bytes(&self) -> usize {
         self.len() * self.column_type().size()
     }

@@ -99,6 +99,12 @@ impl PointChoice {
 }
 
 impl MirrorPoints {
+    /// All points of a cloud, as a perfect mirror.
+    pub fn whole(cloud: String) -> Self {
+        let (points, normals) = (PointChoice::All, MirrorNormals::Own);
+        Self { cloud, points, specular_intensity: one(), specular_power: sharp(), normals }
+    }
+
     /// Whether it speaks of the cloud that came from `input` (a path or a built-in name) and is called `name`.
     pub fn is_of(&self, input: &str, name: &str) -> bool {
         self.cloud == input || self.cloud == name

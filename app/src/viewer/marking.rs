@@ -1,0 +1,319 @@
+//! Points of a cloud that are turned into a mirror: which ones, how many they are, how they reflect.
+
+use cloud::Scalar;
+use egui::{RichText, Ui};
+use scene::{MirrorNormals, MirrorPoints, PointChoice};
+
+use super::objects::Marking;
+use super::panel::name_label;
+use super::render_thread::CloudKey;
+use super::state::{CloudEntry, Effect, State};
+use super::theme::{self, grouped};
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Way {
+    #[default]
+    Class,
+    Box,
+    Attribute,
+    All,
+}
+
+const WAYS: [(Way, &str); 4] = [
+    (Way::Class, "a class"),
+    (Way::Box, "a box around the picked point"),
+    (Way::Attribute, "a range of an attribute"),
+    (Way::All, "the whole cloud"),
+];
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum NormalsWay {
+    Own,
+    Smooth,
+    Fit,
+    Flatten,
+}
+
+const NORMALS_WAYS: [(NormalsWay, &str, &str); 4] = [
+    (NormalsWay::Own, "as they are", "The points keep their normals"),
+    (NormalsWay::Smooth, "smoothed", "The mean of the normals around each point"),
+    (NormalsWay::Fit, "fitted planes", "The plane through the nearest neighbours among these points"),
+    (NormalsWay::Flatten, "one plane", "The plane through all of them: still water"),
+];
+
+/// What a person is choosing. Nothing reflects before it is applied.
+pub struct Draft {
+    cloud: Option<CloudKey>,
+    way: Way,
+    class: u8,
+    /// Edge of the box, world units; 0: not chosen yet.
+    edge: f64,
+    attribute: String,
+    low: f64,
+    high: f64,
+    normals: NormalsWay,
+    /// World units; 0: not chosen yet.
+    radius: f64,
+    neighbours: u32,
+    specular_intensity: f32,
+    specular_power: f32,
+    /// How many points that would be.
+    counted: Option<(MirrorPoints, Result<u64, String>)>,
+    is_counting: bool,
+}
+
+impl Default for Draft {
+    fn default() -> Self {
+        Self {
+            cloud: None,
+            way: Way::default(),
+            // Water.
+            class: 9,
+            edge: 0.0,
+            attribute: String::new(),
+            low: 0.0,
+            high: 1.0,
+            normals: NormalsWay::Smooth,
+            radius: 0.0,
+            neighbours: 32,
+            // Clear enough to see by, and what lies below shines through.
+            specular_intensity: 0.8,
+            specular_power: scene::MIRROR_POWER,
+            counted: None,
+            is_counting: false,
+        }
+    }
+}
+
+impl Draft {
+    pub fn on_counted(&mut self, wanted: MirrorPoints, result: Result<u64, String>) {
+        self.is_counting = false;
+        self.counted = Some((wanted, result));
+    }
+
+    fn wanted(&self, entry: &CloudEntry, picked: Option<glam::DVec3>) -> Option<MirrorPoints> {
+        let points = match self.way {
+            Way::All => PointChoice::All,
+            Way::Class => PointChoice::Class(self.class),
+            Way::Box => {
+                let half = glam::DVec3::splat(self.edge * 0.5);
+                picked.map(|center| PointChoice::Box { min: center - half, max: center + half })?
+            }
+            Way::Attribute if self.attribute.is_empty() => return None,
+            Way::Attribute => {
+                PointChoice::Attribute { name: self.attribute.clone(), low: self.low, high: self.high.max(self.low) }
+            }
+        };
+        let normals = match self.normals {
+            NormalsWay::Own => MirrorNormals::Own,
+            NormalsWay::Smooth => MirrorNormals::Smooth { radius: self.radius },
+            NormalsWay::Fit => MirrorNormals::Fit { neighbours: self.neighbours },
+            NormalsWay::Flatten => MirrorNormals::Flatten,
+        };
+        Some(MirrorPoints {
+            cloud: entry.input.clone(),
+            points,
+            specular_intensity: self.specular_intensity,
+            specular_power: self.specular_power,
+            normals,
+        })
+    }
+}
+
+/// Draws the choice, and what reflects already.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    existing(ui, state);
+    if state.clouds.is_empty() {
+        ui.label(RichText::new("Open a cloud to turn some of its points into a mirror.").color(theme::WEAK));
+        return;
+    }
+    let radius = state.bounds().radius();
+    let picked = state.picks.last().map(|pick| (pick.point.key, pick.world));
+    let draft = &mut state.draft;
+    if draft.edge == 0.0 && radius > 0.0 {
+        // A tenth of the scene, and about a dozen points of a scan.
+        (draft.edge, draft.radius) = (radius * 0.1, radius * 0.005);
+    }
+    let known = draft.cloud.filter(|key| state.clouds.iter().any(|entry| entry.key == *key));
+    let at_pick = picked.map(|(key, _)| key).filter(|key| state.clouds.iter().any(|entry| entry.key == *key));
+    let mut key = match draft.way {
+        Way::Box => at_pick.or(known),
+        _ => known,
+    }
+    .unwrap_or(state.clouds[0].key);
+    choice(ui, "Cloud", &mut key, state.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
+    draft.cloud = Some(key);
+    choice(ui, "Points", &mut draft.way, WAYS.into_iter());
+    let Some(entry) = state.clouds.iter().find(|entry| entry.key == key) else { return };
+    which_points(ui, draft, entry, radius, picked.is_some());
+    choice(ui, "Normals", &mut draft.normals, NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, name)))
+        .on_hover_text(NORMALS_WAYS.iter().find(|(way, ..)| *way == draft.normals).map_or("", |(.., help)| *help));
+    match draft.normals {
+        NormalsWay::Smooth => length(ui, "Radius", &mut draft.radius, radius * 0.2),
+        NormalsWay::Fit => {
+            slider(ui, "Neighbours", egui::Slider::new(&mut draft.neighbours, 3..=64));
+        }
+        NormalsWay::Own | NormalsWay::Flatten => {}
+    }
+    slider(ui, "Intensity", egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
+    slider(ui, "Power", egui::Slider::new(&mut draft.specular_power, 1.0..=100_000.0).logarithmic(true));
+    let wanted = draft.wanted(entry, picked.map(|(_, world)| world));
+    let count = wanted.as_ref().and_then(|wanted| match &draft.counted {
+        Some((counted, result)) if counted.points == wanted.points && counted.cloud == wanted.cloud => {
+            Some(result.clone())
+        }
+        _ => None,
+    });
+    let mut is_possible = false;
+    match (&wanted, &count) {
+        (None, _) => {
+            ui.label(RichText::new("Pick a point first, or choose an attribute.").color(theme::WEAK));
+        }
+        (Some(_), Some(Ok(count))) => {
+            is_possible = *count > 0;
+            ui.label(format!("{} of {} points", grouped(*count), grouped(entry.points)));
+        }
+        (Some(_), Some(Err(error))) => {
+            ui.colored_label(theme::ERROR, error);
+        }
+        (Some(wanted), None) => {
+            ui.label(RichText::new("counting").color(theme::WEAK));
+            if !draft.is_counting {
+                draft.is_counting = true;
+                let (cloud, source) = (entry.cloud.clone(), entry.source.clone());
+                state.effects.push(Effect::CountPoints { cloud, source, wanted: wanted.clone() });
+            }
+        }
+    }
+    let button = ui.add_enabled(is_possible, egui::Button::new("Turn into a mirror"));
+    if let (true, Some(points)) = (button.clicked(), wanted) {
+        state.edit_objects(|objects| objects.markings.push(Marking { key, points }));
+    }
+}
+
+fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius: f64, has_pick: bool) {
+    match draft.way {
+        Way::All => {}
+        Way::Class => {
+            let classes = entry.figures.as_ref().map_or(&[][..], |figures| &figures.classes);
+            if let (false, Some((first, _))) = (classes.iter().any(|(class, _)| *class == draft.class), classes.first())
+            {
+                draft.class = *first;
+            }
+            let names: Vec<(u8, String)> =
+                classes.iter().map(|(class, _)| (*class, format!("{class} {}", render::class_name(*class)))).collect();
+            choice(ui, "Class", &mut draft.class, names.iter().map(|(class, name)| (*class, name.as_str())));
+            if classes.is_empty() {
+                ui.label(RichText::new("This cloud has no classes.").small().color(theme::WEAK));
+            }
+        }
+        Way::Box => {
+            length(ui, "Edge", &mut draft.edge, scene_radius * 2.0);
+            if !has_pick {
+                ui.label(RichText::new("Click on a point: the box is around it.").small().color(theme::WEAK));
+            }
+        }
+        Way::Attribute => {
+            let attributes = &entry.cloud.attributes;
+            let before = draft.attribute.clone();
+            if !attributes.iter().any(|attribute| attribute.name == draft.attribute) {
+                draft.attribute = attributes.first().map_or(String::new(), |attribute| attribute.name.clone());
+            }
+            let mut index = attributes.iter().position(|attribute| attribute.name == draft.attribute).unwrap_or(0);
+            choice(ui, "Attribute", &mut index, attributes.iter().map(|a| a.name.as_str()).enumerate());
+            draft.attribute = attributes.get(index).map_or(String::new(), |attribute| attribute.name.clone());
+            if draft.attribute != before
+                && let Some((low, high)) = cloud::percentile_range(&entry.cloud.chunks, Scalar::Column(index), 0.0, 1.0)
+            {
+                (draft.low, draft.high) = (low, high);
+            }
+            ui.horizontal(|ui| {
+                name_label(ui, "From, to");
+                let speed = ((draft.high - draft.low).abs() * 0.005).max(1e-6);
+                ui.add(egui::DragValue::new(&mut draft.low).speed(speed));
+                ui.add(egui::DragValue::new(&mut draft.high).speed(speed));
+            });
+        }
+    }
+}
+
+/// What reflects, with a way to end it; and what is being worked out.
+fn existing(ui: &mut Ui, state: &mut State) {
+    let mut removed = None;
+    for (index, marking) in state.objects.markings.iter().enumerate() {
+        let Some(entry) = state.cloud(marking.key) else { continue };
+        ui.horizontal(|ui| {
+            let points = &marking.points;
+            let what = match &points.points {
+                PointChoice::All => "all".into(),
+                PointChoice::Class(class) => format!("class {class}"),
+                PointChoice::Box { .. } => "a box".into(),
+                PointChoice::Attribute { name, low, high } => format!("{name} {low} to {high}"),
+            };
+            ui.add(egui::Label::new(format!("{}: {what}", entry.cloud.name)).truncate());
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                let button = ui.small_button("×").on_hover_text("These points are no mirror any more");
+                if button.accessible_name(format!("End {what} of {}", entry.cloud.name)).clicked() {
+                    removed = Some(index);
+                }
+            });
+        });
+    }
+    if let Some(index) = removed {
+        state.edit_objects(|objects| {
+            objects.markings.remove(index);
+        });
+    }
+    for entry in &state.clouds {
+        let Some((_, progress)) = &entry.marking else { continue };
+        ui.horizontal(|ui| {
+            let share = progress.done() as f32 / progress.total().max(1) as f32;
+            ui.add(egui::ProgressBar::new(share).text("normals").desired_width(150.0).desired_height(14.0));
+            if ui.small_button("Stop").clicked() {
+                progress.cancel();
+            }
+        });
+        ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
+    }
+}
+
+/// A line with a list to choose from.
+pub fn choice<'a, T: PartialEq + Copy>(
+    ui: &mut Ui,
+    name: &str,
+    chosen: &mut T,
+    options: impl Iterator<Item = (T, &'a str)>,
+) -> egui::Response {
+    let options: Vec<(T, &str)> = options.collect();
+    let shown = options.iter().find(|(option, _)| option == chosen).map_or("none", |(_, text)| *text);
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        let combo = egui::ComboBox::from_id_salt(name).width(150.0).truncate().selected_text(shown);
+        let list = combo.show_ui(ui, |ui| {
+            for (option, text) in &options {
+                ui.selectable_value(chosen, *option, *text);
+            }
+        });
+        list.response.labelled_by(label.id)
+    })
+    .inner
+}
+
+/// A line with a slider.
+pub fn slider(ui: &mut Ui, name: &str, slider: egui::Slider<'_>) -> egui::Response {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        ui.add(slider.max_decimals(3)).labelled_by(label.id)
+    })
+    .inner
+}
+
+/// A line with a length from a ten-thousandth of the largest one up to it.
+fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
+    let largest = largest.max(1e-6);
+    let range = largest * 1e-4..=largest;
+    ui.horizontal(|ui| {
+        let label = name_label(ui, name);
+        ui.add(egui::Slider::new(value, range).logarithmic(true)).labelled_by(label.id);
+    });
+}

@@ -1,0 +1,343 @@
+//! The list of mirrors: add, select, name, copy, delete; and the numbers of the selected one.
+
+use egui::{RichText, Ui};
+use glam::{DQuat, DVec3, EulerRot};
+use scene::{Mirror, Shape};
+
+use super::bindings::{self, Action};
+use super::marking::{self, slider};
+use super::objects::MirrorId;
+use super::panel::name_label;
+use super::path_prompt::PathPrompt;
+use super::state::State;
+use super::theme;
+
+pub fn show(ui: &mut Ui, state: &mut State) {
+    ui.horizontal(|ui| {
+        add_menu(ui, state);
+        let is_held = state.inspection.is_some();
+        let inspect = ui.selectable_label(is_held, "Inspect").on_hover_text(format!(
+            "A mirror that follows the cursor and shows what faces away ({})",
+            bindings::shortcut(Action::Inspect)
+        ));
+        if inspect.clicked() {
+            state.act(Action::Inspect);
+        }
+        let save = ui.button("Save scene").on_hover_text(format!(
+            "Clouds, camera, parameters and mirrors as a file ({})",
+            bindings::shortcut(Action::SaveScene)
+        ));
+        if save.clicked() {
+            state.act(Action::SaveScene);
+        }
+    });
+    inspection(ui, state);
+    list(ui, state);
+    if let Some((id, mirror)) = state.selected.and_then(|id| Some((id, state.objects.mirror(id)?.clone()))) {
+        ui.separator();
+        ui.push_id(id.0, |ui| numbers(ui, state, id, mirror));
+    }
+    ui.add_space(4.0);
+    egui::CollapsingHeader::new("Turn points into a mirror")
+        .id_salt("marking")
+        .show_unindented(ui, |ui| marking::show(ui, state));
+}
+
+fn add_menu(ui: &mut Ui, state: &mut State) {
+    ui.menu_button("Add", |ui| {
+        for shape in Shape::ALL {
+            let help = "At the picked point, or at the pivot";
+            if ui.button(capitalized(shape.name())).on_hover_text(help).clicked() {
+                state.add_mirror(shape);
+            }
+        }
+        ui.separator();
+        if ui.button("Cloud file…").on_hover_text("Opens a cloud whose points are the mirror").clicked() {
+            state.path_prompt = Some(PathPrompt::because("The points of this file will be a mirror."));
+            state.prompt_is_for_mirror = true;
+        }
+    });
+}
+
+fn capitalized(name: &str) -> String {
+    name[..1].to_uppercase() + &name[1..]
+}
+
+fn inspection(ui: &mut Ui, state: &mut State) {
+    let radius = state.bounds().radius().max(1e-6);
+    let Some(held) = &mut state.inspection else { return };
+    ui.label(RichText::new("Click pins it, Esc takes it away.").small().color(theme::WEAK));
+    slider(ui, "Distance", egui::Slider::new(&mut held.distance, radius * 1e-3..=radius).logarithmic(true));
+    let mut tilt = held.tilt.to_degrees();
+    slider(ui, "Tilt", egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°"));
+    held.tilt = tilt.to_radians();
+    slider(ui, "Size", egui::Slider::new(&mut held.size, radius * 1e-3..=radius).logarithmic(true));
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Bulged");
+        ui.checkbox(&mut held.is_bulged, "").labelled_by(label.id);
+    });
+    ui.separator();
+}
+
+fn list(ui: &mut Ui, state: &mut State) {
+    let mut deleted = None;
+    if state.objects.mirrors.is_empty() {
+        ui.label(RichText::new("No mirrors.").color(theme::WEAK));
+    }
+    let mirrors: Vec<(MirrorId, String)> =
+        state.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone())).collect();
+    for (id, name) in mirrors {
+        ui.push_id(id.0, |ui| {
+            ui.horizontal(|ui| {
+                ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                    let delete = ui.small_button("×").on_hover_text("Delete");
+                    if delete.accessible_name(format!("Delete {name}")).clicked() {
+                        deleted = Some(id);
+                    }
+                    if ui.small_button("Copy").accessible_name(format!("Copy {name}")).clicked() {
+                        state.selected = Some(id);
+                        state.act(Action::DuplicateMirror);
+                    }
+                    ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                        if ui.selectable_label(state.selected == Some(id), &name).clicked() {
+                            state.selected = if state.selected == Some(id) { None } else { Some(id) };
+                        }
+                    });
+                });
+            });
+        });
+    }
+    if let Some(id) = deleted {
+        state.selected = Some(id);
+        state.act(Action::DeleteMirror);
+    }
+}
+
+/// The numbers of a mirror. What they make of it is taken only if it is one.
+fn numbers(ui: &mut Ui, state: &mut State, id: MirrorId, mut mirror: Mirror) {
+    let before = mirror.clone();
+    let step = mirror.size * 0.01;
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Name");
+        let edit = egui::TextEdit::singleline(&mut mirror.name).desired_width(150.0);
+        let response = ui.add(edit).labelled_by(label.id);
+        if response.lost_focus() {
+            mirror.name = state.objects.free_name(&mirror.name, Some(id));
+        }
+    });
+    if let Some(position) = three(ui, "Position", mirror.position, step, "") {
+        mirror.position = position;
+    }
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Size");
+        let drag =
+            egui::DragValue::new(&mut mirror.size).speed(step).range(f64::MIN_POSITIVE..=f64::MAX).max_decimals(6);
+        ui.add(drag).labelled_by(label.id);
+    });
+    let angles = remembered_angles(ui, mirror.rotation, state.up());
+    if let Some(angles) = three(ui, "Yaw pitch roll", angles, 0.5, "°") {
+        mirror.rotation = from_angles(angles, state.up());
+        remember_angles(ui, mirror.rotation, angles);
+    }
+    match &mut mirror.shape {
+        Shape::Plane { height } => drop(slider(ui, "Height", egui::Slider::new(height, 0.01..=10.0).logarithmic(true))),
+        Shape::Paraboloid { focal_length } => {
+            slider(ui, "Focal length", egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
+        }
+        Shape::Torus { tube } => drop(slider(ui, "Tube", egui::Slider::new(tube, 0.01..=0.99))),
+        Shape::Sphere | Shape::Blob | Shape::Coral => {}
+    }
+    slider(ui, "Intensity", egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
+        .on_hover_text("Share of the light that is reflected; the rest is diffuse");
+    slider(ui, "Power", egui::Slider::new(&mut mirror.specular_power, 1.0..=100_000.0).logarithmic(true))
+        .on_hover_text("Sharpness of highlights");
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Colour");
+        egui::color_picker::color_edit_button_rgb(ui, &mut mirror.color).labelled_by(label.id);
+    })
+    .response
+    .on_hover_text("Of its diffuse part, and the tint of its reflections");
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "As points");
+        ui.checkbox(&mut mirror.as_points, "")
+            .labelled_by(label.id)
+            .on_hover_text("Drawn as points even where its formula could be");
+    });
+    if mirror != before && mirror.problem().is_none() {
+        let is_moved = Mirror { name: String::new(), ..mirror.clone() } != Mirror { name: String::new(), ..before };
+        if let Some(placed) = state.objects.mirror_mut(id) {
+            *placed = mirror;
+        }
+        if is_moved {
+            state.navigation.camera_moved();
+        }
+    }
+}
+
+/// A line of three numbers; those that were edited.
+fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
+    let mut edited = value;
+    let line = |ui: &mut Ui| {
+        let label = name_label(ui, name);
+        ui.spacing_mut().item_spacing.x = 3.0;
+        let width = ((ui.available_width() - 6.0) / 3.0).max(40.0);
+        for axis in 0..3 {
+            let drag = egui::DragValue::new(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
+            ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
+        }
+    };
+    ui.horizontal(line);
+    (edited != value && edited.is_finite()).then_some(edited)
+}
+
+/// Yaw is about the axis that points up, then pitch about the mirror's x axis, then roll; degrees.
+fn order(up: DVec3) -> EulerRot {
+    if up.y.abs() > up.z.abs() { EulerRot::YXZ } else { EulerRot::ZXY }
+}
+
+fn from_angles(degrees: DVec3, up: DVec3) -> DQuat {
+    let [yaw, pitch, roll] = degrees.to_array().map(f64::to_radians);
+    DQuat::from_euler(order(up), yaw, pitch, roll)
+}
+
+fn angles(rotation: DQuat, up: DVec3) -> DVec3 {
+    let (yaw, pitch, roll) = rotation.to_euler(order(up));
+    // No -0, and no digits that are only rounding.
+    DVec3::new(yaw, pitch, roll).map(|angle| (angle.to_degrees() * 1e6).round() / 1e6 + 0.0)
+}
+
+/// Several triples of angles mean the same rotation: while a person turns one of them, the others stay.
+fn remembered_angles(ui: &Ui, rotation: DQuat, up: DVec3) -> DVec3 {
+    let remembered: Option<(DQuat, DVec3)> = ui.data(|data| data.get_temp(ui.scope_id().with("angles")));
+    remembered.filter(|(known, _)| *known == rotation).map_or_else(|| angles(rotation, up), |(_, angles)| angles)
+}
+
+fn remember_angles(ui: &Ui, rotation: DQuat, angles: DVec3) {
+    ui.data_mut(|data| data.insert_temp(ui.scope_id().with("angles"), (rotation, angles)));
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::Progress;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::super::preferences::Preferences;
+    use super::super::state::Effect;
+    use super::*;
+    use crate::loading;
+
+    /// The panel over a scene of one point.
+    fn harness() -> Harness<'static, State> {
+        let mut state = State::new(Preferences::default());
+        let job = state.add_job(Vec::new(), Arc::<Progress>::default(), Arc::default());
+        state.on_loading(
+            job,
+            loading::Event::Opened {
+                cloud: 0,
+                name: "cloud.ply".into(),
+                path: None,
+                source: None,
+                attributes: Vec::new(),
+                grid: None,
+                expected_points: 2,
+                up: DVec3::Z,
+                provisional_radius: 0.0,
+                warnings: Vec::new(),
+            },
+        );
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
+        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(job, loading::Event::Finished);
+        state.history.watch(&state.settings, &state.objects, false);
+        Harness::builder().with_size([340.0, 900.0]).build_ui_state(|ui, state: &mut State| show(ui, state), state)
+    }
+
+    fn names(harness: &Harness<'static, State>) -> Vec<String> {
+        harness.state().objects.mirrors.iter().map(|placed| placed.mirror.name.clone()).collect()
+    }
+
+    fn add(harness: &mut Harness<'static, State>, shape: &str) {
+        harness.get_by_label("Add").click();
+        harness.run_ok();
+        harness.get_by_label(shape).click();
+        harness.run_ok();
+    }
+
+    #[test]
+    fn mirrors_are_added_copied_deleted_and_come_back_by_undo() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Sphere");
+        assert_eq!(names(&harness), ["sphere"]);
+        let added = harness.state().objects.mirrors[0].clone();
+        assert_eq!(harness.state().selected, Some(added.id));
+        // A tenth of the scene, and standing on the pivot.
+        let radius = harness.state().bounds().radius();
+        assert!(added.mirror.size > 0.03 * radius && added.mirror.size < 0.2 * radius, "{}", added.mirror.size);
+        harness.get_by_label("Copy sphere").click();
+        harness.run_ok();
+        assert_eq!(names(&harness), ["sphere", "sphere 2"]);
+        harness.get_by_label("Delete sphere").click();
+        harness.run_ok();
+        assert_eq!(names(&harness), ["sphere 2"]);
+        for expected in [&["sphere", "sphere 2"][..], &["sphere"], &[]] {
+            harness.state_mut().act(Action::Undo);
+            assert_eq!(names(&harness), expected);
+        }
+        harness.state_mut().act(Action::Redo);
+        assert_eq!(harness.state().objects.mirrors[0], added);
+    }
+
+    #[test]
+    fn every_shape_can_be_added_and_shows_its_numbers() {
+        let mut harness = harness();
+        harness.run_ok();
+        for (shape, own) in [("Plane", "Height"), ("Paraboloid", "Focal length"), ("Torus", "Tube"), ("Blob", "Size")] {
+            add(&mut harness, shape);
+            assert!(harness.query_all_by_label(own).next().is_some(), "{shape} has no {own}");
+            assert_eq!(harness.state().objects.mirrors.last().unwrap().mirror.problem(), None);
+        }
+        assert!(names(&harness).contains(&"torus".to_string()));
+    }
+
+    #[test]
+    fn a_sampled_mirror_is_wanted_once_per_change() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Sphere");
+        let wanted = |harness: &mut Harness<'static, State>| {
+            let state = harness.state_mut();
+            state.sync_objects();
+            let effects = std::mem::take(&mut state.effects);
+            effects.into_iter().find_map(|effect| match effect {
+                Effect::SampleMirror { id, mirror, area_per_point } => Some((id, mirror, area_per_point)),
+                _ => None,
+            })
+        };
+        let (id, mirror, area_per_point) = wanted(&mut harness).expect("its points");
+        assert!(wanted(&mut harness).is_none(), "asked for twice");
+        let samples = crate::mirrors::sample(&mirror, area_per_point);
+        harness.state_mut().on_found(super::super::state::Found::Samples { id, mirror, area_per_point, samples });
+        assert!(wanted(&mut harness).is_none(), "asked for again");
+        harness.state_mut().objects.mirrors[0].mirror.name = "ball".into();
+        assert!(wanted(&mut harness).is_none(), "a name is no change");
+        harness.state_mut().objects.mirrors[0].mirror.size *= 2.0;
+        assert!(wanted(&mut harness).is_some(), "a new size is one");
+    }
+
+    #[test]
+    fn angles_come_back_whichever_axis_points_up() {
+        for up in [DVec3::Y, DVec3::Z] {
+            for degrees in [DVec3::new(30.0, -40.0, 170.0), DVec3::ZERO, DVec3::new(-179.0, 89.0, 3.0)] {
+                let back = angles(from_angles(degrees, up), up);
+                assert!(back.distance(degrees) < 1e-5, "{degrees} became {back}");
+            }
+            // Yaw keeps what points up.
+            let turned = from_angles(DVec3::new(70.0, 0.0, 0.0), up) * up;
+            assert!(turned.distance(up) < 1e-12);
+        }
+    }
+}
