@@ -7,5 +7,7 @@ mod accuracy;
 pub mod flip;
 pub mod metrics;
 
-pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input};
+pub use accuracy::{Error, MirrorImage, PointId, Result, accuracy_exact, accuracy_same_input, visible_points};
 pub use metrics::{Accuracy, ImageError, Percentiles, Truth, image_error};
+/// What the truth is traced in and for; the program knows `trace` through here.
+pub use trace::{Exact, Lighting, Part, PixelRays, Surfels, Viewpoint};

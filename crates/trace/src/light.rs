@@ -12,7 +12,7 @@ use glam::DVec3;
 use scene::{MirrorSettings, SpotLight};
 
 use crate::reflection::in_parallel;
-use crate::{Geometry, Hit, PixelRays, Ray, mirrored};
+use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
 /// What lights a scene, and how far reflections are followed.
 #[derive(Clone, Copy, Debug)]
@@ -49,11 +49,26 @@ pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, lighting:
     if bounces == 0 || reflectance == DVec3::ZERO {
         return diffuse;
     }
-    let ray = Ray::from_surface(hit.position, mirrored(direction, hit.normal).normalize());
-    let reflected = geometry
-        .nearest(&ray)
-        .map(|seen| radiance(geometry, &seen, ray.direction, &Lighting { bounces: bounces - 1, ..*lighting }));
-    diffuse + reflectance * reflected.unwrap_or(DVec3::ZERO)
+    let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
+    diffuse + reflectance * reflected_light(geometry, &point, lighting)
+}
+
+/// Light that reaches a mirror point along the reflected ray. Black where there is nothing.
+fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, lighting: &Lighting) -> DVec3 {
+    let seen = point.reflected().and_then(|ray| Some((geometry.nearest(&ray)?, ray.direction)));
+    let beyond = Lighting { bounces: lighting.bounces.saturating_sub(1), ..*lighting };
+    seen.map_or(DVec3::ZERO, |(hit, direction)| radiance(geometry, &hit, direction, &beyond))
+}
+
+/// What mirrors of specular intensity 1 show at these points, the first reflection included in `lighting.bounces`. `progress`
+/// counts points. `None` when cancelled.
+pub fn reflected_picture(
+    geometry: &impl Geometry,
+    points: &[MirrorPoint],
+    lighting: &Lighting,
+    progress: &Progress,
+) -> Option<Vec<DVec3>> {
+    in_parallel(points.len(), progress, |index| reflected_light(geometry, &points[index], lighting))
 }
 
 /// Share of the light that a mirror reflects.
@@ -108,9 +123,11 @@ fn intensity(light: &SpotLight, direction: DVec3) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Exact;
     use crate::exact::{Albedo, Object};
+    use crate::{Exact, mirrored, primary};
     use cloud::sampling::{Placement, Surface};
+    use scene::ViewSettings;
+    use scene::five_mirrors::{self, Variant};
 
     const ALBEDO: [f64; 3] = [0.8, 0.4, 0.2];
 
@@ -189,5 +206,26 @@ mod tests {
         let share = 0.6 + 0.4 * (1.0 + direction.z).powi(5);
         let found = radiance(&geometry, &hit, direction, &lighting(1, &fresnel));
         assert!(found.distance(own + share * reflected) < 1e-12);
+    }
+
+    #[test]
+    fn mirror_points_show_what_the_picture_shows() {
+        let rays = PixelRays::new(&five_mirrors::camera(), &ViewSettings::default(), [64, 48], 0.0);
+        let geometry = Exact::five_mirrors(Variant::Torus);
+        let settings = MirrorSettings::default();
+        let lights = [five_mirrors::light()];
+        let lighting = Lighting { lights: &lights, bounces: 3, mirror: &settings };
+        let none = Progress::default();
+        let (colors, seen) = (picture(&geometry, &rays, &lighting, &none), primary(&geometry, &rays, &none));
+        let (mut points, mut expected) = (Vec::new(), Vec::new());
+        for (pixel, (color, hit)) in colors.unwrap().into_iter().zip(seen.unwrap()).enumerate() {
+            if let Some(Hit { position, normal, .. }) = hit.filter(|hit| hit.specular_intensity > 0.0) {
+                points.push(MirrorPoint { position, normal, incoming: rays.ray(pixel).direction });
+                expected.push(color.unwrap());
+            }
+        }
+        let found = reflected_picture(&geometry, &points, &lighting, &none).unwrap();
+        assert!(found.iter().filter(|color| color.x > 0.0).count() > 10);
+        assert!(found.iter().zip(&expected).all(|(a, b)| a.distance(*b) < 1e-12));
     }
 }
