@@ -72,7 +72,7 @@ impl Surfels {
     /// `splat_size` scales all radii, as `splat.size` does. Points whose radius is not known yet get that of points
     /// spread evenly over their part's bounds. `progress` is asked between steps only. `None` when cancelled.
     ///
-    /// Needs about 60 bytes a point, and twice that while the tree is built. Points beyond the 2^32nd are left out.
+    /// Needs some 45 bytes a point, and 300 while the tree is built. Points beyond the 2^32nd are left out.
     pub fn new(parts: &[Part], splat_size: f32, progress: &Progress) -> Option<Self> {
         let bounds =
             parts.iter().flat_map(|part| part.chunks).fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
