@@ -25,7 +25,11 @@
 
 @group(1) @binding(11) var<storage, read> points: array<vec4u>;
 @group(1) @binding(12) var<storage, read> class_masks: array<u32>;
+// z: nodes and discs that the ray was tested against.
+@group(1) @binding(13) var views_out: texture_storage_2d<rgba32float, write>;
 
+// Set while the tests are shown.
+override count_tests: bool = false;
 // Set while a class is hidden.
 override filter_classes: bool = false;
 // Start from the tile's list, not from the top of the tree.
@@ -36,6 +40,7 @@ struct Nearest {
     distance: f32,
     // Disc in the page; NONE if nothing nearer was found.
     surfel: u32,
+    tests: u32,
 }
 const NONE: u32 = 0xffffffffu;
 
@@ -51,9 +56,9 @@ fn surfel_trace(@builtin(global_invocation_id) id: vec3u, @builtin(workgroup_id)
     let ray = mirror_ray(point.xyz, textureLoad(normal_in, id.xy, 0).xyz, textureLoad(eye_in, id.xy, 0).xyz);
     let pixel = id.y * frame.width + id.x;
     let before = hits[pixel];
-    var nearest = Nearest(3e38, 3e38, NONE);
+    var nearest = Nearest(3e38, 3e38, NONE, 0u);
     if before.y != 0u {
-        nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), NONE);
+        nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), NONE, 0u);
     }
     let list = (tile.y * ((frame.width + 7u) / 8u) + tile.x) * LIST_WORDS;
     var count = LIST_IS_FULL;
@@ -82,6 +87,9 @@ fn surfel_trace(@builtin(global_invocation_id) id: vec3u, @builtin(workgroup_id)
             }
         }
     }
+    if count_tests {
+        textureStore(views_out, id.xy, vec4f(0.0, 0.0, f32(nearest.tests), 0.0));
+    }
     if nearest.surfel != NONE {
         let identity = page.first_identity + order[nearest.surfel];
         hits[pixel] = vec4u(bitcast<u32>(nearest.key), identity + 1u, bitcast<u32>(nearest.distance), 0u);
@@ -105,6 +113,9 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         i = select(node.low_skip.w, i + 1u, is_met);
         let count = select(0u, node.high_leaf.w & 255u, is_met && node.high_leaf.w != INNER);
         let first_surfel = place.first_surfel + (node.high_leaf.w >> 8u);
+        if count_tests {
+            nearest.tests += 1u + count;
+        }
         for (var k = 0u; k < count; k++) {
             let hit = disc_hit(surfels[first_surfel + k], low, high, scale, origin, ray.direction);
             let key = hit.distance + hit.outside * hit.radius * CENTER_SHARE;
@@ -113,7 +124,7 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
                 is_nearer = is_nearer && is_shown(place, first_surfel + k);
             }
             if is_nearer {
-                nearest = Nearest(key, hit.distance, first_surfel + k);
+                nearest = Nearest(key, hit.distance, first_surfel + k, nearest.tests);
             }
         }
     }

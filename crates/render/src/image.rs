@@ -23,10 +23,14 @@ pub enum Aov {
     MirrorAlbedo,
     /// World normal of what is seen by one reflection.
     MirrorNormal,
+    /// Flags of SSCR's curvature map: 1 convex and 2 hollow along x, 4 and 8 along y, 16 and 32 a step of depth.
+    Curvature,
+    /// SSCR's regions, from 1; 0: in none.
+    Regions,
 }
 
 impl Aov {
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::Depth,
         Self::Normal,
         Self::Albedo,
@@ -37,6 +41,8 @@ impl Aov {
         Self::MirrorPosition,
         Self::MirrorAlbedo,
         Self::MirrorNormal,
+        Self::Curvature,
+        Self::Regions,
     ];
 
     pub fn name(self) -> &'static str {
@@ -51,6 +57,8 @@ impl Aov {
             Self::MirrorPosition => "mirror_position",
             Self::MirrorAlbedo => "mirror_albedo",
             Self::MirrorNormal => "mirror_normal",
+            Self::Curvature => "curvature",
+            Self::Regions => "regions",
         }
     }
 
@@ -58,7 +66,7 @@ impl Aov {
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Depth => &["Z"],
-            Self::Mirror => &["Y"],
+            Self::Mirror | Self::Curvature | Self::Regions => &["Y"],
             Self::Albedo | Self::Color | Self::Direct | Self::MirrorAlbedo => &["R", "G", "B"],
             Self::MirrorPosition => &["X", "Y", "Z", "A"],
             Self::Normal | Self::Position | Self::MirrorNormal => &["X", "Y", "Z"],

@@ -75,7 +75,25 @@ pub const BEAM_LISTS: Pass =
     Pass { name: "beam_lists", groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, ReadWrite]] };
 pub const SURFEL_TRACE: Pass = Pass {
     name: "surfel_trace",
-    groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, Read, Read, Read, ReadWrite, Uniform, Read, Read]],
+    groups: &[
+        FRAME,
+        &[
+            Texture,
+            Texture,
+            Texture,
+            Read,
+            Read,
+            Read,
+            Read,
+            Read,
+            Read,
+            ReadWrite,
+            Uniform,
+            Read,
+            Read,
+            Write(Rgba32Float),
+        ],
+    ],
 };
 pub const GATHER_RESOLVE: Pass = Pass {
     name: "gather_resolve",
@@ -123,6 +141,8 @@ pub const BLEND: Pass = Pass {
     name: "blend",
     groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
 };
+pub const SHOW: Pass =
+    Pass { name: "show", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba8Unorm)]] };
 pub const PRESENT: Pass = Pass { name: "present", groups: &[FRAME, &[Texture, Texture, Write(Rgba8Unorm)]] };
 
 /// Every pass, for the tests that compare them with their shaders.
@@ -162,6 +182,7 @@ pub const ALL: &[&Pass] = &[
     &GATHER_CLOSE,
     &SHADE,
     &BLEND,
+    &SHOW,
     &PRESENT,
 ];
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use scene::{Atomics, Camera, Lighting, Method, Mirror, Quality, Settings, SpotLight};
+use scene::{Atomics, Camera, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Clock, Error, Gpu, Result};
@@ -82,7 +82,10 @@ impl Kept {
         let mut settings = settings.clone();
         (settings.light, settings.edl) = (defaults.light, defaults.edl);
         (settings.mirror.tint, settings.mirror.fresnel) = (defaults.mirror.tint, defaults.mirror.fresnel);
-        settings.reflection.show = defaults.reflection.show;
+        // Steps are counted only while they are shown.
+        if !matches!(settings.reflection.show, Show::Steps | Show::Unconverged) {
+            settings.reflection.show = defaults.reflection.show;
+        }
         Self { camera, settings, revision: store.revision(), mirrors: objects.mirrors.to_vec() }
     }
 }
@@ -184,9 +187,20 @@ impl Renderer {
             self.kept_shadows = Some(shadows);
         }
         shade(&mut recorder, &inputs, targets, reflections, &self.lights, lighting, lights.len())?;
-        let surface = targets.surface();
-        let resources = [targets.color.bind(), surface.depth.bind(), targets.picture.bind()];
-        recorder.over_pixels(&passes::PRESENT, &[], &inputs, &resources)?;
+        let views = reflections.views(settings).filter(|_| settings.reflection.show != Show::Picture);
+        match (views, reflections.bounces.first()) {
+            (Some(views), Some(bounce)) => {
+                let [albedo, normal, position] = bounce.seen.bind();
+                let point = bounce.mirror.point.bind();
+                let resources =
+                    [targets.color.bind(), point, albedo, normal, position, views.bind(), targets.picture.bind()];
+                recorder.over_pixels(&passes::SHOW, &[], &inputs, &resources)?;
+            }
+            _ => {
+                let resources = [targets.color.bind(), targets.surface().depth.bind(), targets.picture.bind()];
+                recorder.over_pixels(&passes::PRESENT, &[], &inputs, &resources)?;
+            }
+        }
 
         let (passes, frame_milliseconds) = recorder.finish()?;
         let gpu_bytes = store.gpu_bytes() + targets.bytes() + reflections.bytes();
@@ -237,13 +251,16 @@ impl Renderer {
             Aov::MirrorPosition => floats32(&read(&first()?.seen.position)?),
             Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
             Aov::MirrorNormal => floats32(&read(&first()?.seen.normal)?),
+            Aov::Curvature | Aov::Regions => floats32(&read(self.sscr_views()?)?),
         };
         let coverage = match aov {
             Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.seen.position)?),
             _ => Vec::new(),
         };
         let mirror = match aov {
-            Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.mirror.point)?),
+            Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal | Aov::Curvature | Aov::Regions => {
+                floats32(&read(&first()?.mirror.point)?)
+            }
             _ => Vec::new(),
         };
         let is_mirror = |pixel: usize| mirror[pixel * 4 + 3] > 0.0;
@@ -255,6 +272,7 @@ impl Renderer {
             let is_empty = match aov {
                 Aov::MirrorPosition => !is_mirror(pixel) || four()[3] == 0.0,
                 Aov::MirrorAlbedo | Aov::MirrorNormal => !is_mirror(pixel) || coverage[pixel * 4 + 3] == 0.0,
+                Aov::Curvature | Aov::Regions => !is_mirror(pixel),
                 _ => depth == 0.0,
             };
             if is_empty {
@@ -272,6 +290,9 @@ impl Renderer {
                     let [x, y, z] = [0, 1, 2].map(|axis| (f64::from(four()[axis]) + camera.eye[axis]) as f32);
                     data.extend([x, y, z, four()[3]]);
                 }
+                // The highest bit only says that there is a mirror.
+                Aov::Curvature => data.push(four()[0] - 128.0),
+                Aov::Regions => data.push(four()[1]),
                 _ => data.extend(&four()[..3]),
             }
         }
@@ -315,6 +336,13 @@ impl Renderer {
         let Some((_, pixel, [identity, nearness])) = best else { return Ok(None) };
         let linear_depth = f32::from_bits(u32::MAX - nearness);
         Ok(store.find(identity).map(|(cloud, chunk, index)| Picked { cloud, chunk, index, linear_depth, pixel }))
+    }
+
+    /// What SSCR made of the mirror pixels of the last frame.
+    fn sscr_views(&self) -> Result<&Image> {
+        let kept = self.kept.as_ref().filter(|kept| kept.settings.reflection.method == Method::Sscr);
+        let views = kept.zip(self.reflections.as_ref()).and_then(|(kept, found)| found.views(&kept.settings));
+        views.ok_or_else(|| Error::Shader("only the method sscr has a curvature map and regions".into()))
     }
 
     fn rendered(&self) -> Result<&Targets> {

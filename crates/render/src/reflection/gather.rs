@@ -5,12 +5,14 @@ use super::{MirrorGBuffer, Task};
 use crate::gpu::Result;
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::targets::storage;
+use crate::targets::{Image, storage};
 
 /// The nearest hit of each mirror pixel.
 pub(crate) struct Gather {
     /// Four words a pixel; see shaders/surfel_trace.wgsl.
     pub hits: wgpu::Buffer,
+    /// z: nodes and discs that each ray was tested against, while that is shown.
+    pub views: Image,
     /// As found, and half closed.
     found: [MirrorGBuffer; 2],
 }
@@ -18,7 +20,8 @@ pub(crate) struct Gather {
 impl Gather {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let hits = storage(device, "hits", u64::from(size[0]) * u64::from(size[1]) * 16);
-        Self { hits, found: [MirrorGBuffer::new(device, size), MirrorGBuffer::new(device, size)] }
+        let views = Image::new(device, size, "views", wgpu::TextureFormat::Rgba32Float);
+        Self { hits, views, found: [MirrorGBuffer::new(device, size), MirrorGBuffer::new(device, size)] }
     }
 
     /// Fills the Mirror G-Buffer from the hits, and closes pixels whose ray slipped between discs.

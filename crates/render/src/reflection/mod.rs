@@ -296,6 +296,15 @@ impl Reflections {
         self.bounces.iter().map(Bounce::bytes).sum()
     }
 
+    /// How the last frame's method came to its result; x and y (curvature, label) only of SSCR.
+    pub fn views(&self, settings: &Settings) -> Option<&Image> {
+        match chosen(settings.reflection.method) {
+            Method::None | Method::Auto => None,
+            Method::Sscr => self.methods.sscr.as_ref().map(|sscr| &sscr.views),
+            Method::SurfelTrace | Method::SscrHierarchical => self.methods.gather.as_ref().map(|gather| &gather.views),
+        }
+    }
+
     /// # Errors
     /// No reflections were rendered.
     pub fn first(&self) -> Result<&Bounce> {

@@ -2,6 +2,8 @@
 //! starts each ray at the top of the trees (gather), `sscr_hierarchical` first lets whole nodes descend into the beams that
 //! bound the rays of a tile, and starts each ray at what its tile lists (docs/methods/sscr_hierarchical.md).
 
+use scene::Show;
+
 use super::Task;
 use super::gather::Gather;
 use super::surfel_index::SurfelIndex;
@@ -45,10 +47,14 @@ pub(crate) fn run(
             inputs.page.as_entire_binding(),
             inputs.points.as_entire_binding(),
             task.supply.class_masks.as_entire_binding(),
+            gather.views.bind(),
         ];
         let resources: Vec<_> = mirror.into_iter().chain(nodes).chain(rest).collect();
-        let switches =
-            [("use_lists", u32::from(use_beams)), ("filter_classes", u32::from(task.supply.filter_classes))];
+        let switches = [
+            ("use_lists", u32::from(use_beams)),
+            ("filter_classes", u32::from(task.supply.filter_classes)),
+            ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
+        ];
         recorder.over_pixels(&passes::SURFEL_TRACE, &switches, task.supply, &resources)?;
     }
     gather.resolve(recorder, task)
