@@ -317,7 +317,7 @@ mod tests {
     fn broken_pictures_are_caught() {
         let settings = MirrorSettings::default();
         let lights = [light()];
-        let lighting = Lighting { lights: &lights, bounces: 1, mirror: &settings };
+        let lighting = Lighting { lights: &lights, bounces: 1, mirror: &settings, background: DVec3::ZERO };
         let scene = Exact::five_mirrors(Variant::Sphere);
         let colors = picture(&scene, &rays(), &lighting, &Progress::default()).unwrap();
         let colors: Vec<[f32; 3]> =

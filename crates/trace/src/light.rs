@@ -1,9 +1,9 @@
 //! Light: spot lights with shadows on Lambertian surfaces, blended with what mirrors reflect.
 //!
-//! The definition: a diffuse surface sends out albedo / pi times its irradiance. A mirror of specular intensity SI shows
-//! (1 - SI) of its diffuse light and SI of what arrives along the reflected ray; its albedo tints and Fresnel's law
-//! strengthens reflections as far as `scene::MirrorSettings` asks for. After the last bounce a mirror shows its diffuse share
-//! alone. No other light, and where a ray sees nothing there is none.
+//! The definition, which is the renderer's: a diffuse surface sends out albedo / pi times its irradiance. A mirror shows its
+//! share (the specular intensity, and more by Fresnel's law as far as `scene::MirrorSettings` asks for it) of what arrives along
+//! the reflected ray, tinted by its albedo as far as asked for, and for the rest its diffuse light. After the last bounce a mirror
+//! is a diffuse surface. Where a reflected ray sees nothing, it sees the background.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -21,6 +21,8 @@ pub struct Lighting<'a> {
     /// Mirrors that a ray is followed over.
     pub bounces: u32,
     pub mirror: &'a MirrorSettings,
+    /// What mirrors show where nothing is, linear.
+    pub background: DVec3,
 }
 
 /// Linear red, green and blue of each pixel, row by row; none where nothing is seen. `progress` counts pixels. `None` when
@@ -39,25 +41,26 @@ pub fn picture(
 
 /// Light that a hit sends back along the ray that arrives in `direction`.
 pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, lighting: &Lighting) -> DVec3 {
-    let Lighting { lights, bounces, mirror } = *lighting;
-    let reflectance = reflectance(hit, direction, mirror);
-    let diffuse = if hit.specular_intensity < 1.0 {
-        direct(geometry, hit, lights) * (1.0 - hit.specular_intensity)
-    } else {
-        DVec3::ZERO
-    };
-    if bounces == 0 || reflectance == DVec3::ZERO {
-        return diffuse;
+    let Lighting { lights, bounces, mirror, .. } = *lighting;
+    if bounces == 0 || hit.specular_intensity <= 0.0 {
+        return direct(geometry, hit, lights);
     }
+    // Schlick 1994: all of it is reflected, without a tint, the flatter the ray.
+    let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0);
+    let grazing = f64::from(mirror.fresnel) * flatness.powi(5);
+    let share = hit.specular_intensity + (1.0 - hit.specular_intensity) * grazing;
+    let tint = DVec3::ONE.lerp(hit.albedo, f64::from(mirror.tint) * (1.0 - grazing));
     let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
-    diffuse + reflectance * reflected_light(geometry, &point, lighting)
+    let reflected = tint * reflected_light(geometry, &point, lighting);
+    let own = if share < 1.0 { direct(geometry, hit, lights) } else { DVec3::ZERO };
+    own.lerp(reflected, share)
 }
 
-/// Light that reaches a mirror point along the reflected ray. Black where there is nothing.
+/// Light that reaches a mirror point along the reflected ray.
 fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, lighting: &Lighting) -> DVec3 {
     let seen = point.reflected().and_then(|ray| Some((geometry.nearest(&ray)?, ray.direction)));
     let beyond = Lighting { bounces: lighting.bounces.saturating_sub(1), ..*lighting };
-    seen.map_or(DVec3::ZERO, |(hit, direction)| radiance(geometry, &hit, direction, &beyond))
+    seen.map_or(lighting.background, |(hit, direction)| radiance(geometry, &hit, direction, &beyond))
 }
 
 /// What mirrors of specular intensity 1 show at these points, the first reflection included in `lighting.bounces`. `progress`
@@ -69,18 +72,6 @@ pub fn reflected_picture(
     progress: &Progress,
 ) -> Option<Vec<DVec3>> {
     in_parallel(points.len(), progress, |index| reflected_light(geometry, &points[index], lighting))
-}
-
-/// Share of the light that a mirror reflects.
-fn reflectance(hit: &Hit, direction: DVec3, mirror: &MirrorSettings) -> DVec3 {
-    if hit.specular_intensity <= 0.0 {
-        return DVec3::ZERO;
-    }
-    let tint = DVec3::ONE.lerp(hit.albedo, f64::from(mirror.tint));
-    let share = DVec3::splat(hit.specular_intensity) * tint;
-    // Schlick 1994: towards 1 by the fifth power.
-    let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0).powi(5);
-    share.lerp(DVec3::ONE, f64::from(mirror.fresnel) * flatness)
 }
 
 /// Light that the lights reach a hit's diffuse part with and that it sends out, whatever share of it is diffuse.
@@ -183,29 +174,44 @@ mod tests {
 
     #[test]
     fn a_mirror_shows_its_share_of_the_reflected_light() {
-        // The mirror at z = 0 reflects the wall at z = 3, which the light cannot reach, and one beyond it that shines on it.
-        let grey = [0.5; 3];
-        let up = SpotLight { target: DVec3::Z * 3.0, ..light() };
-        let geometry = Exact::new(vec![wall(-5.0, 0.0, grey, 0.6), wall(-5.0, 3.0, ALBEDO, 0.0)]);
-        let settings = MirrorSettings::default();
-        let lights = [up, light()];
-        let lighting = |bounces, mirror| Lighting { lights: &lights, bounces, mirror };
+        // The mirror at z = 0 reflects the wall at z = 3; one light shines on each.
+        let geometry = Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], 0.6), wall(-5.0, 3.0, ALBEDO, 0.0)]);
+        let lights = [SpotLight { target: DVec3::Z * 3.0, ..light() }, light()];
         let (hit, direction) = seen_at(&geometry, 0.3);
-        let own = direct(&geometry, &hit, &lights) * 0.4;
-        assert!(own.x > 0.0);
-        assert_eq!(radiance(&geometry, &hit, direction, &lighting(0, &settings)), own);
+        let own = direct(&geometry, &hit, &lights);
         let wall = geometry.nearest(&Ray::from_surface(hit.position, mirrored(direction, DVec3::Z))).unwrap();
         assert!((wall.position.z - 3.0).abs() < 1e-12);
         let reflected = direct(&geometry, &wall, &lights);
-        let found = radiance(&geometry, &hit, direction, &lighting(1, &settings));
-        assert!(found.distance(own + 0.6 * reflected) < 1e-12 && reflected.x > 0.0);
-        let tinted = MirrorSettings { tint: 1.0, ..settings.clone() };
-        let found = radiance(&geometry, &hit, direction, &lighting(1, &tinted));
-        assert!(found.distance(own + 0.6 * 0.5 * reflected) < 1e-12);
-        let fresnel = MirrorSettings { fresnel: 1.0, ..settings.clone() };
-        let share = 0.6 + 0.4 * (1.0 + direction.z).powi(5);
-        let found = radiance(&geometry, &hit, direction, &lighting(1, &fresnel));
-        assert!(found.distance(own + share * reflected) < 1e-12);
+        assert!(own.x > 0.0 && reflected.x > 0.0);
+        let seen = |bounces, tint, fresnel| {
+            let mirror = &MirrorSettings { tint, fresnel, ..MirrorSettings::default() };
+            let lighting = Lighting { lights: &lights, bounces, mirror, background: DVec3::ONE };
+            radiance(&geometry, &hit, direction, &lighting)
+        };
+        let grazing = (1.0 + direction.z).powi(5);
+        let share = 0.6 + 0.4 * grazing;
+        for (found, expected, what) in [
+            (seen(0, 0.0, 0.0), own, "after the last bounce"),
+            (seen(1, 0.0, 0.0), 0.4 * own + 0.6 * reflected, "plain"),
+            (seen(1, 1.0, 0.0), 0.4 * own + 0.6 * 0.5 * reflected, "tinted by its albedo of a half"),
+            (seen(1, 0.0, 1.0), (1.0 - share) * own + share * reflected, "by Schlick's law"),
+            (
+                seen(1, 1.0, 1.0),
+                (1.0 - share) * own + share * (1.0 - 0.5 * (1.0 - grazing)) * reflected,
+                "tinted and by Schlick's law",
+            ),
+        ] {
+            assert!(found.distance(expected) < 1e-12, "{what}: {found} instead of {expected}");
+        }
+    }
+
+    #[test]
+    fn mirrors_show_the_background_where_nothing_is() {
+        let geometry = Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], 1.0)]);
+        let (hit, direction) = seen_at(&geometry, 0.3);
+        let background = DVec3::new(0.1, 0.2, 0.3);
+        let lighting = Lighting { lights: &[], bounces: 2, mirror: &MirrorSettings::default(), background };
+        assert_eq!(radiance(&geometry, &hit, direction, &lighting), background);
     }
 
     #[test]
@@ -214,7 +220,7 @@ mod tests {
         let geometry = Exact::five_mirrors(Variant::Torus);
         let settings = MirrorSettings::default();
         let lights = [five_mirrors::light()];
-        let lighting = Lighting { lights: &lights, bounces: 3, mirror: &settings };
+        let lighting = Lighting { lights: &lights, bounces: 3, mirror: &settings, background: DVec3::ZERO };
         let none = Progress::default();
         let (colors, seen) = (picture(&geometry, &rays, &lighting, &none), primary(&geometry, &rays, &none));
         let (mut points, mut expected) = (Vec::new(), Vec::new());

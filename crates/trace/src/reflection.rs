@@ -158,7 +158,7 @@ mod tests {
                     })
                     .collect();
                 let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
-                let lighting = Lighting { lights: &lights, bounces: 2, mirror: &mirrors };
+                let lighting = Lighting { lights: &lights, bounces: 2, mirror: &mirrors, background: DVec3::ZERO };
                 picture(&surfels, &rays, &lighting, &Progress::default()).unwrap()
             })
         };
