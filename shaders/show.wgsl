@@ -37,7 +37,7 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
                 color = vec3f(f32(flags & 3u), f32((flags >> 2u) & 3u), f32(min((flags >> 4u) & 3u, 1u)) * 2.0) * 0.5;
             }
             case REFLECTION_SHOW_REGIONS: { color = color_of_number(u32(views.y)); }
-            case REFLECTION_SHOW_STEPS: { color = heat(views.z / MOST_STEPS); }
+            case REFLECTION_SHOW_STEPS: { color = heat(views.z / f32(most_steps)); }
             case REFLECTION_SHOW_UNCONVERGED: { color = heat(views.w); }
             // Black: nothing, orange: closed, by how much; white: found.
             case REFLECTION_SHOW_COVERAGE: {
@@ -60,8 +60,8 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
     textureStore(picture_out, id.xy, vec4f(color, 1.0));
 }
 
-// White in the heat map: twice the steps that SSCR gives up after by default; hierarchical SSCR counts nodes and discs.
-const MOST_STEPS: f32 = 64.0;
+// White in the heat map.
+override most_steps: u32 = 64u;
 
 // Far apart for numbers that follow one another: the hue turns by the golden angle.
 fn color_of_number(number: u32) -> vec3f {

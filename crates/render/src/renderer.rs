@@ -194,7 +194,9 @@ impl Renderer {
                 let point = bounce.mirror.point.bind();
                 let resources =
                     [targets.color.bind(), point, albedo, normal, position, views.bind(), targets.picture.bind()];
-                recorder.over_pixels(&passes::SHOW, &[], &inputs, &resources)?;
+                // Twice the steps that SSCR gives up after by default; rays are tested against more nodes and discs.
+                let most_steps = if settings.reflection.method == Method::Sscr { 60 } else { 400 };
+                recorder.over_pixels(&passes::SHOW, &[("most_steps", most_steps)], &inputs, &resources)?;
             }
             _ => {
                 let resources = [targets.color.bind(), targets.surface().depth.bind(), targets.picture.bind()];
