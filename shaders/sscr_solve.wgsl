@@ -17,9 +17,9 @@
 // Three words a pixel: searches that ended there, their steps, those of them that ran out of steps.
 @group(2) @binding(6) var<storage, read_write> endings: array<atomic<u32>>;
 
-// One of the regions that each point is tried in.
 struct Round {
-    index: u32,
+    // Which of a point's draws of a region this is.
+    draw: u32,
     // Of the random numbers.
     seed: u32,
 }
@@ -75,7 +75,7 @@ fn splat_point(item: Item, index: u32) {
         // A loop of at most one turn: software rasterisers run both sides of a branch.
         for (var turn = 0u; turn < 1u && may_reflect(region, q); turn++) {
             var state = hash(identity ^ round.seed);
-            outcome = find_root(search, start_of(search, &state, last_at));
+            outcome = find_root(search, start_of(search, &state, last_at), &state);
         }
         if outcome.state == FOUND {
             solution = solution_at(item, point, q, label, outcome.at);
@@ -105,10 +105,10 @@ fn splat_point(item: Item, index: u32) {
 // The paper sorts the regions by size first; drawing from the running sum is the same in any order.
 fn drawn_label(identity: u32) -> u32 {
     if !weighted {
-        return (identity + round.index) % totals.regions + 1u;
+        return (identity + round.draw) % totals.regions + 1u;
     }
-    // Rounds are apart by the golden ratio, which spreads any number of them evenly.
-    let number = fract(halton(identity) + f32(round.index) * 0.61803399);
+    // Draws are apart by the golden ratio, which spreads any number of them evenly.
+    let number = fract(halton(identity) + fract(f32(round.draw) * 0.61803399));
     let place = min(u32(number * f32(totals.pixels)), totals.pixels - 1u);
     var low = 0u;
     var high = totals.regions - 1u;
@@ -137,7 +137,11 @@ fn probe(search: Search, at: vec2f) -> Probe {
     let place = vec2u(select(vec2f(0.0), at, is_in));
     let pixel = mirror_pixels[place.y * frame.width + place.x];
     let is_inside = is_in && pixel.point_label.w == search.label;
-    return Probe(at, mirror_space_error(pixel, frame.right.xyz, search.q), is_inside);
+    let reflected = reflected_in_mirror_space(pixel, frame.right.xyz, search.q);
+    if solver == SSCR_SOLVER_INTERLEAVED {
+        return Probe(at, mirror_space_error(reflected), is_inside);
+    }
+    return Probe(at, mapped_error(reflected), is_inside);
 }
 
 // What is kept of a root: nothing where the point lies behind the mirror, or is a point of the mirror itself beside it. The

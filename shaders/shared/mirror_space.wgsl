@@ -17,10 +17,8 @@ fn pack_direction(direction: vec3f) -> u32 {
     return pack2x16snorm(select((1.0 - abs(flat.yx)) * side, flat, direction.z >= 0.0));
 }
 
-// The signed error angles of P as mirror point of Q, along x and y of mirror space: z to the eye, x in the plane of z and the
-// view's x axis. The printed formula takes the angles of rho - e, both of whose parts vanish at the root; here they are those
-// of the reflected direction rho itself, which is e at the root and only there.
-fn mirror_space_error(pixel: MirrorPixel, right: vec3f, q: vec3f) -> vec2f {
+// The direction in which light from Q leaves P, in mirror space: z to the eye, x in the plane of z and the view's x axis.
+fn reflected_in_mirror_space(pixel: MirrorPixel, right: vec3f, q: vec3f) -> vec3f {
     let normal = bitcast<vec3f>(pixel.normal_eye.xyz);
     let z = unpack_normal(pixel.normal_eye.w);
     let across = right - z * dot(right, z);
@@ -30,6 +28,17 @@ fn mirror_space_error(pixel: MirrorPixel, right: vec3f, q: vec3f) -> vec2f {
     let offset = bitcast<vec3f>(pixel.point_label.xyz) - q;
     let incoming = offset * inverseSqrt(max(dot(offset, offset), 1e-30));
     let rho = incoming - 2.0 * normal * dot(normal, incoming);
-    let along = dot(rho, z);
-    return vec2f(atan2(dot(rho, x), along), atan2(dot(rho, y), along));
+    return vec3f(dot(rho, x), dot(rho, y), dot(rho, z));
+}
+
+// The signed error angles along x and y. The printed formula takes the angles of rho - e, both of whose parts vanish at the
+// root; here they are those of the reflected direction rho itself, which is e at the root and only there.
+fn mirror_space_error(reflected: vec3f) -> vec2f {
+    return vec2f(atan2(reflected.x, reflected.z), atan2(reflected.y, reflected.z));
+}
+
+// The same error as a place on Lambert's azimuthal map, for searches that follow its slope: it tears only where light leaves
+// away from the eye, and over a distant sphere it is linear in the pixels.
+fn mapped_error(reflected: vec3f) -> vec2f {
+    return reflected.xy * sqrt(2.0 / max(1.0 + reflected.z, 1e-6));
 }

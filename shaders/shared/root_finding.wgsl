@@ -143,7 +143,7 @@ fn probe_after(search: Search, origin: vec2f, step: vec2f) -> Probe {
     return found;
 }
 
-fn find_root(search: Search, start: Start) -> Outcome {
+fn find_root(search: Search, start: Start, state: ptr<function, u32>) -> Outcome {
     if !start.p1.is_inside {
         return Outcome(start.p1.at, LOST, 0u);
     }
@@ -153,7 +153,7 @@ fn find_root(search: Search, start: Start) -> Outcome {
     if solver == SSCR_SOLVER_NELDER_MEAD {
         return nelder_mead(search, start);
     }
-    return descent(search, start);
+    return descent(search, start, state);
 }
 
 // Interleaved bracketing and bisection. Two pixels, the last two of a walk: along each axis it goes on while the error falls,
@@ -226,17 +226,24 @@ fn newton_step(slope: Slope, error: vec2f) -> vec2f {
 // A root within one pixel of a pixel's centre, by the slope there, is found: nearer the pixels cannot tell.
 const ROOT_REACH: f32 = 1.0;
 
-// Newton, Broyden and conjugate gradient: from pixel centre to pixel centre by steps of at most the first step's length.
-fn descent(search: Search, start: Start) -> Outcome {
-    var here = probe(search, floor(start.p1.at) + 0.5);
+// Newton, Broyden and conjugate gradient: from pixel centre to pixel centre by steps of at most the first step's length. Where
+// no step stays in the region they start anew: walks from a bad start end at its rim.
+fn descent(search: Search, start: Start, state: ptr<function, u32>) -> Outcome {
+    var here = centered(start.p1);
     var slope = slope_at(search, here);
     var direction = vec2f(0.0);
     var gradient = vec2f(0.0);
+    var restarts = 0u;
     let longest = max(start.step, vec2f(1.0));
-    var outcome = Outcome(here.at, select(LOST, UNCONVERGED, slope.is_known), 0u);
+    var outcome = Outcome(here.at, UNCONVERGED, 0u);
     while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
         var step = newton_step(slope, here.error);
-        if all(abs(step) <= vec2f(ROOT_REACH)) {
+        if solver == SSCR_SOLVER_BROYDEN && all(abs(step) <= vec2f(ROOT_REACH)) {
+            // What has been learned of the slope on the way may be wrong here.
+            slope = slope_at(search, here);
+            step = newton_step(slope, here.error);
+        }
+        if slope.is_known && all(abs(step) <= vec2f(ROOT_REACH)) {
             outcome.at = here.at + step;
             outcome.state = FOUND;
         } else {
@@ -245,7 +252,7 @@ fn descent(search: Search, start: Start) -> Outcome {
                 // that to the minimum along the direction if the slope stays as it is.
                 let steepest = vec2f(dot(slope.along_x, here.error), dot(slope.along_y, here.error));
                 let weight = dot(steepest, steepest - gradient) / max(dot(gradient, gradient), 1e-20);
-                direction = -steepest + direction * max(select(weight, 0.0, outcome.steps == 0u), 0.0);
+                direction = -steepest + direction * max(weight, 0.0);
                 gradient = steepest;
                 let change = slope.along_x * direction.x + slope.along_y * direction.y;
                 step = direction * (-dot(here.error, change) / max(dot(change, change), 1e-20));
@@ -253,16 +260,20 @@ fn descent(search: Search, start: Start) -> Outcome {
             let excess = abs(step) / longest;
             step /= max(max(excess.x, excess.y), 1.0);
             // At least to the next pixel.
-            let largest = max(abs(step.x), abs(step.y));
-            step *= max(1.0, 1.0 / max(largest, 1e-20));
-            var next = probe_after(search, here.at, step);
-            next.at = floor(next.at) + 0.5;
+            step *= max(1.0, 1.0 / max(max(abs(step.x), abs(step.y)), 1e-20));
+            var next = centered(probe_after(search, here.at, step));
             let moved = next.at - here.at;
-            let is_stuck = !next.is_inside || dot(moved, moved) == 0.0;
-            if solver == SSCR_SOLVER_BROYDEN {
+            let is_stuck = !slope.is_known || !next.is_inside || dot(moved, moved) == 0.0;
+            if is_stuck {
+                restarts++;
+                next = centered(random_seed(search, state));
+                direction = vec2f(0.0);
+                gradient = vec2f(0.0);
+            }
+            if solver == SSCR_SOLVER_BROYDEN && !is_stuck {
                 // The least change of the slope that explains the error at the new pixel.
                 let predicted = slope.along_x * moved.x + slope.along_y * moved.y;
-                let surprise = (next.error - here.error - predicted) / max(dot(moved, moved), 1e-20);
+                let surprise = (next.error - here.error - predicted) / dot(moved, moved);
                 slope.along_x += surprise * moved.x;
                 slope.along_y += surprise * moved.y;
             } else {
@@ -271,10 +282,16 @@ fn descent(search: Search, start: Start) -> Outcome {
             here = next;
             outcome.at = here.at;
             outcome.steps++;
-            outcome.state = select(UNCONVERGED, LOST, is_stuck || !slope.is_known);
+            let goes_on = here.is_inside && restarts <= settings.sscr.seed_attempts;
+            outcome.state = select(LOST, UNCONVERGED, goes_on);
         }
     }
     return outcome;
+}
+
+// All of a pixel has the error of its centre.
+fn centered(found: Probe) -> Probe {
+    return Probe(floor(found.at) + 0.5, found.error, found.is_inside);
 }
 
 fn squared_error(found: Probe) -> f32 {
@@ -330,8 +347,9 @@ fn nelder_mead(search: Search, start: Start) -> Outcome {
         }
     }
     let here = probe(search, floor(outcome.at) + 0.5);
-    let step = newton_step(slope_at(search, here), here.error);
-    if outcome.state == LOST && all(abs(step) <= vec2f(ROOT_REACH)) {
+    let slope = slope_at(search, here);
+    let step = newton_step(slope, here.error);
+    if outcome.state == LOST && slope.is_known && all(abs(step) <= vec2f(ROOT_REACH)) {
         outcome.at = here.at + step;
         outcome.state = FOUND;
     }

@@ -167,7 +167,7 @@ params! {
 
     /// Screen-space curved reflections (Preiner 2010).
     pub struct Sscr = "sscr" {
-        /// Further random start pixels that are tried where one lies outside of its region.
+        /// Further random start pixels that are tried where one lies outside of its region; newton and its like also start anew from them.
         seed_attempts: u32 = 6, 0..=16, "attempts";
         /// Halvings that are tried for a step that leaves the region.
         step_attempts: u32 = 6, 0..=16, "attempts";
@@ -199,7 +199,7 @@ params! {
         solve_once: bool = false;
         /// What finds the mirror pixel of a point; interleaved bracketing and bisection is the published one.
         solver: Solver = Solver::Interleaved;
-        /// Where the search starts.
+        /// Where the search starts: random pixels, the best of a grid, or the last frame's pixel (then points are searched for once, and those without one drawn anew).
         seeds: Seeds = Seeds::Random;
         /// Regions that each point is tried in.
         regions_per_point: u32 = 1, 1..=16, "regions";

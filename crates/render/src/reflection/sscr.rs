@@ -161,14 +161,16 @@ impl Sscr {
         ];
         // Points that were not found are tried elsewhere in the next frame, if it starts from this one's.
         let frame = if settings.seeds == Seeds::LastFrame { self.frames } else { 0 };
-        let seed = frame.wrapping_mul(0x9e37_79b9) ^ (round << 8) ^ (task.bounce as u32) << 16;
+        let draw = frame.wrapping_mul(settings.regions_per_point).wrapping_add(round);
+        // Any odd number spreads the draws over the seeds.
+        let seed = draw.wrapping_mul(0x9e37_79b9) ^ (task.bounce as u32);
         let uniform = recorder.gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("round"),
             size: 16,
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        recorder.gpu.queue.write_buffer(&uniform, 0, bytemuck::cast_slice(&[round, seed, 0, 0]));
+        recorder.gpu.queue.write_buffer(&uniform, 0, bytemuck::cast_slice(&[draw, seed, 0, 0]));
         recorder.over_points_by_page(&passes::SSCR_SOLVE, &switches, task.supply, |page| {
             Some(vec![
                 uniform.as_entire_binding(),

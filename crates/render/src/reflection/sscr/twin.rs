@@ -276,18 +276,27 @@ impl Random {
     }
 }
 
-/// The signed error angles of P as mirror point of Q, along x and y of mirror space: z to the eye, x in the plane of z and the
-/// view's x axis (sections 3.2, 3.3).
-///
-/// The printed formula takes the angles of rho - e, both of whose parts vanish at the root; here they are those of the
-/// reflected direction rho itself, which is e at the root and only there.
-pub fn mirror_space_error(pixel: &MirrorPixel, right: Vec3, q: Vec3) -> Vec2 {
+/// The direction in which light from Q leaves P, in mirror space: z to the eye, x in the plane of z and the view's x axis
+/// (section 3.2).
+pub fn reflected_in_mirror_space(pixel: &MirrorPixel, right: Vec3, q: Vec3) -> Vec3 {
     let z = pixel.toward_eye;
     let x = (right - z * right.dot(z)).normalize_or_zero();
     let y = z.cross(x);
     let incoming = (pixel.point - q).normalize_or_zero();
     let rho = incoming - 2.0 * pixel.normal * pixel.normal.dot(incoming);
-    Vec2::new(rho.dot(x).atan2(rho.dot(z)), rho.dot(y).atan2(rho.dot(z)))
+    Vec3::new(rho.dot(x), rho.dot(y), rho.dot(z))
+}
+
+/// The signed error angles along x and y (section 3.3). The printed formula takes the angles of rho - e, both of whose parts
+/// vanish at the root; here they are those of the reflected direction rho itself, which is e at the root and only there.
+pub fn mirror_space_error(reflected: Vec3) -> Vec2 {
+    Vec2::new(reflected.x.atan2(reflected.z), reflected.y.atan2(reflected.z))
+}
+
+/// The same error as a place on Lambert's azimuthal map, for searches that follow its slope: it tears only where light leaves
+/// away from the eye, and over a distant sphere it is linear in the pixels.
+pub fn mapped_error(reflected: Vec3) -> Vec2 {
+    reflected.truncate() * (2.0 / (1.0 + reflected.z).max(1e-6)).sqrt()
 }
 
 /// How a search ended.
@@ -327,7 +336,11 @@ impl Search<'_> {
 
     /// The error at a pixel coordinate; `None` outside of the region.
     fn error(&self, region: u32, at: Vec2, q: Vec3) -> Option<Vec2> {
-        self.pixel(region, at).map(|pixel| mirror_space_error(pixel, self.picture.right, q))
+        let reflected = reflected_in_mirror_space(self.pixel(region, at)?, self.picture.right, q);
+        Some(match self.settings.solver {
+            Solver::Interleaved => mirror_space_error(reflected),
+            _ => mapped_error(reflected),
+        })
     }
 
     /// A random pixel of the region and the error there.
@@ -392,35 +405,53 @@ impl Search<'_> {
         Outcome::Unconverged
     }
 
-    /// Newton's method from pixel centre to pixel centre, by steps of at most the first step's length.
+    /// Newton's method from pixel centre to pixel centre, by steps of at most the first step's length. Where no step stays in
+    /// the region it starts anew.
     fn newton(&self, region: u32, q: Vec3, random: &mut Random) -> Outcome {
         let longest = (self.regions.regions[region as usize].extent() * self.settings.initial_step).max(Vec2::ONE);
-        let Some((seed, _)) = self.seed(region, q, random) else { return Outcome::Lost };
-        let mut here = seed.floor() + 0.5;
+        let mut restarts = 0;
+        let Some(mut here) = self.centered_seed(region, q, random) else { return Outcome::Lost };
         for _ in 0..self.settings.max_steps {
-            let Some(error) = self.error(region, here, q) else { return Outcome::Lost };
-            let along = |axis: Vec2| {
-                let difference = |side: f32| Some((self.error(region, here + axis * side, q)? - error) * side);
-                difference(1.0).or_else(|| difference(-1.0))
-            };
-            let (Some(along_x), Some(along_y)) = (along(Vec2::X), along(Vec2::Y)) else { return Outcome::Lost };
-            let determinant = along_x.x * along_y.y - along_y.x * along_x.y;
-            let determinant = if determinant.abs() < 1e-20 { 1e-20 } else { determinant };
-            let mut step =
-                Vec2::new(along_y.x * error.y - along_y.y * error.x, along_x.y * error.x - along_x.x * error.y)
-                    / determinant;
-            if step.abs().cmple(Vec2::splat(ROOT_REACH)).all() {
+            let step = self.newton_step(region, here, q);
+            if let Some(step) = step.filter(|step| step.abs().cmple(Vec2::splat(ROOT_REACH)).all()) {
                 return Outcome::Found(here + step);
             }
-            step /= (step.abs() / longest).max_element().max(1.0);
-            step *= (1.0 / step.abs().max_element()).max(1.0);
-            let Some((next, _)) = self.after(region, here, step, q) else { return Outcome::Lost };
-            let next = next.floor() + 0.5;
-            if next == here {
+            let next = step.and_then(|step| self.centered_after(region, here, step, longest, q));
+            let Some(next) = next.or_else(|| {
+                restarts += 1;
+                self.centered_seed(region, q, random).filter(|_| restarts <= self.settings.seed_attempts)
+            }) else {
                 return Outcome::Lost;
-            }
+            };
             here = next;
         }
         Outcome::Unconverged
+    }
+
+    /// To the root of the plane through the errors of a pixel and its neighbours; `None` where the region has none.
+    fn newton_step(&self, region: u32, here: Vec2, q: Vec3) -> Option<Vec2> {
+        let error = self.error(region, here, q)?;
+        let along = |axis: Vec2| {
+            let difference = |side: f32| Some((self.error(region, here + axis * side, q)? - error) * side);
+            difference(1.0).or_else(|| difference(-1.0))
+        };
+        let (along_x, along_y) = (along(Vec2::X)?, along(Vec2::Y)?);
+        let determinant = along_x.x * along_y.y - along_y.x * along_x.y;
+        let determinant = if determinant.abs() < 1e-20 { 1e-20 } else { determinant };
+        let step = Vec2::new(along_y.x * error.y - along_y.y * error.x, along_x.y * error.x - along_x.x * error.y);
+        Some(step / determinant)
+    }
+
+    fn centered_seed(&self, region: u32, q: Vec3, random: &mut Random) -> Option<Vec2> {
+        self.seed(region, q, random).map(|(seed, _)| seed.floor() + 0.5)
+    }
+
+    /// The centre of another pixel of the region, by a step.
+    fn centered_after(&self, region: u32, here: Vec2, step: Vec2, longest: Vec2, q: Vec3) -> Option<Vec2> {
+        let step = step / (step.abs() / longest).max_element().max(1.0);
+        // At least to the next pixel.
+        let step = step * (1.0 / step.abs().max_element().max(1e-20)).max(1.0);
+        let (next, _) = self.after(region, here, step, q)?;
+        Some(next.floor() + 0.5).filter(|next| *next != here)
     }
 }
