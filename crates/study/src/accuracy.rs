@@ -153,7 +153,7 @@ mod tests {
     use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{MirrorSettings, ViewSettings};
     use trace::exact::{Albedo, Object};
-    use trace::{Lighting, Part, Ray, mirrored, picture};
+    use trace::{Illumination, Part, Ray, mirrored, picture};
 
     const SIZE: [u32; 2] = [120, 90];
 
@@ -317,9 +317,9 @@ mod tests {
     fn broken_pictures_are_caught() {
         let settings = MirrorSettings::default();
         let lights = [light()];
-        let lighting = Lighting { lights: &lights, bounces: 1, mirror: &settings, background: DVec3::ZERO };
+        let illumination = Illumination { lights: &lights, bounces: 1, mirror: &settings, background: DVec3::ZERO };
         let scene = Exact::five_mirrors(Variant::Sphere);
-        let colors = picture(&scene, &rays(), &lighting, &Progress::default()).unwrap();
+        let colors = picture(&scene, &rays(), &illumination, &Progress::default()).unwrap();
         let colors: Vec<[f32; 3]> =
             colors.into_iter().map(|color| color.unwrap_or(DVec3::ZERO).as_vec3().to_array()).collect();
         let mirror: Vec<bool> = sphere().mirror.iter().map(|mirror| *mirror > 0.0).collect();

@@ -12,4 +12,4 @@ pub use accuracy::{Error, MirrorImage, PointId, Result, accuracy_exact, accuracy
 pub use metrics::{Accuracy, ImageError, Percentiles, Truth, image_error};
 pub use stage::Stage;
 /// What the truth is traced in and for; the program knows `trace` through here.
-pub use trace::{Exact, Lighting, Part, PixelRays, Surfels, Viewpoint};
+pub use trace::{Exact, Illumination, Part, PixelRays, Surfels, Viewpoint};

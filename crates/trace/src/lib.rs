@@ -15,7 +15,7 @@ mod surfels;
 
 pub use camera::{PixelRays, Viewpoint};
 pub use exact::Exact;
-pub use light::{Lighting, direct, picture, radiance, reflected_picture};
+pub use light::{Illumination, direct, picture, radiance, reflected_picture};
 pub use ray::{Geometry, Hit, Ray, SELF_DISTANCE};
 pub use reflection::{MirrorPoint, Reflection, mirrored, primary, reflected};
 pub use surfels::{Part, Surfels};

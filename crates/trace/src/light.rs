@@ -16,7 +16,7 @@ use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
 /// What lights a scene, and how far reflections are followed.
 #[derive(Clone, Copy, Debug)]
-pub struct Lighting<'a> {
+pub struct Illumination<'a> {
     pub lights: &'a [SpotLight],
     /// Mirrors that a ray is followed over.
     pub bounces: u32,
@@ -30,18 +30,18 @@ pub struct Lighting<'a> {
 pub fn picture(
     geometry: &impl Geometry,
     rays: &PixelRays,
-    lighting: &Lighting,
+    illumination: &Illumination,
     progress: &Progress,
 ) -> Option<Vec<Option<DVec3>>> {
     in_parallel(rays.pixel_count(), progress, |pixel| {
         let ray = rays.ray(pixel);
-        geometry.nearest(&ray).map(|hit| radiance(geometry, &hit, ray.direction, lighting))
+        geometry.nearest(&ray).map(|hit| radiance(geometry, &hit, ray.direction, illumination))
     })
 }
 
 /// Light that a hit sends back along the ray that arrives in `direction`.
-pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, lighting: &Lighting) -> DVec3 {
-    let Lighting { lights, bounces, mirror, .. } = *lighting;
+pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
+    let Illumination { lights, bounces, mirror, .. } = *illumination;
     if bounces == 0 || hit.specular_intensity <= 0.0 {
         return direct(geometry, hit, lights);
     }
@@ -51,27 +51,27 @@ pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, lighting:
     let share = hit.specular_intensity + (1.0 - hit.specular_intensity) * grazing;
     let tint = DVec3::ONE.lerp(hit.albedo, f64::from(mirror.tint) * (1.0 - grazing));
     let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
-    let reflected = tint * reflected_light(geometry, &point, lighting);
+    let reflected = tint * reflected_light(geometry, &point, illumination);
     let own = if share < 1.0 { direct(geometry, hit, lights) } else { DVec3::ZERO };
     own.lerp(reflected, share)
 }
 
 /// Light that reaches a mirror point along the reflected ray.
-fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, lighting: &Lighting) -> DVec3 {
+fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, illumination: &Illumination) -> DVec3 {
     let seen = point.reflected().and_then(|ray| Some((geometry.nearest(&ray)?, ray.direction)));
-    let beyond = Lighting { bounces: lighting.bounces.saturating_sub(1), ..*lighting };
-    seen.map_or(lighting.background, |(hit, direction)| radiance(geometry, &hit, direction, &beyond))
+    let beyond = Illumination { bounces: illumination.bounces.saturating_sub(1), ..*illumination };
+    seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, &beyond))
 }
 
-/// What mirrors of specular intensity 1 show at these points, the first reflection included in `lighting.bounces`. `progress`
+/// What mirrors of specular intensity 1 show at these points, the first reflection included in `illumination.bounces`. `progress`
 /// counts points. `None` when cancelled.
 pub fn reflected_picture(
     geometry: &impl Geometry,
     points: &[MirrorPoint],
-    lighting: &Lighting,
+    illumination: &Illumination,
     progress: &Progress,
 ) -> Option<Vec<DVec3>> {
-    in_parallel(points.len(), progress, |index| reflected_light(geometry, &points[index], lighting))
+    in_parallel(points.len(), progress, |index| reflected_light(geometry, &points[index], illumination))
 }
 
 /// Light that the lights reach a hit's diffuse part with and that it sends out, whatever share of it is diffuse.
@@ -185,8 +185,8 @@ mod tests {
         assert!(own.x > 0.0 && reflected.x > 0.0);
         let seen = |bounces, tint, fresnel| {
             let mirror = &MirrorSettings { tint, fresnel, ..MirrorSettings::default() };
-            let lighting = Lighting { lights: &lights, bounces, mirror, background: DVec3::ONE };
-            radiance(&geometry, &hit, direction, &lighting)
+            let illumination = Illumination { lights: &lights, bounces, mirror, background: DVec3::ONE };
+            radiance(&geometry, &hit, direction, &illumination)
         };
         let grazing = (1.0 + direction.z).powi(5);
         let share = 0.6 + 0.4 * grazing;
@@ -210,8 +210,8 @@ mod tests {
         let geometry = Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], 1.0)]);
         let (hit, direction) = seen_at(&geometry, 0.3);
         let background = DVec3::new(0.1, 0.2, 0.3);
-        let lighting = Lighting { lights: &[], bounces: 2, mirror: &MirrorSettings::default(), background };
-        assert_eq!(radiance(&geometry, &hit, direction, &lighting), background);
+        let illumination = Illumination { lights: &[], bounces: 2, mirror: &MirrorSettings::default(), background };
+        assert_eq!(radiance(&geometry, &hit, direction, &illumination), background);
     }
 
     #[test]
@@ -220,9 +220,9 @@ mod tests {
         let geometry = Exact::five_mirrors(Variant::Torus);
         let settings = MirrorSettings::default();
         let lights = [five_mirrors::light()];
-        let lighting = Lighting { lights: &lights, bounces: 3, mirror: &settings, background: DVec3::ZERO };
+        let illumination = Illumination { lights: &lights, bounces: 3, mirror: &settings, background: DVec3::ZERO };
         let none = Progress::default();
-        let (colors, seen) = (picture(&geometry, &rays, &lighting, &none), primary(&geometry, &rays, &none));
+        let (colors, seen) = (picture(&geometry, &rays, &illumination, &none), primary(&geometry, &rays, &none));
         let (mut points, mut expected) = (Vec::new(), Vec::new());
         for (pixel, (color, hit)) in colors.unwrap().into_iter().zip(seen.unwrap()).enumerate() {
             if let Some(Hit { position, normal, .. }) = hit.filter(|hit| hit.specular_intensity > 0.0) {
@@ -230,7 +230,7 @@ mod tests {
                 expected.push(color.unwrap());
             }
         }
-        let found = reflected_picture(&geometry, &points, &lighting, &none).unwrap();
+        let found = reflected_picture(&geometry, &points, &illumination, &none).unwrap();
         assert!(found.iter().filter(|color| color.x > 0.0).count() > 10);
         assert!(found.iter().zip(&expected).all(|(a, b)| a.distance(*b) < 1e-12));
     }

@@ -99,7 +99,7 @@ pub(crate) fn in_parallel<T: Send>(
 mod tests {
     use super::*;
     use crate::exact::{Albedo, Exact, Object};
-    use crate::{Lighting, Part, Surfels, picture};
+    use crate::{Illumination, Part, Surfels, picture};
     use cloud::sampling::{Placement, Surface};
     use scene::five_mirrors::{Variant, camera, light, sample};
     use scene::{MirrorSettings, ViewSettings};
@@ -158,8 +158,9 @@ mod tests {
                     })
                     .collect();
                 let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
-                let lighting = Lighting { lights: &lights, bounces: 2, mirror: &mirrors, background: DVec3::ZERO };
-                picture(&surfels, &rays, &lighting, &Progress::default()).unwrap()
+                let illumination =
+                    Illumination { lights: &lights, bounces: 2, mirror: &mirrors, background: DVec3::ZERO };
+                picture(&surfels, &rays, &illumination, &Progress::default()).unwrap()
             })
         };
         let (one, three) = (draw(1), draw(3));
