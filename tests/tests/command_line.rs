@@ -128,6 +128,7 @@ fn bad_usage_is_refused_before_any_work() {
     refused(&[scene, "--aov", "no_such_image=a.exr"], &["no_such_image"]);
     refused(&[scene, "--camera", "no-such-view.toml"], &["no-such-view.toml"]);
     refused(&["five-mirrors/teapot"], &["five-mirrors/teapot"]);
+    refused(&[scene, "--bounces", "9"], &["--bounces", "0 to 4"]);
     refused(&["no-such-file.laz"], &["no-such-file.laz"]);
     refused(&["."], &[]);
     assert!(!folder.path("picture.png").exists());
@@ -436,7 +437,10 @@ fn methods_lists_every_parameter_with_its_key_unit_range_default_and_help() {
     let outcome = folder.glint(["methods", "--json"]);
     assert_done(&outcome);
     let report = outcome.json();
-    assert!(strings(&report["methods"]).contains(&"none"), "{outcome}");
+    let methods = strings(&report["methods"]);
+    for method in ["auto", "none", "sscr", "sscr_hierarchical", "surfel_trace"] {
+        assert!(methods.contains(&method), "{method}: {outcome}");
+    }
     let parameters = report["parameters"].as_array().expect("an array");
     for parameter in parameters {
         for key in ["key", "unit", "range", "default", "help"] {
@@ -561,7 +565,8 @@ fn a_picture_is_what_size_asks_for_and_the_same_again() {
 #[test]
 fn the_statistics_tell_adapter_passes_counts_and_memory() {
     let folder = Folder::new();
-    let scene = ["five-mirrors/sphere", "--set", FEW_POINTS, "--frames", "3", "--stats", "stats.json"];
+    let scene =
+        ["five-mirrors/sphere", "--set", FEW_POINTS, "--frames", "3", "--stats", "stats.json", "--bounces", "1"];
     let Some(outcome) = render(&folder, &scene) else { return };
     assert_done(&outcome);
     let stats = stats(&folder);
@@ -569,7 +574,7 @@ fn the_statistics_tell_adapter_passes_counts_and_memory() {
         assert!(stats["adapter"][key].as_str().is_some_and(|text| !text.is_empty()), "adapter.{key}: {stats}");
     }
     assert_eq!(stats["size"], json!([WIDTH, HEIGHT]));
-    assert_eq!(stats["method"], "none");
+    assert_eq!(stats["method"], "auto");
     let key_and_value: Vec<&str> = FEW_POINTS.split('=').collect();
     assert_eq!(stats["set"][key_and_value[0]].to_string().trim_matches('"'), key_and_value[1]);
     // Rounded up to whole points a surface.
@@ -613,4 +618,74 @@ fn empty_pixels_are_not_a_number() {
         let inside = (2499999.0..=2500002.5).contains(&x) && (1199999.0..=1200002.5).contains(&y);
         assert!(inside && (99.0..=103.0).contains(&z), "{pixel:?} is at {:?}", [x, y, z]);
     }
+}
+
+/// A box whose mirror has moved to the left wall, a ball beside it and a lamp, and a puddle: points of the floor.
+const FURNISHED: &str = "
+clouds = ['five-mirrors/sphere']
+[[mirrors]]
+name = 'sphere'
+shape = 'sphere'
+position = [-0.6, 0, 0]
+size = 0.3
+[[mirrors]]
+name = 'plate'
+shape = { plane = { height = 0.5 } }
+position = [0.6, 0, 0]
+size = 0.3
+[[lights]]
+position = [0, 0.9, 1.5]
+target = [0, 0, -2]
+intensity = [30, 30, 30]
+inner_degrees = 60
+outer_degrees = 70
+[[mirror_points]]
+cloud = 'five-mirrors/sphere, walls'
+points = { box = { min = [-0.4, -1.1, -1], max = [0.4, -0.9, 0] } }
+normals = 'flatten'
+[parameters]
+'scene.points' = 400000
+'reflection.method' = 'surfel_trace'
+";
+
+#[test]
+fn mirrors_of_a_scene_file_reflect_and_take_the_place_of_the_built_in_one() {
+    let folder = Folder::new();
+    folder.write("room.toml", FURNISHED);
+    let images = ["--aov", "mirror=mirror.exr", "--aov", "mirror_position=seen.exr", "--aov", "depth=depth.exr"];
+    let scene = ["room.toml", "--stats", "stats.json"];
+    let Some(outcome) = render(&folder, &[&scene[..], &images].concat()) else { return };
+    assert_done(&outcome);
+    let [mirror, seen, depth] =
+        ["mirror.exr", "seen.exr", "depth.exr"].map(|name| FloatImage::read(&folder.path(name)));
+    // Pixels of places from their offset and distance, by the tangent of half the field of view.
+    let pixels = |offset: f32, away: f32| offset / away / 30.0_f32.to_radians().tan() * 60.0;
+    let at = |[x, y, z]: [f32; 3]| [(80.0 + pixels(x, 1.9 - z)) as usize, (60.0 - pixels(y, 1.9 - z)) as usize];
+    let (ball, plate, puddle) = (at([-0.6, 0.0, 0.0]), at([0.6, 0.0, 0.0]), at([0.0, -1.0, -0.5]));
+    assert_eq!([ball, [80, 60], plate, puddle].map(|pixel| mirror.value(pixel)), [1.0, 0.0, 1.0, 1.0]);
+    assert!((depth.value(ball) - 1.61).abs() < 0.03, "the ball is {} away", depth.value(ball));
+    // The plate throws the sight line back and on to the right wall; the puddle, up to the back wall.
+    assert_near(seen.vector(plate), [1.0, 0.0, 0.4 / 0.6 * 1.9], 0.06);
+    assert_near(seen.vector(puddle), [0.0, -1.0 + 1.5 / 2.4, -2.0], 0.06);
+    let stats = stats(&folder);
+    let pixels = mirror.channels[0].1.iter().filter(|value| **value == 1.0).count();
+    assert_eq!(stats["mirror_pixels"], pixels);
+    assert!(stats["closed_coverage"].as_f64().is_some_and(|share| share > 0.9), "{stats}");
+    assert_eq!((&stats["bounces"], &stats["method"]), (&json!(1), &json!("surfel_trace")));
+}
+
+#[test]
+fn odd_objects_of_a_scene_file_are_refused_by_name() {
+    let folder = Folder::new();
+    let refused = |from: &str, to: &str, mentioned: &[&str]| {
+        assert!(FURNISHED.contains(from));
+        folder.write("room.toml", FURNISHED.replace(from, to));
+        assert_refused(&folder.glint(["render", "room.toml", "-o", "picture.png"]), 2, mentioned);
+    };
+    refused("size = 0.3", "size = 0", &["room.toml", "mirror 1", "`sphere`", "size"]);
+    refused("position = [0.6, 0, 0]", "position = [nan, 0, 0]", &["room.toml", "`plate`", "position"]);
+    refused("shape = 'sphere'", "shape = 'ball'", &["room.toml", "line 5", "ball"]);
+    refused("outer_degrees = 70", "outer_degrees = 7", &["room.toml", "light 1"]);
+    refused("normals = 'flatten'", "specular_intensity = 2", &["room.toml", "mirror points 1", "specular_intensity"]);
+    assert!(!folder.path("picture.png").exists());
 }

@@ -202,3 +202,65 @@ fn the_saved_picture_is_what_the_command_line_renders() {
     let differing = picture.pixels().zip(rendered.pixels()).filter(|(a, b)| a != b).count();
     assert_eq!(differing, 0, "of {size} pixels");
 }
+
+/// The right-most pixel of the picture in the colour of the arrow along x.
+fn red_arrow(picture: &RgbaImage) -> Option<[i32; 2]> {
+    let red = |(_, _, pixel): &(u32, u32, &image::Rgba<u8>)| pixel.0[..3] == [0xe8, 0x5b, 0x54];
+    picture.enumerate_pixels().filter(red).map(|(x, y, _)| [x as i32, y as i32]).max()
+}
+
+#[test]
+fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
+    let session = Session::start();
+    session.folder.write("box.toml", SMALL_SCENE.replace("sphere", "none"));
+    let window = session.open(["box.toml"]);
+    settled(&window, 0);
+    let seen = window.events().len();
+    window.press("b");
+    let added = window.wait_for_event("mirror", seen, |event| event["name"] == "sphere");
+    settled(&window, seen);
+    let with_handles = window.wait_for_picture("the handles", |picture| red_arrow(picture).is_some());
+    let [x, y] = red_arrow(&with_handles).expect("just seen");
+    let seen = window.events().len();
+    window.drag(1, [x - 10, y], [x + 90, y]);
+    let moved = window.wait_for_event("mirror_moved", seen, |_| true);
+    let shift = [0, 1, 2].map(|axis| {
+        let path = format!("/position/{axis}");
+        number(&moved, &path) - number(&added, &path)
+    });
+    assert!(shift[0] > 0.05 && shift[1] == 0.0 && shift[2] == 0.0, "along its arrow, not {shift:?}");
+
+    // The first file is of the scene with the step undone, the second with it done again.
+    let mut files = Vec::new();
+    for keys in ["ctrl+z", "ctrl+shift+z"] {
+        // Longer than it takes a drag to become a step.
+        std::thread::sleep(std::time::Duration::from_millis(700));
+        let seen = window.events().len();
+        window.press(keys);
+        window.wait_for_event("history", seen, |_| true);
+        settled(&window, seen);
+        let seen = window.events().len();
+        window.press("ctrl+s");
+        let saved = window.wait_for_event("scene_saved", seen, |_| true);
+        files.push(saved["path"].as_str().expect("a path").to_owned());
+    }
+    let position = |file: &String| {
+        let text = std::fs::read_to_string(session.folder.path(file)).expect("the saved scene");
+        let mirror = text.split("[[mirrors]]").nth(1).unwrap_or_else(|| panic!("no mirror in {text}"));
+        let line = mirror.lines().find_map(|line| line.strip_prefix("position = ")).expect("its position");
+        serde_json::from_str::<Vec<f64>>(line).expect("three numbers")
+    };
+    assert_eq!(position(&files[0])[0], number(&added, "/position/0"));
+    assert_eq!(position(&files[1])[0], number(&moved, "/position/0"));
+
+    window.press("F12");
+    let saved = window.wait_for_event("saved", 0, |_| true);
+    let picture = image::open(session.folder.path(saved["path"].as_str().expect("a path"))).expect("the saved picture");
+    let picture = picture.into_rgba8();
+    let size = format!("{}x{}", picture.width(), picture.height());
+    let rendered = session.folder.glint(["render", &files[1], "--size", &size, "-o", "rendered.png"]);
+    assert_eq!(rendered.status, Some(0), "{rendered}");
+    let rendered = image::open(session.folder.path("rendered.png")).expect("the rendered picture").into_rgba8();
+    let differing = picture.pixels().zip(rendered.pixels()).filter(|(a, b)| a != b).count();
+    assert_eq!(differing, 0, "of {size} pixels");
+}

@@ -87,6 +87,7 @@ impl State {
                 self.messages.note(self.copied("View copied as text"));
             }
             Action::SaveScene => self.save_scene(),
+            Action::AddMirror(shape) => self.add_mirror(shape),
             Action::Gizmo(handles) => {
                 let shown = &mut self.gizmo.handles;
                 *shown = if *shown == handles { Handles::All } else { handles };

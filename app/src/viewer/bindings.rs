@@ -2,7 +2,7 @@
 //! to say so; nothing else names a key.
 
 use egui::{Key, PointerButton};
-use scene::{ColorBy, StandardView};
+use scene::{ColorBy, Shape, StandardView};
 
 use super::gizmo::Handles;
 
@@ -53,6 +53,7 @@ pub enum Action {
     ToggleShortcuts,
     StopLoading,
     SaveScene,
+    AddMirror(Shape),
     Gizmo(Handles),
     DuplicateMirror,
     DeleteMirror,
@@ -178,6 +179,8 @@ pub const BINDINGS: &[Binding] = {
         bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::C), A::CopyCommandLine, "Copy the command line of this picture"),
         bind(FILES, Trigger::Key(CTRL, Key::S), A::SaveScene, "Save the scene"),
+        bind(MIRRORS, key(Key::B), A::AddMirror(Shape::ALL[1]), "Add a mirror ball at the picked point"),
+        bind(MIRRORS, key(Key::P), A::AddMirror(Shape::ALL[0]), "Add a plane mirror at the picked point"),
         bind(MIRRORS, key(Key::G), A::Gizmo(Handles::Move), "Handles to move; again: all"),
         bind(MIRRORS, key(Key::T), A::Gizmo(Handles::Turn), "Handles to turn; again: all"),
         bind(MIRRORS, key(Key::Y), A::Gizmo(Handles::Scale), "Handle to scale; again: all"),

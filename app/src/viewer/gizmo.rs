@@ -5,6 +5,7 @@
 use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
 use glam::{DQuat, DVec2, DVec3};
 use scene::Mirror;
+use serde_json::json;
 
 use super::navigation::Lens;
 use super::state::State;
@@ -70,6 +71,10 @@ impl Gizmo {
     /// Whether the mouse is its own: the camera is not to follow.
     pub fn has_mouse(&self) -> bool {
         self.hot.is_some() || self.drag.is_some()
+    }
+
+    pub fn is_dragging(&self) -> bool {
+        self.drag.is_some()
     }
 }
 
@@ -159,7 +164,8 @@ impl Layout {
             found.extend(arrow.map(|distance| (distance, Handle::Arrow(axis))));
             let ring = self.rings[axis].iter().flat_map(|ring| ring.windows(2));
             let nearest = ring.map(|ends| to_segment(pointer, ends[0], ends[1])).fold(f32::INFINITY, f32::min);
-            found.push((nearest, Handle::Ring(axis)));
+            // A ring that is seen from its edge lies on an arrow, which is easier to mean.
+            found.push((nearest + 1.0, Handle::Ring(axis)));
         }
         let near = found.into_iter().filter(|(distance, _)| *distance < NEAR);
         near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, handle)| handle)
@@ -189,7 +195,9 @@ pub fn interact(picture: &Response, state: &mut State) {
         return;
     };
     if !picture.ctx.input(|input| input.pointer.button_down(PointerButton::Primary)) {
-        state.gizmo.drag = None;
+        if state.gizmo.drag.take().is_some() {
+            state.log(json!({ "event": "mirror_moved", "name": mirror.name, "position": mirror.position.to_array() }));
+        }
         state.gizmo.hot = if picture.contains_pointer() { layout.at(pointer) } else { None };
     } else if let (None, Some(pressed), true) = (&state.gizmo.drag, pressed, picture.is_pointer_button_down_on()) {
         // From where it was pressed: a quick hand is elsewhere by now.

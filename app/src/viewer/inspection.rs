@@ -53,8 +53,8 @@ pub struct Ray {
 /// Shares of the scene's radius: a mirror that covers a good part of the view without hiding it.
 const DISTANCE: f64 = 0.12;
 const SIZE: f64 = 0.08;
-/// Enough to look over the eye's own shoulder.
-const TILT: f64 = 0.6;
+/// About 14 degrees: below the eye, at the backs of what stands between it and the mirror.
+const TILT: f64 = 0.25;
 /// Focal length of the bulge over its radius: the view is about twice as wide as a plane's.
 const BULGE: f64 = 1.5;
 

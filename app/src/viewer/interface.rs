@@ -253,7 +253,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             }
             ui.ctx().request_repaint_after(Duration::from_millis(100));
         } else {
-            let points: u64 = state.clouds.iter().map(|entry| entry.points).sum();
+            let points = state.points();
             if points > 0 {
                 ui.label(format!("{} points", grouped(points)));
             }

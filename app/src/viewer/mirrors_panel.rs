@@ -48,7 +48,7 @@ fn add_menu(ui: &mut Ui, state: &mut State) {
         for shape in Shape::ALL {
             let help = "At the picked point, or at the pivot";
             if ui.button(capitalized(shape.name())).on_hover_text(help).clicked() {
-                state.add_mirror(shape);
+                state.act(Action::AddMirror(shape));
             }
         }
         ui.separator();

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
-use scene::{Camera, Mirror, Quality, Settings, SpotLight};
+use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 
 use crate::mirrors::{self, Marked};
 use crate::picture_file;
@@ -470,12 +470,16 @@ impl FrameRequest {
 }
 
 /// The settings for a frame while the camera or a mirror moves: when the better one took too long last time, the quality falls
-/// to one point a pixel, and mirrors show no further mirrors.
-pub fn hurried(settings: &Settings, last_careful_milliseconds: f64) -> Option<Settings> {
+/// to one point a pixel, and mirrors show no further mirrors. A mirror that is dragged is drawn by its formula: its points
+/// come later.
+pub fn hurried(settings: &Settings, last_careful_milliseconds: f64, a_mirror_is_dragged: bool) -> Option<Settings> {
     // Below 20 frames a second a turn no longer feels like a turn.
     const TOO_LONG: f64 = 50.0;
     let mut hurried = settings.clone();
     hurried.splat.quality = Quality::Nearest;
     hurried.reflection.bounces = settings.reflection.bounces.min(1);
+    if a_mirror_is_dragged {
+        hurried.mirror.surface = MirrorSurface::Exact;
+    }
     (hurried != *settings && last_careful_milliseconds > TOO_LONG).then_some(hurried)
 }

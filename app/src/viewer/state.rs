@@ -1020,7 +1020,9 @@ impl State {
             hurried: false,
         };
         let rest = self.navigation.time_to_rest();
-        let hurried = rest.and_then(|_| render_thread::hurried(&wanted.settings, self.careful_milliseconds));
+        let is_dragged = self.gizmo.is_dragging();
+        let hurried =
+            rest.and_then(|_| render_thread::hurried(&wanted.settings, self.careful_milliseconds, is_dragged));
         if let Some(settings) = hurried {
             wanted.settings = settings;
             wanted.hurried = true;
