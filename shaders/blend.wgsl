@@ -22,18 +22,22 @@ override from_camera: bool = true;
 override has_reflection: bool = false;
 
 @compute @workgroup_size(8, 8)
-fn blend(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id.xy, 0).w == 0.0) {
+fn blend(@builtin(global_invocation_id) thread: vec3u) {
+    var id = thread.xy;
+    if !from_camera {
+        id = mirror_pixel(frame, thread);
+    }
+    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id, 0).w == 0.0) {
         return;
     }
-    var color = textureLoad(radiance_in, id.xy, 0).rgb;
-    let albedo = textureLoad(albedo_in, id.xy, 0);
+    var color = textureLoad(radiance_in, id, 0).rgb;
+    let albedo = textureLoad(albedo_in, id, 0);
     if has_reflection && albedo.a > 0.0 {
-        let normal = textureLoad(normal_in, id.xy, 0).xyz;
-        let position = textureLoad(position_in, id.xy, 0).xyz;
+        let normal = textureLoad(normal_in, id, 0).xyz;
+        let position = textureLoad(position_in, id, 0).xyz;
         var toward_eye = -position;
         if !from_camera {
-            toward_eye = textureLoad(from_in, id.xy, 0).xyz - position;
+            toward_eye = textureLoad(from_in, id, 0).xyz - position;
         } else if frame.orthographic != 0u {
             toward_eye = -frame.forward.xyz;
         }
@@ -41,10 +45,10 @@ fn blend(@builtin(global_invocation_id) id: vec3u) {
         let grazing = settings.mirror.fresnel * pow(1.0 - cosine, 5.0);
         let share = albedo.a + (1.0 - albedo.a) * grazing;
         let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
-        let found = textureLoad(seen_in, id.xy, 0).w > 0.0;
-        let reflected = select(background, textureLoad(reflected_in, id.xy, 0).rgb, found);
+        let found = textureLoad(seen_in, id, 0).w > 0.0;
+        let reflected = select(background, textureLoad(reflected_in, id, 0).rgb, found);
         let tint = mix(vec3f(1.0), albedo.rgb, settings.mirror.tint * (1.0 - grazing));
         color = mix(color, reflected * tint, share);
     }
-    textureStore(color_out, id.xy, vec4f(color, 1.0));
+    textureStore(color_out, id, vec4f(color, 1.0));
 }

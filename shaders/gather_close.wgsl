@@ -20,11 +20,12 @@
 const CLOSED: f32 = 0.5;
 
 @compute @workgroup_size(8, 8)
-fn gather_close(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id.xy, 0).w == 0.0 {
+fn gather_close(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
+    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id, 0).w == 0.0 {
         return;
     }
-    let center = vec2i(id.xy);
+    let center = vec2i(id);
     var albedo = textureLoad(albedo_in, center, 0);
     var normal = textureLoad(normal_in, center, 0);
     var position = textureLoad(position_in, center, 0);

@@ -24,15 +24,16 @@
 @group(2) @binding(6) var position_out: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(8, 8)
-fn gather_resolve(@builtin(global_invocation_id) id: vec3u) {
+fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
     // Nothing reads the Mirror G-Buffer where there is no mirror.
-    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id.xy, 0).w == 0.0 {
+    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id, 0).w == 0.0 {
         return;
     }
     var albedo = vec4f(0.0);
     var normal = vec4f(0.0);
     var position = vec4f(0.0);
-    let point = textureLoad(point_in, id.xy, 0);
+    let point = textureLoad(point_in, id, 0);
     let hit = hits[id.y * frame.width + id.x];
     var is_ours = page.is_first == 1u;
     if hit.y != 0u {
@@ -40,8 +41,8 @@ fn gather_resolve(@builtin(global_invocation_id) id: vec3u) {
         let index = hit.y - 1u - page.first_identity;
         is_ours = index < page.point_count;
         if is_ours {
-            let seen_from = textureLoad(eye_in, id.xy, 0).xyz;
-            let direction = reflected_direction(point.xyz, textureLoad(normal_in, id.xy, 0).xyz, seen_from);
+            let seen_from = textureLoad(eye_in, id, 0).xyz;
+            let direction = reflected_direction(point.xyz, textureLoad(normal_in, id, 0).xyz, seen_from);
             let surface = surface_of_point(index, -direction);
             albedo = surface.albedo;
             normal = surface.normal;
@@ -49,8 +50,8 @@ fn gather_resolve(@builtin(global_invocation_id) id: vec3u) {
         }
     }
     if is_ours {
-        textureStore(albedo_out, id.xy, albedo);
-        textureStore(normal_out, id.xy, normal);
-        textureStore(position_out, id.xy, position);
+        textureStore(albedo_out, id, albedo);
+        textureStore(normal_out, id, normal);
+        textureStore(position_out, id, position);
     }
 }

@@ -12,11 +12,12 @@
 @group(1) @binding(2) var<storage, read_write> counters: array<atomic<u32>>;
 
 @compute @workgroup_size(8, 8)
-fn mirror_count(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id.xy, 0).w == 0.0 {
+fn mirror_count(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
+    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id, 0).w == 0.0 {
         return;
     }
-    let coverage = textureLoad(seen_in, id.xy, 0).w;
+    let coverage = textureLoad(seen_in, id, 0).w;
     atomicAdd(&counters[MIRROR_PIXELS], 1u);
     if coverage > 0.0 {
         atomicAdd(&counters[select(CLOSED_PIXELS, FOUND_PIXELS, coverage >= 1.0)], 1u);

@@ -1,28 +1,30 @@
-// Draws mirrors by their formulas into the camera's G-buffer: a ray a pixel. One thread a pixel.
+// Draws mirrors by their formulas into the camera's G-buffer: a ray a pixel, where a mirror may be
+// seen. One thread a pixel.
 #import frame
 #import params
 #import mirror_formula
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var albedo_in: texture_2d<f32>;
-@group(1) @binding(1) var normal_in: texture_2d<f32>;
-@group(1) @binding(2) var depth_in: texture_2d<f32>;
-@group(1) @binding(3) var<storage, read> mirrors: array<FormulaMirror>;
-@group(1) @binding(4) var albedo_out: texture_storage_2d<rgba16float, write>;
-@group(1) @binding(5) var normal_out: texture_storage_2d<rgba32float, write>;
-@group(1) @binding(6) var depth_out: texture_storage_2d<r32float, write>;
+// Of the surface without these mirrors, which the images that are written to hold as well.
+@group(1) @binding(0) var depth_in: texture_2d<f32>;
+@group(1) @binding(1) var<storage, read> mirrors: array<FormulaMirror>;
+@group(1) @binding(2) var albedo_out: texture_storage_2d<rgba16float, write>;
+@group(1) @binding(3) var normal_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(4) var depth_out: texture_storage_2d<r32float, write>;
 
 @compute @workgroup_size(8, 8)
-fn mirror_exact(@builtin(global_invocation_id) id: vec3u) {
+fn mirror_exact(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
     if id.x >= frame.width || id.y >= frame.height {
         return;
     }
-    var albedo = textureLoad(albedo_in, id.xy, 0);
-    var normal = textureLoad(normal_in, id.xy, 0);
-    var depth = textureLoad(depth_in, id.xy, 0).x;
+    var albedo = vec4f(0.0);
+    var normal = vec4f(0.0);
+    var depth = textureLoad(depth_in, id, 0).x;
+    var is_hit = false;
     let is_parallel = frame.orthographic != 0u;
-    let through = view_from_pixel(frame, vec2f(id.xy) + 0.5, select(1.0, 0.0, is_parallel));
+    let through = view_from_pixel(frame, vec2f(id) + 0.5, select(1.0, 0.0, is_parallel));
     let origin = select(vec3f(0.0), world_direction(frame, through), is_parallel);
     let direction = select(normalize(world_direction(frame, through)), frame.forward.xyz, is_parallel);
     let depth_of_unit = dot(direction, frame.forward.xyz);
@@ -34,9 +36,12 @@ fn mirror_exact(@builtin(global_invocation_id) id: vec3u) {
             albedo = mirror.color_intensity;
             normal = vec4f(select(hit.normal, -hit.normal, dot(hit.normal, direction) > 0.0), mirror.specular_power);
             depth = hit_depth;
+            is_hit = true;
         }
     }
-    textureStore(albedo_out, id.xy, albedo);
-    textureStore(normal_out, id.xy, normal);
-    textureStore(depth_out, id.xy, vec4f(depth));
+    if is_hit {
+        textureStore(albedo_out, id, albedo);
+        textureStore(normal_out, id, normal);
+        textureStore(depth_out, id, vec4f(depth));
+    }
 }

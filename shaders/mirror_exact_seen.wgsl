@@ -20,15 +20,16 @@
 @group(1) @binding(9) var position_out: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(8, 8)
-fn mirror_exact_seen(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id.xy, 0).w == 0.0 {
+fn mirror_exact_seen(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
+    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id, 0).w == 0.0 {
         return;
     }
-    var albedo = textureLoad(albedo_in, id.xy, 0);
-    var normal = textureLoad(normal_in, id.xy, 0);
-    var position = textureLoad(position_in, id.xy, 0);
-    let point = textureLoad(point_in, id.xy, 0).xyz;
-    let ray = mirror_ray(point, textureLoad(mirror_normal_in, id.xy, 0).xyz, textureLoad(eye_in, id.xy, 0).xyz);
+    var albedo = textureLoad(albedo_in, id, 0);
+    var normal = textureLoad(normal_in, id, 0);
+    var position = textureLoad(position_in, id, 0);
+    let point = textureLoad(point_in, id, 0).xyz;
+    let ray = mirror_ray(point, textureLoad(mirror_normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
     var nearest = select(3e38, distance(position.xyz, point), position.w > 0.0);
     for (var i = 0u; i < arrayLength(&mirrors); i++) {
         let mirror = mirrors[i];
@@ -40,7 +41,7 @@ fn mirror_exact_seen(@builtin(global_invocation_id) id: vec3u) {
             position = vec4f(point + ray.direction * hit.distance, 1.0);
         }
     }
-    textureStore(albedo_out, id.xy, albedo);
-    textureStore(normal_out, id.xy, normal);
-    textureStore(position_out, id.xy, position);
+    textureStore(albedo_out, id, albedo);
+    textureStore(normal_out, id, normal);
+    textureStore(position_out, id, position);
 }

@@ -26,17 +26,21 @@ override lighting: u32 = 2u;
 override light_count: u32 = 0u;
 
 @compute @workgroup_size(8, 8)
-fn shade(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id.xy, 0).w == 0.0) {
+fn shade(@builtin(global_invocation_id) thread: vec3u) {
+    var id = thread.xy;
+    if !from_camera {
+        id = mirror_pixel(frame, thread);
+    }
+    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id, 0).w == 0.0) {
         return;
     }
-    let position = textureLoad(position_in, id.xy, 0);
+    let position = textureLoad(position_in, id, 0);
     if position.w == 0.0 {
-        textureStore(radiance_out, id.xy, vec4f(0.0));
+        textureStore(radiance_out, id, vec4f(0.0));
         return;
     }
-    let albedo = textureLoad(albedo_in, id.xy, 0).rgb;
-    let normal = textureLoad(normal_in, id.xy, 0).xyz;
+    let albedo = textureLoad(albedo_in, id, 0).rgb;
+    let normal = textureLoad(normal_in, id, 0).xyz;
     var lit = vec3f(1.0);
     if lighting == LIGHTING_LIGHTS {
         lit = vec3f(0.0);
@@ -47,14 +51,14 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
         // A lamp at the eye, or where the reflected ray comes from: all that is seen is turned to it.
         var toward_eye = -position.xyz;
         if !from_camera {
-            toward_eye = textureLoad(from_in, id.xy, 0).xyz - position.xyz;
+            toward_eye = textureLoad(from_in, id, 0).xyz - position.xyz;
         } else if frame.orthographic != 0u {
             toward_eye = -frame.forward.xyz;
         }
         let cosine = clamp(dot(normal, toward_eye) * inverseSqrt(max(dot(toward_eye, toward_eye), 1e-30)), 0.0, 1.0);
         lit = vec3f(mix(1.0, cosine, settings.light.headlight));
     }
-    textureStore(radiance_out, id.xy, vec4f(albedo * lit, 1.0));
+    textureStore(radiance_out, id, vec4f(albedo * lit, 1.0));
 }
 
 // Normals may point either way (they were turned to the eye): what matters is whether eye and light are on the same side, and

@@ -45,15 +45,17 @@ struct Nearest {
 const NONE: u32 = 0xffffffffu;
 
 @compute @workgroup_size(8, 8)
-fn surfel_trace(@builtin(global_invocation_id) id: vec3u, @builtin(workgroup_id) tile: vec3u) {
+fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
+    let tile = id / 8u;
     if id.x >= frame.width || id.y >= frame.height {
         return;
     }
-    let point = textureLoad(point_in, id.xy, 0);
+    let point = textureLoad(point_in, id, 0);
     if point.w == 0.0 {
         return;
     }
-    let ray = mirror_ray(point.xyz, textureLoad(normal_in, id.xy, 0).xyz, textureLoad(eye_in, id.xy, 0).xyz);
+    let ray = mirror_ray(point.xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
     let pixel = id.y * frame.width + id.x;
     let before = hits[pixel];
     var nearest = Nearest(3e38, 3e38, NONE, 0u);
@@ -88,7 +90,7 @@ fn surfel_trace(@builtin(global_invocation_id) id: vec3u, @builtin(workgroup_id)
         }
     }
     if count_tests {
-        textureStore(views_out, id.xy, vec4f(0.0, 0.0, f32(nearest.tests), 0.0));
+        textureStore(views_out, id, vec4f(0.0, 0.0, f32(nearest.tests), 0.0));
     }
     if nearest.surfel != NONE {
         let identity = page.first_identity + order[nearest.surfel];

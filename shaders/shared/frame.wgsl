@@ -17,6 +17,13 @@ struct Frame {
     reference_depth: f32,
     // Of what is drawn, world units.
     scene_radius: f32,
+    // Tiles of 8 x 8 pixels: column | row << 16 of the first that a mirror may be seen in.
+    mirror_tile: u32,
+}
+
+// The pixel of a thread of a pass that runs over the tiles where mirrors may be seen.
+fn mirror_pixel(frame: Frame, thread: vec3u) -> vec2u {
+    return thread.xy + 8u * vec2u(frame.mirror_tile & 0xffffu, frame.mirror_tile >> 16u);
 }
 
 // How far `far` lies behind `near`, as a share of the depth at which it is seen.

@@ -19,7 +19,7 @@ pub struct Frame {
     pub near: f32,
     pub reference_depth: f32,
     pub scene_radius: f32,
-    pub unused: f32,
+    pub mirror_tile: u32,
 }
 
 #[repr(C)]
@@ -70,6 +70,22 @@ pub struct FrameCamera {
     pub moved_back: f64,
     /// Of what is drawn, world units.
     pub scene_radius: f64,
+    /// Where mirrors may be in the picture.
+    pub mirror_tiles: Tiles,
+}
+
+/// A rectangle of tiles of 8 x 8 pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tiles {
+    pub first: [u32; 2],
+    pub count: [u32; 2],
+}
+
+impl Tiles {
+    /// All of a picture.
+    pub fn of(size: [u32; 2]) -> Self {
+        Self { first: [0; 2], count: size.map(|edge| edge.div_ceil(8)) }
+    }
 }
 
 impl FrameCamera {
@@ -96,7 +112,18 @@ impl FrameCamera {
         };
         let reference_depth = if orthographic { distance } else { 0.0 };
         let view_from_world = camera.view_from_world();
-        Self { eye, view_from_world, focal_pixels, orthographic, size, near, reference_depth, moved_back, scene_radius }
+        Self {
+            eye,
+            view_from_world,
+            focal_pixels,
+            orthographic,
+            size,
+            near,
+            reference_depth,
+            moved_back,
+            scene_radius,
+            mirror_tiles: Tiles::of(size),
+        }
     }
 
     /// A perspective view without a picture's camera, as a light has it. `focal_pixels`: pixels per unit of tangent.
@@ -113,6 +140,7 @@ impl FrameCamera {
             reference_depth: 0.0,
             moved_back: 0.0,
             scene_radius: 0.0,
+            mirror_tiles: Tiles::of(size),
         }
     }
 
@@ -129,7 +157,7 @@ impl FrameCamera {
             near: self.near as f32,
             reference_depth: self.reference_depth as f32,
             scene_radius: self.scene_radius as f32,
-            unused: 0.0,
+            mirror_tile: self.mirror_tiles.first[0] | self.mirror_tiles.first[1] << 16,
         }
     }
 
@@ -145,6 +173,34 @@ impl FrameCamera {
     pub fn most_pixels_per_unit(&self, center: DVec3, radius: f64) -> f64 {
         let nearest = (self.view_from_world.row(2).dot(center - self.eye) - radius).max(0.0);
         if self.orthographic { self.focal_pixels } else { self.focal_pixels / nearest }
+    }
+
+    /// The tiles that spheres may be seen in, widened by `margin` pixels; empty if there are none.
+    pub fn tiles_of(&self, spheres: impl Iterator<Item = (DVec3, f64)>, margin: f64) -> Tiles {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for (center, radius) in spheres.filter(|(center, radius)| self.sees(*center, *radius, margin)) {
+            let view = self.view_from_world * (center - self.eye);
+            for (axis, offset) in [view.x, -view.y].into_iter().enumerate() {
+                let middle = f64::from(self.size[axis]) * 0.5;
+                // Slopes of the two lines through the eye that touch the sphere, seen along the other axis.
+                let [from, to] = if self.orthographic {
+                    [offset - radius, offset + radius]
+                } else if view.z > radius {
+                    let squared = view.z * view.z - radius * radius;
+                    let half = radius * (offset * offset + squared).max(0.0).sqrt();
+                    [(offset * view.z - half) / squared, (offset * view.z + half) / squared]
+                } else {
+                    [f64::NEG_INFINITY, f64::INFINITY]
+                };
+                low[axis] = low[axis].min(middle + from * self.focal_pixels - margin);
+                high[axis] = high[axis].max(middle + to * self.focal_pixels + margin);
+            }
+        }
+        // Written so that "nothing" (infinite the wrong way round) gives no tiles.
+        let tile = |pixel: f64, edge: u32| (pixel / 8.0).floor().clamp(0.0, f64::from(edge.div_ceil(8))) as u32;
+        let first = [0, 1].map(|axis| tile(low[axis], self.size[axis]));
+        let end = [0, 1].map(|axis| tile(high[axis] + 8.0, self.size[axis]));
+        Tiles { first, count: [0, 1].map(|axis| end[axis].saturating_sub(first[axis])) }
     }
 
     /// Whether a sphere, widened by `margin` pixels, may be in the picture.
@@ -179,7 +235,7 @@ pub fn layouts() -> Vec<Layout> {
         };
     }
     vec![
-        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near, reference_depth, scene_radius),
+        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near, reference_depth, scene_radius, mirror_tile),
         layout!(Item: origin_radius, low, inverse_range, color_source, plain, specular_intensity, specular_power, class_mask, height, height_axis),
         layout!(Block: item, first, count, unused),
         layout!(Page: first_identity, block_count, point_count, is_first),

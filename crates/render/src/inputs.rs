@@ -124,6 +124,13 @@ impl Inputs {
             .map(|buffer| buffer.as_entire_binding())
     }
 
+    /// Workgroups of a pass over the pixels where mirrors may be seen.
+    pub fn mirror_groups(&self) -> [u32; 3] {
+        let [x, y] = self.camera.mirror_tiles.count;
+        [x, y, 1]
+    }
+
+    /// Workgroups of a pass over all pixels.
     pub fn pixel_groups(&self) -> [u32; 3] {
         [self.size[0].div_ceil(8), self.size[1].div_ceil(8), 1]
     }

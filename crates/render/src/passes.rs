@@ -45,7 +45,7 @@ pub const CLOSE_GAPS: Pass = Pass {
 };
 pub const MIRROR_EXACT: Pass = Pass {
     name: "mirror_exact",
-    groups: &[FRAME, &[Texture, Texture, Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
+    groups: &[FRAME, &[Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
 };
 pub const MIRROR_EXACT_SEEN: Pass = Pass {
     name: "mirror_exact_seen",

@@ -7,6 +7,7 @@ use std::time::Instant;
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::inputs::{Inputs, PageInputs};
 use crate::passes::{Compiled, Pass};
+use crate::targets::Image;
 
 /// Time of one pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +73,29 @@ impl<'a> Recorder<'a> {
         self.over(pass, switches, inputs, resources, inputs.pixel_groups())
     }
 
+    /// Runs a pass over the pixels where mirrors may be seen; `resources` are its group 1.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over_mirrors(
+        &mut self,
+        pass: &Pass,
+        switches: Switches<'_>,
+        inputs: &Inputs,
+        resources: &[wgpu::BindingResource<'_>],
+    ) -> Result<()> {
+        self.over(pass, switches, inputs, resources, inputs.mirror_groups())
+    }
+
+    /// Copies an image; its time counts with the pass that follows.
+    pub fn copy(&mut self, from: &Image, to: &Image) {
+        self.encoder.copy_texture_to_texture(
+            from.texture.as_image_copy(),
+            to.texture.as_image_copy(),
+            from.texture.size(),
+        );
+    }
+
     /// Runs a pass with so many workgroups; `resources` are its group 1.
     ///
     /// # Errors
@@ -129,7 +153,7 @@ impl<'a> Recorder<'a> {
         self.dispatch(pass, dispatches)
     }
 
-    /// Runs a pass over the pixels, once for each page of points; `outputs` are its group 2.
+    /// Runs a pass once for each page of points, with so many workgroups; `outputs` are its group 2.
     ///
     /// # Errors
     /// The shader is refused.
@@ -138,10 +162,11 @@ impl<'a> Recorder<'a> {
         pass: &Pass,
         inputs: &Inputs,
         outputs: &[wgpu::BindingResource<'_>],
+        groups: [u32; 3],
     ) -> Result<()> {
         let dispatches = inputs.pages.iter().map(|page| {
             let page = inputs.page_resources(page, &page.page, &page.items_of_runs).to_vec();
-            (Vec::new(), vec![inputs.frame_resources().to_vec(), page, outputs.to_vec()], inputs.pixel_groups())
+            (Vec::new(), vec![inputs.frame_resources().to_vec(), page, outputs.to_vec()], groups)
         });
         let dispatches = dispatches.collect();
         self.dispatch(pass, dispatches)

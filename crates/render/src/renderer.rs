@@ -153,7 +153,10 @@ impl Renderer {
         let atomics64 = self.gpu.atomics64 && settings.splat.atomics != Atomics::Bits32;
         let bounds = store.bounds();
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
-        let frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
+        let mut frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
+        let spheres = store.mirror_spheres(settings).chain(reflection::mirror_spheres(settings, objects.mirrors));
+        // Splats reach at least as far as their smallest size, and closing a gap two pixels further.
+        frame_camera.mirror_tiles = frame_camera.tiles_of(spheres, f64::from(settings.splat.min_pixels) * 0.5 + 2.0);
         let lights = &objects.lights[..objects.lights.len().min(MOST_LIGHTS)];
         let lighting = Lights::chosen(settings, lights);
         let asks = Kept::new(frame_camera, settings, store, objects);
@@ -414,7 +417,7 @@ fn draw_surface(
         }
         _ => {
             let resources: Vec<_> = std::iter::once(&nearest).chain(&splatted).cloned().collect();
-            recorder.over_page_pixels(&passes::SPLAT_RESOLVE, inputs, &resources)?;
+            recorder.over_page_pixels(&passes::SPLAT_RESOLVE, inputs, &resources, inputs.pixel_groups())?;
         }
     }
     targets.shown = 0;
@@ -424,10 +427,13 @@ fn draw_surface(
         targets.shown = 1;
     }
     if let Some(formulas) = formulas {
-        let mut resources = targets.surface().bind().to_vec();
-        resources.push(formulas.as_entire_binding());
-        resources.extend(targets.surfaces[1 - targets.shown].bind());
-        recorder.over_pixels(&passes::MIRROR_EXACT, &[], inputs, &resources)?;
+        let (from, to) = (targets.surface(), &targets.surfaces[1 - targets.shown]);
+        for (from, to) in [(&from.albedo, &to.albedo), (&from.normal, &to.normal), (&from.depth, &to.depth)] {
+            recorder.copy(from, to);
+        }
+        let mut resources = vec![from.depth.bind(), formulas.as_entire_binding()];
+        resources.extend(to.bind());
+        recorder.over_mirrors(&passes::MIRROR_EXACT, &[], inputs, &resources)?;
         targets.shown = 1 - targets.shown;
     }
     let resources = [targets.surface().depth.bind(), targets.position.bind()];
@@ -471,7 +477,8 @@ fn shade(
             lights.shadows.as_entire_binding(),
             radiance.bind(),
         ];
-        recorder.over_pixels(&passes::SHADE, &switches, inputs, &resources)?;
+        let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
+        recorder.over(&passes::SHADE, &switches, inputs, &resources, groups)?;
     }
     // From the last bounce on, what is reflected is added to what reflects it.
     let mut reflected: Option<&Image> = None;
@@ -494,7 +501,8 @@ fn shade(
             target.bind(),
         ];
         let switches = [("from_camera", u32::from(index == 0)), ("has_reflection", u32::from(reflected.is_some()))];
-        recorder.over_pixels(&passes::BLEND, &switches, inputs, &resources)?;
+        let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
+        recorder.over(&passes::BLEND, &switches, inputs, &resources, groups)?;
         reflected = Some(target);
     }
     Ok(())

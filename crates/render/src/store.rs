@@ -403,6 +403,17 @@ impl PointStore {
         }
     }
 
+    /// Spheres that hold all splats that may reflect.
+    pub(crate) fn mirror_spheres(&self, settings: &Settings) -> impl Iterator<Item = (DVec3, f64)> {
+        self.chunks.values().filter_map(|chunk| {
+            let cloud = self.clouds.get(&chunk.cloud)?;
+            let reflects = cloud.material.specular_intensity > 0.0 || !chunk.marks.is_empty();
+            let reach = chunk.largest_radius(cloud, &settings.splat);
+            (cloud.visible && reflects && !chunk.bounds.is_empty())
+                .then(|| (chunk.bounds.center(), chunk.bounds.radius() + reach))
+        })
+    }
+
     /// A chunk, for an index over its points.
     pub(crate) fn placed(&self, id: ChunkId) -> Option<PlacedChunk<'_>> {
         let chunk = self.chunks.get(&id)?;

@@ -41,6 +41,12 @@ pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DV
     Some(buffer)
 }
 
+/// Spheres that hold the mirrors that are drawn by their formula.
+pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl Iterator<Item = (DVec3, f64)> {
+    let exact = mirrors.iter().filter(|mirror| is_exact(settings, mirror.as_points));
+    exact.map(|mirror| (mirror.position, f64::from(formula(mirror, mirror.position).position_reach.w)))
+}
+
 fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
     let (kind, parameter, reach) = match mirror.shape {
         Shape::Plane { height } => (0.0, height, 1.0_f64.hypot(height)),

@@ -43,11 +43,11 @@ impl Gather {
             normal,
             position,
         ];
-        recorder.over_page_pixels(&passes::GATHER_RESOLVE, task.supply, &outputs)?;
+        recorder.over_page_pixels(&passes::GATHER_RESOLVE, task.supply, &outputs, task.supply.mirror_groups())?;
         for step in 0..closings {
             let mut resources = vec![task.mirror.point.bind()];
             resources.extend(images(step).bind().into_iter().chain(images(step + 1).bind()));
-            recorder.over_pixels(&passes::GATHER_CLOSE, &[], task.supply, &resources)?;
+            recorder.over_mirrors(&passes::GATHER_CLOSE, &[], task.supply, &resources)?;
         }
         if let Some(formulas) = task.formulas {
             let mut resources = vec![
@@ -57,7 +57,7 @@ impl Gather {
                 formulas.as_entire_binding(),
             ];
             resources.extend(images(closings).bind().into_iter().chain(task.seen.bind()));
-            recorder.over_pixels(&passes::MIRROR_EXACT_SEEN, &[], task.supply, &resources)?;
+            recorder.over_mirrors(&passes::MIRROR_EXACT_SEEN, &[], task.supply, &resources)?;
         }
         Ok(())
     }

@@ -5,6 +5,8 @@
 //! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
 //! `gather`. To add a method: a module with a `run` function, its shaders, and a line in `Methods::run`.
 
+#[cfg(test)]
+mod beam;
 mod formula;
 mod forward;
 mod gather;
@@ -15,7 +17,7 @@ mod surfel_tree;
 
 use scene::{Method, Settings};
 
-pub(crate) use formula::{is_exact, upload};
+pub(crate) use formula::{is_exact, mirror_spheres, upload};
 use forward::Forward;
 use gather::Gather;
 use sscr::Sscr;
@@ -268,7 +270,7 @@ impl Reflections {
             if index == 0 {
                 let resources =
                     [bounce.mirror.point.bind(), bounce.seen.position.bind(), self.counters.as_entire_binding()];
-                recorder.over_pixels(&passes::MIRROR_COUNT, &[], supply, &resources)?;
+                recorder.over_mirrors(&passes::MIRROR_COUNT, &[], supply, &resources)?;
             }
         }
         Ok(())
@@ -293,7 +295,7 @@ impl Reflections {
     }
 
     pub fn bytes(&self) -> u64 {
-        self.bounces.iter().map(Bounce::bytes).sum()
+        self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.index.bytes()
     }
 
     /// How the last frame's method came to its result; x and y (curvature, label) only of SSCR.

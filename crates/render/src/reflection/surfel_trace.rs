@@ -55,7 +55,7 @@ pub(crate) fn run(
             ("filter_classes", u32::from(task.supply.filter_classes)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];
-        recorder.over_pixels(&passes::SURFEL_TRACE, &switches, task.supply, &resources)?;
+        recorder.over_mirrors(&passes::SURFEL_TRACE, &switches, task.supply, &resources)?;
     }
     gather.resolve(recorder, task)
 }
