@@ -108,10 +108,11 @@ fn main() -> anyhow::Result<()> {
             println!("{} {text}: reflections {reflections:.0} ms, frame {:.0} ms", variant.name(), sum(&|_| true));
             if let Some(found) = found {
                 println!(
-                    "    coverage {:.4}, closed {:.4}, false fill {:.4}, hit rate {}, regions {}",
+                    "    coverage {:.4}, closed {:.4}, false fill {:.4}, recall {:.4}, hit rate {}, regions {}",
                     found.coverage,
                     found.closed_coverage,
                     same.false_fill,
+                    same.recall.unwrap_or(f64::NAN),
                     found.hit_rate.map_or("-".into(), |rate| format!("{rate:.3}")),
                     found.regions.map_or("-".into(), |regions| regions.to_string()),
                 );

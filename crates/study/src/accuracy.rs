@@ -1,5 +1,7 @@
 //! A renderer's images beside the truth.
 
+use std::collections::HashMap;
+
 use cloud::Progress;
 use glam::{DVec3, Vec3};
 use trace::{Exact, Geometry, Hit, MirrorPoint, PixelRays, Reflection, Surfels, Viewpoint, primary, reflected};
@@ -89,8 +91,7 @@ impl MirrorImage<'_> {
         geometry: &impl Geometry,
         progress: &Progress,
     ) -> Result<Accuracy> {
-        let mirrors: Vec<MirrorPoint> = points.iter().copied().flatten().collect();
-        let reflections = reflected(geometry, &mirrors, 1, progress).ok_or(Error::Cancelled)?;
+        let reflections = first_reflections(points, geometry, progress)?;
         Ok(accuracy(truth, self.size[0] as usize, &self.pixels(points, &reflections)))
     }
 }
@@ -101,7 +102,21 @@ impl MirrorImage<'_> {
 /// # Errors
 /// Images of the wrong size; cancelled.
 pub fn accuracy_same_input(image: &MirrorImage, surfels: &Surfels, progress: &Progress) -> Result<Accuracy> {
-    image.judge(Truth::SameInput, &image.points()?, surfels, progress)
+    let points = image.points()?;
+    let reflections = first_reflections(&points, surfels, progress)?;
+    let recall = recall(&points, &reflections, image.mirror_position, surfels);
+    let accuracy = accuracy(Truth::SameInput, image.size[0] as usize, &image.pixels(&points, &reflections));
+    Ok(Accuracy { recall: Some(recall), ..accuracy })
+}
+
+/// Of those points that are some, in order.
+fn first_reflections(
+    points: &[Option<MirrorPoint>],
+    geometry: &impl Geometry,
+    progress: &Progress,
+) -> Result<Vec<Reflection>> {
+    let mirrors: Vec<MirrorPoint> = points.iter().copied().flatten().collect();
+    reflected(geometry, &mirrors, 1, progress).ok_or(Error::Cancelled)
 }
 
 /// Judges a frame by the rays through its pixel centres, which exact mirrors reflect into exact surfaces. Only pixels count that
@@ -126,24 +141,26 @@ pub fn accuracy_exact(image: &MirrorImage, rays: &PixelRays, exact: &Exact, prog
     image.judge(Truth::Exact, &points, exact, progress)
 }
 
-/// A point of the scene: chunk and index in it, as `Hit` has them.
-pub type PointId = (u32, u32);
-
-/// The points that are truly visible by reflection, in order: those whose disc is the first that some mirror pixel's reflected
-/// ray meets. A forward method should find a place for each of them; the share that it does is its recall
-/// (`Accuracy::recall`). At the rim of a mirror a disc may be seen whose middle is not, which costs a right method some
-/// thousandths. `progress` counts mirror pixels.
-///
-/// # Errors
-/// Images of the wrong size; cancelled.
-pub fn visible_points(image: &MirrorImage, surfels: &Surfels, progress: &Progress) -> Result<Vec<PointId>> {
-    let mirrors: Vec<MirrorPoint> = image.points()?.into_iter().flatten().collect();
-    let reflections = reflected(surfels, &mirrors, 1, progress).ok_or(Error::Cancelled)?;
-    let mut visible: Vec<PointId> =
-        reflections.iter().filter_map(|seen| seen.first).map(|hit| (hit.surface, hit.point)).collect();
-    visible.sort_unstable();
-    visible.dedup();
-    Ok(visible)
+/// Share of the points truly visible by reflection that were found. Truly visible are those whose disc is the first that
+/// some mirror pixel's reflected ray meets; one of them is found if, in one of these pixels, what was found lies on its
+/// disc. `reflections` are in the order of those `points` that are some. NaN if no point is visible.
+fn recall(
+    points: &[Option<MirrorPoint>],
+    reflections: &[Reflection],
+    mirror_position: &[f32],
+    surfels: &Surfels,
+) -> f64 {
+    let pixels = points.iter().zip(mirror_position.as_chunks::<4>().0).filter(|(point, _)| point.is_some());
+    let mut found: HashMap<(u32, u32), bool> = HashMap::new();
+    for (reflection, (_, pixel)) in reflections.iter().zip(pixels) {
+        let Some(hit) = reflection.first else { continue };
+        let (center, radius) = surfels.disc(&hit);
+        let [x, y, z, coverage] = pixel.map(f64::from);
+        // A hundredth more: images hold 32-bit positions, and renderers pack their discs.
+        let is_on_disc = coverage > 0.0 && DVec3::new(x, y, z).distance(center) <= radius * 1.01;
+        *found.entry((hit.surface, hit.point)).or_default() |= is_on_disc;
+    }
+    found.values().filter(|is_found| **is_found).count() as f64 / found.len() as f64
 }
 
 #[cfg(test)]
@@ -348,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn points_visible_by_reflection_are_those_in_the_mirrored_field_of_view() {
+    fn recall_is_the_share_of_the_visible_points_that_were_found() {
         // Eye at z = 2 above a mirror of |x|, |y| <= 1 in z = 0, a ceiling at z = 3: as seen through the mirror from z = -2,
         // it shows |x|, |y| <= 2.5.
         let radius = 0.1;
@@ -365,22 +382,33 @@ mod tests {
         let mirror = |index: usize| [(index % 200) as f32 * 0.01 - 0.995, (index / 200) as f32 * 0.01 - 0.995, 0.0];
         let position: Vec<f32> = (0..40_000).flat_map(mirror).collect();
         let normal = [0.0, 0.0, 1.0].repeat(40_000);
-        let image = MirrorImage {
-            size: [200, 200],
-            viewpoint: Viewpoint::Eye(DVec3::Z * 2.0),
-            mirror: &vec![1.0; 40_000],
-            position: &position,
-            normal: &normal,
-            mirror_position: &vec![0.0; 160_000],
+        let judge = |mirror_position: &[f32]| {
+            let viewpoint = Viewpoint::Eye(DVec3::Z * 2.0);
+            let mirror = vec![1.0; 40_000];
+            let image = MirrorImage {
+                size: [200, 200],
+                viewpoint,
+                mirror: &mirror,
+                position: &position,
+                normal: &normal,
+                mirror_position,
+            };
+            accuracy_same_input(&image, &surfels, &Progress::default()).unwrap().recall.unwrap()
         };
-        let visible = visible_points(&image, &surfels, &Progress::default()).unwrap();
-        let off_axis = |&(_, point): &PointId| {
-            let [x, y, _] = positions[point as usize];
-            x.abs().max(y.abs())
+        // The mirror lies halfway between eye and its image: what it shows is seen at 2.5 times its own place.
+        let seen = |index: usize, coverage: f32| {
+            let [x, y, _] = mirror(index);
+            [x * 2.5, y * 2.5, 3.0, coverage]
         };
-        assert!(visible.iter().all(|point| off_axis(point) < 2.5 + radius));
-        // Discs overlap, and among equally distant ones the first wins: of each, only what the earlier ones leave is seen.
-        let inside = visible.iter().filter(|point| off_axis(point) < 2.5).count();
-        assert_eq!(inside, 50 * 50, "of {}", visible.len());
+        assert_eq!(judge(&(0..40_000).flat_map(|index| seen(index, 1.0)).collect::<Vec<_>>()), 1.0);
+        assert_eq!(judge(&vec![0.0; 160_000]), 0.0);
+        // Nothing in the left half; discs on the border are seen from both sides.
+        let half = judge(
+            &(0..40_000).flat_map(|index| seen(index, if index % 200 < 100 { 0.0 } else { 1.0 })).collect::<Vec<_>>(),
+        );
+        assert!((half - 0.5).abs() < 0.02, "{half}");
+        // A splat's width beside the truth.
+        let beside = |index: usize| seen(index, 1.0).map(|v| if v == 3.0 { v } else { v + 2.5 * radius });
+        assert!(judge(&(0..40_000).flat_map(beside).collect::<Vec<_>>()) < 0.01);
     }
 }

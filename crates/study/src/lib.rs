@@ -8,7 +8,7 @@ pub mod flip;
 pub mod metrics;
 mod stage;
 
-pub use accuracy::{Error, MirrorImage, PointId, Result, accuracy_exact, accuracy_same_input, visible_points};
+pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input};
 pub use metrics::{Accuracy, ImageError, Percentiles, Truth, image_error};
 pub use stage::Stage;
 /// What the truth is traced in and for; the program knows `trace` through here.

@@ -39,7 +39,7 @@ pub struct Accuracy {
     pub pixel_error: Percentiles,
     /// Share of the pixels that are filled and see something whose |Q - P| differs from |H - P| by more than 5 %.
     pub occlusion_error: f64,
-    /// Share of the points truly visible by reflection that were found; of forward methods only.
+    /// Share of the points truly visible by reflection that were found; against the same points only.
     pub recall: Option<f64>,
     pub image: Option<ImageError>,
 }

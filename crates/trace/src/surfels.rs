@@ -50,6 +50,7 @@ pub struct Surfels {
     tree: CwBvh,
     surfaces: Vec<Surface>,
     median_radius: f64,
+    splat_size: f32,
 }
 
 /// A chunk, and what its points are made of.
@@ -57,6 +58,8 @@ struct Surface {
     chunk: Chunk,
     /// Running number of its first point.
     first: u32,
+    /// Radius of points whose own is not known, before `splat_size`.
+    unknown_radius: f32,
     specular_intensity: f64,
     plain: DVec3,
 }
@@ -100,6 +103,7 @@ impl Surfels {
                 surfaces.push(Surface {
                     chunk: chunk.clone(),
                     first,
+                    unknown_radius,
                     specular_intensity: f64::from(part.specular_intensity),
                     plain: Vec3::from(part.plain).as_dvec3(),
                 });
@@ -120,7 +124,7 @@ impl Surfels {
         let mut radii: Vec<f32> = discs.iter().map(|disc| disc.radius).collect();
         radii.sort_unstable_by(f32::total_cmp);
         let median_radius = radii.get(radii.len() / 2).copied().map_or(0.0, f64::from);
-        (!progress.is_cancelled()).then_some(Self { center, discs, tree, surfaces, median_radius })
+        (!progress.is_cancelled()).then_some(Self { center, discs, tree, surfaces, median_radius, splat_size })
     }
 
     /// Number of discs.
@@ -130,6 +134,14 @@ impl Surfels {
 
     pub fn is_empty(&self) -> bool {
         self.discs.is_empty()
+    }
+
+    /// World centre and radius of the disc that was hit.
+    pub fn disc(&self, hit: &Hit) -> (DVec3, f64) {
+        let Surface { chunk, unknown_radius, .. } = &self.surfaces[hit.surface as usize];
+        let point = hit.point as usize;
+        let radius = chunk.radii.as_ref().and_then(|radii| unpack_radius(radii[point])).unwrap_or(*unknown_radius);
+        (chunk.position(point), f64::from(radius * self.splat_size))
     }
 
     fn first_disc(&self, ray: &Ray) -> Option<(f64, &Disc)> {
