@@ -75,7 +75,7 @@ fn splat_point(item: Item, index: u32) {
         // A loop of at most one turn: software rasterisers run both sides of a branch.
         for (var turn = 0u; turn < 1u && may_reflect(region, q); turn++) {
             var state = hash(identity ^ round.seed);
-            outcome = find_root(search, start_of(search, &state, last_at), &state);
+            outcome = find_root(search, start_of(search, last_at), &state);
         }
         if outcome.state == FOUND {
             solution = solution_at(item, point, q, label, outcome.at);

@@ -40,12 +40,14 @@ struct Outcome {
     steps: u32,
 }
 
-// Where the search starts.
+// Where the search starts: two pixel coordinates, or ANYWHERE in the region.
 struct Start {
-    p1: Probe,
-    p2: Probe,
+    first: vec2f,
+    second: vec2f,
     step: vec2f,
 }
+
+const ANYWHERE: vec2f = vec2f(-1.0);
 
 // PCG's output permutation as a hash (Jarzynski, Olano 2020).
 fn hash(value: u32) -> u32 {
@@ -69,70 +71,63 @@ const LEAST_STEP: f32 = 0.5;
 // Cells along each side of the grid of start pixels: 16 probes cost about what a search from a bad start does.
 const GRID: u32 = 4u;
 
-fn random_seed(search: Search, state: ptr<function, u32>) -> Probe {
-    var attempts = settings.sscr.seed_attempts;
+fn random_place(search: Search, state: ptr<function, u32>) -> vec2f {
+    let x = random(state);
+    let y = random(state);
+    return search.first + search.extent * vec2f(x, y);
+}
+
+// How often a start pixel outside of the region is drawn again.
+fn seed_attempts(search: Search) -> u32 {
     if per_region {
         // So many that one start in a hundred is lost to the holes of the region.
-        attempts = u32(clamp(log2(0.01) / log2(clamp(1.0 - search.fill, 1e-3, 0.999)), 1.0, 32.0));
+        return u32(clamp(log2(0.01) / log2(clamp(1.0 - search.fill, 1e-3, 0.999)), 1.0, 32.0));
     }
+    return settings.sscr.seed_attempts;
+}
+
+fn random_seed(search: Search, state: ptr<function, u32>) -> Probe {
     var found = Probe(vec2f(0.0), vec2f(0.0), false);
-    for (var attempt = 0u; attempt <= attempts && !found.is_inside; attempt++) {
-        let x = random(state);
-        let y = random(state);
-        found = probe(search, search.first + search.extent * vec2f(x, y));
+    for (var attempt = 0u; attempt <= seed_attempts(search) && !found.is_inside; attempt++) {
+        found = probe(search, random_place(search, state));
     }
     return found;
 }
 
-fn start_of(search: Search, state: ptr<function, u32>, last: vec2f) -> Start {
-    var step = search.extent * settings.sscr.initial_step;
+fn start_of(search: Search, last: vec2f) -> Start {
+    var start = Start(ANYWHERE, ANYWHERE, search.extent * settings.sscr.initial_step);
     if per_region {
         // In regions a few pixels wide a share of the extent is no step at all.
-        step = max(step, vec2f(settings.sscr.threshold));
+        start.step = max(start.step, vec2f(settings.sscr.threshold));
     }
     if seeds == SSCR_SEEDS_LAST_FRAME && last.x >= 0.0 {
-        let p1 = probe(search, last);
         // Between two frames the root moves by a few pixels.
         let side = select(vec2f(-2.0), vec2f(2.0), last < search.first + search.extent * 0.5);
-        return Start(p1, probe(search, last + side), vec2f(2.0));
+        return Start(last, last + side, vec2f(2.0));
     }
     if seeds == SSCR_SEEDS_GRID {
-        var best = Probe(vec2f(0.0), vec2f(0.0), false);
-        var second = best;
-        var best_error = 3e38;
-        var second_error = 3e38;
+        // The two best cells. Where holes of the region swallow the grid, anywhere.
+        var least = 3e38;
+        var second_least = 3e38;
         for (var cell = 0u; cell < GRID * GRID; cell++) {
             let place = (vec2f(vec2u(cell % GRID, cell / GRID)) + 0.5) / f32(GRID);
             let found = probe(search, search.first + search.extent * place);
-            let error = select(3e38, dot(found.error, found.error), found.is_inside);
-            if error < best_error {
-                second = best;
-                second_error = best_error;
-                best = found;
-                best_error = error;
-            } else if error < second_error {
-                second = found;
-                second_error = error;
+            let error = squared_error(found);
+            if error < least {
+                start.second = start.first;
+                second_least = least;
+                start.first = found.at;
+                least = error;
+            } else if error < second_least {
+                start.second = found.at;
+                second_least = error;
             }
         }
-        // Holes of the region can swallow the grid.
-        if !best.is_inside {
-            best = random_seed(search, state);
-        }
-        if !second.is_inside {
-            second = random_seed(search, state);
-        }
-        return Start(best, second, step);
     }
-    let p1 = random_seed(search, state);
-    var p2 = p1;
-    if solver == SSCR_SOLVER_INTERLEAVED && p1.is_inside {
-        p2 = random_seed(search, state);
-    }
-    return Start(p1, p2, step);
+    return start;
 }
 
-// The probe after `from` by `step`, or by as many halves of it as are allowed until it stays in the region.
+// The probe after `origin` by `step`, or by as many halves of it as are allowed until it stays in the region.
 fn probe_after(search: Search, origin: vec2f, step: vec2f) -> Probe {
     var shortened = step;
     var found = probe(search, origin + shortened);
@@ -144,50 +139,86 @@ fn probe_after(search: Search, origin: vec2f, step: vec2f) -> Probe {
 }
 
 fn find_root(search: Search, start: Start, state: ptr<function, u32>) -> Outcome {
-    if !start.p1.is_inside {
-        return Outcome(start.p1.at, LOST, 0u);
-    }
     if solver == SSCR_SOLVER_INTERLEAVED {
-        return interleaved(search, start);
+        return interleaved(search, start, state);
+    }
+    var first = probe(search, start.first);
+    if !first.is_inside {
+        first = random_seed(search, state);
+    }
+    if !first.is_inside {
+        return Outcome(vec2f(0.0), LOST, 0u);
     }
     if solver == SSCR_SOLVER_NELDER_MEAD {
-        return nelder_mead(search, start);
+        return nelder_mead(search, first, start.step);
     }
-    return descent(search, start, state);
+    return descent(search, first, start.step, state);
 }
 
 // Interleaved bracketing and bisection. Two pixels, the last two of a walk: along each axis it goes on while the error falls,
 // turns round where it grows, and turns with half the step where the error changes its sign.
-fn interleaved(search: Search, start: Start) -> Outcome {
-    var p1 = start.p1;
-    var p2 = start.p2;
-    if !p2.is_inside {
-        return Outcome(p1.at, LOST, 0u);
-    }
+// One probe a turn of the loop, be it of a start pixel, a step or a shortened step: threads that run in step wait for each
+// other by probes, not by steps.
+fn interleaved(search: Search, start: Start, state: ptr<function, u32>) -> Outcome {
+    var p1 = Probe(vec2f(0.0), vec2f(0.0), false);
+    var p2 = p1;
     var step = start.step;
-    var dir = select(vec2f(1.0), vec2f(-1.0), p2.at < p1.at);
-    var outcome = Outcome(p2.at, UNCONVERGED, 0u);
-    while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
-        let crossed = p1.error * p2.error < vec2f(0.0);
-        let is_near = distance(p1.at, p2.at) < settings.sscr.threshold;
-        let turned = crossed | (abs(p2.error) >= abs(p1.error));
-        dir = select(dir, -dir, turned);
-        step = select(step, step * 0.5, crossed);
-        if is_near && all(crossed) {
-            let share = abs(p1.error) / (abs(p1.error) + abs(p2.error));
-            outcome.at = p1.at + (p2.at - p1.at) * share;
-            outcome.state = FOUND;
-        } else if (is_near && settings.sscr.stop == SSCR_STOP_PAIR) || max(step.x, step.y) < LEAST_STEP {
-            outcome.state = LOST;
+    var dir = vec2f(1.0);
+    var shortened = vec2f(0.0);
+    var given = start.first;
+    var attempts = 0u;
+    var steps = 0u;
+    var outcome = UNCONVERGED;
+    var is_over = false;
+    while !is_over {
+        var at = p2.at + shortened;
+        if !p2.is_inside {
+            at = given;
+            if attempts > 0u || given.x < 0.0 {
+                at = random_place(search, state);
+            }
+        }
+        let found = probe(search, at);
+        if !found.is_inside {
+            shortened *= 0.5;
+            attempts++;
+            if attempts > select(seed_attempts(search), settings.sscr.step_attempts, p2.is_inside) {
+                outcome = LOST;
+                is_over = true;
+            }
+        } else if !p1.is_inside {
+            p1 = found;
+            given = start.second;
+            attempts = 0u;
         } else {
-            p1 = p2;
-            p2 = probe_after(search, p2.at, dir * step);
-            outcome.at = p1.at;
-            outcome.steps++;
-            outcome.state = select(LOST, UNCONVERGED, p2.is_inside);
+            if p2.is_inside {
+                p1 = p2;
+                steps++;
+            } else {
+                dir = select(vec2f(1.0), vec2f(-1.0), found.at < p1.at);
+            }
+            p2 = found;
+            attempts = 0u;
+            let crossed = p1.error * p2.error < vec2f(0.0);
+            let is_near = distance(p1.at, p2.at) < settings.sscr.threshold;
+            let turned = crossed | (abs(p2.error) >= abs(p1.error));
+            dir = select(dir, -dir, turned);
+            step = select(step, step * 0.5, crossed);
+            shortened = dir * step;
+            if steps >= settings.sscr.max_steps {
+                is_over = true;
+            } else if is_near && all(crossed) {
+                let share = abs(p1.error) / (abs(p1.error) + abs(p2.error));
+                p2.at = p1.at + (p2.at - p1.at) * share;
+                outcome = FOUND;
+                is_over = true;
+            } else if (is_near && settings.sscr.stop == SSCR_STOP_PAIR) || max(step.x, step.y) < LEAST_STEP {
+                outcome = LOST;
+                is_over = true;
+            }
         }
     }
-    return outcome;
+    return Outcome(p2.at, outcome, steps);
 }
 
 // How the error changes over a pixel along x and along y.
@@ -228,13 +259,13 @@ const ROOT_REACH: f32 = 1.0;
 
 // Newton, Broyden and conjugate gradient: from pixel centre to pixel centre by steps of at most the first step's length. Where
 // no step stays in the region they start anew: walks from a bad start end at its rim.
-fn descent(search: Search, start: Start, state: ptr<function, u32>) -> Outcome {
-    var here = centered(start.p1);
+fn descent(search: Search, start: Probe, first_step: vec2f, state: ptr<function, u32>) -> Outcome {
+    var here = centered(start);
     var slope = slope_at(search, here);
     var direction = vec2f(0.0);
     var gradient = vec2f(0.0);
     var restarts = 0u;
-    let longest = max(start.step, vec2f(1.0));
+    let longest = max(first_step, vec2f(1.0));
     var outcome = Outcome(here.at, UNCONVERGED, 0u);
     while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
         var step = newton_step(slope, here.error);
@@ -299,10 +330,10 @@ fn squared_error(found: Probe) -> f32 {
 }
 
 // The simplex of Nelder and Mead 1965 on the squared error; outside of the region it is infinite.
-fn nelder_mead(search: Search, start: Start) -> Outcome {
-    var best = start.p1;
-    var middle = probe_after(search, best.at, vec2f(start.step.x, 0.0));
-    var worst = probe_after(search, best.at, vec2f(0.0, start.step.y));
+fn nelder_mead(search: Search, start: Probe, first_step: vec2f) -> Outcome {
+    var best = start;
+    var middle = probe_after(search, best.at, vec2f(first_step.x, 0.0));
+    var worst = probe_after(search, best.at, vec2f(0.0, first_step.y));
     var outcome = Outcome(best.at, UNCONVERGED, 0u);
     while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
         // In order of their errors.
