@@ -45,13 +45,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     if let Some(bounces) = arguments.bounces {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
     }
-    if let Some((aov, _)) = images.iter().find(|(aov, _)| is_of_reflections(*aov))
-        && (settings.reflection.method == Method::None || settings.reflection.bounces == 0)
-    {
-        let name = aov.name();
-        return Err(usage(format!(
-            "--aov: `{name}` is of what mirrors show; it needs a --method and at least one of --bounces"
-        )));
+    for (aov, _) in &images {
+        check_is_made(*aov, &settings)?;
     }
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     let largest = gpu.device.limits().max_texture_dimension_2d;
@@ -125,9 +120,19 @@ fn method(name: &str) -> anyhow::Result<Method> {
     Err(usage(format!("--method: `{name}` {problem}; available: {}", Method::NAMES.join(", "))))
 }
 
-/// Images of what mirrors show: there are none where nothing is looked for.
-fn is_of_reflections(aov: Aov) -> bool {
-    matches!(aov, Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal)
+/// Refuses an image that the settings do not make.
+fn check_is_made(aov: Aov, settings: &Settings) -> anyhow::Result<()> {
+    let (method, name) = (settings.reflection.method, aov.name());
+    let is_looked_for = method != Method::None && settings.reflection.bounces > 0;
+    match aov {
+        Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal if !is_looked_for => Err(usage(format!(
+            "--aov: `{name}` is of what mirrors show; it needs a --method and at least one of --bounces"
+        ))),
+        Aov::Curvature | Aov::Regions if !is_looked_for || method != Method::Sscr => Err(usage(format!(
+            "--aov: `{name}` is of screen-space curved reflections; it needs --method sscr and at least one of --bounces"
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// AOVs of INTERFACE that belong to parts of the program this version does not have.
@@ -540,6 +545,7 @@ mod tests {
         let blind = ["--aov", "mirror_position=b.exr"];
         assert!(refusal(&[&[scene, "-o", "a.png", "--bounces", "0"][..], &blind].concat()).contains("--bounces"));
         assert!(refusal(&[&[scene, "-o", "a.png", "--method", "none"][..], &blind].concat()).contains("--method"));
+        assert!(refusal(&[scene, "-o", "a.png", "--aov", "regions=b.exr"]).contains("--method sscr"));
         assert!(refusal(&[scene, "-o", "a.jpg"]).contains(".png"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "reference_color=b.exr"]).contains("not in this version yet"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "dept=b.exr"]).contains("available: depth, normal"));

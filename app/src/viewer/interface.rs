@@ -51,7 +51,7 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
     if let Some(prompt) = &mut state.path_prompt {
         let is_done = match prompt.show(ui.ctx()) {
             Some(Outcome::Open(path)) => {
-                let is_opened = state.open(&[path.clone()]);
+                let is_opened = state.open(std::slice::from_ref(&path));
                 if is_opened && state.prompt_is_for_mirror {
                     state.await_marking(MirrorPoints::whole(path));
                 }

@@ -317,3 +317,122 @@ fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
         ui.add(egui::Slider::new(value, range).logarithmic(true)).labelled_by(label.id);
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, Progress};
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
+
+    use super::super::bindings::Action;
+    use super::super::figures::{Basis, Figures};
+    use super::super::preferences::Preferences;
+    use super::super::render_thread::Command;
+    use super::super::state::Found;
+    use super::*;
+    use crate::{loading, mirrors};
+
+    /// Six points of which two are water, and what a worker thread would have found out about them.
+    fn lake() -> State {
+        let mut state = State::new(Preferences::default());
+        let job = state.add_job(Vec::new(), Arc::<Progress>::default(), Arc::default());
+        let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+        let opened = loading::Event::Opened {
+            cloud: 0,
+            name: "lake.laz".into(),
+            path: Some("scans/lake.laz".into()),
+            source: None,
+            attributes,
+            grid: None,
+            expected_points: 6,
+            up: DVec3::Z,
+            provisional_radius: 0.0,
+            warnings: Vec::new(),
+        };
+        state.on_loading(job, opened);
+        let mut chunk = Chunk::new(0, DVec3::ZERO, (0..6).map(|i| [i as f32, 0.1 * (i * i) as f32, 0.0]).collect());
+        chunk.columns = vec![Some(Arc::new(Column::U8(vec![2, 2, 9, 9, 2, 1])))];
+        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(job, loading::Event::Finished);
+        let (key, cloud) = (state.clouds[0].key, state.clouds[0].cloud.clone());
+        let color = state.settings.color.clone();
+        let figures = Box::new(Figures::of(&cloud, &color, DVec3::Z));
+        let basis = Basis { color, doublings: 0, is_read: true, late_columns: 0 };
+        state.on_found(Found::Figures { key, basis, figures });
+        state.history.watch(&state.settings, &state.objects, false);
+        state
+    }
+
+    /// Does what the state asks worker threads for.
+    fn work(state: &mut State) {
+        for effect in std::mem::take(&mut state.effects) {
+            match effect {
+                Effect::CountPoints { cloud, wanted, .. } => {
+                    let marked = mirrors::mark(&cloud, None, &wanted, &Progress::default());
+                    let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
+                    state.on_found(Found::Counted { wanted, result: result.map_err(|error| error.to_string()) });
+                }
+                Effect::MarkPoints { key, cloud, wanted, progress, .. } => {
+                    let mark = |wanted| mirrors::mark(&cloud, None, wanted, &progress).unwrap();
+                    let result = Ok(wanted.iter().map(mark).collect());
+                    state.on_found(Found::Marked { key, wanted, result });
+                }
+                Effect::Render(command) => state.effects.push(Effect::Render(command)),
+                _ => {}
+            }
+        }
+    }
+
+    /// Points that reflect, as the render thread was last told.
+    fn marked(state: &mut State) -> Option<(Cloud, u64)> {
+        let effects = std::mem::take(&mut state.effects);
+        effects.into_iter().rev().find_map(|effect| match effect {
+            Effect::Render(Command::Mark { cloud, marked, .. }) => {
+                Some((cloud, marked.iter().map(|marked| marked.count).sum()))
+            }
+            _ => None,
+        })
+    }
+
+    #[test]
+    fn water_is_counted_turned_into_a_mirror_and_back_by_undo() {
+        let mut harness = Harness::builder()
+            .with_size([340.0, 500.0])
+            .build_ui_state(|ui, state: &mut State| show(ui, state), lake());
+        harness.run_ok();
+        assert!(harness.query_by_label("counting").is_some());
+        work(harness.state_mut());
+        harness.run_ok();
+        assert!(harness.query_by_label("2 of 6 points").is_some(), "class 9 is not what is offered");
+        harness.get_by_label("Turn into a mirror").click();
+        harness.run_ok();
+        let marking = harness.state().objects.markings[0].clone();
+        assert_eq!((marking.points.points, marking.points.cloud.as_str()), (PointChoice::Class(9), "scans/lake.laz"));
+        harness.state_mut().sync_objects();
+        work(harness.state_mut());
+        assert_eq!(marked(harness.state_mut()).map(|(_, count)| count), Some(2));
+        // Nothing is done again as long as nothing changes.
+        harness.state_mut().sync_objects();
+        assert!(marked(harness.state_mut()).is_none());
+        harness.state_mut().act(Action::Undo);
+        harness.state_mut().sync_objects();
+        work(harness.state_mut());
+        assert_eq!(marked(harness.state_mut()).map(|(_, count)| count), Some(0));
+    }
+
+    #[test]
+    fn stopping_leaves_what_reflected_before() {
+        let mut state = lake();
+        let key = state.clouds[0].key;
+        let points = MirrorPoints::whole("scans/lake.laz".into());
+        state.edit_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
+        state.sync_objects();
+        state.on_found(Found::Marked { key, wanted: vec![points], result: Ok(None) });
+        assert!(state.objects.markings.is_empty());
+        state.sync_objects();
+        assert!(state.clouds[0].marking.is_none(), "it begins again");
+    }
+}

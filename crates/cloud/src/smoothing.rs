@@ -203,7 +203,8 @@ mod tests {
         }
         let count = positions.len();
         let chunk = Chunk { normals: Some(Arc::new(normals)), ..Chunk::new(0, DVec3::ZERO, positions) };
-        let smoothed = smoothed_normals(&[chunk.clone()], &[vec![true; count]], 0.6, &Progress::default()).unwrap();
+        let smoothed =
+            smoothed_normals(std::slice::from_ref(&chunk), &[vec![true; count]], 0.6, &Progress::default()).unwrap();
         let share = |x: f32| {
             let index = (0..count).min_by(|a, b| {
                 let far = |i: &usize| Vec3::from(chunk.positions[*i]).distance(Vec3::new(x, 0.0, 0.0));

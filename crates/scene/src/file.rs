@@ -232,6 +232,16 @@ mod tests {
     }
 
     #[test]
+    fn the_example_of_the_documentation_is_a_scene() {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/scenes.md");
+        let page = std::fs::read_to_string(page).unwrap();
+        let example = page.split("```toml").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+        let file = SceneFile::parse(example).unwrap();
+        assert_eq!((file.mirrors.len(), file.lights.len(), file.mirror_points.len()), (2, 1, 1));
+        assert!(file.view().warnings.is_empty());
+    }
+
+    #[test]
     fn odd_objects_are_refused_by_number_and_name() {
         let refusal = |text: &str| SceneFile::parse(text).unwrap_err().to_string();
         let sphere = "[[mirrors]]\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 1\n";

@@ -162,6 +162,7 @@ impl Mirror {
     /// What makes it no mirror, in words, if anything does.
     pub fn problem(&self) -> Option<String> {
         let length = self.rotation.length();
+        let is_unit = (length - 1.0).abs() < UNIT_TOLERANCE;
         let out_of_range = |name: &str, values: &[f32]| {
             let odd = values.iter().find(|value| !(0.0..=1.0).contains(*value))?;
             Some(format!("{name} is {odd}, expected 0 to 1"))
@@ -169,7 +170,7 @@ impl Mirror {
         if !self.position.is_finite() {
             return Some(format!("position is {}, expected finite coordinates", self.position));
         }
-        if !((length - 1.0).abs() < UNIT_TOLERANCE) {
+        if !is_unit {
             return Some(format!("rotation is a quaternion of length {length}, expected 1"));
         }
         if !(self.size > 0.0 && self.size.is_finite()) {
