@@ -3,6 +3,7 @@
 #import splat
 #import surfel_tree
 #import mirror_ray
+#import counters
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> settings: Settings;
@@ -27,6 +28,7 @@
 @group(1) @binding(12) var<storage, read> class_masks: array<u32>;
 // z: nodes and discs that the ray was tested against.
 @group(1) @binding(13) var views_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(14) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Set while the tests are shown.
 override count_tests: bool = false;
@@ -40,7 +42,9 @@ struct Nearest {
     distance: f32,
     // Disc in the page; NONE if nothing nearer was found.
     surfel: u32,
-    tests: u32,
+    // So far.
+    nodes_tested: u32,
+    discs_tested: u32,
 }
 const NONE: u32 = 0xffffffffu;
 
@@ -58,9 +62,9 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
     let ray = mirror_ray(point.xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
     let pixel = id.y * frame.width + id.x;
     let before = hits[pixel];
-    var nearest = Nearest(3e38, 3e38, NONE, 0u);
+    var nearest = Nearest(3e38, 3e38, NONE, 0u, 0u);
     if before.y != 0u {
-        nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), NONE, 0u);
+        nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), NONE, 0u, 0u);
     }
     let list = (tile.y * ((frame.width + 7u) / 8u) + tile.x) * LIST_WORDS;
     var count = LIST_IS_FULL;
@@ -90,7 +94,10 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
         }
     }
     if count_tests {
-        textureStore(views_out, id, vec4f(0.0, 0.0, f32(nearest.tests), 0.0));
+        let tests = f32(nearest.nodes_tested + nearest.discs_tested);
+        textureStore(views_out, id, vec4f(0.0, 0.0, tests, 0.0));
+        atomicAdd(&counters[NODES_TESTED], nearest.nodes_tested);
+        atomicAdd(&counters[DISCS_TESTED], nearest.discs_tested);
     }
     if nearest.surfel != NONE {
         let identity = page.first_identity + order[nearest.surfel];
@@ -116,7 +123,8 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         let count = select(0u, node.high_leaf.w & 255u, is_met && node.high_leaf.w != INNER);
         let first_surfel = place.first_surfel + (node.high_leaf.w >> 8u);
         if count_tests {
-            nearest.tests += 1u + count;
+            nearest.nodes_tested += 1u;
+            nearest.discs_tested += count;
         }
         for (var k = 0u; k < count; k++) {
             let hit = disc_hit(surfels[first_surfel + k], low, high, scale, origin, ray.direction);
@@ -126,7 +134,7 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
                 is_nearer = is_nearer && is_shown(place, first_surfel + k);
             }
             if is_nearer {
-                nearest = Nearest(key, hit.distance, first_surfel + k, nearest.tests);
+                nearest = Nearest(key, hit.distance, first_surfel + k, nearest.nodes_tested, nearest.discs_tested);
             }
         }
     }

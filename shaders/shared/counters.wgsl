@@ -7,3 +7,6 @@ const POINTS_FOUND: u32 = 4u;
 const REGIONS: u32 = 5u;
 // Those of the points tried whose search ran out of steps.
 const POINTS_UNCONVERGED: u32 = 6u;
+// While steps are shown: nodes and discs that rays were tested against.
+const NODES_TESTED: u32 = 7u;
+const DISCS_TESTED: u32 = 8u;

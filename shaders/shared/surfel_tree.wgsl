@@ -20,9 +20,10 @@ struct TreePlace {
     class_mask: u32,
 }
 
-// A tile's list of runs of nodes: how many, then a place and a node for each.
-const LIST_RUNS: u32 = 128u;
-const LIST_WORDS: u32 = 257u;
+// A tile's list of runs of nodes: how many, then a place and a node for each. Longer lists cost more than the upper levels of
+// the trees that they replace.
+const LIST_RUNS: u32 = 48u;
+const LIST_WORDS: u32 = 97u;
 const LIST_IS_FULL: u32 = 0xffffffffu;
 
 // A disc is not seen from closer than this many of its radii: beside the mirror point lie the mirror's own splats.

@@ -92,6 +92,7 @@ pub const SURFEL_TRACE: Pass = Pass {
             Read,
             Read,
             Write(Rgba32Float),
+            ReadWrite,
         ],
     ],
 };

@@ -117,6 +117,9 @@ fn main() -> anyhow::Result<()> {
                     found.regions.map_or("-".into(), |regions| regions.to_string()),
                 );
             }
+            if let Some([nodes, discs]) = found.and_then(|found| found.tests_per_ray) {
+                println!("    nodes tested {nodes:.1}, discs tested {discs:.1} a ray");
+            }
             println!(
                 "    pixel error {} ({}), occlusion error {:.4} ({:.4})",
                 pixels(same),

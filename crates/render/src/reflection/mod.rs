@@ -118,6 +118,8 @@ pub struct ReflectionStats {
     pub hit_rate: Option<f64>,
     /// Regions of the mirror pixels (SSCR).
     pub regions: Option<u32>,
+    /// Nodes and discs that a ray was tested against, on average; known while steps are shown.
+    pub tests_per_ray: Option<[f64; 2]>,
     pub bounces: u32,
 }
 
@@ -129,6 +131,8 @@ const CLOSED_PIXELS: usize = 2;
 const POINTS_TRIED: usize = 3;
 const POINTS_FOUND: usize = 4;
 const REGIONS: usize = 5;
+const NODES_TESTED: usize = 7;
+const DISCS_TESTED: usize = 8;
 
 /// What a method works on and with.
 pub(crate) struct Task<'a> {
@@ -289,6 +293,8 @@ impl Reflections {
             coverage: share(counters[FOUND_PIXELS], pixels),
             closed_coverage: share(counters[FOUND_PIXELS] + counters[CLOSED_PIXELS], pixels),
             hit_rate: (tried > 0).then(|| share(counters[POINTS_FOUND], tried)),
+            tests_per_ray: (counters[NODES_TESTED] > 0)
+                .then(|| [counters[NODES_TESTED], counters[DISCS_TESTED]].map(|tests| share(tests, pixels))),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
             bounces: self.count as u32,
         })

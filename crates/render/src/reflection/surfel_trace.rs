@@ -13,7 +13,7 @@ use crate::recorder::Recorder;
 use crate::targets::storage;
 
 /// Bytes of a tile's list, as shaders/shared/surfel_tree.wgsl has it.
-const LIST_BYTES: u64 = 257 * 4;
+const LIST_BYTES: u64 = 97 * 4;
 
 /// # Errors
 /// A shader is refused, or no memory for the index.
@@ -48,6 +48,7 @@ pub(crate) fn run(
             inputs.points.as_entire_binding(),
             task.supply.class_masks.as_entire_binding(),
             gather.views.bind(),
+            task.counters.as_entire_binding(),
         ];
         let resources: Vec<_> = mirror.into_iter().chain(nodes).chain(rest).collect();
         let switches = [
