@@ -185,7 +185,8 @@ pub enum Event {
     Opened {
         cloud: usize,
         name: String,
-        path: Option<PathBuf>,
+        /// As on the command line or in the scene file.
+        input: String,
         source: Option<Arc<codec::Source>>,
         attributes: Vec<Attribute>,
         grid: Option<Grid>,
@@ -349,7 +350,7 @@ impl Loader {
         self.send(Event::Opened {
             cloud,
             name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
-            path: Some(path.to_owned()),
+            input: path.display().to_string(),
             source: Some(source.clone()),
             attributes: info.attributes.clone(),
             grid: info.grid,
@@ -379,7 +380,7 @@ impl Loader {
             self.send(Event::Opened {
                 cloud,
                 name: format!("{input}, walls"),
-                path: None,
+                input: input.clone(),
                 source: None,
                 attributes: Vec::new(),
                 grid: None,

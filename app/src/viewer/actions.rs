@@ -101,7 +101,7 @@ impl State {
             Action::Inspect => self.toggle_inspection(),
             Action::InspectDistance(notches) => {
                 if let Some(held) = &mut self.inspection {
-                    held.distance *= f64::from(STEP.powf(notches));
+                    held.distance = (held.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
                 }
             }
             Action::InspectTilt(notches) => {
@@ -304,10 +304,9 @@ impl State {
             self.navigation.camera_moved();
             return;
         }
-        let radius = self.bounds().radius();
-        if radius > 0.0 {
+        if !self.clouds.is_empty() {
             let id = self.next_mirror_id();
-            self.inspection = Some(Inspection::new(id, radius));
+            self.inspection = Some(Inspection::new(id));
             self.selected = None;
             self.messages.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");
         }

@@ -16,11 +16,11 @@ pub struct Inspection {
     pub id: MirrorId,
     /// Once a surface has been found.
     pub mirror: Option<Mirror>,
-    /// World units from the surface to the mirror's middle.
+    /// From the surface to the mirror's middle, over the distance from the surface to the eye.
     pub distance: f64,
     /// Radians by which the direction it shows is turned down from the direction of the eye.
     pub tilt: f64,
-    /// World units.
+    /// Half its width, over the same.
     pub size: f64,
     /// A shallow bulge instead of a plane: shows more, smaller.
     pub is_bulged: bool,
@@ -50,23 +50,23 @@ pub struct Ray {
     pub chunks: Vec<(Chunk, Bounds)>,
 }
 
-/// Shares of the scene's radius: a mirror that covers a good part of the view without hiding it.
-const DISTANCE: f64 = 0.12;
-const SIZE: f64 = 0.08;
+/// Shares of the way to the eye, so that the mirror is as large on the screen near by as far away: a quarter of the picture's
+/// height, and not as near to the eye as to hide what it is held over.
+const DISTANCE: f64 = 0.2;
+const SIZE: f64 = 0.12;
 /// About 14 degrees: below the eye, at the backs of what stands between it and the mirror.
 const TILT: f64 = 0.25;
 /// Focal length of the bulge over its radius: the view is about twice as wide as a plane's.
 const BULGE: f64 = 1.5;
 
 impl Inspection {
-    /// For a scene of this radius, world units.
-    pub fn new(id: MirrorId, scene_radius: f64) -> Self {
+    pub fn new(id: MirrorId) -> Self {
         Self {
             id,
             mirror: None,
-            distance: scene_radius * DISTANCE,
+            distance: DISTANCE,
             tilt: TILT,
-            size: scene_radius * SIZE,
+            size: SIZE,
             is_bulged: false,
             surface: None,
             asked: None,
@@ -83,7 +83,8 @@ impl Inspection {
     }
 
     fn placed(&self, surface: Surface, eye: DVec3, up: DVec3) -> Mirror {
-        let position = surface.position + surface.normal * self.distance;
+        let reach = surface.position.distance(eye).max(f64::MIN_POSITIVE);
+        let position = surface.position + surface.normal * (self.distance * reach);
         let to_eye = (eye - position).normalize_or(up);
         let level = up.cross(to_eye).normalize_or(to_eye.any_orthonormal_vector());
         // The right hand's rotation about the level axis turns down what points at the eye.
@@ -101,7 +102,7 @@ impl Inspection {
             name: "inspection mirror".into(),
             position,
             rotation: DQuat::from_mat3(&DMat3::from_cols(x, y, z)),
-            ..Mirror::standing(shape, position, z, up, self.size)
+            ..Mirror::standing(shape, position, z, up, self.size * reach)
         }
     }
 }
@@ -212,11 +213,13 @@ mod tests {
         let surface = Surface { position: DVec3::new(10.0, 0.0, 0.0), normal: -DVec3::X };
         let eye = DVec3::new(0.0, 1.0, 2.0);
         for is_bulged in [false, true] {
-            let mut inspection = Inspection { is_bulged, ..Inspection::new(MirrorId(0), 10.0) };
+            let mut inspection = Inspection { is_bulged, ..Inspection::new(MirrorId(0)) };
             inspection.update(Some(surface), eye, DVec3::Z);
             let mirror = inspection.mirror.clone().unwrap();
             assert_eq!(mirror.problem(), None);
-            assert!((mirror.position - surface.position).length() - inspection.distance < 1e-9);
+            let reach = eye.distance(surface.position);
+            assert!((mirror.position.distance(surface.position) - inspection.distance * reach).abs() < 1e-9);
+            assert!((mirror.size - inspection.size * reach).abs() < 1e-9);
             // Of the side that reflects, in the middle of the mirror.
             let normal = mirror.rotation * if is_bulged { -DVec3::Z } else { DVec3::Z };
             let to_eye = (eye - mirror.position).normalize();
@@ -232,13 +235,13 @@ mod tests {
     #[test]
     fn distance_and_tilt_change_the_mirror_where_it_is() {
         let surface = Surface { position: DVec3::ZERO, normal: DVec3::Z };
-        let mut inspection = Inspection::new(MirrorId(0), 10.0);
+        let mut inspection = Inspection::new(MirrorId(0));
         inspection.update(None, DVec3::ONE, DVec3::Z);
         assert!(inspection.mirror.is_none());
         inspection.update(Some(surface), DVec3::ONE * 5.0, DVec3::Z);
         inspection.distance *= 2.0;
         inspection.update(None, DVec3::ONE * 5.0, DVec3::Z);
         let height = inspection.mirror.as_ref().unwrap().position.z;
-        assert!((height - 2.0 * DISTANCE * 10.0).abs() < 1e-9);
+        assert!((height - 2.0 * DISTANCE * (DVec3::ONE * 5.0).length()).abs() < 1e-9);
     }
 }

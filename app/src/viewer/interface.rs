@@ -410,7 +410,7 @@ mod tests {
         let mut harness = harness();
         let (progress, surfel_progress) = (Arc::new(Progress::default()), Arc::new(Progress::default()));
         progress.set_total(100);
-        harness.state_mut().add_job(Vec::new(), progress.clone(), surfel_progress.clone());
+        harness.state_mut().add_job(&[], progress.clone(), surfel_progress.clone());
         harness.run_ok();
         harness.get_by_label("Cancel").click();
         harness.run_ok();

@@ -250,12 +250,14 @@ fn existing(ui: &mut Ui, state: &mut State) {
                 PointChoice::Box { .. } => "a box".into(),
                 PointChoice::Attribute { name, low, high } => format!("{name} {low} to {high}"),
             };
-            ui.add(egui::Label::new(format!("{}: {what}", entry.cloud.name)).truncate());
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                 let button = ui.small_button("×").on_hover_text("These points are no mirror any more");
                 if button.accessible_name(format!("End {what} of {}", entry.cloud.name)).clicked() {
                     removed = Some(index);
                 }
+                ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                    ui.add(egui::Label::new(format!("{}: {what}", entry.cloud.name)).truncate());
+                });
             });
         });
     }
@@ -338,12 +340,12 @@ mod tests {
     /// Six points of which two are water, and what a worker thread would have found out about them.
     fn lake() -> State {
         let mut state = State::new(Preferences::default());
-        let job = state.add_job(Vec::new(), Arc::<Progress>::default(), Arc::default());
+        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default());
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let opened = loading::Event::Opened {
             cloud: 0,
             name: "lake.laz".into(),
-            path: Some("scans/lake.laz".into()),
+            input: "scans/lake.laz".into(),
             source: None,
             attributes,
             grid: None,

@@ -6,7 +6,7 @@ use scene::{Mirror, Shape};
 
 use super::bindings::{self, Action};
 use super::marking::{self, slider};
-use super::objects::MirrorId;
+use super::objects::{MirrorId, unnamed};
 use super::panel::name_label;
 use super::path_prompt::PathPrompt;
 use super::state::State;
@@ -64,14 +64,15 @@ fn capitalized(name: &str) -> String {
 }
 
 fn inspection(ui: &mut Ui, state: &mut State) {
-    let radius = state.bounds().radius().max(1e-6);
     let Some(held) = &mut state.inspection else { return };
     ui.label(RichText::new("Click pins it, Esc takes it away.").small().color(theme::WEAK));
-    slider(ui, "Distance", egui::Slider::new(&mut held.distance, radius * 1e-3..=radius).logarithmic(true));
+    slider(ui, "Distance", egui::Slider::new(&mut held.distance, 0.005..=0.9).logarithmic(true))
+        .on_hover_text("From the surface, as a share of the way to the eye");
     let mut tilt = held.tilt.to_degrees();
     slider(ui, "Tilt", egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°"));
     held.tilt = tilt.to_radians();
-    slider(ui, "Size", egui::Slider::new(&mut held.size, radius * 1e-3..=radius).logarithmic(true));
+    slider(ui, "Size", egui::Slider::new(&mut held.size, 0.01..=0.5).logarithmic(true))
+        .on_hover_text("Half its width, as a share of the way to the eye");
     ui.horizontal(|ui| {
         let label = name_label(ui, "Bulged");
         ui.checkbox(&mut held.is_bulged, "").labelled_by(label.id);
@@ -164,7 +165,7 @@ fn numbers(ui: &mut Ui, state: &mut State, id: MirrorId, mut mirror: Mirror) {
             .on_hover_text("Drawn as points even where its formula could be");
     });
     if mirror != before && mirror.problem().is_none() {
-        let is_moved = Mirror { name: String::new(), ..mirror.clone() } != Mirror { name: String::new(), ..before };
+        let is_moved = unnamed(&mirror) != unnamed(&before);
         if let Some(placed) = state.objects.mirror_mut(id) {
             *placed = mirror;
         }
@@ -232,13 +233,13 @@ mod tests {
     /// The panel over a scene of one point.
     fn harness() -> Harness<'static, State> {
         let mut state = State::new(Preferences::default());
-        let job = state.add_job(Vec::new(), Arc::<Progress>::default(), Arc::default());
+        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default());
         state.on_loading(
             job,
             loading::Event::Opened {
                 cloud: 0,
                 name: "cloud.ply".into(),
-                path: None,
+                input: "cloud.ply".into(),
                 source: None,
                 attributes: Vec::new(),
                 grid: None,

@@ -343,7 +343,7 @@ impl Viewer {
                 }
                 Effect::Load { inputs } => {
                     let job = loading::start(inputs.clone(), &self.state.settings);
-                    let id = self.state.add_job(inputs, job.progress.clone(), job.surfel_progress.clone());
+                    let id = self.state.add_job(&inputs, job.progress.clone(), job.surfel_progress.clone());
                     self.work("loading events", move |wake| forward(&job, id, wake));
                 }
                 Effect::FindFigures { key, cloud, basis, up } => self.work("figures", move |wake| {

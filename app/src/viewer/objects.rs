@@ -18,6 +18,11 @@ pub struct Placed {
     pub input: Option<String>,
 }
 
+/// All of a mirror but its name: what can be seen of it.
+pub fn unnamed(mirror: &Mirror) -> Mirror {
+    Mirror { name: String::new(), ..mirror.clone() }
+}
+
 /// Points of a cloud that reflect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marking {
@@ -64,11 +69,16 @@ impl Objects {
             let input = placed.input.as_deref().filter(|input| inputs.iter().any(|known| known == input));
             input.is_some_and(|input| is_whole(input) && own_mirrors(input).contains(&placed.mirror))
         };
-        let without = || built_in_name(five_mirrors::Variant::None);
+        let written = |input: &String| {
+            if is_whole(input) { input.clone() } else { built_in_name(five_mirrors::Variant::None) }
+        };
+        let markings = self.markings.iter().filter(|marking| inputs.contains(&marking.points.cloud));
+        let mirror_points =
+            markings.map(|marking| MirrorPoints { cloud: written(&marking.points.cloud), ..marking.points.clone() });
         SceneFile {
-            clouds: inputs.iter().map(|input| if is_whole(input) { input.clone() } else { without() }).collect(),
+            clouds: inputs.iter().map(written).collect(),
             mirrors: self.mirrors.iter().filter(|placed| !is_brought(placed)).map(|p| p.mirror.clone()).collect(),
-            mirror_points: self.markings.iter().map(|marking| marking.points.clone()).collect(),
+            mirror_points: mirror_points.collect(),
             ..SceneFile::default()
         }
     }
@@ -100,8 +110,11 @@ mod tests {
         assert_eq!((file.clouds.as_slice(), file.mirrors.len()), (inputs.as_slice(), 1));
         assert_eq!(file.mirrors[0].name, "torus");
         objects.mirrors.remove(0);
+        let marking = |key, cloud: &str| Marking { key: CloudKey(key), points: MirrorPoints::whole(cloud.into()) };
+        objects.markings = vec![marking(0, &inputs[0]), marking(1, "hidden.laz")];
         let file = objects.scene_file(&inputs);
         assert_eq!((file.clouds, file.mirrors.len()), (vec!["five-mirrors/none".to_string()], 4));
+        assert_eq!(file.mirror_points, [MirrorPoints::whole("five-mirrors/none".into())]);
     }
 
     #[test]

@@ -469,17 +469,14 @@ impl FrameRequest {
     }
 }
 
-/// The settings for a frame while the camera or a mirror moves: when the better one took too long last time, the quality falls
-/// to one point a pixel, and mirrors show no further mirrors. A mirror that is dragged is drawn by its formula: its points
-/// come later.
-pub fn hurried(settings: &Settings, last_careful_milliseconds: f64, a_mirror_is_dragged: bool) -> Option<Settings> {
-    // Below 20 frames a second a turn no longer feels like a turn.
-    const TOO_LONG: f64 = 50.0;
+/// The settings for a frame while the camera or a mirror moves and better ones take too long: one point a pixel, and mirrors
+/// that show no further mirrors. A mirror that is dragged is drawn by its formula: its points come later.
+pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
     let mut hurried = settings.clone();
     hurried.splat.quality = Quality::Nearest;
     hurried.reflection.bounces = settings.reflection.bounces.min(1);
     if a_mirror_is_dragged {
         hurried.mirror.surface = MirrorSurface::Exact;
     }
-    (hurried != *settings && last_careful_milliseconds > TOO_LONG).then_some(hurried)
+    hurried
 }

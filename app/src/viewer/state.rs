@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use cloud::{Bounds, Chunk, Cloud, Column, Progress, Surfels};
 use glam::DVec3;
 use render::FrameStats;
-use scene::{Camera, Mirror, MirrorPoints, Settings, SpotLight, StandardView};
+use scene::{Camera, Mirror, MirrorPoints, MirrorSurface, Settings, SpotLight, StandardView};
 use serde_json::json;
 
 use super::bindings::Mode;
@@ -21,7 +21,7 @@ use super::inspection::{self, Inspection};
 use super::marking::Draft;
 use super::messages::{Level, Messages};
 use super::navigation::{Lens, Navigation};
-use super::objects::{Marking, MirrorId, Objects, Placed};
+use super::objects::{Marking, MirrorId, Objects, Placed, unnamed};
 use super::path_prompt::PathPrompt;
 use super::preferences::Preferences;
 use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
@@ -166,7 +166,6 @@ pub struct CloudEntry {
 pub struct JobEntry {
     pub id: u32,
     pub name: String,
-    inputs: Vec<Input>,
     pub progress: Arc<Progress>,
     pub surfel_progress: Arc<Progress>,
     pub started: Instant,
@@ -383,15 +382,15 @@ impl State {
     }
 
     /// The job that the window started for `inputs`; returns its number.
-    pub fn add_job(&mut self, inputs: Vec<Input>, progress: Arc<Progress>, surfel_progress: Arc<Progress>) -> u32 {
+    pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, surfel_progress: Arc<Progress>) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
-        let name = match inputs.as_slice() {
+        let name = match inputs {
             [one] => short_name(&one.name()).to_string(),
             several => format!("{} inputs", several.len()),
         };
         let started = Instant::now();
-        self.jobs.push(JobEntry { id, name, inputs, progress, surfel_progress, started, clouds: BTreeMap::new() });
+        self.jobs.push(JobEntry { id, name, progress, surfel_progress, started, clouds: BTreeMap::new() });
         id
     }
 
@@ -399,7 +398,7 @@ impl State {
         match event {
             loading::Event::Opened {
                 name,
-                path,
+                input,
                 source,
                 attributes,
                 grid,
@@ -410,7 +409,6 @@ impl State {
                 cloud: index,
             } => {
                 let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
-                let input = self.input_name(job, path, &cloud.name);
                 let key = CloudKey(self.next_cloud);
                 self.next_cloud += 1;
                 self.render(Command::AddCloud { key, provisional_radius, expected_points });
@@ -468,18 +466,6 @@ impl State {
             }
             loading::Event::Finished => self.finish_job(job),
         }
-    }
-
-    /// The command-line word of a cloud. That of a built-in scene is named after it.
-    fn input_name(&self, job: u32, path: Option<PathBuf>, cloud: &str) -> String {
-        if let Some(path) = path {
-            return path.display().to_string();
-        }
-        let inputs = self.jobs.iter().find(|entry| entry.id == job).map_or(&[][..], |entry| &entry.inputs);
-        let names: Vec<String> =
-            inputs.iter().filter(|input| matches!(input, Input::BuiltIn { .. })).map(Input::name).collect();
-        let named = names.iter().find(|name| cloud.starts_with(name.as_str()));
-        named.or(names.first()).cloned().unwrap_or_else(|| cloud.to_string())
     }
 
     fn key_of(&self, job: u32, cloud: usize) -> Option<CloudKey> {
@@ -773,12 +759,16 @@ impl State {
             let is_current = |id: MirrorId, mirror: &Mirror| {
                 self.samples.get(&id).is_some_and(|sample| {
                     let same_area = sample.area_per_point.is_none_or(|area| area.to_bits() == area_per_point.to_bits());
-                    same_area
-                        && Mirror { name: String::new(), ..mirror.clone() }
-                            == Mirror { name: String::new(), ..sample.mirror.clone() }
+                    same_area && unnamed(mirror) == unnamed(&sample.mirror)
                 })
             };
-            let stale = self.all_mirrors().find(|(id, mirror)| !is_current(*id, mirror));
+            // What moves and is drawn by its formula needs its points when it stands still.
+            let is_held = |id: MirrorId| {
+                let by_formula = self.settings.mirror.surface != MirrorSurface::Points;
+                self.inspection.as_ref().is_some_and(|held| held.id == id && by_formula)
+                    || self.selected == Some(id) && self.gizmo.is_dragging() && self.is_slow()
+            };
+            let stale = self.all_mirrors().find(|(id, mirror)| !is_held(*id) && !is_current(*id, mirror));
             if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
                 self.sampling = Some(id);
                 self.effects.push(Effect::SampleMirror { id, mirror, area_per_point });
@@ -1000,6 +990,13 @@ impl State {
 
     // ---- frames ----
 
+    /// Whether frames in the wanted quality take too long to move by.
+    fn is_slow(&self) -> bool {
+        // Below 20 frames a second a turn no longer feels like a turn.
+        const TOO_LONG: f64 = 50.0;
+        self.careful_milliseconds > TOO_LONG
+    }
+
     /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
     pub fn request_frame(&mut self) -> Option<Duration> {
         if self.adapter.is_none() || self.view_size.contains(&0) || self.clouds.is_empty() {
@@ -1021,9 +1018,8 @@ impl State {
         };
         let rest = self.navigation.time_to_rest();
         let is_dragged = self.gizmo.is_dragging();
-        let hurried =
-            rest.and_then(|_| render_thread::hurried(&wanted.settings, self.careful_milliseconds, is_dragged));
-        if let Some(settings) = hurried {
+        let hurried = rest.filter(|_| self.is_slow()).map(|_| render_thread::hurried(&wanted.settings, is_dragged));
+        if let Some(settings) = hurried.filter(|hurried| *hurried != wanted.settings) {
             wanted.settings = settings;
             wanted.hurried = true;
         }
@@ -1271,11 +1267,11 @@ mod tests {
     /// A cloud with one attribute whose header has been read, by job 0.
     fn opened() -> (State, CloudKey) {
         let mut state = State::new(Preferences::default());
-        let job = state.add_job(Vec::new(), Arc::default(), Arc::default());
+        let job = state.add_job(&[], Arc::default(), Arc::default());
         let event = loading::Event::Opened {
             cloud: 0,
             name: "cloud.ply".into(),
-            path: None,
+            input: "cloud.ply".into(),
             source: None,
             attributes: vec![cloud::Attribute { name: "intensity".into(), column_type: cloud::ColumnType::U8 }],
             grid: None,

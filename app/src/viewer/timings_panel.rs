@@ -148,3 +148,48 @@ fn host_memory() -> Option<u64> {
     let kilobytes: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
     Some(kilobytes * 1024)
 }
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    fn stats(coverage: f64) -> FrameStats {
+        FrameStats {
+            passes: Vec::new(),
+            frame_milliseconds: 1.0,
+            points_drawn: 0,
+            points_resident: 0,
+            gpu_bytes: 0,
+            clock: Clock::Host,
+            reflection: Some(ReflectionStats {
+                mirror_pixels: 12_345,
+                coverage,
+                closed_coverage: 1.0,
+                regions: Some(2),
+                bounces: 1,
+                ..ReflectionStats::default()
+            }),
+        }
+    }
+
+    #[test]
+    fn the_history_keeps_the_last_frames_and_what_a_method_does_not_tell_is_left_out() {
+        let mut state = State::new(super::super::preferences::Preferences::default());
+        for frame in 0..REMEMBERED + 30 {
+            state.figure_history.push(&stats(frame as f64));
+        }
+        let coverage: Vec<f64> = state.figure_history.of(1).collect();
+        assert_eq!((coverage.len(), coverage[0]), (REMEMBERED, 30.0));
+        let mut harness = egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui_state(
+            |ui, state: &mut State| reflections(ui, state, &stats(0.5).reflection.unwrap_or_default()),
+            state,
+        );
+        harness.run();
+        for shown in ["Mirror pixels", "12,345", "Coverage", "50.00 %", "Regions"] {
+            assert!(harness.query_all_by_label(shown).next().is_some(), "{shown}");
+        }
+        assert!(harness.query_by_label("Hit rate").is_none());
+    }
+}
