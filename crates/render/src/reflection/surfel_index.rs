@@ -44,15 +44,13 @@ struct TreePlace {
 #[derive(Default)]
 pub(crate) struct SurfelIndex {
     pages: Vec<IndexPage>,
-    /// Revision, place and number of nodes of each chunk that is indexed.
+    /// Chunks whose trees are at hand.
     chunks: HashMap<ChunkId, Indexed>,
 }
 
-#[derive(Clone, Copy, PartialEq)]
+/// What a chunk's tree was made from, and how many nodes it has.
 struct Indexed {
     revision: u64,
-    page: usize,
-    first: u32,
     provisional_radius: f32,
     nodes: u32,
 }
@@ -76,15 +74,13 @@ impl SurfelIndex {
         self.make_room(gpu, store)?;
         let place = |(id, class_mask): &(ChunkId, u32)| Some((*id, store.placed(*id)?, *class_mask));
         let placed: Vec<_> = supply.chunks.iter().filter_map(place).collect();
-        let stale: Vec<_> = placed
-            .iter()
-            .filter(|(id, chunk, _)| {
-                self.chunks.get(id).is_none_or(|indexed| {
-                    (indexed.revision, indexed.page, indexed.first, indexed.provisional_radius)
-                        != (chunk.revision, chunk.page, chunk.first, chunk.provisional_radius)
-                })
+        // What has changed, has gone or is another store's: its room may belong to others by now.
+        self.chunks.retain(|id, indexed| {
+            store.placed(*id).is_some_and(|chunk| {
+                (chunk.revision, chunk.provisional_radius) == (indexed.revision, indexed.provisional_radius)
             })
-            .collect();
+        });
+        let stale: Vec<_> = placed.iter().filter(|(id, ..)| !self.chunks.contains_key(id)).collect();
         // In batches: trees of a whole large cloud would take as much memory as the cloud.
         for batch in stale.chunks(16) {
             let trees: Vec<SurfelTree> =
@@ -98,8 +94,6 @@ impl SurfelIndex {
                 gpu.queue.write_buffer(&page.order, first * 4, bytemuck::cast_slice(&order));
                 let indexed = Indexed {
                     revision: chunk.revision,
-                    page: chunk.page,
-                    first: chunk.first,
                     provisional_radius: chunk.provisional_radius,
                     nodes: tree.nodes.len() as u32,
                 };
