@@ -1,6 +1,6 @@
 //! Reflections on the GPU against closed forms, and the laws they obey. One renderer for all tests: software Vulkan
-//! compiles each pass for half a second. Of the methods those are tried that trace reflected rays; they share all but where
-//! a ray starts. SSCR has tests of its own beside its code.
+//! compiles each pass for half a second. Of the methods those are tried that trace reflected rays; they share all but
+//! where a ray starts. SSCR has tests of its own beside its code.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
