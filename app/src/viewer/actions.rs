@@ -77,10 +77,7 @@ impl State {
                 *strength = if *strength > 0.0 { 0.0 } else { scene::Edl::default().strength };
             }
             Action::Open => self.effects.push(Effect::OpenDialog),
-            Action::OpenPath => {
-                self.path_prompt = Some(PathPrompt::default());
-                self.prompt_is_for_mirror = false;
-            }
+            Action::OpenPath => self.path_prompt = Some(PathPrompt::default()),
             Action::CopyView => {
                 let text = SceneFile { clouds: Vec::new(), ..self.scene_file(&self.settings) }.to_text();
                 self.effects.push(Effect::Copy(text));

@@ -49,10 +49,11 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
     pick_panel::show(ui.ctx(), ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0)), state);
     bindings::sheet_window(ui.ctx(), &mut state.shortcuts_are_open);
     if let Some(prompt) = &mut state.path_prompt {
+        let is_for_mirror = prompt.is_for_mirror;
         let is_done = match prompt.show(ui.ctx()) {
             Some(Outcome::Open(path)) => {
                 let is_opened = state.open(std::slice::from_ref(&path));
-                if is_opened && state.prompt_is_for_mirror {
+                if is_opened && is_for_mirror {
                     state.await_marking(MirrorPoints::whole(path));
                 }
                 is_opened

@@ -53,8 +53,7 @@ fn add_menu(ui: &mut Ui, state: &mut State) {
         }
         ui.separator();
         if ui.button("Cloud file…").on_hover_text("Opens a cloud whose points are the mirror").clicked() {
-            state.path_prompt = Some(PathPrompt::because("The points of this file will be a mirror."));
-            state.prompt_is_for_mirror = true;
+            state.path_prompt = Some(PathPrompt::for_mirror());
         }
     });
 }

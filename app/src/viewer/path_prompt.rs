@@ -14,6 +14,8 @@ pub struct PathPrompt {
     listed: Option<String>,
     /// Why the prompt came up by itself.
     reason: Option<&'static str>,
+    /// The points of what is opened are to be a mirror.
+    pub is_for_mirror: bool,
     is_shown: bool,
 }
 
@@ -32,6 +34,11 @@ impl PathPrompt {
     /// A prompt that comes up by itself says why.
     pub fn because(reason: &'static str) -> Self {
         Self { reason: Some(reason), ..Self::default() }
+    }
+
+    /// For a file whose points are to be a mirror.
+    pub fn for_mirror() -> Self {
+        Self { is_for_mirror: true, ..Self::because("The points of this file will be a mirror.") }
     }
 
     /// Draws the prompt; says when it ends.

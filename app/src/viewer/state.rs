@@ -215,8 +215,6 @@ pub struct State {
     pub draft: Draft,
     /// Of scene files whose clouds are still to come.
     awaited_markings: Vec<MirrorPoints>,
-    /// What the prompt opens is to be a mirror.
-    pub prompt_is_for_mirror: bool,
     pub figure_history: FigureHistory,
     pub camera: Camera,
     /// Someone chose the camera: loading no longer moves it.
@@ -279,7 +277,6 @@ impl State {
             area_per_point: None,
             draft: Draft::default(),
             awaited_markings: Vec::new(),
-            prompt_is_for_mirror: false,
             figure_history: FigureHistory::default(),
             camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
             camera_is_placed: false,
@@ -1293,6 +1290,26 @@ mod tests {
         state.on_found(Found::Column { key, attribute: 0, result: Err("gone".into()) });
         assert_eq!(state.columns_under_way().count(), 0);
         assert!(state.messages.all.last().is_some_and(|message| message.text == "intensity: gone"));
+    }
+
+    #[test]
+    fn a_cloud_that_is_opened_as_a_mirror_reflects_when_it_has_come_and_is_no_step_of_undo() {
+        let (mut state, key) = opened();
+        state.history.watch(&state.settings, &state.objects, false);
+        state.await_marking(MirrorPoints::whole("cloud.ply".into()));
+        state.await_marking(MirrorPoints::whole("gone.ply".into()));
+        let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
+        state.on_loading(0, loading::Event::Chunk { cloud: 0, chunk });
+        state.sync_objects();
+        assert!(state.objects.markings.is_empty(), "its points are still to come");
+        state.on_loading(0, loading::Event::Finished);
+        assert_eq!(state.objects.markings, [Marking { key, points: MirrorPoints::whole("cloud.ply".into()) }]);
+        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("gone.ply")));
+        assert!(!state.history.undo(&mut state.settings, &mut state.objects, &mut state.camera));
+        state.sync_objects();
+        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::MarkPoints { .. })));
+        state.remove_cloud(key);
+        assert!(state.objects.markings.is_empty());
     }
 
     #[test]
