@@ -11,6 +11,8 @@ pub enum Aov {
     Albedo,
     /// 1 where the specular intensity is above 0, else 0.
     Mirror,
+    /// Share of the light that is reflected, 0 to 1.
+    SpecularIntensity,
     /// World position.
     Position,
     /// Shaded colour before tone mapping, linear RGB.
@@ -30,11 +32,12 @@ pub enum Aov {
 }
 
 impl Aov {
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Depth,
         Self::Normal,
         Self::Albedo,
         Self::Mirror,
+        Self::SpecularIntensity,
         Self::Position,
         Self::Color,
         Self::Direct,
@@ -51,6 +54,7 @@ impl Aov {
             Self::Normal => "normal",
             Self::Albedo => "albedo",
             Self::Mirror => "mirror",
+            Self::SpecularIntensity => "specular_intensity",
             Self::Position => "position",
             Self::Color => "color",
             Self::Direct => "direct",
@@ -66,7 +70,7 @@ impl Aov {
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Depth => &["Z"],
-            Self::Mirror | Self::Curvature | Self::Regions => &["Y"],
+            Self::Mirror | Self::SpecularIntensity | Self::Curvature | Self::Regions => &["Y"],
             Self::Albedo | Self::Color | Self::Direct | Self::MirrorAlbedo => &["R", "G", "B"],
             Self::MirrorPosition => &["X", "Y", "Z", "A"],
             Self::Normal | Self::Position | Self::MirrorNormal => &["X", "Y", "Z"],

@@ -235,11 +235,45 @@ impl Renderer {
         self.gpu.read_texture(&self.rendered()?.picture.texture)
     }
 
+    /// Makes the last frame's picture anew, of other colours: linear red, green and blue of each pixel, rows top to bottom.
+    /// `store` and `settings` are those of the frame.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, not a colour for each pixel, or the device was lost.
+    pub fn present(&mut self, store: &PointStore, settings: &Settings, color: &[[f32; 3]]) -> Result<()> {
+        let camera = self.camera.ok_or_else(nothing_rendered)?;
+        let Self { gpu, targets: Some(targets), .. } = self else { return Err(nothing_rendered()) };
+        let [width, height] = targets.size;
+        if color.len() != width as usize * height as usize {
+            return Err(Error::Shader(format!("{} colours for a picture of {width} x {height}", color.len())));
+        }
+        let image = Image::new(&gpu.device, targets.size, "color", wgpu::TextureFormat::Rgba32Float);
+        let texels: Vec<[f32; 4]> = color.iter().map(|[red, green, blue]| [*red, *green, *blue, 1.0]).collect();
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 16), rows_per_image: Some(height) };
+        let texture = &image.texture;
+        gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(&texels), layout, texture.size());
+        let inputs = Inputs::new(gpu, camera, settings, store, &DrawList::default());
+        let mut recorder = Recorder::new(gpu, &mut self.pipelines);
+        let resources = [image.bind(), targets.surface().depth.bind(), targets.picture.bind()];
+        recorder.over_pixels(&passes::PRESENT, &[], &inputs, &resources)?;
+        recorder.finish()?;
+        Ok(())
+    }
+
     /// One of the last frame's linear images.
     ///
     /// # Errors
     /// Nothing was rendered yet, no reflections for an image of them, or the device was lost.
     pub fn read_aov(&self, aov: Aov) -> Result<AovImage> {
+        self.read_aov_from(aov, DVec3::ZERO)
+    }
+
+    /// The same with positions from `origin`: 32-bit world coordinates of a survey are no finer than half a metre.
+    ///
+    /// # Errors
+    /// As `read_aov`.
+    pub fn read_aov_from(&self, aov: Aov, origin: DVec3) -> Result<AovImage> {
         let targets = self.rendered()?;
         let camera = self.camera.ok_or_else(nothing_rendered)?;
         let surface = targets.surface();
@@ -249,7 +283,7 @@ impl Renderer {
         let per_pixel: Vec<f32> = match aov {
             Aov::Depth => depth.clone(),
             Aov::Normal => floats32(&read(&surface.normal)?),
-            Aov::Albedo | Aov::Mirror => floats16(&read(&surface.albedo)?),
+            Aov::Albedo | Aov::Mirror | Aov::SpecularIntensity => floats16(&read(&surface.albedo)?),
             Aov::Color => floats16(&read(&targets.color)?),
             Aov::Direct => floats16(&read(&targets.direct)?),
             Aov::Position => Vec::new(),
@@ -287,12 +321,14 @@ impl Renderer {
             match aov {
                 Aov::Depth => data.push((f64::from(depth) - camera.moved_back) as f32),
                 Aov::Mirror => data.push(if four()[3] > 0.0 { 1.0 } else { 0.0 }),
+                Aov::SpecularIntensity => data.push(four()[3]),
                 Aov::Position => {
                     let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
-                    data.extend(camera.world_from_pixel(x, y, f64::from(depth)).as_vec3().to_array());
+                    data.extend((camera.world_from_pixel(x, y, f64::from(depth)) - origin).as_vec3().to_array());
                 }
                 Aov::MirrorPosition => {
-                    let [x, y, z] = [0, 1, 2].map(|axis| (f64::from(four()[axis]) + camera.eye[axis]) as f32);
+                    let from = camera.eye - origin;
+                    let [x, y, z] = [0, 1, 2].map(|axis| (f64::from(four()[axis]) + from[axis]) as f32);
                     data.extend([x, y, z, four()[3]]);
                 }
                 // The highest bit only says that there is a mirror.

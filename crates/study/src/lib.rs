@@ -12,4 +12,7 @@ pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_inp
 pub use metrics::{Accuracy, ImageError, Percentiles, Truth, image_error};
 pub use stage::Stage;
 /// What the truth is traced in and for; the program knows `trace` through here.
-pub use trace::{Exact, Illumination, Part, PixelRays, Surfels, Viewpoint};
+pub use trace::{
+    Exact, Hit, Illumination, MirrorPoint, Part, PixelRays, Surfels, Viewpoint, linear_from_srgb, primary, radiance,
+    reflected,
+};

@@ -18,4 +18,4 @@ pub use exact::Exact;
 pub use light::{Illumination, direct, picture, radiance, reflected_picture};
 pub use ray::{Geometry, Hit, Ray, SELF_DISTANCE};
 pub use reflection::{MirrorPoint, Reflection, mirrored, primary, reflected};
-pub use surfels::{Part, Surfels};
+pub use surfels::{Part, Surfels, linear_from_srgb};

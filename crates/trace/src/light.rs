@@ -1,4 +1,4 @@
-//! Light: spot lights with shadows on Lambertian surfaces, blended with what mirrors reflect.
+//! Light: spot lights with shadows on Lambertian surfaces, or a lamp at the eye, blended with what mirrors reflect.
 //!
 //! The definition, which is the renderer's: a diffuse surface sends out albedo / pi times its irradiance. A mirror shows its
 //! share (the specular intensity, and more by Fresnel's law as far as `scene::MirrorSettings` asks for it) of what arrives along
@@ -18,6 +18,9 @@ use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 #[derive(Clone, Copy, Debug)]
 pub struct Illumination<'a> {
     pub lights: &'a [SpotLight],
+    /// Instead of the lights: a lamp at the eye, or at the mirror point that sees a surface, whose share (0 to 1) of the picture
+    /// falls with the angle that a surface is seen at; at 0 surfaces show their own colours.
+    pub lamp: Option<f64>,
     /// Mirrors that a ray is followed over.
     pub bounces: u32,
     pub mirror: &'a MirrorSettings,
@@ -41,9 +44,9 @@ pub fn picture(
 
 /// Light that a hit sends back along the ray that arrives in `direction`.
 pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
-    let Illumination { lights, bounces, mirror, .. } = *illumination;
+    let Illumination { bounces, mirror, .. } = *illumination;
     if bounces == 0 || hit.specular_intensity <= 0.0 {
-        return direct(geometry, hit, lights);
+        return diffuse(geometry, hit, direction, illumination);
     }
     // Schlick 1994: all of it is reflected, without a tint, the flatter the ray.
     let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0);
@@ -52,8 +55,16 @@ pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illuminat
     let tint = DVec3::ONE.lerp(hit.albedo, f64::from(mirror.tint) * (1.0 - grazing));
     let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
     let reflected = tint * reflected_light(geometry, &point, illumination);
-    let own = if share < 1.0 { direct(geometry, hit, lights) } else { DVec3::ZERO };
+    let own = if share < 1.0 { diffuse(geometry, hit, direction, illumination) } else { DVec3::ZERO };
     own.lerp(reflected, share)
+}
+
+/// Light of a hit's diffuse part, seen along `direction`.
+fn diffuse(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
+    match illumination.lamp {
+        None => direct(geometry, hit, illumination.lights),
+        Some(share) => hit.albedo * (1.0 - share + share * direction.dot(hit.normal).abs().min(1.0)),
+    }
 }
 
 /// Light that reaches a mirror point along the reflected ray.
@@ -185,7 +196,7 @@ mod tests {
         assert!(own.x > 0.0 && reflected.x > 0.0);
         let seen = |bounces, tint, fresnel| {
             let mirror = &MirrorSettings { tint, fresnel, ..MirrorSettings::default() };
-            let illumination = Illumination { lights: &lights, bounces, mirror, background: DVec3::ONE };
+            let illumination = Illumination { lights: &lights, lamp: None, bounces, mirror, background: DVec3::ONE };
             radiance(&geometry, &hit, direction, &illumination)
         };
         let grazing = (1.0 + direction.z).powi(5);
@@ -206,11 +217,30 @@ mod tests {
     }
 
     #[test]
+    fn a_lamp_at_the_eye_dims_what_is_seen_at_an_angle() {
+        let geometry = Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], 1.0), wall(-5.0, 3.0, ALBEDO, 0.0)]);
+        let (hit, direction) = seen_at(&geometry, 0.3);
+        let seen = |lamp, bounces| {
+            let mirror = &MirrorSettings::default();
+            let illumination =
+                Illumination { lights: &[light()], lamp: Some(lamp), bounces, mirror, background: DVec3::ONE };
+            radiance(&geometry, &hit, direction, &illumination)
+        };
+        let cosine = -direction.z;
+        for (share, lit) in [(0.0, 1.0), (0.5, 0.5 + 0.5 * cosine), (1.0, cosine)] {
+            assert!(seen(share, 0).distance(DVec3::splat(0.5 * lit)) < 1e-12, "share {share}");
+            // The ceiling is parallel to the mirror, so that the reflected ray meets it at the same angle.
+            assert!(seen(share, 1).distance(DVec3::from(ALBEDO) * lit) < 1e-12, "reflected, share {share}");
+        }
+    }
+
+    #[test]
     fn mirrors_show_the_background_where_nothing_is() {
         let geometry = Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], 1.0)]);
         let (hit, direction) = seen_at(&geometry, 0.3);
         let background = DVec3::new(0.1, 0.2, 0.3);
-        let illumination = Illumination { lights: &[], bounces: 2, mirror: &MirrorSettings::default(), background };
+        let illumination =
+            Illumination { lights: &[], lamp: None, bounces: 2, mirror: &MirrorSettings::default(), background };
         assert_eq!(radiance(&geometry, &hit, direction, &illumination), background);
     }
 
@@ -220,7 +250,8 @@ mod tests {
         let geometry = Exact::five_mirrors(Variant::Torus);
         let settings = MirrorSettings::default();
         let lights = [five_mirrors::light()];
-        let illumination = Illumination { lights: &lights, bounces: 3, mirror: &settings, background: DVec3::ZERO };
+        let illumination =
+            Illumination { lights: &lights, lamp: None, bounces: 3, mirror: &settings, background: DVec3::ZERO };
         let none = Progress::default();
         let (colors, seen) = (picture(&geometry, &rays, &illumination, &none), primary(&geometry, &rays, &none));
         let (mut points, mut expected) = (Vec::new(), Vec::new());

@@ -159,7 +159,7 @@ mod tests {
                     .collect();
                 let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
                 let illumination =
-                    Illumination { lights: &lights, bounces: 2, mirror: &mirrors, background: DVec3::ZERO };
+                    Illumination { lights: &lights, lamp: None, bounces: 2, mirror: &mirrors, background: DVec3::ZERO };
                 picture(&surfels, &rays, &illumination, &Progress::default()).unwrap()
             })
         };

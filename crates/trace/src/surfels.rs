@@ -187,7 +187,7 @@ impl Surfels {
         let point = disc.point - surface.first;
         let normal = disc.normal.as_dvec3().normalize_or(-ray.direction);
         let albedo = surface.chunk.colors.as_ref().map(|colors| {
-            let [red, green, blue, _] = colors[point as usize].map(linear);
+            let [red, green, blue, _] = colors[point as usize].map(linear_from_srgb);
             DVec3::new(red, green, blue)
         });
         Hit {
@@ -283,7 +283,7 @@ impl Disc {
 }
 
 /// 8-bit sRGB to linear (IEC 61966-2-1).
-fn linear(value: u8) -> f64 {
+pub fn linear_from_srgb(value: u8) -> f64 {
     let value = f64::from(value) / 255.0;
     if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
