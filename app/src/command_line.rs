@@ -82,12 +82,17 @@ pub struct RenderArguments {
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, color, mirror_position,
-    /// mirror_albedo, mirror_normal, regions or curvature
+    /// mirror_albedo, mirror_normal, specular_intensity, regions, curvature; reference_position and reference_color are
+    /// traced on the CPU
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = parse_pair)]
     pub aov: Vec<(String, String)>,
     /// Write times, counts and memory as JSON
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
+    /// Measure how accurate the reflections in --stats are, by rays through the same points (same_input), or through the
+    /// formulas of a built-in scene (exact)
+    #[arg(long, value_name = "same_input|exact", value_parser = parse_truth, requires = "stats")]
+    pub truth: Option<study::Truth>,
     /// Frames whose times --stats takes the median of, after one to warm up; 1 if not given
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: Option<u32>,
@@ -126,6 +131,14 @@ fn parse_size(text: &str) -> Result<[u32; 2], String> {
         Ok(size)
     } else {
         Err(format!("each side must be from 1 to {LARGEST_SIDE} pixels"))
+    }
+}
+
+fn parse_truth(text: &str) -> Result<study::Truth, String> {
+    match text {
+        "same_input" => Ok(study::Truth::SameInput),
+        "exact" => Ok(study::Truth::Exact),
+        _ => Err("expected same_input or exact".into()),
     }
 }
 
@@ -192,6 +205,8 @@ mod tests {
             &["glint", "render", "a.laz", "-o", "a.png", "--size", "big"],
             &["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"],
             &["glint", "render", "a.laz", "-o", "a.png", "--frames", "0"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--truth", "exact"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
             &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
             &["glint", "info"],
             &["glint", "--nonsense"],

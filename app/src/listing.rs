@@ -7,7 +7,7 @@ use param::{Choice as _, Field, Group, Kind, Value};
 use scene::{Method, Settings, five_mirrors};
 use serde_json::json;
 
-use crate::loading;
+use crate::{loading, truth};
 
 /// A line of help for each reflection method.
 fn method_help(method: Method) -> &'static str {
@@ -26,16 +26,16 @@ fn all_methods() -> impl Iterator<Item = Method> {
     (0..Method::NAMES.len() as u32).filter_map(Method::from_index)
 }
 
+/// All that `glint render --method` takes. The ray tracer is none of the renderer's methods, and not in the viewer.
+fn methods_with_help() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let of_renderer = all_methods().map(|method| (method.name(), method_help(method)));
+    of_renderer
+        .chain([(truth::RAY_TRACE, "Reflected rays traced through the points on the CPU: the truth (glint render)")])
+}
+
 /// Names that are fixed for methods of later versions, so that asking for one is not taken for a spelling mistake.
-pub const LATER_METHODS: [&str; 7] = [
-    "environment_map",
-    "mirrored_viewpoint",
-    "cubemap_trace",
-    "screen_trace",
-    "sample_cameras",
-    "light_field",
-    "ray_trace",
-];
+pub const LATER_METHODS: [&str; 6] =
+    ["environment_map", "mirrored_viewpoint", "cubemap_trace", "screen_trace", "sample_cameras", "light_field"];
 
 /// Every parameter: its key and its line of the table.
 fn parameters() -> Vec<(String, Field)> {
@@ -51,15 +51,14 @@ fn parameters() -> Vec<(String, Field)> {
 /// If standard output cannot be written.
 pub fn methods(as_json: bool) -> anyhow::Result<()> {
     if as_json {
-        let methods: Vec<_> =
-            all_methods().map(|method| json!({"name": method.name(), "help": method_help(method)})).collect();
+        let methods: Vec<_> = methods_with_help().map(|(name, help)| json!({"name": name, "help": help})).collect();
         let parameters: Vec<_> = parameters().iter().map(|(key, field)| parameter_json(key, field)).collect();
         let listing = json!({"methods": methods, "parameters": parameters});
         return crate::print(&(serde_json::to_string_pretty(&listing)? + "\n"));
     }
     let mut text = String::from("Reflection methods (--method NAME)\n");
-    for method in all_methods() {
-        let _ = writeln!(text, "  {:<24}{}", method.name(), method_help(method));
+    for (name, help) in methods_with_help() {
+        let _ = writeln!(text, "  {name:<24}{help}");
     }
     text.push_str("\nParameters (--set KEY=VALUE)\n");
     for (key, field) in parameters() {
@@ -268,7 +267,7 @@ mod tests {
 
     #[test]
     fn present_and_later_methods_do_not_overlap() {
-        assert!(all_methods().all(|method| !LATER_METHODS.contains(&method.name())));
+        assert!(methods_with_help().all(|(name, _)| !LATER_METHODS.contains(&name)));
         assert_eq!(all_methods().count(), Method::NAMES.len());
     }
 }

@@ -10,6 +10,7 @@ mod mirrors;
 mod picture_file;
 mod progress_bar;
 mod render_command;
+mod truth;
 mod viewer;
 
 use std::io::Write as _;

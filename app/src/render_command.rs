@@ -20,6 +20,7 @@ use serde::Serialize;
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
 use crate::loading::{self, Event, Input, Request};
+use crate::truth::{self, Asked, Reference};
 use crate::{listing, mirrors, picture_file, progress_bar};
 
 /// Renders; the exit status is 2 if one of several inputs could not be read and the picture shows the others.
@@ -27,7 +28,7 @@ use crate::{listing, mirrors, picture_file, progress_bar};
 /// # Errors
 /// Bad usage, nothing that can be read, no adapter, a file that cannot be written.
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
-    let images = images(arguments)?;
+    let (images, references) = images(arguments)?;
     let mut request = loading::resolve(&arguments.inputs);
     request.check()?;
     spare_inputs(arguments, &request)?;
@@ -45,8 +46,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     if let Some(bounces) = arguments.bounces {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
     }
+    let asked = Asked::new(arguments, references, &request)?;
     for (aov, _) in &images {
-        check_is_made(*aov, &settings)?;
+        check_is_made(*aov, &settings, &asked)?;
     }
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     let largest = gpu.device.limits().max_texture_dimension_2d;
@@ -71,10 +73,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let camera = viewpoint.camera(&outline, up, &settings, arguments.size);
     let mut store = PointStore::new(gpu.clone());
     store.reserve(clouds.iter().map(|loaded| loaded.cloud.len()).sum());
+    let mut parts = Vec::new();
     for loaded in &mut clouds {
         let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
         let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
-        upload(&mut store, loaded, &reflecting, &settings)?;
+        parts.extend(upload(&mut store, loaded, &reflecting, &settings)?);
     }
     for points in &request.mirror_points {
         if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
@@ -83,6 +86,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     for (mirror, samples) in &placed {
         mirrors::upload(&mut store, mirror, samples)?;
+        parts.push(truth::Part::of_mirror(mirror, samples));
     }
     let placed: Vec<Mirror> = placed.into_iter().map(|(mirror, _)| mirror).collect();
     let objects = Objects { mirrors: &placed, lights: &request.lights };
@@ -101,29 +105,49 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     if renderer.read_aov(Aov::Depth)?.data.iter().all(|depth| depth.is_nan()) {
         crate::complain("warning: the picture is empty, the camera looks past all points");
     }
+    let drawn = truth::Picture {
+        parts: &parts,
+        store: &store,
+        camera: &camera,
+        settings: &settings,
+        objects,
+        size: arguments.size,
+    };
+    let traced = truth::trace(&asked, &drawn, &mut renderer)?;
     picture_file::write_png(&arguments.output, arguments.size, &renderer.read_picture()?)?;
     for (aov, path) in &images {
-        picture_file::write_exr(path, &renderer.read_aov(*aov)?)?;
+        match traced.image(*aov) {
+            Some(image) => picture_file::write_exr(path, image)?,
+            None => picture_file::write_exr(path, &renderer.read_aov(*aov)?)?,
+        }
+    }
+    for (path, image) in &traced.references {
+        picture_file::write_exr(path, image)?;
     }
     if let Some(path) = &arguments.stats {
-        let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?);
+        let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?).with(traced);
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(if failures > 0 { 2 } else { 0 })
 }
 
 fn method(name: &str) -> anyhow::Result<Method> {
+    if name == truth::RAY_TRACE {
+        // The frame's surface is the renderer's; what mirrors show is put into it afterwards.
+        return Ok(Method::None);
+    }
     if let Some(index) = Method::NAMES.iter().position(|known| *known == name) {
         return Ok(Method::from_index(index as u32).unwrap_or(Method::Auto));
     }
     let problem = if listing::LATER_METHODS.contains(&name) { "is not in this version yet" } else { "is unknown" };
-    Err(usage(format!("--method: `{name}` {problem}; available: {}", Method::NAMES.join(", "))))
+    let available = Method::NAMES.join(", ");
+    Err(usage(format!("--method: `{name}` {problem}; available: {available}, {}", truth::RAY_TRACE)))
 }
 
 /// Refuses an image that the settings do not make.
-fn check_is_made(aov: Aov, settings: &Settings) -> anyhow::Result<()> {
+fn check_is_made(aov: Aov, settings: &Settings, asked: &Asked) -> anyhow::Result<()> {
     let (method, name) = (settings.reflection.method, aov.name());
-    let is_looked_for = method != Method::None && settings.reflection.bounces > 0;
+    let is_looked_for = (method != Method::None || asked.makes(aov)) && settings.reflection.bounces > 0;
     match aov {
         Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal if !is_looked_for => Err(usage(format!(
             "--aov: `{name}` is of what mirrors show; it needs a --method and at least one of --bounces"
@@ -136,23 +160,30 @@ fn check_is_made(aov: Aov, settings: &Settings) -> anyhow::Result<()> {
 }
 
 /// AOVs of INTERFACE that belong to parts of the program this version does not have.
-const LATER_AOVS: [&str; 3] = ["indirect", "reference_position", "reference_color"];
+const LATER_AOVS: [&str; 1] = ["indirect"];
+
+/// Images of `--aov`, and where they go: the renderer's, and those of the truth.
+type Images = (Vec<(Aov, PathBuf)>, Vec<(Reference, PathBuf)>);
 
 /// The images of `--aov`, once it is sure that every file of the run has a place of its own.
-fn images(arguments: &RenderArguments) -> anyhow::Result<Vec<(Aov, PathBuf)>> {
+fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
     let mut files = vec![arguments.output.clone()];
     needs_extension(&arguments.output, "png")?;
-    let mut images = Vec::new();
+    let (mut images, mut references) = (Vec::new(), Vec::new());
     for (name, path) in &arguments.aov {
-        let Some(aov) = Aov::ALL.into_iter().find(|aov| aov.name() == name) else {
+        let aov = Aov::ALL.into_iter().find(|aov| aov.name() == name);
+        let reference = Reference::ALL.into_iter().find(|reference| reference.name() == name);
+        if aov.is_none() && reference.is_none() {
             let problem = if LATER_AOVS.contains(&name.as_str()) { "is not in this version yet" } else { "is unknown" };
-            let available = Aov::ALL.map(Aov::name).join(", ");
+            let names = Aov::ALL.map(Aov::name).into_iter().chain(Reference::ALL.map(Reference::name));
+            let available = names.collect::<Vec<_>>().join(", ");
             return Err(usage(format!("--aov: `{name}` {problem}; available: {available}")));
-        };
+        }
         let path = PathBuf::from(path);
         needs_extension(&path, "exr")?;
         files.push(path.clone());
-        images.push((aov, path));
+        images.extend(aov.map(|aov| (aov, path.clone())));
+        references.extend(reference.map(|reference| (reference, path)));
     }
     if let Some(path) = &arguments.stats {
         if !picture_file::is_special(path) {
@@ -169,7 +200,7 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Vec<(Aov, PathBuf)>> {
         }
         places.push(place);
     }
-    Ok(images)
+    Ok((images, references))
 }
 
 /// Refuses outputs that would replace something the run reads.
@@ -325,13 +356,13 @@ fn load(inputs: Vec<Input>, settings: &Settings) -> anyhow::Result<Loads> {
 }
 
 /// Puts a cloud on the GPU in the colours that the settings ask for, and those of its points that reflect as clouds of their
-/// own.
+/// own; gives back what it put there.
 fn upload(
     store: &mut PointStore,
     loaded: &mut Loaded,
     reflecting: &[&MirrorPoints],
     settings: &Settings,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Vec<truth::Part>> {
     let (plan, warning) = ColorPlan::new(&loaded.cloud, &settings.color, loaded.up);
     if let Some(warning) = warning {
         crate::complain(&format!("warning: {warning}"));
@@ -360,6 +391,7 @@ fn upload(
         }
     }
     let classification = loaded.cloud.attributes.iter().position(|attribute| attribute.name == "classification");
+    let mut uploaded = Vec::new();
     for (material, mut chunks) in parts {
         chunks.retain(|chunk| !chunk.is_empty());
         let id = store.add_cloud(material);
@@ -370,9 +402,17 @@ fn upload(
             let classes = if let Some(cloud::Column::U8(classes)) = classes { Some(classes.as_slice()) } else { None };
             ids.push(store.add_chunk(id, chunk, classes)?);
         }
-        store.set_color(id, &Cloud { chunks, ..loaded.cloud.clone() }, &ids, &plan, loaded.up)?;
+        let cloud = Cloud {
+            name: loaded.cloud.name.clone(),
+            attributes: loaded.cloud.attributes.clone(),
+            grid: loaded.cloud.grid,
+            chunks,
+        };
+        store.set_color(id, &cloud, &ids, &plan, loaded.up)?;
+        let specular_intensity = material.specular_intensity;
+        uploaded.push(truth::Part { cloud, specular_intensity, plan: plan.clone(), up: loaded.up });
     }
-    Ok(())
+    Ok(uploaded)
 }
 
 /// Pixels that are a mirror, whether or not it was asked what they show.
@@ -401,7 +441,7 @@ struct Stats {
     regions: Option<u32>,
     bounces: u32,
     memory: MemoryStats,
-    accuracy: Option<f64>,
+    accuracy: Option<study::Accuracy>,
 }
 
 #[derive(Serialize)]
@@ -483,6 +523,20 @@ impl Stats {
             accuracy: None,
         }
     }
+
+    /// With what the ray tracer had to say; as the method, its figures stand for those of the renderer.
+    fn with(mut self, traced: truth::Outcome) -> Self {
+        self.accuracy = traced.accuracy;
+        if let Some(method) = traced.method {
+            self.method = truth::RAY_TRACE;
+            self.set.remove("reflection.method");
+            self.passes.push(PassStats { name: truth::RAY_TRACE, ms: method.milliseconds });
+            self.frame_ms += method.milliseconds;
+            (self.coverage, self.closed_coverage) = (method.coverage, method.coverage);
+            self.bounces = method.bounces;
+        }
+        self
+    }
 }
 
 fn set_values(settings: &Settings, said: &[&str]) -> BTreeMap<String, serde_json::Value> {
@@ -546,7 +600,12 @@ mod tests {
         assert!(refusal(&[&[scene, "-o", "a.png", "--method", "none"][..], &blind].concat()).contains("--method"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "regions=b.exr"]).contains("--method sscr"));
         assert!(refusal(&[scene, "-o", "a.jpg"]).contains(".png"));
-        assert!(refusal(&[scene, "-o", "a.png", "--aov", "reference_color=b.exr"]).contains("not in this version yet"));
+        assert!(refusal(&[scene, "-o", "a.png", "--aov", "indirect=b.exr"]).contains("not in this version yet"));
+        let exact = ["--truth", "exact", "--stats", "b.json"];
+        let two = refusal(&[&[scene, "five-mirrors/torus", "-o", "a.png"], &exact[..]].concat());
+        assert!(two.contains("--truth exact") && two.contains("five-mirrors/sphere, five-mirrors/torus"), "{two}");
+        let traced = ["--method", "ray_trace", "--aov", "regions=b.exr"];
+        assert!(refusal(&[&[scene, "-o", "a.png"], &traced[..]].concat()).contains("--method sscr"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "dept=b.exr"]).contains("available: depth, normal"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "depth=b.png"]).contains(".exr"));
         assert!(

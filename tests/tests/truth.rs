@@ -1,0 +1,283 @@
+//! The truth through the real program: the ray tracer's images against closed forms, the figures that come from them, and the
+//! ray tracer as a method.
+
+use std::path::Path;
+
+use exr::prelude::read_first_flat_layer_from_file;
+use serde_json::Value;
+use tests::{Folder, Outcome};
+
+const WIDTH: usize = 160;
+const HEIGHT: usize = 120;
+const SCENE: &str = "five-mirrors/sphere";
+/// At 160x120 a splat is three pixels wide at the back wall.
+const POINTS: &str = "scene.points=60000";
+
+type Vector = [f64; 3];
+
+/// `glint render ARGUMENTS` at 160x120. None, with a note, where there is no adapter to draw with and none is required.
+fn render<'a>(folder: &Folder, arguments: impl IntoIterator<Item = &'a str>) -> Option<Outcome> {
+    let common = ["render", "-o", "picture.png", "--size", "160x120"];
+    let outcome = folder.glint(common.into_iter().chain(arguments));
+    if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+        return None;
+    }
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    Some(outcome)
+}
+
+/// The sphere with few points; `arguments` in words.
+fn render_sphere(folder: &Folder, arguments: &str) -> Option<Outcome> {
+    render(folder, [SCENE, "--set", POINTS].into_iter().chain(arguments.split_whitespace()))
+}
+
+fn accuracy(folder: &Folder) -> Value {
+    let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
+    serde_json::from_str::<Value>(&text).expect("JSON")["accuracy"].clone()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+/// Pixels of a float image from the top, of channels X, Y, Z or R, G, B or the only one; NaN where it has fewer.
+fn pixels(folder: &Folder, name: &str) -> Vec<Vector> {
+    let path = folder.path(name);
+    let image = read_first_flat_layer_from_file(Path::new(&path)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let channels = image.layer_data.channel_data.list;
+    let values = |names: [&str; 3]| {
+        let channel = channels.iter().find(|channel| names.iter().any(|name| channel.name.eq(name)));
+        let values = channel.map(|channel| channel.sample_data.values_as_f32().map(f64::from).collect());
+        values.unwrap_or_else(|| vec![f64::NAN; WIDTH * HEIGHT])
+    };
+    let [first, second, third]: [Vec<f64>; 3] = [["X", "R", "Y"], ["Y", "G", ""], ["Z", "B", ""]].map(values);
+    assert_eq!(first.len(), WIDTH * HEIGHT);
+    first.into_iter().zip(second).zip(third).map(|((x, y), z)| [x, y, z]).collect()
+}
+
+fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn minus(a: Vector, b: Vector) -> Vector {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn along(from: Vector, direction: Vector, distance: f64) -> Vector {
+    [0, 1, 2].map(|axis| from[axis] + direction[axis] * distance)
+}
+
+fn unit(vector: Vector) -> Vector {
+    vector.map(|value| value / dot(vector, vector).sqrt())
+}
+
+const EYE: Vector = [0.0, 0.0, 1.9];
+const SPHERE_RADIUS: f64 = 0.43;
+
+/// Where the ray through a pixel's centre meets the sphere; the camera looks along -z with 60 degrees of view.
+fn on_sphere(pixel: usize) -> Option<Vector> {
+    let slope = 30_f64.to_radians().tan() / (HEIGHT as f64 / 2.0);
+    let right = ((pixel % WIDTH) as f64 + 0.5 - WIDTH as f64 / 2.0) * slope;
+    let up = (HEIGHT as f64 / 2.0 - (pixel / WIDTH) as f64 - 0.5) * slope;
+    let direction = unit([right, up, -1.0]);
+    let middle = -dot(EYE, direction);
+    let root = middle * middle - dot(EYE, EYE) + SPHERE_RADIUS * SPHERE_RADIUS;
+    (root > 0.0).then(|| along(EYE, direction, middle - root.sqrt()))
+}
+
+/// Where the eye's ray to `point`, reflected there, meets the box |x|, |y| <= 1, |z| <= 2.
+fn in_box(point: Vector, normal: Vector) -> Vector {
+    let incoming = unit(minus(point, EYE));
+    let direction = along(incoming, normal, -2.0 * dot(incoming, normal));
+    let walls = [1.0, 1.0, 2.0];
+    let to_wall = [0, 1, 2].map(|axis| (walls[axis] * direction[axis].signum() - point[axis]) / direction[axis]);
+    along(point, direction, to_wall.into_iter().fold(f64::INFINITY, f64::min))
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+#[test]
+fn the_reference_is_where_sphere_and_box_put_it() {
+    let folder = Folder::new();
+    let images = "--aov reference_position=truth.exr --aov position=position.exr --aov normal=normal.exr";
+    // A splat's radius: 1.5 times that of a disc with a point's share of the 40 of the box and 2.3 of the sphere.
+    let footprint = 1.5 * (42.3 / (std::f64::consts::PI * 60_000.0)).sqrt();
+    for surface in ["exact", "points"] {
+        let Some(_) = render_sphere(&folder, &format!("{images} --set mirror.surface={surface}")) else { return };
+        let [truth, position, normal] = ["truth.exr", "position.exr", "normal.exr"].map(|name| pixels(&folder, name));
+        let (mut from_frame, mut from_sphere) = (Vec::new(), Vec::new());
+        for (pixel, seen) in truth.iter().enumerate() {
+            if seen[0].is_nan() {
+                continue;
+            }
+            let distance = |expected: Vector| dot(minus(*seen, expected), minus(*seen, expected)).sqrt();
+            from_frame.push(distance(in_box(position[pixel], unit(normal[pixel]))));
+            if let Some(point) = on_sphere(pixel) {
+                from_sphere.push(distance(in_box(point, point.map(|along| along / SPHERE_RADIUS))));
+            }
+        }
+        // The outline is a disc of radius 24.1 pixels.
+        assert!((1700..2000).contains(&from_frame.len()), "{} pixels", from_frame.len());
+        // Normals of discs have 16 bits a coordinate, positions 24.
+        assert!(median(from_frame) < 1e-4, "{surface}, from the frame's own surface");
+        // Splats turn the normal by a share of their width over the sphere's radius; the reflected ray by twice as much, and
+        // carry it on to the walls.
+        let bound = if surface == "exact" { 1e-3 } else { footprint * 2.0 / SPHERE_RADIUS };
+        let found = median(from_sphere);
+        assert!(found < bound, "{surface}: {found} from the exact sphere");
+    }
+}
+
+#[test]
+fn figures_tell_how_good_a_method_is_by_either_truth() {
+    let folder = Folder::new();
+    let judged = |method: &str, truth: &str| {
+        let words = format!("--method {method} --truth {truth} --stats stats.json");
+        render_sphere(&folder, &words).map(|_| accuracy(&folder))
+    };
+    let Some(found) = judged("sscr_hierarchical", "same_input") else { return };
+    assert_eq!(found["truth"], "same_input");
+    assert!(number(&found["mirror_pixels"]) > 1700.0, "{found}");
+    assert!(number(&found["closed_coverage"]) > 0.98 && number(&found["false_fill"]) < 0.01, "{found}");
+    assert!(number(&found["pixel_error"]["median"]) < 0.5 && number(&found["pixel_error"]["p95"]) < 2.0, "{found}");
+    assert!(number(&found["occlusion_error"]) < 0.05 && number(&found["recall"]) > 0.95, "{found}");
+    let image = &found["image"];
+    assert!(number(&image["rmse"]) < 0.05 && number(&image["delta_e"]) < 2.0, "{found}");
+    assert!(number(&image["flip"]) < 0.1, "{found}");
+
+    // What the points are off by comes on top.
+    let Some(exact) = judged("sscr_hierarchical", "exact") else { return };
+    assert_eq!(exact["truth"], "exact");
+    let [points_off, off] = [&found, &exact].map(|figures| number(&figures["angle_error"]["median"]));
+    assert!(off > 10.0 * points_off && number(&exact["pixel_error"]["median"]) < 1.0, "{exact}");
+    assert!(number(&exact["image"]["delta_e"]) > number(&image["delta_e"]), "{exact}");
+
+    let Some(none) = judged("none", "same_input") else { return };
+    assert!(number(&none["closed_coverage"]) == 0.0 && none["pixel_error"]["median"].is_null(), "{none}");
+    assert!(number(&none["image"]["delta_e"]) > 10.0, "{none}");
+}
+
+#[test]
+fn a_reference_image_brings_the_figures_along() {
+    let folder = Folder::new();
+    let Some(_) = render_sphere(&folder, "--stats stats.json") else { return };
+    assert!(accuracy(&folder).is_null());
+    let Some(_) = render_sphere(&folder, "--aov reference_color=truth.exr --stats stats.json") else { return };
+    assert_eq!(accuracy(&folder)["truth"], "same_input");
+}
+
+#[test]
+fn the_exact_truth_of_a_file_is_refused() {
+    let folder = Folder::new();
+    let cloud = folder.write("cloud.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n");
+    let cloud = cloud.display().to_string();
+    let outcome = folder.glint(["render", &cloud, "-o", "a.png", "--truth", "exact", "--stats", "a.json"]);
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    for word in ["--truth exact", "built-in scene", "cloud.ply", "same_input"] {
+        assert!(outcome.messages.contains(word), "`{word}` is not mentioned: {outcome}");
+    }
+    assert_eq!(outcome.messages.trim().lines().count(), 2, "{outcome}");
+}
+
+#[test]
+fn the_ray_tracer_as_a_method_is_its_own_truth() {
+    let folder = Folder::new();
+    let images = "--aov mirror_position=found.exr --aov reference_position=truth.exr --aov color=color.exr \
+        --aov reference_color=lit.exr --aov mirror=mirror.exr";
+    let words = format!("--method ray_trace --truth same_input --stats stats.json {images}");
+    let Some(_) = render_sphere(&folder, &words) else { return };
+    let stats: Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.path("stats.json")).expect("the statistics"))
+            .expect("JSON");
+    assert_eq!(stats["method"], "ray_trace");
+    assert!(stats["set"].get("reflection.method").is_none(), "{stats}");
+    let passes = stats["passes"].as_array().expect("passes");
+    let own: Vec<&Value> = passes.iter().filter(|pass| pass["name"] == "ray_trace").collect();
+    assert!(own.len() == 1 && number(&own[0]["ms"]) > 0.0 && passes.len() > 3, "{stats}");
+    let found = &stats["accuracy"];
+    assert_eq!((number(&found["coverage"]), number(&found["false_fill"])), (1.0, 0.0));
+    // 32-bit positions are some millionths of a pixel off.
+    assert!(number(&found["pixel_error"]["p99"]) < 1e-4 && number(&found["image"]["rmse"]) == 0.0, "{found}");
+    assert_eq!(number(&found["recall"]), 1.0);
+    let [found, truth, color, lit, mirror] =
+        ["found.exr", "truth.exr", "color.exr", "lit.exr", "mirror.exr"].map(|name| pixels(&folder, name));
+    let mut mirrors = 0;
+    for pixel in (0..WIDTH * HEIGHT).filter(|pixel| mirror[*pixel][0] == 1.0) {
+        assert_eq!((found[pixel], color[pixel]), (truth[pixel], lit[pixel]));
+        mirrors += 1;
+    }
+    assert!(mirrors > 1700);
+    // The picture in the file is made of these colours, by the same passes as that of a method on the GPU.
+    let picture = || image::open(folder.path("picture.png")).expect("a PNG").into_rgb8().into_raw();
+    let traced = picture();
+    let differences = |method: &str| {
+        render_sphere(&folder, &format!("--method {method}"))?;
+        let pairs = picture().into_iter().zip(&traced).enumerate().map(|(byte, (a, b))| (byte / 3, a.abs_diff(*b)));
+        Some(median(pairs.filter(|(pixel, _)| mirror[*pixel][0] == 1.0).map(|(_, off)| f64::from(off)).collect()))
+    };
+    let (Some(same), Some(other)) = (differences("surfel_trace"), differences("none")) else { return };
+    assert!(same <= 1.0 && other > 20.0, "{same} {other} of 255");
+}
+
+#[test]
+fn points_are_traced_in_the_colours_and_the_light_that_they_are_drawn_in() {
+    let folder = Folder::new();
+    for color in ["rgb", "height", "normal", "plain"] {
+        let seen_by = |method: &str| {
+            let words = format!("--method {method} --set color.by={color} --aov mirror_albedo=albedo.exr");
+            render_sphere(&folder, &words).map(|_| pixels(&folder, "albedo.exr"))
+        };
+        let (Some(drawn), Some(traced)) = (seen_by("surfel_trace"), seen_by("ray_trace")) else { return };
+        let pairs = drawn.iter().zip(&traced).filter(|(drawn, traced)| drawn[0].is_finite() && traced[0].is_finite());
+        let off: Vec<f64> =
+            pairs.map(|(drawn, traced)| dot(minus(*drawn, *traced), minus(*drawn, *traced)).sqrt()).collect();
+        assert!(off.len() > 1700, "{color}");
+        // Half floats, and a colour's rounding to 8 bits.
+        assert!(median(off.clone()) < 0.005, "{color}: {}", median(off));
+    }
+    for light in ["headlight", "colors", "lights"] {
+        let words = format!("--set light.by={light} --aov color=color.exr --aov reference_color=lit.exr");
+        let Some(_) = render_sphere(&folder, &words) else { return };
+        let (drawn, traced) = (pixels(&folder, "color.exr"), pixels(&folder, "lit.exr"));
+        let off: Vec<f64> = drawn
+            .iter()
+            .zip(&traced)
+            .map(|(drawn, traced)| dot(minus(*drawn, *traced), minus(*drawn, *traced)).sqrt())
+            .collect();
+        assert!(median(off.clone()) < 0.002, "{light}: {}", median(off));
+    }
+}
+
+/// A survey's coordinates, of which 32-bit floats hold half metres.
+#[test]
+fn far_from_the_origin_the_truth_is_as_fine() {
+    let folder = Folder::new();
+    let mut cloud = String::from(
+        "ply\nformat ascii 1.0\nelement vertex 40000\nproperty double x\nproperty double y\nproperty double z\n\
+         property float nx\nproperty float ny\nproperty float nz\nend_header\n",
+    );
+    for point in 0..40_000 {
+        let (column, row) = (f64::from(point % 200), f64::from(point / 200));
+        let line = format!("{} {} 100 0 0 1\n", 500_000.0 + column * 0.05, 5_000_000.0 + row * 0.05);
+        cloud.push_str(&line);
+    }
+    folder.write("ground.ply", cloud);
+    folder.write(
+        "scene.toml",
+        "clouds = [\"ground.ply\"]\n[camera]\neye = [500005, 4999995, 105]\npivot = [500005, 5000005, 101]\nup = [0, 0, 1]\n\
+         [[mirrors]]\nshape = \"sphere\"\nposition = [500005, 5000005, 102]\nsize = 2\n",
+    );
+    for method in ["ray_trace", "surfel_trace"] {
+        let words = ["scene.toml", "--method", method, "--truth", "same_input", "--stats", "stats.json"];
+        let Some(_) = render(&folder, words) else { return };
+        let found = accuracy(&folder);
+        // A quarter of the sphere sees the ground.
+        assert!(number(&found["coverage"]) > 0.2, "{method}: {found}");
+        assert!(number(&found["pixel_error"]["p95"]) < 0.01, "{method}: {found}");
+        assert!(number(&found["image"]["rmse"]) < 0.05, "{method}: {found}");
+    }
+}
