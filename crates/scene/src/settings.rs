@@ -188,7 +188,7 @@ params! {
         /// Levels of the pull-push pyramid that closes holes.
         pull_levels: u32 = 4, 0..=4, "levels";
         /// Change of the normal from pixel to pixel below which the mirror counts as planar.
-        planar_normal_threshold: f32 = 0.0005, 0.0..=0.1, "";
+        planar_normal_threshold: f32 = 0.004, 0.0..=0.1, "";
         /// Change of linear depth from pixel to pixel that parts regions, relative to the depth.
         depth_step_threshold: f32 = 0.05, 0.001..=1.0, "share";
         /// Share the points out by the regions' pixels, or equally.

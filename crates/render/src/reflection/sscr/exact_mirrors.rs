@@ -36,7 +36,11 @@ fn cast(mirror: Variant, origin: DVec3, direction: DVec3) -> Option<DVec3> {
     const REACH: f64 = 0.56;
     const STEPS: usize = 500;
     let nearest = -origin.dot(direction);
-    let half = (REACH * REACH - (origin.length_squared() - nearest * nearest)).max(0.0).sqrt();
+    let squared = REACH * REACH - (origin.length_squared() - nearest * nearest);
+    if squared < 0.0 {
+        return None;
+    }
+    let half = squared.sqrt();
     let at = |place: f64| origin + direction * (nearest + half * (2.0 * place / STEPS as f64 - 1.0));
     (0..STEPS).map(|step| step as f64).find_map(|step| {
         let (mut near, mut far) = (step, step + 1.0);

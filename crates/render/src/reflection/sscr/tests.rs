@@ -4,6 +4,7 @@ use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 
 use cloud::{Chunk, pack_radius};
 use glam::{UVec2, Vec2, Vec3};
+use param::{Kind, Params as _};
 use scene::five_mirrors::{Variant, camera};
 use scene::{Seeds, Settings, Solver, Sscr as Parameters, Stop};
 
@@ -492,5 +493,31 @@ fn what_is_seen_in_a_pixel_lies_along_its_reflected_ray() {
         let [median, p95] = [errors.len() / 2, errors.len() * 95 / 100].map(|place| errors[place]);
         assert!(median < 1.5 && p95 < 5.0, "{median} and {p95} pixels over {}", errors.len());
         assert!(closed as f32 > 0.98 * mirror as f32 && errors.len() as f32 > 0.8 * mirror as f32, "{closed} {mirror}");
+    }
+}
+
+#[test]
+fn every_end_of_every_parameter_gives_a_finite_picture() {
+    let Some(mut stage) = stage() else { return };
+    let mut scene = Scene::new(&stage.gpu, Variant::Coral, UVec2::new(80, 60), 20_000);
+    let defaults = Settings::default();
+    let fields = &defaults.sscr.group().fields;
+    for field in fields {
+        let ends: Vec<String> = match &field.kind {
+            Kind::F32 { min, max, .. } => vec![min.to_string(), max.to_string()],
+            Kind::U32 { min, max, .. } => vec![min.to_string(), max.to_string()],
+            _ => continue,
+        };
+        for end in ends {
+            let mut settings = defaults.clone();
+            settings.set_text(&format!("sscr.{}", field.name), &end).unwrap();
+            let made = scene.make(&mut stage, &settings.sscr);
+            let seen = made.position.iter().filter(|position| position[3] > 0.0).count();
+            assert!(made.position.iter().flatten().all(|v| v.is_finite()), "{} = {end}", field.name);
+            assert!(made.position.iter().all(|position| (0.0..=1.0).contains(&position[3])), "{} = {end}", field.name);
+            // Steps of a pixel, one step at most, or borders all over find next to nothing.
+            let finds = !matches!(field.name, "threshold" | "initial_step" | "max_steps" | "depth_step_threshold");
+            assert!(seen > 5 || !finds, "{} = {end}: {seen} pixels", field.name);
+        }
     }
 }
