@@ -47,13 +47,12 @@ fn splat_point(item: Item, index: u32) {
         // Most points of a dense scan are hidden: they are found out before anything else of them is read.
         if single.center.z <= front + offset {
             let surface = surface_of_point(item, point, index, single.center);
-            add(single.pixel, specular_of_point(item, point), surface, Fragment(single.center.z, 1.0), front);
+            add(single.pixel, item, surface, Fragment(single.center.z, 1.0), front);
         }
         return;
     }
     let surface = surface_of_point(item, point, index, disc.center);
     disc.normal = surface.normal_in_view;
-    let specular = specular_of_point(item, point);
     let offset = disc.radius * settings.splat.depth_offset;
     for (var y = disc.first.y; y <= disc.last.y; y++) {
         for (var x = disc.first.x; x <= disc.last.x; x++) {
@@ -62,7 +61,7 @@ fn splat_point(item: Item, index: u32) {
                 let pixel = u32(y) * frame.width + u32(x);
                 let front = front_depth(pixel);
                 if fragment.depth <= front + offset {
-                    add(pixel, specular, surface, fragment, front);
+                    add(pixel, item, surface, fragment, front);
                 }
             }
         }
@@ -97,7 +96,7 @@ fn front_depth(pixel: u32) -> f32 {
     return depth_from_nearness(nearest[pixel].y);
 }
 
-fn add(pixel: u32, specular: vec2f, surface: PointSurface, fragment: Fragment, front: f32) {
+fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front: f32) {
     let weight = 1u + u32(fragment.weight * 63.0);
     add_color(pixel, 0u, weight);
     add_color(pixel, 1u, surface.albedo.r * weight);
@@ -111,9 +110,9 @@ fn add(pixel: u32, specular: vec2f, surface: PointSurface, fragment: Fragment, f
     let behind = u32(clamp((fragment.depth - front) / front, 0.0, 0.25) * 4.0 * 65535.0 + 0.5);
     add_surface(pixel, 3u, behind * weight);
     // Most points are no mirrors: they pay nothing for it.
-    if specular.x > 0.0 {
-        add_specular(pixel, 0u, u32(specular.x * 1023.0 + 0.5) * weight);
-        add_specular(pixel, 1u, u32(specular.y + 0.5) * weight);
+    if item.specular_intensity > 0.0 {
+        add_specular(pixel, 0u, u32(item.specular_intensity * 1023.0 + 0.5) * weight);
+        add_specular(pixel, 1u, u32(item.specular_power + 0.5) * weight);
     }
 }
 

@@ -14,7 +14,7 @@ fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
     let item = items[items_of_runs[index / BLOCK_POINTS]];
     // Points lie all over memory: what is not asked for is not fetched.
     var point = vec4u(0u);
-    if item.color_source == COLOR_HEIGHT || item.color_source == COLOR_CLASS || item.height_axis.w >= 0.0 {
+    if item.color_source == COLOR_HEIGHT || item.color_source == COLOR_CLASS {
         point = points[index];
     }
     let color_normal = attributes[index];
@@ -31,6 +31,5 @@ fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
     let outward = select(own, -own, dot(own, toward_eye) < 0.0);
     let normal = select(outward, toward_eye, all(own == vec3f(0.0)));
     let albedo = albedo_of_point(item, color_normal, entry, palette_color);
-    let specular = specular_of_point(item, point);
-    return SurfaceOfPoint(vec4f(albedo, specular.x), vec4f(normal, specular.y));
+    return SurfaceOfPoint(vec4f(albedo, item.specular_intensity), vec4f(normal, item.specular_power));
 }

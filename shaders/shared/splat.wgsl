@@ -21,7 +21,6 @@ struct Item {
     class_mask: u32,
     // Height of the origin above the reference height, along the up axis `height_axis`.
     height: f32,
-    // w: specular power of points that reflect by a mark of their own; negative: there are none.
     height_axis: vec4f,
 }
 
@@ -45,13 +44,6 @@ struct Page {
     point_count: u32,
     // 1 for the first page of the frame: it writes the empty pixels.
     is_first: u32,
-}
-
-// Specular intensity and power. The point's word holds an intensity of its own in its highest byte; 0: that of its cloud.
-fn specular_of_point(item: Item, point: vec4u) -> vec2f {
-    let own = f32(point.w >> 24u) / 255.0;
-    let cloud = vec2f(item.specular_intensity, item.specular_power);
-    return select(cloud, vec2f(own, item.height_axis.w), own > 0.0);
 }
 
 // All there is to know of a point that covers one pixel: the pixel that holds its centre.
@@ -90,7 +82,7 @@ struct Disc {
 
 const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i(0), vec2i(-1), false);
 
-// `point`: f32 bits of the position, and radius | class << 16 | specular intensity << 24.
+// `point`: f32 bits of the position, and radius | class << 16 | flags << 24.
 fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
     let relative = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let center = view_from_relative(frame, relative);

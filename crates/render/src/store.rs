@@ -80,8 +80,6 @@ struct StoredCloud {
     scalar_origin: f64,
     plain: [u8; 4],
     up_axis: usize,
-    /// Specular power of points with a mark.
-    marked_power: f32,
 }
 
 struct StoredChunk {
@@ -99,8 +97,6 @@ struct StoredChunk {
     points: Chunk,
     /// Another number after each change of the points.
     revision: u64,
-    /// Specular intensity of each point, 0 for that of the cloud; empty: none has its own.
-    marks: Vec<u8>,
 }
 
 impl StoredChunk {
@@ -224,7 +220,6 @@ impl PointStore {
                 scalar_origin: 0.0,
                 plain: scene::Color::default().plain.bytes(),
                 up_axis: 2,
-                marked_power: 0.0,
             },
         );
         id
@@ -251,7 +246,6 @@ impl PointStore {
                 lacks_radii: true,
                 points: Chunk::new(chunk.first_point, chunk.origin, Vec::new()),
                 revision: 0,
-                marks: Vec::new(),
             },
         );
         self.update_chunk(id, chunk, classes)?;
@@ -274,13 +268,12 @@ impl PointStore {
         stored.revision = self.revision;
         stored.lacks_radii = chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS));
         let page = &self.pages[stored.page];
-        let mark = |i: usize| stored.marks.get(i).map_or(0, |mark| u32::from(*mark));
         let points: Vec<[u32; 4]> = (0..chunk.len())
             .map(|i| {
                 let radius = chunk.radii.as_ref().map_or(0, |radii| u32::from(radii[i]));
                 let class = classes.map_or(0, |classes| u32::from(classes[i]));
                 let [x, y, z] = chunk.positions[i].map(f32::to_bits);
-                [x, y, z, radius | class << 16 | mark(i) << 24]
+                [x, y, z, radius | class << 16]
             })
             .collect();
         let attributes: Vec<[u32; 2]> = (0..chunk.len())
@@ -295,16 +288,6 @@ impl PointStore {
         // Writes are staged until the next submit; without one, loading a large cloud would hold it twice.
         self.gpu.queue.submit([]);
         Ok(())
-    }
-
-    /// Makes mirrors of points: `intensities` are the specular intensities of a chunk's points, in 255ths, 0 for that of the
-    /// cloud; empty takes all marks away. They are sent with the chunk's next `update_chunk`.
-    pub fn mark_mirror(&mut self, id: ChunkId, intensities: Vec<u8>, specular_power: f32) {
-        let Some(chunk) = self.chunks.get_mut(&id) else { return };
-        chunk.marks = intensities;
-        if let Some(cloud) = self.clouds.get_mut(&chunk.cloud) {
-            cloud.marked_power = specular_power.max(0.0);
-        }
     }
 
     /// Radius of the cloud's points whose spacing is not known yet, world units.
@@ -407,7 +390,7 @@ impl PointStore {
     pub(crate) fn mirror_spheres(&self, settings: &Settings) -> impl Iterator<Item = (DVec3, f64)> {
         self.chunks.values().filter_map(|chunk| {
             let cloud = self.clouds.get(&chunk.cloud)?;
-            let reflects = cloud.material.specular_intensity > 0.0 || !chunk.marks.is_empty();
+            let reflects = cloud.material.specular_intensity > 0.0;
             let reach = chunk.largest_radius(cloud, &settings.splat);
             (cloud.visible && reflects && !chunk.bounds.is_empty())
                 .then(|| (chunk.bounds.center(), chunk.bounds.radius() + reach))
@@ -538,7 +521,7 @@ impl PointStore {
             specular_power: cloud.material.specular_power,
             class_mask,
             height: (chunk.origin[cloud.up_axis] - reference) as f32,
-            height_axis: height_axis.extend(if chunk.marks.is_empty() { -1.0 } else { cloud.marked_power }),
+            height_axis: height_axis.extend(0.0),
         }
     }
 

@@ -677,50 +677,6 @@ fn hidden_classes_and_hidden_clouds_are_not_reflected() {
 }
 
 #[test]
-fn marked_points_reflect_once_they_are_sent() {
-    let mut stage = stage_or_skip!();
-    // Water, and a wall behind it.
-    let mut scene = Scene::new(&stage, Camera::looking(DVec3::ZERO, DVec3::new(0.1, -1.0, 0.5), 4.0, DVec3::Z));
-    let wall = rectangle(DVec3::new(-4.0, 2.0, 0.3), [DVec3::X * 8.0, DVec3::Z * 5.0], [200; 3], 0.1);
-    scene.add(vec![wall], Material::default());
-    let points = rectangle_points(DVec3::new(-2.0, -2.0, 0.0), [DVec3::X * 4.0, DVec3::Y * 4.0], 0.1);
-    let water = chunk(&points, [60; 3], 0.1);
-    let cloud = scene.store.add_cloud(Material::default());
-    let id = scene.store.add_chunk(cloud, &water, None).unwrap();
-    let marks = points.iter().map(|(at, _)| if at.x < 0.0 { 255 } else { 0 }).collect();
-    for method in TRACING {
-        scene.render(&mut stage, &by_method(method));
-        assert!(!mask(&stage).contains(&true), "{method}");
-    }
-    scene.store.mark_mirror(id, marks, 100.0);
-    scene.store.update_chunk(id, &water, None).unwrap();
-    for method in TRACING {
-        scene.render(&mut stage, &by_method(method));
-        let (mask, seen, position) = (mask(&stage), seen(&stage), read(&stage, Aov::Position));
-        let (mut mirrors, mut most) = (0, 0.0_f64);
-        for (pixel, at) in position.as_chunks::<3>().0.iter().enumerate() {
-            let at = Vec3::from(*at).as_dvec3();
-            let is_water = at.z < 0.1;
-            // A splat's width of either side shares the pixels where the marks end.
-            assert!(mask[pixel] == (is_water && at.x < 0.0) || (is_water && at.x.abs() < 0.25), "{method}: {at}");
-            if mask[pixel] {
-                let ray = reflected((at - scene.camera.eye).normalize(), DVec3::Z);
-                let truth = at + ray * ((2.0 - at.y) / ray.y);
-                mirrors += 1;
-                if truth.x.abs() < 3.8 && (0.6..4.9).contains(&truth.z) {
-                    most = most.max(seen[pixel].unwrap().0.distance(truth));
-                }
-            }
-        }
-        assert!(mirrors > 1000 && most < 0.1, "{method}: {mirrors}, {most}");
-    }
-    scene.store.mark_mirror(id, Vec::new(), 0.0);
-    scene.store.update_chunk(id, &water, None).unwrap();
-    scene.render(&mut stage, &by_method(TRACING[0]));
-    assert!(!mask(&stage).contains(&true));
-}
-
-#[test]
 fn points_of_unknown_spacing_are_reflected_as_discs_that_face_the_ray() {
     let mut stage = stage_or_skip!();
     let mut scene = Scene::new(&stage, Camera::looking(DVec3::ZERO, DVec3::new(0.1, -1.0, 0.5), 4.0, DVec3::Z));
