@@ -126,7 +126,7 @@ fn the_reference_is_where_sphere_and_box_put_it() {
         assert!(median(from_frame) < 1e-4, "{surface}, from the frame's own surface");
         // Splats turn the normal by a share of their width over the sphere's radius; the reflected ray by twice as much, and
         // carry it on to the walls.
-        let bound = if surface == "exact" { 1e-3 } else { footprint * 2.0 / SPHERE_RADIUS };
+        let bound = if surface == "exact" { 1e-5 } else { footprint * 2.0 / SPHERE_RADIUS };
         let found = median(from_sphere);
         assert!(found < bound, "{surface}: {found} from the exact sphere");
     }
