@@ -143,7 +143,7 @@ fn pixels(accuracy: &Accuracy) -> String {
 
 fn write(path: &str, picture: &[u8]) -> anyhow::Result<()> {
     let mut file = std::fs::File::create(path)?;
-    write!(file, "P6 {} {} 255\n", SIZE[0], SIZE[1])?;
+    writeln!(file, "P6 {} {} 255", SIZE[0], SIZE[1])?;
     let rgb: Vec<u8> = picture.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();
     Ok(file.write_all(&rgb)?)
 }
