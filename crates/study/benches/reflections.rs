@@ -1,8 +1,8 @@
 //! Reflection methods on the five mirrors: time and accuracy beside one another, all settings in turn in one run.
 //!
 //! `cargo bench --profile release -p study --bench reflections -- [MIRROR]... [KEY=VALUE]... [--try "KEY=VALUE ..."]...
-//! [--rounds N] [--passes] [--pictures FOLDER]`: each `--try` is a setting on top of the others; without any, each method is
-//! one. Without mirrors all five. Pictures are PPM files.
+//! [--rounds N] [--passes] [--pictures FOLDER]`: each `--try` is a setting on top of the others, with reflections; without any, each
+//! method is one. Without mirrors all five. Pictures are PPM files.
 
 use std::io::Write as _;
 
