@@ -33,7 +33,7 @@ fn mirror_exact_seen(@builtin(global_invocation_id) thread: vec3u) {
     var nearest = select(3e38, distance(position.xyz, point), position.w > 0.0);
     for (var i = 0u; i < arrayLength(&mirrors); i++) {
         let mirror = mirrors[i];
-        let hit = formula_hit(mirror, point, ray.direction, mirror.z_size.w * LEAVE);
+        let hit = formula_hit(mirror, point, ray.direction, leave(mirror, point));
         if hit.distance > 0.0 && hit.distance < nearest {
             nearest = hit.distance;
             albedo = mirror.color_intensity;

@@ -20,7 +20,7 @@
 // Runs of the trees that the pixel's tile may see, `LIST_WORDS` words a tile (see beam_lists.wgsl).
 @group(1) @binding(8) var<storage, read> lists: array<u32>;
 // x: f32 bits of the key that the nearest is chosen by. y: identity of the point + 1, 0: nothing yet. z: f32 bits of the
-// distance.
+// distance. w: tests so far, while they are counted.
 @group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
 @group(1) @binding(10) var<uniform> page: Page;
 
@@ -85,23 +85,24 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
             let top = tops[i];
             let low = bitcast<vec3f>(top.low_skip.xyz);
             let high = bitcast<vec3f>(top.high_leaf.xyz);
-            let entry = box_entry(low, high, 0.0, ray.origin, ray.inverse, nearest.distance);
-            i = select(top.low_skip.w, i + 1u, entry < nearest.distance);
-            if entry < nearest.distance && top.high_leaf.w != INNER {
+            let entry = box_entry(low, high, 0.0, ray.origin, ray.inverse, nearest.key);
+            i = select(top.low_skip.w, i + 1u, entry < nearest.key);
+            if entry < nearest.key && top.high_leaf.w != INNER {
                 let place = places[top.high_leaf.w];
                 nearest = through_tree(ray, place, 0u, place.end_node, nearest);
             }
         }
     }
     if count_tests {
-        let tests = f32(nearest.nodes_tested + nearest.discs_tested);
-        textureStore(views_out, id, vec4f(0.0, 0.0, tests, 0.0));
+        let tests = before.w + nearest.nodes_tested + nearest.discs_tested;
+        hits[pixel].w = tests;
+        textureStore(views_out, id, vec4f(0.0, 0.0, f32(tests), 0.0));
         atomicAdd(&counters[NODES_TESTED], nearest.nodes_tested);
         atomicAdd(&counters[DISCS_TESTED], nearest.discs_tested);
     }
     if nearest.surfel != NONE {
         let identity = page.first_identity + order[nearest.surfel];
-        hits[pixel] = vec4u(bitcast<u32>(nearest.key), identity + 1u, bitcast<u32>(nearest.distance), 0u);
+        hits[pixel] = vec4u(bitcast<u32>(nearest.key), identity + 1u, bitcast<u32>(nearest.distance), hits[pixel].w);
     }
 }
 
@@ -118,7 +119,7 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         let node = nodes[place.first_node + i];
         let low = bitcast<vec3f>(node.low_skip.xyz);
         let high = bitcast<vec3f>(node.high_leaf.xyz);
-        let is_met = box_entry(low, high, margin, origin, ray.inverse, nearest.distance) < nearest.distance;
+        let is_met = box_entry(low, high, margin, origin, ray.inverse, nearest.key) < nearest.key;
         i = select(node.low_skip.w, i + 1u, is_met);
         let count = select(0u, node.high_leaf.w & 255u, is_met && node.high_leaf.w != INNER);
         let first_surfel = place.first_surfel + (node.high_leaf.w >> 8u);

@@ -127,8 +127,17 @@ const MOST_STEPS: i32 = 400;
 // A graze may slip through what is thinner than this, a three-hundredth of the mirror.
 const SHORTEST_STEP: f32 = 3e-3;
 
-// Negative inside; its absolute value is no more than the distance to the surface.
+// Negative inside or behind. For torus, blob and coral its absolute value is no more than the distance to the surface.
 fn implicit(kind: f32, parameter: f32, p: vec3f) -> f32 {
+    if kind == PLANE {
+        return p.z;
+    }
+    if kind == SPHERE {
+        return length(p) - 1.0;
+    }
+    if kind == PARABOLOID {
+        return p.z - dot(p.xy, p.xy) / (4.0 * parameter);
+    }
     if kind == TORUS {
         return length(vec2f(length(p.xy) - 1.0, p.z)) - parameter;
     }
@@ -141,6 +150,15 @@ fn implicit(kind: f32, parameter: f32, p: vec3f) -> f32 {
     // |grad| <= sqrt(1 + (1.84 + 1.23)^2) < 3.6 where r >= 0.89
     let bumps = 0.08 * sin(19.0 * q.x) * sin(17.0 * q.y) * sin(23.0 * q.z);
     return (r - (1.0 + bumps + 0.03 * sin(41.0 * q.x + 3.0 * q.y))) / 3.6;
+}
+
+// How far a ray from a point must go before it can meet the mirror: a little, if the point lies on it.
+fn leave(mirror: FormulaMirror, point: vec3f) -> f32 {
+    let size = mirror.z_size.w;
+    let offset = (point - mirror.position_reach.xyz) / size;
+    let p = vec3f(dot(offset, mirror.x_kind.xyz), dot(offset, mirror.y_parameter.xyz), dot(offset, mirror.z_size.xyz));
+    let lies_on_it = abs(implicit(mirror.x_kind.w, mirror.y_parameter.w, p)) < LEAVE;
+    return select(0.0, LEAVE * size, lies_on_it);
 }
 
 // Roots of a t^2 + 2 b t + c, smaller first; 3e38 where there are none.

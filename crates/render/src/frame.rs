@@ -82,6 +82,10 @@ pub struct Tiles {
 }
 
 impl Tiles {
+    pub fn is_empty(self) -> bool {
+        self.count.contains(&0)
+    }
+
     /// All of a picture.
     pub fn of(size: [u32; 2]) -> Self {
         Self { first: [0; 2], count: size.map(|edge| edge.div_ceil(8)) }

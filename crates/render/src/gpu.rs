@@ -15,6 +15,9 @@ pub enum Error {
     Device { adapter: String, problem: String },
     #[error("{0}")]
     Shader(String),
+    /// Something was asked of a frame that it does not have.
+    #[error("{0}")]
+    NotRendered(String),
     #[error("the graphics device was lost or failed: {0}")]
     Lost(String),
     #[error("{what} needs {bytes} bytes, more than the {limit} that {adapter} allows{advice}")]

@@ -66,6 +66,12 @@ impl Aov {
         }
     }
 
+    /// Empty wherever no mirror is seen.
+    pub(crate) fn is_of_mirrors(self) -> bool {
+        use Aov::{Curvature, MirrorAlbedo, MirrorNormal, MirrorPosition, Regions};
+        matches!(self, MirrorPosition | MirrorAlbedo | MirrorNormal | Curvature | Regions)
+    }
+
     /// Channel names as OpenEXR has them.
     pub fn channels(self) -> &'static [&'static str] {
         match self {

@@ -179,19 +179,25 @@ impl Renderer {
                 normal: &targets.surfaces[targets.shown].normal,
                 position: &targets.position,
             };
-            let everywhere = store.draw_list(&frame_camera, settings, reflection::supply(settings));
-            let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
-            reflections.find(&mut recorder, &supply, settings, store, formulas.as_ref(), camera_surface)?;
+            // What no mirror on the screen needs is not made ready.
+            if Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty() {
+                let everywhere = store.draw_list(&frame_camera, settings, reflection::supply(settings));
+                let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
+                reflections.find(&mut recorder, &supply, settings, store, formulas.as_ref(), camera_surface)?;
+            } else {
+                reflections.none();
+            }
         }
         self.lights.upload(gpu, lights, frame_camera.eye);
         let shadows = (store.revision(), settings.splat.clone(), lights.to_vec());
-        if lighting == Lighting::Lights && self.kept_shadows.as_ref() != Some(&shadows) {
+        let mut kept_shadows = self.kept_shadows.take();
+        if lighting == Lighting::Lights && kept_shadows.as_ref() != Some(&shadows) {
             self.lights.draw_shadows(&mut recorder, store, settings, lights, atomics64)?;
-            self.kept_shadows = Some(shadows);
+            kept_shadows = Some(shadows);
         }
         shade(&mut recorder, &inputs, targets, reflections, &self.lights, lighting, lights.len())?;
         let views = reflections.views(settings).filter(|_| settings.reflection.show != Show::Picture);
-        match (views, reflections.bounces.first()) {
+        match (views, reflections.first()) {
             (Some(views), Some(bounce)) => {
                 let [albedo, normal, position] = bounce.seen.bind();
                 let point = bounce.mirror.point.bind();
@@ -208,9 +214,9 @@ impl Renderer {
         }
 
         let (passes, frame_milliseconds) = recorder.finish()?;
-        let gpu_bytes = store.gpu_bytes() + targets.bytes() + reflections.bytes();
-        let reflection = if reflections.count > 0 { Some(reflections.stats(gpu)?) } else { None };
-        (self.camera, self.kept) = (Some(frame_camera), Some(asks));
+        let gpu_bytes = store.gpu_bytes() + targets.bytes() + reflections.bytes() + self.lights.shadows.size();
+        let reflection = if Reflections::asked(settings) > 0 { Some(reflections.stats(gpu, settings)?) } else { None };
+        (self.camera, self.kept, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         Ok(FrameStats {
             passes,
             frame_milliseconds,
@@ -245,7 +251,7 @@ impl Renderer {
         let Self { gpu, targets: Some(targets), .. } = self else { return Err(nothing_rendered()) };
         let [width, height] = targets.size;
         if color.len() != width as usize * height as usize {
-            return Err(Error::Shader(format!("{} colours for a picture of {width} x {height}", color.len())));
+            return Err(Error::NotRendered(format!("{} colours for a picture of {width} x {height}", color.len())));
         }
         let image = Image::new(&gpu.device, targets.size, "color", wgpu::TextureFormat::Rgba32Float);
         let texels: Vec<[f32; 4]> = color.iter().map(|[red, green, blue]| [*red, *green, *blue, 1.0]).collect();
@@ -279,7 +285,13 @@ impl Renderer {
         let surface = targets.surface();
         let read = |image: &Image| self.gpu.read_texture(&image.texture);
         let depth = floats32(&read(&surface.depth)?);
-        let first = || self.reflections.as_ref().ok_or_else(nothing_rendered)?.first();
+        let bounce = self.reflections.as_ref().and_then(Reflections::first);
+        if bounce.is_none() && aov.is_of_mirrors() {
+            // No mirror could be seen.
+            let values = depth.len() * aov.channels().len();
+            return Ok(AovImage { size: targets.size, channels: aov.channels(), data: vec![f32::NAN; values] });
+        }
+        let first = || bounce.ok_or_else(nothing_rendered);
         let per_pixel: Vec<f32> = match aov {
             Aov::Depth => depth.clone(),
             Aov::Normal => floats32(&read(&surface.normal)?),
@@ -296,12 +308,7 @@ impl Renderer {
             Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.seen.position)?),
             _ => Vec::new(),
         };
-        let mirror = match aov {
-            Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal | Aov::Curvature | Aov::Regions => {
-                floats32(&read(&first()?.mirror.point)?)
-            }
-            _ => Vec::new(),
-        };
+        let mirror = if aov.is_of_mirrors() { floats32(&read(&first()?.mirror.point)?) } else { Vec::new() };
         let is_mirror = |pixel: usize| mirror[pixel * 4 + 3] > 0.0;
         let width = targets.size[0] as usize;
         let channels = aov.channels();
@@ -383,7 +390,7 @@ impl Renderer {
     fn sscr_views(&self) -> Result<&Image> {
         let kept = self.kept.as_ref().filter(|kept| kept.settings.reflection.method == Method::Sscr);
         let views = kept.zip(self.reflections.as_ref()).and_then(|(kept, found)| found.views(&kept.settings));
-        views.ok_or_else(|| Error::Shader("only the method sscr has a curvature map and regions".into()))
+        views.ok_or_else(|| Error::NotRendered("only the method sscr has a curvature map and regions".into()))
     }
 
     fn rendered(&self) -> Result<&Targets> {
@@ -548,7 +555,7 @@ fn shade(
 const SAME_SURFACE: f32 = 0.02;
 
 fn nothing_rendered() -> Error {
-    Error::Shader("nothing has been rendered yet".into())
+    Error::NotRendered("nothing has been rendered yet".into())
 }
 
 fn floats32(bytes: &[u8]) -> Vec<f32> {

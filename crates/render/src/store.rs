@@ -20,6 +20,9 @@ const BLOCK_POINTS: u32 = 1024;
 /// Smallest page: 24 MiB, so that small clouds stay small.
 const SMALLEST_PAGE: u32 = 1 << 20;
 
+/// What a leaf of a chunk's tree can count (reflection/surfel_tree.rs); loaded chunks are far smaller.
+const MOST_CHUNK_POINTS: usize = 1 << 24;
+
 const POINT_BYTES: u64 = 16;
 const ATTRIBUTE_BYTES: u64 = 8;
 const SCALAR_BYTES: u64 = 4;
@@ -230,6 +233,10 @@ impl PointStore {
     /// # Errors
     /// More points than a page holds, or no more memory.
     pub fn add_chunk(&mut self, cloud: CloudId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<ChunkId> {
+        if chunk.len() > MOST_CHUNK_POINTS {
+            let bytes = |points: usize| points as u64 * POINT_BYTES;
+            return Err(self.too_large("a chunk of points", bytes(chunk.len()), bytes(MOST_CHUNK_POINTS)));
+        }
         let (page, range) = self.allocate(chunk.len() as u32)?;
         let id = ChunkId(self.next_chunk);
         self.next_chunk += 1;
@@ -260,7 +267,7 @@ impl PointStore {
         self.revision = next_revision();
         let stored = self.chunks.get_mut(&id).filter(|stored| stored.range.len() == chunk.len());
         let stored =
-            stored.ok_or_else(|| Error::Shader("a chunk that is not in the point store was updated".into()))?;
+            stored.ok_or_else(|| Error::NotRendered("a chunk that is not in the point store was updated".into()))?;
         // Packed radii grow with the radius.
         let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
         stored.largest_radius = largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0);

@@ -532,3 +532,18 @@ fn a_picture_too_large_for_the_adapter_is_a_named_error() {
     let error = result.unwrap_err().to_string();
     assert!(error.contains("ask for a smaller picture"), "{error}");
 }
+
+#[test]
+fn a_scene_without_mirrors_runs_no_pass_of_reflections() {
+    let mut stage = stage_or_skip!();
+    let mut store = PointStore::new(stage.gpu.clone());
+    let cloud = store.add_cloud(Default::default());
+    store.add_chunk(cloud, &Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]), None).unwrap();
+    let stats = stage.renderer.render(&store, &front_camera(), &Settings::default(), Objects::default(), SIZE).unwrap();
+    let passes: Vec<&str> = stats.passes.iter().map(|pass| pass.name).collect();
+    assert!(passes.contains(&"present"), "{passes:?}");
+    assert!(!passes.iter().any(|name| name.starts_with("mirror") || name.contains("trace")), "{passes:?}");
+    assert_eq!(stats.reflection.unwrap().mirror_pixels, 0);
+    let seen = stage.renderer.read_aov(Aov::MirrorPosition).unwrap();
+    assert!(seen.data.iter().all(|value| value.is_nan()));
+}

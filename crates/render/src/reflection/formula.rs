@@ -48,14 +48,13 @@ pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl It
 }
 
 fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
-    let (kind, parameter, reach) = match mirror.shape {
-        Shape::Plane { height } => (0.0, height, 1.0_f64.hypot(height)),
-        Shape::Sphere => (1.0, 0.0, 1.0),
-        Shape::Paraboloid { focal_length } => (2.0, focal_length, 1.0_f64.hypot(0.25 / focal_length)),
-        Shape::Torus { tube } => (3.0, tube, 1.0 + tube),
-        // Largest radii of the two formulas.
-        Shape::Blob => (4.0, 0.0, 1.16),
-        Shape::Coral => (5.0, 0.0, 1.11),
+    let (kind, parameter) = match mirror.shape {
+        Shape::Plane { height } => (0.0, height),
+        Shape::Sphere => (1.0, 0.0),
+        Shape::Paraboloid { focal_length } => (2.0, focal_length),
+        Shape::Torus { tube } => (3.0, tube),
+        Shape::Blob => (4.0, 0.0),
+        Shape::Coral => (5.0, 0.0),
     };
     let rows = DMat3::from_quat(mirror.rotation.normalize()).transpose();
     let row = |index| rows.row(index).as_vec3();
@@ -65,7 +64,7 @@ fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
         y_parameter: row(1).extend(parameter as f32),
         z_size: row(2).extend(mirror.size as f32),
         // A little more, for rays that touch the rim.
-        position_reach: (mirror.position - eye).as_vec3().extend((reach * mirror.size * 1.001) as f32),
+        position_reach: (mirror.position - eye).as_vec3().extend((mirror.shape.reach() * mirror.size * 1.001) as f32),
         color_intensity: Vec4::new(red, green, blue, mirror.specular_intensity),
         specular_power: mirror.specular_power,
         unused: [0.0; 3],

@@ -3,7 +3,7 @@
 //! the method.
 //!
 //! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
-//! `gather`. To add a method: a module with a `run` function, its shaders, and a line in `Methods::run`.
+//! `gather`. To add a method: a module with a `run` function, its shaders, and a line in `Methods::run` and `Reflections::views`.
 
 #[cfg(test)]
 mod beam;
@@ -23,7 +23,7 @@ use gather::Gather;
 use sscr::Sscr;
 use surfel_index::SurfelIndex;
 
-use crate::gpu::{Error, Result};
+use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -116,6 +116,8 @@ pub struct ReflectionStats {
     pub closed_coverage: f64,
     /// Share of the points that were tried and found a pixel (forward methods).
     pub hit_rate: Option<f64>,
+    /// Share of the points that were tried whose search ran out of steps (SSCR).
+    pub unconverged: Option<f64>,
     /// Regions of the mirror pixels (SSCR).
     pub regions: Option<u32>,
     /// Nodes and discs that a ray was tested against, on average; known while steps are shown.
@@ -131,6 +133,7 @@ const CLOSED_PIXELS: usize = 2;
 const POINTS_TRIED: usize = 3;
 const POINTS_FOUND: usize = 4;
 const REGIONS: usize = 5;
+const POINTS_UNCONVERGED: usize = 6;
 const NODES_TESTED: usize = 7;
 const DISCS_TESTED: usize = 8;
 
@@ -166,11 +169,13 @@ impl Methods {
     /// # Errors
     /// A shader is refused, or there is no memory.
     fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
-        let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
         match method {
             Method::None | Method::Auto => Ok(()),
-            Method::SurfelTrace => surfel_trace::run(recorder, &mut self.index, gather, task, false),
-            Method::SscrHierarchical => surfel_trace::run(recorder, &mut self.index, gather, task, true),
+            Method::SurfelTrace | Method::SscrHierarchical => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                let use_beams = method == Method::SscrHierarchical;
+                surfel_trace::run(recorder, &mut self.index, gather, task, use_beams)
+            }
             Method::Sscr => {
                 let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
                 let sscr = made(&mut self.sscr, || Sscr::new(recorder.gpu, self.size))?;
@@ -222,6 +227,11 @@ impl Reflections {
     /// How many bounces the settings ask for.
     pub fn asked(settings: &Settings) -> usize {
         if settings.reflection.method == Method::None { 0 } else { settings.reflection.bounces as usize }
+    }
+
+    /// For a frame in which no mirror can be seen.
+    pub fn none(&mut self) {
+        self.count = 0;
     }
 
     /// Fills the Mirror G-Buffer of each bounce.
@@ -282,7 +292,11 @@ impl Reflections {
 
     /// # Errors
     /// The device was lost.
-    pub fn stats(&self, gpu: &crate::Gpu) -> Result<ReflectionStats> {
+    pub fn stats(&self, gpu: &crate::Gpu, settings: &Settings) -> Result<ReflectionStats> {
+        let bounces = Self::asked(settings) as u32;
+        if self.count == 0 {
+            return Ok(ReflectionStats { bounces, ..Default::default() });
+        }
         let bytes = gpu.read_buffer(&self.counters, 0, COUNTERS as u64 * 4)?;
         let counters: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let share = |part: u32, whole: u32| if whole == 0 { 0.0 } else { f64::from(part) / f64::from(whole) };
@@ -293,10 +307,11 @@ impl Reflections {
             coverage: share(counters[FOUND_PIXELS], pixels),
             closed_coverage: share(counters[FOUND_PIXELS] + counters[CLOSED_PIXELS], pixels),
             hit_rate: (tried > 0).then(|| share(counters[POINTS_FOUND], tried)),
+            unconverged: (tried > 0).then(|| share(counters[POINTS_UNCONVERGED], tried)),
             tests_per_ray: (counters[NODES_TESTED] > 0)
                 .then(|| [counters[NODES_TESTED], counters[DISCS_TESTED]].map(|tests| share(tests, pixels))),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
-            bounces: self.count as u32,
+            bounces,
         })
     }
 
@@ -313,9 +328,8 @@ impl Reflections {
         }
     }
 
-    /// # Errors
-    /// No reflections were rendered.
-    pub fn first(&self) -> Result<&Bounce> {
-        self.bounces.first().ok_or_else(|| Error::Shader("no reflections have been rendered".into()))
+    /// Of the last frame; none where no mirror could be seen.
+    pub fn first(&self) -> Option<&Bounce> {
+        self.bounces[..self.count].first()
     }
 }
