@@ -48,6 +48,16 @@ struct Pyramid {
 }
 
 impl Pyramid {
+    fn bytes(&self) -> u64 {
+        let texture = self.all.texture();
+        let texels = |level: u32| {
+            let size = texture.size().mip_level_size(level, wgpu::TextureDimension::D2);
+            u64::from(size.width) * u64::from(size.height)
+        };
+        let texel = u64::from(texture.format().block_copy_size(None).unwrap_or(0));
+        (0..texture.mip_level_count()).map(texels).sum::<u64>() * texel
+    }
+
     fn new(device: &wgpu::Device, size: [u32; 2], label: &str, format: wgpu::TextureFormat) -> Self {
         let mip_level_count = (PULL_LEVELS + 1).min(size[0].max(size[1]).ilog2() + 1);
         let texture = device.create_texture(&wgpu::TextureDescriptor {
@@ -68,6 +78,12 @@ impl Pyramid {
 }
 
 impl Forward {
+    pub fn bytes(&self) -> u64 {
+        let fixed = [&self.nearest, &self.sums, &self.carries];
+        let buffers = self.solutions.values().chain(fixed).map(wgpu::Buffer::size).sum::<u64>();
+        buffers + self.pyramids.iter().map(Pyramid::bytes).sum::<u64>()
+    }
+
     /// # Errors
     /// A picture too large for the adapter.
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {

@@ -24,6 +24,10 @@ impl Gather {
         Self { hits, views, found: [MirrorGBuffer::new(device, size), MirrorGBuffer::new(device, size)] }
     }
 
+    pub fn bytes(&self) -> u64 {
+        self.hits.size() + self.views.bytes() + self.found.iter().map(MirrorGBuffer::bytes).sum::<u64>()
+    }
+
     /// Fills the Mirror G-Buffer from the hits, and closes pixels whose ray slipped between discs.
     ///
     /// # Errors

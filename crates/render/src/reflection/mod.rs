@@ -60,6 +60,10 @@ impl MirrorGBuffer {
     pub fn bind(&self) -> [wgpu::BindingResource<'_>; 3] {
         [self.albedo.bind(), self.normal.bind(), self.position.bind()]
     }
+
+    pub fn bytes(&self) -> u64 {
+        [&self.albedo, &self.normal, &self.position].map(Image::bytes).iter().sum()
+    }
 }
 
 /// One bounce.
@@ -99,10 +103,7 @@ impl Bounce {
 
     fn bytes(&self) -> u64 {
         let Self { mirror, seen, radiance, blended } = self;
-        [&mirror.point, &mirror.eye, &seen.albedo, &seen.normal, &seen.position, radiance, blended]
-            .map(Image::bytes)
-            .iter()
-            .sum()
+        seen.bytes() + [&mirror.point, &mirror.eye, radiance, blended].map(Image::bytes).iter().sum::<u64>()
     }
 }
 
@@ -166,6 +167,14 @@ struct Methods {
 }
 
 impl Methods {
+    fn bytes(&self) -> u64 {
+        let Self { size: _, index, gather, forward, sscr } = self;
+        index.bytes()
+            + gather.as_ref().map_or(0, Gather::bytes)
+            + forward.as_ref().map_or(0, Forward::bytes)
+            + sscr.as_ref().map_or(0, Sscr::bytes)
+    }
+
     /// # Errors
     /// A shader is refused, or there is no memory.
     fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
@@ -316,7 +325,7 @@ impl Reflections {
     }
 
     pub fn bytes(&self) -> u64 {
-        self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.index.bytes()
+        self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes()
     }
 
     /// How the last frame's method came to its result; x and y (curvature, label) only of SSCR.

@@ -48,6 +48,12 @@ pub(crate) struct Sscr {
 }
 
 impl Sscr {
+    pub fn bytes(&self) -> u64 {
+        let Self { curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings, views, .. } = self;
+        let buffers = [curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings];
+        buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + views.bytes()
+    }
+
     /// # Errors
     /// A picture too large for the adapter.
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {

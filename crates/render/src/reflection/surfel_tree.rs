@@ -9,7 +9,7 @@
 use cloud::{Chunk, NO_RADIUS, unpack_normal, unpack_radius};
 use glam::Vec3;
 
-/// Discs in a leaf at most. Fewer make more nodes, more make more disc tests; see docs/performance.md.
+/// Discs in a leaf at most. Fewer make more nodes, more make more disc tests.
 pub(crate) const LEAF: usize = 8;
 /// A tree over a multiple of this many points has fewer nodes than its share of one each: all leaves but one are full, and
 /// inner nodes are one fewer than leaves.
