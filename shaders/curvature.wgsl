@@ -13,6 +13,9 @@
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read_write> curvature_map: array<u32>;
 
+// The surface is what the camera sees, not what a mirror does.
+override from_camera: bool = true;
+
 @compute @workgroup_size(8, 8)
 fn curvature(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.width || id.y >= frame.height {
@@ -35,7 +38,9 @@ fn change_from(pixel: vec2u, direction: vec2u, axis: vec3f) -> u32 {
     }
     let depth = textureLoad(eye_in, pixel, 0).w;
     let before = textureLoad(eye_in, pixel - direction, 0).w;
-    if abs(depth - before) > settings.sscr.depth_step_threshold * before {
+    // In parallel views the eye's distance says nothing; rays from a mirror start on it in every view.
+    let compared = select(before, frame.reference_depth, from_camera && frame.orthographic != 0u);
+    if abs(depth - before) > settings.sscr.depth_step_threshold * compared {
         // How one surface's normal differs from another's is no curvature.
         return DEPTH_STEP << direction.y;
     }

@@ -25,9 +25,9 @@ fn mirror_average(@builtin(global_invocation_id) id: vec3u) {
     let is_empty = nearest[pixel] == 0u;
     let point = textureLoad(point_in, id.xy, 0).xyz;
     let count = max(total(pixel, SUM_COUNT), 1.0);
-    let front = depth_from_nearness(nearest[pixel]);
+    let farthest = farthest_counted(depth_from_nearness(nearest[pixel]), frame.scene_radius);
     let relative = total3(pixel, SUM_POSITION) / (count * POSITION_STEPS) - 1.0;
-    let offset = relative * POSITION_REACH * front;
+    let offset = relative * POSITION_REACH * farthest;
     let normal_sum = total3(pixel, SUM_NORMAL) / count - f32(NORMAL_BIAS);
     // Where no point had a normal, or they cancelled, the surface is taken to face the mirror.
     let normal = select(-offset, normal_sum, dot(normal_sum, normal_sum) > 1.0);

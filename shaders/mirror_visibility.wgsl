@@ -32,8 +32,6 @@ fn splat_point(item: Item, index: u32) {
     let far = settings.sscr.mirror_z_far * frame.scene_radius;
     let size = vec2u(frame.width, frame.height);
     let splat = splat_of_solution(solution, settings.sscr.max_splat_size, far, size);
-    let behind = settings.sscr.mirror_depth_offset * frame.scene_radius;
-    let offset = select(behind, 0.0, settings.sscr.visibility == SSCR_VISIBILITY_NEAREST);
     let point = points[index];
     let color_normal = attributes[index];
     var scalar = 0.0;
@@ -51,13 +49,13 @@ fn splat_point(item: Item, index: u32) {
     for (var y = splat.first.y; y <= splat.last.y; y++) {
         for (var x = splat.first.x; x <= splat.last.x; x++) {
             let pixel = u32(y) * frame.width + u32(x);
-            let front = depth_from_nearness(nearest[pixel]);
-            // Where there is no mirror nothing is nearest, and `front` no number.
-            if solution.distance <= front + offset {
+            // Where there is no mirror nothing is nearest, and `farthest` no number.
+            let farthest = farthest_counted(depth_from_nearness(nearest[pixel]), frame.scene_radius);
+            if solution.distance <= farthest {
                 let toward = q - textureLoad(point_in, vec2i(x, y), 0).xyz;
                 let facing = select(own, -own, dot(own, toward) > 0.0);
                 let normal = vec3u(vec3i(round(facing * 2047.0)) + NORMAL_BIAS);
-                let relative = clamp(toward / (POSITION_REACH * front), vec3f(-1.0), vec3f(1.0));
+                let relative = clamp(toward / (POSITION_REACH * farthest), vec3f(-1.0), vec3f(1.0));
                 let position = vec3u((relative + 1.0) * POSITION_STEPS + 0.5);
                 add(pixel, SUM_COUNT, 1u);
                 for (var axis = 0u; axis < 3u; axis++) {

@@ -7,7 +7,7 @@
 @group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
-// w: share of the pixels below that hold something.
+// w: 1 where something was found, else 0.
 @group(1) @binding(2) var position_in: texture_2d<f32>;
 @group(1) @binding(3) var albedo_out: texture_storage_2d<rgba16float, write>;
 @group(1) @binding(4) var normal_out: texture_storage_2d<rgba32float, write>;

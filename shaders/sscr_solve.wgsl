@@ -54,9 +54,11 @@ fn splat_point(item: Item, index: u32) {
     let point = points[index];
     let last = solutions[index];
     var solution = Solution(0u, 0.0);
-    if totals.regions > 0u && !is_hidden(item, point) {
+    let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
+    // Written so that NaN, which is a point without a place, is not searched for.
+    let is_point = dot(q, q) < 3e38;
+    if totals.regions > 0u && is_point && !is_hidden(item, point) {
         let identity = page.first_identity + index;
-        let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
         var last_at = vec2f(-1.0);
         var label = drawn_label(identity);
         if seeds == SSCR_SEEDS_LAST_FRAME && last.place != 0u {
@@ -107,8 +109,10 @@ fn drawn_label(identity: u32) -> u32 {
     if !weighted {
         return (identity + round.draw) % totals.regions + 1u;
     }
-    // Draws are apart by the golden ratio, which spreads any number of them evenly.
-    let number = fract(halton(identity) + fract(f32(round.draw) * 0.61803399));
+    // Draws are apart by the golden ratio, which spreads any number of them evenly: a product of integers wraps where one of
+    // floats would run out of digits.
+    let apart = f32((round.draw * 2654435769u) >> 8u) / 16777216.0;
+    let number = fract(halton(identity) + apart);
     let place = min(u32(number * f32(totals.pixels)), totals.pixels - 1u);
     var low = 0u;
     var high = totals.regions - 1u;

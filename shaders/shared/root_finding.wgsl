@@ -1,7 +1,8 @@
 // Search for the pixel of a region in which a point is reflected: the root of the mirror-space error. The published search is
 // interleaved bracketing and bisection (Preiner 2010, section 3.4.3, algorithm 3.1); the others take the slope of the error
 // from neighbouring pixels, so the direction of the root lines on the screen does not matter to them.
-// The importing pass defines `probe(search, at)`. CPU twin: crates/render/src/reflection/sscr/twin.rs.
+// The importing pass defines `probe(search, at)`. CPU twin of interleaved and newton from random starts:
+// crates/render/src/reflection/sscr/twin.rs.
 #import params
 
 override solver: u32 = SSCR_SOLVER_INTERLEAVED;

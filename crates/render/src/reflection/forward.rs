@@ -16,6 +16,10 @@ use crate::targets::storage;
 const SOLUTION_BYTES: u64 = 8;
 /// Bytes a pixel of the sums and of their carries in shaders/shared/mirror_sums.wgsl.
 const SUM_BYTES: [u64; 2] = [48, 24];
+/// Pixels along an edge that `pack_place` in shaders/shared/mirror_splat.wgsl reaches.
+const LONGEST_EDGE: u32 = 16_384;
+/// Bytes a pixel of positions.
+const POSITION_BYTES: u64 = 16;
 /// Levels above the picture itself, as published.
 const PULL_LEVELS: u32 = 4;
 
@@ -85,8 +89,10 @@ impl Forward {
     }
 
     /// # Errors
-    /// A picture too large for the adapter.
+    /// A picture too large for the adapter, or with an edge longer than places are kept for.
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
+        let row = |edge: u32| u64::from(edge) * POSITION_BYTES;
+        check_size(gpu, "a row of reflections", row(size[0].max(size[1])), row(LONGEST_EDGE))?;
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         let pyramid = |label, format| Pyramid::new(&gpu.device, size, label, format);
         Ok(Self {
@@ -103,14 +109,16 @@ impl Forward {
         })
     }
 
-    /// Makes room for the solutions of each page's points; those of pages that are no more go.
+    /// Makes room for the solutions of each page's points; those of pages, rounds and bounces that are no more go. `bounces` is
+    /// how many are kept apart.
     ///
     /// # Errors
     /// No more memory.
-    pub fn reserve(&mut self, gpu: &Gpu, task: &Task<'_>, rounds: u32, bounce: usize) -> Result<()> {
+    pub fn reserve(&mut self, gpu: &Gpu, task: &Task<'_>, rounds: u32, bounce: usize, bounces: usize) -> Result<()> {
         let capacities = task.store.page_capacities();
         let bytes = |page: usize| capacities.get(page).map(|capacity| u64::from(*capacity) * SOLUTION_BYTES);
-        self.solutions.retain(|key, buffer| key.round < rounds && bytes(key.page) == Some(buffer.size()));
+        self.solutions
+            .retain(|key, buffer| key.round < rounds && key.bounce < bounces && bytes(key.page) == Some(buffer.size()));
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         for page in task.supply.pages.iter().map(|page| page.number) {
             let Some(bytes) = bytes(page) else { continue };
@@ -197,10 +205,16 @@ impl Forward {
 /// # Errors
 /// More than the adapter can bind.
 pub(crate) fn picture_buffer(gpu: &Gpu, what: &'static str, bytes: u64) -> Result<wgpu::Buffer> {
-    let limit = gpu.device.limits().max_storage_buffer_binding_size;
+    check_size(gpu, what, bytes, gpu.device.limits().max_storage_buffer_binding_size)?;
+    Ok(storage(&gpu.device, what, bytes))
+}
+
+/// # Errors
+/// More bytes for a picture than the limit.
+pub(crate) fn check_size(gpu: &Gpu, what: &'static str, bytes: u64, limit: u64) -> Result<()> {
     if bytes > limit {
         let adapter = gpu.info.name.clone();
         return Err(Error::TooLarge { what, bytes, limit, adapter, advice: "; ask for a smaller picture" });
     }
-    Ok(storage(&gpu.device, what, bytes))
+    Ok(())
 }

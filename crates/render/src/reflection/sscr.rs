@@ -14,7 +14,7 @@ mod twin;
 use scene::{Distribution, Seeds, Show};
 
 use super::Task;
-use super::forward::{Forward, picture_buffer};
+use super::forward::{Forward, check_size, picture_buffer};
 use crate::gpu::{Gpu, Result};
 use crate::passes;
 use crate::recorder::Recorder;
@@ -27,6 +27,7 @@ const REGION_BYTES: u64 = 80;
 const MIRROR_PIXEL_BYTES: u64 = 32;
 /// Pixels that a workgroup numbers the regions of.
 const RUN_PIXELS: u32 = 1024;
+const RUN_BYTES: u64 = 8;
 
 /// What the method keeps from frame to frame.
 pub(crate) struct Sscr {
@@ -59,12 +60,16 @@ impl Sscr {
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         let buffer = |what, bytes| picture_buffer(gpu, what, bytes);
+        let runs = pixels.div_ceil(RUN_PIXELS.into()) * RUN_BYTES;
+        // A workgroup each, all along one dimension.
+        let most_runs = u64::from(gpu.device.limits().max_compute_workgroups_per_dimension);
+        check_size(gpu, "runs of pixels", runs, most_runs * RUN_BYTES)?;
         Ok(Self {
             size,
             curvature: buffer("curvature map", pixels * 4)?,
             parents: buffer("parents", pixels * 4)?,
             sizes: buffer("sizes", pixels * 4)?,
-            runs: buffer("runs of pixels", pixels.div_ceil(RUN_PIXELS.into()) * 8)?,
+            runs: buffer("runs of pixels", runs)?,
             totals: storage(&gpu.device, "totals of regions", 8),
             regions: buffer("regions", pixels.div_ceil(LEAST_REGION) * REGION_BYTES)?,
             mirror_pixels: buffer("mirror pixels", pixels * MIRROR_PIXEL_BYTES)?,
@@ -83,10 +88,11 @@ impl Sscr {
         let rounds = settings.regions_per_point;
         let keeps_solutions = settings.seeds == Seeds::LastFrame;
         // Otherwise a buffer serves all bounces in turn.
-        let bounce = if keeps_solutions { task.bounce } else { 0 };
+        let (bounce, bounces) =
+            if keeps_solutions { (task.bounce, task.settings.reflection.bounces as usize) } else { (0, 1) };
         // Solutions that are the next seeds must not be searched for twice.
         let solve_once = settings.solve_once || keeps_solutions;
-        forward.reserve(recorder.gpu, task, rounds, bounce)?;
+        forward.reserve(recorder.gpu, task, rounds, bounce, bounces)?;
         self.label(recorder, task)?;
         forward.clear(recorder);
         recorder.clear(&self.endings);
@@ -122,7 +128,8 @@ impl Sscr {
             [&self.curvature, &self.parents, &self.sizes, &self.runs, &self.totals, &self.regions, &self.mirror_pixels]
                 .map(wgpu::Buffer::as_entire_binding);
         let surface = [point.clone(), normal.clone(), eye.clone(), curvature.clone()];
-        recorder.over_pixels(&passes::CURVATURE, &[], inputs, &surface)?;
+        let switches = [("from_camera", u32::from(task.bounce == 0))];
+        recorder.over_pixels(&passes::CURVATURE, &switches, inputs, &surface)?;
         for (along_columns, lines) in [(0, self.size[1]), (1, self.size[0])] {
             let switches = [("along_columns", along_columns)];
             let groups = [lines.div_ceil(64), 1, 1];

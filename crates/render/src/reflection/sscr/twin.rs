@@ -1,5 +1,6 @@
 //! Screen-space curved reflections on the CPU, in plain code with the shaders' names: what the GPU's labels, regions, error
-//! values and solved pixels are tested against, and itself tested against closed forms.
+//! values and solved pixels are tested against, and itself tested against closed forms. Of the searches it has the published
+//! one and Newton's, from random starts; the depths of the curvature map are those of a perspective view.
 //!
 //! Preiner 2010: the mirror-space error function is section 3.3, the search for the mirror pixel 3.4.3, the curvature map and
 //! its labels 3.5. Labels are found by tracing contours (Chang, Chen, Lu 2004), as published; the GPU joins trees instead.
@@ -339,7 +340,9 @@ impl Search<'_> {
         let reflected = reflected_in_mirror_space(self.pixel(region, at)?, self.picture.right, q);
         Some(match self.settings.solver {
             Solver::Interleaved => mirror_space_error(reflected),
-            _ => mapped_error(reflected),
+            Solver::Newton | Solver::Broyden | Solver::NelderMead | Solver::ConjugateGradient => {
+                mapped_error(reflected)
+            }
         })
     }
 
@@ -368,7 +371,10 @@ impl Search<'_> {
         let mut random = Random(hash(identity));
         let outcome = match self.settings.solver {
             Solver::Newton => self.newton(region, q, &mut random),
-            _ => self.interleaved(region, q, &mut random),
+            Solver::Interleaved => self.interleaved(region, q, &mut random),
+            other @ (Solver::Broyden | Solver::NelderMead | Solver::ConjugateGradient) => {
+                unimplemented!("{other:?} has no twin")
+            }
         };
         let Outcome::Found(at) = outcome else { return (outcome, 0.0) };
         let Some(pixel) = self.pixel(region, at) else { return (Outcome::Lost, 0.0) };
