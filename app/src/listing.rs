@@ -12,11 +12,11 @@ use crate::{loading, truth};
 /// A line of help for each reflection method.
 fn method_help(method: Method) -> &'static str {
     match method {
-        Method::Auto => "The best there is for the scene",
+        Method::Auto => "sscr_hierarchical, in every scene",
         Method::None => "Mirrors stay plain grey: the scene without reflections",
         Method::Sscr => "Screen-space curved reflections as published (Preiner 2010): a root search for each point",
         Method::SscrHierarchical => {
-            "Screen-space curved reflections through a pyramid of reflected rays: all roots, nothing random"
+            "Nodes of points descend into beams of reflected rays; each ray ends at the disc it meets"
         }
         Method::SurfelTrace => "Reflected rays traced through the points as discs, on the GPU",
     }

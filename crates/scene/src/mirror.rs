@@ -88,7 +88,7 @@ impl Shape {
 
 /// Linear grey of mirrors that have no colour of their own: what is seen of them where reflections are not.
 pub const MIRROR_GREY: f32 = 0.5;
-/// Blinn exponent of a mirror's highlight; sharp enough for a lamp to show as a point.
+/// Blinn exponent of a mirror, sharp enough for a lamp to show as a point. Kept for highlights, which are not drawn yet.
 pub const MIRROR_POWER: f32 = 1000.0;
 
 fn identity() -> DQuat {
@@ -114,7 +114,7 @@ pub struct Mirror {
     #[serde(default)]
     pub name: String,
     pub shape: Shape,
-    /// World units.
+    /// Of its middle, of a paraboloid its vertex; world units.
     pub position: DVec3,
     /// Turns the shape's own axes into the world's.
     #[serde(default = "identity")]
@@ -127,6 +127,7 @@ pub struct Mirror {
     /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
     #[serde(default = "one")]
     pub specular_intensity: f32,
+    /// Blinn exponent, kept for highlights, which are not drawn yet.
     #[serde(default = "sharp")]
     pub specular_power: f32,
     /// Drawn as sampled points unless `mirror.surface` says otherwise: the published condition of the built-in scenes.
