@@ -178,6 +178,20 @@ fn bits(data: &[f32]) -> Vec<u32> {
     data.iter().map(|value| value.to_bits()).collect()
 }
 
+/// That all colours are numbers where something is seen, and all places where something is seen in a mirror.
+fn assert_finite(stage: &Stage, what: &str) {
+    let depth = read(stage, Aov::Depth);
+    for aov in [Aov::Color, Aov::Direct] {
+        let image = read(stage, aov);
+        for (depth, color) in depth.iter().zip(image.as_chunks::<3>().0) {
+            assert!(depth.is_nan() || color.iter().all(|value| value.is_finite()), "{what}: {aov:?}");
+        }
+    }
+    for (at, _) in seen(stage).into_iter().flatten() {
+        assert!(at.is_finite(), "{what}: sees {at}");
+    }
+}
+
 /// Value that this share of the sorted values does not exceed.
 fn percentile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
@@ -208,40 +222,48 @@ fn sphere_over_floor(stage: &Stage) -> Scene {
     scene
 }
 
+/// Compares a frame of `sphere_over_floor` with the closed form, pixel by pixel. Returns the distances from what was found to
+/// what should be, where the floor must be seen.
+fn errors_over_floor(stage: &Stage, scene: &Scene, size: [u32; 2], method: &str) -> Vec<f64> {
+    let (mask, seen) = (mask(stage), seen(stage));
+    assert_eq!(mask.len(), (size[0] * size[1]) as usize);
+    let mut errors = Vec::new();
+    for pixel in 0..mask.len() {
+        let direction = pixel_direction(&scene.camera, size, pixel);
+        let hit = sphere_hit(scene.camera.eye, direction, SPHERE_CENTER, SPHERE_RADIUS);
+        if !mask[pixel] {
+            assert!(seen[pixel].is_none());
+            continue;
+        }
+        // The silhouette itself may round either way.
+        let Some(hit) = hit else { continue };
+        let ray = reflected(direction, (hit - SPHERE_CENTER) / SPHERE_RADIUS);
+        let distance = (FLOOR - hit.z) / ray.z;
+        let truth = hit + ray * distance;
+        let outside = truth.x.abs().max(truth.y.abs()) - FLOOR_HALF;
+        if distance > 0.0 && outside < -2.0 * DISC {
+            let (at, is_found) = seen[pixel].unwrap();
+            assert!(is_found, "discs leave no gap");
+            errors.push(at.distance(truth));
+        } else if distance < 0.0 || outside > 2.0 * DISC / ray.z.abs() {
+            assert!(seen[pixel].is_none(), "{method}: sees {:?} in the sky", seen[pixel]);
+        }
+    }
+    errors
+}
+
 #[test]
 fn a_mirror_sphere_shows_a_plane_where_the_closed_form_does_within_a_splat() {
     let mut stage = stage_or_skip!();
     let scene = sphere_over_floor(&stage);
     for method in TRACING {
         let stats = scene.render(&mut stage, &by_method(method));
-        let (mask, seen) = (mask(&stage), seen(&stage));
-        let (mut errors, mut found_pixels) = (Vec::new(), 0);
-        for pixel in 0..mask.len() {
-            let direction = pixel_direction(&scene.camera, SIZE, pixel);
-            let hit = sphere_hit(scene.camera.eye, direction, SPHERE_CENTER, SPHERE_RADIUS);
-            if !mask[pixel] {
-                assert!(seen[pixel].is_none());
-                continue;
-            }
-            // The silhouette itself may round either way.
-            let Some(hit) = hit else { continue };
-            let ray = reflected(direction, (hit - SPHERE_CENTER) / SPHERE_RADIUS);
-            let distance = (FLOOR - hit.z) / ray.z;
-            let truth = hit + ray * distance;
-            let outside = truth.x.abs().max(truth.y.abs()) - FLOOR_HALF;
-            if distance > 0.0 && outside < -2.0 * DISC {
-                let (at, is_found) = seen[pixel].unwrap();
-                assert!(is_found, "discs leave no gap");
-                errors.push(at.distance(truth));
-                found_pixels += 1;
-            } else if distance < 0.0 || outside > 2.0 * DISC / ray.z.abs() {
-                assert!(seen[pixel].is_none(), "{method}: sees {:?} in the sky", seen[pixel]);
-            }
-        }
-        assert!(found_pixels > 500, "{found_pixels}");
+        let errors = errors_over_floor(&stage, &scene, SIZE, method);
+        assert!(errors.len() > 500, "{}", errors.len());
         let (most, median) = (percentile(errors.clone(), 1.0), percentile(errors, 0.5));
         assert!(most < DISC && median < DISC / 50.0, "{method}: {most} at most, {median} in the middle");
         // The counters count the same.
+        let (mask, seen) = (mask(&stage), seen(&stage));
         let found = stats.reflection.unwrap();
         assert_eq!(found.mirror_pixels as usize, mask.iter().filter(|is_mirror| **is_mirror).count());
         let counted = |is_found: bool| {
@@ -249,6 +271,151 @@ fn a_mirror_sphere_shows_a_plane_where_the_closed_form_does_within_a_splat() {
             pixels as f64 / f64::from(found.mirror_pixels)
         };
         assert_eq!((found.coverage, found.closed_coverage), (counted(true), counted(false)));
+    }
+}
+
+/// One pixel; a row of more than a texture's customary 4096; no multiple of a tile.
+const ODD_SIZES: [[u32; 2]; 3] = [[1, 1], [4097, 3], [17, 9]];
+
+#[test]
+fn pictures_of_odd_sizes_are_right_to_the_last_pixel() {
+    let mut stage = stage_or_skip!();
+    let mut scene = sphere_over_floor(&stage);
+    // From below, so that the one pixel of the smallest picture sees the floor too.
+    scene.camera = Camera::looking(SPHERE_CENTER, DVec3::new(0.3, -1.0, -0.5), 2.2, DVec3::Z);
+    for size in ODD_SIZES {
+        let mut masks = Vec::new();
+        for method in TRACING {
+            scene.render_sized(&mut stage, &by_method(method), size);
+            let errors = errors_over_floor(&stage, &scene, size, method);
+            assert!(!errors.is_empty() && percentile(errors, 1.0) < DISC, "{method} {size:?}");
+            masks.push(mask(&stage));
+        }
+        scene.render_sized(&mut stage, &by_method("sscr"), size);
+        masks.push(mask(&stage));
+        assert!(masks.iter().all(|mask| *mask == masks[0]), "{size:?}");
+        assert_finite(&stage, &format!("sscr {size:?}"));
+    }
+}
+
+#[test]
+fn a_mirror_in_an_empty_scene_is_drawn_and_shows_nothing() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, front_camera());
+    scene.mirrors.push(mirror(Shape::Sphere, SPHERE_CENTER, DQuat::IDENTITY, SPHERE_RADIUS));
+    for size in ODD_SIZES {
+        for method in [TRACING[0], TRACING[1], "sscr"] {
+            let stats = scene.render_sized(&mut stage, &by_method(method), size);
+            let found = stats.reflection.unwrap();
+            let mirrors = mask(&stage).iter().filter(|is_mirror| **is_mirror).count();
+            assert!(mirrors > 0 && found.mirror_pixels as usize == mirrors, "{method} {size:?}: {mirrors}");
+            assert_eq!((found.coverage, found.closed_coverage), (0.0, 0.0), "{method} {size:?}");
+            assert!(seen(&stage).iter().all(Option::is_none), "{method} {size:?}");
+            assert_finite(&stage, &format!("{method} {size:?}"));
+        }
+    }
+}
+
+#[test]
+fn a_parallel_projection_is_reflected_in_a_plane_as_the_closed_form_says() {
+    let mut stage = stage_or_skip!();
+    let back = DVec3::new(0.1, -1.0, 0.5);
+    let mut scene = Scene::new(&stage, Camera::looking(DVec3::ZERO, back, 4.0, DVec3::Z));
+    const HALF: [f64; 2] = [1.5, 1.2];
+    const WALL: f64 = 3.0;
+    scene.mirrors.push(mirror(Shape::Plane { height: HALF[1] / HALF[0] }, DVec3::ZERO, DQuat::IDENTITY, HALF[0]));
+    let wall = rectangle(DVec3::new(-1.0, WALL, 0.1), [DVec3::X * 3.0, DVec3::Z * 2.0], [200; 3], DISC);
+    scene.add(vec![wall], Material::default());
+    let camera = scene.camera;
+    // Half of the picture's height is what the field of view of 60 degrees spans at the pivot.
+    let step = camera.distance() * 30_f64.to_radians().tan() * 2.0 / f64::from(SIZE[1]);
+    let on_plane = |pixel: usize| {
+        let (x, y) = ((pixel as u32 % SIZE[0]) as f64 + 0.5, (pixel as u32 / SIZE[0]) as f64 + 0.5);
+        let offset = DVec3::new(x - f64::from(SIZE[0]) * 0.5, f64::from(SIZE[1]) * 0.5 - y, 0.0) * step;
+        let through = camera.view_from_world().transpose() * offset;
+        through - camera.forward() * (through.z / camera.forward().z)
+    };
+    let ray = reflected(camera.forward(), DVec3::Z);
+    for method in TRACING {
+        let mut settings = by_method(method);
+        settings.set_text("view.projection", "orthographic").unwrap();
+        scene.render(&mut stage, &settings);
+        let (mask, seen) = (mask(&stage), seen(&stage));
+        let (mut errors, mut empty) = (Vec::new(), 0);
+        for pixel in 0..mask.len() {
+            let at = on_plane(pixel);
+            // Above 0: outside of the mirror. The wall itself is before none of it.
+            let beyond = (at.x.abs() - HALF[0]).max(at.y.abs() - HALF[1]);
+            if beyond.abs() < 1e-4 {
+                continue;
+            }
+            assert_eq!(mask[pixel], beyond < 0.0, "{method}: {at}");
+            let truth = at + ray * ((WALL - at.y) / ray.y);
+            let outside = (truth.x - 0.5).abs() - 1.5;
+            let outside = outside.max((truth.z - 1.1).abs() - 1.0);
+            if beyond < 0.0 && outside < 0.0 {
+                errors.push(seen[pixel].unwrap().0.distance(truth));
+            } else if beyond < 0.0 && outside > DISC {
+                empty += 1;
+                assert!(seen[pixel].is_none(), "{method}: {truth}");
+            }
+        }
+        assert!(errors.len() > 1000 && empty > 300, "{} see the wall, {empty} nothing", errors.len());
+        // Places are kept to a thousandth of a leaf, some four discs wide.
+        let most = percentile(errors, 1.0);
+        assert!(most < DISC / 100.0, "{method}: {most}");
+    }
+}
+
+/// 0..count in an order that is far from any in space.
+fn shuffled(count: usize) -> Vec<usize> {
+    // A prime that does not divide the count meets each once.
+    let step = 7_919;
+    assert!(!count.is_multiple_of(step));
+    (0..count).map(|i| i * step % count).collect()
+}
+
+#[test]
+fn how_points_are_parted_into_chunks_changes_nothing() {
+    let mut stage = stage_or_skip!();
+    const RADIUS: f64 = 0.1;
+    // Less than what a disc's rim is moved back by where discs overlap, more than the margin of a flat leaf's box: which of the
+    // two layers is seen must not depend on which is met first.
+    const APART: f64 = 0.012 * RADIUS;
+    // Two layers below the sphere and two above it, so that whichever way a tree is walked, it meets one pair from behind.
+    let layer = |z: f64, shift: f64| {
+        let corner = DVec3::new(-3.0 + shift, -3.0 + shift, z);
+        rectangle_points(corner, [DVec3::X, DVec3::Y].map(|axis| axis * 6.0), RADIUS)
+    };
+    let half_step = RADIUS * 0.5;
+    let layers = [layer(-1.2 - APART, half_step), layer(-1.2, 0.0), layer(1.6, 0.0), layer(1.6 + APART, half_step)];
+    let all: Vec<(DVec3, DVec3)> = layers.concat();
+    let mixed: Vec<_> = shuffled(all.len()).into_iter().map(|index| all[index]).collect();
+    let partings: [Vec<Vec<(DVec3, DVec3)>>; 3] = [
+        vec![mixed.clone()],
+        layers.to_vec(),
+        layers.iter().rev().flat_map(|layer| layer.chunks(1000).rev().map(<[_]>::to_vec)).collect(),
+    ];
+    for method in TRACING {
+        let pictures = partings.each_ref().map(|parts| {
+            let mut scene = Scene::new(&stage, front_camera());
+            scene.mirrors.push(mirror(Shape::Sphere, SPHERE_CENTER, DQuat::IDENTITY, SPHERE_RADIUS));
+            let chunks = parts.iter().map(|points| chunk(points, [200; 3], RADIUS)).collect();
+            scene.add(chunks, Material::default());
+            scene.render(&mut stage, &by_method(method));
+            seen(&stage)
+        });
+        let filled = pictures[0].iter().flatten().count();
+        assert!(filled > 1000, "{filled}");
+        for (parting, other) in pictures.iter().enumerate().skip(1) {
+            let differs = |(a, b): &(&Option<(DVec3, bool)>, &Option<(DVec3, bool)>)| match (a, b) {
+                (Some((a, _)), Some((b, _))) => a.distance(*b) > APART / 2.0,
+                (a, b) => a.is_some() != b.is_some(),
+            };
+            let differing = pictures[0].iter().zip(other).filter(differs).count();
+            // Where two discs are as near as each other, to the thousandth of a leaf that places are kept to.
+            assert!(differing * 50 < filled, "{method}, parting {parting}: {differing} of {filled}");
+        }
     }
 }
 
@@ -408,16 +575,21 @@ fn every_end_of_every_parameter_gives_a_finite_picture() {
                 let mut settings = settings(&[("reflection.method", method), ("reflection.bounces", "2")]);
                 settings.set_text(&key, &text).unwrap();
                 scene.render_sized(&mut stage, &settings, [64, 48]);
-                let depth = read(&stage, Aov::Depth);
-                for aov in [Aov::Color, Aov::Direct] {
-                    let image = read(&stage, aov);
-                    for (depth, color) in depth.iter().zip(image.as_chunks::<3>().0) {
-                        let is_finite = color.iter().all(|value| value.is_finite());
-                        assert!(depth.is_nan() || is_finite, "{key}={text}, {method}: {aov:?}");
-                    }
-                }
-                let is_something = depth.iter().filter(|depth| !depth.is_nan()).count() > 500;
-                assert!(is_something && stage.renderer.read_picture().unwrap().len() == 64 * 48 * 4, "{key}={text}");
+                let what = format!("{key}={text}, {method}");
+                assert_finite(&stage, &what);
+                let (depth, picture) = (read(&stage, Aov::Depth), stage.renderer.read_picture().unwrap());
+                let drawn: Vec<[u8; 4]> = depth
+                    .iter()
+                    .zip(picture.as_chunks::<4>().0)
+                    .filter_map(|(depth, color)| (!depth.is_nan()).then_some(*color))
+                    .collect();
+                assert!(drawn.len() > 500 && drawn.iter().any(|color| *color != drawn[0]), "{what}: {}", drawn.len());
+                let reflection = &settings.reflection;
+                let found = seen(&stage).iter().flatten().count();
+                let is_looked_for = reflection.method != scene::Method::None && reflection.bounces > 0;
+                // In a picture this small every step of depth is larger than that: all pixels are borders of regions.
+                let is_all_borders = text == "0.001" && key == "sscr.depth_step_threshold";
+                assert_eq!(found > 0, is_looked_for && !is_all_borders, "{what}: {found} mirror pixels see something");
             }
         }
     }
