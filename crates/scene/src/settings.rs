@@ -155,9 +155,9 @@ params! {
 
     /// Reflections.
     pub struct Reflection = "reflection" {
-        /// What finds the reflected points; auto takes the best there is.
+        /// What finds the reflected points; auto takes sscr_hierarchical.
         method: Method = Method::Auto;
-        /// Reflections of reflections that are followed.
+        /// Reflections that are followed, one after the other.
         bounces: u32 = 1, 0..=4, "bounces";
         /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
         keep: bool = true;
