@@ -119,8 +119,10 @@ impl SceneFile {
     /// Not readable, or not a scene; names the file.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        let mut file =
-            Self::parse(&text).map_err(|error| Error::Malformed { problem: format!("{}: {error}", path.display()) })?;
+        let mut file = Self::parse(&text).map_err(|error| match error {
+            Error::Malformed { problem } => Error::Malformed { problem: format!("{}: {problem}", path.display()) },
+            other => other,
+        })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         for cloud in file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud)) {
             let beside = folder.join(&*cloud);
