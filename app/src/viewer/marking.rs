@@ -156,7 +156,6 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         NormalsWay::Own | NormalsWay::Flatten => {}
     }
     slider(ui, "Intensity", egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
-    slider(ui, "Power", egui::Slider::new(&mut draft.specular_power, 1.0..=100_000.0).logarithmic(true));
     let wanted = draft.wanted(entry, picked.map(|(_, world)| world));
     let count = wanted.as_ref().and_then(|wanted| match &draft.counted {
         Some((counted, result)) if counted.points == wanted.points && counted.cloud == wanted.cloud => {
