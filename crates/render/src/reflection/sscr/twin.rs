@@ -373,7 +373,7 @@ impl Search<'_> {
             Solver::Newton => self.newton(region, q, &mut random),
             Solver::Interleaved => self.interleaved(region, q, &mut random),
             other @ (Solver::Broyden | Solver::NelderMead | Solver::ConjugateGradient) => {
-                unimplemented!("{other:?} has no twin")
+                panic!("{other:?} has no twin")
             }
         };
         let Outcome::Found(at) = outcome else { return (outcome, 0.0) };
