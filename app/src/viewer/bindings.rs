@@ -1,6 +1,8 @@
 //! What every key and mouse gesture does: one table. The handling walks it to find the action, the shortcut sheet walks it
 //! to say so; nothing else names a key.
 
+use std::collections::HashSet;
+
 use egui::{Key, PointerButton};
 use scene::{ColorBy, Shape, StandardView};
 
@@ -234,22 +236,17 @@ pub fn action(trigger: Trigger, mode: Mode) -> Option<Action> {
     BINDINGS.iter().find(fits).map(|binding| binding.action)
 }
 
-/// The actions whose keys or modifiers are held down now.
-pub fn held(input: &egui::InputState) -> impl Iterator<Item = Action> {
+/// The actions whose keys or modifiers are held down now, but for keys that are down as part of a shortcut.
+pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>) -> impl Iterator<Item = Action> {
     let modifiers = Modifiers::from(input.modifiers);
     BINDINGS.iter().filter_map(move |binding| {
         let down = match binding.trigger {
-            // Ctrl+S saves and does not fly.
-            Trigger::Hold(key) => input.key_down(key) && !is_bound(Trigger::Key(modifiers, key)),
+            Trigger::Hold(key) => input.key_down(key) && !shortcuts.contains(&key),
             Trigger::Modifier(wanted) => wanted == modifiers,
             _ => false,
         };
         down.then_some(binding.action)
     })
-}
-
-fn is_bound(trigger: Trigger) -> bool {
-    BINDINGS.iter().any(|binding| binding.trigger == trigger)
 }
 
 /// The first gesture of an action, for tool-tips; empty if it has none.

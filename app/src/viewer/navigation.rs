@@ -2,6 +2,7 @@
 //! moves the camera. Zooming goes toward the point under the cursor, which the render thread looks up; until it answers,
 //! the wheel's turns are gathered, and if it does not within a moment the plane of the pivot stands in.
 
+use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
 use egui::{Event, MouseWheelUnit, Response, Ui};
@@ -41,6 +42,9 @@ pub struct Navigation {
     pivot_shown: Option<Instant>,
     /// Doublings of the speed of flight.
     pub speed: f32,
+    /// Keys that went down as part of a shortcut, until they come up: Ctrl may come up before the S of Ctrl+S, which must not
+    /// fly then.
+    shortcut_keys: HashSet<egui::Key>,
     /// Picks before the click that may become a double-click.
     picks_before: Vec<super::state::Pick>,
 }
@@ -125,8 +129,13 @@ fn keys(ui: &Ui, state: &mut State) {
         match event {
             Event::Key { key, pressed: true, repeat, modifiers, .. } => {
                 let action = bindings::action(Trigger::Key(modifiers.into(), key), state.mode);
+                let shortcuts = &mut state.navigation.shortcut_keys;
+                let _ = if action.is_some() { shortcuts.insert(key) } else { shortcuts.remove(&key) };
                 // A key that is kept down repeats steps, not toggles.
                 act(state, action.filter(|action| !repeat || matches!(action, Action::PointSize(_))));
+            }
+            Event::Key { key, pressed: false, .. } => {
+                state.navigation.shortcut_keys.remove(&key);
             }
             Event::Copy => act(state, bindings::action(command(egui::Key::C), state.mode)),
             Event::Paste(text) if bindings::action(command(egui::Key::V), state.mode) == Some(Action::PasteView) => {
@@ -138,7 +147,8 @@ fn keys(ui: &Ui, state: &mut State) {
 }
 
 fn held(ui: &Ui, state: &mut State) {
-    let (actions, seconds) = ui.input(|input| (bindings::held(input).collect::<Vec<_>>(), input.stable_dt));
+    let shortcuts = &state.navigation.shortcut_keys;
+    let (actions, seconds) = ui.input(|input| (bindings::held(input, shortcuts).collect::<Vec<_>>(), input.stable_dt));
     state.raw_colors = actions.contains(&Action::RawColors);
     let mut direction = DVec3::ZERO;
     for action in &actions {
