@@ -122,7 +122,7 @@ struct Sscr {
     solver: u32,
     seeds: u32,
     regions_per_point: u32,
-    cull_blocks: u32,
+    cull_points: u32,
     per_region: u32,
 }
 const SSCR_STOP_STEP: u32 = 0u;

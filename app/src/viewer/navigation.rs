@@ -130,7 +130,11 @@ fn keys(ui: &Ui, state: &mut State) {
             Event::Key { key, pressed: true, repeat, modifiers, .. } => {
                 let action = bindings::action(Trigger::Key(modifiers.into(), key), state.mode);
                 let shortcuts = &mut state.navigation.shortcut_keys;
-                let _ = if action.is_some() { shortcuts.insert(key) } else { shortcuts.remove(&key) };
+                if action.is_some() {
+                    shortcuts.insert(key);
+                } else {
+                    shortcuts.remove(&key);
+                }
                 // A key that is kept down repeats steps, not toggles.
                 act(state, action.filter(|action| !repeat || matches!(action, Action::PointSize(_))));
             }

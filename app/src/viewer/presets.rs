@@ -19,7 +19,7 @@ const PRESETS: [Preset; 3] = [
         help: "Solves each point once, leaves out blocks that are reflected nowhere, and closes more instead",
         values: &[
             ("sscr.solve_once", "true"),
-            ("sscr.cull_blocks", "true"),
+            ("sscr.cull_points", "true"),
             ("sscr.seed_attempts", "2"),
             ("sscr.step_attempts", "2"),
             ("sscr.pull_levels", "4"),
@@ -30,7 +30,7 @@ const PRESETS: [Preset; 3] = [
         help: "Newton's method from a grid of starts, in several regions a point",
         values: &[
             ("sscr.solve_once", "true"),
-            ("sscr.cull_blocks", "true"),
+            ("sscr.cull_points", "true"),
             ("sscr.solver", "newton"),
             ("sscr.seeds", "grid"),
             ("sscr.seed_attempts", "8"),

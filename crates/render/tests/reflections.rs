@@ -3,46 +3,20 @@
 //! where a ray starts. SSCR has tests of its own beside its code.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
+#[macro_use]
+mod stage;
+
+use std::sync::Arc;
 
 use cloud::sampling::Surface;
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use param::{Kind, Value};
-use render::{Aov, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
+use render::{Aov, ColorPlan, FrameStats, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
-struct Stage {
-    gpu: Arc<Gpu>,
-    renderer: Renderer,
-}
-
-static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            return None;
-        }
-    };
-    let renderer = Renderer::new(gpu.clone()).expect("every pass compiles");
-    Some(Mutex::new(Stage { gpu, renderer }))
-});
-
-fn stage() -> Option<MutexGuard<'static, Stage>> {
-    STAGE.as_ref().map(|stage| stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
-}
-
-macro_rules! stage_or_skip {
-    () => {
-        match stage() {
-            Some(stage) => stage,
-            None => return,
-        }
-    };
-}
+use stage::Stage;
 
 const SIZE: [u32; 2] = [160, 120];
 /// For what is as wide as a pixel: outlines and bumps.

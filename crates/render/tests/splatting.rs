@@ -2,44 +2,18 @@
 //! each pass for half a second.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
+#[macro_use]
+mod stage;
+
+use std::sync::Arc;
 
 use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, pack_normal, pack_radius};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use param::{Kind, Value};
-use render::{Aov, ColorPlan, Gpu, Material, Objects, PointStore, Renderer};
+use render::{Aov, ColorPlan, Material, Objects, PointStore};
 use scene::{Camera, Settings};
 
-struct Stage {
-    gpu: Arc<Gpu>,
-    renderer: Renderer,
-}
-
-static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| {
-    let gpu = match Gpu::headless(None) {
-        Ok(gpu) => gpu,
-        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
-        Err(error) => {
-            println!("skipped: {error}");
-            return None;
-        }
-    };
-    let renderer = Renderer::new(gpu.clone()).expect("every pass compiles");
-    Some(Mutex::new(Stage { gpu, renderer }))
-});
-
-fn stage() -> Option<MutexGuard<'static, Stage>> {
-    STAGE.as_ref().map(|stage| stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
-}
-
-macro_rules! stage_or_skip {
-    () => {
-        match stage() {
-            Some(stage) => stage,
-            None => return,
-        }
-    };
-}
+use stage::Stage;
 
 const SIZE: [u32; 2] = [160, 120];
 

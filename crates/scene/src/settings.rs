@@ -204,7 +204,7 @@ params! {
         /// Regions that each point is tried in.
         regions_per_point: u32 = 1, 1..=16, "regions";
         /// Do not search for points outside of the cone of their region's reflected rays; each point is tested, not whole blocks.
-        cull_blocks: bool = false;
+        cull_points: bool = false;
         /// Choose the first step and the number of start pixels by each region's size and shape.
         per_region: bool = false;
     }

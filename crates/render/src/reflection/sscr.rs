@@ -146,7 +146,7 @@ impl Sscr {
         recorder.over(&passes::REGION_SCAN, &switches, inputs, &resources, [1, 1, 1])?;
         let resources = [parents.clone(), sizes.clone(), runs, regions.clone()];
         recorder.over(&passes::REGION_NUMBER, &[], inputs, &resources, groups)?;
-        let switches = [("bound_rays", u32::from(task.settings.sscr.cull_blocks))];
+        let switches = [("bound_rays", u32::from(task.settings.sscr.cull_points))];
         let resources = [point, normal, eye, parents, sizes, regions, mirror_pixels];
         recorder.over_pixels(&passes::REGION_ASSIGN, &switches, inputs, &resources)
     }
@@ -168,7 +168,7 @@ impl Sscr {
             ("seeds", settings.seeds as u32),
             ("per_region", u32::from(settings.per_region)),
             ("weighted", u32::from(settings.distribution == Distribution::Weighted)),
-            ("cull", u32::from(settings.cull_blocks)),
+            ("cull", u32::from(settings.cull_points)),
             ("count_points", u32::from(is_counted)),
             ("record_endings", u32::from(is_counted && records)),
         ];

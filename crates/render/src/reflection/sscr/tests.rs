@@ -457,7 +457,7 @@ fn culling_loses_next_to_no_point_and_regions_of_their_own_parameters_gain_some(
     let Some(mut stage) = stage() else { return };
     let mut scene = Scene::new(&stage.gpu, Variant::Coral, SMALL, 20_000);
     let all = scene.make(&mut stage, &Parameters::default());
-    let culled = scene.make(&mut stage, &Parameters { cull_blocks: true, ..Parameters::default() });
+    let culled = scene.make(&mut stage, &Parameters { cull_points: true, ..Parameters::default() });
     let lost = |index: &usize| all.solutions[*index].is_some() && culled.solutions[*index].is_none();
     let lost: Vec<usize> = (0..scene.points.len()).filter(lost).collect();
     // A search ends within pixels of its root, and the coral's turn the ray by half a radian.
