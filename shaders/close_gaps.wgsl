@@ -72,9 +72,3 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
     textureStore(normal_out, center, normal);
     textureStore(depth_out, center, vec4f(depth));
 }
-
-fn neighbor(index: i32) -> vec2i {
-    // 0 to 7 around the pixel, the pixel itself left out.
-    let i = index + select(0, 1, index >= 4);
-    return vec2i(i % 3 - 1, i / 3 - 1);
-}

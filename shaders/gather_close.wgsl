@@ -34,22 +34,22 @@ fn gather_close(@builtin(global_invocation_id) thread: vec3u) {
     // Open pixels are few: conditions stand in the loops because software rasterisers run both sides of a branch.
     var nearest = 3e38;
     for (var i = 0; is_open && i < 8; i++) {
-        let neighbor = seen_at(center + offset(i));
-        nearest = min(nearest, select(3e38, distance(neighbor.xyz, mirror_point), neighbor.w > 0.0));
+        let seen = seen_at(center + neighbor(i));
+        nearest = min(nearest, select(3e38, distance(seen.xyz, mirror_point), seen.w > 0.0));
     }
     var count = 0.0;
     var albedo_sum = vec4f(0.0);
     var normal_sum = vec4f(0.0);
     var position_sum = vec3f(0.0);
     for (var i = 0; is_open && i < 8; i++) {
-        let at = center + offset(i);
-        let neighbor = seen_at(at);
+        let at = center + neighbor(i);
+        let seen = seen_at(at);
         // Twice the distance is another surface: the near one closes, the far one is seen beside it.
-        if neighbor.w > 0.0 && distance(neighbor.xyz, mirror_point) <= 2.0 * nearest {
+        if seen.w > 0.0 && distance(seen.xyz, mirror_point) <= 2.0 * nearest {
             count += 1.0;
             albedo_sum += textureLoad(albedo_in, at, 0);
             normal_sum += textureLoad(normal_in, at, 0);
-            position_sum += neighbor.xyz;
+            position_sum += seen.xyz;
         }
     }
     if is_open && count >= 5.0 {
@@ -70,10 +70,4 @@ fn seen_at(pixel: vec2i) -> vec4f {
         return vec4f(0.0);
     }
     return textureLoad(position_in, pixel, 0);
-}
-
-fn offset(index: i32) -> vec2i {
-    // 0 to 7 around the pixel, the pixel itself left out.
-    let i = index + select(0, 1, index >= 4);
-    return vec2i(i % 3 - 1, i / 3 - 1);
 }

@@ -34,16 +34,7 @@ fn splat_point(item: Item, index: u32) {
     let splat = splat_of_solution(solution, settings.sscr.max_splat_size, far, size);
     let point = points[index];
     let color_normal = attributes[index];
-    var scalar = 0.0;
-    if item.color_source == COLOR_SCALAR {
-        scalar = scalars[index];
-    }
-    let entry = palette_index(item, point, scalar);
-    var palette_color = 0u;
-    if entry != PALETTE_NONE {
-        palette_color = palette[entry];
-    }
-    let albedo = vec3u(albedo_of_point(item, color_normal, entry, palette_color) * 4095.0 + 0.5);
+    let albedo = vec3u(albedo_of_point(item, index, point, color_normal) * 4095.0 + 0.5);
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let own = unpack_normal(color_normal.y);
     for (var y = splat.first.y; y <= splat.last.y; y++) {

@@ -78,16 +78,7 @@ struct PointSurface {
 
 fn surface_of_point(item: Item, point: vec4u, index: u32, center: vec3f) -> PointSurface {
     let color_normal = attributes[index];
-    var scalar = 0.0;
-    if item.color_source == COLOR_SCALAR {
-        scalar = scalars[index];
-    }
-    let entry = palette_index(item, point, scalar);
-    var palette_color = 0u;
-    if entry != PALETTE_NONE {
-        palette_color = palette[entry];
-    }
-    let albedo = vec3u(albedo_of_point(item, color_normal, entry, palette_color) * 4095.0 + 0.5);
+    let albedo = vec3u(albedo_of_point(item, index, point, color_normal) * 4095.0 + 0.5);
     let normal = normal_toward_eye(frame, center, color_normal.y);
     return PointSurface(albedo, vec3i(round(world_direction(frame, normal) * 2047.0)), normal);
 }

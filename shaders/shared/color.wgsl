@@ -1,4 +1,5 @@
-// The colour of a point, by what the cloud is coloured by. Values of COLOR_* are those of crates/render/src/coloring.rs.
+// The colour of a point, by what the cloud is coloured by. The importing pass binds `scalars` and `palette` of the page.
+// Values of COLOR_* are those of crates/render/src/coloring.rs.
 #import packing
 #import splat
 
@@ -25,10 +26,19 @@ fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
     return u32(clamp((value - item.low) * item.inverse_range, 0.0, 1.0) * 255.0 + 0.5);
 }
 
-// Linear albedo; `palette_color` is the palette's entry where palette_index gave one.
-fn albedo_of_point(item: Item, attributes: vec2u, index: u32, palette_color: u32) -> vec3f {
+// Linear albedo of the point `index` of the page, whose words `point` and `attributes` the pass has read already.
+fn albedo_of_point(item: Item, index: u32, point: vec4u, attributes: vec2u) -> vec3f {
+    var scalar = 0.0;
+    if item.color_source == COLOR_SCALAR {
+        scalar = scalars[index];
+    }
+    let entry = palette_index(item, point, scalar);
+    var palette_color = 0u;
+    if entry != PALETTE_NONE {
+        palette_color = palette[entry];
+    }
     let own = select(item.plain, attributes.x, item.color_source == COLOR_RGB);
-    var srgb = unpack4x8unorm(select(palette_color, own, index == PALETTE_NONE)).rgb;
+    var srgb = unpack4x8unorm(select(palette_color, own, entry == PALETTE_NONE)).rgb;
     if item.color_source == COLOR_NORMAL {
         // Normals are shown as they are commonly drawn: components -1 to 1 as sRGB 0 to 1.
         srgb = unpack_normal(attributes.y) * 0.5 + 0.5;

@@ -60,3 +60,9 @@ fn view_from_pixel(frame: Frame, pixel: vec2f, depth: f32) -> vec3f {
     let slope = slope_from_pixel(frame, pixel);
     return vec3f(select(slope * depth, slope, frame.orthographic != 0u), depth);
 }
+
+// The eight pixels around one, by index 0 to 7.
+fn neighbor(index: i32) -> vec2i {
+    let i = index + select(0, 1, index >= 4);
+    return vec2i(i % 3 - 1, i / 3 - 1);
+}

@@ -18,18 +18,9 @@ fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
         point = points[index];
     }
     let color_normal = attributes[index];
-    var scalar = 0.0;
-    if item.color_source == COLOR_SCALAR {
-        scalar = scalars[index];
-    }
-    let entry = palette_index(item, point, scalar);
-    var palette_color = 0u;
-    if entry != PALETTE_NONE {
-        palette_color = palette[entry];
-    }
     let own = unpack_normal(color_normal.y);
     let outward = select(own, -own, dot(own, toward_eye) < 0.0);
     let normal = select(outward, toward_eye, all(own == vec3f(0.0)));
-    let albedo = albedo_of_point(item, color_normal, entry, palette_color);
+    let albedo = albedo_of_point(item, index, point, color_normal);
     return SurfaceOfPoint(vec4f(albedo, item.specular_intensity), vec4f(normal, item.specular_power));
 }
