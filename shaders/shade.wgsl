@@ -19,10 +19,7 @@
 @group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
 
 override from_camera: bool = true;
-// Values of the enum Lighting in crates/scene/src/settings.rs.
-const LIGHTING_LIGHTS: u32 = 1u;
-const LIGHTING_COLORS: u32 = 3u;
-override lighting: u32 = 2u;
+override lighting: u32 = LIGHT_BY_HEADLIGHT;
 override light_count: u32 = 0u;
 
 @compute @workgroup_size(8, 8)
@@ -42,12 +39,12 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
     let albedo = textureLoad(albedo_in, id, 0).rgb;
     let normal = textureLoad(normal_in, id, 0).xyz;
     var lit = vec3f(1.0);
-    if lighting == LIGHTING_LIGHTS {
+    if lighting == LIGHT_BY_LIGHTS {
         lit = vec3f(0.0);
         for (var i = 0u; i < light_count; i++) {
             lit += irradiance(i, position.xyz, normal) / 3.14159265;
         }
-    } else if lighting != LIGHTING_COLORS {
+    } else if lighting != LIGHT_BY_COLORS {
         // A lamp at the eye, or where the reflected ray comes from: all that is seen is turned to it.
         var toward_eye = -position.xyz;
         if !from_camera {

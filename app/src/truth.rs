@@ -395,7 +395,7 @@ impl<'a> Tracer<'a> {
             Lighting::Auto if self.lights.is_empty() => Some(settings.light.headlight),
             Lighting::Headlight => Some(settings.light.headlight),
             Lighting::Colors => Some(0.0),
-            Lighting::Auto | Lighting::Lights => None,
+            Lighting::Auto | Lighting::Lights | Lighting::Sun => None,
         };
         let [red, green, blue, _] = settings.view.background.bytes().map(linear_from_srgb);
         Illumination {

@@ -63,11 +63,70 @@ struct Light {
     by: u32,
     headlight: f32,
     shadow_bias: f32,
+    gloss: f32,
+    gloss_power: f32,
+    highlight: u32,
+    show: u32,
 }
 const LIGHT_BY_AUTO: u32 = 0u;
 const LIGHT_BY_LIGHTS: u32 = 1u;
-const LIGHT_BY_HEADLIGHT: u32 = 2u;
-const LIGHT_BY_COLORS: u32 = 3u;
+const LIGHT_BY_SUN: u32 = 2u;
+const LIGHT_BY_HEADLIGHT: u32 = 3u;
+const LIGHT_BY_COLORS: u32 = 4u;
+const LIGHT_HIGHLIGHT_PHONG: u32 = 0u;
+const LIGHT_HIGHLIGHT_BLINN: u32 = 1u;
+const LIGHT_SHOW_PICTURE: u32 = 0u;
+const LIGHT_SHOW_DIRECT: u32 = 1u;
+const LIGHT_SHOW_INDIRECT: u32 = 2u;
+const LIGHT_SHOW_ALBEDO: u32 = 3u;
+const LIGHT_SHOW_NORMAL: u32 = 4u;
+const LIGHT_SHOW_DEPTH: u32 = 5u;
+const LIGHT_SHOW_LIGHT_BUFFER: u32 = 6u;
+const LIGHT_SHOW_VIRTUAL_LIGHTS: u32 = 7u;
+const LIGHT_SHOW_SHADOW_MAPS: u32 = 8u;
+
+// Sun and sky.
+struct Sun {
+    azimuth: f32,
+    elevation: f32,
+    irradiance: f32,
+    sky: f32,
+}
+
+// Indirect light by virtual lights (Keller 1997) with imperfect shadow maps (Ritschel et al. 2008).
+struct Gi {
+    bounces: u32,
+    vpls: u32,
+    vpl: u32,
+    clamp: f32,
+    sky_lights: u32,
+    shadows: u32,
+    shadow_size: u32,
+    shadow_points: u32,
+    shadow_bias: f32,
+    pull_levels: u32,
+    interleave: u32,
+    filter: u32,
+    filter_depth: f32,
+    filter_angle: f32,
+}
+const GI_VPL_SPHERICAL: u32 = 0u;
+const GI_VPL_POINT: u32 = 1u;
+
+// Tone mapping.
+struct Tone {
+    exposure: f32,
+    curve: u32,
+}
+const TONE_CURVE_AUTO: u32 = 0u;
+const TONE_CURVE_FILMIC: u32 = 1u;
+const TONE_CURVE_SRGB: u32 = 2u;
+
+// The ray-traced truth.
+struct Trace {
+    samples: u32,
+    seed: u32,
+}
 
 // Mirrors.
 struct Mirror {
@@ -163,6 +222,10 @@ struct Settings {
     color: Color,
     edl: Edl,
     light: Light,
+    sun: Sun,
+    gi: Gi,
+    tone: Tone,
+    trace: Trace,
     mirror: Mirror,
     reflection: Reflection,
     sscr: Sscr,

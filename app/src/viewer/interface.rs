@@ -17,11 +17,12 @@ use super::{
 use crate::loading;
 
 /// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
-const SECTIONS: [(&str, &[&str]); 4] = [
+const SECTIONS: [(&str, &[&str]); 5] = [
     ("Splats and view", &["splat", "view"]),
-    ("Light", &["light", "edl"]),
+    ("Light", &["light", "sun", "gi", "tone", "edl"]),
     ("Reflections", &["mirror", "reflection", "sscr"]),
     ("When loading", &["surface", "scene"]),
+    ("Ray-traced truth", &["trace"]),
 ];
 
 /// Draws everything; `picture` is the render thread's last frame.

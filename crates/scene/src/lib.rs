@@ -14,7 +14,7 @@ pub use light::SpotLight;
 pub use mirror::{MIRROR_POWER, Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use settings::{
-    Atomics, Color, ColorBy, Distribution, Edl, Light, Lighting, Method, MirrorSettings, MirrorSurface, Quality, Ramp,
-    Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Stop, Surface, SurfaceOrientation, UpAxis,
-    ViewSettings, Visibility,
+    Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, Method, MirrorSettings,
+    MirrorSurface, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Stop, Sun, Surface,
+    SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
 };

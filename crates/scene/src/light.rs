@@ -1,7 +1,9 @@
-//! Lights that stand in the scene.
+//! Lights that stand in the scene, and where the sun stands.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+
+use crate::Sun;
 
 /// A spot light: even within the inner cone, falling linearly in angle to nothing at the outer one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,5 +35,40 @@ impl SpotLight {
         let is_fine = is_cone && outer_degrees < 90.0;
         let expected = "expected 0 <= inner_degrees <= outer_degrees < 90";
         (!is_fine).then(|| format!("it opens from {inner_degrees} to {outer_degrees} degrees, {expected}"))
+    }
+}
+
+impl Sun {
+    /// Unit vector toward the sun, where `up` is the world's up axis. North is +y, or -z where y points up; east is +x.
+    pub fn direction(&self, up: DVec3) -> DVec3 {
+        let up = up.normalize_or(DVec3::Z);
+        let north = if up.y.abs() > up.z.abs() { -DVec3::Z } else { DVec3::Y };
+        let east = north.cross(up).normalize_or(DVec3::X);
+        let north = up.cross(east);
+        let (azimuth, elevation) = (f64::from(self.azimuth).to_radians(), f64::from(self.elevation).to_radians());
+        (north * azimuth.cos() + east * azimuth.sin()) * elevation.cos() + up * elevation.sin()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sun_stands_where_a_compass_says() {
+        let at = |azimuth, elevation, up| Sun { azimuth, elevation, ..Sun::default() }.direction(up);
+        for (azimuth, elevation, up, expected) in [
+            (0.0, 0.0, DVec3::Z, DVec3::Y),
+            (90.0, 0.0, DVec3::Z, DVec3::X),
+            (180.0, 0.0, DVec3::Z, -DVec3::Y),
+            (0.0, 0.0, DVec3::Y, -DVec3::Z),
+            (90.0, 0.0, DVec3::Y, DVec3::X),
+            (123.0, 90.0, DVec3::Z, DVec3::Z),
+            (123.0, 90.0, DVec3::Y, DVec3::Y),
+        ] {
+            let found = at(azimuth, elevation, up);
+            assert!(found.distance(expected) < 1e-6, "{azimuth} {elevation} {up}: {found}");
+        }
+        assert!((at(225.0, 40.0, DVec3::Z).length() - 1.0).abs() < 1e-12);
     }
 }

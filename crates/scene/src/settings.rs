@@ -34,7 +34,28 @@ choices! {
 
 choices! {
     /// What lights the points.
-    pub enum Lighting { Auto = "auto", Lights = "lights", Headlight = "headlight", Colors = "colors" }
+    pub enum Lighting {
+        Auto = "auto", Lights = "lights", Sun = "sun", Headlight = "headlight", Colors = "colors",
+    }
+}
+choices! {
+    /// Shape of the highlight that a glossy surface shows of a light.
+    pub enum Highlight { Phong = "phong", Blinn = "blinn" }
+}
+choices! {
+    /// What is shown instead of the picture, to see where light comes from.
+    pub enum LightView {
+        Picture = "picture", Direct = "direct", Indirect = "indirect", Albedo = "albedo", Normal = "normal",
+        Depth = "depth", LightBuffer = "light-buffer", VirtualLights = "virtual-lights", ShadowMaps = "shadow-maps",
+    }
+}
+choices! {
+    /// What a virtual light is taken for.
+    pub enum VirtualLight { Spherical = "spherical", Point = "point" }
+}
+choices! {
+    /// How linear light becomes the colours of the screen.
+    pub enum Curve { Auto = "auto", Filmic = "filmic", Srgb = "srgb" }
 }
 choices! {
     /// How mirrors show what they reflect.
@@ -135,12 +156,80 @@ params! {
 
     /// Light.
     pub struct Light = "light" {
-        /// What lights the points: the scene's lights, a lamp at the eye, or nothing (the data's own colours); auto takes lights where there are any.
+        /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); auto takes the scene's lights, or else a sun where the sky is open.
         by: Lighting = Lighting::Auto;
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
         headlight: f32 = 0.5, 0.0..=1.0, "share";
         /// Depth by which a surface may lie behind what the light sees before it is in shadow, in texels of the shadow map.
         shadow_bias: f32 = 3.0, 0.0..=64.0, "texels";
+        /// Share of the light that surfaces which are no mirrors reflect as a highlight.
+        gloss: f32 = 0.0, 0.0..=1.0, "share";
+        /// Specular power of these highlights: the larger, the smaller they are.
+        gloss_power: f32 = 50.0, 1.0..=10_000.0, "";
+        /// Shape of highlights (Phong 1975, Blinn 1977; both scaled to reflect no more than they receive).
+        highlight: Highlight = Highlight::Phong;
+        /// What is shown instead of the picture, to see where light comes from.
+        show: LightView = LightView::Picture;
+    }
+
+    /// Sun and sky.
+    pub struct Sun = "sun" {
+        /// Where the sun stands, clockwise from north (the y axis, or -z where y points up).
+        azimuth: f32 = 225.0, 0.0..=360.0, "degrees";
+        /// How high it stands.
+        elevation: f32 = 40.0, 0.0..=90.0, "degrees";
+        /// Irradiance of a surface that faces the sun; a white one is as bright as the screen at pi.
+        irradiance: f32 = 2.5, 0.0..=100.0, "";
+        /// Irradiance by the whole sky of a surface that faces up; the sky is evenly bright.
+        sky: f32 = 1.0, 0.0..=100.0, "";
+    }
+
+    /// Indirect light by virtual lights (Keller 1997) with imperfect shadow maps (Ritschel et al. 2008).
+    pub struct Gi = "gi" {
+        /// Times that light is reflected between surfaces before it reaches what is seen; 0 leaves direct light and that of the sky.
+        bounces: u32 = 1, 0..=4, "bounces";
+        /// Virtual lights of each bounce.
+        vpls: u32 = 256, 16..=4096, "lights";
+        /// Spherical lights as large as the surface they stand for (after Hasan et al. 2009) do not sparkle; points are the published ones.
+        vpl: VirtualLight = VirtualLight::Spherical;
+        /// Most of its hemisphere that a surface sees one virtual light fill; 0 sets no bound. Less sparkles, and less light in corners.
+        clamp: f32 = 0.0, 0.0..=1.0, "share";
+        /// Lights that stand for the sky.
+        sky_lights: u32 = 64, 4..=1024, "lights";
+        /// Virtual lights cast shadows.
+        shadows: bool = true;
+        /// Texels along an edge of a virtual light's shadow map.
+        shadow_size: u32 = 64, 16..=256, "texels";
+        /// Points that each shadow map is splatted from.
+        shadow_points: u32 = 8192, 256..=65_535, "points";
+        /// Distance that shadows keep from what casts them, in radii of the splats they are made of.
+        shadow_bias: f32 = 1.0, 0.0..=8.0, "radii";
+        /// Levels of the pull-push pyramid that closes holes of shadow maps.
+        pull_levels: u32 = 2, 0..=3, "levels";
+        /// Each pixel of a tile this wide is lit by its own share of the virtual lights; 1 lights all pixels by all.
+        interleave: u32 = 4, 1..=8, "pixels";
+        /// Average interleaved light over a tile, as far as it lies on one surface.
+        filter: bool = true;
+        /// Distance from a surface's plane at which another pixel is not averaged with it, relative to the distance from the eye.
+        filter_depth: f32 = 0.01, 0.0..=1.0, "share";
+        /// Angle between normals at which pixels are not averaged.
+        filter_angle: f32 = 20.0, 0.0..=180.0, "degrees";
+    }
+
+    /// Tone mapping.
+    pub struct Tone = "tone" {
+        /// Exposure: each stop doubles the brightness.
+        exposure: f32 = 0.0, -10.0..=10.0, "stops";
+        /// Filmic rolls highlights off (Narkowicz 2015), srgb clips them; auto takes filmic where lights or a sun shine.
+        curve: Curve = Curve::Auto;
+    }
+
+    /// The ray-traced truth.
+    pub struct Trace = "trace" {
+        /// Paths per pixel that indirect light is averaged over.
+        samples: u32 = 16, 1..=65_536, "paths";
+        /// Seed of the paths; the same seed gives the same picture.
+        seed: u32 = 1;
     }
 
     /// Mirrors.
@@ -234,6 +323,10 @@ pub struct Settings {
     pub color: Color,
     pub edl: Edl,
     pub light: Light,
+    pub sun: Sun,
+    pub gi: Gi,
+    pub tone: Tone,
+    pub trace: Trace,
     pub mirror: MirrorSettings,
     pub reflection: Reflection,
     pub sscr: Sscr,
@@ -242,13 +335,17 @@ pub struct Settings {
 }
 
 impl Settings {
-    pub fn groups(&self) -> [&dyn Params; 10] {
+    pub fn groups(&self) -> [&dyn Params; 14] {
         [
             &self.view,
             &self.splat,
             &self.color,
             &self.edl,
             &self.light,
+            &self.sun,
+            &self.gi,
+            &self.tone,
+            &self.trace,
             &self.mirror,
             &self.reflection,
             &self.sscr,
@@ -257,9 +354,9 @@ impl Settings {
         ]
     }
 
-    pub fn groups_mut(&mut self) -> [&mut dyn Params; 10] {
-        let Self { view, splat, color, edl, light, mirror, reflection, sscr, surface, scene } = self;
-        [view, splat, color, edl, light, mirror, reflection, sscr, surface, scene]
+    pub fn groups_mut(&mut self) -> [&mut dyn Params; 14] {
+        let Self { view, splat, color, edl, light, sun, gi, tone, trace, mirror, reflection, sscr, surface, scene } = self;
+        [view, splat, color, edl, light, sun, gi, tone, trace, mirror, reflection, sscr, surface, scene]
     }
 
     /// Sets the parameter `key` (`group.name`) from text.
