@@ -106,7 +106,7 @@ struct Gi {
     shadow_bias: f32,
     pull_levels: u32,
     interleave: u32,
-    filter: u32,
+    filtered: u32,
     filter_depth: f32,
     filter_angle: f32,
 }

@@ -209,7 +209,7 @@ params! {
         /// Each pixel of a tile this wide is lit by its own share of the virtual lights; 1 lights all pixels by all.
         interleave: u32 = 4, 1..=8, "pixels";
         /// Average interleaved light over a tile, as far as it lies on one surface.
-        filter: bool = true;
+        filtered: bool = true;
         /// Distance from a surface's plane at which another pixel is not averaged with it, relative to the distance from the eye.
         filter_depth: f32 = 0.01, 0.0..=1.0, "share";
         /// Angle between normals at which pixels are not averaged.
@@ -355,7 +355,8 @@ impl Settings {
     }
 
     pub fn groups_mut(&mut self) -> [&mut dyn Params; 14] {
-        let Self { view, splat, color, edl, light, sun, gi, tone, trace, mirror, reflection, sscr, surface, scene } = self;
+        let Self { view, splat, color, edl, light, sun, gi, tone, trace, mirror, reflection, sscr, surface, scene } =
+            self;
         [view, splat, color, edl, light, sun, gi, tone, trace, mirror, reflection, sscr, surface, scene]
     }
 
