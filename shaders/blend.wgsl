@@ -1,8 +1,9 @@
-// Adds what a surface reflects to its own radiance: by its specular intensity and, where asked for, more of it the flatter the
-// line of sight (Schlick 1994). Where a mirror sees no point it shows the background. One thread a pixel.
+// Adds what a mirror reflects to its own radiance, of which shade.wgsl has left it the rest. Where a mirror sees no point it
+// shows the background. One thread a pixel.
 #import frame
 #import packing
 #import params
+#import brdf
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> settings: Settings;
@@ -33,22 +34,16 @@ fn blend(@builtin(global_invocation_id) thread: vec3u) {
     var color = textureLoad(radiance_in, id, 0).rgb;
     let albedo = textureLoad(albedo_in, id, 0);
     if has_reflection && albedo.a > 0.0 {
-        let normal = textureLoad(normal_in, id, 0).xyz;
-        let position = textureLoad(position_in, id, 0).xyz;
-        var toward_eye = -position;
+        var mirror_point = vec3f(0.0);
         if !from_camera {
-            toward_eye = textureLoad(from_in, id, 0).xyz - position;
-        } else if frame.orthographic != 0u {
-            toward_eye = -frame.forward.xyz;
+            mirror_point = textureLoad(from_in, id, 0).xyz;
         }
-        let cosine = clamp(dot(normal, toward_eye) * inverseSqrt(max(dot(toward_eye, toward_eye), 1e-30)), 0.0, 1.0);
-        let grazing = settings.mirror.fresnel * pow(1.0 - cosine, 5.0);
-        let share = albedo.a + (1.0 - albedo.a) * grazing;
+        let to_eye = toward_viewer(frame, textureLoad(position_in, id, 0).xyz, from_camera, mirror_point);
+        let grazing = grazing_share(settings, dot(textureLoad(normal_in, id, 0).xyz, to_eye));
         let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
         let found = textureLoad(seen_in, id, 0).w > 0.0;
         let reflected = select(background, textureLoad(reflected_in, id, 0).rgb, found);
-        let tint = mix(vec3f(1.0), albedo.rgb, settings.mirror.tint * (1.0 - grazing));
-        color = mix(color, reflected * tint, share);
+        color += mirror_share(albedo.a, grazing) * mirror_tint(settings, albedo.rgb, grazing) * reflected;
     }
     textureStore(color_out, id, vec4f(color, 1.0));
 }

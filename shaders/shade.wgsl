@@ -1,26 +1,35 @@
-// Direct light on a surface, whatever it was seen by: the camera, or a mirror. Lambertian: radiance = albedo / pi x irradiance.
-// Linear radiance. One thread a pixel.
+// Direct light on a surface, whatever it was seen by: the camera, or a mirror. Lambertian (radiance = albedo / pi x irradiance)
+// with highlights; of a mirror whose reflection blend.wgsl adds, the diffuse light that is left beside it. Linear radiance. One
+// thread a pixel.
 #import frame
 #import params
 #import splat
 #import light
+#import brdf
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> settings: Settings;
+// a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
+// w: specular power.
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 // xyz: relative to the eye, w: coverage.
 @group(1) @binding(2) var position_in: texture_2d<f32>;
 // xyz: the mirror point that sees the surface, w: its specular intensity, 0 where there is no mirror.
 @group(1) @binding(3) var from_in: texture_2d<f32>;
-@group(1) @binding(4) var<storage, read> lights: array<SpotLight>;
-// SHADOW_SIZE squared a light; y: nearness of the nearest point, 0 where there is none.
+@group(1) @binding(4) var<storage, read> lights: array<LightSource>;
 @group(1) @binding(5) var<storage, read> shadows: array<vec2u>;
 @group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
 
 override from_camera: bool = true;
+// LIGHT_BY_*, never auto.
 override lighting: u32 = LIGHT_BY_HEADLIGHT;
+// Of a sun, its maps.
 override light_count: u32 = 0u;
+// The reflections of this surface's mirrors are followed.
+override is_mixed: bool = false;
+// Some surface shows lights as highlights.
+override has_highlights: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) thread: vec3u) {
@@ -36,57 +45,50 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
         textureStore(radiance_out, id, vec4f(0.0));
         return;
     }
-    let albedo = textureLoad(albedo_in, id, 0).rgb;
-    let normal = textureLoad(normal_in, id, 0).xyz;
-    var lit = vec3f(1.0);
-    if lighting == LIGHT_BY_LIGHTS {
-        lit = vec3f(0.0);
-        for (var i = 0u; i < light_count; i++) {
-            lit += irradiance(i, position.xyz, normal) / 3.14159265;
-        }
-    } else if lighting != LIGHT_BY_COLORS {
-        // A lamp at the eye, or where the reflected ray comes from: all that is seen is turned to it.
-        var toward_eye = -position.xyz;
-        if !from_camera {
-            toward_eye = textureLoad(from_in, id, 0).xyz - position.xyz;
-        } else if frame.orthographic != 0u {
-            toward_eye = -frame.forward.xyz;
-        }
-        let cosine = clamp(dot(normal, toward_eye) * inverseSqrt(max(dot(toward_eye, toward_eye), 1e-30)), 0.0, 1.0);
-        lit = vec3f(mix(1.0, cosine, settings.light.headlight));
+    let albedo = textureLoad(albedo_in, id, 0);
+    let normal = textureLoad(normal_in, id, 0);
+    var mirror_point = vec3f(0.0);
+    if !from_camera {
+        mirror_point = textureLoad(from_in, id, 0).xyz;
     }
-    textureStore(radiance_out, id, vec4f(albedo * lit, 1.0));
-}
-
-// Normals may point either way (they were turned to the eye): what matters is whether eye and light are on the same side, and
-// they are turned to the eye already.
-fn irradiance(index: u32, position: vec3f, normal: vec3f) -> vec3f {
-    let light = lights[index];
-    let offset = position - light.position_inner.xyz;
-    let squared = max(dot(offset, offset), 1e-20);
-    let cosine = dot(normal, -offset) * inverseSqrt(squared);
-    let arriving = intensity_toward(light, offset) * max(cosine, 0.0) / squared;
-    return arriving * share_lit(index, light, offset, cosine);
-}
-
-// Share of the 3 x 3 texels about a point that are not in shadow.
-fn share_lit(index: u32, light: SpotLight, offset: vec3f, cosine: f32) -> f32 {
-    let texel = shadow_texel(light, offset);
-    let tangent = sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 0.05);
-    // Over the filter's two texels to the side a surface rises by its slope; splats stand as much above it again.
-    let bias = settings.light.shadow_bias * (texel.z / light.intensity_focal.a) * (1.0 + tangent);
-    let center = vec2i(floor(texel.xy));
-    var lit = 0.0;
-    var inside = 0.0;
-    for (var y = -1; y <= 1; y++) {
-        for (var x = -1; x <= 1; x++) {
-            let at = center + vec2i(x, y);
-            if all(at >= vec2i(0)) && all(at < vec2i(SHADOW_SIZE)) {
-                let key = shadows[(i32(index) * SHADOW_SIZE + at.y) * SHADOW_SIZE + at.x].y;
-                inside += 1.0;
-                lit += select(1.0, 0.0, key != 0u && depth_from_nearness(key) < texel.z - bias);
+    let to_eye = toward_viewer(frame, position.xyz, from_camera, mirror_point);
+    let cosine = clamp(dot(normal.xyz, to_eye), 0.0, 1.0);
+    let is_mirror = albedo.a > 0.0;
+    // Diffuse share of the albedo.
+    var share = 1.0;
+    if is_mixed && is_mirror {
+        share -= mirror_share(albedo.a, grazing_share(settings, cosine));
+    }
+    var radiance = vec3f(0.0);
+    if lighting == LIGHT_BY_COLORS {
+        radiance = albedo.rgb * share;
+    } else if lighting == LIGHT_BY_HEADLIGHT {
+        // A lamp at the eye, or where the reflected ray comes from: all that is seen is turned to it.
+        radiance = albedo.rgb * (share * mix(1.0, cosine, settings.light.headlight));
+    } else {
+        let gloss = select(settings.light.gloss, albedo.a, is_mirror);
+        let power = select(settings.light.gloss_power, normal.w, is_mirror);
+        if has_highlights && !is_mirror {
+            share -= gloss;
+        }
+        var diffuse = vec3f(0.0);
+        var specular = vec3f(0.0);
+        let is_sun = lighting == LIGHT_BY_SUN;
+        for (var i = 0u; i < select(light_count, 1u, is_sun); i++) {
+            var index = i;
+            if is_sun {
+                index = sun_map(light_count, position.xyz);
+            }
+            let arriving = light_arriving(index, position.xyz, normal.xyz);
+            diffuse += arriving.irradiance;
+            // A perfect mirror, without a power, shows no lamp that has no size.
+            if has_highlights && gloss > 0.0 && power > 0.0 {
+                let shape = highlight(settings.light.highlight, normal.xyz, arriving.direction, to_eye, power);
+                specular += arriving.irradiance * (gloss * shape);
             }
         }
+        let tint = mirror_tint(settings, albedo.rgb, 0.0);
+        radiance = albedo.rgb * diffuse * (share / 3.14159265) + tint * specular;
     }
-    return select(1.0, lit / inside, inside > 0.0);
+    textureStore(radiance_out, id, vec4f(radiance, 1.0));
 }

@@ -89,7 +89,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         parts.push(truth::Part::of_mirror(mirror, samples));
     }
     let placed: Vec<Mirror> = placed.into_iter().map(|(mirror, _)| mirror).collect();
-    let objects = Objects { mirrors: &placed, lights: &request.lights };
+    let objects = Objects { mirrors: &placed, lights: &request.lights, ..Objects::default() };
 
     let mut renderer = Renderer::new(gpu.clone())?;
     let mut draw = || {

@@ -39,6 +39,13 @@ fn world_direction(frame: Frame, view: vec3f) -> vec3f {
     return frame.right.xyz * view.x + frame.up.xyz * view.y + frame.forward.xyz * view.z;
 }
 
+// Unit vector from a surface to what it is seen from: the eye, or where it is seen by reflection the mirror point.
+fn toward_viewer(frame: Frame, position: vec3f, from_camera: bool, mirror_point: vec3f) -> vec3f {
+    let origin = select(mirror_point, vec3f(0.0), from_camera);
+    let offset = select(origin - position, -frame.forward.xyz, from_camera && frame.orthographic != 0u);
+    return offset * inverseSqrt(max(dot(offset, offset), 1e-30));
+}
+
 fn pixels_per_unit(frame: Frame, depth: f32) -> f32 {
     return select(frame.focal_pixels / depth, frame.focal_pixels, frame.orthographic != 0u);
 }

@@ -78,7 +78,7 @@ impl Default for Draft {
             neighbours: 32,
             // Clear enough to see by, and what lies below shines through.
             specular_intensity: 0.8,
-            specular_power: scene::MIRROR_POWER,
+            specular_power: 0.0,
             counted: None,
             is_counting: false,
         }

@@ -149,6 +149,8 @@ fn numbers(ui: &mut Ui, state: &mut State, id: MirrorId, mut mirror: Mirror) {
     }
     slider(ui, "Intensity", egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
         .on_hover_text("Share of the light that is reflected; the rest is diffuse");
+    slider(ui, "Power", egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
+        .on_hover_text("Sharpness of the highlights that it shows of lights; 0: none");
     ui.horizontal(|ui| {
         let label = name_label(ui, "Colour");
         egui::color_picker::color_edit_button_rgb(ui, &mut mirror.color).labelled_by(label.id);

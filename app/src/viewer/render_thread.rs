@@ -375,7 +375,7 @@ impl Worker {
     }
 
     fn render(&mut self, request: &FrameRequest) -> render::Result<FrameStats> {
-        let objects = Objects { mirrors: &request.mirrors, lights: &request.lights };
+        let objects = Objects { mirrors: &request.mirrors, lights: &request.lights, ..Objects::default() };
         self.renderer.render(&self.store, &request.camera, &request.settings, objects, request.size)
     }
 

@@ -148,6 +148,12 @@ impl FrameCamera {
         }
     }
 
+    /// A parallel view without a picture's camera, as a sun has it; nothing behind `eye` is seen.
+    pub fn parallel_along(eye: DVec3, direction: DVec3, pixels_per_unit: f64, size: [u32; 2]) -> Self {
+        let reference_depth = direction.length();
+        Self { orthographic: true, near: 0.0, reference_depth, ..Self::along(eye, direction, pixels_per_unit, size) }
+    }
+
     pub fn to_gpu(self) -> Frame {
         let row = |index: usize| self.view_from_world.row(index).as_vec3().extend(0.0);
         Frame {

@@ -17,7 +17,7 @@ pub enum Aov {
     Position,
     /// Shaded colour before tone mapping, linear RGB.
     Color,
-    /// Radiance of direct light, without reflections, linear RGB.
+    /// Radiance of direct light, linear RGB; of a mirror, what is left of it beside the reflection.
     Direct,
     /// World position of what is seen by one reflection; coverage.
     MirrorPosition,

@@ -1,13 +1,18 @@
 //! Light: which lights there are, and what each of them sees (its shadow map, splatted by the same passes as the picture).
+//!
+//! A sun has two maps where one of the whole scene would be coarse beside what the camera looks at: the second is fitted to
+//! the view, in steps, and its texels stand still in the world, so that shadows do not swim when the camera moves.
 
+use cloud::Bounds;
 use glam::{DVec3, Vec4};
-use scene::{Lighting, Settings, SpotLight};
+use scene::{Camera, Lighting, Settings, SpotLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;
 use crate::passes;
 use crate::recorder::Recorder;
+use crate::renderer::Objects;
 use crate::store::{PointStore, Selection};
 use crate::targets::storage;
 
@@ -16,25 +21,48 @@ pub(crate) const MOST_LIGHTS: usize = 4;
 /// Texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about as fine as a splat.
 const SHADOW_SIZE: u32 = 1024;
 const SHADOW_BYTES: u64 = SHADOW_SIZE as u64 * SHADOW_SIZE as u64 * 8;
+/// Texels from the middle of a shadow map to the edge of what is lit: all but one for the filter, and one that the rim may be
+/// rounded into.
+const HALF_TEXELS: f64 = (SHADOW_SIZE / 2 - 2) as f64;
 
 /// As shaders/shared/light.wgsl has it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-pub(crate) struct GpuLight {
-    /// Relative to the eye; w: cosine is not enough for a falloff in angle, so the inner angle itself, radians.
+struct GpuLight {
     position_inner: Vec4,
-    /// Unit axis; w: outer angle, radians.
     axis_outer: Vec4,
-    /// w: texels per unit of tangent in the shadow map.
     intensity_focal: Vec4,
     right: Vec4,
     up: Vec4,
 }
 
+/// A light as its shadow map shows it. A sun is two of them where it has two maps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MappedLight {
+    /// Of the shadow map.
+    pub camera: FrameCamera,
+    /// Radiant intensity of a spot light within its inner cone; of a sun, irradiance across its light.
+    intensity: [f32; 3],
+    /// Angles of a spot light's cones, radians; 0 for a sun.
+    inner: f32,
+    outer: f32,
+}
+
+/// What a shadow map at hand was drawn from: points, splats, and the view.
+#[derive(Clone, PartialEq)]
+pub(crate) struct DrawnMap {
+    revision: u64,
+    splat: scene::Splat,
+    camera: FrameCamera,
+}
+
 /// The lights on the GPU, and their shadow maps.
 pub(crate) struct Lights {
+    /// As shaders/shared/light.wgsl has them.
     pub lights: wgpu::Buffer,
-    /// `SHADOW_SIZE` squared texels a light, laid out as the camera's `nearest`.
+    /// `SHADOW_SIZE` squared texels a light, one light after the other, each laid out as the camera's `nearest`: rows from top
+    /// to bottom of two words, identity of the nearest point (0 without 64-bit atomics) and its nearness (0: empty). Of a sun,
+    /// first the map of the whole scene, then, if there is one, that of the view.
     pub shadows: wgpu::Buffer,
 }
 
@@ -45,15 +73,31 @@ impl Lights {
     }
 
     /// What `auto` stands for.
-    pub fn chosen(settings: &Settings, lights: &[SpotLight]) -> Lighting {
+    pub fn chosen(settings: &Settings, objects: Objects<'_>) -> Lighting {
         match settings.light.by {
-            Lighting::Auto if lights.is_empty() => Lighting::Headlight,
-            Lighting::Auto => Lighting::Lights,
+            Lighting::Auto if !objects.lights.is_empty() => Lighting::Lights,
+            Lighting::Auto if objects.sky_is_open => Lighting::Sun,
+            Lighting::Auto => Lighting::Headlight,
             chosen => chosen,
         }
     }
 
-    /// Splats the points as each light sees them.
+    /// The lights that shine, and how their shadow maps see the scene. `bounds`: of all points that are visible.
+    pub fn mapped(
+        settings: &Settings,
+        objects: Objects<'_>,
+        camera: &Camera,
+        size: [u32; 2],
+        bounds: Bounds,
+    ) -> Vec<MappedLight> {
+        match Self::chosen(settings, objects) {
+            Lighting::Lights => objects.lights.iter().take(MOST_LIGHTS).map(MappedLight::spot).collect(),
+            Lighting::Sun => MappedLight::sun(settings, camera, size, bounds),
+            Lighting::Auto | Lighting::Headlight | Lighting::Colors => Vec::new(),
+        }
+    }
+
+    /// Splats the points as each light sees them, but for the maps that `at_hand` says are drawn already. What is at hand then.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
@@ -62,56 +106,112 @@ impl Lights {
         recorder: &mut Recorder<'_>,
         store: &PointStore,
         settings: &Settings,
-        lights: &[SpotLight],
+        lights: &[MappedLight],
+        mut at_hand: Vec<DrawnMap>,
         atomics64: bool,
-    ) -> Result<()> {
-        let bytes = SHADOW_BYTES * lights.len().max(1) as u64;
-        if self.shadows.size() != bytes {
-            self.shadows = storage(&recorder.gpu.device, "shadows", bytes);
+    ) -> Result<Vec<DrawnMap>> {
+        if lights.is_empty() {
+            return Ok(at_hand);
         }
-        recorder.clear(&self.shadows);
+        let bytes = SHADOW_BYTES * lights.len() as u64;
+        if self.shadows.size() < bytes {
+            self.shadows = storage(&recorder.gpu.device, "shadows", bytes);
+            at_hand.clear();
+        }
         // Light must not leak between splats: each is at least three texels wide.
         let mut wide = settings.clone();
         wide.splat.min_pixels = wide.splat.min_pixels.max(3.0);
+        let mut drawn = Vec::with_capacity(lights.len());
         for (index, light) in lights.iter().enumerate() {
-            let camera = shadow_camera(light);
-            let list = store.draw_list(&camera, &wide, Selection::SeenWithMirrors);
-            let inputs = Inputs::new(recorder.gpu, camera, &wide, store, &list);
-            let map = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-                buffer: &self.shadows,
-                offset: SHADOW_BYTES * index as u64,
-                size: std::num::NonZeroU64::new(SHADOW_BYTES),
-            });
-            // Without 64-bit atomics the depths alone are enough: nobody asks whose shadow it is.
-            let pass = if atomics64 { &passes::SPLAT_NEAREST } else { &passes::SPLAT_DEPTH };
-            recorder.over_points(pass, &[], &inputs, &[map])?;
+            let map = DrawnMap { revision: store.revision(), splat: settings.splat.clone(), camera: light.camera };
+            if at_hand.get(index) != Some(&map) {
+                let texels = SHADOW_BYTES * index as u64..SHADOW_BYTES * (index as u64 + 1);
+                recorder.clear_part(&self.shadows, texels.clone());
+                let list = store.draw_list(&light.camera, &wide, Selection::SeenWithMirrors);
+                let inputs = Inputs::new(recorder.gpu, light.camera, &wide, store, &list);
+                let binding = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                    buffer: &self.shadows,
+                    offset: texels.start,
+                    size: std::num::NonZeroU64::new(SHADOW_BYTES),
+                });
+                // Without 64-bit atomics the depths alone are enough: nobody asks whose shadow it is.
+                let pass = if atomics64 { &passes::SPLAT_NEAREST } else { &passes::SPLAT_DEPTH };
+                recorder.over_points(pass, &[], &inputs, &[binding])?;
+            }
+            drawn.push(map);
         }
-        Ok(())
+        Ok(drawn)
     }
 
     /// Uploads the lights as seen from `eye`.
-    pub fn upload(&self, gpu: &Gpu, lights: &[SpotLight], eye: DVec3) {
-        let lights: Vec<GpuLight> = lights.iter().map(|light| gpu_light(light, eye)).collect();
+    pub fn upload(&self, gpu: &Gpu, lights: &[MappedLight], eye: DVec3) {
+        let lights: Vec<GpuLight> = lights.iter().map(|light| light.to_gpu(eye)).collect();
         gpu.queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&lights));
     }
 }
 
-fn shadow_camera(light: &SpotLight) -> FrameCamera {
-    let axis = light.target - light.position;
-    // The cone's rim, and a texel beside it for the filter.
-    let tangent = f64::from(light.outer_degrees).clamp(0.1, 85.0).to_radians().tan();
-    FrameCamera::along(light.position, axis, f64::from(SHADOW_SIZE / 2 - 2) / tangent, [SHADOW_SIZE; 2])
-}
+impl MappedLight {
+    fn spot(light: &SpotLight) -> Self {
+        let tangent = f64::from(light.outer_degrees).clamp(0.1, 85.0).to_radians().tan();
+        let axis = light.target - light.position;
+        Self {
+            camera: FrameCamera::along(light.position, axis, HALF_TEXELS / tangent, [SHADOW_SIZE; 2]),
+            intensity: light.intensity,
+            inner: light.inner_degrees.to_radians(),
+            outer: light.outer_degrees.to_radians(),
+        }
+    }
 
-fn gpu_light(light: &SpotLight, eye: DVec3) -> GpuLight {
-    let camera = shadow_camera(light);
-    let row = |index| camera.view_from_world.row(index).as_vec3();
-    let [red, green, blue] = light.intensity;
-    GpuLight {
-        position_inner: (light.position - eye).as_vec3().extend(light.inner_degrees.to_radians()),
-        axis_outer: row(2).extend(light.outer_degrees.to_radians()),
-        intensity_focal: Vec4::new(red, green, blue, camera.focal_pixels as f32),
-        right: row(0).extend(0.0),
-        up: row(1).extend(0.0),
+    /// The sun, with the map of the whole scene, and with that of the view if it is finer.
+    fn sun(settings: &Settings, camera: &Camera, size: [u32; 2], bounds: Bounds) -> Vec<Self> {
+        let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
+        let radius = if radius > 0.0 { radius } else { 1.0 };
+        let along = -settings.sun.direction(camera.up);
+        // Before all that may cast a shadow; within the splats' reach of it.
+        let start = center - along * (radius * 1.1);
+        let map = |center: DVec3, radius: f64| Self {
+            camera: FrameCamera::parallel_along(
+                center - along * (center - start).dot(along),
+                along,
+                HALF_TEXELS / radius,
+                [SHADOW_SIZE; 2],
+            ),
+            intensity: [settings.sun.irradiance; 3],
+            inner: 0.0,
+            outer: 0.0,
+        };
+        let whole = map(center, radius);
+        // What the camera sees at the pivot's distance, corners included.
+        let tangent = (f64::from(settings.view.field_of_view).to_radians() * 0.5).tan();
+        let [width, height] = size.map(|edge| f64::from(edge.max(1)));
+        let seen = camera.distance() * tangent * (1.0 + (width / height).powi(2)).sqrt();
+        // Wide enough for what is lost by snapping, and in steps, so that it stays the same over small moves.
+        let seen = (seen * HALF_TEXELS / (HALF_TEXELS - SNAP)).max(f64::MIN_POSITIVE);
+        let seen = 2_f64.powf(0.5 * (2.0 * seen.log2()).ceil());
+        if seen > radius * FINER {
+            return vec![whole];
+        }
+        let step = SNAP * seen / HALF_TEXELS;
+        let [right, up] = [0, 1].map(|row| whole.camera.view_from_world.row(row));
+        // Steps of whole texels away from a place that does not move with the camera.
+        let snapped = |axis: DVec3| axis * (((camera.pivot - center).dot(axis) / step).round() * step);
+        vec![whole, map(center + snapped(right) + snapped(up), seen)]
+    }
+
+    fn to_gpu(self, eye: DVec3) -> GpuLight {
+        let row = |index| self.camera.view_from_world.row(index).as_vec3();
+        let [red, green, blue] = self.intensity;
+        GpuLight {
+            position_inner: (self.camera.eye - eye).as_vec3().extend(self.inner),
+            axis_outer: row(2).extend(self.outer),
+            intensity_focal: Vec4::new(red, green, blue, self.camera.focal_pixels as f32),
+            right: row(0).extend(0.0),
+            up: row(1).extend(0.0),
+        }
     }
 }
+
+/// A map of the view is worth being drawn if it is this much smaller than that of the scene, or less.
+const FINER: f64 = 0.7;
+/// Texels that the map of the view moves by: an eighth of half of it, so that it is seldom drawn anew while the camera moves.
+const SNAP: f64 = 64.0;

@@ -54,7 +54,12 @@ impl<'a> Recorder<'a> {
     }
 
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
-        self.encoder.clear_buffer(buffer, 0, None);
+        self.clear_part(buffer, 0..buffer.size());
+    }
+
+    /// Clears a range of bytes.
+    pub fn clear_part(&mut self, buffer: &wgpu::Buffer, bytes: std::ops::Range<u64>) {
+        self.encoder.clear_buffer(buffer, bytes.start, Some(bytes.end - bytes.start));
         if self.queries.is_none() {
             self.submit("clear");
         }

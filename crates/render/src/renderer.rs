@@ -9,7 +9,7 @@ use crate::frame::FrameCamera;
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::image::{Aov, AovImage};
 use crate::inputs::Inputs;
-use crate::lighting::{Lights, MOST_LIGHTS};
+use crate::lighting::{DrawnMap, Lights};
 use crate::passes::{self, Pass};
 use crate::recorder::{PassTime, Pipelines, Recorder};
 use crate::reflection::{self, ReflectionStats, Reflections, SurfaceImages};
@@ -49,6 +49,8 @@ pub struct Objects<'a> {
     pub mirrors: &'a [Mirror],
     /// The first four are lit.
     pub lights: &'a [SpotLight],
+    /// No walls around it: without lights it is lit by a sun and a sky.
+    pub sky_is_open: bool,
 }
 
 /// Renders frames. One at a time, on any thread.
@@ -60,8 +62,7 @@ pub struct Renderer {
     lights: Lights,
     /// What the surfaces and reflections at hand were made from.
     kept: Option<Kept>,
-    /// What the shadow maps at hand were made from: points, splats, lights.
-    kept_shadows: Option<(u64, scene::Splat, Vec<SpotLight>)>,
+    kept_shadows: Vec<DrawnMap>,
     /// Of the last frame.
     camera: Option<FrameCamera>,
 }
@@ -80,7 +81,8 @@ impl Kept {
     fn new(camera: FrameCamera, settings: &Settings, store: &PointStore, objects: Objects<'_>) -> Self {
         let defaults = Settings::default();
         let mut settings = settings.clone();
-        (settings.light, settings.edl) = (defaults.light, defaults.edl);
+        (settings.light, settings.sun, settings.tone, settings.edl) =
+            (defaults.light, defaults.sun, defaults.tone, defaults.edl);
         (settings.mirror.tint, settings.mirror.fresnel) = (defaults.mirror.tint, defaults.mirror.fresnel);
         // Steps are counted only while they are shown.
         if !matches!(settings.reflection.show, Show::Steps | Show::Unconverged) {
@@ -106,7 +108,7 @@ impl Renderer {
             reflections: None,
             lights,
             kept: None,
-            kept_shadows: None,
+            kept_shadows: Vec::new(),
             camera: None,
         };
         renderer.warm_up()?;
@@ -134,7 +136,7 @@ impl Renderer {
 
     /// Forgets what is kept while nothing changes, so that the next frame is made from scratch. For measurements.
     pub fn forget(&mut self) {
-        (self.kept, self.kept_shadows) = (None, None);
+        (self.kept, self.kept_shadows) = (None, Vec::new());
     }
 
     /// Renders a frame and waits for it.
@@ -157,8 +159,7 @@ impl Renderer {
         let spheres = store.mirror_spheres(settings).chain(reflection::mirror_spheres(settings, objects.mirrors));
         // Splats reach at least as far as their smallest size, and closing a gap two pixels further.
         frame_camera.mirror_tiles = frame_camera.tiles_of(spheres, f64::from(settings.splat.min_pixels) * 0.5 + 2.0);
-        let lights = &objects.lights[..objects.lights.len().min(MOST_LIGHTS)];
-        let lighting = Lights::chosen(settings, lights);
+        let lights = Lights::mapped(settings, objects, camera, size, bounds);
         let asks = Kept::new(frame_camera, settings, store, objects);
         let is_kept = settings.reflection.keep && self.kept.as_ref() == Some(&asks);
         // Half a frame must not be kept if an error leaves it so.
@@ -188,14 +189,11 @@ impl Renderer {
                 reflections.none();
             }
         }
-        self.lights.upload(gpu, lights, frame_camera.eye);
-        let shadows = (store.revision(), settings.splat.clone(), lights.to_vec());
-        let mut kept_shadows = self.kept_shadows.take();
-        if lighting == Lighting::Lights && kept_shadows.as_ref() != Some(&shadows) {
-            self.lights.draw_shadows(&mut recorder, store, settings, lights, atomics64)?;
-            kept_shadows = Some(shadows);
-        }
-        shade(&mut recorder, &inputs, targets, reflections, &self.lights, lighting, lights.len())?;
+        self.lights.upload(gpu, &lights, frame_camera.eye);
+        let at_hand = std::mem::take(&mut self.kept_shadows);
+        let kept_shadows = self.lights.draw_shadows(&mut recorder, store, settings, &lights, at_hand, atomics64)?;
+        let shading = Shading::new(settings, store, objects, lights.len());
+        shade(&mut recorder, &inputs, targets, reflections, &self.lights, shading)?;
         let views = reflections.views(settings).filter(|_| settings.reflection.show != Show::Picture);
         match (views, reflections.first()) {
             (Some(views), Some(bounce)) => {
@@ -483,6 +481,27 @@ fn draw_surface(
     recorder.over_pixels(&passes::CAMERA_POSITION, &[], inputs, &resources)
 }
 
+/// What decides how surfaces are shaded, beside the parameters.
+#[derive(Clone, Copy)]
+struct Shading {
+    /// Not auto.
+    lighting: Lighting,
+    /// With shadow maps; of a sun, its maps.
+    light_count: u32,
+    has_highlights: bool,
+}
+
+impl Shading {
+    fn new(settings: &Settings, store: &PointStore, objects: Objects<'_>, light_count: usize) -> Self {
+        let lighting = Lights::chosen(settings, objects);
+        let is_lit = matches!(lighting, Lighting::Lights | Lighting::Sun);
+        let shows_highlights = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
+        let is_glossy =
+            settings.light.gloss > 0.0 || store.has_highlights() || objects.mirrors.iter().any(shows_highlights);
+        Self { lighting, light_count: light_count as u32, has_highlights: is_lit && is_glossy }
+    }
+}
+
 /// Shades what the camera sees and what each bounce sees, and blends them from the last bounce to the camera.
 fn shade(
     recorder: &mut Recorder<'_>,
@@ -490,8 +509,7 @@ fn shade(
     targets: &Targets,
     reflections: &Reflections,
     lights: &Lights,
-    lighting: Lighting,
-    light_count: usize,
+    shading: Shading,
 ) -> Result<()> {
     let camera = SurfaceImages {
         albedo: &targets.surface().albedo,
@@ -508,8 +526,10 @@ fn shade(
         let from = if index == 0 { &targets.position } else { &bounces[index - 1].mirror.point };
         let switches = [
             ("from_camera", u32::from(index == 0)),
-            ("lighting", lighting as u32),
-            ("light_count", light_count as u32),
+            ("lighting", shading.lighting as u32),
+            ("light_count", shading.light_count),
+            ("is_mixed", u32::from(index < bounces.len())),
+            ("has_highlights", u32::from(shading.has_highlights)),
         ];
         let resources = [
             surface.albedo.bind(),

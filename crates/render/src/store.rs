@@ -404,6 +404,12 @@ impl PointStore {
         })
     }
 
+    /// Whether a visible cloud shows lights as highlights, whatever `light.gloss` is.
+    pub(crate) fn has_highlights(&self) -> bool {
+        let shows_them = |material: &Material| material.specular_intensity > 0.0 && material.specular_power > 0.0;
+        self.clouds.values().any(|cloud| cloud.visible && shows_them(&cloud.material))
+    }
+
     /// A chunk, for an index over its points.
     pub(crate) fn placed(&self, id: ChunkId) -> Option<PlacedChunk<'_>> {
         let chunk = self.chunks.get(&id)?;

@@ -76,7 +76,7 @@ pub(crate) struct Targets {
     pub shown: usize,
     /// Of the shown surface, relative to the eye, world axes; w: 1, or 0 where it is empty.
     pub position: Image,
-    /// Radiance of the shown surface, before reflections are added.
+    /// Light of lights and the sun that the shown surface sends back; of a mirror, what is left beside its reflection.
     pub direct: Image,
     /// With reflections.
     pub color: Image,

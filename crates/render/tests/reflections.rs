@@ -77,7 +77,7 @@ impl Scene {
     }
 
     fn render_sized(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
-        let objects = Objects { mirrors: &self.mirrors, lights: &self.lights };
+        let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
         stage.renderer.render(&self.store, &self.camera, settings, objects, size).unwrap()
     }
 }

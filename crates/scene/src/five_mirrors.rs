@@ -11,7 +11,7 @@ use cloud::sampling::{Surface, SurfacePoint, sort_along_curve};
 use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
 use glam::{DQuat, DVec3};
 
-use crate::mirror::{MIRROR_GREY, MIRROR_POWER};
+use crate::mirror::MIRROR_GREY;
 use crate::{Camera, Mirror, Shape, SpotLight};
 
 /// What stands in the box.
@@ -91,7 +91,7 @@ impl Variant {
             size,
             color: [MIRROR_GREY; 3],
             specular_intensity: 1.0,
-            specular_power: MIRROR_POWER,
+            specular_power: 0.0,
             as_points: true,
         }]
     }

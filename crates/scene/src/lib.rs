@@ -11,10 +11,10 @@ mod settings;
 pub use camera::{Camera, Projection, StandardView};
 pub use file::{Error, SceneFile, View};
 pub use light::SpotLight;
-pub use mirror::{MIRROR_POWER, Mirror, Shape};
+pub use mirror::{Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use settings::{
-    Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, Method, MirrorSettings,
-    MirrorSurface, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Stop, Sun, Surface,
-    SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
+    Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, Method,
+    MirrorSettings, MirrorSurface, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat,
+    Sscr, Stop, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
 };

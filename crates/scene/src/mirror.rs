@@ -88,8 +88,6 @@ impl Shape {
 
 /// Linear grey of mirrors that have no colour of their own: what is seen of them where reflections are not.
 pub const MIRROR_GREY: f32 = 0.5;
-/// Blinn exponent of a mirror, sharp enough for a lamp to show as a point. Kept for highlights, which are not drawn yet.
-pub const MIRROR_POWER: f32 = 1000.0;
 
 fn identity() -> DQuat {
     DQuat::IDENTITY
@@ -101,10 +99,6 @@ fn grey() -> [f32; 3] {
 
 pub(crate) fn one() -> f32 {
     1.0
-}
-
-pub(crate) fn sharp() -> f32 {
-    MIRROR_POWER
 }
 
 /// A mirror in the scene. In a scene file only shape, position and size are needed.
@@ -127,8 +121,8 @@ pub struct Mirror {
     /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
     #[serde(default = "one")]
     pub specular_intensity: f32,
-    /// Blinn exponent, kept for highlights, which are not drawn yet.
-    #[serde(default = "sharp")]
+    /// Exponent of the highlights that it shows of lights; 0: none, as a perfect mirror shows no lamp that has no size.
+    #[serde(default)]
     pub specular_power: f32,
     /// Drawn as sampled points unless `mirror.surface` says otherwise: the published condition of the built-in scenes.
     #[serde(default)]
@@ -155,7 +149,7 @@ impl Mirror {
             size,
             color: grey(),
             specular_intensity: one(),
-            specular_power: sharp(),
+            specular_power: 0.0,
             as_points: false,
         }
     }
@@ -177,8 +171,8 @@ impl Mirror {
         if !(self.size > 0.0 && self.size.is_finite()) {
             return Some(format!("size is {}, expected more than 0", self.size));
         }
-        if !(self.specular_power > 0.0 && self.specular_power.is_finite()) {
-            return Some(format!("specular_power is {}, expected more than 0", self.specular_power));
+        if !(self.specular_power >= 0.0 && self.specular_power.is_finite()) {
+            return Some(format!("specular_power is {}, expected 0 or more", self.specular_power));
         }
         out_of_range("specular_intensity", &[self.specular_intensity])
             .or_else(|| out_of_range("color", &self.color))
@@ -327,7 +321,7 @@ mod tests {
         assert!(problem(|mirror| mirror.size = f64::INFINITY).contains("size is inf"));
         assert!(problem(|mirror| mirror.specular_intensity = 1.5).contains("specular_intensity is 1.5"));
         assert!(problem(|mirror| mirror.specular_intensity = f32::NAN).contains("NaN"));
-        assert!(problem(|mirror| mirror.specular_power = 0.0).contains("specular_power"));
+        assert!(problem(|mirror| mirror.specular_power = -1.0).contains("specular_power"));
         assert!(problem(|mirror| mirror.color[1] = -0.1).contains("color is -0.1"));
         assert!(problem(|mirror| mirror.shape = Shape::Torus { tube: 1.0 }).contains("tube is 1"));
         assert!(problem(|mirror| mirror.shape = Shape::Plane { height: 0.0 }).contains("height"));

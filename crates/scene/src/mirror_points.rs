@@ -5,7 +5,7 @@ use cloud::{Chunk, Cloud};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::mirror::{one, sharp};
+use crate::mirror::one;
 
 /// Which points of a cloud.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -47,7 +47,8 @@ pub struct MirrorPoints {
     /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
     #[serde(default = "one")]
     pub specular_intensity: f32,
-    #[serde(default = "sharp")]
+    /// As of a `Mirror`.
+    #[serde(default)]
     pub specular_power: f32,
     #[serde(default)]
     pub normals: MirrorNormals,
@@ -102,7 +103,7 @@ impl MirrorPoints {
     /// All points of a cloud, as a perfect mirror.
     pub fn whole(cloud: String) -> Self {
         let (points, normals) = (PointChoice::All, MirrorNormals::Own);
-        Self { cloud, points, specular_intensity: one(), specular_power: sharp(), normals }
+        Self { cloud, points, specular_intensity: one(), specular_power: 0.0, normals }
     }
 
     /// Whether it speaks of the cloud that came from `input` (a path or a built-in name) and is called `name`.
@@ -115,8 +116,8 @@ impl MirrorPoints {
         if !(0.0..=1.0).contains(&self.specular_intensity) {
             return Some(format!("specular_intensity is {}, expected 0 to 1", self.specular_intensity));
         }
-        if !(self.specular_power > 0.0 && self.specular_power.is_finite()) {
-            return Some(format!("specular_power is {}, expected more than 0", self.specular_power));
+        if !(self.specular_power >= 0.0 && self.specular_power.is_finite()) {
+            return Some(format!("specular_power is {}, expected 0 or more", self.specular_power));
         }
         match self.normals {
             MirrorNormals::Smooth { radius } if !(radius > 0.0 && radius.is_finite()) => {

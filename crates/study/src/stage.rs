@@ -71,7 +71,7 @@ impl Stage {
     /// The device was lost, or the picture is too large.
     pub fn render(&self, renderer: &mut Renderer, settings: &Settings, size: [u32; 2]) -> anyhow::Result<FrameStats> {
         renderer.forget();
-        let objects = Objects { mirrors: &self.mirrors, lights: &self.lights };
+        let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
         Ok(renderer.render(&self.store, &five_mirrors::camera(), settings, objects, size)?)
     }
 

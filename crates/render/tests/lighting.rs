@@ -1,0 +1,197 @@
+//! Light on the GPU against closed forms.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[macro_use]
+mod stage;
+
+use std::f64::consts::{FRAC_1_PI, PI};
+use std::sync::Arc;
+
+use cloud::{Chunk, Cloud, pack_normal, pack_radius};
+use glam::{DVec3, Vec3};
+use render::{Aov, ColorPlan, Material, Objects, PointStore};
+use scene::{Camera, Settings, SpotLight};
+
+use stage::Stage;
+
+const SIZE: [u32; 2] = [64, 48];
+/// sRGB of the walls, and what it is linear.
+const GREY: u8 = 188;
+const ALBEDO: f64 = 0.502_886_5;
+/// Radius of the walls' splats.
+const DISC: f64 = 0.02;
+
+/// A rectangle, sampled so that its discs close it.
+fn wall(corner: DVec3, edges: [DVec3; 2]) -> Chunk {
+    let counts = edges.map(|edge| (edge.length() / DISC).ceil() as u32);
+    let at = |i: u32, count: u32| (f64::from(i) + 0.5) / f64::from(count);
+    let points: Vec<[f32; 3]> = (0..counts[0] * counts[1])
+        .map(|i| {
+            let (u, v) = (at(i % counts[0], counts[0]), at(i / counts[0], counts[1]));
+            (corner + edges[0] * u + edges[1] * v).as_vec3().to_array()
+        })
+        .collect();
+    let normal = edges[0].cross(edges[1]).normalize().as_vec3();
+    let mut chunk = Chunk::new(0, DVec3::ZERO, points);
+    chunk.colors = Some(Arc::new(vec![[GREY, GREY, GREY, 255]; chunk.len()]));
+    chunk.normals = Some(Arc::new(vec![pack_normal(normal); chunk.len()]));
+    chunk.radii = Some(Arc::new(vec![pack_radius(DISC as f32); chunk.len()]));
+    chunk
+}
+
+/// In z = `z`, x and y from -`half` to `half`.
+fn square(z: f64, half: f64) -> Chunk {
+    wall(DVec3::new(-half, -half, z), [DVec3::X * 2.0 * half, DVec3::Y * 2.0 * half])
+}
+
+fn store_of(stage: &Stage, chunks: Vec<Chunk>, material: Material) -> PointStore {
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(material);
+    let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
+    let cloud = Cloud { chunks, ..Cloud::default() };
+    let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
+    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+    store
+}
+
+fn settings(pairs: &[(&str, &str)]) -> Settings {
+    let mut settings = Settings::default();
+    for (key, value) in pairs {
+        settings.set_text(key, value).unwrap();
+    }
+    settings
+}
+
+/// Two above the wall in z = 0.
+fn camera() -> Camera {
+    Camera::looking(DVec3::ZERO, DVec3::Z, 2.0, DVec3::Y)
+}
+
+fn lamp() -> SpotLight {
+    SpotLight {
+        position: DVec3::new(0.4, 0.2, 1.5),
+        target: DVec3::new(0.1, 0.0, 0.0),
+        intensity: [4.0, 2.0, 1.0],
+        inner_degrees: 65.0,
+        outer_degrees: 70.0,
+    }
+}
+
+/// Where the ray through a pixel's centre meets the plane z = 0.
+fn on_floor(camera: &Camera, pixel: usize) -> DVec3 {
+    let (x, y) = ((pixel as u32 % SIZE[0]) as f64 + 0.5, (pixel as u32 / SIZE[0]) as f64 + 0.5);
+    let [width, height] = SIZE.map(f64::from);
+    let focal = height * 0.5 / 30_f64.to_radians().tan();
+    let view = DVec3::new((x - width * 0.5) / focal, (height * 0.5 - y) / focal, 1.0);
+    let direction = camera.view_from_world().transpose() * view;
+    camera.eye - direction * (camera.eye.z / direction.z)
+}
+
+fn read(stage: &Stage, aov: Aov) -> Vec<DVec3> {
+    let image = stage.renderer.read_aov(aov).unwrap();
+    image.data.as_chunks::<3>().0.iter().map(|rgb| Vec3::from(*rgb).as_dvec3()).collect()
+}
+
+/// The highlights' definition, radiance over irradiance.
+fn highlight(kind: &str, normal: DVec3, to_light: DVec3, to_eye: DVec3, power: f64) -> f64 {
+    if kind == "phong" {
+        let mirrored = normal * (2.0 * normal.dot(to_light)) - to_light;
+        return (power + 2.0) / (2.0 * PI) * mirrored.dot(to_eye).max(0.0).powf(power);
+    }
+    let scale = (power + 2.0) * (power + 4.0) / (8.0 * PI * (2_f64.powf(-power / 2.0) + power));
+    scale * normal.dot((to_light + to_eye).normalize()).max(0.0).powf(power)
+}
+
+/// Irradiance of the floor by the lamp, within its inner cone.
+fn irradiance(lamp: &SpotLight, at: DVec3) -> DVec3 {
+    let offset = lamp.position - at;
+    DVec3::from(lamp.intensity.map(f64::from)) * (offset.z / offset.length().powi(3))
+}
+
+#[test]
+fn highlights_reflect_no_more_than_they_receive() {
+    let normal = DVec3::Z;
+    for kind in ["phong", "blinn"] {
+        for power in [1.0, 10.0, 300.0] {
+            for slope in [0.0_f64, 30.0, 60.0, 85.0] {
+                let to_light = DVec3::new(slope.to_radians().sin(), 0.0, slope.to_radians().cos());
+                let steps = 400;
+                let mut reflected = 0.0;
+                for i in 0..steps * steps {
+                    // Even over the hemisphere in projected solid angle.
+                    let (u, v) = (
+                        (f64::from(i % steps) + 0.5) / f64::from(steps),
+                        (f64::from(i / steps) + 0.5) / f64::from(steps),
+                    );
+                    let (radius, angle) = (u.sqrt(), v * 2.0 * PI);
+                    let to_eye = DVec3::new(radius * angle.cos(), radius * angle.sin(), (1.0 - u).sqrt());
+                    reflected += PI * highlight(kind, normal, to_light, to_eye, power);
+                }
+                reflected /= f64::from(steps * steps);
+                assert!(reflected < 1.005, "{kind} {power} at {slope} degrees: {reflected}");
+                assert!(slope > 0.0 || reflected > 0.99, "{kind} {power}: {reflected} of light along the normal");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_lamp_on_a_glossy_wall_is_the_closed_form() {
+    let mut stage = stage_or_skip!();
+    let store = store_of(&stage, vec![square(0.0, 2.5)], Material::default());
+    let (camera, lamp) = (camera(), lamp());
+    for kind in ["phong", "blinn"] {
+        let settings = settings(&[
+            ("light.gloss", "0.4"),
+            ("light.gloss_power", "30"),
+            ("light.highlight", kind),
+            ("reflection.method", "none"),
+        ]);
+        let objects = Objects { lights: &[lamp], ..Objects::default() };
+        stage.renderer.render(&store, &camera, &settings, objects, SIZE).unwrap();
+        let direct = read(&stage, Aov::Direct);
+        assert_eq!(direct, read(&stage, Aov::Color));
+        for (pixel, direct) in direct.into_iter().enumerate() {
+            let at = on_floor(&camera, pixel);
+            let [to_light, to_eye] = [lamp.position, camera.eye].map(|place| (place - at).normalize());
+            let shape = highlight(kind, DVec3::Z, to_light, to_eye, 30.0);
+            let expected = irradiance(&lamp, at) * (0.6 * ALBEDO * FRAC_1_PI + 0.4 * shape);
+            let error = ((direct - expected) / expected).abs().max_element();
+            assert!(error < 0.01, "{kind} at {at}: {direct}, expected {expected}");
+        }
+    }
+}
+
+#[test]
+fn a_mirror_with_a_power_shows_the_lamp_and_one_without_does_not() {
+    let mut stage = stage_or_skip!();
+    let (camera, lamp) = (camera(), lamp());
+    let objects = Objects { lights: &[lamp], ..Objects::default() };
+    let background = [0x40; 3].map(|level: u8| ((f64::from(level) / 255.0 + 0.055) / 1.055).powf(2.4));
+    for (power, bounces, tint) in [(0.0, "1", 0.0), (40.0, "1", 0.0), (40.0, "1", 1.0), (40.0, "0", 0.0)] {
+        let material = Material { specular_intensity: 0.75, specular_power: power, ..Default::default() };
+        let store = store_of(&stage, vec![square(0.0, 2.5)], material);
+        let settings = settings(&[
+            ("view.background", "#404040"),
+            ("reflection.method", "surfel_trace"),
+            ("reflection.bounces", bounces),
+            ("mirror.tint", &tint.to_string()),
+        ]);
+        stage.renderer.render(&store, &camera, &settings, objects, SIZE).unwrap();
+        let (direct, color) = (read(&stage, Aov::Direct), read(&stage, Aov::Color));
+        for (pixel, (direct, color)) in direct.into_iter().zip(color).enumerate() {
+            let at = on_floor(&camera, pixel);
+            let [to_light, to_eye] = [lamp.position, camera.eye].map(|place| (place - at).normalize());
+            let shape = if power > 0.0 { highlight("phong", DVec3::Z, to_light, to_eye, power.into()) } else { 0.0 };
+            // Beside a reflection that is followed, diffuse light is what the mirror leaves.
+            let share = if bounces == "0" { 0.0 } else { 0.75 };
+            let tint = 1.0 + tint * (ALBEDO - 1.0);
+            let expected = irradiance(&lamp, at) * ((1.0 - share) * ALBEDO * FRAC_1_PI + 0.75 * tint * shape);
+            let error = ((direct - expected) / expected).abs().max_element();
+            assert!(error < 0.01, "power {power}, {bounces} bounces at {at}: {direct}, expected {expected}");
+            let reflected = DVec3::from(background) * (share * tint);
+            // Two half floats of ten bits.
+            assert!(((color - direct - reflected) / color).abs().max_element() < 2e-3, "{color}, direct {direct}");
+        }
+    }
+}
