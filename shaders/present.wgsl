@@ -1,7 +1,8 @@
-// The picture: eye-dome lighting (Boucheny 2009) over the shaded colour, background, sRGB encoding. One thread a pixel.
+// The picture: eye-dome lighting (Boucheny 2009) over the shaded colour, background, tone mapping. One thread a pixel.
 #import frame
 #import packing
 #import params
+#import tone
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> settings: Settings;
@@ -16,12 +17,12 @@ fn present(@builtin(global_invocation_id) id: vec3u) {
     }
     let depth = textureLoad(depth_in, id.xy, 0).x;
     if depth == 0.0 {
-        // Colours of parameters are 0xrrggbbaa.
+        // Colours of parameters are 0xrrggbbaa, and what the screen shows: no light that would be mapped.
         textureStore(picture_out, id.xy, vec4f(unpack4x8unorm(settings.view.background).wzy, 1.0));
         return;
     }
     let color = textureLoad(color_in, id.xy, 0).rgb * eye_dome(vec2i(id.xy), depth);
-    textureStore(picture_out, id.xy, vec4f(srgb_from_linear(color), 1.0));
+    textureStore(picture_out, id.xy, vec4f(screen_color(settings, color), 1.0));
 }
 
 // Neighbours that stand before the pixel darken it, by the logarithm of the ratio of depths: the same step looks the same

@@ -3,6 +3,7 @@
 #import frame
 #import packing
 #import params
+#import tone
 #import heat
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -26,7 +27,7 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
     let point = textureLoad(point_in, id.xy, 0);
     let position = textureLoad(position_in, id.xy, 0);
     let views = textureLoad(views_in, id.xy, 0);
-    var color = srgb_from_linear(textureLoad(color_in, id.xy, 0).rgb) * 0.25;
+    var color = screen_color(settings, textureLoad(color_in, id.xy, 0).rgb) * 0.25;
     if point.w > 0.0 {
         color = vec3f(0.0);
         let is_found = position.w > 0.0;

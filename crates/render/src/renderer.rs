@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use scene::{Atomics, Camera, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
+use scene::{Atomics, Camera, Curve, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Clock, Error, Gpu, Result};
@@ -65,6 +65,8 @@ pub struct Renderer {
     kept_shadows: Vec<DrawnMap>,
     /// Of the last frame.
     camera: Option<FrameCamera>,
+    /// Whether the last frame's picture was mapped by the filmic curve.
+    is_filmic: bool,
 }
 
 /// All that the surfaces and the reflected points of a frame depend on.
@@ -110,6 +112,7 @@ impl Renderer {
             kept: None,
             kept_shadows: Vec::new(),
             camera: None,
+            is_filmic: false,
         };
         renderer.warm_up()?;
         Ok(renderer)
@@ -194,6 +197,11 @@ impl Renderer {
         let kept_shadows = self.lights.draw_shadows(&mut recorder, store, settings, &lights, at_hand, atomics64)?;
         let shading = Shading::new(settings, store, objects, lights.len());
         shade(&mut recorder, &inputs, targets, reflections, &self.lights, shading)?;
+        let is_filmic = match settings.tone.curve {
+            // Data colours stay as they are.
+            Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
+            curve => curve == Curve::Filmic,
+        };
         let views = reflections.views(settings).filter(|_| settings.reflection.show != Show::Picture);
         match (views, reflections.first()) {
             (Some(views), Some(bounce)) => {
@@ -203,11 +211,12 @@ impl Renderer {
                     [targets.color.bind(), point, albedo, normal, position, views.bind(), targets.picture.bind()];
                 // Twice the steps that SSCR gives up after by default; rays are tested against more nodes and discs.
                 let most_steps = if settings.reflection.method == Method::Sscr { 60 } else { 400 };
-                recorder.over_pixels(&passes::SHOW, &[("most_steps", most_steps)], &inputs, &resources)?;
+                let switches = [("most_steps", most_steps), ("is_filmic", u32::from(is_filmic))];
+                recorder.over_pixels(&passes::SHOW, &switches, &inputs, &resources)?;
             }
             _ => {
                 let resources = [targets.color.bind(), targets.surface().depth.bind(), targets.picture.bind()];
-                recorder.over_pixels(&passes::PRESENT, &[], &inputs, &resources)?;
+                recorder.over_pixels(&passes::PRESENT, &[("is_filmic", u32::from(is_filmic))], &inputs, &resources)?;
             }
         }
 
@@ -215,6 +224,7 @@ impl Renderer {
         let gpu_bytes = store.gpu_bytes() + targets.bytes() + reflections.bytes() + self.lights.shadows.size();
         let reflection = if Reflections::asked(settings) > 0 { Some(reflections.stats(gpu, settings)?) } else { None };
         (self.camera, self.kept, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
+        self.is_filmic = is_filmic;
         Ok(FrameStats {
             passes,
             frame_milliseconds,
@@ -260,7 +270,8 @@ impl Renderer {
         let inputs = Inputs::new(gpu, camera, settings, store, &DrawList::default());
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
         let resources = [image.bind(), targets.surface().depth.bind(), targets.picture.bind()];
-        recorder.over_pixels(&passes::PRESENT, &[], &inputs, &resources)?;
+        let switches = [("is_filmic", u32::from(self.is_filmic))];
+        recorder.over_pixels(&passes::PRESENT, &switches, &inputs, &resources)?;
         recorder.finish()?;
         Ok(())
     }

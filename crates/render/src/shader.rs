@@ -17,7 +17,7 @@ pub const PASSES: &[(&str, &str)] = embedded!("": splat_nearest, splat_depth, sp
     label_start, label_join, label_flatten, region_count, region_scan, region_number, region_assign, sscr_solve, sscr_views,
     mirror_depth, mirror_visibility, mirror_average, pull, push, shade, blend, show, present);
 
-const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color, light, counters, point_surface, surfel_tree, brdf, mirror_ray, mirror_formula, heat, beam,
+const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color, light, counters, point_surface, surfel_tree, brdf, tone, mirror_ray, mirror_formula, heat, beam,
     mirror_space, mirror_splat, mirror_sums, region, root_finding, scan);
 
 /// A shader with its imports taken in.

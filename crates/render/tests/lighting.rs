@@ -195,3 +195,51 @@ fn a_mirror_with_a_power_shows_the_lamp_and_one_without_does_not() {
         }
     }
 }
+
+/// The definition of tone mapping, to 8 bits.
+fn on_screen(linear: f64, exposure: f64, is_filmic: bool) -> u8 {
+    let x = linear * 2_f64.powf(exposure);
+    let shown = if is_filmic { x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14) } else { x }.clamp(0.0, 1.0);
+    let srgb = if shown <= 0.003_130_8 { 12.92 * shown } else { 1.055 * shown.powf(1.0 / 2.4) - 0.055 };
+    (srgb * 255.0).round() as u8
+}
+
+#[test]
+fn tone_mapping_is_its_formula_and_leaves_the_background_alone() {
+    let mut stage = stage_or_skip!();
+    let store = store_of(&stage, vec![square(0.0, 0.9)], Material::default());
+    let lamp = lamp();
+    // What is asked for, whether there is a lamp, and whether the curve is filmic then.
+    let cases = [("auto", true, true), ("auto", false, false), ("filmic", false, true), ("srgb", true, false)];
+    for (curve, is_lit, is_filmic) in cases {
+        for exposure in [-2.0, 0.0, 1.5] {
+            let settings = settings(&[
+                ("tone.curve", curve),
+                ("tone.exposure", &exposure.to_string()),
+                ("edl.strength", "0"),
+                ("view.background", "#123456"),
+            ]);
+            let lights = if is_lit { &[lamp][..] } else { &[] };
+            let objects = Objects { lights, ..Objects::default() };
+            stage.renderer.render(&store, &camera(), &settings, objects, SIZE).unwrap();
+            let (color, picture) = (read(&stage, Aov::Color), stage.renderer.read_picture().unwrap());
+            let texels: Vec<[f32; 3]> = color.iter().map(|color| color.as_vec3().to_array()).collect();
+            stage.renderer.present(&store, &settings, &texels).unwrap();
+            assert!(
+                stage.renderer.read_picture().unwrap() == picture,
+                "{curve} {exposure}: traced colours are mapped alike"
+            );
+            let mut seen = [0; 2];
+            for (color, shown) in color.into_iter().zip(picture.as_chunks::<4>().0) {
+                let is_empty = color.is_nan();
+                seen[usize::from(is_empty)] += 1;
+                let expected = color.to_array().map(|linear| on_screen(linear, exposure, is_filmic));
+                let expected = if is_empty { [0x12, 0x34, 0x56] } else { expected };
+                // Powers in 32 bits may round the other way.
+                let off = (0..3).map(|channel| shown[channel].abs_diff(expected[channel])).max().unwrap();
+                assert!(off <= u8::from(!is_empty), "{curve} {exposure}: {shown:?}, expected {expected:?}");
+            }
+            assert!(seen.iter().all(|count| *count > 200), "{seen:?}");
+        }
+    }
+}
