@@ -215,3 +215,58 @@ impl MappedLight {
 const FINER: f64 = 0.7;
 /// Texels that the map of the view moves by: an eighth of half of it, so that it is seldom drawn anew while the camera moves.
 const SNAP: f64 = 64.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOUNDS: Bounds = Bounds { min: DVec3::new(-50.0, -40.0, -3.0), max: DVec3::new(70.0, 60.0, 9.0) };
+
+    fn maps(camera: &Camera) -> Vec<MappedLight> {
+        MappedLight::sun(&Settings::default(), camera, [800, 600], BOUNDS)
+    }
+
+    fn camera(distance: f64) -> Camera {
+        Camera::looking(DVec3::new(3.0, 4.0, 0.0), DVec3::new(0.5, -1.0, 0.6), distance, DVec3::Z)
+    }
+
+    #[test]
+    fn a_map_of_the_view_is_made_where_it_is_finer_and_shows_what_the_camera_sees_at_the_pivot() {
+        assert_eq!(maps(&camera(200.0)).len(), 1);
+        for distance in [0.5, 3.0, 5.0, 20.0] {
+            let camera = camera(distance);
+            let found = maps(&camera);
+            let [whole, view] = found[..] else { panic!("{} maps at {distance}", found.len()) };
+            assert!(view.camera.focal_pixels * FINER >= whole.camera.focal_pixels);
+            let seen = FrameCamera::new(&camera, &Settings::default().view, [800, 600], BOUNDS.center(), 1.0);
+            for (x, y) in [(0.0, 0.0), (800.0, 0.0), (0.0, 600.0), (800.0, 600.0)] {
+                let corner = seen.world_from_pixel(x, y, distance);
+                assert!(view.camera.sees(corner, 0.0, -1.0), "{corner} at {distance}");
+            }
+            for (x, y, z) in [(0, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)] {
+                let pick = |axis: usize, high: i32| if high == 1 { BOUNDS.max[axis] } else { BOUNDS.min[axis] };
+                let corner = DVec3::new(pick(0, x), pick(1, y), pick(2, z));
+                assert!(whole.camera.sees(corner, 0.0, -1.0), "{corner}");
+                // What casts shadows from above the view's part of the scene is before the map's eye.
+                assert!((view.camera.view_from_world * (corner - view.camera.eye)).z > 0.0, "{corner}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_map_of_the_view_moves_in_whole_texels_and_seldom() {
+        let camera = camera(5.0);
+        let mut kept = 0;
+        for step in 1..=50 {
+            let shift = DVec3::new(0.011, 0.007, 0.0) * f64::from(step);
+            let moved = maps(&Camera { eye: camera.eye + shift, pivot: camera.pivot + shift, ..camera });
+            let (was, is) = (maps(&camera), moved);
+            assert_eq!(was[0], is[0]);
+            kept += u32::from(was[1] == is[1]);
+            let texels =
+                is[1].camera.view_from_world * (is[1].camera.eye - was[1].camera.eye) * is[1].camera.focal_pixels;
+            assert!((texels - texels.round()).abs().max_element() < 1e-6 && texels.z.abs() < 1e-6, "{texels}");
+        }
+        assert!(kept > 5, "{kept} of 50");
+    }
+}

@@ -243,3 +243,133 @@ fn tone_mapping_is_its_formula_and_leaves_the_background_alone() {
         }
     }
 }
+
+/// A floor in z = 0 that reaches to `half`, and a square of half width 0.3 at 0.5 above it.
+fn floor_with_blocker(stage: &Stage, half: f64) -> PointStore {
+    store_of(stage, vec![square(0.0, half), square(0.5, 0.3)], Material::default())
+}
+
+/// Above the floor, seeing below the blocker; z is up.
+fn slanted_camera() -> Camera {
+    Camera::looking(DVec3::ZERO, DVec3::new(-0.25, -0.4, 1.0), 2.0, DVec3::Z)
+}
+
+fn by_sun(more: &[(&str, &str)]) -> Settings {
+    let sun = [
+        ("light.by", "sun"),
+        ("sun.azimuth", "90"),
+        ("sun.elevation", "50"),
+        ("sun.irradiance", "3"),
+        ("sun.sky", "0"),
+    ];
+    settings(&[&sun[..], more].concat())
+}
+
+#[test]
+fn a_sun_lights_a_plane_evenly_but_for_the_shadow_of_what_is_above_it() {
+    let mut stage = stage_or_skip!();
+    // The view is a small part of the larger floor: there the sun has a map of the view.
+    for half in [1.2, 8.0] {
+        let store = floor_with_blocker(&stage, half);
+        let camera = slanted_camera();
+        let settings = by_sun(&[]);
+        stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+        let (direct, depth) = (read(&stage, Aov::Direct), stage.renderer.read_aov(Aov::Depth).unwrap().data);
+        let to_sun = settings.sun.direction(camera.up);
+        let lit = 3.0 * to_sun.z * ALBEDO * FRAC_1_PI;
+        let mut counts = [0; 3];
+        for (pixel, direct) in direct.into_iter().enumerate() {
+            let at = on_floor(&camera, pixel);
+            let is_floor = ((at - camera.eye).dot(camera.forward()) - f64::from(depth[pixel])).abs() < 0.01;
+            // Where the ray to the sun passes the blocker's plane.
+            let passes = (at + to_sun * (0.5 / to_sun.z)).abs();
+            let outside = passes.x.max(passes.y) - 0.3;
+            // Within a splat and the filter of the outline it is neither.
+            let expected = if !is_floor || outside > 0.06 {
+                lit
+            } else if outside < -0.06 {
+                0.0
+            } else {
+                continue;
+            };
+            if !is_floor && at.abs().max_element() > half {
+                continue;
+            }
+            counts[if !is_floor { 2 } else { usize::from(expected == 0.0) }] += 1;
+            let tolerance = lit * 0.003;
+            assert!(
+                (direct - expected).abs().max_element() < tolerance,
+                "{half}, at {at}: {direct}, expected {expected}"
+            );
+        }
+        assert!(counts.iter().all(|count| *count > 50), "{half}: {counts:?}");
+    }
+}
+
+#[test]
+fn shadows_of_a_sun_stand_still_while_the_camera_moves() {
+    let mut stage = stage_or_skip!();
+    let store = floor_with_blocker(&stage, 8.0);
+    // Looking straight down without perspective: a step of whole pixels shows the same points that much to the side.
+    let camera = camera();
+    let pixel = 2.0 * 2.0 * 30_f64.to_radians().tan() / f64::from(SIZE[1]);
+    // With y up, the sun stands in the south, toward z.
+    let settings = by_sun(&[("view.projection", "orthographic"), ("sun.azimuth", "180")]);
+    let mut direct = |camera: &Camera| {
+        stage.renderer.render(&store, camera, &settings, Objects::default(), SIZE).unwrap();
+        read(&stage, Aov::Direct)
+    };
+    let before = direct(&camera);
+    let [width, height] = SIZE.map(|edge| edge as usize);
+    for steps in [1_usize, 3, 17] {
+        let shift = DVec3::X * (pixel * steps as f64);
+        let after = direct(&Camera { eye: camera.eye + shift, pivot: camera.pivot + shift, ..camera });
+        let mut counts = [0; 2];
+        for (y, x) in (0..height).flat_map(|y| (0..width - steps).map(move |x| (y, x))) {
+            let (was, is) = (before[y * width + x + steps], after[y * width + x]);
+            assert!((was - is).abs().max_element() < 2e-3, "{steps} steps, at {x} {y}: {was} became {is}");
+            counts[usize::from(was.x > 0.1)] += 1;
+        }
+        assert!(counts.iter().all(|count| *count > 100), "in shadow and lit: {counts:?}");
+    }
+}
+
+#[test]
+fn no_light_is_dark_and_an_open_sky_brings_a_sun() {
+    let mut stage = stage_or_skip!();
+    let store = floor_with_blocker(&stage, 1.0);
+    let mut brightest = |settings: &Settings, lights: &[SpotLight], sky_is_open| {
+        let objects = Objects { lights, sky_is_open, ..Objects::default() };
+        stage.renderer.render(&store, &slanted_camera(), settings, objects, SIZE).unwrap();
+        read(&stage, Aov::Direct)
+            .into_iter()
+            .filter(|color| !color.is_nan())
+            .fold(0.0, |most: f64, color| most.max(color.max_element()))
+    };
+    let dark = SpotLight { intensity: [0.0; 3], ..lamp() };
+    assert_eq!(brightest(&Settings::default(), &[dark], true), 0.0);
+    assert_eq!(brightest(&by_sun(&[("sun.irradiance", "0")]), &[lamp()], true), 0.0);
+    // Above the horizon by nothing, it reaches no floor.
+    assert!(brightest(&by_sun(&[("sun.elevation", "0")]), &[], true) < 1e-6);
+    let sun = brightest(&settings(&[("sun.elevation", "90")]), &[], true);
+    let expected = 2.5 * ALBEDO * FRAC_1_PI;
+    assert!((sun / expected - 1.0).abs() < 0.003, "{sun}, expected {expected}");
+    let lamp_at_eye = brightest(&settings(&[("light.headlight", "0")]), &[], false);
+    assert!((lamp_at_eye / ALBEDO - 1.0).abs() < 0.003, "{lamp_at_eye}");
+}
+
+#[test]
+fn shadow_maps_are_drawn_again_only_where_something_changed() {
+    let mut stage = stage_or_skip!();
+    let store = floor_with_blocker(&stage, 8.0);
+    let mut draws = |settings: &Settings| {
+        let stats = stage.renderer.render(&store, &camera(), settings, Objects::default(), SIZE).unwrap();
+        stats.passes.iter().any(|pass| ["splat_nearest", "splat_depth"].contains(&pass.name))
+    };
+    draws(&by_sun(&[]));
+    assert!(!draws(&by_sun(&[])), "all is kept");
+    assert!(!draws(&by_sun(&[("sun.irradiance", "1"), ("light.gloss", "0.5")])), "the light is of another strength");
+    assert!(!draws(&settings(&[("light.by", "colors")])), "no light");
+    assert!(!draws(&by_sun(&[])), "light again");
+    assert!(draws(&by_sun(&[("sun.azimuth", "200")])), "the sun has moved");
+}
