@@ -1,8 +1,9 @@
 // Closes pixels that see through a gap between splats: points are samples, and however large the discs, some pixels between
 // them stay open. A pixel counts as a gap if at least five of its eight neighbours form one surface nearer than what it shows;
-// it takes their mean. Gaps of two by two pixels close. Beside a straight outline three neighbours are nearer, so it stays;
-// only an inner corner loses its pixel. One thread a pixel.
+// it takes their mean, and of their depths those that their planes have there. Gaps of two by two pixels close. Beside a
+// straight outline three neighbours are nearer, so it stays; only an inner corner loses its pixel. One thread a pixel.
 #import frame
+#import splat
 #import params
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -56,9 +57,12 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0; is_gap && i < 8; i++) {
         if depths[i] > 0.0 && depths[i] <= limit {
             let at = center + neighbor(i);
+            let beside = textureLoad(normal_in, at, 0);
+            let point = view_from_pixel(frame, vec2f(at) + 0.5, depths[i]);
+            let plane = hit_of_plane(frame, point, view_from_relative(frame, beside.xyz), vec2f(center) + 0.5);
             albedo_sum += textureLoad(albedo_in, at, 0);
-            normal_sum += textureLoad(normal_in, at, 0);
-            depth_sum += depths[i];
+            normal_sum += beside;
+            depth_sum += depth_beside(frame, point, plane.z, length(vec2f(neighbor(i))));
         }
     }
     if is_gap {

@@ -88,7 +88,7 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
             }
         }
         let tint = mirror_tint(settings, albedo.rgb, 0.0);
-        radiance = albedo.rgb * diffuse * (share / 3.14159265) + tint * specular;
+        radiance = albedo.rgb * diffuse * (share * 0.31830989) + tint * specular;
     }
     textureStore(radiance_out, id, vec4f(radiance, 1.0));
 }

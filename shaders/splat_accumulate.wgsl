@@ -8,7 +8,7 @@
 @group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
 // Four words a pixel: weight, albedo * weight.
 @group(2) @binding(1) var<storage, read_write> color_sums: array<atomic<u32>>;
-// Four words a pixel: (normal + NORMAL_BIAS) * weight, depth behind the front over the front depth * weight.
+// Four words a pixel: (normal + NORMAL_BIAS) * weight, depth behind the front as a share of BEHIND_RANGE * weight.
 @group(2) @binding(2) var<storage, read_write> surface_sums: array<atomic<u32>>;
 // Three words a pixel: specular intensity and power * weight, and their carries.
 @group(2) @binding(3) var<storage, read_write> specular_sums: array<atomic<u32>>;
@@ -47,7 +47,10 @@ fn splat_point(item: Item, index: u32) {
         // Most points of a dense scan are hidden: they are found out before anything else of them is read.
         if single.center.z <= front + offset {
             let surface = surface_of_point(item, point, index, single.center);
-            add(single.pixel, item, surface, Fragment(single.center.z, 1.0), front);
+            let at = pixel_from_view(frame, single.center);
+            let plane = hit_of_plane(frame, single.center, surface.normal_in_view, floor(at) + 0.5);
+            let depth = depth_beside(frame, single.center, plane.z, distance(at, floor(at) + 0.5));
+            add(single.pixel, item, surface, Fragment(depth, 1.0), front);
         }
         return;
     }
@@ -69,7 +72,7 @@ fn splat_point(item: Item, index: u32) {
 }
 
 struct PointSurface {
-    // Linear, 12 bits.
+    // Linear, ALBEDO_MOST is 1.
     albedo: vec3u,
     // World, 11 bits and sign.
     normal: vec3i,
@@ -78,7 +81,7 @@ struct PointSurface {
 
 fn surface_of_point(item: Item, point: vec4u, index: u32, center: vec3f) -> PointSurface {
     let color_normal = attributes[index];
-    let albedo = vec3u(albedo_of_point(item, index, point, color_normal) * 4095.0 + 0.5);
+    let albedo = vec3u(albedo_of_point(item, index, point, color_normal) * ALBEDO_MOST + 0.5);
     let normal = normal_toward_eye(frame, center, color_normal.y);
     return PointSurface(albedo, vec3i(round(world_direction(frame, normal) * 2047.0)), normal);
 }
@@ -97,8 +100,7 @@ fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front:
     add_surface(pixel, 0u, biased.x);
     add_surface(pixel, 1u, biased.y);
     add_surface(pixel, 2u, biased.z);
-    // A quarter of the front depth in 16 bits: splats are limited to fewer pixels than that.
-    let behind = u32(clamp((fragment.depth - front) / front, 0.0, 0.25) * 4.0 * 65535.0 + 0.5);
+    let behind = u32(clamp(((fragment.depth - front) / front - LEAST_BEHIND) / BEHIND_RANGE, 0.0, 1.0) * 65535.0 + 0.5);
     add_surface(pixel, 3u, behind * weight);
     // Most points are no mirrors: they pay nothing for it.
     if item.specular_intensity > 0.0 {

@@ -33,13 +33,13 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
         + vec2f(vec2u(specular_carry & 0xffffu, specular_carry >> 16u)) * 4294967296.0;
     let specular = specular_sum / weight;
     let front = depth_from_nearness(nearest[pixel].y);
-    let depth = front * (1.0 + surface_sum.w / weight / (4.0 * 65535.0));
+    let depth = front * (1.0 + LEAST_BEHIND + BEHIND_RANGE * (surface_sum.w / weight / 65535.0));
     let sum = surface_sum.xyz - f32(NORMAL_BIAS) * weight;
     let ray = view_from_pixel(frame, vec2f(id.xy) + 0.5, depth);
     // Where no point had a normal, or they cancelled, the surface is taken to face the eye.
     let facing = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
     let normal = select(facing, normalize(sum), dot(sum, sum) > weight * weight);
-    let albedo = vec4f(color_sum.yzw / (weight * 4095.0), specular.x / 1023.0);
+    let albedo = vec4f(color_sum.yzw / (weight * ALBEDO_MOST), specular.x / 1023.0);
     textureStore(albedo_out, id.xy, select(albedo, vec4f(0.0), is_empty));
     textureStore(normal_out, id.xy, select(vec4f(normal, specular.y), vec4f(0.0), is_empty));
     textureStore(depth_out, id.xy, vec4f(select(depth, 0.0, is_empty)));

@@ -128,39 +128,61 @@ struct Fragment {
     weight: f32,
 }
 
+// Where the ray through a pixel coordinate meets a point's plane, view space.
+fn hit_of_plane(frame: Frame, center: vec3f, normal: vec3f, pixel: vec2f) -> vec3f {
+    let slope = slope_from_pixel(frame, pixel);
+    if frame.orthographic != 0u {
+        return vec3f(slope, dot(normal, center - vec3f(slope, 0.0)) / normal.z);
+    }
+    let direction = vec3f(slope, 1.0);
+    return direction * (dot(normal, center) / dot(normal, direction));
+}
+
+// Steepest surface that is taken for its plane beside a point: 80 degrees.
+const STEEPEST: f32 = 6.0;
+
+// Depth at a pixel's centre of a surface that is known at a point `pixels` beside it; `depth` is that of the point's plane there.
+// With the point's own depth a slanted surface would lie to the side, and of several points the nearer would win. Seen edge-on,
+// and without a normal (NaN), it is the point's own.
+fn depth_beside(frame: Frame, center: vec3f, depth: f32, pixels: f32) -> f32 {
+    let is_flat = abs(depth - center.z) * pixels_per_unit(frame, center.z) <= STEEPEST * pixels;
+    return select(center.z, depth, is_flat);
+}
+
 // Perspective-correct: the ray through the pixel's centre meets the disc's plane.
 fn fragment_of_disc(frame: Frame, disc: Disc, pixel: vec2i) -> Fragment {
     let at = vec2f(pixel) + 0.5;
     let is_center = all(pixel == vec2i(floor(disc.pixel)));
     // The pixel that holds the centre is always covered, so that discs seen edge-on leave no holes.
-    let fallback = Fragment(select(0.0, disc.center.z, is_center), 0.0);
     if all(disc.normal == vec3f(0.0)) {
         let offset = (at - disc.pixel) / disc.radius_pixels;
         let outside = dot(offset, offset);
         if outside > 1.0 {
-            return fallback;
+            return Fragment(select(0.0, disc.center.z, is_center), 0.0);
         }
         return Fragment(disc.center.z, 1.0 - outside);
     }
-    var hit: vec3f;
-    if frame.orthographic != 0u {
-        let start = view_from_pixel(frame, at, 0.0);
-        hit = vec3f(start.xy, dot(disc.normal, disc.center - start) / disc.normal.z);
-    } else {
-        let direction = vec3f(slope_from_pixel(frame, at), 1.0);
-        hit = direction * (dot(disc.normal, disc.center) / dot(disc.normal, direction));
-    }
+    let hit = hit_of_plane(frame, disc.center, disc.normal, at);
     let offset = hit - disc.center;
     let outside = dot(offset, offset) / (disc.radius * disc.radius);
     // Written so that NaN (a plane through the eye) falls back.
     if !(outside <= 1.0 && hit.z > frame.near) {
-        return fallback;
+        return Fragment(select(0.0, depth_beside(frame, disc.center, hit.z, distance(at, disc.pixel)), is_center), 0.0);
     }
     return Fragment(hit.z, 1.0 - outside);
 }
 
+// Depths are averaged as shares of the front depth, from this one on: planes of front points may be nearer than those.
+const LEAST_BEHIND: f32 = -0.0625;
+// To a quarter of the front depth behind it: splats are limited to fewer pixels than that.
+const BEHIND_RANGE: f32 = 0.3125;
+
 // Added to the components of normals, 11 bits and sign, to sum them unsigned.
 const NORMAL_BIAS: i32 = 2048;
+
+// Albedos are summed in 16 bits: the darkest 8-bit sRGB level but black is 20 of these steps, a level of dark colours a few
+// hundred, so that data colours come back exactly.
+const ALBEDO_MOST: f32 = 65535.0;
 
 // Depth as an integer that is larger the nearer: 0 stays "empty", and a cleared buffer is all zero.
 fn nearness(depth: f32) -> u32 {

@@ -513,7 +513,15 @@ fn a_mirror_that_reflects_nothing_gives_the_same_picture_as_no_reflections() {
     let none = picture(&scene, "none");
     assert!(reflecting != none);
     for method in [TRACING[0], TRACING[1], "sscr"] {
-        assert!(picture(&scene, method) == none, "{method}");
+        let with = picture(&scene, method);
+        // Two compilations of one shader may differ in the last bit of a half float.
+        let furthest = none.1.iter().zip(&with.1).map(|(a, b)| f32::from_bits(*a) / f32::from_bits(*b));
+        let furthest =
+            furthest.filter(|ratio| !ratio.is_nan()).fold(0.0, |most: f32, ratio| most.max((ratio - 1.0).abs()));
+        assert!(
+            furthest < 1e-3 && with.0.iter().zip(&none.0).all(|(a, b)| a.abs_diff(*b) <= 1),
+            "{method}: {furthest}"
+        );
     }
 }
 
@@ -989,9 +997,9 @@ fn mirrors_by_their_formula_agree_with_their_samples() {
         assert!(pixels > 800 && beyond == 0, "{shape:?} {projection}: {pixels} pixels, {beyond} beyond the outline");
         // A splat is a pixel wide and takes the mean of its surroundings: outlines of round things are a few degrees
         // off. A bump of the coral is seven pixels wide: normals change by ten degrees from one to the next.
-        let most = if shape == Shape::Coral { [3.0, 25.0] } else { [0.5, 4.0] };
+        let most = if shape == Shape::Coral { [0.01, 3.0, 25.0] } else { [0.001, 0.5, 4.0] };
         assert!(
-            off < 0.01 && median < most[0] && p95 < most[1],
+            off < most[0] && median < most[1] && p95 < most[2],
             "{shape:?} {projection}: {off}, {median} {p95} degrees"
         );
     }
