@@ -1,4 +1,5 @@
-// Adds what a mirror reflects to its own radiance, of which shade.wgsl has left it the rest. Where a mirror sees no point it
+// Adds indirect light to direct light, and what a mirror reflects to its own radiance, of which the passes that shade have left
+// it the rest. Where a mirror sees no point it
 // shows the background. One thread a pixel.
 #import frame
 #import packing
@@ -17,10 +18,13 @@
 // w: coverage of what is reflected.
 @group(1) @binding(5) var seen_in: texture_2d<f32>;
 @group(1) @binding(6) var reflected_in: texture_2d<f32>;
-@group(1) @binding(7) var color_out: texture_storage_2d<rgba16float, write>;
+// Indirect light of the surface itself.
+@group(1) @binding(7) var indirect_in: texture_2d<f32>;
+@group(1) @binding(8) var color_out: texture_storage_2d<rgba16float, write>;
 
 override from_camera: bool = true;
 override has_reflection: bool = false;
+override has_indirect: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn blend(@builtin(global_invocation_id) thread: vec3u) {
@@ -32,6 +36,9 @@ fn blend(@builtin(global_invocation_id) thread: vec3u) {
         return;
     }
     var color = textureLoad(radiance_in, id, 0).rgb;
+    if has_indirect {
+        color += textureLoad(indirect_in, id, 0).rgb;
+    }
     let albedo = textureLoad(albedo_in, id, 0);
     if has_reflection && albedo.a > 0.0 {
         var mirror_point = vec3f(0.0);

@@ -1,6 +1,9 @@
 // Offers every fragment of a point to its pixel. The importing pass defines `put(pixel, depth, identity)`, which keeps the
-// nearest.
+// nearest. Of discs in one plane that should be the one whose middle is nearest, or colours would spread beyond their edges: so
+// discs are hollow, by RIM of their radius, which is far below what the points' positions are known to.
 #import blocks
+
+const RIM: f32 = 0.001;
 
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
@@ -28,7 +31,8 @@ fn splat_point(item: Item, index: u32) {
         for (var x = disc.first.x; x <= disc.last.x; x++) {
             let fragment = fragment_of_disc(frame, disc, vec2i(x, y));
             if fragment.depth > 0.0 {
-                put(u32(y) * frame.width + u32(x), fragment.depth, identity);
+                let depth = fragment.depth + RIM * disc.radius * (1.0 - fragment.weight);
+                put(u32(y) * frame.width + u32(x), depth, identity);
             }
         }
     }

@@ -19,6 +19,8 @@ pub enum Aov {
     Color,
     /// Radiance of direct light, linear RGB; of a mirror, what is left of it beside the reflection.
     Direct,
+    /// Radiance of light from the sky, and of light that surfaces have reflected before, without reflections, linear RGB.
+    Indirect,
     /// World position of what is seen by one reflection; coverage.
     MirrorPosition,
     /// Linear RGB of what is seen by one reflection.
@@ -32,7 +34,7 @@ pub enum Aov {
 }
 
 impl Aov {
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Depth,
         Self::Normal,
         Self::Albedo,
@@ -41,6 +43,7 @@ impl Aov {
         Self::Position,
         Self::Color,
         Self::Direct,
+        Self::Indirect,
         Self::MirrorPosition,
         Self::MirrorAlbedo,
         Self::MirrorNormal,
@@ -58,6 +61,7 @@ impl Aov {
             Self::Position => "position",
             Self::Color => "color",
             Self::Direct => "direct",
+            Self::Indirect => "indirect",
             Self::MirrorPosition => "mirror_position",
             Self::MirrorAlbedo => "mirror_albedo",
             Self::MirrorNormal => "mirror_normal",
@@ -77,7 +81,7 @@ impl Aov {
         match self {
             Self::Depth => &["Z"],
             Self::Mirror | Self::SpecularIntensity | Self::Curvature | Self::Regions => &["Y"],
-            Self::Albedo | Self::Color | Self::Direct | Self::MirrorAlbedo => &["R", "G", "B"],
+            Self::Albedo | Self::Color | Self::Direct | Self::Indirect | Self::MirrorAlbedo => &["R", "G", "B"],
             Self::MirrorPosition => &["X", "Y", "Z", "A"],
             Self::Normal | Self::Position | Self::MirrorNormal => &["X", "Y", "Z"],
         }

@@ -5,6 +5,7 @@
 
 mod coloring;
 mod frame;
+mod gi;
 mod gpu;
 mod image;
 mod inputs;

@@ -19,7 +19,7 @@ use crate::targets::storage;
 /// Lights of a scene that count; more would not fit the shadow maps' buffer on small adapters.
 pub(crate) const MOST_LIGHTS: usize = 4;
 /// Texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about as fine as a splat.
-const SHADOW_SIZE: u32 = 1024;
+pub(crate) const SHADOW_SIZE: u32 = 1024;
 const SHADOW_BYTES: u64 = SHADOW_SIZE as u64 * SHADOW_SIZE as u64 * 8;
 /// Texels from the middle of a shadow map to the edge of what is lit: all but one for the filter, and one that the rim may be
 /// rounded into.
@@ -42,10 +42,10 @@ pub(crate) struct MappedLight {
     /// Of the shadow map.
     pub camera: FrameCamera,
     /// Radiant intensity of a spot light within its inner cone; of a sun, irradiance across its light.
-    intensity: [f32; 3],
+    pub intensity: [f32; 3],
     /// Angles of a spot light's cones, radians; 0 for a sun.
-    inner: f32,
-    outer: f32,
+    pub inner: f32,
+    pub outer: f32,
 }
 
 /// What a shadow map at hand was drawn from: points, splats, and the view.
@@ -61,7 +61,7 @@ pub(crate) struct Lights {
     /// As shaders/shared/light.wgsl has them.
     pub lights: wgpu::Buffer,
     /// `SHADOW_SIZE` squared texels a light, one light after the other, each laid out as the camera's `nearest`: rows from top
-    /// to bottom of two words, identity of the nearest point (0 without 64-bit atomics) and its nearness (0: empty). Of a sun,
+    /// to bottom of two words, identity of the nearest point and its nearness (0: empty). Of a sun,
     /// first the map of the whole scene, then, if there is one, that of the view.
     pub shadows: wgpu::Buffer,
 }
@@ -123,7 +123,8 @@ impl Lights {
         wide.splat.min_pixels = wide.splat.min_pixels.max(3.0);
         let mut drawn = Vec::with_capacity(lights.len());
         for (index, light) in lights.iter().enumerate() {
-            let map = DrawnMap { revision: store.revision(), splat: settings.splat.clone(), camera: light.camera };
+            let map =
+                DrawnMap { revision: store.geometry_revision(), splat: settings.splat.clone(), camera: light.camera };
             if at_hand.get(index) != Some(&map) {
                 let texels = SHADOW_BYTES * index as u64..SHADOW_BYTES * (index as u64 + 1);
                 recorder.clear_part(&self.shadows, texels.clone());
@@ -134,9 +135,9 @@ impl Lights {
                     offset: texels.start,
                     size: std::num::NonZeroU64::new(SHADOW_BYTES),
                 });
-                // Without 64-bit atomics the depths alone are enough: nobody asks whose shadow it is.
-                let pass = if atomics64 { &passes::SPLAT_NEAREST } else { &passes::SPLAT_DEPTH };
-                recorder.over_points(pass, &[], &inputs, &[binding])?;
+                for pass in passes::splat_nearest(atomics64) {
+                    recorder.over_points(pass, &[], &inputs, std::slice::from_ref(&binding))?;
+                }
             }
             drawn.push(map);
         }

@@ -136,15 +136,41 @@ pub const GATHER_CLOSE: Pass = Pass {
     name: "gather_close",
     groups: &[FRAME, &[Texture, Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
 };
+pub const VPL_POINTS: Pass = Pass { name: "vpl_points", groups: &[FRAME, PAGE, &[Uniform, Read, ReadWrite]] };
+pub const VPL_AIM: Pass = Pass { name: "vpl_aim", groups: &[FRAME, &[Uniform, Read, Read, ReadWrite, ReadWrite]] };
+pub const VPL_PLACE: Pass =
+    Pass { name: "vpl_place", groups: &[FRAME, PAGE, &[Uniform, Read, Read, Read, Read, ReadWrite]] };
+pub const VPL_BOUNCE: Pass =
+    Pass { name: "vpl_bounce", groups: &[FRAME, &[Uniform, Read, Read, Read, ReadWrite, Uniform]] };
+pub const VPL_SHADOW_SPLAT: Pass =
+    Pass { name: "vpl_shadow_splat", groups: &[FRAME, &[Uniform, Read, Read, Read, ReadWrite, Uniform]] };
+pub const VPL_SHADOW_PULL: Pass = Pass { name: "vpl_shadow_pull", groups: &[FRAME, &[Uniform, ReadWrite, Uniform]] };
+pub const VPL_SHADOW_PUSH: Pass = Pass { name: "vpl_shadow_push", groups: &[FRAME, &[Uniform, ReadWrite, Uniform]] };
+pub const INDIRECT: Pass = Pass {
+    name: "indirect",
+    groups: &[
+        FRAME,
+        &[Texture, Texture, Texture, Texture, Uniform, Read, Read, Write(Rgba16Float), Write(Rgba16Float)],
+    ],
+};
+pub const INDIRECT_FILTER: Pass = Pass {
+    name: "indirect_filter",
+    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
+};
 pub const SHADE: Pass =
     Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Read, Read, Write(Rgba16Float)]] };
 pub const BLEND: Pass = Pass {
     name: "blend",
-    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
+    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
 };
 pub const SHOW: Pass =
     Pass { name: "show", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba8Unorm)]] };
 pub const PRESENT: Pass = Pass { name: "present", groups: &[FRAME, &[Texture, Texture, Write(Rgba8Unorm)]] };
+
+/// The passes that find the nearest point of each pixel, by the width of the adapter's atomics.
+pub fn splat_nearest(atomics64: bool) -> &'static [&'static Pass] {
+    if atomics64 { &[&SPLAT_NEAREST] } else { &[&SPLAT_DEPTH, &SPLAT_IDENTITY] }
+}
 
 /// Every pass, for the tests that compare them with their shaders.
 #[cfg(test)]
@@ -181,6 +207,15 @@ pub const ALL: &[&Pass] = &[
     &PULL,
     &PUSH,
     &GATHER_CLOSE,
+    &VPL_POINTS,
+    &VPL_AIM,
+    &VPL_PLACE,
+    &VPL_BOUNCE,
+    &VPL_SHADOW_SPLAT,
+    &VPL_SHADOW_PULL,
+    &VPL_SHADOW_PUSH,
+    &INDIRECT,
+    &INDIRECT_FILTER,
     &SHADE,
     &BLEND,
     &SHOW,

@@ -6,11 +6,12 @@ use glam::DVec3;
 use scene::{Atomics, Camera, Curve, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
 
 use crate::frame::FrameCamera;
+use crate::gi::{GlobalIllumination, Receiver, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::image::{Aov, AovImage};
 use crate::inputs::Inputs;
 use crate::lighting::{DrawnMap, Lights};
-use crate::passes::{self, Pass};
+use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder};
 use crate::reflection::{self, ReflectionStats, Reflections, SurfaceImages};
 use crate::store::{ChunkId, CloudId, DrawList, PointStore, Selection};
@@ -63,6 +64,9 @@ pub struct Renderer {
     /// What the surfaces and reflections at hand were made from.
     kept: Option<Kept>,
     kept_shadows: Vec<DrawnMap>,
+    pub(crate) gi: GlobalIllumination,
+    /// There was some in the last frame.
+    has_indirect: bool,
     /// Of the last frame.
     camera: Option<FrameCamera>,
     /// Whether the last frame's picture was mapped by the filmic curve.
@@ -83,8 +87,8 @@ impl Kept {
     fn new(camera: FrameCamera, settings: &Settings, store: &PointStore, objects: Objects<'_>) -> Self {
         let defaults = Settings::default();
         let mut settings = settings.clone();
-        (settings.light, settings.sun, settings.tone, settings.edl) =
-            (defaults.light, defaults.sun, defaults.tone, defaults.edl);
+        (settings.light, settings.sun, settings.gi) = (defaults.light, defaults.sun, defaults.gi);
+        (settings.tone, settings.edl, settings.trace) = (defaults.tone, defaults.edl, defaults.trace);
         (settings.mirror.tint, settings.mirror.fresnel) = (defaults.mirror.tint, defaults.mirror.fresnel);
         // Steps are counted only while they are shown.
         if !matches!(settings.reflection.show, Show::Steps | Show::Unconverged) {
@@ -111,6 +115,8 @@ impl Renderer {
             lights,
             kept: None,
             kept_shadows: Vec::new(),
+            gi: GlobalIllumination::default(),
+            has_indirect: false,
             camera: None,
             is_filmic: false,
         };
@@ -140,6 +146,7 @@ impl Renderer {
     /// Forgets what is kept while nothing changes, so that the next frame is made from scratch. For measurements.
     pub fn forget(&mut self) {
         (self.kept, self.kept_shadows) = (None, Vec::new());
+        self.gi.forget();
     }
 
     /// Renders a frame and waits for it.
@@ -196,7 +203,14 @@ impl Renderer {
         let at_hand = std::mem::take(&mut self.kept_shadows);
         let kept_shadows = self.lights.draw_shadows(&mut recorder, store, settings, &lights, at_hand, atomics64)?;
         let shading = Shading::new(settings, store, objects, lights.len());
-        shade(&mut recorder, &inputs, targets, reflections, &self.lights, shading)?;
+        let sky = (shading.lighting == Lighting::Sun).then_some(Sky { up: camera.up, irradiance: settings.sun.sky });
+        let has_indirect = GlobalIllumination::is_asked(settings, &lights, sky);
+        if has_indirect {
+            let shadows = &self.lights.shadows;
+            self.gi.place(&mut recorder, frame_camera, store, settings, &lights, sky, shadows)?;
+        }
+        let gi = has_indirect.then_some(&mut self.gi);
+        shade(&mut recorder, &inputs, settings, targets, reflections, &self.lights, gi, shading, is_kept)?;
         let is_filmic = match settings.tone.curve {
             // Data colours stay as they are.
             Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
@@ -221,8 +235,10 @@ impl Renderer {
         }
 
         let (passes, frame_milliseconds) = recorder.finish()?;
-        let gpu_bytes = store.gpu_bytes() + targets.bytes() + reflections.bytes() + self.lights.shadows.size();
+        let gpu_bytes =
+            store.gpu_bytes() + targets.bytes() + reflections.bytes() + self.lights.shadows.size() + self.gi.bytes();
         let reflection = if Reflections::asked(settings) > 0 { Some(reflections.stats(gpu, settings)?) } else { None };
+        self.has_indirect = has_indirect;
         (self.camera, self.kept, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         self.is_filmic = is_filmic;
         Ok(FrameStats {
@@ -307,6 +323,10 @@ impl Renderer {
             Aov::Albedo | Aov::Mirror | Aov::SpecularIntensity => floats16(&read(&surface.albedo)?),
             Aov::Color => floats16(&read(&targets.color)?),
             Aov::Direct => floats16(&read(&targets.direct)?),
+            Aov::Indirect => match self.gi.radiance(0).filter(|_| self.has_indirect) {
+                Some(radiance) => floats16(&read(radiance)?),
+                None => vec![0.0; depth.len() * 4],
+            },
             Aov::Position => Vec::new(),
             Aov::MirrorPosition => floats32(&read(&first()?.seen.position)?),
             Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
@@ -449,9 +469,7 @@ fn draw_surface(
 ) -> Result<()> {
     recorder.clear(&targets.nearest);
     let nearest = targets.nearest.as_entire_binding();
-    let nearest_passes: &[&Pass] =
-        if atomics64 { &[&passes::SPLAT_NEAREST] } else { &[&passes::SPLAT_DEPTH, &passes::SPLAT_IDENTITY] };
-    for pass in nearest_passes {
+    for pass in passes::splat_nearest(atomics64) {
         recorder.over_points(pass, &[], inputs, std::slice::from_ref(&nearest))?;
     }
     let splatted = targets.surfaces[0].bind();
@@ -517,10 +535,13 @@ impl Shading {
 fn shade(
     recorder: &mut Recorder<'_>,
     inputs: &Inputs,
+    settings: &Settings,
     targets: &Targets,
     reflections: &Reflections,
     lights: &Lights,
+    mut gi: Option<&mut GlobalIllumination>,
     shading: Shading,
+    is_kept: bool,
 ) -> Result<()> {
     let camera = SurfaceImages {
         albedo: &targets.surface().albedo,
@@ -553,6 +574,17 @@ fn shade(
         ];
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.over(&passes::SHADE, &switches, inputs, &resources, groups)?;
+        if let Some(gi) = &mut gi {
+            let receiver = Receiver {
+                index,
+                surface: *surface,
+                from,
+                is_kept,
+                is_mixed: index < bounces.len(),
+                is_glossy: shading.has_highlights,
+            };
+            gi.shade(recorder, inputs, settings, &receiver)?;
+        }
     }
     // From the last bounce on, what is reflected is added to what reflects it.
     let mut reflected: Option<&Image> = None;
@@ -563,6 +595,7 @@ fn shade(
             0 => &targets.color,
             _ => &bounces[index - 1].blended,
         };
+        let indirect = gi.as_ref().and_then(|gi| gi.radiance(index));
         let seen = bounces.get(index).map_or(surface.position, |bounce| &bounce.seen.position);
         let resources = [
             surface.albedo.bind(),
@@ -572,9 +605,14 @@ fn shade(
             radiance[index].bind(),
             seen.bind(),
             reflected.unwrap_or(radiance[index]).bind(),
+            indirect.unwrap_or(radiance[index]).bind(),
             target.bind(),
         ];
-        let switches = [("from_camera", u32::from(index == 0)), ("has_reflection", u32::from(reflected.is_some()))];
+        let switches = [
+            ("from_camera", u32::from(index == 0)),
+            ("has_reflection", u32::from(reflected.is_some())),
+            ("has_indirect", u32::from(indirect.is_some())),
+        ];
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.over(&passes::BLEND, &switches, inputs, &resources, groups)?;
         reflected = Some(target);

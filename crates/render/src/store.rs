@@ -149,6 +149,21 @@ pub(crate) struct PlacedChunk<'a> {
     pub largest_radius: f32,
 }
 
+/// A chunk of a cloud that is shown.
+pub(crate) struct VisibleChunk<'a> {
+    pub points: &'a Chunk,
+    /// Of its first point; the others follow.
+    pub first_identity: u32,
+    /// Radius of its points whose own is not known yet, world units.
+    pub provisional_radius: f32,
+}
+
+impl VisibleChunk<'_> {
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+}
+
 /// What a frame draws.
 #[derive(Default)]
 pub(crate) struct DrawList {
@@ -181,6 +196,8 @@ pub struct PointStore {
     nothing: wgpu::Buffer,
     /// See `revision()`.
     revision: u64,
+    /// See `geometry_revision()`.
+    geometry_revision: u64,
 }
 
 impl PointStore {
@@ -197,7 +214,13 @@ impl PointStore {
             reserved: 0,
             nothing,
             revision: next_revision(),
+            geometry_revision: next_revision(),
         }
+    }
+
+    fn change(&mut self) {
+        self.revision = next_revision();
+        self.geometry_revision = self.revision;
     }
 
     /// Announces `points` more, so that the next page is as large as they take. Nothing is allocated before points come, and
@@ -207,7 +230,7 @@ impl PointStore {
     }
 
     pub fn add_cloud(&mut self, material: Material) -> CloudId {
-        self.revision = next_revision();
+        self.change();
         let id = CloudId(self.next_cloud);
         self.next_cloud += 1;
         self.clouds.insert(
@@ -264,7 +287,7 @@ impl PointStore {
     /// # Errors
     /// The chunk has another number of points than it had, or is not in the store.
     pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<()> {
-        self.revision = next_revision();
+        self.change();
         let stored = self.chunks.get_mut(&id).filter(|stored| stored.range.len() == chunk.len());
         let stored =
             stored.ok_or_else(|| Error::NotRendered("a chunk that is not in the point store was updated".into()))?;
@@ -299,7 +322,7 @@ impl PointStore {
 
     /// Radius of the cloud's points whose spacing is not known yet, world units.
     pub fn set_provisional_radius(&mut self, cloud: CloudId, radius: f32) {
-        self.revision = next_revision();
+        self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
             cloud.provisional_radius = radius;
         }
@@ -357,7 +380,7 @@ impl PointStore {
     }
 
     pub fn set_visible(&mut self, cloud: CloudId, visible: bool) {
-        self.revision = next_revision();
+        self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
             cloud.visible = visible;
         }
@@ -365,7 +388,7 @@ impl PointStore {
 
     /// Which classes of a cloud are drawn.
     pub fn set_visible_classes(&mut self, cloud: CloudId, visible: &[bool; 256]) {
-        self.revision = next_revision();
+        self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
             let word = |word: usize| (0..32).fold(0, |bits, bit| bits | u32::from(visible[word * 32 + bit]) << bit);
             cloud.class_mask = std::array::from_fn(word);
@@ -373,7 +396,7 @@ impl PointStore {
     }
 
     pub fn remove_cloud(&mut self, cloud: CloudId) {
-        self.revision = next_revision();
+        self.change();
         self.clouds.remove(&cloud);
         let gone: Vec<ChunkId> =
             self.chunks.iter().filter(|(_, chunk)| chunk.cloud == cloud).map(|(id, _)| *id).collect();
@@ -437,6 +460,23 @@ impl PointStore {
     /// Another number after each change, and in each store.
     pub(crate) fn revision(&self) -> u64 {
         self.revision
+    }
+
+    /// Another number after each change of more than colours.
+    pub(crate) fn geometry_revision(&self) -> u64 {
+        self.geometry_revision
+    }
+
+    /// The chunks of all clouds that are shown, in the order of their identities.
+    pub(crate) fn visible_chunks(&self) -> Vec<VisibleChunk<'_>> {
+        let visible = self.chunks.values().filter_map(|chunk| {
+            let cloud = self.clouds.get(&chunk.cloud).filter(|cloud| cloud.visible)?;
+            let first_identity = self.pages[chunk.page].first_identity + chunk.range.start;
+            Some(VisibleChunk { points: &chunk.points, first_identity, provisional_radius: cloud.provisional_radius })
+        });
+        let mut visible: Vec<_> = visible.collect();
+        visible.sort_by_key(|chunk| chunk.first_identity);
+        visible
     }
 
     pub fn points(&self) -> u64 {

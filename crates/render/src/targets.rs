@@ -29,6 +29,10 @@ impl Image {
         wgpu::BindingResource::TextureView(&self.view)
     }
 
+    pub fn size(&self) -> [u32; 2] {
+        [self.texture.width(), self.texture.height()]
+    }
+
     pub fn bytes(&self) -> u64 {
         let pixels = u64::from(self.texture.width()) * u64::from(self.texture.height());
         pixels * u64::from(self.texture.format().block_copy_size(None).unwrap_or(0))

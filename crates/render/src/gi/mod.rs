@@ -1,0 +1,587 @@
+//! Indirect light (SSCR, 2.4 and 4.1): virtual lights where light first meets a surface and after each further bounce, an
+//! imperfect shadow map each, and what they give to any surface that was seen, by the camera or in a mirror.
+//!
+//! Virtual lights know nothing of the camera: they, their shadow maps, and the light that they give to a place are the same
+//! wherever it is looked at from. `shaders/shared/vpl.wgsl` holds what the passes share.
+
+mod occluders;
+mod plan;
+mod sequence;
+#[cfg(test)]
+mod twin;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Vec4};
+use scene::{Gi, Settings, VirtualLight};
+
+use crate::frame::FrameCamera;
+use crate::gpu::{Error, Gpu, Result};
+use crate::inputs::Inputs;
+use crate::lighting::MappedLight;
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::reflection::SurfaceImages;
+use crate::store::{PointStore, Selection};
+use crate::targets::{Image, storage};
+use occluders::Occluders;
+pub(crate) use plan::Sky;
+use plan::{Plan, TRIES};
+
+/// Doublings of distance that a shadow map tells apart, below four scene radii.
+const DOUBLINGS: f32 = 18.0;
+
+/// `Virtual` of shaders/shared/vpl.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+struct Virtual {
+    eye_radius: Vec4,
+    disc_radius: f32,
+    nearest: f32,
+    steps: f32,
+    map_size: u32,
+    map_stride: u32,
+    point_count: u32,
+    subsets: u32,
+    sky_lights: u32,
+    lights_per_bounce: u32,
+    bounces: u32,
+    area_over_pi: f32,
+    unused: u32,
+}
+
+/// `Vpl` of shaders/shared/vpl.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Vpl {
+    position: Vec4,
+    normal: Vec4,
+    intensity: Vec4,
+    glossy: Vec4,
+    incoming: Vec4,
+    tangent: Vec4,
+}
+
+/// `Emitter` of shaders/vpl_place.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Emitter {
+    position: Vec4,
+    axis_focal: Vec4,
+    right: Vec4,
+    up: Vec4,
+    flux: Vec4,
+    strength: Vec4,
+    angles: Vec4,
+}
+
+/// `Step` of shaders/shared/vpl.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+struct Step {
+    first_light: u32,
+    bounce: u32,
+    fine_size: u32,
+    fine_first: u32,
+    coarse_first: u32,
+    unused: [u32; 3],
+}
+
+/// What stands in the way of light, and where from the lights' positions are told.
+struct Ground {
+    geometry_revision: u64,
+    per_map: u32,
+    origin: DVec3,
+    radius: f64,
+    occluders: Occluders,
+    chosen: wgpu::Buffer,
+    surfaces: wgpu::Buffer,
+}
+
+impl Ground {
+    fn new(gpu: &Gpu, store: &PointStore, per_map: u32) -> Self {
+        let bounds = store.bounds();
+        let (origin, radius) =
+            if bounds.is_empty() { (DVec3::ZERO, 1.0) } else { (bounds.center(), bounds.radius().max(1e-9)) };
+        let occluders = Occluders::choose(store, origin, per_map);
+        let chosen = upload(gpu, "occluders", bytemuck::cast_slice(&occluders.points));
+        let surfaces = storage(&gpu.device, "surfaces of occluders", occluders.points.len() as u64 * 32);
+        Self { geometry_revision: store.geometry_revision(), per_map, origin, radius, occluders, chosen, surfaces }
+    }
+}
+
+/// What where the virtual lights stand and what stands before them depends on.
+#[derive(Clone, PartialEq)]
+struct Places {
+    geometry_revision: u64,
+    /// Positions, directions and cones of the lights, and which virtual lights are whose.
+    cameras: Vec<(FrameCamera, f32, f32)>,
+    plan: Plan,
+    shadow_size: u32,
+    shadow_points: u32,
+    pull_levels: u32,
+    shadows: bool,
+}
+
+/// All that the virtual lights depend on.
+#[derive(Clone, PartialEq)]
+struct Asked {
+    revision: u64,
+    gi: Gi,
+    lights: Vec<MappedLight>,
+    sky: Option<Sky>,
+    gloss: [f32; 2],
+    tint: f32,
+}
+
+/// The virtual lights at hand.
+struct Lights {
+    asked: Asked,
+    places: Places,
+    uniform: Virtual,
+    constants: wgpu::Buffer,
+    vpls: wgpu::Buffer,
+    maps: wgpu::Buffer,
+    /// Another number after each change.
+    generation: u64,
+}
+
+/// What the indirect light of the surfaces at hand was made from, beside the surfaces.
+#[derive(Clone, PartialEq)]
+struct Shaded {
+    generation: u64,
+    gi: Gi,
+    light: scene::Light,
+    mirror: scene::MirrorSettings,
+    is_mixed: bool,
+    is_glossy: bool,
+}
+
+/// Images of the light that one surface gets.
+struct SurfaceLight {
+    diffuse: Image,
+    glossy: Image,
+    radiance: Image,
+    shaded: Option<Shaded>,
+}
+
+#[derive(Default)]
+pub(crate) struct GlobalIllumination {
+    ground: Option<Ground>,
+    lights: Option<Lights>,
+    surfaces: Vec<SurfaceLight>,
+    generations: u64,
+}
+
+/// A surface that indirect light falls on.
+pub(crate) struct Receiver<'a> {
+    /// 0: what the camera sees; from 1 on what a bounce's mirrors see.
+    pub index: usize,
+    pub surface: SurfaceImages<'a>,
+    /// The mirror points that see it; the camera's positions for index 0.
+    pub from: &'a Image,
+    /// The same as in the frame before.
+    pub is_kept: bool,
+    /// A reflection is followed from here.
+    pub is_mixed: bool,
+    /// Something here may have a highlight.
+    pub is_glossy: bool,
+}
+
+impl GlobalIllumination {
+    /// Whether there is any indirect light.
+    pub fn is_asked(settings: &Settings, lights: &[MappedLight], sky: Option<Sky>) -> bool {
+        let has_light = lights.iter().any(|light| light.intensity.iter().any(|value| *value > 0.0));
+        (has_light && settings.gi.bounces > 0) || sky.is_some_and(|sky| sky.irradiance > 0.0)
+    }
+
+    /// Forgets what is kept.
+    pub fn forget(&mut self) {
+        (self.ground, self.lights) = (None, None);
+    }
+
+    /// Places the virtual lights and draws their shadow maps, as far as they have changed. `shadow_maps`: of `lights`, see
+    /// `crate::lighting::Lights`.
+    ///
+    /// # Errors
+    /// More shadow maps than a binding holds, a shader is refused, or there is no memory.
+    pub fn place(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        camera: FrameCamera,
+        store: &PointStore,
+        settings: &Settings,
+        lights: &[MappedLight],
+        sky: Option<Sky>,
+        shadow_maps: &wgpu::Buffer,
+    ) -> Result<()> {
+        // What only shading asks for is left out.
+        let defaults = Gi::default();
+        let gi = Gi {
+            vpl: defaults.vpl,
+            clamp: defaults.clamp,
+            shadow_bias: defaults.shadow_bias,
+            interleave: defaults.interleave,
+            filtered: defaults.filtered,
+            filter_depth: defaults.filter_depth,
+            filter_angle: defaults.filter_angle,
+            ..settings.gi.clone()
+        };
+        // A sun's finer map, which moves with the view, is for direct light.
+        let is_sun = lights.first().is_some_and(|light| light.camera.orthographic);
+        let lights = if is_sun { &lights[..1] } else { lights };
+        let asked = Asked {
+            revision: store.revision(),
+            gi,
+            lights: lights.to_vec(),
+            sky,
+            gloss: [settings.light.gloss, settings.light.gloss_power],
+            tint: settings.mirror.tint,
+        };
+        let gi = &settings.gi;
+        let ground = match self.ground.take() {
+            Some(kept) if kept.geometry_revision == store.geometry_revision() && kept.per_map == gi.shadow_points => {
+                kept
+            }
+            _ => Ground::new(recorder.gpu, store, gi.shadow_points),
+        };
+        let (origin, radius) = (ground.origin, ground.radius);
+        let ground = &*self.ground.insert(ground);
+        let eye = (camera.eye - origin).as_vec3();
+        let mut kept = self.lights.take();
+        if let Some(lights) = kept.as_mut().filter(|lights| lights.asked == asked) {
+            lights.uniform.eye_radius = eye.extend(lights.uniform.eye_radius.w);
+            recorder.gpu.queue.write_buffer(&lights.constants, 0, bytemuck::bytes_of(&lights.uniform));
+            self.lights = kept;
+            return Ok(());
+        }
+        let places = Places {
+            geometry_revision: store.geometry_revision(),
+            cameras: lights.iter().map(|light| (light.camera, light.inner, light.outer)).collect(),
+            plan: Plan::new(gi, lights, sky, origin, radius, store.bounds()),
+            shadow_size: gi.shadow_size,
+            shadow_points: gi.shadow_points,
+            pull_levels: gi.pull_levels,
+            shadows: gi.shadows,
+        };
+        let everywhere_list = store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
+        let everywhere = &Inputs::new(recorder.gpu, camera, settings, store, &everywhere_list);
+        self.lights = kept.filter(|lights| lights.places == places);
+        let maps_stand = self.lights.is_some();
+        let plan = &places.plan;
+        let levels = map_levels(gi);
+        let map_stride: u32 = levels.iter().map(|level| level * level).sum();
+        let count = plan.sky.len() as u32 + gi.vpls * plan.bounces;
+        let uniform = Virtual {
+            eye_radius: eye.extend(ground.radius as f32),
+            disc_radius: ground.occluders.radius,
+            nearest: ground.radius as f32 * 4.0 * (-DOUBLINGS).exp2(),
+            steps: 65534.0 / DOUBLINGS,
+            map_size: gi.shadow_size,
+            map_stride,
+            point_count: ground.occluders.points.len() as u32,
+            subsets: ground.occluders.subsets.max(1),
+            sky_lights: plan.sky.len() as u32,
+            lights_per_bounce: gi.vpls,
+            bounces: plan.bounces,
+            area_over_pi: (ground.occluders.area / f64::from(gi.vpls) / std::f64::consts::PI) as f32,
+            unused: 0,
+        };
+        let gpu = recorder.gpu;
+        let needs_maps = gi.shadows || plan.bounces > 1 || !plan.sky.is_empty();
+        let map_bytes = if needs_maps { u64::from(count) * u64::from(map_stride) * 4 } else { 16 };
+        let limit = gpu.device.limits().max_storage_buffer_binding_size;
+        if map_bytes > limit {
+            return Err(Error::TooLarge {
+                what: "the shadow maps of the virtual lights",
+                bytes: map_bytes,
+                limit,
+                adapter: gpu.info.name.clone(),
+                advice: "; lower gi.vpls, gi.bounces, gi.sky_lights or gi.shadow_size",
+            });
+        }
+        let (constants, vpls, maps) = match self.lights.take() {
+            Some(kept) => (kept.constants, kept.vpls, kept.maps),
+            None => (
+                uniform_buffer(gpu, bytemuck::bytes_of(&uniform)),
+                storage(&gpu.device, "virtual lights", u64::from(count.max(1)) * size_of::<Vpl>() as u64),
+                storage(&gpu.device, "virtual shadow maps", map_bytes),
+            ),
+        };
+        gpu.queue.write_buffer(&constants, 0, bytemuck::bytes_of(&uniform));
+        let mut start = vec![Vpl::zeroed(); count as usize];
+        for (vpl, sky) in start.iter_mut().zip(&plan.sky) {
+            *vpl = sky.to_gpu(asked.sky.map_or(0.0, |sky| sky.irradiance));
+        }
+        gpu.queue.write_buffer(&vpls, 0, bytemuck::cast_slice(&start));
+        let work = Work { constants: &constants, vpls: &vpls, maps: &maps, ground, levels: &levels, uniform: &uniform };
+        work.points(recorder, everywhere)?;
+        let draw_maps = needs_maps && !maps_stand;
+        if draw_maps {
+            recorder.clear(&maps);
+            work.shadow_maps(recorder, everywhere, 0, plan.sky.len() as u32)?;
+        }
+        if plan.bounces > 0 {
+            work.first_bounce(recorder, everywhere, lights, plan, shadow_maps)?;
+            let births = upload(gpu, "births", bytemuck::cast_slice(&plan.births));
+            for bounce in 1..=plan.bounces {
+                if bounce > 1 || plan.has_sky_births {
+                    work.bounce(recorder, everywhere, &births, bounce)?;
+                }
+                let first = plan.sky.len() as u32 + (bounce - 1) * gi.vpls;
+                if draw_maps && (gi.shadows || bounce < plan.bounces) {
+                    work.shadow_maps(recorder, everywhere, first, gi.vpls)?;
+                }
+            }
+        }
+        self.generations += 1;
+        let generation = self.generations;
+        self.lights = Some(Lights { asked, places, uniform, constants, vpls, maps, generation });
+        Ok(())
+    }
+
+    /// The indirect light of a surface, as radiance toward where it is seen from; nothing is done where it is at hand.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn shade(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        settings: &Settings,
+        receiver: &Receiver<'_>,
+    ) -> Result<()> {
+        let Some(lights) = &self.lights else { return Ok(()) };
+        let device = &recorder.gpu.device;
+        while self.surfaces.len() <= receiver.index {
+            self.surfaces.push(SurfaceLight::new(device, inputs.size));
+        }
+        let target = &mut self.surfaces[receiver.index];
+        if target.radiance.size() != inputs.size {
+            *target = SurfaceLight::new(device, inputs.size);
+        }
+        let gi = &settings.gi;
+        let is_glossy = receiver.is_glossy && !(receiver.is_mixed && settings.light.gloss == 0.0);
+        let shaded = Shaded {
+            generation: lights.generation,
+            gi: gi.clone(),
+            light: settings.light.clone(),
+            mirror: settings.mirror.clone(),
+            is_mixed: receiver.is_mixed,
+            is_glossy,
+        };
+        if receiver.is_kept && target.shaded.as_ref() == Some(&shaded) {
+            return Ok(());
+        }
+        target.shaded = Some(shaded);
+        if is_glossy && target.glossy.size() != inputs.size {
+            target.glossy = Image::new(device, inputs.size, "indirect highlights", wgpu::TextureFormat::Rgba16Float);
+        }
+        let from_camera = receiver.index == 0;
+        let SurfaceImages { albedo, normal, position } = receiver.surface;
+        let surface = [albedo.bind(), normal.bind(), position.bind(), receiver.from.bind()];
+        let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
+        let interleave = gi.interleave;
+        let tiles = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
+        let switches = [
+            ("from_camera", u32::from(from_camera)),
+            ("interleave", interleave),
+            ("has_shadows", u32::from(gi.shadows)),
+            ("is_glossy", u32::from(is_glossy)),
+            ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
+        ];
+        let mut resources = surface.to_vec();
+        resources.extend([
+            lights.constants.as_entire_binding(),
+            lights.vpls.as_entire_binding(),
+            lights.maps.as_entire_binding(),
+            target.diffuse.bind(),
+            target.glossy.bind(),
+        ]);
+        let groups_of_runs = [tiles[0], tiles[1], interleave * interleave];
+        recorder.over(&passes::INDIRECT, &switches, inputs, &resources, groups_of_runs)?;
+        let switches = [
+            ("from_camera", u32::from(from_camera)),
+            ("window", if gi.filtered { interleave } else { 1 }),
+            ("is_glossy", u32::from(is_glossy)),
+            ("is_mixed", u32::from(receiver.is_mixed)),
+        ];
+        let mut resources = surface.to_vec();
+        resources.extend([target.diffuse.bind(), target.glossy.bind(), target.radiance.bind()]);
+        recorder.over(&passes::INDIRECT_FILTER, &switches, inputs, &resources, groups)
+    }
+
+    /// The indirect light of a surface that was shaded.
+    pub fn radiance(&self, index: usize) -> Option<&Image> {
+        self.surfaces.get(index).map(|surface| &surface.radiance)
+    }
+
+    #[cfg(test)]
+    fn read(&self, gpu: &Gpu) -> Result<Option<twin::Placed>> {
+        let Some((lights, ground)) = self.lights.as_ref().zip(self.ground.as_ref()) else { return Ok(None) };
+        let vpls = gpu.read_buffer(&lights.vpls, 0, lights.vpls.size())?;
+        let maps = gpu.read_buffer(&lights.maps, 0, lights.maps.size())?;
+        Ok(Some(twin::Placed {
+            lights: lights.uniform,
+            origin: ground.origin,
+            vpls: bytemuck::pod_collect_to_vec(&vpls),
+            maps: bytemuck::pod_collect_to_vec(&maps),
+        }))
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let ground = self.ground.as_ref().map_or(0, |ground| ground.chosen.size() + ground.surfaces.size());
+        let lights = self.lights.as_ref().map_or(0, |lights| lights.vpls.size() + lights.maps.size());
+        ground + lights + self.surfaces.iter().map(SurfaceLight::bytes).sum::<u64>()
+    }
+}
+
+impl SurfaceLight {
+    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        let image = |label, size| Image::new(device, size, label, wgpu::TextureFormat::Rgba16Float);
+        Self {
+            diffuse: image("indirect irradiance", size),
+            // Made when a highlight is first asked for.
+            glossy: image("indirect highlights", [1, 1]),
+            radiance: image("indirect", size),
+            shaded: None,
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        [&self.diffuse, &self.glossy, &self.radiance].map(Image::bytes).iter().sum()
+    }
+}
+
+/// What the passes that make the virtual lights work on.
+struct Work<'a> {
+    constants: &'a wgpu::Buffer,
+    vpls: &'a wgpu::Buffer,
+    maps: &'a wgpu::Buffer,
+    ground: &'a Ground,
+    levels: &'a [u32],
+    uniform: &'a Virtual,
+}
+
+impl Work<'_> {
+    fn points(&self, recorder: &mut Recorder<'_>, everywhere: &Inputs) -> Result<()> {
+        let Ground { chosen, surfaces, .. } = self.ground;
+        let resources = [self.constants, chosen, surfaces].map(|buffer| buffer.as_entire_binding());
+        let groups = [self.uniform.point_count.div_ceil(64).max(1), 1, 1];
+        recorder.over_page_pixels(&passes::VPL_POINTS, everywhere, &resources, groups)
+    }
+
+    /// The lights that lamps and sun give rise to.
+    fn first_bounce(
+        &self,
+        recorder: &mut Recorder<'_>,
+        everywhere: &Inputs,
+        lights: &[MappedLight],
+        plan: &Plan,
+        shadow_maps: &wgpu::Buffer,
+    ) -> Result<()> {
+        if plan.flux.is_empty() {
+            return Ok(());
+        }
+        let gpu = recorder.gpu;
+        let emitters: Vec<Emitter> =
+            lights.iter().zip(&plan.flux).map(|(light, flux)| emitter(light, *flux, self.ground.origin)).collect();
+        let aims = upload(gpu, "aims", bytemuck::cast_slice(&plan.aims));
+        let emitters = upload(gpu, "emitters", bytemuck::cast_slice(&emitters));
+        let hits = storage(&gpu.device, "hits", plan.aims.len() as u64 / u64::from(TRIES) * 4);
+        let counts = storage(&gpu.device, "hit counts", lights.len() as u64 * 8);
+        recorder.clear(&counts);
+        let groups = [self.uniform.lights_per_bounce.div_ceil(64), 1, 1];
+        let resources = [self.constants, &aims, shadow_maps, &hits, &counts].map(|buffer| buffer.as_entire_binding());
+        recorder.over(&passes::VPL_AIM, &[], everywhere, &resources, groups)?;
+        let resources = [self.constants, &hits, &counts, shadow_maps, &emitters, self.vpls]
+            .map(|buffer| buffer.as_entire_binding());
+        recorder.over_page_pixels(&passes::VPL_PLACE, everywhere, &resources, groups)
+    }
+
+    fn bounce(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, births: &wgpu::Buffer, bounce: u32) -> Result<()> {
+        let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { bounce, ..Step::default() }));
+        let resources = [self.constants, births, self.maps, &self.ground.surfaces, self.vpls, &step]
+            .map(|buffer| buffer.as_entire_binding());
+        let groups = [self.uniform.lights_per_bounce.div_ceil(64), 1, 1];
+        recorder.over(&passes::VPL_BOUNCE, &[], inputs, &resources, groups)
+    }
+
+    fn shadow_maps(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first_light: u32, count: u32) -> Result<()> {
+        if count == 0 {
+            return Ok(());
+        }
+        let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { first_light, ..Step::default() }));
+        let Ground { chosen, surfaces, .. } = self.ground;
+        let resources =
+            [self.constants, chosen, surfaces, self.vpls, self.maps, &step].map(|buffer| buffer.as_entire_binding());
+        let per_map = self.uniform.point_count.div_ceil(self.uniform.subsets);
+        let groups = [per_map.div_ceil(64).max(1), count, 1];
+        recorder.over(&passes::VPL_SHADOW_SPLAT, &[], inputs, &resources, groups)?;
+        let starts: Vec<u32> = self
+            .levels
+            .iter()
+            .scan(0, |next, size| {
+                let start = *next;
+                *next += size * size;
+                Some(start)
+            })
+            .collect();
+        let pairs = self.levels.len() - 1;
+        let steps = (0..pairs).map(|level| (level, true)).chain((0..pairs).rev().map(|level| (level, false)));
+        for (level, is_pull) in steps {
+            let (fine_size, coarse_size) = (self.levels[level], self.levels[level + 1]);
+            let step = Step {
+                first_light,
+                fine_size,
+                fine_first: starts[level],
+                coarse_first: starts[level + 1],
+                ..Step::default()
+            };
+            let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&step));
+            let resources = [self.constants, self.maps, &step].map(|buffer| buffer.as_entire_binding());
+            let (pass, size) =
+                if is_pull { (&passes::VPL_SHADOW_PULL, coarse_size) } else { (&passes::VPL_SHADOW_PUSH, fine_size) };
+            recorder.over(pass, &[], inputs, &resources, [(size * size).div_ceil(64), count, 1])?;
+        }
+        Ok(())
+    }
+}
+
+/// Edges of the levels of a shadow map, texels, finest first.
+fn map_levels(gi: &Gi) -> Vec<u32> {
+    std::iter::successors(Some(gi.shadow_size), |size| Some(size.div_ceil(2)))
+        .take(gi.pull_levels as usize + 1)
+        .collect()
+}
+
+fn emitter(light: &MappedLight, flux: f64, origin: DVec3) -> Emitter {
+    let row = |index| light.camera.view_from_world.row(index).as_vec3();
+    let [red, green, blue] = light.intensity;
+    let strength = Vec4::new(red, green, blue, 0.0);
+    Emitter {
+        position: (light.camera.eye - origin).as_vec3().extend(f32::from(u8::from(light.camera.orthographic))),
+        axis_focal: row(2).extend(light.camera.focal_pixels as f32),
+        right: row(0).extend(0.0),
+        up: row(1).extend(0.0),
+        flux: strength * flux as f32,
+        strength,
+        angles: Vec4::new(light.inner, light.outer, 0.0, 0.0),
+    }
+}
+
+fn upload(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
+    let buffer = storage(&gpu.device, label, bytes.len() as u64);
+    gpu.queue.write_buffer(&buffer, 0, bytes);
+    buffer
+}
+
+fn uniform_buffer(gpu: &Gpu, bytes: &[u8]) -> wgpu::Buffer {
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("virtual lights"),
+        size: bytes.len() as u64,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    gpu.queue.write_buffer(&buffer, 0, bytes);
+    buffer
+}

@@ -1,0 +1,242 @@
+//! Which virtual light comes from where: how many each lamp, the sun and the sky give rise to, and the low-discrepancy numbers
+//! that place them. All of it is the same from frame to frame, and more lights add to those that are there.
+
+use cloud::Bounds;
+use glam::{DVec2, DVec3, Vec3, Vec4};
+use scene::Gi;
+
+use super::Vpl;
+use super::sequence::{SpotFlux, halton, radical_inverse};
+use crate::lighting::{MappedLight, SHADOW_SIZE};
+
+/// Directions that are tried for a virtual light, as shaders/vpl_aim.wgsl has it.
+pub(super) const TRIES: u32 = 8;
+const NOTHING: u32 = u32::MAX;
+/// Kind of a sky light in shaders/shared/vpl.wgsl.
+const VPL_SKY: f32 = 2.0;
+
+/// An even sky.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sky {
+    /// Unit vector.
+    pub up: DVec3,
+    /// Of a surface that faces up.
+    pub irradiance: f32,
+}
+
+/// A light that stands for a part of the sky.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct SkyLight {
+    toward: DVec3,
+    /// Its irradiance, of a surface that faces it, for each unit of the sky's.
+    share: f64,
+}
+
+impl SkyLight {
+    pub fn to_gpu(self, irradiance: f32) -> Vpl {
+        let toward = self.toward.as_vec3();
+        let strength = self.share as f32 * irradiance;
+        Vpl {
+            normal: toward.extend(VPL_SKY),
+            intensity: Vec4::new(strength, strength, strength, 0.0),
+            tangent: tangent(toward).extend(0.0),
+            ..Vpl::default()
+        }
+    }
+}
+
+/// A unit vector across `normal`, as `tangent_of` in shaders/shared/vpl.wgsl has it.
+pub(super) fn tangent(normal: Vec3) -> Vec3 {
+    let side = if normal.z >= 0.0 { 1.0 } else { -1.0 };
+    let a = -1.0 / (side + normal.z);
+    Vec3::new(1.0 + side * normal.x * normal.x * a, side * normal.x * normal.y * a, -side * normal.x)
+}
+
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Plan {
+    pub sky: Vec<SkyLight>,
+    pub bounces: u32,
+    /// `TRIES` of each light of the first bounce: layer << 24 | texel of the shadow map.
+    pub aims: Vec<u32>,
+    /// Of each lamp: flux of each of its virtual lights, for an intensity or irradiance of 1.
+    pub flux: Vec<f64>,
+    /// Of each virtual light, bounce by bounce: as shaders/vpl_bounce.wgsl has it.
+    pub births: Vec<[u32; 4]>,
+    /// Some light of the first bounce comes from the sky.
+    pub has_sky_births: bool,
+}
+
+impl Plan {
+    pub fn new(gi: &Gi, lights: &[MappedLight], sky: Option<Sky>, origin: DVec3, radius: f64, bounds: Bounds) -> Self {
+        // The finer map of a sun is for direct light.
+        let sun = lights.first().filter(|light| light.camera.orthographic);
+        let lamps = if sun.is_some() { &lights[..1] } else { lights };
+        let sky = sky.filter(|sky| sky.irradiance > 0.0);
+        let sky_lights: Vec<SkyLight> = sky.map_or_else(Vec::new, |sky| sky_lights(sky.up, gi.sky_lights));
+        let mut plan = Self { sky: sky_lights, bounces: gi.bounces, ..Self::default() };
+        if gi.bounces == 0 {
+            return plan;
+        }
+        let brightness = |light: &MappedLight| light.intensity.iter().map(|value| f64::from(*value)).sum::<f64>() / 3.0;
+        let fluxes: Vec<Flux> = lamps.iter().map(|light| Flux::new(light, bounds)).collect();
+        let rectangles: Vec<[DVec2; 2]> =
+            plan.sky.iter().map(|light| rectangle_of_sky(light.toward, origin, radius, bounds)).collect();
+        let of_sky: Vec<f64> = plan
+            .sky
+            .iter()
+            .zip(&rectangles)
+            .map(|(light, [low, high])| light.share * area(*low, *high) * radius * radius)
+            .collect();
+        let sky_flux = of_sky.iter().sum::<f64>() * sky.map_or(0.0, |sky| f64::from(sky.irradiance));
+        let mut weights: Vec<f64> =
+            lamps.iter().zip(&fluxes).map(|(light, flux)| flux.total() * brightness(light)).collect();
+        weights.push(sky_flux);
+        let total: f64 = weights.iter().sum();
+        if !(total > 0.0 && total.is_finite()) {
+            plan.bounces = 0;
+            return plan;
+        }
+        // Which of the sources each light comes from, and how many came from it before.
+        let mut counts = vec![0_u32; weights.len()];
+        let sources: Vec<(usize, u32)> = (0..gi.vpls)
+            .map(|index| {
+                let mut left = radical_inverse(5, index + 1) * total;
+                let source = weights.iter().position(|weight| {
+                    left -= weight;
+                    left < 0.0
+                });
+                let source = source.unwrap_or(weights.len() - 1);
+                counts[source] += 1;
+                (source, counts[source] - 1)
+            })
+            .collect();
+        let sky_source = lamps.len();
+        plan.flux = fluxes.iter().zip(&counts).map(|(flux, count)| flux.total() / f64::from((*count).max(1))).collect();
+        plan.has_sky_births = counts[sky_source] > 0;
+        let sky_total: f64 = of_sky.iter().sum();
+        for (source, number) in sources {
+            let aims = (0..TRIES).map(|attempt| match fluxes.get(source) {
+                // Further tries come from far on in the sequence.
+                Some(flux) => (source as u32) << 24 | flux.texel(halton(number + attempt * 65_536)),
+                None => NOTHING,
+            });
+            plan.aims.extend(aims);
+            let mut birth = [NOTHING, 0, 0, 0];
+            if source == sky_source {
+                let mut left = radical_inverse(7, number + 1) * sky_total;
+                let parent = of_sky.iter().position(|flux| {
+                    left -= flux;
+                    left < 0.0
+                });
+                let parent = parent.unwrap_or(of_sky.len() - 1);
+                let [low, high] = rectangles[parent];
+                let map = low + (high - low) * halton(number);
+                // All carry the same flux: an area of their parent's map, as far as its brightness goes.
+                let share = sky_total / f64::from(counts[sky_source]) / plan.sky[parent].share;
+                birth = [parent as u32, (map.x as f32).to_bits(), (map.y as f32).to_bits(), (share as f32).to_bits()];
+            }
+            plan.births.push(birth);
+        }
+        for bounce in 2..=gi.bounces {
+            for index in 0..gi.vpls {
+                let parent = plan.sky.len() as u32 + (bounce - 2) * gi.vpls + index;
+                // Turned about the square by another irrational step for each bounce (Cranley and Patterson 1976).
+                let turn = DVec2::new(0.754_877_666, 0.569_840_291) * f64::from(bounce - 1);
+                let numbers = (halton(index) + turn).fract().as_vec2();
+                plan.births.push([parent, numbers.x.to_bits(), numbers.y.to_bits(), 1_f32.to_bits()]);
+            }
+        }
+        plan
+    }
+}
+
+/// Directions of an even sky; each stands for the same solid angle.
+fn sky_lights(up: DVec3, count: u32) -> Vec<SkyLight> {
+    let (right, forward) = up.any_orthonormal_pair();
+    (0..count)
+        .map(|index| {
+            let numbers = halton(index);
+            let (height, turn) = (numbers.x, numbers.y * std::f64::consts::TAU);
+            let across = (1.0 - height * height).max(0.0).sqrt();
+            let toward = right * (across * turn.cos()) + forward * (across * turn.sin()) + up * height;
+            // An even sky of radiance L gives pi L to a surface that faces up, and its lights 2 pi L between them.
+            SkyLight { toward, share: 2.0 / f64::from(count) }
+        })
+        .collect()
+}
+
+fn area(low: DVec2, high: DVec2) -> f64 {
+    (high.x - low.x) * (high.y - low.y)
+}
+
+/// What of a sky light's map the points lie in; map units, -1 to 1.
+fn rectangle_of_sky(toward: DVec3, origin: DVec3, radius: f64, bounds: Bounds) -> [DVec2; 2] {
+    let normal = toward.as_vec3();
+    let right = tangent(normal);
+    let up = normal.cross(right);
+    let (right, up) = (right.as_dvec3() / radius, up.as_dvec3() / radius);
+    rectangle(bounds, |corner| DVec2::new((corner - origin).dot(right), (corner - origin).dot(up)), -1.0, 1.0)
+}
+
+/// The box around a box's corners on a plane, within `least` to `most`.
+fn rectangle(bounds: Bounds, place: impl Fn(DVec3) -> DVec2, least: f64, most: f64) -> [DVec2; 2] {
+    let corners = (0..8).map(|index| {
+        let part = DVec3::new(f64::from(index & 1), f64::from(index >> 1 & 1), f64::from(index >> 2 & 1));
+        place(bounds.min + (bounds.max - bounds.min) * part)
+    });
+    let empty = [DVec2::INFINITY, DVec2::NEG_INFINITY];
+    let [low, high] = corners.fold(empty, |[low, high], corner| [low.min(corner), high.max(corner)]);
+    [low, high].map(|corner| corner.clamp(DVec2::splat(least), DVec2::splat(most)))
+}
+
+/// How a lamp's flux, or the sun's, lies in its shadow map.
+enum Flux {
+    Spot {
+        flux: SpotFlux,
+        focal: f64,
+    },
+    /// Texels that the points lie in.
+    Sun {
+        low: DVec2,
+        high: DVec2,
+        focal: f64,
+    },
+}
+
+impl Flux {
+    fn new(light: &MappedLight, bounds: Bounds) -> Self {
+        let focal = light.camera.focal_pixels;
+        if !light.camera.orthographic {
+            return Self::Spot { flux: SpotFlux::new(f64::from(light.inner), f64::from(light.outer)), focal };
+        }
+        let middle = f64::from(SHADOW_SIZE) / 2.0;
+        let place = |corner: DVec3| {
+            let view = light.camera.view_from_world * (corner - light.camera.eye);
+            DVec2::new(middle + view.x * focal, middle - view.y * focal)
+        };
+        let [low, high] = rectangle(bounds, place, 0.0, f64::from(SHADOW_SIZE));
+        Self::Sun { low, high, focal }
+    }
+
+    /// For an intensity or irradiance of 1.
+    fn total(&self) -> f64 {
+        match self {
+            Self::Spot { flux, .. } => flux.total(),
+            Self::Sun { low, high, focal } => area(*low, *high) / (focal * focal),
+        }
+    }
+
+    fn texel(&self, numbers: DVec2) -> u32 {
+        let middle = f64::from(SHADOW_SIZE) / 2.0;
+        let place = match self {
+            Self::Spot { flux, focal } => {
+                let direction = flux.direction(numbers);
+                let slope = DVec2::new(direction.x, -direction.y) / direction.z.max(1e-6) * *focal;
+                slope + middle
+            }
+            Self::Sun { low, high, .. } => *low + (*high - *low) * numbers,
+        };
+        let [x, y] = place.to_array().map(|texel| (texel.max(0.0) as u32).min(SHADOW_SIZE - 1));
+        y * SHADOW_SIZE + x
+    }
+}

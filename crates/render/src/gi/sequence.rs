@@ -1,0 +1,95 @@
+//! Where virtual lights come from: low-discrepancy numbers, and the directions of a spot light's flux.
+
+use glam::{DVec2, DVec3};
+
+/// Radical inverse of `index` (Halton 1960), 0 to 1.
+pub(crate) fn radical_inverse(base: u32, mut index: u32) -> f64 {
+    let (mut value, mut scale) = (0.0, 1.0);
+    while index > 0 {
+        scale /= f64::from(base);
+        value += f64::from(index % base) * scale;
+        index /= base;
+    }
+    value
+}
+
+/// Point `index` of the plane's Halton sequence. Any run of neighbours is spread over the unit square: interleaved pixels are
+/// lit by such runs.
+pub(crate) fn halton(index: u32) -> DVec2 {
+    // The sequence starts in the corner (0, 0): left out.
+    DVec2::new(radical_inverse(2, index + 1), radical_inverse(3, index + 1))
+}
+
+/// Sends numbers to directions as a spot light sends out its flux.
+pub(crate) struct SpotFlux {
+    /// Flux within each of equal steps of the angle, summed up; the last is all of it, for an intensity of 1.
+    sums: Vec<f64>,
+    outer: f64,
+}
+
+impl SpotFlux {
+    /// Steps of the angle; between them the flux is taken to be even.
+    const STEPS: usize = 1024;
+
+    /// Even within the angle `inner` from the axis, falling linearly to nothing at `outer`; radians.
+    pub fn new(inner: f64, outer: f64) -> Self {
+        let mut sum = 0.0;
+        let sums = (0..Self::STEPS)
+            .map(|step| {
+                let angle = (step as f64 + 0.5) / Self::STEPS as f64 * outer;
+                let share = ((outer - angle) / (outer - inner).max(1e-6)).clamp(0.0, 1.0);
+                sum += share * angle.sin() * std::f64::consts::TAU * outer / Self::STEPS as f64;
+                sum
+            })
+            .collect();
+        Self { sums, outer }
+    }
+
+    /// Flux of a light of intensity 1.
+    pub fn total(&self) -> f64 {
+        self.sums.last().copied().unwrap_or(0.0)
+    }
+
+    /// Unit vector; z along the axis.
+    pub fn direction(&self, numbers: DVec2) -> DVec3 {
+        let wanted = numbers.x * self.total();
+        let step = self.sums.partition_point(|sum| *sum <= wanted).min(Self::STEPS - 1);
+        let before = if step == 0 { 0.0 } else { self.sums[step - 1] };
+        let within = ((wanted - before) / (self.sums[step] - before).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let angle = (step as f64 + within) / Self::STEPS as f64 * self.outer;
+        let turn = numbers.y * std::f64::consts::TAU;
+        DVec3::new(angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flux_is_that_of_the_closed_form_and_directions_follow_it() {
+        let (inner, outer) = (20f64.to_radians(), 25f64.to_radians());
+        let flux = SpotFlux::new(inner, outer);
+        // Integral of sin a within the inner cone, and of (outer - a) / (outer - inner) sin a beyond.
+        let ring = inner.cos() - (outer.sin() - inner.sin()) / (outer - inner);
+        let expected = std::f64::consts::TAU * ((1.0 - inner.cos()) + ring);
+        assert!((flux.total() / expected - 1.0).abs() < 1e-4, "{} instead of {expected}", flux.total());
+        let angles: Vec<f64> = (0..4096).map(|index| flux.direction(halton(index)).z.acos()).collect();
+        let within = angles.iter().filter(|angle| **angle < inner).count() as f64 / 4096.0;
+        let share = (1.0 - inner.cos()) / ((1.0 - inner.cos()) + ring);
+        assert!((within - share).abs() < 0.002, "{within} of the directions instead of {share}");
+        assert!(angles.iter().all(|angle| *angle <= outer));
+    }
+
+    #[test]
+    fn runs_of_the_sequence_are_spread_over_the_square() {
+        for first in [0, 16, 240, 1000] {
+            let mut cells = [0; 16];
+            for index in first..first + 64 {
+                let cell = (halton(index) * 4.0).as_uvec2();
+                cells[(cell.y * 4 + cell.x) as usize] += 1;
+            }
+            assert!(cells.iter().all(|count| (1..=8).contains(count)), "from {first}: {cells:?}");
+        }
+    }
+}

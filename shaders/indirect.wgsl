@@ -1,0 +1,184 @@
+// Light of the virtual lights on a surface, whatever it was seen by: the camera, or a mirror (Keller 1997; SSCR, 4.7). Each pixel
+// of a tile is lit by its own run of the lights (interleaved sampling, Keller and Heidrich 2001); pixels of the same place in
+// their tiles are worked on together, so that a workgroup walks one run. One thread a pixel.
+#import frame
+#import params
+#import brdf
+#import gloss
+#import vpl
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+// a: specular intensity.
+@group(1) @binding(0) var albedo_in: texture_2d<f32>;
+// w: specular power.
+@group(1) @binding(1) var normal_in: texture_2d<f32>;
+// xyz: relative to the eye, w: coverage.
+@group(1) @binding(2) var position_in: texture_2d<f32>;
+// xyz: the mirror point that sees the surface, w: its specular intensity, 0 where there is no mirror.
+@group(1) @binding(3) var from_in: texture_2d<f32>;
+@group(1) @binding(4) var<uniform> lights: Virtual;
+@group(1) @binding(5) var<storage, read> vpls: array<Vpl>;
+@group(1) @binding(6) var<storage, read> shadow_maps: array<u32>;
+// Irradiance over pi.
+@group(1) @binding(7) var diffuse_out: texture_storage_2d<rgba16float, write>;
+// Radiance of highlights, before the tint.
+@group(1) @binding(8) var glossy_out: texture_storage_2d<rgba16float, write>;
+
+override from_camera: bool = true;
+override interleave: u32 = 1u;
+override has_shadows: bool = true;
+override is_glossy: bool = false;
+// Lights are spheres.
+override is_spherical: bool = true;
+
+@compute @workgroup_size(8, 8)
+fn indirect(@builtin(global_invocation_id) thread: vec3u) {
+    let place = vec2u(thread.z % interleave, thread.z / interleave);
+    var id = thread.xy * interleave + place;
+    if !from_camera {
+        id = mirror_pixel(frame, vec3u(id, 0u));
+    }
+    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id, 0).w == 0.0) {
+        return;
+    }
+    let position = textureLoad(position_in, id, 0);
+    if position.w == 0.0 {
+        return;
+    }
+    let surface = textureLoad(normal_in, id, 0);
+    let normal = surface.xyz;
+    var mirror_point = vec3f(0.0);
+    if !from_camera {
+        mirror_point = textureLoad(from_in, id, 0).xyz;
+    }
+    let toward_eye = toward_viewer(frame, position.xyz, from_camera, mirror_point);
+    var gloss = Gloss(0.0, 0.0);
+    if is_glossy {
+        gloss = gloss_of(settings, textureLoad(albedo_in, id, 0).a, surface.w);
+    }
+    let at = position.xyz + lights.eye_radius.xyz;
+    let sum_of_sky = light_of_run(0u, lights.sky_lights, thread.z, at, normal, toward_eye, gloss);
+    var diffuse = sum_of_sky.diffuse;
+    var glossy = sum_of_sky.glossy;
+    for (var bounce = 0u; bounce < lights.bounces; bounce++) {
+        let first = lights.sky_lights + bounce * lights.lights_per_bounce;
+        let sum = light_of_run(first, lights.lights_per_bounce, thread.z, at, normal, toward_eye, gloss);
+        diffuse += sum.diffuse;
+        glossy += sum.glossy;
+    }
+    // A run stands for all of the lights.
+    let runs = f32(interleave * interleave);
+    textureStore(diffuse_out, id, vec4f(diffuse * runs / 3.14159265, 1.0));
+    if is_glossy {
+        textureStore(glossy_out, id, vec4f(glossy * runs * gloss.share, 1.0));
+    }
+}
+
+struct Arriving {
+    // Irradiance.
+    diffuse: vec3f,
+    // Times the highlight's shape.
+    glossy: vec3f,
+}
+
+// Light of run `run` of `count` lights.
+fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, toward_eye: vec3f, gloss: Gloss) -> Arriving {
+    let runs = interleave * interleave;
+    let begin = first + count * run / runs;
+    let end = first + count * (run + 1u) / runs;
+    var sum = Arriving(vec3f(0.0), vec3f(0.0));
+    for (var v = begin; v < end; v++) {
+        let light = vpls[v];
+        let is_sky = light.normal.w == VPL_SKY;
+        var offset = light.position.xyz - at;
+        if is_sky {
+            offset = light.normal.xyz;
+        }
+        let squared = dot(offset, offset);
+        let toward = offset * inverseSqrt(max(squared, 1e-30));
+        let cosine = dot(normal, toward);
+        let cosine_there = select(-dot(light.normal.xyz, toward), 1.0, is_sky);
+        if light.normal.w == VPL_NONE || cosine <= 0.0 || cosine_there <= 0.0 {
+            continue;
+        }
+        let area_over_pi = light.position.w;
+        // A disc that faces a surface lights it by A / (d^2 + A / pi) exactly; a point light's square would have no bound.
+        var transfer = cosine * cosine_there / select(max(squared, 1e-12), squared + area_over_pi, is_spherical);
+        if is_spherical && !is_sky && squared < NEAR * area_over_pi {
+            transfer = transfer_of_parts(light, offset, normal);
+        }
+        if settings.gi.clamp > 0.0 {
+            // The form factor is transfer times area over pi.
+            transfer = min(transfer, settings.gi.clamp / max(area_over_pi, 1e-30));
+        }
+        if is_sky {
+            transfer = cosine;
+        }
+        // The radius under which a sphere is seen spreads highlights (after Hasan et al. 2009, whose mean over the cone is
+        // taken here by the variances of cone and lobe).
+        var spread = 0.0;
+        if is_spherical && !is_sky {
+            spread = 0.25 * area_over_pi / (squared + area_over_pi);
+        }
+        var intensity = light.intensity.rgb;
+        if is_glossy && !is_sky && any(light.glossy.rgb > vec3f(0.0)) {
+            let power = 1.0 / (1.0 / light.intensity.w + spread);
+            intensity += light.glossy.rgb
+                * highlight(settings.light.highlight, light.normal.xyz, light.incoming.xyz, -toward, power);
+        }
+        if has_shadows && transfer > 0.0 {
+            transfer *= share_seen(v, light, at, normal);
+        }
+        let arriving = intensity * transfer;
+        sum.diffuse += arriving;
+        if is_glossy && gloss.share > 0.0 {
+            let power = 1.0 / (1.0 / gloss.power + spread);
+            sum.glossy += arriving * highlight(settings.light.highlight, normal, toward, toward_eye, power);
+        }
+    }
+    return sum;
+}
+
+// A light counts as near within so many squares of its radius.
+const NEAR: f32 = 25.0;
+const PARTS: i32 = 4;
+
+// Cosines over squared distance of a near light, taken apart into PARTS squared: in corners one disc would darken what lies
+// within its radius. The square is half as wide again as the light's share of the surface, which evens out how unevenly lights
+// are spread. Parts below the surface's horizon are taken to be above it: where surfaces meet, the light's own ends there.
+fn transfer_of_parts(light: Vpl, offset: vec3f, normal: vec3f) -> f32 {
+    let edge = 1.5 * sqrt(3.14159265 * light.position.w);
+    let along = light.tangent.xyz * (edge / f32(PARTS));
+    let across = cross(light.normal.xyz, light.tangent.xyz) * (edge / f32(PARTS));
+    let small = light.position.w / f32(PARTS * PARTS);
+    var sum = 0.0;
+    var count = 0.0;
+    for (var i = 0; i < PARTS * PARTS; i++) {
+        let place = vec2f(vec2i(i % PARTS, i / PARTS)) - 0.5 * f32(PARTS - 1);
+        let part = offset + along * place.x + across * place.y;
+        let squared = dot(part, part);
+        let cosines = dot(normal, part) * dot(light.normal.xyz, -part);
+        if dot(normal, part) > 0.0 {
+            sum += max(cosines, 0.0) / (max(squared, 1e-20) * (squared + small));
+            count += 1.0;
+        }
+    }
+    return sum / max(count, 1.0);
+}
+
+// 1 where the light sees the surface at `at`, 0 where its shadow map holds something nearer.
+fn share_seen(v: u32, light: Vpl, at: vec3f, normal: vec3f) -> f32 {
+    let point = point_in_map(lights, light, at);
+    let size = f32(lights.map_size);
+    let texel = clamp(floor((point.map * 0.5 + 0.5) * size), vec2f(0.0), vec2f(size - 1.0));
+    let code = shadow_maps[v * lights.map_stride + u32(texel.y) * lights.map_size + u32(texel.x)];
+    // The surface itself, as the texel's middle sees its plane.
+    let ray = ray_of_map(lights, light, (texel + 0.5) / size * 2.0 - 1.0);
+    let plane = dot(normal, at - ray.origin) / dot(normal, ray.direction);
+    // Written so that NaN (a plane along the ray) leaves the distance.
+    let expected = select(point.distance, plane, plane > 0.5 * point.distance && plane < point.distance);
+    let stored = distance_of_code(lights, light.normal.w, code >> 16u);
+    let bias = settings.gi.shadow_bias * lights.disc_radius;
+    return select(1.0, 0.0, code != 0u && stored < expected - bias);
+}

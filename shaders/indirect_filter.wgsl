@@ -1,0 +1,100 @@
+// Indirect light as radiance: the mean over a tile of pixels, which each were lit by a run of the virtual lights, as far as they
+// lie on one surface; times the surface's colour. One thread a pixel.
+#import frame
+#import params
+#import brdf
+#import gloss
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+// a: specular intensity.
+@group(1) @binding(0) var albedo_in: texture_2d<f32>;
+// w: specular power.
+@group(1) @binding(1) var normal_in: texture_2d<f32>;
+// xyz: relative to the eye, w: coverage.
+@group(1) @binding(2) var position_in: texture_2d<f32>;
+// xyz: the mirror point that sees the surface, w: its specular intensity, 0 where there is no mirror.
+@group(1) @binding(3) var from_in: texture_2d<f32>;
+@group(1) @binding(4) var diffuse_in: texture_2d<f32>;
+@group(1) @binding(5) var glossy_in: texture_2d<f32>;
+@group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
+
+override from_camera: bool = true;
+// Edge of the window, in pixels; 1: nothing is averaged.
+override window: u32 = 1u;
+override is_glossy: bool = false;
+// A reflection is followed from here: it takes the place of the mirror's own light.
+override is_mixed: bool = false;
+
+@compute @workgroup_size(8, 8)
+fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
+    var id = thread.xy;
+    if !from_camera {
+        id = mirror_pixel(frame, thread);
+    }
+    if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id, 0).w == 0.0) {
+        return;
+    }
+    let position = textureLoad(position_in, id, 0);
+    if position.w == 0.0 {
+        textureStore(radiance_out, id, vec4f(0.0));
+        return;
+    }
+    let surface = textureLoad(normal_in, id, 0);
+    var mirror_point = vec3f(0.0);
+    if !from_camera {
+        mirror_point = textureLoad(from_in, id, 0).xyz;
+    }
+    let toward_eye = toward_viewer(frame, position.xyz, from_camera, mirror_point);
+    let range = select(frame.reference_depth, distance(mirror_point, position.xyz), frame.orthographic == 0u || !from_camera);
+    var diffuse = vec3f(0.0);
+    var glossy = vec3f(0.0);
+    if window == 1u {
+        diffuse = textureLoad(diffuse_in, id, 0).rgb;
+        if is_glossy {
+            glossy = textureLoad(glossy_in, id, 0).rgb;
+        }
+    } else {
+        var weight = 0.0;
+        let least = cos(radians(settings.gi.filter_angle));
+        let most = settings.gi.filter_depth * range;
+        // Any window of the tile's size has one pixel of each run.
+        let first = vec2i(id) - i32(window / 2u);
+        for (var i = 0u; i < window * window; i++) {
+            let at = first + vec2i(i32(i % window), i32(i / window));
+            if any(at < vec2i(0)) || at.x >= i32(frame.width) || at.y >= i32(frame.height) {
+                continue;
+            }
+            let other = textureLoad(position_in, at, 0);
+            let facing = dot(textureLoad(normal_in, at, 0).xyz, surface.xyz);
+            let beside = abs(dot(other.xyz - position.xyz, surface.xyz));
+            var is_one = other.w > 0.0 && facing >= least && beside <= most;
+            if !from_camera {
+                is_one = is_one && textureLoad(from_in, at, 0).w > 0.0;
+            }
+            if is_one {
+                weight += 1.0;
+                diffuse += textureLoad(diffuse_in, at, 0).rgb;
+                if is_glossy {
+                    glossy += textureLoad(glossy_in, at, 0).rgb;
+                }
+            }
+        }
+        // The pixel itself always counts.
+        diffuse /= max(weight, 1.0);
+        glossy /= max(weight, 1.0);
+    }
+    let albedo = textureLoad(albedo_in, id, 0);
+    let gloss = gloss_of(settings, albedo.a, surface.w);
+    let grazing = grazing_share(settings, dot(surface.xyz, toward_eye));
+    var radiance = albedo.rgb * diffuse;
+    if albedo.a == 0.0 {
+        radiance = radiance * (1.0 - gloss.share) + glossy * mirror_tint(settings, albedo.rgb, grazing);
+    } else if is_mixed {
+        // What a mirror reflects as a highlight is in its reflection already.
+        radiance *= 1.0 - mirror_share(albedo.a, grazing);
+    } else {
+        radiance += glossy * mirror_tint(settings, albedo.rgb, grazing);
+    }
+    textureStore(radiance_out, id, vec4f(radiance, 1.0));
+}

@@ -1,0 +1,149 @@
+// Virtual lights (Keller 1997) and their shadow maps (Ritschel et al. 2008). Filled by crates/render/src/gi; the CPU twin is
+// crates/render/src/gi/twin.rs.
+// All positions are relative to one origin that stands still while the camera moves.
+
+struct Virtual {
+    // xyz: the camera's eye. w: radius of the scene, world units.
+    eye_radius: vec4f,
+    // Of the discs that shadow maps are splatted from, world units.
+    disc_radius: f32,
+    // Nearest distance that a shadow map tells apart.
+    nearest: f32,
+    // Steps of a shadow map's distances for each doubling.
+    steps: f32,
+    // Texels along an edge of a shadow map.
+    map_size: u32,
+    // Texels of a shadow map with the levels of its pyramid.
+    map_stride: u32,
+    // Points that shadow maps are splatted from.
+    point_count: u32,
+    // Virtual light v is splatted from the points p for which p % subsets == v % subsets.
+    subsets: u32,
+    sky_lights: u32,
+    // Lights of each bounce; they follow those of the sky.
+    lights_per_bounce: u32,
+    bounces: u32,
+    // Squared radius of the surface that a light of the second and later bounces stands for.
+    area_over_pi: f32,
+    unused: u32,
+}
+
+struct Vpl {
+    // xyz: position; w: squared radius of the surface that it stands for.
+    position: vec4f,
+    // xyz: unit normal of the surface, or toward a light of the sky; w: VPL_*.
+    normal: vec4f,
+    // rgb: radiant intensity straight ahead, by diffuse reflection, or a sky light's irradiance. w: power of the highlight.
+    intensity: vec4f,
+    // rgb: flux that is reflected as a highlight.
+    glossy: vec4f,
+    // Unit vector to where the light came from.
+    incoming: vec4f,
+    // First axis of its shadow map.
+    tangent: vec4f,
+}
+
+// Which lights and maps a pass works on.
+struct Step {
+    first_light: u32,
+    // From 1.
+    bounce: u32,
+    // Of the finer level of the maps: edge in texels, and its first texel in a map.
+    fine_size: u32,
+    fine_first: u32,
+    coarse_first: u32,
+    unused_0: u32,
+    unused_1: u32,
+    unused_2: u32,
+}
+
+// Texels along an edge of a lamp's or the sun's shadow map, as light.wgsl has it.
+const LAMP_MAP_SIZE: u32 = 1024u;
+
+const VPL_NONE: f32 = 0.0;
+const VPL_LOCAL: f32 = 1.0;
+const VPL_SKY: f32 = 2.0;
+
+// A unit vector across `normal` (Duff et al. 2017).
+fn tangent_of(normal: vec3f) -> vec3f {
+    let side = select(-1.0, 1.0, normal.z >= 0.0);
+    let a = -1.0 / (side + normal.z);
+    return vec3f(1.0 + side * normal.x * normal.x * a, side * normal.x * normal.y * a, -side * normal.x);
+}
+
+// Paraboloid maps (Brabec et al. 2002) of the half space before a light: the unit disc, in which z, the normal, is the middle.
+fn map_from_direction(direction: vec3f) -> vec2f {
+    return direction.xy / (1.0 + direction.z);
+}
+
+fn direction_from_map(map: vec2f) -> vec3f {
+    let squared = dot(map, map);
+    return vec3f(2.0 * map, 1.0 - squared) / (1.0 + squared);
+}
+
+// A texel of a shadow map keeps the nearest disc: a code that is larger the nearer in its upper half, the point's number among
+// the light's in its lower half. 0: nothing.
+fn code_of_distance(lights: Virtual, kind: f32, distance: f32) -> u32 {
+    let steps = select(
+        log2(distance / lights.nearest) * lights.steps,
+        distance / (2.0 * lights.eye_radius.w) * 65534.0,
+        kind == VPL_SKY,
+    );
+    return 65535u - u32(clamp(steps, 0.0, 65534.0));
+}
+
+// The far end of the code's step.
+fn distance_of_code(lights: Virtual, kind: f32, code: u32) -> f32 {
+    let steps = f32(65536u - code);
+    if kind == VPL_SKY {
+        return steps / 65534.0 * 2.0 * lights.eye_radius.w;
+    }
+    return lights.nearest * exp2(steps / lights.steps);
+}
+
+// How a texel of a light's map looks into the scene.
+struct MapRay {
+    origin: vec3f,
+    direction: vec3f,
+}
+
+// `map`: -1 to 1.
+fn ray_of_map(lights: Virtual, light: Vpl, map: vec2f) -> MapRay {
+    let tangent = light.tangent.xyz;
+    let bitangent = cross(light.normal.xyz, tangent);
+    if light.normal.w == VPL_SKY {
+        let across = tangent * map.x + bitangent * map.y + light.normal.xyz;
+        return MapRay(across * lights.eye_radius.w, -light.normal.xyz);
+    }
+    let direction = direction_from_map(map);
+    let world = tangent * direction.x + bitangent * direction.y + light.normal.xyz * direction.z;
+    return MapRay(light.position.xyz, world);
+}
+
+// Where a point lies in a light's map.
+struct MapPoint {
+    map: vec2f,
+    // From the light; for the sky from the plane that touches the scene's sphere.
+    distance: f32,
+    // Map units for a world unit across the line of sight.
+    scale: f32,
+    // Unit vector from the light to the point.
+    direction: vec3f,
+}
+
+fn point_in_map(lights: Virtual, light: Vpl, point: vec3f) -> MapPoint {
+    let tangent = light.tangent.xyz;
+    let normal = light.normal.xyz;
+    let bitangent = cross(normal, tangent);
+    if light.normal.w == VPL_SKY {
+        let radius = lights.eye_radius.w;
+        let map = vec2f(dot(tangent, point), dot(bitangent, point)) / radius;
+        return MapPoint(map, radius - dot(normal, point), 1.0 / radius, -normal);
+    }
+    let offset = point - light.position.xyz;
+    let distance = length(offset);
+    let direction = offset / max(distance, 1e-20);
+    let local = vec3f(dot(tangent, direction), dot(bitangent, direction), dot(normal, direction));
+    let map = map_from_direction(vec3f(local.xy, max(local.z, -0.5)));
+    return MapPoint(map, distance, 0.5 * (1.0 + dot(map, map)) / max(distance, 1e-20), direction);
+}

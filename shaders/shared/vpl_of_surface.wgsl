@@ -1,0 +1,29 @@
+// A virtual light on a surface that light falls on. The importing pass binds `settings`.
+#import vpl
+#import brdf
+#import gloss
+
+// `toward`: unit vector to where the light comes from; `squared`: squared radius of the surface that it stands for.
+fn vpl_of_surface(
+    position: vec3f,
+    normal: vec3f,
+    toward: vec3f,
+    albedo: vec4f,
+    specular_power: f32,
+    flux: vec3f,
+    squared: f32,
+) -> Vpl {
+    let gloss = gloss_of(settings, albedo.a, specular_power);
+    let diffuse = albedo.rgb * flux * (1.0 - max(gloss.share, albedo.a)) / 3.14159265;
+    let tint = mirror_tint(settings, albedo.rgb, 0.0);
+    // What reflects nothing is left out: a perfect mirror, a black surface, a point without a normal.
+    let shines = select(VPL_NONE, VPL_LOCAL, any(diffuse + tint * flux * gloss.share > vec3f(0.0)) && any(normal != vec3f(0.0)));
+    return Vpl(
+        vec4f(position, squared),
+        vec4f(normal, shines),
+        vec4f(diffuse, gloss.power),
+        vec4f(tint * flux * gloss.share, 0.0),
+        vec4f(toward, 0.0),
+        vec4f(tangent_of(normal), 0.0),
+    );
+}

@@ -1,0 +1,38 @@
+// Normal and colour of each point that casts indirect shadows. Runs once for each page of the point store and takes the points
+// that lie in it. One thread a point.
+#import point_surface
+#import vpl
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var<uniform> page: Page;
+@group(1) @binding(1) var<storage, read> points: array<vec4u>;
+@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
+@group(1) @binding(3) var<storage, read> scalars: array<f32>;
+@group(1) @binding(4) var<storage, read> items: array<Item>;
+@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
+@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(7) var<storage, read> palette: array<u32>;
+@group(2) @binding(0) var<uniform> lights: Virtual;
+// xyz: bits of the position; w: identity.
+@group(2) @binding(1) var<storage, read> chosen: array<vec4u>;
+// Two a point: normal (zero where there is none), 1 where the point is shown; albedo, specular intensity.
+@group(2) @binding(2) var<storage, read_write> surfaces: array<vec4f>;
+
+@compute @workgroup_size(64)
+fn vpl_points(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= lights.point_count {
+        return;
+    }
+    // Wraps below the page's first identity, which the comparison then refuses.
+    let index = chosen[id.x].w - page.first_identity;
+    if index >= page.point_count {
+        return;
+    }
+    let surface = surface_of_point(index, vec3f(0.0));
+    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    let class_code = (points[index].w >> 16u) & 0xffu;
+    let is_shown = (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) != 0u;
+    surfaces[id.x * 2u] = vec4f(surface.normal.xyz, select(0.0, 1.0, is_shown));
+    surfaces[id.x * 2u + 1u] = surface.albedo;
+}

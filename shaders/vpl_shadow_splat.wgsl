@@ -1,0 +1,69 @@
+// Imperfect shadow maps (Ritschel et al. 2008): each virtual light's subset of the points, as discs, into its map of distances.
+// A disc covers the texels whose middle looks through it, and is as far there as its plane: points that cover less than a
+// texel do not grow to one, and the surface that a light stands on does not rise into its sky.
+// One thread a point and light.
+#import params
+#import frame
+#import vpl
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var<uniform> lights: Virtual;
+// xyz: bits of the position.
+@group(1) @binding(1) var<storage, read> chosen: array<vec4u>;
+// Two a point, see vpl_points.wgsl.
+@group(1) @binding(2) var<storage, read> surfaces: array<vec4f>;
+@group(1) @binding(3) var<storage, read> vpls: array<Vpl>;
+@group(1) @binding(4) var<storage, read_write> shadow_maps: array<atomic<u32>>;
+@group(1) @binding(5) var<uniform> work: Step;
+
+// Most texels from the middle of a disc to its rim: bounds the cost of points right before a light.
+const MOST_TEXELS: f32 = 12.0;
+
+@compute @workgroup_size(64)
+fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
+    let v = work.first_light + id.y;
+    let light = vpls[v];
+    let slot = id.x;
+    let p = slot * lights.subsets + v % lights.subsets;
+    if light.normal.w == VPL_NONE || p >= lights.point_count || slot > 0xffffu {
+        return;
+    }
+    let surface = surfaces[p * 2u];
+    if surface.w == 0.0 {
+        return;
+    }
+    let center = bitcast<vec3f>(chosen[p].xyz);
+    let radius = lights.disc_radius;
+    let at = point_in_map(lights, light, center);
+    if light.normal.w == VPL_LOCAL {
+        let offset = center - light.position.xyz;
+        // Behind the light; or of the surface that it stands on, whose noise would shut it in.
+        let is_same = at.distance < 2.0 * radius && abs(dot(surface.xyz, light.normal.xyz)) > 0.5;
+        if dot(light.normal.xyz, offset) < -radius || is_same {
+            return;
+        }
+    }
+    let size = f32(lights.map_size);
+    let middle = (at.map * 0.5 + 0.5) * size;
+    let reach = min(radius * at.scale * 0.5 * size, MOST_TEXELS);
+    let first = vec2i(max(ceil(middle - reach - 0.5), vec2f(0.0)));
+    let last = vec2i(min(floor(middle + reach - 0.5), vec2f(size - 1.0)));
+    for (var y = first.y; y <= last.y; y++) {
+        for (var x = first.x; x <= last.x; x++) {
+            let map = (vec2f(vec2i(x, y)) + 0.5) / size * 2.0 - 1.0;
+            let ray = ray_of_map(lights, light, map);
+            let offset = center - ray.origin;
+            // Points without a normal face the light.
+            let normal = select(surface.xyz, at.direction, all(surface.xyz == vec3f(0.0)));
+            let distance = dot(normal, offset) / dot(normal, ray.direction);
+            let beside = ray.direction * distance - offset;
+            // Written so that NaN (a plane through the light) is not drawn.
+            if distance > 0.0 && dot(beside, beside) <= radius * radius {
+                let code = code_of_distance(lights, light.normal.w, distance);
+                let texel = u32(y) * lights.map_size + u32(x);
+                atomicMax(&shadow_maps[v * lights.map_stride + texel], code << 16u | slot);
+            }
+        }
+    }
+}
