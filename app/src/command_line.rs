@@ -82,8 +82,8 @@ pub struct RenderArguments {
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, color, mirror_position,
-    /// mirror_albedo, mirror_normal, specular_intensity, regions, curvature; reference_position and reference_color are
-    /// traced on the CPU
+    /// mirror_albedo, mirror_normal, specular_intensity, specular_power, regions, curvature; reference_position,
+    /// reference_color and reference_indirect are traced on the CPU
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = parse_pair)]
     pub aov: Vec<(String, String)>,
     /// Write times, counts and memory as JSON

@@ -46,7 +46,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     if let Some(bounces) = arguments.bounces {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
     }
-    let asked = Asked::new(arguments, references, &request)?;
+    let asked = Asked::new(arguments, references, &request, &settings)?;
     for (aov, _) in &images {
         check_is_made(*aov, &settings, &asked)?;
     }
@@ -409,8 +409,8 @@ fn upload(
             chunks,
         };
         store.set_color(id, &cloud, &ids, &plan, loaded.up)?;
-        let specular_intensity = material.specular_intensity;
-        uploaded.push(truth::Part { cloud, specular_intensity, plan: plan.clone(), up: loaded.up });
+        let render::Material { specular_intensity, specular_power, .. } = material;
+        uploaded.push(truth::Part { cloud, specular_intensity, specular_power, plan: plan.clone(), up: loaded.up });
     }
     Ok(uploaded)
 }

@@ -1,8 +1,9 @@
 //! The truth on the command line: what the ray tracer sees in the mirrors of a frame that was drawn. It gives the images
-//! `reference_position` and `reference_color`, the accuracy figures of `--stats`, and the method `ray_trace`.
+//! `reference_position`, `reference_color` and `reference_indirect`, the accuracy figures of `--stats`, and the method `ray_trace`.
 //!
 //! All of it starts from the frame's own surface (positions, normals, colours of its pixels) and from the points that it was
-//! drawn from, as discs: the same input as the methods have. Only `--truth exact` asks the built-in scene's formulas.
+//! drawn from, as discs: the same input as the methods have. Only `--truth exact` asks the built-in scene's formulas, for the
+//! figures and for the images of light.
 //! docs/accuracy.md tells what each figure means.
 
 use std::path::PathBuf;
@@ -12,13 +13,15 @@ use std::time::Instant;
 use anyhow::anyhow;
 use cloud::{Bounds, Chunk, Cloud, Progress};
 use glam::{DVec3, Vec3};
+use param::Choice as _;
 use rayon::prelude::*;
 use render::{Aov, AovImage, ColorPlan, ColorSource, Objects, PointStore, Renderer};
 use scene::five_mirrors::Variant;
 use scene::{Camera, ColorBy, Lighting, Method, Mirror, Settings, SpotLight};
 use study::{
-    Accuracy, Exact, Hit, Illumination, MirrorImage, MirrorPoint, PixelRays, Surfels, Truth, accuracy_exact,
-    accuracy_same_input, image_error, linear_from_srgb, primary, radiance, reflected,
+    Accuracy, Exact, Geometry, Gloss, Hit, Illumination, Indirect, MirrorImage, MirrorPoint, PixelRays, Source,
+    Sunlight, Surfels, Truth, accuracy_exact, accuracy_same_input, image_error, indirect_picture, light_error,
+    linear_from_srgb, primary, radiance, reflected,
 };
 
 use crate::command_line::RenderArguments;
@@ -39,15 +42,18 @@ pub enum Reference {
     Position,
     /// Traced radiance of all pixels, linear RGB.
     Color,
+    /// Indirect light that each pixel's own surface sends out, without what it reflects as a mirror, linear RGB.
+    Indirect,
 }
 
 impl Reference {
-    pub const ALL: [Self; 2] = [Self::Position, Self::Color];
+    pub const ALL: [Self; 3] = [Self::Position, Self::Color, Self::Indirect];
 
     pub fn name(self) -> &'static str {
         match self {
             Self::Position => "reference_position",
             Self::Color => "reference_color",
+            Self::Indirect => "reference_indirect",
         }
     }
 }
@@ -66,13 +72,23 @@ pub struct Asked {
 
 impl Asked {
     /// # Errors
-    /// The exact truth of something else than a built-in scene as it is.
+    /// The exact truth of something else than a built-in scene as it is, or the light of one in other colours than its own.
     pub fn new(
         arguments: &RenderArguments,
         references: Vec<(Reference, PathBuf)>,
         request: &Request,
+        settings: &Settings,
     ) -> anyhow::Result<Self> {
         let variant = if arguments.truth == Some(Truth::Exact) { Some(built_in(request)?) } else { None };
+        let lit = references.iter().find(|(reference, _)| *reference != Reference::Position);
+        if let (Some((lit, _)), Some(_), false) = (lit, variant, has_own_colors(settings)) {
+            return Err(usage(format!(
+                "--truth exact: the formulas behind `{}` have the scene's own colours, color.by is {}\n\
+                 --truth same_input traces points in the colours that they are drawn in",
+                lit.name(),
+                settings.color.by.name()
+            )));
+        }
         let unnamed = (!references.is_empty() && arguments.stats.is_some()).then_some(Truth::SameInput);
         let is_method = arguments.method.as_deref() == Some(RAY_TRACE);
         Ok(Self { is_method, references, truth: arguments.truth.or(unnamed), variant })
@@ -83,9 +99,18 @@ impl Asked {
         self.is_method && matches!(aov, Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal)
     }
 
+    fn asks_for(&self, reference: Reference) -> bool {
+        self.references.iter().any(|(asked, _)| *asked == reference)
+    }
+
     fn is_anything(&self) -> bool {
         self.is_method || !self.references.is_empty() || self.truth.is_some()
     }
+}
+
+/// Whether points show the colours of the built-in scenes' formulas.
+fn has_own_colors(settings: &Settings) -> bool {
+    matches!(settings.color.by, ColorBy::Auto | ColorBy::Rgb)
 }
 
 /// The built-in scene that the inputs are, and nothing beside it.
@@ -108,6 +133,7 @@ fn built_in(request: &Request) -> anyhow::Result<Variant> {
 pub struct Part {
     pub cloud: Cloud,
     pub specular_intensity: f32,
+    pub specular_power: f32,
     pub plan: ColorPlan,
     /// Unit vector.
     pub up: DVec3,
@@ -119,7 +145,8 @@ impl Part {
         let cloud = Cloud { name: mirror.name.clone(), chunks: samples.to_vec(), ..Cloud::default() };
         let own = scene::Color { by: ColorBy::Rgb, ..scene::Color::default() };
         let (plan, _) = ColorPlan::new(&cloud, &own, DVec3::Z);
-        Self { cloud, specular_intensity: mirror.specular_intensity, plan, up: DVec3::Z }
+        let Mirror { specular_intensity, specular_power, .. } = *mirror;
+        Self { cloud, specular_intensity, specular_power, plan, up: DVec3::Z }
     }
 
     /// The colour of points that have none of their own, sRGB.
@@ -222,12 +249,13 @@ pub fn trace(asked: &Asked, picture: &Picture, renderer: &mut Renderer) -> anyho
     let tracer = Tracer::new(picture, asked.variant.is_some())?;
     let frame = Frame::read(renderer, tracer.origin)?;
     let bounces = picture.settings.reflection.bounces;
-    let first = tracer.first_hits(&frame)?;
+    let drawn = frame.seen(&tracer.rays);
+    let first = tracer.first_hits(&drawn)?;
     let mut outcome = Outcome::default();
     let mut color = renderer.read_aov(Aov::Color)?;
     if asked.is_method {
         let start = Instant::now();
-        let traced = tracer.colors(&frame, |pixel| frame.is_mirror(pixel));
+        let traced = tracer.colors(&tracer.surfels, &mirrors_of(&drawn));
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let texels = color.data.as_chunks_mut::<3>().0;
         let mirrors = texels.iter_mut().zip(traced).enumerate().filter(|(pixel, _)| frame.is_mirror(*pixel));
@@ -246,35 +274,58 @@ pub fn trace(asked: &Asked, picture: &Picture, renderer: &mut Renderer) -> anyho
     } else {
         renderer.read_aov_from(Aov::MirrorPosition, tracer.origin)?.data
     };
-    let needs_color = asked.references.iter().any(|(reference, _)| *reference == Reference::Color);
-    let reference =
-        if needs_color || asked.truth == Some(Truth::SameInput) { tracer.colors(&frame, |_| true) } else { Vec::new() };
     let image = frame.image(picture.size, &tracer.rays, &found);
-    let colors = color.data.as_chunks::<3>().0;
-    outcome.accuracy = match (asked.truth, asked.variant) {
-        (Some(Truth::Exact), Some(variant)) => Some(tracer.judge_exact(&image, &frame, variant, colors)?),
-        (Some(_), _) => {
-            let progress = Progress::default();
-            let judge = || accuracy_same_input(&image, &tracer.surfels, &progress);
-            let mut accuracy = progress_bar::watch("judging", &progress, judge)?;
-            let mirror: Vec<bool> = (0..frame.len()).map(|pixel| frame.is_mirror(pixel)).collect();
-            accuracy.image = Some(image_error(picture.size[0] as usize, &mirror, colors, &reference));
-            Some(accuracy)
+    let progress = Progress::default();
+    let (reference, mut accuracy) = match (asked.truth, asked.variant) {
+        (Some(Truth::Exact), Some(variant)) => {
+            let exact = Exact::five_mirrors(variant);
+            let judge = || accuracy_exact(&image, &tracer.rays, &exact, &progress);
+            let accuracy = progress_bar::watch("judging", &progress, judge)?;
+            (tracer.light(asked, &exact, &tracer.exactly_seen(&exact)?)?, Some(accuracy))
         }
-        (None, _) => None,
+        (Some(_), _) => {
+            let judge = || accuracy_same_input(&image, &tracer.surfels, &progress);
+            let accuracy = progress_bar::watch("judging", &progress, judge)?;
+            (tracer.light(asked, &tracer.surfels, &drawn)?, Some(accuracy))
+        }
+        (None, _) => (tracer.light(asked, &tracer.surfels, &drawn)?, None),
     };
+    if let Some(accuracy) = &mut accuracy {
+        if asked.variant.is_none() || has_own_colors(picture.settings) {
+            let is_judged = |pixel: usize| frame.is_mirror(pixel) && reference.is_mirror[pixel];
+            let mirror: Vec<bool> = (0..frame.len()).map(is_judged).collect();
+            let colors = color.data.as_chunks::<3>().0;
+            accuracy.image = Some(image_error(picture.size[0] as usize, &mirror, colors, &reference.color));
+        }
+        let drawn = Aov::ALL.into_iter().find(|aov| aov.name() == "indirect");
+        if let (Some(drawn), true) = (drawn, asked.asks_for(Reference::Indirect)) {
+            let drawn = renderer.read_aov(drawn)?.data;
+            let is_drawn: Vec<bool> = frame.position.as_chunks::<3>().0.iter().map(|at| at[0].is_finite()).collect();
+            accuracy.indirect = Some(light_error(&is_drawn, drawn.as_chunks::<3>().0, &reference.indirect));
+        }
+    }
+    outcome.accuracy = accuracy;
     outcome.references = asked
         .references
         .iter()
         .map(|(wanted, path)| {
             let (channels, data) = match wanted {
                 Reference::Position => (Aov::MirrorPosition.channels(), positions(&first, tracer.origin)),
-                Reference::Color => (Aov::Color.channels(), reference.as_flattened().to_vec()),
+                Reference::Color => (Aov::Color.channels(), reference.color.as_flattened().to_vec()),
+                Reference::Indirect => (Aov::Color.channels(), reference.indirect.as_flattened().to_vec()),
             };
             (path.clone(), AovImage { size: picture.size, channels, data })
         })
         .collect();
     Ok(outcome)
+}
+
+/// What each pixel sees, and the direction of the ray that sees it; none where that is nothing.
+type Seen = Vec<Option<(Hit, DVec3)>>;
+
+/// Those of the pixels that see a mirror.
+fn mirrors_of(seen: &[Option<(Hit, DVec3)>]) -> Seen {
+    seen.iter().map(|seen| seen.filter(|(hit, _)| hit.specular_intensity > 0.0)).collect()
 }
 
 /// World positions and coverage of hits whose places are from `origin`.
@@ -304,6 +355,7 @@ struct Frame {
     normal: Vec<f32>,
     albedo: Vec<f32>,
     specular_intensity: Vec<f32>,
+    specular_power: Vec<f32>,
 }
 
 impl Frame {
@@ -315,6 +367,7 @@ impl Frame {
             normal: read(Aov::Normal)?,
             albedo: read(Aov::Albedo)?,
             specular_intensity: read(Aov::SpecularIntensity)?,
+            specular_power: read(Aov::SpecularPower)?,
         })
     }
 
@@ -338,9 +391,15 @@ impl Frame {
             normal: normal.normalize_or_zero(),
             albedo,
             specular_intensity: f64::from(self.specular_intensity[pixel]),
+            specular_power: f64::from(self.specular_power[pixel]),
             surface: 0,
             point: 0,
         })
+    }
+
+    fn seen(&self, rays: &PixelRays) -> Seen {
+        let seen = |pixel: usize| self.hit(pixel, rays).map(|hit| (hit, rays.viewpoint().toward(hit.position)));
+        (0..self.len()).map(seen).collect()
     }
 
     fn image<'a>(&'a self, size: [u32; 2], rays: &PixelRays, mirror_position: &'a [f32]) -> MirrorImage<'a> {
@@ -356,7 +415,16 @@ struct Tracer<'a> {
     origin: DVec3,
     rays: PixelRays,
     lights: Vec<SpotLight>,
+    /// The world's up axis.
+    up: DVec3,
     settings: &'a Settings,
+}
+
+/// What the tracer says of each pixel's light, linear; NaN where nothing is seen or nobody asks.
+struct Light {
+    is_mirror: Vec<bool>,
+    color: Vec<[f32; 3]>,
+    indirect: Vec<[f32; 3]>,
 }
 
 impl<'a> Tracer<'a> {
@@ -369,7 +437,8 @@ impl<'a> Tracer<'a> {
         let painted: Vec<Vec<Chunk>> = parts.iter().map(|part| part.painted(origin)).collect();
         let parts = parts.iter().zip(&painted).map(|(part, chunks)| {
             let [red, green, blue, _] = part.plain().map(|value| linear_from_srgb(value) as f32);
-            study::Part { chunks, specular_intensity: part.specular_intensity, plain: [red, green, blue] }
+            let Part { specular_intensity, specular_power, .. } = *part;
+            study::Part { chunks, specular_intensity, specular_power, plain: [red, green, blue] }
         });
         let progress = Progress::default();
         let surfels = Surfels::new(&parts.collect::<Vec<_>>(), settings.splat.size, &progress);
@@ -385,36 +454,39 @@ impl<'a> Tracer<'a> {
             origin,
             rays: PixelRays::new(&seen, &settings.view, size, reach),
             lights: lights.collect(),
+            up: camera.up,
             settings,
         })
     }
 
     fn illumination(&self) -> Illumination<'_> {
-        let settings = self.settings;
-        let lamp = match settings.light.by {
-            Lighting::Auto if self.lights.is_empty() => Some(settings.light.headlight),
-            Lighting::Headlight => Some(settings.light.headlight),
-            Lighting::Colors => Some(0.0),
-            Lighting::Auto | Lighting::Lights | Lighting::Sun => None,
+        let Settings { light, sun, gi, trace, mirror, reflection, view, .. } = self.settings;
+        let headlight = Source::Headlight(f64::from(light.headlight));
+        let source = match light.by {
+            Lighting::Auto if self.lights.is_empty() => headlight,
+            Lighting::Auto | Lighting::Lights => Source::Lights(&self.lights),
+            Lighting::Sun => Source::Sun(Sunlight::new(sun, self.up)),
+            Lighting::Headlight => headlight,
+            Lighting::Colors => Source::Headlight(0.0),
         };
-        let [red, green, blue, _] = settings.view.background.bytes().map(linear_from_srgb);
+        let [red, green, blue, _] = view.background.bytes().map(linear_from_srgb);
+        let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
         Illumination {
-            lights: &self.lights,
-            lamp: lamp.map(f64::from),
-            bounces: settings.reflection.bounces,
-            mirror: &settings.mirror,
+            gloss: Gloss { share, power, shape: light.highlight },
+            bounces: reflection.bounces,
             background: DVec3::new(red, green, blue),
+            indirect: Indirect { bounces: gi.bounces, samples: trace.samples, seed: trace.seed },
+            ..Illumination::new(source, mirror)
         }
     }
 
     /// What the reflected ray of each mirror pixel meets.
-    fn first_hits(&self, frame: &Frame) -> anyhow::Result<Vec<Option<Hit>>> {
-        let point = |pixel: usize| {
-            let hit = frame.hit(pixel, &self.rays).filter(|_| frame.is_mirror(pixel))?;
-            let incoming = self.rays.viewpoint().toward(hit.position);
+    fn first_hits(&self, seen: &[Option<(Hit, DVec3)>]) -> anyhow::Result<Vec<Option<Hit>>> {
+        let point = |seen: &Option<(Hit, DVec3)>| {
+            let (hit, incoming) = seen.filter(|(hit, _)| hit.specular_intensity > 0.0)?;
             Some(MirrorPoint { position: hit.position, normal: hit.normal, incoming })
         };
-        let points: Vec<Option<MirrorPoint>> = (0..frame.len()).map(point).collect();
+        let points: Vec<Option<MirrorPoint>> = seen.iter().map(point).collect();
         let mirrors: Vec<MirrorPoint> = points.iter().copied().flatten().collect();
         let progress = Progress::default();
         let follow = || reflected(&self.surfels, &mirrors, 1, &progress);
@@ -423,50 +495,49 @@ impl<'a> Tracer<'a> {
         Ok(points.iter().map(|point| point.and_then(|_| reflections.next()?.first)).collect())
     }
 
-    /// Radiance of the frame's surface at the pixels that are `wanted`, linear; NaN at the others.
-    fn colors(&self, frame: &Frame, wanted: impl Fn(usize) -> bool + Sync) -> Vec<[f32; 3]> {
-        let illumination = self.illumination();
+    /// What the rays through the pixels' centres meet of exact surfaces.
+    fn exactly_seen(&self, exact: &Exact) -> anyhow::Result<Seen> {
         let progress = Progress::default();
-        progress.set_total(frame.len() as u64);
-        let color = |pixel: usize| {
-            progress.add(1);
-            let hit = frame.hit(pixel, &self.rays).filter(|_| wanted(pixel));
-            let light =
-                hit.map(|hit| radiance(&self.surfels, &hit, self.rays.viewpoint().toward(hit.position), &illumination));
-            light.unwrap_or(DVec3::NAN).as_vec3().to_array()
-        };
-        progress_bar::watch("lighting", &progress, || (0..frame.len()).into_par_iter().map(color).collect())
+        let seen = progress_bar::watch("tracing", &progress, || primary(exact, &self.rays, &progress));
+        let seen = seen.ok_or_else(cancelled)?.into_iter().enumerate();
+        Ok(seen.map(|(pixel, hit)| Some((hit?, self.rays.ray(pixel).direction))).collect())
     }
 
-    /// By rays through the pixels' centres into exact surfaces, over the pixels that are mirrors in both.
-    fn judge_exact(
-        &self,
-        image: &MirrorImage,
-        frame: &Frame,
-        variant: Variant,
-        colors: &[[f32; 3]],
-    ) -> anyhow::Result<Accuracy> {
-        let exact = Exact::five_mirrors(variant);
-        let progress = Progress::default();
-        let judge = || accuracy_exact(image, &self.rays, &exact, &progress);
-        let mut accuracy = progress_bar::watch("judging", &progress, judge)?;
-        // The formulas know the scene's own colours only.
-        if !matches!(self.settings.color.by, ColorBy::Auto | ColorBy::Rgb) {
-            return Ok(accuracy);
-        }
-        let progress = Progress::default();
-        let seen = progress_bar::watch("tracing", &progress, || primary(&exact, &self.rays, &progress));
-        let seen = seen.ok_or_else(cancelled)?;
+    /// Radiance of what is seen, linear; NaN where that is nothing.
+    fn colors(&self, geometry: &impl Geometry, seen: &[Option<(Hit, DVec3)>]) -> Vec<[f32; 3]> {
         let illumination = self.illumination();
-        let color = |(pixel, hit): (usize, &Option<Hit>)| {
-            let hit = hit.filter(|hit| frame.is_mirror(pixel) && hit.specular_intensity > 0.0)?;
-            Some(radiance(&exact, &hit, self.rays.ray(pixel).direction, &illumination).as_vec3().to_array())
+        let progress = Progress::default();
+        progress.set_total(seen.len() as u64);
+        let color = |(pixel, seen): (usize, &Option<(Hit, DVec3)>)| {
+            progress.add(1);
+            let light = seen.map(|(hit, direction)| radiance(geometry, &hit, direction, pixel, &illumination));
+            light.unwrap_or(DVec3::NAN).as_vec3().to_array()
         };
-        let reference: Vec<Option<[f32; 3]>> = seen.par_iter().enumerate().map(color).collect();
-        let mirror: Vec<bool> = reference.iter().map(Option::is_some).collect();
-        let reference: Vec<[f32; 3]> = reference.into_iter().map(|color| color.unwrap_or([f32::NAN; 3])).collect();
-        accuracy.image = Some(image_error(self.rays.size[0] as usize, &mirror, colors, &reference));
-        Ok(accuracy)
+        progress_bar::watch("lighting", &progress, || seen.par_iter().enumerate().map(color).collect())
+    }
+
+    /// The light that is asked for. Figures need that of the mirrors only.
+    fn light(&self, asked: &Asked, geometry: &impl Geometry, seen: &[Option<(Hit, DVec3)>]) -> anyhow::Result<Light> {
+        let mirrors = mirrors_of(seen);
+        let color = if asked.asks_for(Reference::Color) {
+            self.colors(geometry, seen)
+        } else if asked.truth.is_some() {
+            self.colors(geometry, &mirrors)
+        } else {
+            Vec::new()
+        };
+        let mut indirect = Vec::new();
+        if asked.asks_for(Reference::Indirect) {
+            let settings = &self.settings.reflection;
+            // As the renderer's own: a mirror is diffuse if nobody looks for what it reflects.
+            let bounces = if settings.method == Method::None { 0 } else { settings.bounces };
+            let illumination = Illumination { bounces, ..self.illumination() };
+            let progress = Progress::default();
+            let gather = || indirect_picture(geometry, seen, &illumination, &progress);
+            let light = progress_bar::watch("gathering", &progress, gather).ok_or_else(cancelled)?;
+            indirect = light.into_iter().map(|light| light.unwrap_or(DVec3::NAN).as_vec3().to_array()).collect();
+        }
+        Ok(Light { is_mirror: mirrors.iter().map(Option::is_some).collect(), color, indirect })
     }
 }
 

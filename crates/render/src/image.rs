@@ -13,6 +13,8 @@ pub enum Aov {
     Mirror,
     /// Share of the light that is reflected, 0 to 1.
     SpecularIntensity,
+    /// Exponent of the highlights of mirrors.
+    SpecularPower,
     /// World position.
     Position,
     /// Shaded colour before tone mapping, linear RGB.
@@ -34,12 +36,13 @@ pub enum Aov {
 }
 
 impl Aov {
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Depth,
         Self::Normal,
         Self::Albedo,
         Self::Mirror,
         Self::SpecularIntensity,
+        Self::SpecularPower,
         Self::Position,
         Self::Color,
         Self::Direct,
@@ -58,6 +61,7 @@ impl Aov {
             Self::Albedo => "albedo",
             Self::Mirror => "mirror",
             Self::SpecularIntensity => "specular_intensity",
+            Self::SpecularPower => "specular_power",
             Self::Position => "position",
             Self::Color => "color",
             Self::Direct => "direct",
@@ -80,7 +84,7 @@ impl Aov {
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Depth => &["Z"],
-            Self::Mirror | Self::SpecularIntensity | Self::Curvature | Self::Regions => &["Y"],
+            Self::Mirror | Self::SpecularIntensity | Self::SpecularPower | Self::Curvature | Self::Regions => &["Y"],
             Self::Albedo | Self::Color | Self::Direct | Self::Indirect | Self::MirrorAlbedo => &["R", "G", "B"],
             Self::MirrorPosition => &["X", "Y", "Z", "A"],
             Self::Normal | Self::Position | Self::MirrorNormal => &["X", "Y", "Z"],

@@ -319,7 +319,7 @@ impl Renderer {
         let first = || bounce.ok_or_else(nothing_rendered);
         let per_pixel: Vec<f32> = match aov {
             Aov::Depth => depth.clone(),
-            Aov::Normal => floats32(&read(&surface.normal)?),
+            Aov::Normal | Aov::SpecularPower => floats32(&read(&surface.normal)?),
             Aov::Albedo | Aov::Mirror | Aov::SpecularIntensity => floats16(&read(&surface.albedo)?),
             Aov::Color => floats16(&read(&targets.color)?),
             Aov::Direct => floats16(&read(&targets.direct)?),
@@ -357,7 +357,7 @@ impl Renderer {
             match aov {
                 Aov::Depth => data.push((f64::from(depth) - camera.moved_back) as f32),
                 Aov::Mirror => data.push(if four()[3] > 0.0 { 1.0 } else { 0.0 }),
-                Aov::SpecularIntensity => data.push(four()[3]),
+                Aov::SpecularIntensity | Aov::SpecularPower => data.push(four()[3]),
                 Aov::Position => {
                     let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
                     data.extend((camera.world_from_pixel(x, y, f64::from(depth)) - origin).as_vec3().to_array());

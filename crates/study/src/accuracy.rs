@@ -174,7 +174,7 @@ mod tests {
     use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{MirrorSettings, ViewSettings};
     use trace::exact::{Albedo, Object};
-    use trace::{Illumination, Part, Ray, mirrored, picture};
+    use trace::{Illumination, Part, Ray, Source, mirrored, picture};
 
     const SIZE: [u32; 2] = [120, 90];
 
@@ -235,7 +235,7 @@ mod tests {
             .iter()
             .map(|part| {
                 let specular_intensity = part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity);
-                Part { chunks: &part.chunks, specular_intensity, plain: [0.5; 3] }
+                Part { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
             })
             .collect();
         Surfels::new(&parts, 1.0, &Progress::default()).unwrap()
@@ -338,8 +338,7 @@ mod tests {
     fn broken_pictures_are_caught() {
         let settings = MirrorSettings::default();
         let lights = [light()];
-        let illumination =
-            Illumination { lights: &lights, lamp: None, bounces: 1, mirror: &settings, background: DVec3::ZERO };
+        let illumination = Illumination { bounces: 1, ..Illumination::new(Source::Lights(&lights), &settings) };
         let scene = Exact::five_mirrors(Variant::Sphere);
         let colors = picture(&scene, &rays(), &illumination, &Progress::default()).unwrap();
         let colors: Vec<[f32; 3]> =
@@ -382,7 +381,7 @@ mod tests {
             radii: Some(vec![cloud::pack_radius(radius); positions.len()].into()),
             ..cloud::Chunk::new(0, DVec3::ZERO, positions.clone())
         };
-        let part = Part { chunks: &[chunk], specular_intensity: 0.0, plain: [0.5; 3] };
+        let part = Part { chunks: &[chunk], specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
         let surfels = Surfels::new(&[part], 1.0, &Progress::default()).unwrap();
         let mirror = |index: usize| [(index % 200) as f32 * 0.01 - 0.995, (index / 200) as f32 * 0.01 - 0.995, 0.0];
         let position: Vec<f32> = (0..40_000).flat_map(mirror).collect();

@@ -10,6 +10,7 @@ use palette::{FromColor, Lab, LinSrgb};
 use serde::{Deserialize, Serialize};
 
 use crate::flip::flip;
+use crate::light::LightError;
 
 /// What a result is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,6 +43,8 @@ pub struct Accuracy {
     /// Share of the points truly visible by reflection that were found; against the same points only.
     pub recall: Option<f64>,
     pub image: Option<ImageError>,
+    /// Of all that is seen, not of mirrors alone.
+    pub indirect: Option<LightError>,
 }
 
 /// Values that half, 95 and 99 of a hundred do not exceed.
@@ -120,6 +123,7 @@ pub fn accuracy(truth: Truth, width: usize, pixels: &[Option<MirrorPixel>]) -> A
         occlusion_error: f64::from(occluded as u32) / f64::from(compared),
         recall: None,
         image: None,
+        indirect: None,
     }
 }
 
@@ -304,11 +308,14 @@ mod tests {
     fn figures_have_the_names_that_charts_rely_on() {
         let mut figures = accuracy(Truth::SameInput, 1, &[Some(pixel(0.0, 0.0))]);
         figures.image = Some(ImageError { rmse: 0.5, delta_e: 2.0, flip: 0.25 });
+        figures.indirect = Some(LightError { relative_rmse: 0.1, mean_ratio: 0.9, brightest_ratio: 2.0 });
         let json = serde_json::to_value(&figures).unwrap();
         assert_eq!(json["truth"], "same_input");
         assert_eq!(json["angle_error"]["p95"], 0.0);
         assert!(json["pixel_error"]["median"].is_null(), "no neighbour, no pixel error");
         assert_eq!(json["image"]["flip"], 0.25);
+        assert_eq!(json["indirect"]["relative_rmse"], 0.1);
+        assert_eq!(json["indirect"]["mean_ratio"], 0.9);
         for name in ["coverage", "closed_coverage", "false_fill", "occlusion_error", "recall"] {
             assert!(json.get(name).is_some(), "{name}");
         }

@@ -50,7 +50,7 @@ impl Stage {
             .iter()
             .map(|part| {
                 let specular_intensity = part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity);
-                Part { chunks: &part.chunks, specular_intensity, plain }
+                Part { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain }
             })
             .collect();
         let surfels = Surfels::new(&traced, settings.splat.size, &Progress::default());

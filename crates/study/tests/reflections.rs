@@ -48,6 +48,7 @@ static FRAMES: LazyLock<Vec<Frame>> = LazyLock::new(|| {
             .map(|part| Part {
                 chunks: &part.chunks,
                 specular_intensity: part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity),
+                specular_power: 0.0,
                 plain: [0.5; 3],
             })
             .collect();

@@ -26,7 +26,7 @@ fn unit(seed: u64) -> f64 {
 
 fn surfels() -> Surfels {
     let parts = sample(Variant::Sphere, DISCS, 1);
-    let part = |part| Part { chunks: part, specular_intensity: 0.0, plain: [0.5; 3] };
+    let part = |part| Part { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
     let parts: Vec<Part> = parts.iter().map(|points| part(&points.chunks)).collect();
     Surfels::new(&parts, 1.0, &Progress::default()).expect("not cancelled")
 }
@@ -62,7 +62,7 @@ fn nearest(bencher: Bencher, kind: &str) {
 fn build(bencher: Bencher) {
     bencher.counter(ItemsCount::new(DISCS)).with_inputs(|| sample(Variant::Sphere, DISCS, 1)).bench_local_values(
         |parts| {
-            let part = |part| Part { chunks: part, specular_intensity: 0.0, plain: [0.5; 3] };
+            let part = |part| Part { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
             let parts: Vec<Part> = parts.iter().map(|points| part(&points.chunks)).collect();
             Surfels::new(&parts, 1.0, &Progress::default())
         },

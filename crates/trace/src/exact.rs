@@ -20,6 +20,7 @@ pub struct Object {
     /// Linear albedo at a world position.
     albedo: Albedo,
     specular_intensity: f64,
+    specular_power: f64,
     /// Of a star-shaped surface, else unused.
     reach: Reach,
 }
@@ -41,13 +42,18 @@ struct Reach {
 }
 
 impl Object {
-    /// `specular_intensity`: share of the light that is reflected, 0 to 1.
+    /// `specular_intensity`: share of the light that is reflected, 0 to 1. It shows no highlights of lights.
     pub fn new(surface: Surface, placement: Placement, albedo: Albedo, specular_intensity: f64) -> Self {
         let reach = match surface {
             Surface::Star(shape) => Reach::of(&shape),
             _ => Reach { largest_radius: 0.0, slope: 1.0 },
         };
-        Self { surface, placement, albedo, specular_intensity, reach }
+        Self { surface, placement, albedo, specular_intensity, specular_power: 0.0, reach }
+    }
+
+    /// With highlights of this exponent, if it is a mirror.
+    pub fn with_specular_power(self, specular_power: f64) -> Self {
+        Self { specular_power, ..self }
     }
 
     /// The first hit and the surface's own normal there.
@@ -88,6 +94,7 @@ impl Exact {
             let (surface, placement) = mirror.surface();
             let albedo = Albedo::Even(mirror.color.map(f64::from));
             Object::new(surface, placement, albedo, f64::from(mirror.specular_intensity))
+                .with_specular_power(f64::from(mirror.specular_power))
         });
         Self::new(walls().into_iter().map(wall).chain(mirrors).collect())
     }
@@ -110,6 +117,7 @@ impl Geometry for Exact {
             normal: if normal.dot(ray.direction) > 0.0 { -normal } else { normal },
             albedo: DVec3::from(albedo),
             specular_intensity: object.specular_intensity,
+            specular_power: object.specular_power,
             surface: index as u32,
             point: 0,
         })

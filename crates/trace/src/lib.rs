@@ -4,18 +4,23 @@
 //! picture is computed on all cores and is the same for any number of them.
 //!
 //! [`Surfels`] and [`Exact`] are what rays are traced in; [`PixelRays`] are the rays of a picture's pixel centres;
-//! [`reflected`] follows the eye's rays from a camera G-buffer into mirrors; [`picture`] lights what they see.
+//! [`reflected`] follows the eye's rays from a camera G-buffer into mirrors; [`picture`] lights what they see, and
+//! [`indirect_picture`] gives the part of that light which other surfaces and the sky send.
 
 mod camera;
 pub mod exact;
+mod indirect;
 mod light;
 mod ray;
+mod reflectance;
 mod reflection;
 mod surfels;
 
 pub use camera::{PixelRays, Viewpoint};
 pub use exact::Exact;
-pub use light::{Illumination, direct, picture, radiance, reflected_picture};
+pub use indirect::{Indirect, indirect, indirect_picture};
+pub use light::{Illumination, Source, Sunlight, direct, picture, radiance, reflected_picture};
 pub use ray::{Geometry, Hit, Ray, SELF_DISTANCE};
+pub use reflectance::Gloss;
 pub use reflection::{MirrorPoint, Reflection, mirrored, primary, reflected};
 pub use surfels::{Part, Surfels, linear_from_srgb};

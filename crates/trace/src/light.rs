@@ -1,31 +1,82 @@
-//! Light: spot lights with shadows on Lambertian surfaces, or a lamp at the eye, blended with what mirrors reflect.
+//! Light: spot lights with shadows, or a sun and a sky, or a lamp at the eye; blended with what mirrors reflect.
 //!
-//! The definition, which is the renderer's: a diffuse surface sends out albedo / pi times its irradiance. A mirror shows its
-//! share (the specular intensity, and more by Fresnel's law as far as `scene::MirrorSettings` asks for it) of what arrives along
-//! the reflected ray, tinted by its albedo as far as asked for, and for the rest its diffuse light. After the last bounce a mirror
-//! is a diffuse surface. Where a reflected ray sees nothing, it sees the background.
+//! The definition is the renderer's; reflectance.rs has that of surfaces. Light that was reflected before it reaches a surface,
+//! and that of the sky, comes from [`indirect`]. Where a mirror's ray sees nothing, it shows the background.
 
 use std::f64::consts::FRAC_1_PI;
 
 use cloud::Progress;
 use glam::DVec3;
-use scene::{MirrorSettings, SpotLight};
+use scene::{MirrorSettings, SpotLight, Sun};
 
+use crate::indirect::{Indirect, indirect};
+use crate::reflectance::{Gloss, Reflectance};
 use crate::reflection::in_parallel;
 use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
-/// What lights a scene, and how far reflections are followed.
+/// Where light comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    Lights(&'a [SpotLight]),
+    Sun(Sunlight),
+    /// A lamp at the eye, or at the mirror point that sees a surface, whose share (0 to 1) of the picture falls with the angle
+    /// that a surface is seen at; at 0 surfaces show their own colours.
+    Headlight(f64),
+}
+
+/// A sun without size, and a sky that is evenly bright in the upper half of the directions and dark below.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sunlight {
+    /// Unit vector toward the sun.
+    pub direction: DVec3,
+    /// Unit vector.
+    pub up: DVec3,
+    /// Of a surface that faces the sun.
+    pub irradiance: f64,
+    /// Irradiance by the whole sky of a surface that faces up.
+    pub sky: f64,
+}
+
+impl Sunlight {
+    /// `up`: the world's up axis, of any length.
+    pub fn new(sun: &Sun, up: DVec3) -> Self {
+        let (irradiance, sky) = (f64::from(sun.irradiance), f64::from(sun.sky));
+        Self { direction: sun.direction(up), up: up.normalize_or(DVec3::Z), irradiance, sky }
+    }
+
+    /// Radiance of the sky, seen along `direction`.
+    pub(crate) fn sky_radiance(&self, direction: DVec3) -> f64 {
+        if direction.dot(self.up) > 0.0 { self.sky * FRAC_1_PI } else { 0.0 }
+    }
+}
+
+/// What lights a scene, and how far light is followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Illumination<'a> {
-    pub lights: &'a [SpotLight],
-    /// Instead of the lights: a lamp at the eye, or at the mirror point that sees a surface, whose share (0 to 1) of the picture
-    /// falls with the angle that a surface is seen at; at 0 surfaces show their own colours.
-    pub lamp: Option<f64>,
+    pub source: Source<'a>,
+    pub gloss: Gloss,
     /// Mirrors that a ray is followed over.
     pub bounces: u32,
     pub mirror: &'a MirrorSettings,
     /// What mirrors show where nothing is, linear.
     pub background: DVec3,
+    pub indirect: Indirect,
+}
+
+impl<'a> Illumination<'a> {
+    /// Direct light on diffuse surfaces, mirrors included, before black.
+    pub fn new(source: Source<'a>, mirror: &'a MirrorSettings) -> Self {
+        let indirect = Indirect { bounces: 0, samples: 0, seed: 0 };
+        Self { source, gloss: Gloss::NONE, bounces: 0, mirror, background: DVec3::ZERO, indirect }
+    }
+
+    /// The sky, if it shines.
+    pub(crate) fn sky(&self) -> Option<&Sunlight> {
+        match &self.source {
+            Source::Sun(sun) if sun.sky > 0.0 => Some(sun),
+            _ => None,
+        }
+    }
 }
 
 /// Linear red, green and blue of each pixel, row by row; none where nothing is seen. `progress` counts pixels. `None` when
@@ -36,42 +87,34 @@ pub fn picture(
     illumination: &Illumination,
     progress: &Progress,
 ) -> Option<Vec<Option<DVec3>>> {
-    in_parallel(rays.pixel_count(), progress, |pixel| {
+    in_parallel(rays.pixel_count(), illumination.indirect.batch(), progress, |pixel| {
         let ray = rays.ray(pixel);
-        geometry.nearest(&ray).map(|hit| radiance(geometry, &hit, ray.direction, illumination))
+        geometry.nearest(&ray).map(|hit| radiance(geometry, &hit, ray.direction, pixel, illumination))
     })
 }
 
-/// Light that a hit sends back along the ray that arrives in `direction`.
-pub fn radiance(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
-    let Illumination { bounces, mirror, .. } = *illumination;
-    if bounces == 0 || hit.specular_intensity <= 0.0 {
-        return diffuse(geometry, hit, direction, illumination);
+/// Light that a hit sends back along the ray that arrives in `direction`. `pixel` chooses the paths of its indirect light.
+pub fn radiance(
+    geometry: &impl Geometry,
+    hit: &Hit,
+    direction: DVec3,
+    pixel: usize,
+    illumination: &Illumination,
+) -> DVec3 {
+    let surface = Reflectance::new(hit, direction, illumination.bounces, illumination);
+    let own = direct(geometry, hit, direction, illumination) + indirect(geometry, hit, direction, pixel, illumination);
+    if surface.mirror == DVec3::ZERO {
+        return own;
     }
-    // Schlick 1994: all of it is reflected, without a tint, the flatter the ray.
-    let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0);
-    let grazing = f64::from(mirror.fresnel) * flatness.powi(5);
-    let share = hit.specular_intensity + (1.0 - hit.specular_intensity) * grazing;
-    let tint = DVec3::ONE.lerp(hit.albedo, f64::from(mirror.tint) * (1.0 - grazing));
     let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
-    let reflected = tint * reflected_light(geometry, &point, illumination);
-    let own = if share < 1.0 { diffuse(geometry, hit, direction, illumination) } else { DVec3::ZERO };
-    own.lerp(reflected, share)
-}
-
-/// Light of a hit's diffuse part, seen along `direction`.
-fn diffuse(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
-    match illumination.lamp {
-        None => direct(geometry, hit, illumination.lights),
-        Some(share) => hit.albedo * (1.0 - share + share * direction.dot(hit.normal).abs().min(1.0)),
-    }
+    own + surface.mirror * reflected_light(geometry, &point, pixel, illumination)
 }
 
 /// Light that reaches a mirror point along the reflected ray.
-fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, illumination: &Illumination) -> DVec3 {
+fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, pixel: usize, illumination: &Illumination) -> DVec3 {
     let seen = point.reflected().and_then(|ray| Some((geometry.nearest(&ray)?, ray.direction)));
     let beyond = Illumination { bounces: illumination.bounces.saturating_sub(1), ..*illumination };
-    seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, &beyond))
+    seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, &beyond))
 }
 
 /// What mirrors of specular intensity 1 show at these points, the first reflection included in `illumination.bounces`. `progress`
@@ -82,29 +125,54 @@ pub fn reflected_picture(
     illumination: &Illumination,
     progress: &Progress,
 ) -> Option<Vec<DVec3>> {
-    in_parallel(points.len(), progress, |index| reflected_light(geometry, &points[index], illumination))
+    in_parallel(points.len(), illumination.indirect.batch(), progress, |index| {
+        reflected_light(geometry, &points[index], index, illumination)
+    })
 }
 
-/// Light that the lights reach a hit's diffuse part with and that it sends out, whatever share of it is diffuse.
-pub fn direct(geometry: &impl Geometry, hit: &Hit, lights: &[SpotLight]) -> DVec3 {
-    let irradiance: DVec3 = lights
-        .iter()
-        .map(|light| {
-            let to_light = light.position - hit.position;
-            let distance = to_light.length();
-            let direction = to_light / distance;
-            let cosine = direction.dot(hit.normal);
-            let intensity = intensity(light, -direction);
-            // Written so that a light right on the surface (NaN) gives none.
-            let is_lit = cosine > 0.0 && intensity != DVec3::ZERO;
-            if is_lit && !geometry.is_blocked(&Ray::from_surface(hit.position, direction), distance) {
-                intensity * (cosine / (distance * distance))
-            } else {
-                DVec3::ZERO
-            }
-        })
-        .sum();
-    hit.albedo * irradiance * FRAC_1_PI
+/// Light of the lights, the sun or the lamp that a hit sends back along the ray that arrives in `direction`: by its diffuse part,
+/// of a mirror whose reflection is followed what that leaves of it, and its highlight.
+pub fn direct(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
+    let surface = Reflectance::new(hit, direction, illumination.bounces, illumination);
+    match illumination.source {
+        Source::Headlight(share) => surface.diffuse * (1.0 - share + share * direction.dot(hit.normal).abs().min(1.0)),
+        Source::Lights(_) | Source::Sun(_) => scattered(geometry, hit, &surface, illumination),
+    }
+}
+
+/// Light of the lights or the sun that a surface at `hit` sends to the eye that `surface` is seen by.
+pub(crate) fn scattered(
+    geometry: &impl Geometry,
+    hit: &Hit,
+    surface: &Reflectance,
+    illumination: &Illumination,
+) -> DVec3 {
+    if !surface.scatters() {
+        return DVec3::ZERO;
+    }
+    let shine = |to_light: DVec3, distance: f64, normal_irradiance: DVec3| {
+        let cosine = to_light.dot(hit.normal);
+        // Written so that a light right on the surface (NaN) gives none.
+        let is_lit = cosine > 0.0 && normal_irradiance != DVec3::ZERO;
+        if is_lit && !geometry.is_blocked(&Ray::from_surface(hit.position, to_light), distance) {
+            normal_irradiance * cosine * surface.scattering(to_light)
+        } else {
+            DVec3::ZERO
+        }
+    };
+    match illumination.source {
+        Source::Lights(lights) => {
+            let each = lights.iter().map(|light| {
+                let to_light = light.position - hit.position;
+                let distance = to_light.length();
+                let direction = to_light / distance;
+                shine(direction, distance, intensity(light, -direction) / (distance * distance))
+            });
+            each.sum()
+        }
+        Source::Sun(sun) => shine(sun.direction, f64::INFINITY, DVec3::splat(sun.irradiance)),
+        Source::Headlight(_) => DVec3::ZERO,
+    }
 }
 
 /// Radiant intensity of a spot light in a direction.
@@ -128,8 +196,8 @@ mod tests {
     use crate::exact::{Albedo, Object};
     use crate::{Exact, mirrored, primary};
     use cloud::sampling::{Placement, Surface};
-    use scene::ViewSettings;
     use scene::five_mirrors::{self, Variant};
+    use scene::{Highlight, ViewSettings};
 
     const ALBEDO: [f64; 3] = [0.8, 0.4, 0.2];
 
@@ -155,6 +223,12 @@ mod tests {
         (geometry.nearest(&Ray::from_eye(DVec3::new(0.5, 0.0, 1.0), direction)).unwrap(), direction)
     }
 
+    /// Of the diffuse part.
+    fn direct_of(geometry: &Exact, hit: &Hit, lights: &[SpotLight]) -> DVec3 {
+        let settings = MirrorSettings::default();
+        direct(geometry, hit, -hit.normal, &Illumination::new(Source::Lights(lights), &settings))
+    }
+
     #[test]
     fn direct_light_on_a_wall_is_that_of_the_closed_form() {
         let geometry = Exact::new(vec![wall(-5.0, 0.0, ALBEDO, 0.0)]);
@@ -165,7 +239,7 @@ mod tests {
             // E = I cos / (h / cos)^2.
             let irradiance = DVec3::new(10.0, 20.0, 30.0) * falloff * angle.cos().powi(3) / 4.0;
             let expected = DVec3::from(ALBEDO) * irradiance / std::f64::consts::PI;
-            let found = direct(&geometry, &hit, &[light()]);
+            let found = direct_of(&geometry, &hit, &[light()]);
             assert!(found.distance(expected) < 1e-12, "{degrees} degrees: {found} instead of {expected}");
         }
     }
@@ -176,11 +250,11 @@ mod tests {
         let geometry = Exact::new(vec![wall(-5.0, 0.0, ALBEDO, 0.0), wall(0.2, 1.5, ALBEDO, 0.0)]);
         let at = |x: f64| {
             let (hit, _) = seen_at(&geometry, x);
-            direct(&geometry, &hit, &[light()])
+            direct_of(&geometry, &hit, &[light()])
         };
         assert!(at(0.39).x > 0.0 && at(0.81).x == 0.0);
         let (hit, _) = seen_at(&geometry, 0.1);
-        assert_eq!(direct(&geometry, &Hit { normal: -hit.normal, ..hit }, &[light()]), DVec3::ZERO);
+        assert_eq!(direct_of(&geometry, &Hit { normal: -hit.normal, ..hit }, &[light()]), DVec3::ZERO);
     }
 
     #[test]
@@ -189,15 +263,15 @@ mod tests {
         let geometry = Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], 0.6), wall(-5.0, 3.0, ALBEDO, 0.0)]);
         let lights = [SpotLight { target: DVec3::Z * 3.0, ..light() }, light()];
         let (hit, direction) = seen_at(&geometry, 0.3);
-        let own = direct(&geometry, &hit, &lights);
+        let own = direct_of(&geometry, &hit, &lights);
         let wall = geometry.nearest(&Ray::from_surface(hit.position, mirrored(direction, DVec3::Z))).unwrap();
         assert!((wall.position.z - 3.0).abs() < 1e-12);
-        let reflected = direct(&geometry, &wall, &lights);
+        let reflected = direct_of(&geometry, &wall, &lights);
         assert!(own.x > 0.0 && reflected.x > 0.0);
         let seen = |bounces, tint, fresnel| {
             let mirror = &MirrorSettings { tint, fresnel, ..MirrorSettings::default() };
-            let illumination = Illumination { lights: &lights, lamp: None, bounces, mirror, background: DVec3::ONE };
-            radiance(&geometry, &hit, direction, &illumination)
+            let illumination = Illumination { bounces, ..Illumination::new(Source::Lights(&lights), mirror) };
+            radiance(&geometry, &hit, direction, 0, &illumination)
         };
         let grazing = (1.0 + direction.z).powi(5);
         let share = 0.6 + 0.4 * grazing;
@@ -222,9 +296,8 @@ mod tests {
         let (hit, direction) = seen_at(&geometry, 0.3);
         let seen = |lamp, bounces| {
             let mirror = &MirrorSettings::default();
-            let illumination =
-                Illumination { lights: &[light()], lamp: Some(lamp), bounces, mirror, background: DVec3::ONE };
-            radiance(&geometry, &hit, direction, &illumination)
+            let illumination = Illumination { bounces, ..Illumination::new(Source::Headlight(lamp), mirror) };
+            radiance(&geometry, &hit, direction, 0, &illumination)
         };
         let cosine = -direction.z;
         for (share, lit) in [(0.0, 1.0), (0.5, 0.5 + 0.5 * cosine), (1.0, cosine)] {
@@ -235,13 +308,66 @@ mod tests {
     }
 
     #[test]
+    fn a_sun_lights_what_faces_it_and_is_not_in_the_shade() {
+        // Shades x > 0.2 - 1.5 from straight above, shifted by the slope of the light.
+        let geometry = Exact::new(vec![wall(-5.0, 0.0, ALBEDO, 0.0), wall(0.2, 1.5, ALBEDO, 0.0)]);
+        let settings = MirrorSettings::default();
+        let sun = Sun { azimuth: 90.0, elevation: 60.0, irradiance: 3.0, sky: 5.0 };
+        let illumination = Illumination::new(Source::Sun(Sunlight::new(&sun, DVec3::Z)), &settings);
+        let at = |x: f64| {
+            let (hit, direction) = seen_at(&geometry, x);
+            direct(&geometry, &hit, direction, &illumination)
+        };
+        let expected = DVec3::from(ALBEDO) * 3.0 * 60.0_f64.to_radians().sin() / std::f64::consts::PI;
+        // The shadow's edge lies 1.5 / tan 60 degrees west of the edge that casts it.
+        let edge = 0.2 - 1.5 / 60.0_f64.to_radians().tan();
+        assert!(at(edge - 1e-6).distance(expected) < 1e-7, "{} {expected}", at(edge - 1e-6));
+        assert_eq!(at(edge + 1e-6), DVec3::ZERO);
+        let low = Sunlight::new(&Sun { elevation: 0.0, ..sun }, DVec3::Y);
+        assert!(low.direction.distance(DVec3::X) < 1e-7 && low.up == DVec3::Y);
+    }
+
+    #[test]
+    fn highlights_are_added_to_diffuse_light_and_to_reflections() {
+        let light = SpotLight { position: DVec3::new(-0.3, 0.0, 1.0), ..light() };
+        let wall_of = |specular_intensity| {
+            Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], specular_intensity).with_specular_power(40.0)])
+        };
+        let seen = |specular_intensity, tint, gloss, bounces| {
+            let geometry = wall_of(specular_intensity);
+            let (hit, direction) = seen_at(&geometry, 0.1);
+            let mirror = &MirrorSettings { tint, ..MirrorSettings::default() };
+            let gloss = Gloss { share: gloss, power: 40.0, shape: Highlight::Phong };
+            let lights = [light];
+            let illumination = Illumination { gloss, bounces, ..Illumination::new(Source::Lights(&lights), mirror) };
+            radiance(&geometry, &hit, direction, 0, &illumination)
+        };
+        let (at, to_light) = (DVec3::X * 0.1, light.position - DVec3::X * 0.1);
+        let to_eye = (DVec3::new(0.5, 0.0, 1.0) - at).normalize();
+        let irradiance = DVec3::new(10.0, 20.0, 30.0) * to_light.normalize().z / to_light.length_squared();
+        let cosine = (-mirrored(to_light.normalize(), DVec3::Z)).dot(to_eye);
+        let lobe = irradiance * 42.0 / std::f64::consts::TAU * cosine.powi(40);
+        let diffuse = irradiance * 0.5 / std::f64::consts::PI;
+        assert!(lobe.x > 0.5 * diffuse.x);
+        for (found, expected, what) in [
+            (seen(0.0, 0.0, 0.0, 1), diffuse, "no gloss"),
+            (seen(0.0, 0.0, 0.3, 1), 0.7 * diffuse + 0.3 * lobe, "gloss"),
+            (seen(0.0, 1.0, 0.3, 1), 0.7 * diffuse + 0.15 * lobe, "tinted gloss"),
+            (seen(0.6, 0.0, 0.3, 1), 0.4 * diffuse + 0.6 * lobe, "a mirror of nothing"),
+            (seen(0.6, 1.0, 0.3, 0), diffuse + 0.3 * lobe, "a mirror that is not followed, tinted"),
+        ] {
+            assert!(found.distance(expected) < 1e-12, "{what}: {found} instead of {expected}");
+        }
+    }
+
+    #[test]
     fn mirrors_show_the_background_where_nothing_is() {
         let geometry = Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], 1.0)]);
         let (hit, direction) = seen_at(&geometry, 0.3);
         let background = DVec3::new(0.1, 0.2, 0.3);
-        let illumination =
-            Illumination { lights: &[], lamp: None, bounces: 2, mirror: &MirrorSettings::default(), background };
-        assert_eq!(radiance(&geometry, &hit, direction, &illumination), background);
+        let settings = MirrorSettings::default();
+        let illumination = Illumination { bounces: 2, background, ..Illumination::new(Source::Lights(&[]), &settings) };
+        assert_eq!(radiance(&geometry, &hit, direction, 0, &illumination), background);
     }
 
     #[test]
@@ -250,15 +376,16 @@ mod tests {
         let geometry = Exact::five_mirrors(Variant::Torus);
         let settings = MirrorSettings::default();
         let lights = [five_mirrors::light()];
-        let illumination =
-            Illumination { lights: &lights, lamp: None, bounces: 3, mirror: &settings, background: DVec3::ZERO };
+        let illumination = Illumination { bounces: 3, ..Illumination::new(Source::Lights(&lights), &settings) };
         let none = Progress::default();
         let (colors, seen) = (picture(&geometry, &rays, &illumination, &none), primary(&geometry, &rays, &none));
         let (mut points, mut expected) = (Vec::new(), Vec::new());
         for (pixel, (color, hit)) in colors.unwrap().into_iter().zip(seen.unwrap()).enumerate() {
-            if let Some(Hit { position, normal, .. }) = hit.filter(|hit| hit.specular_intensity > 0.0) {
-                points.push(MirrorPoint { position, normal, incoming: rays.ray(pixel).direction });
-                expected.push(color.unwrap());
+            if let Some(hit) = hit.filter(|hit| hit.specular_intensity > 0.0) {
+                let incoming = rays.ray(pixel).direction;
+                points.push(MirrorPoint { position: hit.position, normal: hit.normal, incoming });
+                // The lamp's highlight lies on top.
+                expected.push(color.unwrap() - direct(&geometry, &hit, incoming, &illumination));
             }
         }
         let found = reflected_picture(&geometry, &points, &illumination, &none).unwrap();

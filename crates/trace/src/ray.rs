@@ -43,6 +43,8 @@ pub struct Hit {
     pub albedo: DVec3,
     /// Share of the light that is reflected; a mirror where it is above 0.
     pub specular_intensity: f64,
+    /// Exponent of the highlight that a mirror shows of lights; 0 for none, and where there is no mirror.
+    pub specular_power: f64,
     /// Running number of the chunk (`Surfels`) or of the object (`Exact`).
     pub surface: u32,
     /// Index of the point in its chunk (`Surfels`); 0 in `Exact`.

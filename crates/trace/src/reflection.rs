@@ -51,7 +51,7 @@ pub fn reflected(
     bounces: u32,
     progress: &Progress,
 ) -> Option<Vec<Reflection>> {
-    in_parallel(points.len(), progress, |index| {
+    in_parallel(points.len(), BATCH, progress, |index| {
         let Some(mut ray) = points[index].reflected() else {
             return Reflection { direction: DVec3::ZERO, first: None, last: None };
         };
@@ -71,26 +71,27 @@ pub fn reflected(
 
 /// What each pixel sees, row by row. `progress` counts pixels. `None` when cancelled.
 pub fn primary(geometry: &impl Geometry, rays: &PixelRays, progress: &Progress) -> Option<Vec<Option<Hit>>> {
-    in_parallel(rays.pixel_count(), progress, |pixel| geometry.nearest(&rays.ray(pixel)))
+    in_parallel(rays.pixel_count(), BATCH, progress, |pixel| geometry.nearest(&rays.ray(pixel)))
 }
 
-/// Items that are worked on between two looks at the wish to stop: some milliseconds of work.
-const BATCH: usize = 1024;
+/// Rays that are followed between two looks at the wish to stop: some milliseconds of work.
+pub(crate) const BATCH: usize = 1024;
 
-/// `work` of 0 .. count in order, on all cores.
+/// `work` of 0 .. count in order, on all cores, `batch` items between two looks at the wish to stop.
 pub(crate) fn in_parallel<T: Send>(
     count: usize,
+    batch: usize,
     progress: &Progress,
     work: impl Fn(usize) -> T + Sync,
 ) -> Option<Vec<T>> {
     progress.set_total(count as u64);
-    let batch = |first: usize| {
-        let items: Range<usize> = first * BATCH..((first + 1) * BATCH).min(count);
+    let some = |first: usize| {
+        let items: Range<usize> = first * batch..((first + 1) * batch).min(count);
         let results: Vec<T> = if progress.is_cancelled() { Vec::new() } else { items.clone().map(&work).collect() };
         progress.add(results.len() as u64);
         results
     };
-    let batches: Vec<Vec<T>> = (0..count.div_ceil(BATCH)).into_par_iter().map(batch).collect();
+    let batches: Vec<Vec<T>> = (0..count.div_ceil(batch)).into_par_iter().map(some).collect();
     let results: Vec<T> = batches.into_iter().flatten().collect();
     (results.len() == count).then_some(results)
 }
@@ -99,7 +100,7 @@ pub(crate) fn in_parallel<T: Send>(
 mod tests {
     use super::*;
     use crate::exact::{Albedo, Exact, Object};
-    use crate::{Illumination, Part, Surfels, picture};
+    use crate::{Illumination, Part, Source, Surfels, picture};
     use cloud::sampling::{Placement, Surface};
     use scene::five_mirrors::{Variant, camera, light, sample};
     use scene::{MirrorSettings, ViewSettings};
@@ -154,12 +155,11 @@ mod tests {
                     .iter()
                     .map(|part| {
                         let specular_intensity = part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity);
-                        Part { chunks: &part.chunks, specular_intensity, plain: [0.5; 3] }
+                        Part { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
                     })
                     .collect();
                 let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
-                let illumination =
-                    Illumination { lights: &lights, lamp: None, bounces: 2, mirror: &mirrors, background: DVec3::ZERO };
+                let illumination = Illumination { bounces: 2, ..Illumination::new(Source::Lights(&lights), &mirrors) };
                 picture(&surfels, &rays, &illumination, &Progress::default()).unwrap()
             })
         };
@@ -171,9 +171,9 @@ mod tests {
     #[test]
     fn work_that_is_cancelled_gives_nothing_and_other_work_is_counted() {
         let progress = Progress::default();
-        assert_eq!(in_parallel(5000, &progress, |index| index), Some((0..5000).collect()));
+        assert_eq!(in_parallel(5000, BATCH, &progress, |index| index), Some((0..5000).collect()));
         assert_eq!((progress.done(), progress.total()), (5000, 5000));
         progress.cancel();
-        assert_eq!(in_parallel(5000, &progress, |index| index), None);
+        assert_eq!(in_parallel(5000, BATCH, &progress, |index| index), None);
     }
 }

@@ -24,6 +24,8 @@ pub struct Part<'a> {
     pub chunks: &'a [Chunk],
     /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
     pub specular_intensity: f32,
+    /// Exponent of highlights, if it is a mirror; 0 for none.
+    pub specular_power: f32,
     /// Linear albedo of points without a colour.
     pub plain: [f32; 3],
 }
@@ -61,6 +63,7 @@ struct Surface {
     /// Radius of points whose own is not known, before `splat_size`.
     unknown_radius: f32,
     specular_intensity: f64,
+    specular_power: f64,
     plain: DVec3,
 }
 
@@ -105,6 +108,7 @@ impl Surfels {
                     first,
                     unknown_radius,
                     specular_intensity: f64::from(part.specular_intensity),
+                    specular_power: f64::from(part.specular_power),
                     plain: Vec3::from(part.plain).as_dvec3(),
                 });
                 first = end;
@@ -196,6 +200,7 @@ impl Surfels {
             normal: if normal.dot(ray.direction) > 0.0 { -normal } else { normal },
             albedo: albedo.unwrap_or(surface.plain),
             specular_intensity: surface.specular_intensity,
+            specular_power: surface.specular_power,
             surface: (next - 1) as u32,
             point,
         }
@@ -306,7 +311,7 @@ mod tests {
     }
 
     fn surfels(chunks: &[Chunk]) -> Surfels {
-        let part = Part { chunks, specular_intensity: 0.0, plain: [0.5; 3] };
+        let part = Part { chunks, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
         Surfels::new(&[part], 1.0, &Progress::default()).unwrap()
     }
 
@@ -407,13 +412,15 @@ mod tests {
             colors: Some(Arc::new(vec![[0, 0, 0, 255], [255, 188, 10, 255]])),
             ..chunk(DVec3::ZERO, &[(DVec3::X, Some(Vec3::Z)), (DVec3::X * 2.0, Some(Vec3::Z))], 0.1)
         };
-        let mirror = Part { chunks: &[colored], specular_intensity: 0.8, plain: [0.0; 3] };
-        let parts = [Part { chunks: &[plain], specular_intensity: 0.0, plain: [0.1, 0.2, 0.3] }, mirror];
+        let mirror = Part { chunks: &[colored], specular_intensity: 0.8, specular_power: 70.0, plain: [0.0; 3] };
+        let parts =
+            [Part { chunks: &[plain], specular_intensity: 0.0, specular_power: 0.0, plain: [0.1, 0.2, 0.3] }, mirror];
         let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
         let down = |x: f64| surfels.nearest(&Ray::from_eye(DVec3::new(x, 0.0, 1.0), -DVec3::Z)).unwrap();
         assert!(down(0.0).albedo.distance(DVec3::new(0.1, 0.2, 0.3)) < 1e-7);
         let hit = down(2.0);
-        assert_eq!((hit.surface, hit.point, hit.specular_intensity), (1, 1, f64::from(0.8_f32)));
+        assert_eq!((hit.surface, hit.point), (1, 1));
+        assert_eq!((hit.specular_intensity, hit.specular_power), (f64::from(0.8_f32), 70.0));
         // sRGB of one half is 187.5; 10 lies on the straight part of the curve.
         assert!(
             (hit.albedo - DVec3::new(1.0, 0.503, 10.0 / 255.0 / 12.92)).abs().max_element() < 1e-3,
