@@ -415,6 +415,7 @@ struct Tracer<'a> {
     origin: DVec3,
     rays: PixelRays,
     lights: Vec<SpotLight>,
+    sky_is_open: bool,
     /// The world's up axis.
     up: DVec3,
     settings: &'a Settings,
@@ -454,6 +455,7 @@ impl<'a> Tracer<'a> {
             origin,
             rays: PixelRays::new(&seen, &settings.view, size, reach),
             lights: lights.collect(),
+            sky_is_open: objects.sky_is_open,
             up: camera.up,
             settings,
         })
@@ -461,12 +463,15 @@ impl<'a> Tracer<'a> {
 
     fn illumination(&self) -> Illumination<'_> {
         let Settings { light, sun, gi, trace, mirror, reflection, view, .. } = self.settings;
-        let headlight = Source::Headlight(f64::from(light.headlight));
-        let source = match light.by {
-            Lighting::Auto if self.lights.is_empty() => headlight,
-            Lighting::Auto | Lighting::Lights => Source::Lights(&self.lights),
+        let by = match light.by {
+            Lighting::Auto if !self.lights.is_empty() => Lighting::Lights,
+            Lighting::Auto if self.sky_is_open => Lighting::Sun,
+            chosen => chosen,
+        };
+        let source = match by {
+            Lighting::Lights => Source::Lights(&self.lights),
             Lighting::Sun => Source::Sun(Sunlight::new(sun, self.up)),
-            Lighting::Headlight => headlight,
+            Lighting::Auto | Lighting::Headlight => Source::Headlight(f64::from(light.headlight)),
             Lighting::Colors => Source::Headlight(0.0),
         };
         let [red, green, blue, _] = view.background.bytes().map(linear_from_srgb);

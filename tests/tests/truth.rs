@@ -27,9 +27,10 @@ fn render<'a>(folder: &Folder, arguments: impl IntoIterator<Item = &'a str>) -> 
     Some(outcome)
 }
 
-/// The sphere with few points; `arguments` in words.
+/// The sphere with few points, in direct light; `arguments` in words.
 fn render_sphere(folder: &Folder, arguments: &str) -> Option<Outcome> {
-    render(folder, [SCENE, "--set", POINTS].into_iter().chain(arguments.split_whitespace()))
+    let scene = [SCENE, "--set", POINTS, "--set", "gi.bounces=0"];
+    render(folder, scene.into_iter().chain(arguments.split_whitespace()))
 }
 
 fn accuracy(folder: &Folder) -> Value {
@@ -170,6 +171,76 @@ fn a_reference_image_brings_the_figures_along() {
     assert_eq!(accuracy(&folder)["truth"], "same_input");
 }
 
+/// The box alone with few points; `arguments` in words.
+fn render_box(folder: &Folder, arguments: &str) -> Option<Outcome> {
+    render(folder, ["five-mirrors/none", "--set", POINTS].into_iter().chain(arguments.split_whitespace()))
+}
+
+/// Over the pixels that have any.
+fn mean(image: &[Vector]) -> f64 {
+    let values: Vec<f64> = image.iter().flatten().copied().filter(|value| value.is_finite()).collect();
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[test]
+fn reference_indirect_is_what_reference_color_has_beside_direct_light() {
+    let folder = Folder::new();
+    let images = "--set trace.samples=3 --aov reference_color=full.exr --aov reference_indirect=indirect.exr";
+    let Some(_) = render_box(&folder, images) else { return };
+    let Some(_) = render_box(&folder, "--set gi.bounces=0 --aov reference_color=direct.exr") else { return };
+    let [full, indirect, direct] = ["full.exr", "indirect.exr", "direct.exr"].map(|name| pixels(&folder, name));
+    let mut lit = 0;
+    for ((full, indirect), direct) in
+        full.iter().zip(&indirect).zip(&direct).filter(|(_, direct)| direct[0].is_finite())
+    {
+        let off = minus(minus(*full, *direct), *indirect);
+        assert!(dot(off, off).sqrt() < 1e-5, "{full:?} {direct:?} {indirect:?}");
+        lit += usize::from(indirect[0] > 0.0);
+    }
+    assert!(lit > 5000, "{lit}");
+    // The same seed gives the same paths, another one others.
+    let Some(_) = render_box(&folder, &format!("{images} --set trace.seed=2")) else { return };
+    assert!(pixels(&folder, "indirect.exr") != indirect);
+    let Some(_) = render_box(&folder, images) else { return };
+    // NaN differs from itself.
+    let bits = |image: &[Vector]| image.iter().flatten().map(|value| value.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&pixels(&folder, "indirect.exr")), bits(&indirect));
+}
+
+#[test]
+fn indirect_light_of_the_points_is_that_of_the_exact_box() {
+    let folder = Folder::new();
+    let traced = |words: &str| {
+        let image = "--set trace.samples=64 --aov reference_indirect=indirect.exr";
+        render_box(&folder, &format!("{image} {words}")).map(|_| pixels(&folder, "indirect.exr"))
+    };
+    let (Some(points), Some(exact)) = (traced(""), traced("--truth exact --stats a.json")) else { return };
+    let ratio = mean(&points) / mean(&exact);
+    assert!(mean(&exact) > 0.005 && (ratio - 1.0).abs() < 0.03, "{ratio}");
+    // Neither sun nor sky shines into a closed box; but some pixels' rays end on its very edges, in two walls at once.
+    let Some(sun) = traced("--set light.by=sun --truth exact --stats a.json") else { return };
+    assert!(mean(&sun) < 1e-3, "{}", mean(&sun));
+    assert!(median(sun.into_iter().flatten().collect()) == 0.0);
+    // A lamp at the eye has no indirect light.
+    for light in ["headlight", "colors"] {
+        let Some(image) = traced(&format!("--set light.by={light} --truth exact --stats a.json")) else { return };
+        assert_eq!(mean(&image), 0.0, "{light}");
+    }
+}
+
+#[test]
+fn light_of_formulas_in_other_colours_is_refused() {
+    let folder = Folder::new();
+    let words =
+        ["--set", "color.by=height", "--aov", "reference_indirect=a.exr", "--truth", "exact", "--stats", "a.json"];
+    let outcome = folder.glint(["render", SCENE, "-o", "a.png"].into_iter().chain(words));
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    for word in ["--truth exact", "reference_indirect", "color.by", "height", "same_input"] {
+        assert!(outcome.messages.contains(word), "`{word}` is not mentioned: {outcome}");
+    }
+    assert_eq!(outcome.messages.trim().lines().count(), 2, "{outcome}");
+}
+
 #[test]
 fn the_exact_truth_of_a_file_is_refused() {
     let folder = Folder::new();
@@ -272,7 +343,8 @@ fn far_from_the_origin_the_truth_is_as_fine() {
          [[mirrors]]\nshape = \"sphere\"\nposition = [500005, 5000005, 102]\nsize = 2\n",
     );
     for method in ["ray_trace", "surfel_trace"] {
-        let words = ["scene.toml", "--method", method, "--truth", "same_input", "--stats", "stats.json"];
+        let mut words = vec!["scene.toml", "--method", method, "--truth", "same_input", "--stats", "stats.json"];
+        words.extend(["--set", "light.by=headlight"]);
         let Some(_) = render(&folder, words) else { return };
         let found = accuracy(&folder);
         // A quarter of the sphere sees the ground.

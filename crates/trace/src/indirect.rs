@@ -410,6 +410,38 @@ mod tests {
     }
 
     #[test]
+    fn discs_send_the_indirect_light_of_the_surfaces_they_stand_for() {
+        let (settings, lights) = (MirrorSettings::default(), [light()]);
+        let rays = PixelRays::new(&camera(), &ViewSettings::default(), [48, 36], 0.0);
+        let exact = Exact::five_mirrors(Variant::None);
+        let parts = sample(Variant::None, 200_000, 1);
+        let parts: Vec<Part> = parts
+            .iter()
+            .map(|part| Part { chunks: &part.chunks, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] })
+            .collect();
+        let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
+        let illumination = Illumination {
+            indirect: Indirect { bounces: 1, samples: 256, seed: 1 },
+            ..Illumination::new(Source::Lights(&lights), &settings)
+        };
+        let seen = |hits: Vec<Option<Hit>>| -> Vec<Option<(Hit, DVec3)>> {
+            hits.into_iter().enumerate().map(|(pixel, hit)| Some((hit?, rays.ray(pixel).direction))).collect()
+        };
+        let none = Progress::default();
+        let [a, b] = [
+            indirect_picture(&exact, &seen(primary(&exact, &rays, &none).unwrap()), &illumination, &none).unwrap(),
+            indirect_picture(&surfels, &seen(primary(&surfels, &rays, &none).unwrap()), &illumination, &none).unwrap(),
+        ];
+        let mean = |light: &[Option<DVec3>]| light.iter().flatten().sum::<DVec3>() / light.len() as f64;
+        let squares = a.iter().zip(&b).map(|(a, b)| (a.unwrap() - b.unwrap()).length_squared()).sum::<f64>();
+        let rmse = (squares / a.len() as f64 / 3.0).sqrt() / (mean(&a).element_sum() / 3.0);
+        let ratio = mean(&b) / mean(&a);
+        assert!((ratio - DVec3::ONE).abs().max_element() < 0.02, "{ratio}");
+        // 0.08 of it is noise.
+        assert!(rmse < 0.15, "{rmse}");
+    }
+
+    #[test]
     fn what_has_no_normal_or_stands_on_a_lamp_gets_no_light_and_no_nan() {
         let (geometry, settings) = (Exact::five_mirrors(Variant::None), MirrorSettings::default());
         let lights = [lamp(DVec3::new(0.0, -1.0, 0.0), DVec3::ZERO, 80.0)];
