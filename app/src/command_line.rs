@@ -81,7 +81,7 @@ pub struct RenderArguments {
     /// Reflections that are followed, one after the other. Short for --set reflection.bounces=N
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
-    /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, color, mirror_position,
+    /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, indirect, color, mirror_position,
     /// mirror_albedo, mirror_normal, specular_intensity, specular_power, regions, curvature; reference_position,
     /// reference_color and reference_indirect are traced on the CPU
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = parse_pair)]

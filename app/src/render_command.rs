@@ -159,9 +159,6 @@ fn check_is_made(aov: Aov, settings: &Settings, asked: &Asked) -> anyhow::Result
     }
 }
 
-/// AOVs of INTERFACE that belong to parts of the program this version does not have.
-const LATER_AOVS: [&str; 1] = ["indirect"];
-
 /// Images of `--aov`, and where they go: the renderer's, and those of the truth.
 type Images = (Vec<(Aov, PathBuf)>, Vec<(Reference, PathBuf)>);
 
@@ -174,10 +171,9 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
         let aov = Aov::ALL.into_iter().find(|aov| aov.name() == name);
         let reference = Reference::ALL.into_iter().find(|reference| reference.name() == name);
         if aov.is_none() && reference.is_none() {
-            let problem = if LATER_AOVS.contains(&name.as_str()) { "is not in this version yet" } else { "is unknown" };
             let names = Aov::ALL.map(Aov::name).into_iter().chain(Reference::ALL.map(Reference::name));
             let available = names.collect::<Vec<_>>().join(", ");
-            return Err(usage(format!("--aov: `{name}` {problem}; available: {available}")));
+            return Err(usage(format!("--aov: `{name}` is unknown; available: {available}")));
         }
         let path = PathBuf::from(path);
         needs_extension(&path, "exr")?;
@@ -600,7 +596,6 @@ mod tests {
         assert!(refusal(&[&[scene, "-o", "a.png", "--method", "none"][..], &blind].concat()).contains("--method"));
         assert!(refusal(&[scene, "-o", "a.png", "--aov", "regions=b.exr"]).contains("--method sscr"));
         assert!(refusal(&[scene, "-o", "a.jpg"]).contains(".png"));
-        assert!(refusal(&[scene, "-o", "a.png", "--aov", "indirect=b.exr"]).contains("not in this version yet"));
         let exact = ["--truth", "exact", "--stats", "b.json"];
         let two = refusal(&[&[scene, "five-mirrors/torus", "-o", "a.png"], &exact[..]].concat());
         assert!(two.contains("--truth exact") && two.contains("five-mirrors/sphere, five-mirrors/torus"), "{two}");

@@ -297,9 +297,8 @@ pub fn trace(asked: &Asked, picture: &Picture, renderer: &mut Renderer) -> anyho
             let colors = color.data.as_chunks::<3>().0;
             accuracy.image = Some(image_error(picture.size[0] as usize, &mirror, colors, &reference.color));
         }
-        let drawn = Aov::ALL.into_iter().find(|aov| aov.name() == "indirect");
-        if let (Some(drawn), true) = (drawn, asked.asks_for(Reference::Indirect)) {
-            let drawn = renderer.read_aov(drawn)?.data;
+        if asked.asks_for(Reference::Indirect) {
+            let drawn = renderer.read_aov(Aov::Indirect)?.data;
             let is_drawn: Vec<bool> = frame.position.as_chunks::<3>().0.iter().map(|at| at[0].is_finite()).collect();
             accuracy.indirect = Some(light_error(&is_drawn, drawn.as_chunks::<3>().0, &reference.indirect));
         }
