@@ -60,7 +60,7 @@ fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> impl Iterator<
     })
 }
 
-/// The finite ones of a sample of world positions.
+/// The finite ones of up to 100 thousand world positions, spread evenly over the points; always the same ones.
 pub fn spread_sample(chunks: &[Chunk]) -> impl Iterator<Item = DVec3> {
     spread_indices(chunks.iter()).map(|(chunk, index)| chunk.position(index)).filter(|position| position.is_finite())
 }

@@ -7,6 +7,7 @@ mod light;
 mod mirror;
 mod mirror_points;
 mod settings;
+mod surroundings;
 
 pub use camera::{Camera, Projection, StandardView};
 pub use file::{Error, SceneFile, View};
@@ -18,3 +19,4 @@ pub use settings::{
     MirrorSettings, MirrorSurface, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat,
     Sscr, Stop, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
 };
+pub use surroundings::Surroundings;

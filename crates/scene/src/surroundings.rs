@@ -1,0 +1,370 @@
+//! Whether a scan has the open sky above it or is a closed room, by the places of its points alone, and a lamp for the room:
+//! light for scans that bring none.
+
+use std::collections::HashMap;
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use crate::SpotLight;
+
+/// What is around the one who looks at a scan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Surroundings {
+    /// Nothing hangs over it: a landscape, a street, a forest, an object on a table.
+    OpenSky,
+    /// A ceiling hangs over its floor, and this lamp under the ceiling.
+    Room(SpotLight),
+}
+
+/// Cells along the longer side of the ground plan: a cell of a room is then about as wide as a cupboard.
+const CELLS: f64 = 32.0;
+/// Points that a cell has on average in small clouds, which get larger cells.
+const POINTS_PER_CELL: f64 = 40.0;
+/// Points that a column needs for its layers to be told apart.
+const FEWEST: usize = 12;
+/// Share of the points that may be stray on either side of an axis.
+const STRAY: f64 = 0.01;
+
+/// Free heights that people build: in metres from a crawl space to a hall, in feet a cupboard to a living room.
+const BUILT: std::ops::RangeInclusive<f64> = 1.8..=12.0;
+
+/// Radiance that a lamp's floor is to have where it reflects half of the light: less than half of the screen's white.
+const FLOOR_RADIANCE: f64 = 0.4;
+const FLOOR_ALBEDO: f64 = 0.5;
+/// Half angles of a lamp's cone, degrees: the lower walls up to the height of the eye are lit, the ceiling is not.
+const LAMP_DEGREES: (f32, f32) = (70.0, 78.0);
+
+impl Surroundings {
+    /// Judges by columns over a grid of the ground plan. A column is covered if the largest gap between its points is a sixth
+    /// of the cloud's height, wider than two cells, and closed by a thin layer above it; it is open if its points stay low;
+    /// walls, trunks and tree crowns, which fill their columns, say nothing. A room has covered columns, and more than twice
+    /// as many as open ones. So has the hull of an object, from below and above: of a room, most gaps are equally high, or
+    /// as high as people build in metres or feet. The hull of a box of lids is taken for a room.
+    ///
+    /// `positions` are world coordinates spread evenly over the points, in any order; 100 thousand take 20 ms. `up` is the
+    /// axis that points up.
+    pub fn of(positions: impl Iterator<Item = DVec3>, up: DVec3) -> Self {
+        let frame = Frame::new(up);
+        let points: Vec<DVec3> = positions.map(|position| frame.local(position)).collect();
+        Plan::new(&points).and_then(|plan| plan.lamp()).map_or(Self::OpenSky, |lamp| Self::Room(lamp.in_world(&frame)))
+    }
+}
+
+/// Two horizontal axes and the vertical one.
+struct Frame([DVec3; 3]);
+
+impl Frame {
+    fn new(up: DVec3) -> Self {
+        let up = up.normalize_or(DVec3::Z);
+        let (right, forward) = up.any_orthonormal_pair();
+        Self([right, forward, up])
+    }
+
+    fn local(&self, world: DVec3) -> DVec3 {
+        DVec3::from(self.0.map(|axis| axis.dot(world)))
+    }
+
+    fn world(&self, local: DVec3) -> DVec3 {
+        self.0[0] * local.x + self.0[1] * local.y + self.0[2] * local.z
+    }
+}
+
+/// A column with a gap that a ceiling closes: heights of either side of the gap.
+#[derive(Clone, Copy, Debug)]
+struct Gap {
+    floor: f64,
+    ceiling: f64,
+}
+
+impl Gap {
+    fn height(&self) -> f64 {
+        self.ceiling - self.floor
+    }
+}
+
+enum Column {
+    Covered(Gap),
+    Filled,
+    Open,
+}
+
+/// The ground plan of a cloud.
+struct Plan {
+    /// Low corner of cell (0, 0).
+    corner: DVec3,
+    edge: f64,
+    covered: HashMap<(i32, i32), Gap>,
+    open: usize,
+    /// Columns of all kinds.
+    occupied: usize,
+}
+
+impl Plan {
+    /// `None` for clouds of next to no points or without extent. Coordinates are of a `Frame`, as below.
+    fn new(points: &[DVec3]) -> Option<Self> {
+        let range = |axis: usize| {
+            let mut values: Vec<f64> =
+                points.iter().map(|point| point[axis]).filter(|value| value.is_finite()).collect();
+            let stray = (values.len() as f64 * STRAY) as usize;
+            let last = values.len().checked_sub(1 + stray)?;
+            let low = *values.select_nth_unstable_by(stray, f64::total_cmp).1;
+            Some((low, *values.select_nth_unstable_by(last, f64::total_cmp).1))
+        };
+        let (x, y, height) = (range(0)?, range(1)?, range(2)?);
+        let height = height.1 - height.0;
+        let cells = (points.len() as f64 / POINTS_PER_CELL).sqrt().clamp(4.0, CELLS);
+        let edge = (x.1 - x.0).max(y.1 - y.0) / cells;
+        if !(edge > 0.0 && height > 0.0) {
+            return None;
+        }
+        let corner = DVec3::new(x.0, y.0, 0.0);
+        let mut columns: HashMap<(i32, i32), Vec<f64>> = HashMap::new();
+        for point in points.iter().filter(|p| (x.0..=x.1).contains(&p.x) && (y.0..=y.1).contains(&p.y)) {
+            let cell = ((*point - corner) / edge).floor();
+            columns.entry((cell.x as i32, cell.y as i32)).or_default().push(point.z);
+        }
+        let mut plan = Self { corner, edge, covered: HashMap::new(), open: 0, occupied: 0 };
+        for (cell, mut heights) in columns.into_iter().filter(|(_, heights)| heights.len() >= FEWEST) {
+            heights.sort_unstable_by(f64::total_cmp);
+            plan.occupied += 1;
+            match column(&heights, height, edge) {
+                Column::Covered(gap) => drop(plan.covered.insert(cell, gap)),
+                Column::Filled => {}
+                Column::Open => plan.open += 1,
+            }
+        }
+        Some(plan)
+    }
+
+    fn is_room(&self) -> bool {
+        let count = self.covered.len();
+        // Most of a narrow corridor may be walls.
+        if count <= 2 * self.open || 3 * count <= self.occupied {
+            return false;
+        }
+        let mut heights: Vec<f64> = self.covered.values().map(Gap::height).collect();
+        heights.sort_unstable_by(f64::total_cmp);
+        // A sphere has a third of its gaps within a fifth of one another, rooms nine tenths.
+        let within = |low: &f64| heights.partition_point(|height| *height <= low * 1.2);
+        let alike = heights.iter().enumerate().map(|(index, low)| within(low) - index).max().unwrap_or(0);
+        5 * alike > 3 * count || BUILT.contains(&heights[count / 2])
+    }
+
+    fn lamp(&self) -> Option<Lamp> {
+        if !self.is_room() {
+            return None;
+        }
+        // The middle of the largest room is where most columns around are covered; of several such the middle one.
+        let reach = (CELLS / 8.0) as i32;
+        let around = |(x, y): (i32, i32)| {
+            let row = move |dy: i32| (-reach..=reach).map(move |dx| (x + dx, y + dy));
+            (-reach..=reach).flat_map(row).filter_map(|cell| self.covered.get(&cell))
+        };
+        let most = self.covered.keys().map(|cell| around(*cell).count()).max()?;
+        // Nearly as many are as good: the middle of those is no accident of a few points.
+        let best: Vec<(i32, i32)> =
+            self.covered.keys().copied().filter(|cell| 20 * around(*cell).count() >= 19 * most).collect();
+        let center = |(x, y): (i32, i32)| DVec3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, 0.0);
+        let middle = best.iter().map(|cell| center(*cell)).sum::<DVec3>() / best.len() as f64;
+        let off = |cell: (i32, i32)| (center(cell).distance_squared(middle), cell);
+        let cell =
+            best.into_iter().min_by(|a, b| off(*a).partial_cmp(&off(*b)).unwrap_or(std::cmp::Ordering::Equal))?;
+        let median = |value: fn(&Gap) -> f64| {
+            let mut values: Vec<f64> = around(cell).map(value).collect();
+            values.sort_unstable_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        let floor = median(|gap| gap.floor);
+        let ceiling = median(|gap| gap.ceiling).min(self.covered[&cell].ceiling);
+        // One lamp serves no more than twice its height around.
+        let width = (self.covered.len() as f64 / PI).sqrt() * self.edge;
+        let place = self.corner + center(cell) * self.edge;
+        let height = ceiling - floor;
+        (height > 0.0).then(|| Lamp { place, floor, height, radius: width.min(2.0 * height) })
+    }
+}
+
+/// What of a lamp is known in a `Frame`.
+struct Lamp {
+    place: DVec3,
+    floor: f64,
+    /// From floor to ceiling.
+    height: f64,
+    /// Of the floor it is to light.
+    radius: f64,
+}
+
+impl Lamp {
+    fn in_world(&self, frame: &Frame) -> SpotLight {
+        let at = |height: f64| frame.world(self.place.with_z(self.floor + height));
+        // Under the ceiling, and beams.
+        let hangs = 0.9 * self.height;
+        SpotLight {
+            position: at(hangs),
+            target: at(0.0),
+            intensity: [intensity(hangs, self.radius) as f32; 3],
+            inner_degrees: LAMP_DEGREES.0,
+            outer_degrees: LAMP_DEGREES.1,
+        }
+    }
+}
+
+/// The radiant intensity of a lamp at `height` above a floor that gives a disc of it, `radius` wide, `FLOOR_RADIANCE` in the
+/// mean. Irradiance of the floor is I h / (h^2 + r^2)^(3/2), its mean over the disc 2 I (1 - h / sqrt(h^2 + r^2)) / r^2.
+fn intensity(height: f64, radius: f64) -> f64 {
+    let mean = 2.0 * (1.0 - height / height.hypot(radius)) / (radius * radius);
+    FLOOR_RADIANCE * PI / FLOOR_ALBEDO / mean
+}
+
+/// What a column is; its points' heights in rising order, the whole cloud's height, and the width of a cell.
+fn column(heights: &[f64], whole: f64, edge: f64) -> Column {
+    let count = heights.len();
+    // Some points may float in the gap, and either side of it is more than noise.
+    let (floating, side) = ((count / 25).max(1), count / 12);
+    let gap = |low: &usize| heights[low + floating] - heights[*low];
+    let widest = (side..count - side - floating).max_by(|a, b| gap(a).total_cmp(&gap(b)));
+    if let Some(low) = widest {
+        let above = &heights[low + floating..];
+        let layer = above[above.len() * 3 / 4] - above[above.len() / 4];
+        let width = gap(&low);
+        if width > (whole / 6.0).max(2.0 * edge) && layer < 0.2 * width {
+            return Column::Covered(Gap { floor: heights[low], ceiling: heights[low + floating] });
+        }
+    }
+    let is_filled = heights[count - 1 - count / 20] - heights[count / 20] > whole / 4.0;
+    if is_filled { Column::Filled } else { Column::Open }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The same numbers every time, evenly in 0 to 1.
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> f64 {
+            // Multiplier and increment of MMIX (Knuth).
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+        }
+
+        fn in_box(&mut self, low: [f64; 3], high: [f64; 3]) -> DVec3 {
+            let (low, high) = (DVec3::from(low), DVec3::from(high));
+            low + (high - low) * DVec3::new(self.next(), self.next(), self.next())
+        }
+    }
+
+    /// A room of 8 by 5 by 3 metres at coordinates of seven digits, with noise, tables of 0.7 metres and cupboards.
+    fn room() -> Vec<DVec3> {
+        let mut random = Random(1);
+        let mut points = Vec::new();
+        for _ in 0..20_000 {
+            points.push(random.in_box([0.0, 0.0, -0.01], [8.0, 5.0, 0.01]));
+            points.push(random.in_box([0.0, 0.0, 2.99], [8.0, 5.0, 3.01]));
+        }
+        for _ in 0..10_000 {
+            points.push(random.in_box([0.0, 0.0, 0.0], [8.0, 0.01, 3.0]));
+            points.push(random.in_box([0.0, 0.0, 0.0], [0.01, 5.0, 3.0]));
+            points.push(random.in_box([1.0, 1.0, 0.69], [3.0, 2.0, 0.71]));
+            points.push(random.in_box([6.0, 4.4, 0.0], [7.0, 5.0, 2.0]));
+        }
+        points.into_iter().map(|point| point + DVec3::new(2_635_000.0, 1_248_000.0, 410.0)).collect()
+    }
+
+    fn lamp(points: &[DVec3], up: DVec3) -> SpotLight {
+        match Surroundings::of(points.iter().copied(), up) {
+            Surroundings::Room(lamp) => lamp,
+            Surroundings::OpenSky => panic!("a room has no sky"),
+        }
+    }
+
+    fn is_open(points: &[DVec3]) -> bool {
+        Surroundings::of(points.iter().copied(), DVec3::Z) == Surroundings::OpenSky
+    }
+
+    #[test]
+    fn a_room_gets_a_lamp_under_its_ceiling_that_shines_down_in_its_middle() {
+        let lamp = lamp(&room(), DVec3::Z);
+        assert_eq!(lamp.problem(), None);
+        let at = lamp.position - DVec3::new(2_635_000.0, 1_248_000.0, 410.0);
+        assert!((2.0..6.0).contains(&at.x) && (1.0..4.0).contains(&at.y) && (2.5..2.9).contains(&at.z), "{at}");
+        let axis = (lamp.target - lamp.position).normalize();
+        assert!(axis.distance(-DVec3::Z) < 1e-9, "{axis}");
+    }
+
+    #[test]
+    fn what_points_up_may_be_any_axis() {
+        let turned: Vec<DVec3> = room().into_iter().map(|point| DVec3::new(point.x, point.z, -point.y)).collect();
+        let (lamp, upright) = (lamp(&turned, DVec3::Y), lamp(&room(), DVec3::Z));
+        assert!((lamp.position.y - upright.position.z).abs() < 0.05);
+        assert!((lamp.target - lamp.position).normalize().distance(-DVec3::Y) < 1e-9);
+    }
+
+    #[test]
+    fn a_lamp_gives_its_floor_the_radiance_it_is_meant_to() {
+        let mut random = Random(5);
+        for (height, radius) in [(2.7, 0.5), (2.7, 5.4), (50.0, 40.0)] {
+            let intensity = intensity(height, radius);
+            let samples = 100_000;
+            let irradiance = (0..samples).map(|_| {
+                let squared = height * height + radius * radius * random.next();
+                intensity * height / squared.powf(1.5)
+            });
+            let radiance = irradiance.sum::<f64>() / f64::from(samples) * FLOOR_ALBEDO / PI;
+            assert!((radiance / FLOOR_RADIANCE - 1.0).abs() < 0.02, "{height} {radius}: {radiance}");
+        }
+    }
+
+    #[test]
+    fn hills_with_houses_lie_under_the_sky() {
+        let mut random = Random(2);
+        let mut points = Vec::new();
+        for _ in 0..60_000 {
+            let mut point = random.in_box([0.0; 3], [500.0, 400.0, 0.3]);
+            point.z += 20.0 * (point.x / 90.0).sin() * (point.y / 70.0).cos();
+            // A roof is all that is seen of a house from the air.
+            point.z += if point.x % 60.0 < 15.0 && point.y % 60.0 < 15.0 { 8.0 } else { 0.0 };
+            points.push(point);
+        }
+        assert!(is_open(&points));
+    }
+
+    #[test]
+    fn a_forest_is_no_room_though_crowns_hang_over_its_floor() {
+        let mut random = Random(3);
+        let mut points: Vec<DVec3> = (0..30_000).map(|_| random.in_box([0.0; 3], [20.0, 20.0, 0.2])).collect();
+        for tree in 0..40 {
+            let foot = random.in_box([0.0; 3], [20.0, 20.0, 0.0]);
+            for _ in 0..1_500 {
+                let offset = random.in_box([-2.5, -2.5, 6.0], [2.5, 2.5, 12.0 + f64::from(tree % 5)]);
+                points.push(foot + offset);
+            }
+            points.extend((0..100).map(|_| foot + random.in_box([-0.15, -0.15, 0.0], [0.15, 0.15, 8.0])));
+        }
+        assert!(is_open(&points));
+    }
+
+    #[test]
+    fn the_hull_of_an_object_is_no_room() {
+        let mut random = Random(4);
+        for radius in [0.1, 60.0] {
+            let ball: Vec<DVec3> = (0..50_000)
+                .map(|_| random.in_box([-1.0; 3], [1.0; 3]).normalize_or(DVec3::Z) * DVec3::new(1.0, 0.7, 1.3) * radius)
+                .collect();
+            assert!(is_open(&ball), "{radius}");
+        }
+    }
+
+    #[test]
+    fn next_to_nothing_lies_under_the_sky() {
+        assert!(is_open(&[]));
+        assert!(is_open(&[DVec3::ONE]));
+        assert!(is_open(&vec![DVec3::ONE; 1000]));
+        let mut random = Random(6);
+        let level: Vec<DVec3> = (0..20_000).map(|_| random.in_box([0.0; 3], [2.0, 2.0, 0.03])).collect();
+        assert!(is_open(&level), "noise is no ceiling");
+        assert!(is_open(&[DVec3::NAN, DVec3::ZERO, DVec3::ONE]));
+    }
+}
