@@ -59,7 +59,7 @@ pub struct Request {
     /// Of scene files; built-in scenes bring theirs when they are loaded.
     pub mirrors: Vec<Mirror>,
     pub mirror_points: Vec<MirrorPoints>,
-    /// Of scene files and built-in scenes.
+    /// Of scene files.
     pub lights: Vec<SpotLight>,
     pub warnings: Vec<String>,
 }
@@ -74,6 +74,12 @@ impl Request {
             .filter_map(|input| if let Input::Unknown { error, .. } = input { Some(error.as_str()) } else { None })
             .collect();
         if errors.is_empty() || errors.len() < self.inputs.len() { Ok(()) } else { Err(usage(errors.join("\n"))) }
+    }
+
+    /// The light that a built-in scene brings; lights of scene files take its place.
+    pub fn built_in_light(&self) -> Option<SpotLight> {
+        let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
+        (self.lights.is_empty() && self.inputs.iter().any(is_built_in)).then(five_mirrors::light)
     }
 
     /// Takes in the mirrors and lights of a scene file or a view.
@@ -122,9 +128,6 @@ pub fn resolve(words: &[String]) -> Request {
     }
     files.iter().for_each(|file| request.furnish(file));
     let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
-    if request.inputs.iter().any(is_built_in) {
-        request.lights.push(five_mirrors::light());
-    }
     let built_in_alone = !request.inputs.is_empty() && request.inputs.iter().all(is_built_in);
     if built_in_alone {
         let camera = five_mirrors::camera();
@@ -529,14 +532,20 @@ mod tests {
     }
 
     #[test]
-    fn mirrors_of_a_scene_file_take_the_place_of_a_built_in_scenes_own() {
+    fn mirrors_and_lights_of_a_scene_file_take_the_place_of_a_built_in_scenes_own() {
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("scene.toml");
         let text = "clouds = [\"five-mirrors/all\"]\n[[mirrors]]\nname = \"torus\"\nshape = \"sphere\"\n\
                     position = [0, 0, 0]\nsize = 0.2\n";
         std::fs::write(&scene, text).unwrap();
         let request = resolve(&words(&[scene.to_str().unwrap()]));
-        assert_eq!((request.mirrors.len(), request.lights.len()), (1, 1));
+        assert_eq!((request.mirrors.len(), request.lights.len()), (1, 0));
+        assert_eq!(request.built_in_light(), Some(five_mirrors::light()));
+        let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
+                     inner_degrees = 20\nouter_degrees = 30\n";
+        std::fs::write(&scene, format!("{text}{light}")).unwrap();
+        let lit = resolve(&words(&[scene.to_str().unwrap()]));
+        assert_eq!((lit.lights.len(), lit.built_in_light()), (1, None));
         let mut settings = Settings::default();
         settings.scene.points = 10_000;
         let job = start(request.inputs, &settings);

@@ -14,7 +14,9 @@ use cloud::{Chunk, Cloud, Progress};
 use glam::DVec3;
 use param::Choice as _;
 use render::{Aov, ColorPlan, FrameStats, Gpu, Objects, PointStore, Renderer};
-use scene::{Camera, Method, Mirror, MirrorPoints, SceneFile, Settings, StandardView};
+use scene::{
+    Camera, Lighting, Method, Mirror, MirrorPoints, SceneFile, Settings, SpotLight, StandardView, Surroundings,
+};
 use serde::Serialize;
 
 use crate::command_line::RenderArguments;
@@ -58,6 +60,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
 
+    request.lights.extend(request.built_in_light());
     let Loads { mut clouds, mirrors: mut placed, failures } = load(std::mem::take(&mut request.inputs), &settings)?;
     if clouds.is_empty() && failures > 0 {
         // All that is to be said has been said.
@@ -71,6 +74,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         return Err(usage(format!("{}: no points to show", arguments.inputs.join(", "))));
     };
     let camera = viewpoint.camera(&outline, up, &settings, arguments.size);
+    let sky_is_open = find_light(&clouds, up, camera.eye, &settings, &mut request.lights);
     let mut store = PointStore::new(gpu.clone());
     store.reserve(clouds.iter().map(|loaded| loaded.cloud.len()).sum());
     let mut parts = Vec::new();
@@ -89,7 +93,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         parts.push(truth::Part::of_mirror(mirror, samples));
     }
     let placed: Vec<Mirror> = placed.into_iter().map(|(mirror, _)| mirror).collect();
-    let objects = Objects { mirrors: &placed, lights: &request.lights, ..Objects::default() };
+    let objects = Objects { mirrors: &placed, lights: &request.lights, sky_is_open };
 
     let mut renderer = Renderer::new(gpu.clone())?;
     let mut draw = || {
@@ -129,6 +133,23 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(if failures > 0 { 2 } else { 0 })
+}
+
+/// Whether the sky is open above the points, as far as that matters for their light. A room without a light gets a lamp, which
+/// of itself shines only while the eye is in the room.
+fn find_light(clouds: &[Loaded], up: DVec3, eye: DVec3, settings: &Settings, lights: &mut Vec<SpotLight>) -> bool {
+    let is_auto = settings.light.by == Lighting::Auto;
+    if !lights.is_empty() || !(is_auto || settings.light.by == Lighting::Lights) {
+        return false;
+    }
+    let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
+    match Surroundings::of(cloud::spread_sample(&chunks), up) {
+        Surroundings::OpenSky => true,
+        Surroundings::Room(room) => {
+            lights.extend((!is_auto || room.inside.contains(eye)).then_some(room.lamp));
+            false
+        }
+    }
 }
 
 fn method(name: &str) -> anyhow::Result<Method> {
@@ -642,6 +663,62 @@ mod tests {
         assert_eq!((settings.splat.size, settings.edl.strength), (4.0, 2.0));
         let seen = viewpoint.camera(&[], DVec3::Z, &settings, [8, 8]);
         assert!(seen.eye.distance(camera.eye) < 1e-12);
+    }
+
+    /// `None`, with a note, where the real files are not.
+    fn real(name: &str) -> Option<Loaded> {
+        let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+        let folder = std::env::var_os("GLINT_TEST_DATA").map_or(beside, PathBuf::from);
+        if !folder.is_dir() {
+            eprintln!("skipped: no folder {}", folder.display());
+            return None;
+        }
+        let input = Input::File(folder.join(name));
+        // Without normals and radii, which do not matter here.
+        let job = loading::start(vec![input], &Settings::default());
+        job.surfel_progress.cancel();
+        let mut loaded: Option<Loaded> = None;
+        for event in &job.events {
+            match event {
+                Event::Opened { name, input, source, attributes, grid, up, provisional_radius, .. } => {
+                    let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
+                    loaded = Some(Loaded { cloud, input, source, up, provisional_radius });
+                }
+                Event::Chunk { chunk, .. } => {
+                    loaded.iter_mut().for_each(|loaded| loaded.cloud.chunks.push(chunk.clone()))
+                }
+                Event::Failed { error, .. } => panic!("{error}"),
+                _ => {}
+            }
+        }
+        loaded
+    }
+
+    #[test]
+    fn landscapes_forests_and_objects_have_a_sky_and_rooms_a_lamp() {
+        let settings = Settings::default();
+        for (name, is_room) in [
+            ("terrestrial/indoor_office_tls_rgb_las14_pf7.laz", true),
+            ("terrestrial/indoor_building_norgb_las12_pf3.laz", true),
+            ("terrestrial/pine_plot_tls_las12_pf0.laz", false),
+            ("terrestrial/mobile_wall_plane_las12_pf3.laz", false),
+            ("airborne/autzen_trim_las12_pf3.laz", false),
+            ("airborne/megaplot_forest_las12_pf1.laz", false),
+            ("ply/stanford_bunny_full_ascii_mesh.ply", false),
+            ("ply/armadillo_points_normals_ascii.ply", false),
+            // Half a room: there is no ceiling.
+            ("ply/office_kinect_rgba_binary_le.ply", false),
+        ] {
+            let Some(loaded) = real(name) else { return };
+            let (up, inside) = (loaded.up, cloud::robust_bounds(&loaded.cloud.chunks).center());
+            let clouds = [loaded];
+            let mut lights = Vec::new();
+            assert_eq!(find_light(&clouds, up, inside, &settings, &mut lights), !is_room, "{name}");
+            assert_eq!(lights.len(), usize::from(is_room), "{name}");
+            let mut outside = Vec::new();
+            find_light(&clouds, up, inside + DVec3::splat(1e4), &settings, &mut outside);
+            assert_eq!(outside, []);
+        }
     }
 
     #[test]

@@ -4,16 +4,19 @@
 use std::path::{Path, PathBuf};
 
 use cloud::{Bounds, Chunk};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use param::Choice as _;
-use scene::{ColorBy, Mirror, Projection, SceneFile, Settings, Shape, StandardView, five_mirrors};
+use render::MOST_LIGHTS;
+use scene::{Camera, ColorBy, Lighting, Mirror, Projection, SceneFile, Settings, Shape, SpotLight, StandardView};
 use serde_json::json;
 
 use super::bindings::{Action, Mode};
 use super::gizmo::Handles;
 use super::inspection::{Inspection, Ray, Surface};
+use super::light_panel;
+use super::messages::Level;
 use super::navigation::to_vector;
-use super::objects::Placed;
+use super::objects::{Objects, Placed};
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, FrameRequest, PickPurpose};
 use super::state::{Effect, State, short_name};
@@ -24,6 +27,8 @@ const STEP: f32 = 1.1;
 const TILT_STEP: f64 = 0.087;
 /// Size of a mirror that is added, over the scene's radius: a tenth of the scene across.
 const MIRROR_SIZE: f64 = 0.1;
+/// How far beside a light its copy stands, over the distance to its target.
+const LIGHT_ASIDE: f64 = 0.1;
 /// Pixels about the cursor that its sight line takes in: as when a point is picked.
 const CAST_RADIUS: f64 = 4.0;
 
@@ -79,7 +84,7 @@ impl State {
             Action::Open => self.effects.push(Effect::OpenDialog),
             Action::OpenPath => self.path_prompt = Some(PathPrompt::default()),
             Action::CopyView => {
-                let text = SceneFile { clouds: Vec::new(), ..self.scene_file(&self.settings) }.to_text();
+                let text = SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings()) }.to_text();
                 self.effects.push(Effect::Copy(text));
                 self.messages.note(self.copied("View copied as text"));
             }
@@ -89,11 +94,23 @@ impl State {
                 let shown = &mut self.gizmo.handles;
                 *shown = if *shown == handles { Handles::All } else { handles };
             }
-            Action::DuplicateMirror => self.duplicate_mirror(),
-            Action::DeleteMirror => {
+            Action::Duplicate => self.duplicate(),
+            Action::Delete => {
                 if let Some(id) = self.selected.take() {
-                    self.edit_objects(|objects| objects.mirrors.retain(|placed| placed.id != id));
+                    self.edit_objects(|objects| {
+                        objects.mirrors.retain(|placed| placed.id != id);
+                        objects.lights.retain(|placed| placed.id != id);
+                    });
                 }
+            }
+            Action::AddSpot => self.add_spot(),
+            Action::NextLight => {
+                let next = (self.settings.light.by as u32 + 1) % Lighting::NAMES.len() as u32;
+                self.light_by(Lighting::from_index(next).unwrap_or(Lighting::Auto));
+            }
+            Action::ToggleLight => {
+                let is_lit = self.settings.light.by != Lighting::Colors;
+                self.light_by(if is_lit { Lighting::Colors } else { self.lit_by });
             }
             Action::Inspect => self.toggle_inspection(),
             Action::InspectDistance(notches) => {
@@ -134,7 +151,8 @@ impl State {
     fn after_history(&mut self, done: bool, otherwise: &str) {
         if done {
             self.navigation.camera_moved();
-            self.log(json!({ "event": "history", "mirrors": self.objects.mirrors.len() }));
+            let Objects { mirrors, lights, .. } = &self.objects;
+            self.log(json!({ "event": "history", "mirrors": mirrors.len(), "lights": lights.len() }));
         } else {
             self.messages.note(otherwise);
         }
@@ -193,7 +211,7 @@ impl State {
                     self.messages.warning(format!("pasted view: {warning}"));
                 }
                 self.jump(view.settings, view.camera.unwrap_or(self.camera));
-                self.take_mirrors(&file);
+                self.take_objects(&file);
                 self.messages.note("View pasted");
                 self.log(json!({ "event": "pasted" }));
             }
@@ -201,38 +219,50 @@ impl State {
         }
     }
 
-    /// Mirrors and lights of a view: those whose names are known move there, others are added.
-    fn take_mirrors(&mut self, file: &SceneFile) {
+    /// Mirrors and lights of a view: mirrors whose names are known move there, others are added; lights take the place of all
+    /// that there were.
+    fn take_objects(&mut self, file: &SceneFile) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
             match known {
                 Some(known) => known.mirror = mirror.clone(),
                 None => {
-                    let id = self.next_mirror_id();
+                    let id = self.next_object_id();
                     self.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
                 }
             }
         }
-        for light in file.lights.iter().filter(|light| !self.lights.contains(light)).copied().collect::<Vec<_>>() {
-            self.lights.push(light);
+        if !file.lights.is_empty() {
+            self.objects.lights.clear();
+            for light in &file.lights {
+                let id = self.next_object_id();
+                self.objects.add_light(id, *light);
+            }
         }
         self.history.after_jump(&self.settings, &self.objects);
     }
 
     /// What is on the screen as a scene, with these of its parameters.
     fn scene_file(&self, settings: &Settings) -> SceneFile {
-        let objects = self.objects.scene_file(&self.inputs());
-        let own_light = objects.clouds.iter().any(|input| input.starts_with("five-mirrors/")).then(five_mirrors::light);
         SceneFile {
-            lights: self.lights.iter().filter(|light| Some(**light) != own_light).copied().collect(),
             camera: Some(self.camera),
             parameters: SceneFile::new(Vec::new(), self.camera, settings).parameters,
-            ..objects
+            ..self.objects.scene_file(&self.inputs())
         }
     }
 
+    /// The parameters that show what is on the screen when it is opened anew. Without lights, the one that a built-in scene
+    /// brings or the lamp of a room would be there again.
+    fn written_settings(&self) -> Settings {
+        let mut settings = self.settings.clone();
+        if self.objects.lights.is_empty() && self.lacks_light() {
+            settings.light.by = self.lighting();
+        }
+        settings
+    }
+
     fn save_scene(&mut self) {
-        let mut file = self.scene_file(&self.settings);
+        let mut file = self.scene_file(&self.written_settings());
         if file.clouds.is_empty() {
             self.messages.note("There is no scene to save yet");
             return;
@@ -255,7 +285,7 @@ impl State {
         let file = self.scene_file(&Settings::default());
         let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(input)).collect();
         let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
-        for (key, text) in self.settings.differing() {
+        for (key, text) in self.written_settings().differing() {
             line += &format!(" --set {}", quoted(&format!("{key}={text}")));
         }
         let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
@@ -279,7 +309,7 @@ impl State {
     }
 
     fn place(&mut self, mirror: Mirror) {
-        let id = self.next_mirror_id();
+        let id = self.next_object_id();
         self.log(json!({
             "event": "mirror", "name": mirror.name, "position": mirror.position.to_array(), "size": mirror.size,
         }));
@@ -287,13 +317,63 @@ impl State {
         self.selected = Some(id);
     }
 
-    fn duplicate_mirror(&mut self) {
-        let Some(mirror) = self.selected.and_then(|id| self.objects.mirror(id)) else { return };
+    fn duplicate(&mut self) {
+        let Some(id) = self.selected else { return };
+        if let Some(light) = self.objects.light(id) {
+            let aside = self.camera.right() * (light.position.distance(light.target) * LIGHT_ASIDE);
+            return self.place_light(SpotLight { position: light.position + aside, ..*light });
+        }
+        let Some(mirror) = self.objects.mirror(id) else { return };
         let name = self.objects.free_name(&mirror.name, None);
         // Beside it, so that it can be seen and grabbed.
         let aside = self.camera.right() * (mirror.shape.reach() * mirror.size);
         let copy = Mirror { name, position: mirror.position + aside, ..mirror.clone() };
         self.place(copy);
+    }
+
+    // ---- lights ----
+
+    pub fn light_by(&mut self, by: Lighting) {
+        let before = &mut self.settings.light.by;
+        if *before != Lighting::Colors {
+            self.lit_by = *before;
+        }
+        *before = by;
+        let name = by.name();
+        self.messages.note(if by == Lighting::Colors {
+            "Data colours, no light".into()
+        } else {
+            format!("Light: {name}")
+        });
+    }
+
+    /// Adds a spot light where the eye is.
+    fn add_spot(&mut self) {
+        self.place_light(light_panel::spot(self.camera.eye, self.camera.pivot, self.settings.view.field_of_view));
+    }
+
+    /// Adds a light, lets it shine and selects it.
+    fn place_light(&mut self, light: SpotLight) {
+        let id = self.next_object_id();
+        self.log(json!({ "event": "light", "position": light.position.to_array() }));
+        // One step of undo.
+        self.history.settle(&self.settings, &self.objects);
+        if self.settings.light.by != Lighting::Auto {
+            self.settings.light.by = Lighting::Lights;
+        }
+        self.objects.add_light(id, light);
+        self.history.settle(&self.settings, &self.objects);
+        self.navigation.camera_moved();
+        self.selected = Some(id);
+        if self.objects.lights.len() > MOST_LIGHTS {
+            self.say(Level::Warning, format!("Only the first {MOST_LIGHTS} lights shine"));
+        }
+    }
+
+    /// Moves the camera to `eye`, looking at `pivot`.
+    pub fn look_along(&mut self, eye: DVec3, pivot: DVec3) {
+        let camera = Camera::looking(pivot, eye - pivot, eye.distance(pivot), self.camera.up);
+        self.jump(self.settings.clone(), camera);
     }
 
     fn toggle_inspection(&mut self) {
@@ -302,7 +382,7 @@ impl State {
             return;
         }
         if !self.clouds.is_empty() {
-            let id = self.next_mirror_id();
+            let id = self.next_object_id();
             self.inspection = Some(Inspection::new(id));
             self.selected = None;
             self.messages.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");

@@ -39,6 +39,10 @@ pub enum Action {
     ColorBy(ColorBy),
     ToggleEdl,
     RawColors,
+    /// The data's own colours and back.
+    ToggleLight,
+    NextLight,
+    AddSpot,
     Open,
     OpenPath,
     CopyView,
@@ -57,8 +61,8 @@ pub enum Action {
     SaveScene,
     AddMirror(Shape),
     Gizmo(Handles),
-    DuplicateMirror,
-    DeleteMirror,
+    Duplicate,
+    Delete,
     Inspect,
     /// In wheel notches.
     InspectDistance(f32),
@@ -122,7 +126,7 @@ const MOVE: &str = "Move";
 const VIEWS: &str = "Views";
 const COLORS: &str = "Colours and points";
 const FILES: &str = "Files and pictures";
-const MIRRORS: &str = "Mirrors";
+const OBJECTS: &str = "Mirrors and lights";
 const TOOLS: &str = "Tools and window";
 
 /// The table. Lines with the same section and text share a row of the shortcut sheet.
@@ -168,7 +172,9 @@ pub const BINDINGS: &[Binding] = {
         bind(COLORS, key(Key::Num9), A::ColorBy(ColorBy::Plain), "One colour"),
         bind(COLORS, key(Key::Num0), A::ColorBy(ColorBy::Auto), "Colour as the file suggests"),
         bind(COLORS, key(Key::L), A::ToggleEdl, "Eye-dome lighting"),
-        bind(COLORS, Hold(Key::H), A::RawColors, "While held: the data's own colours, unlit"),
+        bind(COLORS, Trigger::Key(SHIFT, Key::L), A::NextLight, "What lights the points: the next choice"),
+        bind(COLORS, key(Key::U), A::ToggleLight, "The data's own colours, no light; again: lit"),
+        bind(COLORS, Hold(Key::H), A::RawColors, "The same while held, without eye-dome lighting"),
         bind(COLORS, Wheel(ALT), A::PointSize(1.0), "Point size"),
         bind(COLORS, key(Key::Plus), A::PointSize(1.0), "Points larger"),
         bind(COLORS, key(Key::Equals), A::PointSize(1.0), "Points larger"),
@@ -181,16 +187,17 @@ pub const BINDINGS: &[Binding] = {
         bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::C), A::CopyCommandLine, "Copy the command line of this picture"),
         bind(FILES, Trigger::Key(CTRL, Key::S), A::SaveScene, "Save the scene"),
-        bind(MIRRORS, key(Key::B), A::AddMirror(Shape::ALL[1]), "Add a mirror ball at the picked point"),
-        bind(MIRRORS, key(Key::P), A::AddMirror(Shape::ALL[0]), "Add a plane mirror at the picked point"),
-        bind(MIRRORS, key(Key::G), A::Gizmo(Handles::Move), "Handles to move; again: all"),
-        bind(MIRRORS, key(Key::T), A::Gizmo(Handles::Turn), "Handles to turn; again: all"),
-        bind(MIRRORS, key(Key::Y), A::Gizmo(Handles::Scale), "Handle to scale; again: all"),
-        bind(MIRRORS, Trigger::Key(CTRL, Key::D), A::DuplicateMirror, "Copy the selected mirror"),
-        bind(MIRRORS, key(Key::Delete), A::DeleteMirror, "Delete the selected mirror"),
-        bind(MIRRORS, key(Key::M), A::Inspect, "Inspection mirror at the cursor; click pins it"),
-        bind(MIRRORS, Wheel(CTRL), A::InspectDistance(1.0), "Its distance"),
-        bind(MIRRORS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),
+        bind(OBJECTS, key(Key::B), A::AddMirror(Shape::ALL[1]), "Add a mirror ball at the picked point"),
+        bind(OBJECTS, key(Key::P), A::AddMirror(Shape::ALL[0]), "Add a plane mirror at the picked point"),
+        bind(OBJECTS, key(Key::K), A::AddSpot, "Add a spot light at the camera"),
+        bind(OBJECTS, key(Key::G), A::Gizmo(Handles::Move), "Handles to move; again: all"),
+        bind(OBJECTS, key(Key::T), A::Gizmo(Handles::Turn), "Handles to turn; again: all"),
+        bind(OBJECTS, key(Key::Y), A::Gizmo(Handles::Scale), "Handle to scale; again: all"),
+        bind(OBJECTS, Trigger::Key(CTRL, Key::D), A::Duplicate, "Copy the selected mirror or light"),
+        bind(OBJECTS, key(Key::Delete), A::Delete, "Delete the selected mirror or light"),
+        bind(OBJECTS, key(Key::M), A::Inspect, "Inspection mirror at the cursor; click pins it"),
+        bind(OBJECTS, Wheel(CTRL), A::InspectDistance(1.0), "Its distance"),
+        bind(OBJECTS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),
         bind(TOOLS, Click, A::Pick, "Pick a point or a mirror; a second point gives the distance"),
         bind(TOOLS, key(Key::I), A::PickTool, "Pick with a crosshair"),
         bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear picks"),
@@ -298,7 +305,7 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
 /// The shortcut sheet, in two columns; closed by its button or by `open`.
 pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let rows = sheet();
-    let sections = [MOVE, VIEWS, MIRRORS, COLORS, FILES, TOOLS];
+    let sections = [MOVE, VIEWS, OBJECTS, COLORS, FILES, TOOLS];
     egui::Window::new("Shortcuts")
         .open(open)
         .collapsible(false)

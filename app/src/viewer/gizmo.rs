@@ -1,13 +1,15 @@
 //! Handles over the picture that move, turn and scale the selected mirror: three arrows along the world's axes, three rings
 //! about them, a square to scale by, a dot to move it across the picture. They are as large as a hand needs, whatever the
-//! mirror's size, and what is grabbed stays under the cursor.
+//! mirror's size, and what is grabbed stays under the cursor. A light has the arrows and the dot where it stands, and a dot at
+//! its target; while lights are looked after, each has a symbol that a click selects it by.
 
 use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
 use glam::{DQuat, DVec2, DVec3};
-use scene::Mirror;
+use scene::{Mirror, SpotLight};
 use serde_json::json;
 
 use super::navigation::Lens;
+use super::objects::{ObjectId, PlacedLight};
 use super::state::State;
 use super::theme;
 
@@ -38,18 +40,92 @@ pub enum Handle {
 pub struct Gizmo {
     pub handles: Handles,
     /// Under the cursor.
-    hot: Option<Handle>,
+    hot: Option<Grip>,
+    /// A light that is not selected, whose symbol is under the cursor.
+    hot_light: Option<ObjectId>,
     drag: Option<Drag>,
 }
 
+/// A handle, and which of the places of the object it is at: a light has two, where it stands and its target.
+type Grip = (usize, Handle);
+
 struct Drag {
-    handle: Handle,
-    /// The mirror as it was when it was grabbed.
-    start: Mirror,
+    grip: Grip,
+    /// The object as it was when it was grabbed.
+    start: Subject,
     /// Points of the window.
     pressed: Pos2,
     /// Where the handles were.
     layout: Layout,
+}
+
+/// What is selected.
+#[derive(Clone, Debug, PartialEq)]
+enum Subject {
+    Mirror(Mirror),
+    Light(SpotLight),
+}
+
+impl Subject {
+    fn selected(state: &State) -> Option<(ObjectId, String, Self)> {
+        let id = state.selected?;
+        let mirror =
+            || Some((id, state.objects.mirror(id)?.name.clone(), Self::Mirror(state.objects.mirror(id)?.clone())));
+        let light = || {
+            let placed = state.objects.lights.iter().find(|placed| placed.id == id)?;
+            Some((id, placed.name.clone(), Self::Light(placed.light)))
+        };
+        mirror().or_else(light)
+    }
+
+    /// Where it can be held.
+    fn places(&self) -> Vec<DVec3> {
+        match self {
+            Self::Mirror(mirror) => vec![mirror.position],
+            Self::Light(light) => vec![light.position, light.target],
+        }
+    }
+
+    fn place_mut(&mut self, place: usize) -> &mut DVec3 {
+        match self {
+            Self::Mirror(mirror) => &mut mirror.position,
+            Self::Light(light) => {
+                if place == 0 {
+                    &mut light.position
+                } else {
+                    &mut light.target
+                }
+            }
+        }
+    }
+
+    /// What of the handles it has at a place.
+    fn handles(&self, place: usize, chosen: Handles) -> Parts {
+        let shows = |part: Handles| chosen == Handles::All || chosen == part;
+        match self {
+            Self::Mirror(_) => Parts {
+                arrows: shows(Handles::Move),
+                dot: shows(Handles::Move),
+                rings: shows(Handles::Turn),
+                square: shows(Handles::Scale),
+            },
+            Self::Light(_) => Parts { arrows: place == 0, dot: true, rings: false, square: false },
+        }
+    }
+
+    fn layouts(&self, stage: &Stage, chosen: Handles) -> Vec<Option<Layout>> {
+        let layout = |(index, place): (usize, &DVec3)| Layout::new(stage, *place, self.handles(index, chosen));
+        self.places().iter().enumerate().map(layout).collect()
+    }
+}
+
+/// Kinds of handles that are shown.
+#[derive(Clone, Copy)]
+struct Parts {
+    arrows: bool,
+    dot: bool,
+    rings: bool,
+    square: bool,
 }
 
 /// Lengths in points of the window: a thumb's width for an arrow, a hand's precision for what counts as on it.
@@ -60,6 +136,10 @@ const NEAR: f32 = 7.0;
 /// Arrows that point at the eye, and rings seen from the edge, cannot be dragged: shorter than this they are left out.
 const SHORTEST: f32 = 14.0;
 const RING_STEPS: usize = 48;
+/// From the middle of a lamp's symbol to the ends of its rays.
+const SYMBOL: f32 = 10.0;
+/// Pieces of a line of a light's cone.
+const CONE_STEPS: u32 = 12;
 /// Points that double the size.
 const DOUBLING: f32 = 100.0;
 
@@ -70,7 +150,7 @@ const COLORS: [Color32; 3] =
 impl Gizmo {
     /// Whether the mouse is its own: the camera is not to follow.
     pub fn has_mouse(&self) -> bool {
-        self.hot.is_some() || self.drag.is_some()
+        self.hot.is_some() || self.hot_light.is_some() || self.drag.is_some()
     }
 
     pub fn is_dragging(&self) -> bool {
@@ -129,30 +209,30 @@ struct Layout {
 }
 
 impl Layout {
-    fn new(stage: &Stage, center: DVec3, handles: Handles) -> Option<Self> {
-        let shows = |part: Handles| handles == Handles::All || handles == part;
+    fn new(stage: &Stage, center: DVec3, parts: Parts) -> Option<Self> {
         let middle = stage.place(center)?;
         let units = stage.units(center)?;
         let arrow = |axis: usize| {
             let end = stage.place(center + AXES[axis] * (ARROW * units))?;
-            (shows(Handles::Move) && end.distance(middle) >= SHORTEST).then_some(end)
+            (parts.arrows && end.distance(middle) >= SHORTEST).then_some(end)
         };
         let ring = |axis: usize| {
+            if !parts.rings {
+                return None;
+            }
             let (u, v) = (AXES[(axis + 1) % 3], AXES[(axis + 2) % 3]);
             let at = |step: usize| {
                 let (sin, cos) = (step as f64 / RING_STEPS as f64 * std::f64::consts::TAU).sin_cos();
                 stage.place(center + (u * cos + v * sin) * (RING * units))
             };
-            let points: Vec<Pos2> = (0..=RING_STEPS).map(at).collect::<Option<_>>()?;
-            shows(Handles::Turn).then_some(points)
+            (0..=RING_STEPS).map(at).collect::<Option<Vec<Pos2>>>()
         };
-        let square = shows(Handles::Scale).then(|| middle + vec2(1.0, -1.0).normalized() * SQUARE);
-        let dot = shows(Handles::Move);
-        Some(Self { center: middle, arrows: [0, 1, 2].map(arrow), rings: [0, 1, 2].map(ring), square, dot })
+        let square = parts.square.then(|| middle + vec2(1.0, -1.0).normalized() * SQUARE);
+        Some(Self { center: middle, arrows: [0, 1, 2].map(arrow), rings: [0, 1, 2].map(ring), square, dot: parts.dot })
     }
 
-    /// The handle at a place of the window; the nearest if there are several.
-    fn at(&self, pointer: Pos2) -> Option<Handle> {
+    /// The handle at a place of the window and how near it is; the nearest if there are several.
+    fn at(&self, pointer: Pos2) -> Option<(f32, Handle)> {
         let mut found: Vec<(f32, Handle)> = Vec::new();
         if self.dot {
             // Before what begins there.
@@ -168,8 +248,16 @@ impl Layout {
             found.push((nearest + 1.0, Handle::Ring(axis)));
         }
         let near = found.into_iter().filter(|(distance, _)| *distance < NEAR);
-        near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, handle)| handle)
+        near.min_by(|a, b| a.0.total_cmp(&b.0))
     }
+}
+
+fn grip_at(layouts: &[Option<Layout>], pointer: Pos2) -> Option<Grip> {
+    let found = layouts.iter().enumerate().filter_map(|(place, layout)| {
+        let (distance, handle) = layout.as_ref()?.at(pointer)?;
+        Some((distance, (place, handle)))
+    });
+    found.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, grip)| grip)
 }
 
 fn to_segment(point: Pos2, from: Pos2, to: Pos2) -> f32 {
@@ -178,17 +266,31 @@ fn to_segment(point: Pos2, from: Pos2, to: Pos2) -> f32 {
     point.distance(from + along * share)
 }
 
-/// Lets the mouse grab and drag the handles of the selected mirror; before the camera has its turn.
+/// Lets the mouse grab and drag the handles of the selected object, and select lights by their symbols; before the camera has
+/// its turn.
 pub fn interact(picture: &Response, state: &mut State) {
-    let Some(id) = state.selected else {
+    state.gizmo.hot_light = None;
+    let Some(stage) = Stage::of(state, picture.rect) else { return };
+    handles(picture, state, &stage);
+    if state.gizmo.hot.is_some() || state.gizmo.drag.is_some() || !picture.contains_pointer() {
+        return;
+    }
+    let Some(pointer) = picture.ctx.input(|input| input.pointer.latest_pos()) else { return };
+    let near = symbols(state, &stage).into_iter().filter(|(_, at, _)| at.distance(pointer) < SYMBOL + 4.0);
+    state.gizmo.hot_light =
+        near.min_by(|a, b| a.1.distance(pointer).total_cmp(&b.1.distance(pointer))).map(|near| near.0);
+    if picture.clicked() && state.gizmo.hot_light.is_some() {
+        state.selected = state.gizmo.hot_light;
+    }
+}
+
+fn handles(picture: &Response, state: &mut State, stage: &Stage) {
+    let Some((id, name, subject)) = Subject::selected(state) else {
         state.gizmo.hot = None;
         state.gizmo.drag = None;
         return;
     };
-    let (Some(stage), Some(mirror)) = (Stage::of(state, picture.rect), state.objects.mirror(id).cloned()) else {
-        return;
-    };
-    let Some(layout) = Layout::new(&stage, mirror.position, state.gizmo.handles) else { return };
+    let layouts = subject.layouts(stage, state.gizmo.handles);
     let input = picture.ctx.input(|input| (input.pointer.latest_pos(), input.pointer.press_origin()));
     let (Some(pointer), pressed) = input else {
         state.gizmo.hot = None;
@@ -196,58 +298,70 @@ pub fn interact(picture: &Response, state: &mut State) {
     };
     if !picture.ctx.input(|input| input.pointer.button_down(PointerButton::Primary)) {
         if state.gizmo.drag.take().is_some() {
-            state.log(json!({ "event": "mirror_moved", "name": mirror.name, "position": mirror.position.to_array() }));
+            let event = if matches!(subject, Subject::Light(_)) { "light_moved" } else { "mirror_moved" };
+            let places: Vec<[f64; 3]> = subject.places().iter().map(DVec3::to_array).collect();
+            state.log(json!({ "event": event, "name": name, "position": places[0], "target": places.get(1) }));
         }
-        state.gizmo.hot = if picture.contains_pointer() { layout.at(pointer) } else { None };
+        state.gizmo.hot = if picture.contains_pointer() { grip_at(&layouts, pointer) } else { None };
     } else if let (None, Some(pressed), true) = (&state.gizmo.drag, pressed, picture.is_pointer_button_down_on()) {
         // From where it was pressed: a quick hand is elsewhere by now.
-        if let Some(handle) = layout.at(pressed) {
-            state.gizmo.hot = Some(handle);
-            state.gizmo.drag = Some(Drag { handle, start: mirror.clone(), pressed, layout });
+        if let Some((grip, layout)) = grip_at(&layouts, pressed).and_then(|grip| Some((grip, layouts[grip.0].clone()?)))
+        {
+            state.gizmo.hot = Some(grip);
+            state.gizmo.drag = Some(Drag { grip, start: subject.clone(), pressed, layout });
         }
     }
     let Some(drag) = &state.gizmo.drag else { return };
-    let moved = dragged(&stage, drag, pointer);
-    if moved != mirror {
-        if let Some(mirror) = state.objects.mirror_mut(id) {
-            *mirror = moved;
+    let moved = dragged(stage, drag, pointer);
+    if moved != subject {
+        match moved {
+            Subject::Mirror(moved) => {
+                if let Some(mirror) = state.objects.mirror_mut(id) {
+                    *mirror = moved;
+                }
+            }
+            Subject::Light(moved) => state.objects.set_light(id, moved),
         }
         state.navigation.camera_moved();
     }
 }
 
-/// The mirror with the handle under `pointer`.
-fn dragged(stage: &Stage, drag: &Drag, pointer: Pos2) -> Mirror {
-    let mut mirror = drag.start.clone();
-    match drag.handle {
-        Handle::Arrow(axis) => {
-            let along = |at: Pos2| along_axis(stage.ray(at), drag.start.position, AXES[axis]);
+/// The object with the handle under `pointer`.
+fn dragged(stage: &Stage, drag: &Drag, pointer: Pos2) -> Subject {
+    let mut subject = drag.start.clone();
+    let (place, handle) = drag.grip;
+    let start = *subject.place_mut(place);
+    match (handle, &mut subject) {
+        (Handle::Arrow(axis), subject) => {
+            let along = |at: Pos2| along_axis(stage.ray(at), start, AXES[axis]);
             if let (Some(from), Some(to)) = (along(drag.pressed), along(pointer)) {
-                mirror.position += AXES[axis] * (to - from);
+                *subject.place_mut(place) += AXES[axis] * (to - from);
             }
         }
-        Handle::Dot => {
+        (Handle::Dot, subject) => {
             let on_plane = |at: Pos2| {
                 let (origin, direction) = stage.ray(at);
                 let facing = stage.lens.forward();
-                origin + direction * ((drag.start.position - origin).dot(facing) / direction.dot(facing))
+                origin + direction * ((start - origin).dot(facing) / direction.dot(facing))
             };
             let shift = on_plane(pointer) - on_plane(drag.pressed);
             if shift.is_finite() {
-                mirror.position += shift;
+                *subject.place_mut(place) += shift;
             }
         }
-        Handle::Ring(axis) => {
+        (Handle::Ring(axis), Subject::Mirror(mirror)) => {
             let angle = drag.layout.rings[axis].as_deref().map_or(0.0, |ring| turned(ring, drag.pressed, pointer));
-            mirror.rotation = (DQuat::from_axis_angle(AXES[axis], angle) * drag.start.rotation).normalize();
+            mirror.rotation = (DQuat::from_axis_angle(AXES[axis], angle) * mirror.rotation).normalize();
         }
-        Handle::Square => {
+        (Handle::Square, Subject::Mirror(mirror)) => {
             let outward: Vec2 = vec2(1.0, -1.0).normalized();
             let factor = ((pointer - drag.pressed).dot(outward) / DOUBLING).exp2();
-            mirror.size = (drag.start.size * f64::from(factor)).clamp(drag.start.size * 1e-3, drag.start.size * 1e3);
+            mirror.size = (mirror.size * f64::from(factor)).clamp(mirror.size * 1e-3, mirror.size * 1e3);
         }
+        // A light has no such handles.
+        (Handle::Ring(_) | Handle::Square, Subject::Light(_)) => {}
     }
-    mirror
+    subject
 }
 
 /// Where on a line through `center` the sight line comes closest; `None` if they are nearly parallel.
@@ -273,15 +387,108 @@ fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
     f64::from((pointer - pressed).dot(tangent) / length)
 }
 
-/// Draws the handles of the selected mirror.
+/// Where the symbols of lights are: all while somebody looks after lights, or none.
+fn symbols(state: &State, stage: &Stage) -> Vec<(ObjectId, Pos2, Color32)> {
+    let is_light_selected = state.selected.is_some_and(|id| state.objects.light(id).is_some());
+    if !state.light_panel_is_open && !is_light_selected {
+        return Vec::new();
+    }
+    let symbol = |placed: &PlacedLight| Some((placed.id, stage.place(placed.light.position)?, shade_of(&placed.light)));
+    state.objects.lights.iter().filter_map(symbol).collect()
+}
+
+/// The colour of a light, as bright as the screen can show it.
+fn shade_of(light: &SpotLight) -> Color32 {
+    let strongest = light.intensity.into_iter().fold(f32::MIN_POSITIVE, f32::max);
+    let [red, green, blue] = light.intensity.map(|part| part / strongest);
+    egui::Rgba::from_rgb(red, green, blue).into()
+}
+
+/// A lamp: a disc and rays.
+fn lamp(painter: &Painter, at: Pos2, color: Color32, is_hot: bool) {
+    let size = if is_hot { SYMBOL + 1.5 } else { SYMBOL };
+    for (width, color) in [(3.5, Color32::from_black_alpha(150)), (1.5, color)] {
+        for ray in 0..8 {
+            let direction = Vec2::angled(ray as f32 * std::f32::consts::FRAC_PI_4);
+            painter.line_segment([at + direction * size * 0.75, at + direction * size], Stroke::new(width, color));
+        }
+        painter.circle_filled(at, size * 0.45 + width * 0.5, color);
+    }
+    if is_hot {
+        painter.circle_stroke(at, size + 3.0, Stroke::new(1.5, theme::ACCENT));
+    }
+}
+
+/// The axis of a light and the rim of its cone, at the distance of its target.
+fn cone(painter: &Painter, stage: &Stage, light: &SpotLight) {
+    let (axis, distance) = ((light.target - light.position).normalize_or_zero(), light.position.distance(light.target));
+    let (u, v) = axis.any_orthonormal_pair();
+    let rim = |degrees: f32, share: f64| {
+        let (sine, cosine) = f64::from(degrees).to_radians().sin_cos();
+        let (sin, cos) = (share * std::f64::consts::TAU).sin_cos();
+        light.position + (axis * cosine + (u * cos + v * sin) * sine) * distance
+    };
+    let line = |from: DVec3, to: DVec3, stroke: Stroke| {
+        // In pieces: some may lie behind the eye.
+        for step in 0..CONE_STEPS {
+            let at = |step: u32| stage.place(from.lerp(to, f64::from(step) / f64::from(CONE_STEPS)));
+            if let (Some(from), Some(to)) = (at(step), at(step + 1)) {
+                painter.line_segment([from, to], stroke);
+            }
+        }
+    };
+    let color = shade_of(light);
+    line(light.position, light.target, Stroke::new(1.0, color.gamma_multiply(0.7)));
+    for (degrees, strength) in [(light.inner_degrees, 0.35), (light.outer_degrees, 0.8)] {
+        let stroke = Stroke::new(1.2, color.gamma_multiply(strength));
+        for step in 0..RING_STEPS {
+            let at = |step: usize| stage.place(rim(degrees, step as f64 / RING_STEPS as f64));
+            if let (Some(from), Some(to)) = (at(step), at(step + 1)) {
+                painter.line_segment([from, to], stroke);
+            }
+        }
+    }
+    for quarter in 0..4 {
+        let to = rim(light.outer_degrees, f64::from(quarter) * 0.25);
+        line(light.position, to, Stroke::new(1.0, color.gamma_multiply(0.5)));
+    }
+}
+
+/// Draws the handles of the selected object, and the symbols of lights.
 pub fn paint(painter: &Painter, rect: Rect, state: &State) {
-    let mirror = state.selected.and_then(|id| state.objects.mirror(id));
-    let (Some(stage), Some(mirror)) = (Stage::of(state, rect), mirror) else { return };
-    let Some(layout) = Layout::new(&stage, mirror.position, state.gizmo.handles) else { return };
+    let Some(stage) = Stage::of(state, rect) else { return };
     let painter = painter.with_clip_rect(rect);
-    let held = state.gizmo.drag.as_ref().map(|drag| drag.handle);
+    let selected = Subject::selected(state);
+    if let Some((_, _, Subject::Light(light))) = &selected {
+        cone(&painter, &stage, light);
+    }
+    for (id, at, color) in symbols(state, &stage) {
+        lamp(&painter, at, color, state.gizmo.hot_light == Some(id));
+    }
+    let Some((_, name, subject)) = selected else { return };
+    let held = state.gizmo.drag.as_ref().map(|drag| drag.grip);
     let hot = held.or(state.gizmo.hot);
-    // While something is dragged the others would be in the way.
+    for (place, layout) in subject.layouts(&stage, state.gizmo.handles).into_iter().enumerate() {
+        let Some(layout) = layout else { continue };
+        // While something is dragged the others would be in the way.
+        let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);
+        if held.is_none_or(|held| held.0 == place) {
+            paint_layout(&painter, &layout, held.and_then(at_place), hot.and_then(at_place));
+        }
+        if place == 0 {
+            name_tag(&painter, &layout, &name);
+        }
+    }
+}
+
+fn name_tag(painter: &Painter, layout: &Layout, name: &str) {
+    let name = painter.layout_no_wrap(name.to_string(), egui::FontId::proportional(12.0), Color32::WHITE);
+    let corner = pos2(layout.center.x - name.size().x * 0.5, layout.center.y + ARROW as f32 + 16.0);
+    painter.rect_filled(Rect::from_min_size(corner, name.size()).expand(3.0), 3.0, Color32::from_black_alpha(130));
+    painter.galley(corner, name, Color32::WHITE);
+}
+
+fn paint_layout(painter: &Painter, layout: &Layout, held: Option<Handle>, hot: Option<Handle>) {
     let shown = |handle: Handle| held.is_none_or(|held| held == handle);
     let style = |handle: Handle, color: Color32| {
         let width = if hot == Some(handle) { 3.5 } else { 2.0 };
@@ -315,10 +522,6 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
         painter.circle_filled(layout.center, 6.0, Color32::from_black_alpha(160));
         painter.circle_filled(layout.center, 4.5, style(Handle::Dot, Color32::WHITE).color);
     }
-    let name = painter.layout_no_wrap(mirror.name.clone(), egui::FontId::proportional(12.0), Color32::WHITE);
-    let corner = pos2(layout.center.x - name.size().x * 0.5, layout.center.y + ARROW as f32 + 16.0);
-    painter.rect_filled(Rect::from_min_size(corner, name.size()).expand(3.0), 3.0, Color32::from_black_alpha(130));
-    painter.galley(corner, name, Color32::WHITE);
 }
 
 #[cfg(test)]
@@ -341,9 +544,27 @@ mod tests {
     }
 
     fn drag(stage: &Stage, handle: Handle, pressed: Pos2) -> Drag {
-        let start = mirror();
-        let layout = Layout::new(stage, start.position, Handles::All).unwrap();
-        Drag { handle, start, pressed, layout }
+        grab(stage, Subject::Mirror(mirror()), (0, handle), pressed)
+    }
+
+    fn grab(stage: &Stage, start: Subject, grip: Grip, pressed: Pos2) -> Drag {
+        let layout = start.layouts(stage, Handles::All).swap_remove(grip.0).unwrap();
+        Drag { grip, start, pressed, layout }
+    }
+
+    fn layout(stage: &Stage, handles: Handles) -> Layout {
+        Subject::Mirror(mirror()).layouts(stage, handles).remove(0).unwrap()
+    }
+
+    fn as_mirror(subject: Subject) -> Mirror {
+        match subject {
+            Subject::Mirror(mirror) => mirror,
+            Subject::Light(_) => panic!("a mirror became a light"),
+        }
+    }
+
+    fn found(layout: &Layout, pointer: Pos2) -> Option<Handle> {
+        layout.at(pointer).map(|(_, handle)| handle)
     }
 
     #[test]
@@ -351,22 +572,22 @@ mod tests {
         for projection in [Projection::Perspective, Projection::Orthographic] {
             let stage = stage(projection);
             for axis in 0..3 {
-                let end = Layout::new(&stage, mirror().position, Handles::All).unwrap().arrows[axis].unwrap();
+                let end = layout(&stage, Handles::All).arrows[axis].unwrap();
                 let drag = drag(&stage, Handle::Arrow(axis), end);
                 // Along the arrow on the screen, and off it: only the way along it counts.
                 let center = drag.layout.center;
                 let along = end - center;
-                let moved = dragged(&stage, &drag, end + along * 1.5);
-                let shift = moved.position - drag.start.position;
+                let moved = as_mirror(dragged(&stage, &drag, end + along * 1.5));
+                let shift = moved.position - mirror().position;
                 assert!(shift.dot(AXES[axis]) > 0.0 && shift.cross(AXES[axis]).length() < 1e-6, "{axis}: {shift}");
                 let units = stage.units(mirror().position).unwrap();
                 let tip = stage.place(moved.position + AXES[axis] * (ARROW * units)).unwrap();
                 assert!(tip.distance(end + along * 1.5) < 0.1, "{axis}: {tip} instead of {}", end + along * 1.5);
             }
             let drag = drag(&stage, Handle::Dot, pos2(700.0, 300.0));
-            let moved = dragged(&stage, &drag, pos2(750.0, 260.0));
+            let moved = as_mirror(dragged(&stage, &drag, pos2(750.0, 260.0)));
             let place = |mirror: &Mirror| stage.place(mirror.position).unwrap();
-            assert!((place(&moved) - place(&drag.start) - vec2(50.0, -40.0)).length() < 0.1);
+            assert!((place(&moved) - place(&mirror()) - vec2(50.0, -40.0)).length() < 0.1);
         }
     }
 
@@ -374,20 +595,20 @@ mod tests {
     fn pulling_a_ring_turns_the_mirror_with_it() {
         let stage = stage(Projection::Orthographic);
         for axis in 0..3 {
-            let layout = Layout::new(&stage, mirror().position, Handles::All).unwrap();
+            let layout = layout(&stage, Handles::All);
             let ring = layout.rings[axis].clone().unwrap();
             for step in [3, 20, 41] {
                 let drag = drag(&stage, Handle::Ring(axis), ring[step]);
-                let moved = dragged(&stage, &drag, ring[step + 1]);
+                let moved = as_mirror(dragged(&stage, &drag, ring[step + 1]));
                 // The point that was grabbed has gone to where the cursor is, up to the bend of the ring.
-                let turn = moved.rotation * drag.start.rotation.inverse();
+                let turn = moved.rotation * mirror().rotation.inverse();
                 let (turned_axis, angle) = turn.to_axis_angle();
                 let expected = std::f64::consts::TAU / RING_STEPS as f64;
                 assert!(
                     (angle * turned_axis.dot(AXES[axis]) - expected).abs() < 0.25 * expected,
                     "{axis} {step}: {angle}"
                 );
-                assert_eq!(moved.position, drag.start.position);
+                assert_eq!(moved.position, mirror().position);
             }
         }
     }
@@ -397,7 +618,7 @@ mod tests {
         let stage = stage(Projection::Perspective);
         let drag = drag(&stage, Handle::Square, pos2(500.0, 300.0));
         let outward = vec2(1.0, -1.0).normalized() * DOUBLING;
-        let size = |offset: Vec2| dragged(&stage, &drag, drag.pressed + offset).size / drag.start.size;
+        let size = |offset: Vec2| as_mirror(dragged(&stage, &drag, drag.pressed + offset)).size / mirror().size;
         assert!((size(outward) - 2.0).abs() < 1e-5 && (size(-outward) - 0.5).abs() < 1e-5);
         assert!(size(vec2(-1e6, 1e6)) >= 1e-3, "a mirror must not vanish");
     }
@@ -405,16 +626,16 @@ mod tests {
     #[test]
     fn handles_are_found_where_they_are_drawn() {
         let stage = stage(Projection::Perspective);
-        let layout = Layout::new(&stage, mirror().position, Handles::All).unwrap();
-        assert_eq!(layout.at(layout.center), Some(Handle::Dot));
-        assert_eq!(layout.at(layout.square.unwrap()), Some(Handle::Square));
+        let layout = layout(&stage, Handles::All);
+        assert_eq!(found(&layout, layout.center), Some(Handle::Dot));
+        assert_eq!(found(&layout, layout.square.unwrap()), Some(Handle::Square));
         for axis in 0..3 {
-            assert_eq!(layout.at(layout.arrows[axis].unwrap()), Some(Handle::Arrow(axis)));
+            assert_eq!(found(&layout, layout.arrows[axis].unwrap()), Some(Handle::Arrow(axis)));
         }
-        assert_eq!(layout.at(layout.center + vec2(300.0, 200.0)), None);
-        let turning = Layout::new(&stage, mirror().position, Handles::Turn).unwrap();
-        assert_eq!(turning.at(turning.center), None);
-        assert!(turning.at(turning.rings[2].as_ref().unwrap()[5]).is_some());
+        assert_eq!(found(&layout, layout.center + vec2(300.0, 200.0)), None);
+        let turning = Subject::Mirror(mirror()).layouts(&stage, Handles::Turn).remove(0).unwrap();
+        assert_eq!(found(&turning, turning.center), None);
+        assert!(found(&turning, turning.rings[2].as_ref().unwrap()[5]).is_some());
     }
 
     #[test]
@@ -422,8 +643,35 @@ mod tests {
         let camera = Camera::looking(mirror().position, DVec3::X, 12.0, DVec3::Z);
         let rect = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
         let stage = Stage::new(Lens::new(&camera, &ViewSettings::default(), [800, 600]), [800, 600], rect);
-        let layout = Layout::new(&stage, mirror().position, Handles::All).unwrap();
+        let layout = layout(&stage, Handles::All);
         assert!(layout.arrows[0].is_none() && layout.arrows[1].is_some() && layout.arrows[2].is_some());
         assert_eq!(along_axis(stage.ray(pos2(400.0, 300.0)), mirror().position, DVec3::X), None);
+    }
+
+    #[test]
+    fn a_light_is_moved_where_it_stands_and_at_its_target() {
+        let stage = stage(Projection::Perspective);
+        let light = crate::viewer::light_panel::spot(
+            DVec3::new(635_001.0, 848_000.5, 43.0),
+            DVec3::new(635_000.0, 848_000.0, 40.0),
+            60.0,
+        );
+        let places = [light.position, light.target].map(|place| stage.place(place).unwrap());
+        let layouts = Subject::Light(light).layouts(&stage, Handles::All);
+        for (place, at) in places.into_iter().enumerate() {
+            assert_eq!(grip_at(&layouts, at), Some((place, Handle::Dot)));
+            let drag = grab(&stage, Subject::Light(light), (place, Handle::Dot), at);
+            let Subject::Light(moved) = dragged(&stage, &drag, at + vec2(30.0, -20.0)) else { panic!("no light") };
+            let now = [moved.position, moved.target].map(|place| stage.place(place).unwrap());
+            assert!((now[place] - at - vec2(30.0, -20.0)).length() < 0.1);
+            assert_eq!(now[1 - place], places[1 - place], "the other end stays");
+        }
+        // Up along its arrow, and no handles that would turn or scale it.
+        let end = layouts[0].as_ref().unwrap().arrows[2].unwrap();
+        let drag = grab(&stage, Subject::Light(light), (0, Handle::Arrow(2)), end);
+        let Subject::Light(moved) = dragged(&stage, &drag, end - vec2(0.0, 25.0)) else { panic!("no light") };
+        let shift = moved.position - light.position;
+        assert!(shift.z > 0.0 && shift.truncate().length() < 1e-6 && moved.target == light.target, "{shift}");
+        assert!(layouts.iter().flatten().all(|layout| layout.square.is_none() && layout.rings[0].is_none()));
     }
 }

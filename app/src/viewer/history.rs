@@ -133,7 +133,7 @@ mod tests {
     use glam::DVec3;
     use scene::{Mirror, Shape};
 
-    use super::super::objects::{MirrorId, Placed};
+    use super::super::objects::{ObjectId, Placed};
     use super::*;
 
     fn camera(distance: f64) -> Camera {
@@ -180,7 +180,7 @@ mod tests {
 
     fn ball(id: u32) -> Placed {
         let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0);
-        Placed { id: MirrorId(id), mirror, input: None }
+        Placed { id: ObjectId(id), mirror, input: None }
     }
 
     #[test]

@@ -9,11 +9,11 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 use scene::{Mirror, Shape};
 
-use super::objects::MirrorId;
+use super::objects::ObjectId;
 
 /// The mirror at the cursor.
 pub struct Inspection {
-    pub id: MirrorId,
+    pub id: ObjectId,
     /// Once a surface has been found.
     pub mirror: Option<Mirror>,
     /// From the surface to the mirror's middle, over the distance from the surface to the eye.
@@ -60,7 +60,7 @@ const TILT: f64 = 0.25;
 const BULGE: f64 = 1.5;
 
 impl Inspection {
-    pub fn new(id: MirrorId) -> Self {
+    pub fn new(id: ObjectId) -> Self {
         Self {
             id,
             mirror: None,
@@ -213,7 +213,7 @@ mod tests {
         let surface = Surface { position: DVec3::new(10.0, 0.0, 0.0), normal: -DVec3::X };
         let eye = DVec3::new(0.0, 1.0, 2.0);
         for is_bulged in [false, true] {
-            let mut inspection = Inspection { is_bulged, ..Inspection::new(MirrorId(0)) };
+            let mut inspection = Inspection { is_bulged, ..Inspection::new(ObjectId(0)) };
             inspection.update(Some(surface), eye, DVec3::Z);
             let mirror = inspection.mirror.clone().unwrap();
             assert_eq!(mirror.problem(), None);
@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn distance_and_tilt_change_the_mirror_where_it_is() {
         let surface = Surface { position: DVec3::ZERO, normal: DVec3::Z };
-        let mut inspection = Inspection::new(MirrorId(0));
+        let mut inspection = Inspection::new(ObjectId(0));
         inspection.update(None, DVec3::ONE, DVec3::Z);
         assert!(inspection.mirror.is_none());
         inspection.update(Some(surface), DVec3::ONE * 5.0, DVec3::Z);

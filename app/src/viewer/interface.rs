@@ -12,14 +12,17 @@ use super::path_prompt::Outcome;
 use super::state::{JobEntry, State, short_name};
 use super::theme::{self, grouped};
 use super::{
-    clouds_panel, colors_panel, gizmo, mirrors_panel, navigation, overlay, panel, pick_panel, presets, timings_panel,
+    clouds_panel, colors_panel, gizmo, light_panel, mirrors_panel, navigation, overlay, panel, pick_panel, presets,
+    timings_panel,
 };
 use crate::loading;
 
+/// Groups of parameters that a panel of their own shows.
+const SHOWN_ELSEWHERE: [&str; 6] = ["color", "light", "sun", "gi", "tone", "edl"];
+
 /// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
-const SECTIONS: [(&str, &[&str]); 5] = [
+const SECTIONS: [(&str, &[&str]); 4] = [
     ("Splats and view", &["splat", "view"]),
-    ("Light", &["light", "sun", "gi", "tone", "edl"]),
     ("Reflections", &["mirror", "reflection", "sscr"]),
     ("When loading", &["surface", "scene"]),
     ("Ray-traced truth", &["trace"]),
@@ -28,6 +31,7 @@ const SECTIONS: [(&str, &[&str]); 5] = [
 /// Draws everything; `picture` is the render thread's last frame.
 pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
     open_dropped(ui, state);
+    state.light_panel_is_open = false;
     if !state.interface_is_hidden {
         Panel::bottom("status")
             .exact_size(28.0)
@@ -93,6 +97,7 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
             }
         });
         section(ui, "Colour", true, |ui| colors_panel::show(ui, state));
+        state.light_panel_is_open = section(ui, "Light", true, |ui| light_panel::show(ui, state));
         section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state));
         for (title, groups) in SECTIONS {
             section(ui, title, title != "When loading", |ui| {
@@ -102,7 +107,8 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
                 parameter_groups(ui, state, |name| groups.contains(&name))
             });
         }
-        let is_named = |name: &str| name == "color" || SECTIONS.iter().any(|(_, groups)| groups.contains(&name));
+        let is_named =
+            |name: &str| SHOWN_ELSEWHERE.contains(&name) || SECTIONS.iter().any(|(_, groups)| groups.contains(&name));
         if state.settings.groups().iter().any(|params| !is_named(params.group().name)) {
             section(ui, "More", false, |ui| parameter_groups(ui, state, |name| !is_named(name)));
         }
@@ -110,14 +116,17 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
     });
 }
 
-fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) {
+/// Returns whether the section is open.
+fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) -> bool {
     let heading = RichText::new(title).strong().size(13.5);
-    egui::CollapsingHeader::new(heading).id_salt(title).default_open(is_open).show_unindented(ui, |ui| {
+    let header = egui::CollapsingHeader::new(heading).id_salt(title).default_open(is_open);
+    let shown = header.show_unindented(ui, |ui| {
         ui.add_space(2.0);
         contents(ui);
         ui.add_space(6.0);
     });
     ui.separator();
+    shown.body_response.is_some()
 }
 
 fn parameter_groups(ui: &mut Ui, state: &mut State, wanted: impl Fn(&str) -> bool) {
@@ -268,6 +277,9 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             if state.is_flying() {
                 ui.label(RichText::new("fly").color(theme::ACCENT));
             }
+            if state.is_unlit() {
+                ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
+            }
             if state.pick_tool {
                 ui.label(RichText::new("pick").color(theme::ACCENT));
             }
@@ -403,7 +415,7 @@ mod tests {
         let named: Vec<&str> = SECTIONS.iter().flat_map(|(_, groups)| groups.iter().copied()).collect();
         for params in harness.state().settings.groups() {
             let name = params.group().name;
-            assert!(named.contains(&name) || name == "color", "{name} has no section");
+            assert!(named.contains(&name) || SHOWN_ELSEWHERE.contains(&name), "{name} has no section");
         }
     }
 

@@ -6,7 +6,7 @@ use scene::{Mirror, Shape};
 
 use super::bindings::{self, Action};
 use super::marking::{self, slider};
-use super::objects::{MirrorId, unnamed};
+use super::objects::{ObjectId, unnamed};
 use super::panel::name_label;
 use super::path_prompt::PathPrompt;
 use super::state::State;
@@ -80,13 +80,17 @@ fn inspection(ui: &mut Ui, state: &mut State) {
 }
 
 fn list(ui: &mut Ui, state: &mut State) {
-    let mut deleted = None;
     if state.objects.mirrors.is_empty() {
         ui.label(RichText::new("No mirrors.").color(theme::WEAK));
     }
-    let mirrors: Vec<(MirrorId, String)> =
-        state.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone())).collect();
-    for (id, name) in mirrors {
+    let mirrors = state.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
+    object_list(ui, state, mirrors.collect());
+}
+
+/// Lines of mirrors or lights by their names: a click selects, buttons copy and delete.
+pub fn object_list(ui: &mut Ui, state: &mut State, objects: Vec<(ObjectId, String)>) {
+    let mut deleted = None;
+    for (id, name) in objects {
         ui.push_id(id.0, |ui| {
             ui.horizontal(|ui| {
                 ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
@@ -96,7 +100,7 @@ fn list(ui: &mut Ui, state: &mut State) {
                     }
                     if ui.small_button("Copy").accessible_name(format!("Copy {name}")).clicked() {
                         state.selected = Some(id);
-                        state.act(Action::DuplicateMirror);
+                        state.act(Action::Duplicate);
                     }
                     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
                         if ui.selectable_label(state.selected == Some(id), &name).clicked() {
@@ -109,12 +113,12 @@ fn list(ui: &mut Ui, state: &mut State) {
     }
     if let Some(id) = deleted {
         state.selected = Some(id);
-        state.act(Action::DeleteMirror);
+        state.act(Action::Delete);
     }
 }
 
 /// The numbers of a mirror. What they make of it is taken only if it is one.
-fn numbers(ui: &mut Ui, state: &mut State, id: MirrorId, mut mirror: Mirror) {
+fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut mirror: Mirror) {
     let before = mirror.clone();
     let step = mirror.size * 0.01;
     ui.horizontal(|ui| {
@@ -175,7 +179,7 @@ fn numbers(ui: &mut Ui, state: &mut State, id: MirrorId, mut mirror: Mirror) {
 }
 
 /// A line of three numbers; those that were edited.
-fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
+pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
     let mut edited = value;
     let line = |ui: &mut Ui| {
         let label = name_label(ui, name);

@@ -15,6 +15,7 @@ mod gizmo;
 mod history;
 mod inspection;
 mod interface;
+mod light_panel;
 mod marking;
 mod messages;
 mod mirrors_panel;
@@ -45,7 +46,7 @@ use messages::Level;
 use path_prompt::PathPrompt;
 use preferences::Preferences;
 use render_thread::{RenderThread, Report};
-use scene::{MirrorNormals, MirrorPoints};
+use scene::{MirrorNormals, MirrorPoints, Surroundings};
 use screen::{Painted, Screen};
 use serde_json::json;
 use state::{Effect, Found, State};
@@ -377,6 +378,10 @@ impl Viewer {
                     let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
                     let result = result.map_err(|error| format!("{error:#}"));
                     let _ = wake.send_event(Wake::Found(Found::Counted { wanted, result }));
+                }),
+                Effect::FindSurroundings { asked, chunks, up } => self.work("surroundings", move |wake| {
+                    let found = Surroundings::of(cloud::spread_sample(&chunks), up);
+                    let _ = wake.send_event(Wake::Found(Found::Surroundings { asked, found }));
                 }),
                 Effect::Cast(ray) => self.work("sight line", move |wake| {
                     let _ = wake.send_event(Wake::Found(Found::Surface(inspection::cast(&ray))));

@@ -1,22 +1,44 @@
-//! What stands in the scene besides clouds, as a person edits it: mirrors, and points that are turned into mirrors. All of it
-//! is restored by one step of undo. How it gets to the render thread: `State::sync_objects`.
+//! What stands in the scene besides clouds, as a person edits it: mirrors, points that are turned into mirrors, and lights. All
+//! of it is restored by one step of undo. How it gets to the render thread: `State::sync_objects`; lights go with each frame.
 
-use scene::{Mirror, MirrorPoints, SceneFile, five_mirrors};
+use scene::{Mirror, MirrorPoints, SceneFile, SpotLight, five_mirrors};
 
 use super::render_thread::CloudKey;
 use crate::loading::built_in_name;
 
-/// A mirror, as long as it exists and when it comes back by undo. Never used twice.
+/// A mirror or a light, as long as it exists and when it comes back by undo. Never used twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct MirrorId(pub u32);
+pub struct ObjectId(pub u32);
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placed {
-    pub id: MirrorId,
+    pub id: ObjectId,
     pub mirror: Mirror,
     /// The built-in scene that brought it.
     pub input: Option<String>,
 }
+
+/// Where a light comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// Somebody put it there, changed it, or wrote it into a scene file.
+    Person,
+    BuiltIn,
+    /// It stands in for the light that a room's scan does not bring: alone, for nobody writes it into a scene file.
+    Guess,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacedLight {
+    pub id: ObjectId,
+    /// In the list alone: scene files do not name lights.
+    pub name: String,
+    pub light: SpotLight,
+    pub origin: Origin,
+}
+
+/// Name of the lamp that is guessed.
+pub const GUESSED_LAMP: &str = "lamp (guessed)";
 
 /// All of a mirror but its name: what can be seen of it.
 pub fn unnamed(mirror: &Mirror) -> Mirror {
@@ -34,30 +56,65 @@ pub struct Marking {
 pub struct Objects {
     pub mirrors: Vec<Placed>,
     pub markings: Vec<Marking>,
+    /// The first four shine.
+    pub lights: Vec<PlacedLight>,
 }
 
 impl Objects {
-    pub fn mirror(&self, id: MirrorId) -> Option<&Mirror> {
+    pub fn mirror(&self, id: ObjectId) -> Option<&Mirror> {
         self.mirrors.iter().find(|placed| placed.id == id).map(|placed| &placed.mirror)
     }
 
-    pub fn mirror_mut(&mut self, id: MirrorId) -> Option<&mut Mirror> {
+    pub fn mirror_mut(&mut self, id: ObjectId) -> Option<&mut Mirror> {
         self.mirrors.iter_mut().find(|placed| placed.id == id).map(|placed| &mut placed.mirror)
     }
 
-    /// `wanted`, or with the first number that makes it the name of no other mirror: names stand for mirrors in scene files.
-    pub fn free_name(&self, wanted: &str, except: Option<MirrorId>) -> String {
-        let wanted = wanted.trim();
-        let wanted = if wanted.is_empty() { "mirror" } else { wanted };
-        let is_taken =
-            |name: &str| self.mirrors.iter().any(|placed| placed.mirror.name == name && Some(placed.id) != except);
-        let numbered = (2..u32::MAX).map(|number| format!("{wanted} {number}"));
-        let mut names = std::iter::once(wanted.to_string()).chain(numbered);
-        names.find(|name| !is_taken(name)).unwrap_or_default()
+    pub fn light(&self, id: ObjectId) -> Option<&SpotLight> {
+        self.lights.iter().find(|placed| placed.id == id).map(|placed| &placed.light)
     }
 
-    /// A scene of `inputs` with these mirrors. A mirror that is as its built-in scene brings it is left out; a scene that
-    /// lacks one of its own becomes the one without mirrors, and what is left of them is written.
+    /// Changes a light, if it is one then. What somebody changes is theirs.
+    pub fn set_light(&mut self, id: ObjectId, light: SpotLight) {
+        let Some(index) = self.lights.iter().position(|placed| placed.id == id) else { return };
+        if self.lights[index].light != light && light.problem().is_none() {
+            self.accept_guess();
+            (self.lights[index].light, self.lights[index].origin) = (light, Origin::Person);
+        }
+    }
+
+    pub fn add_light(&mut self, id: ObjectId, light: SpotLight) {
+        self.accept_guess();
+        let name = self.free_light_name("spot");
+        self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
+    }
+
+    /// A lamp that is guessed stays, as somebody's own, once lights are put in order.
+    fn accept_guess(&mut self) {
+        for placed in self.lights.iter_mut().filter(|placed| placed.origin == Origin::Guess) {
+            (placed.name, placed.origin) = ("lamp".into(), Origin::Person);
+        }
+    }
+
+    /// Whether the only light is a guess.
+    pub fn has_guess(&self) -> bool {
+        matches!(self.lights.as_slice(), [PlacedLight { origin: Origin::Guess, .. }])
+    }
+
+    /// `wanted`, or with the first number that makes it the name of no other mirror: names stand for mirrors in scene files.
+    pub fn free_name(&self, wanted: &str, except: Option<ObjectId>) -> String {
+        let wanted = wanted.trim();
+        let wanted = if wanted.is_empty() { "mirror" } else { wanted };
+        let others = self.mirrors.iter().filter(|placed| Some(placed.id) != except);
+        numbered(wanted, others.map(|placed| placed.mirror.name.as_str()))
+    }
+
+    pub fn free_light_name(&self, wanted: &str) -> String {
+        numbered(wanted, self.lights.iter().map(|placed| placed.name.as_str()))
+    }
+
+    /// A scene of `inputs` with these objects. A mirror that is as its built-in scene brings it is left out; a scene that
+    /// lacks one of its own becomes the one without mirrors, and what is left of them is written. Lights are left out if they
+    /// come of themselves: those of a file take the place of such.
     pub fn scene_file(&self, inputs: &[String]) -> SceneFile {
         let variant = |input: &str| five_mirrors::Variant::ALL.into_iter().find(|known| built_in_name(*known) == input);
         let own_mirrors = |input: &str| variant(input).map(five_mirrors::Variant::mirrors).unwrap_or_default();
@@ -75,13 +132,29 @@ impl Objects {
         let markings = self.markings.iter().filter(|marking| inputs.contains(&marking.points.cloud));
         let mirror_points =
             markings.map(|marking| MirrorPoints { cloud: written(&marking.points.cloud), ..marking.points.clone() });
+        let has_built_in = inputs.iter().any(|input| variant(input).is_some());
+        let is_brought_light = |placed: &PlacedLight| match placed.origin {
+            Origin::Person => false,
+            Origin::BuiltIn => has_built_in,
+            Origin::Guess => true,
+        };
+        let are_brought = self.lights.iter().all(is_brought_light);
         SceneFile {
             clouds: inputs.iter().map(written).collect(),
             mirrors: self.mirrors.iter().filter(|placed| !is_brought(placed)).map(|p| p.mirror.clone()).collect(),
             mirror_points: mirror_points.collect(),
+            lights: self.lights.iter().filter(|_| !are_brought).map(|placed| placed.light).collect(),
             ..SceneFile::default()
         }
     }
+}
+
+/// `wanted`, or with the first number from 2 on that makes it none of `taken`.
+fn numbered<'a>(wanted: &str, taken: impl Iterator<Item = &'a str>) -> String {
+    let taken: Vec<&str> = taken.collect();
+    let numbered = (2..u32::MAX).map(|number| format!("{wanted} {number}"));
+    let mut names = std::iter::once(wanted.to_string()).chain(numbered);
+    names.find(|name| !taken.contains(&name.as_str())).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -95,9 +168,9 @@ mod tests {
     /// As a built-in scene brings them.
     fn brought(variant: Variant) -> (Objects, Vec<String>) {
         let input = built_in_name(variant);
-        let place = |(index, mirror)| Placed { id: MirrorId(index as u32), mirror, input: Some(input.clone()) };
+        let place = |(index, mirror)| Placed { id: ObjectId(index as u32), mirror, input: Some(input.clone()) };
         let mirrors = variant.mirrors().into_iter().enumerate().map(place).collect();
-        (Objects { mirrors, markings: Vec::new() }, vec![input])
+        (Objects { mirrors, ..Objects::default() }, vec![input])
     }
 
     #[test]
@@ -118,14 +191,35 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_file_names_the_lights_unless_the_built_in_scene_brings_just_them() {
+        let (mut objects, inputs) = brought(Variant::Sphere);
+        let light = five_mirrors::light();
+        let id = ObjectId(8);
+        objects.lights.push(PlacedLight { id, name: "spot".into(), light, origin: Origin::BuiltIn });
+        assert_eq!(objects.scene_file(&inputs).lights, []);
+        assert_eq!(objects.scene_file(&["office.laz".into()]).lights, [light]);
+        let moved = SpotLight { position: light.position * 0.5, ..light };
+        objects.set_light(id, moved);
+        assert_eq!(objects.scene_file(&inputs).lights, [moved]);
+        let guess = PlacedLight { id, name: GUESSED_LAMP.into(), light, origin: Origin::Guess };
+        let mut room = Objects { lights: vec![guess], ..Objects::default() };
+        assert_eq!(room.scene_file(&["office.laz".into()]).lights, []);
+        room.add_light(ObjectId(9), moved);
+        assert_eq!(room.scene_file(&["office.laz".into()]).lights, [light, moved]);
+        // What is no light is not taken.
+        objects.set_light(id, SpotLight { target: moved.position, ..moved });
+        assert_eq!(objects.light(id), Some(&moved));
+    }
+
+    #[test]
     fn names_are_given_once() {
         let (mut objects, _) = brought(Variant::Sphere);
         assert_eq!(objects.free_name("sphere", None), "sphere 2");
-        assert_eq!(objects.free_name("sphere", Some(MirrorId(0))), "sphere");
+        assert_eq!(objects.free_name("sphere", Some(ObjectId(0))), "sphere");
         assert_eq!(objects.free_name("  ", None), "mirror");
         let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0);
         let mirror = Mirror { name: "sphere 2".into(), ..mirror };
-        objects.mirrors.push(Placed { id: MirrorId(7), mirror, input: None });
+        objects.mirrors.push(Placed { id: ObjectId(7), mirror, input: None });
         assert_eq!(objects.free_name("sphere", None), "sphere 3");
     }
 }

@@ -29,7 +29,7 @@ impl Default for Preferences {
 const RECENT_FILES: usize = 12;
 
 /// What belongs to the data at hand and not to the person: not kept.
-const NOT_KEPT: [&str; 3] = ["color.", "scene.", "view.up"];
+const NOT_KEPT: [&str; 7] = ["color.", "light.by", "light.show", "scene.", "sun.", "tone.exposure", "view.up"];
 
 impl Preferences {
     fn path() -> Option<PathBuf> {
@@ -100,12 +100,13 @@ mod tests {
         let mut settings = Settings::default();
         settings.set_text("splat.size", "2.5").unwrap();
         settings.set_text("color.by", "class").unwrap();
+        settings.set_text("light.by", "colors").unwrap();
         let mut preferences = Preferences::default();
         preferences.remember_settings(&settings);
         let (back, warnings) = preferences.settings();
         assert!(warnings.is_empty(), "{warnings:?}");
         assert_eq!(back.splat.size, 2.5);
-        assert_eq!(back.color, scene::Color::default());
+        assert_eq!((back.color, back.light), (scene::Color::default(), scene::Light::default()));
         let text = toml::to_string(&preferences).unwrap();
         assert_eq!(toml::from_str::<Preferences>(&text).unwrap(), preferences);
     }

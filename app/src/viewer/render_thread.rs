@@ -30,6 +30,7 @@ pub struct FrameRequest {
     pub settings: Settings,
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
+    pub sky_is_open: bool,
     /// Pixels.
     pub size: [u32; 2],
     /// Counts changes of the points and their colours.
@@ -375,7 +376,8 @@ impl Worker {
     }
 
     fn render(&mut self, request: &FrameRequest) -> render::Result<FrameStats> {
-        let objects = Objects { mirrors: &request.mirrors, lights: &request.lights, ..Objects::default() };
+        let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
+        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
         self.renderer.render(&self.store, &request.camera, &request.settings, objects, request.size)
     }
 

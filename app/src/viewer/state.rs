@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 use cloud::{Bounds, Chunk, Cloud, Column, Progress, Surfels};
 use glam::DVec3;
 use render::FrameStats;
-use scene::{Camera, Mirror, MirrorPoints, MirrorSurface, Settings, SpotLight, StandardView};
+use scene::{
+    Camera, Lighting, Mirror, MirrorPoints, MirrorSurface, Settings, SpotLight, StandardView, Surroundings, Tone,
+};
 use serde_json::json;
 
 use super::bindings::Mode;
@@ -21,7 +23,7 @@ use super::inspection::{self, Inspection};
 use super::marking::Draft;
 use super::messages::{Level, Messages};
 use super::navigation::{Lens, Navigation};
-use super::objects::{Marking, MirrorId, Objects, Placed, unnamed};
+use super::objects::{GUESSED_LAMP, Marking, ObjectId, Objects, Origin, Placed, PlacedLight, unnamed};
 use super::path_prompt::PathPrompt;
 use super::preferences::Preferences;
 use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
@@ -53,7 +55,7 @@ pub enum Effect {
         source: Arc<codec::Source>,
     },
     SampleMirror {
-        id: MirrorId,
+        id: ObjectId,
         mirror: Mirror,
         /// Of the points around it, squared world units.
         area_per_point: f64,
@@ -70,6 +72,12 @@ pub enum Effect {
         cloud: Cloud,
         source: Option<Arc<codec::Source>>,
         wanted: MirrorPoints,
+    },
+    /// Finds out whether the sky is open above all points; `asked` tells the answers apart.
+    FindSurroundings {
+        asked: u32,
+        chunks: Vec<Chunk>,
+        up: DVec3,
     },
     /// Finds the surface that a ray meets.
     Cast(inspection::Ray),
@@ -101,7 +109,7 @@ pub enum Found {
         result: Result<Vec<(String, String)>, String>,
     },
     Samples {
-        id: MirrorId,
+        id: ObjectId,
         mirror: Mirror,
         area_per_point: f64,
         samples: Vec<Chunk>,
@@ -115,6 +123,10 @@ pub enum Found {
     Counted {
         wanted: MirrorPoints,
         result: Result<u64, String>,
+    },
+    Surroundings {
+        asked: u32,
+        found: Surroundings,
     },
     Surface(Option<inspection::Surface>),
     SceneSaved {
@@ -202,13 +214,22 @@ pub struct State {
     pub jobs: Vec<JobEntry>,
     pub settings: Settings,
     pub objects: Objects,
-    pub lights: Vec<SpotLight>,
-    pub selected: Option<MirrorId>,
+    /// A mirror or a light.
+    pub selected: Option<ObjectId>,
+    /// What is around the points, once they are all there.
+    surroundings: Option<Surroundings>,
+    /// Times that the surroundings were asked for, and the last of them that was answered.
+    surroundings_asked: u32,
+    surroundings_known: u32,
+    /// The lights are being looked after: they are shown in the picture.
+    pub light_panel_is_open: bool,
+    /// What lit the points before the data's own colours were asked for.
+    pub lit_by: Lighting,
     pub gizmo: Gizmo,
     pub inspection: Option<Inspection>,
-    pub samples: HashMap<MirrorId, Sample>,
+    pub samples: HashMap<ObjectId, Sample>,
     /// A mirror whose points are being made.
-    sampling: Option<MirrorId>,
+    sampling: Option<ObjectId>,
     /// Of what is loaded, squared world units.
     area_per_point: Option<f64>,
     /// Points that may be turned into a mirror.
@@ -247,7 +268,7 @@ pub struct State {
     pub effects: Vec<Effect>,
     next_cloud: u32,
     next_job: u32,
-    next_mirror: u32,
+    next_object: u32,
     /// Why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
@@ -268,8 +289,12 @@ impl State {
             jobs: Vec::new(),
             settings,
             objects: Objects::default(),
-            lights: Vec::new(),
             selected: None,
+            surroundings: None,
+            surroundings_asked: 0,
+            surroundings_known: 0,
+            light_panel_is_open: false,
+            lit_by: Lighting::Auto,
             gizmo: Gizmo::default(),
             inspection: None,
             samples: HashMap::new(),
@@ -304,7 +329,7 @@ impl State {
             effects: Vec::new(),
             next_cloud: 0,
             next_job: 0,
-            next_mirror: 0,
+            next_object: 0,
             fatal: None,
             wants_to_quit: false,
             warned: Vec::new(),
@@ -352,6 +377,7 @@ impl State {
     }
 
     pub fn open_request(&mut self, request: loading::Request) {
+        let built_in_light = request.built_in_light();
         for warning in request.warnings {
             self.say(Level::Warning, warning);
         }
@@ -364,10 +390,9 @@ impl State {
                 _ => self.settings = settings,
             }
         }
-        for light in request.lights {
-            if !self.lights.contains(&light) {
-                self.lights.push(light);
-            }
+        let built_in = built_in_light.map(|light| (light, Origin::BuiltIn));
+        for (light, origin) in request.lights.into_iter().map(|light| (light, Origin::Person)).chain(built_in) {
+            self.bring_light(light, origin);
         }
         for mirror in request.mirrors {
             self.bring_mirror(mirror, None);
@@ -548,6 +573,7 @@ impl State {
         }
         self.area_per_point = None;
         self.place_awaited_markings();
+        self.ask_surroundings();
         let points = self.points();
         self.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
     }
@@ -573,8 +599,11 @@ impl State {
         let input = self.clouds.remove(index).input;
         self.area_per_point = None;
         let is_last = self.clouds.is_empty();
-        // Mirrors of a scene that is gone go with it, and with the last cloud all of them.
+        // Built-in scenes have no file.
+        let is_built_in_left = self.clouds.iter().any(|entry| entry.source.is_none());
+        // Mirrors and lights of a scene that is gone go with it, and with the last cloud all of them.
         self.rewrite_objects(|objects| {
+            objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
             objects.markings.retain(|marking| marking.key != key);
             objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
         });
@@ -591,8 +620,9 @@ impl State {
         if is_last {
             self.camera_is_placed = false;
             self.shown = None;
-            self.lights.clear();
+            self.surroundings = None;
         }
+        self.ask_surroundings();
     }
 
     pub fn set_visible(&mut self, key: CloudKey, visible: bool) {
@@ -654,6 +684,7 @@ impl State {
             }
             Found::Marked { key, wanted, result } => self.on_marked(key, wanted, result),
             Found::Counted { wanted, result } => self.draft.on_counted(wanted, result),
+            Found::Surroundings { asked, found } => self.on_surroundings(asked, found),
             Found::Surface(surface) => self.on_surface(surface),
             Found::SceneSaved { path, result } => match result {
                 Ok(()) => {
@@ -680,9 +711,9 @@ impl State {
         self.awaited_markings.push(points);
     }
 
-    pub fn next_mirror_id(&mut self) -> MirrorId {
-        self.next_mirror += 1;
-        MirrorId(self.next_mirror - 1)
+    pub fn next_object_id(&mut self) -> ObjectId {
+        self.next_object += 1;
+        ObjectId(self.next_object - 1)
     }
 
     /// Changes the objects in a way that is no step of undo: something came or went with a file.
@@ -693,8 +724,8 @@ impl State {
     }
 
     /// A mirror that a file or a built-in scene brings.
-    fn bring_mirror(&mut self, mirror: Mirror, input: Option<String>) -> MirrorId {
-        let id = self.next_mirror_id();
+    fn bring_mirror(&mut self, mirror: Mirror, input: Option<String>) -> ObjectId {
+        let id = self.next_object_id();
         let mirror = Mirror { name: self.objects.free_name(&mirror.name, None), ..mirror };
         self.log(json!({ "event": "mirror", "name": mirror.name }));
         self.rewrite_objects(|objects| {
@@ -703,14 +734,99 @@ impl State {
         id
     }
 
+    // ---- light ----
+
+    /// A light that a file or a built-in scene brings.
+    fn bring_light(&mut self, light: SpotLight, origin: Origin) {
+        if self.objects.lights.iter().any(|placed| placed.light == light) {
+            return;
+        }
+        let (id, name) = (self.next_object_id(), self.objects.free_light_name("spot"));
+        let placed = PlacedLight { id, name, light, origin };
+        self.rewrite_objects(|objects| {
+            // A guess stands in for lights that are not there.
+            objects.lights.retain(|other| other.origin != Origin::Guess);
+            objects.lights.push(placed.clone());
+        });
+    }
+
+    /// Asks what is around the points once they are all there.
+    fn ask_surroundings(&mut self) {
+        if self.jobs.is_empty() && !self.clouds.is_empty() {
+            self.surroundings_asked += 1;
+            let (asked, up) = (self.surroundings_asked, self.up());
+            let chunks = self.clouds.iter().flat_map(|entry| entry.cloud.chunks.iter().cloned()).collect();
+            self.effects.push(Effect::FindSurroundings { asked, chunks, up });
+        }
+    }
+
+    /// A scan of a room that has no light gets a lamp, which is no step of undo.
+    fn on_surroundings(&mut self, asked: u32, found: Surroundings) {
+        if asked != self.surroundings_asked {
+            return;
+        }
+        self.surroundings_known = asked;
+        self.surroundings = Some(found);
+        let id = self.next_object_id();
+        self.rewrite_objects(|objects| {
+            objects.lights.retain(|placed| placed.origin != Origin::Guess);
+            if let (Surroundings::Room(room), true) = (found, objects.lights.is_empty()) {
+                let name = GUESSED_LAMP.to_string();
+                objects.lights.push(PlacedLight { id, name, light: room.lamp, origin: Origin::Guess });
+            }
+        });
+        self.log(json!({
+            "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": self.objects.lights.len(),
+        }));
+    }
+
+    /// Whether a light would come of itself if what is open were opened anew.
+    pub fn lacks_light(&self) -> bool {
+        let is_room = matches!(self.surroundings, Some(Surroundings::Room(_)));
+        is_room || self.clouds.iter().any(|entry| entry.source.is_none())
+    }
+
+    pub fn sky_is_open(&self) -> bool {
+        self.surroundings == Some(Surroundings::OpenSky)
+    }
+
+    /// The lights that are there to shine. From outside of a room its lamp would light nothing that is seen.
+    fn lights(&self) -> Vec<SpotLight> {
+        let is_inside = match self.surroundings {
+            Some(Surroundings::Room(room)) => room.inside.contains(self.camera.eye),
+            _ => true,
+        };
+        if self.settings.light.by == Lighting::Auto && self.objects.has_guess() && !is_inside {
+            return Vec::new();
+        }
+        self.objects.lights.iter().map(|placed| placed.light).collect()
+    }
+
+    /// What lights the points: what `auto` stands for now.
+    pub fn lighting(&self) -> Lighting {
+        match self.settings.light.by {
+            Lighting::Auto if !self.lights().is_empty() => Lighting::Lights,
+            Lighting::Auto if self.sky_is_open() => Lighting::Sun,
+            Lighting::Auto => Lighting::Headlight,
+            chosen => chosen,
+        }
+    }
+
+    /// Whether the picture shows the data's own colours.
+    pub fn is_unlit(&self) -> bool {
+        self.raw_colors || self.settings.light.by == Lighting::Colors
+    }
+
+    // ---- mirrors and their points ----
+
     /// Those of the scene, and the one that is held over it.
-    pub fn all_mirrors(&self) -> impl Iterator<Item = (MirrorId, &Mirror)> {
+    pub fn all_mirrors(&self) -> impl Iterator<Item = (ObjectId, &Mirror)> {
         let placed = self.objects.mirrors.iter().map(|placed| (placed.id, &placed.mirror));
         let held = self.inspection.iter().filter_map(|held| Some((held.id, held.mirror.as_ref()?)));
         placed.chain(held)
     }
 
-    fn put_samples(&mut self, id: MirrorId, mirror: Mirror, area_per_point: Option<f64>, chunks: Vec<Chunk>) {
+    fn put_samples(&mut self, id: ObjectId, mirror: Mirror, area_per_point: Option<f64>, chunks: Vec<Chunk>) {
         let next = &mut self.next_cloud;
         let key = self.samples.get(&id).map_or_else(
             || {
@@ -733,7 +849,7 @@ impl State {
     /// end to reflect. Called every frame of the window; what takes time is done elsewhere, one thing at a time, so that what
     /// is dragged is always the latest.
     pub fn sync_objects(&mut self) {
-        let gone: Vec<MirrorId> =
+        let gone: Vec<ObjectId> =
             self.samples.keys().copied().filter(|id| self.all_mirrors().all(|(known, _)| known != *id)).collect();
         for id in gone {
             if let Some(sample) = self.samples.remove(&id) {
@@ -741,7 +857,7 @@ impl State {
                 self.revision += 1;
             }
         }
-        if self.selected.is_some_and(|id| self.objects.mirror(id).is_none()) {
+        if self.selected.is_some_and(|id| self.objects.mirror(id).is_none() && self.objects.light(id).is_none()) {
             self.selected = None;
         }
         // The spacing of the points is known when they are all there.
@@ -753,14 +869,14 @@ impl State {
             .area_per_point
             .get_or_insert_with(|| mirrors::area_per_point(clouds.iter().flat_map(|entry| &entry.cloud.chunks)));
         if self.sampling.is_none() {
-            let is_current = |id: MirrorId, mirror: &Mirror| {
+            let is_current = |id: ObjectId, mirror: &Mirror| {
                 self.samples.get(&id).is_some_and(|sample| {
                     let same_area = sample.area_per_point.is_none_or(|area| area.to_bits() == area_per_point.to_bits());
                     same_area && unnamed(mirror) == unnamed(&sample.mirror)
                 })
             };
             // What moves and is drawn by its formula needs its points when it stands still.
-            let is_held = |id: MirrorId| {
+            let is_held = |id: ObjectId| {
                 let by_formula = self.settings.mirror.surface != MirrorSurface::Points;
                 self.inspection.as_ref().is_some_and(|held| held.id == id && by_formula)
                     || self.selected == Some(id) && self.gizmo.is_dragging() && self.is_slow()
@@ -1002,13 +1118,15 @@ impl State {
         let mut settings = self.settings.clone();
         if self.raw_colors {
             settings.edl.strength = 0.0;
-            settings.light.headlight = 0.0;
+            settings.light.by = Lighting::Colors;
+            settings.tone = Tone::default();
         }
         let mut wanted = FrameRequest {
             camera: self.camera,
             settings,
             mirrors: self.all_mirrors().map(|(_, mirror)| mirror.clone()).collect(),
-            lights: self.lights.clone(),
+            lights: self.lights(),
+            sky_is_open: self.sky_is_open(),
             size: self.view_size,
             revision: self.revision,
             hurried: false,
@@ -1058,7 +1176,9 @@ impl State {
                 if !frame.request.hurried {
                     self.careful_milliseconds = frame.total_milliseconds;
                 }
-                let settled = self.frames_under_way == 0 && self.jobs.is_empty() && !frame.request.hurried;
+                let is_known = self.surroundings_known == self.surroundings_asked;
+                let is_last = self.frames_under_way == 0 && self.jobs.is_empty() && is_known;
+                let settled = is_last && !frame.request.hurried;
                 self.log(json!({
                     "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
                     "settled": settled,
@@ -1146,7 +1266,7 @@ impl State {
     }
 
     /// The mirror under a pixel, and where: by the points that stand for it.
-    fn mirror_at(&self, pixel: [u32; 2]) -> Option<(MirrorId, DVec3)> {
+    fn mirror_at(&self, pixel: [u32; 2]) -> Option<(ObjectId, DVec3)> {
         let lens = self.lens();
         let hit = |placed: &Placed| {
             let sample = self.samples.get(&placed.id)?;

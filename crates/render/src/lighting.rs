@@ -17,7 +17,7 @@ use crate::store::{PointStore, Selection};
 use crate::targets::storage;
 
 /// Lights of a scene that count; more would not fit the shadow maps' buffer on small adapters.
-pub(crate) const MOST_LIGHTS: usize = 4;
+pub const MOST_LIGHTS: usize = 4;
 /// Texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about as fine as a splat.
 pub(crate) const SHADOW_SIZE: u32 = 1024;
 const SHADOW_BYTES: u64 = SHADOW_SIZE as u64 * SHADOW_SIZE as u64 * 8;

@@ -19,4 +19,4 @@ pub use settings::{
     MirrorSettings, MirrorSurface, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat,
     Sscr, Stop, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
 };
-pub use surroundings::Surroundings;
+pub use surroundings::{Room, Surroundings};

@@ -156,7 +156,7 @@ params! {
 
     /// Light.
     pub struct Light = "light" {
-        /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); auto takes the scene's lights, or else a sun where the sky is open.
+        /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); auto takes the scene's lights, else a sun where the sky is open above the points, else inside of a closed room a lamp under its ceiling, else the lamp at the eye.
         by: Lighting = Lighting::Auto;
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
         headlight: f32 = 0.5, 0.0..=1.0, "share";

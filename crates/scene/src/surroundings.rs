@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
+use cloud::Bounds;
 use glam::DVec3;
 
 use crate::SpotLight;
@@ -13,8 +14,16 @@ use crate::SpotLight;
 pub enum Surroundings {
     /// Nothing hangs over it: a landscape, a street, a forest, an object on a table.
     OpenSky,
-    /// A ceiling hangs over its floor, and this lamp under the ceiling.
-    Room(SpotLight),
+    Room(Room),
+}
+
+/// A floor and a ceiling over it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Room {
+    /// Hangs under the ceiling in the middle of the largest part.
+    pub lamp: SpotLight,
+    /// From floor to ceiling, world units: from outside of it the lamp lights nothing that is seen.
+    pub inside: Bounds,
 }
 
 /// Cells along the longer side of the ground plan: a cell of a room is then about as wide as a cupboard.
@@ -47,7 +56,8 @@ impl Surroundings {
     pub fn of(positions: impl Iterator<Item = DVec3>, up: DVec3) -> Self {
         let frame = Frame::new(up);
         let points: Vec<DVec3> = positions.map(|position| frame.local(position)).collect();
-        Plan::new(&points).and_then(|plan| plan.lamp()).map_or(Self::OpenSky, |lamp| Self::Room(lamp.in_world(&frame)))
+        let room = Plan::new(&points).filter(Plan::is_room).and_then(|plan| plan.room(&frame));
+        room.map_or(Self::OpenSky, Self::Room)
     }
 }
 
@@ -151,10 +161,18 @@ impl Plan {
         5 * alike > 3 * count || BUILT.contains(&heights[count / 2])
     }
 
-    fn lamp(&self) -> Option<Lamp> {
-        if !self.is_room() {
-            return None;
+    fn room(&self, frame: &Frame) -> Option<Room> {
+        let mut inside = Bounds::EMPTY;
+        for ((x, y), gap) in &self.covered {
+            let corner = self.corner + DVec3::new(f64::from(*x), f64::from(*y), 0.0) * self.edge;
+            let opposite = corner + DVec3::new(self.edge, self.edge, 0.0);
+            inside.include(frame.world(corner.with_z(gap.floor)));
+            inside.include(frame.world(opposite.with_z(gap.ceiling)));
         }
+        Some(Room { lamp: self.lamp()?.in_world(frame), inside })
+    }
+
+    fn lamp(&self) -> Option<Lamp> {
         // The middle of the largest room is where most columns around are covered; of several such the middle one.
         let reach = (CELLS / 8.0) as i32;
         let around = |(x, y): (i32, i32)| {
@@ -273,9 +291,9 @@ mod tests {
         points.into_iter().map(|point| point + DVec3::new(2_635_000.0, 1_248_000.0, 410.0)).collect()
     }
 
-    fn lamp(points: &[DVec3], up: DVec3) -> SpotLight {
+    fn room_of(points: &[DVec3], up: DVec3) -> Room {
         match Surroundings::of(points.iter().copied(), up) {
-            Surroundings::Room(lamp) => lamp,
+            Surroundings::Room(room) => room,
             Surroundings::OpenSky => panic!("a room has no sky"),
         }
     }
@@ -286,8 +304,9 @@ mod tests {
 
     #[test]
     fn a_room_gets_a_lamp_under_its_ceiling_that_shines_down_in_its_middle() {
-        let lamp = lamp(&room(), DVec3::Z);
+        let Room { lamp, inside } = room_of(&room(), DVec3::Z);
         assert_eq!(lamp.problem(), None);
+        assert!(inside.contains(lamp.position) && (inside.size() - DVec3::new(8.0, 5.0, 3.0)).length() < 0.5);
         let at = lamp.position - DVec3::new(2_635_000.0, 1_248_000.0, 410.0);
         assert!((2.0..6.0).contains(&at.x) && (1.0..4.0).contains(&at.y) && (2.5..2.9).contains(&at.z), "{at}");
         let axis = (lamp.target - lamp.position).normalize();
@@ -297,7 +316,7 @@ mod tests {
     #[test]
     fn what_points_up_may_be_any_axis() {
         let turned: Vec<DVec3> = room().into_iter().map(|point| DVec3::new(point.x, point.z, -point.y)).collect();
-        let (lamp, upright) = (lamp(&turned, DVec3::Y), lamp(&room(), DVec3::Z));
+        let (lamp, upright) = (room_of(&turned, DVec3::Y).lamp, room_of(&room(), DVec3::Z).lamp);
         assert!((lamp.position.y - upright.position.z).abs() < 0.05);
         assert!((lamp.target - lamp.position).normalize().distance(-DVec3::Y) < 1e-9);
     }

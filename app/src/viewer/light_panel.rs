@@ -1,0 +1,404 @@
+//! What lights the points: the choice, the list of spot lights with the numbers of the selected one, and the parameters that
+//! matter for the choice.
+
+use egui::{CollapsingHeader, RichText, Ui};
+use glam::DVec3;
+use render::MOST_LIGHTS;
+use scene::{Lighting, SpotLight};
+
+use super::bindings::{self, Action};
+use super::mirrors_panel::{object_list, three};
+use super::objects::{ObjectId, PlacedLight};
+use super::panel::{name_label, parameter, parameters};
+use super::state::State;
+use super::theme;
+
+const CHOICES: [(Lighting, &str, &str); 5] = [
+    (Lighting::Auto, "Auto", "Lights if there are any, else a sun where the sky is open, else a lamp at the eye"),
+    (Lighting::Lights, "Lights", "The lights in the list below, with shadows"),
+    (Lighting::Sun, "Sun", "A sun with shadows, and an even sky"),
+    (Lighting::Headlight, "Headlight", "A lamp at the eye, without shadows"),
+    (Lighting::Colors, "Raw colours", "The data's own colours, no light"),
+];
+
+pub fn show(ui: &mut Ui, state: &mut State) {
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing.x = 2.0;
+        ui.spacing_mut().button_padding.x = 5.0;
+        for (by, name, help) in CHOICES {
+            let shortcut =
+                bindings::shortcut(if by == Lighting::Colors { Action::ToggleLight } else { Action::NextLight });
+            let button = ui.selectable_label(state.settings.light.by == by, name);
+            if button.on_hover_text(format!("{help} ({shortcut})")).clicked() {
+                state.light_by(by);
+            }
+        }
+    });
+    ui.label(RichText::new(explanation(state)).small().color(theme::WEAK));
+    ui.horizontal(|ui| {
+        let help = "Stands where you are and aims at the pivot, so bright that white is white there";
+        let shortcut = bindings::shortcut(Action::AddSpot);
+        if ui.button("Spot at the camera").on_hover_text(format!("{help} ({shortcut})")).clicked() {
+            state.act(Action::AddSpot);
+        }
+        if state.objects.lights.is_empty() {
+            ui.label(RichText::new("No lights.").color(theme::WEAK));
+        }
+    });
+    let name = |(index, placed): (usize, &PlacedLight)| {
+        let unlit = if index < MOST_LIGHTS { "" } else { " (does not shine)" };
+        (placed.id, format!("{}{unlit}", placed.name))
+    };
+    object_list(ui, state, state.objects.lights.iter().enumerate().map(name).collect());
+    if let Some((id, light)) = state.selected.and_then(|id| Some((id, *state.objects.light(id)?))) {
+        ui.separator();
+        ui.push_id(id.0, |ui| numbers(ui, state, id, light));
+    }
+    ui.separator();
+    parameter(ui, &mut state.settings.light, "show");
+    let lighting = state.lighting();
+    let settings = &mut state.settings;
+    if lighting == Lighting::Headlight {
+        parameter(ui, &mut settings.light, "headlight");
+    }
+    if lighting == Lighting::Sun {
+        part(ui, "Sun and sky", true, |ui| parameters(ui, &mut settings.sun, &[]));
+    }
+    if matches!(lighting, Lighting::Sun | Lighting::Lights) {
+        part(ui, "Indirect light", false, |ui| parameters(ui, &mut settings.gi, &[]));
+        part(ui, "Shadows and highlights", false, |ui| {
+            parameters(ui, &mut settings.light, &["by", "show", "headlight"]);
+        });
+    }
+    part(ui, "Tone", false, |ui| parameters(ui, &mut settings.tone, &[]));
+    part(ui, "Eye-dome lighting", false, |ui| parameters(ui, &mut settings.edl, &[]));
+}
+
+/// What the choice comes to.
+fn explanation(state: &State) -> &'static str {
+    let is_auto = state.settings.light.by == Lighting::Auto;
+    let lights = &state.objects.lights;
+    match state.lighting() {
+        Lighting::Lights if lights.is_empty() => "There is no light in the scene: it is dark.",
+        Lighting::Lights if is_auto && state.objects.has_guess() => "A closed room without a light: a lamp is guessed.",
+        Lighting::Lights if is_auto => "The scene has lights.",
+        Lighting::Lights => "The lights of the scene.",
+        Lighting::Sun if is_auto => "No lights in the scene, and the sky is open.",
+        Lighting::Sun => "A sun and a sky.",
+        _ if is_auto && !state.jobs.is_empty() => "A lamp at the eye until everything is read.",
+        _ if is_auto && state.objects.has_guess() => "A lamp at the eye; in the room, the lamp that is guessed.",
+        Lighting::Headlight if is_auto => "No lights in the scene: a lamp at the eye.",
+        Lighting::Headlight | Lighting::Auto => "A lamp at the eye.",
+        Lighting::Colors => "Data colours, no light.",
+    }
+}
+
+fn part(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) {
+    CollapsingHeader::new(title).default_open(is_open).show_unindented(ui, contents);
+}
+
+/// The numbers of a light. What they make of it is taken only if it is one.
+fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut light: SpotLight) {
+    let before = light;
+    let step = light.position.distance(light.target) * 0.01;
+    for (name, place) in [("Position", &mut light.position), ("Target", &mut light.target)] {
+        *place = three(ui, name, *place, step, "").unwrap_or(*place);
+    }
+    let strength = light.intensity.into_iter().fold(0.0, f32::max);
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Intensity");
+        let mut edited = strength;
+        // Not down to 0, where its colour would be lost.
+        let drag = egui::DragValue::new(&mut edited).range(1e-6..=f32::MAX).speed(strength * 0.01).max_decimals(3);
+        let is_edited = ui.add(drag).labelled_by(label.id).on_hover_text("Radiant intensity, per steradian").changed();
+        let mut color = light.intensity.map(|part| if strength > 0.0 { part / strength } else { 1.0 });
+        let button = egui::color_picker::color_edit_button_rgb(ui, &mut color);
+        if is_edited || button.on_hover_text("Its colour").changed() {
+            light.intensity = color.map(|part| part * edited);
+        }
+    });
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Cone");
+        let angle = |value| egui::DragValue::new(value).speed(0.2).suffix("°").max_decimals(1);
+        let (inner, outer) = (light.inner_degrees, light.outer_degrees);
+        let inner_drag = angle(&mut light.inner_degrees).range(0.0..=outer);
+        ui.add(inner_drag).labelled_by(label.id).on_hover_text("From the axis: as bright as it gets up to here");
+        let outer_drag = angle(&mut light.outer_degrees).range(inner.max(0.1)..=89.0);
+        ui.add(outer_drag).on_hover_text("From the axis: dark from here on");
+    });
+    ui.horizontal(|ui| {
+        if ui.button("Move to camera").on_hover_text("It stands where you are and aims at the pivot").clicked() {
+            (light.position, light.target) = (state.camera.eye, state.camera.pivot);
+        }
+        if ui.button("Look from it").on_hover_text("You stand where it is and look at its target").clicked() {
+            state.look_along(light.position, light.target);
+        }
+    });
+    if light != before {
+        state.objects.set_light(id, light);
+        state.navigation.camera_moved();
+    }
+}
+
+/// A spot light at `eye` that aims at `pivot`, there as bright as white paper looks white: a white surface that faces it has
+/// radiance 1. Its cone is as wide as the picture is high.
+pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
+    // A narrow beam through a wide lens shows nothing, a wide one through a narrow lens has no edge to be seen by.
+    let outer_degrees = (field_of_view_degrees * 0.5).clamp(25.0, 75.0);
+    SpotLight {
+        position: eye,
+        target: pivot,
+        intensity: [(std::f64::consts::PI * eye.distance_squared(pivot)) as f32; 3],
+        inner_degrees: outer_degrees * 0.8,
+        outer_degrees,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Bounds, Progress};
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use scene::{Room, Surroundings};
+
+    use super::super::objects::{GUESSED_LAMP, Origin};
+    use super::super::preferences::Preferences;
+    use super::super::state::{Effect, Found};
+    use super::*;
+    use crate::loading;
+
+    /// A scene of two points that is completely read.
+    fn loaded() -> State {
+        let mut state = State::new(Preferences::default());
+        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default());
+        state.on_loading(
+            job,
+            loading::Event::Opened {
+                cloud: 0,
+                name: "cloud.ply".into(),
+                input: "cloud.ply".into(),
+                source: None,
+                attributes: Vec::new(),
+                grid: None,
+                expected_points: 2,
+                up: DVec3::Z,
+                provisional_radius: 0.0,
+                warnings: Vec::new(),
+            },
+        );
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
+        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(job, loading::Event::Finished);
+        state.history.watch(&state.settings, &state.objects, false);
+        state
+    }
+
+    fn harness() -> Harness<'static, State> {
+        let mut harness = Harness::builder()
+            .with_size([340.0, 900.0])
+            .build_ui_state(|ui, state: &mut State| show(ui, state), loaded());
+        harness.run_ok();
+        harness
+    }
+
+    fn names(state: &State) -> Vec<&str> {
+        state.objects.lights.iter().map(|placed| placed.name.as_str()).collect()
+    }
+
+    /// What a worker thread would answer to the last question for the surroundings.
+    fn answer(state: &mut State, found: Surroundings) {
+        let asked = std::mem::take(&mut state.effects).into_iter().rev().find_map(|effect| match effect {
+            Effect::FindSurroundings { asked, .. } => Some(asked),
+            _ => None,
+        });
+        state.on_found(Found::Surroundings { asked: asked.expect("the surroundings are asked for"), found });
+    }
+
+    /// A room about the camera.
+    fn room(state: &State) -> Surroundings {
+        let lamp = spot(DVec3::new(5.0, 5.0, 2.7), DVec3::new(5.0, 5.0, 0.0), 140.0);
+        let (eye, half) = (state.camera.eye, DVec3::ONE);
+        Surroundings::Room(Room { lamp, inside: Bounds { min: eye - half, max: eye + half } })
+    }
+
+    #[test]
+    fn a_spot_at_the_camera_takes_one_click_shines_and_is_undone() {
+        let mut harness = harness();
+        assert!(harness.query_by_label("No lights.").is_some());
+        harness.get_by_label("Spot at the camera").click();
+        harness.run_ok();
+        let state = harness.state();
+        let added = state.objects.lights[0].clone();
+        assert_eq!((state.selected, state.lighting()), (Some(added.id), Lighting::Lights));
+        assert_eq!((added.light.position, added.light.target), (state.camera.eye, state.camera.pivot));
+        assert_eq!(added.light.problem(), None);
+        harness.get_by_label("Copy spot").click();
+        harness.run_ok();
+        assert_eq!(names(harness.state()), ["spot", "spot 2"]);
+        harness.get_by_label("Delete spot").click();
+        harness.run_ok();
+        assert_eq!(names(harness.state()), ["spot 2"]);
+        for expected in [&["spot", "spot 2"][..], &["spot"], &[]] {
+            harness.state_mut().act(Action::Undo);
+            assert_eq!(names(harness.state()), expected);
+        }
+        harness.state_mut().act(Action::Redo);
+        assert_eq!(harness.state().objects.lights, [added]);
+    }
+
+    #[test]
+    fn white_is_white_where_a_spot_aims() {
+        let (eye, pivot) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, -2.0, 3.0));
+        let light = spot(eye, pivot, 60.0);
+        let irradiance = f64::from(light.intensity[0]) / eye.distance_squared(pivot);
+        assert!((irradiance / std::f64::consts::PI - 1.0).abs() < 1e-6);
+        assert!((30.0 - light.outer_degrees).abs() < 1e-4 && light.inner_degrees < light.outer_degrees);
+        for field_of_view in [1.0, 150.0] {
+            assert_eq!(spot(eye, pivot, field_of_view).problem(), None);
+        }
+    }
+
+    #[test]
+    fn a_light_that_is_added_shines_whatever_was_chosen_before() {
+        for by in [Lighting::Auto, Lighting::Sun, Lighting::Headlight, Lighting::Colors] {
+            let mut state = loaded();
+            state.settings.light.by = by;
+            state.history.settle(&state.settings, &state.objects);
+            state.act(Action::AddSpot);
+            assert_eq!(state.lighting(), Lighting::Lights);
+            state.act(Action::Undo);
+            assert_eq!((state.settings.light.by, state.objects.lights.len()), (by, 0), "one step of undo");
+        }
+    }
+
+    #[test]
+    fn the_fifth_light_is_said_not_to_shine() {
+        let mut harness = harness();
+        for _ in 0..4 {
+            harness.state_mut().act(Action::AddSpot);
+        }
+        assert!(harness.state().messages.all.is_empty());
+        harness.state_mut().act(Action::AddSpot);
+        harness.run_ok();
+        assert!(harness.state().messages.all.iter().any(|message| message.text.contains("first 4")));
+        assert!(harness.query_by_label("spot 5 (does not shine)").is_some());
+    }
+
+    #[test]
+    fn a_room_gets_a_lamp_that_becomes_ones_own_when_it_is_changed() {
+        let mut harness = harness();
+        assert_eq!(harness.state().lighting(), Lighting::Headlight, "nothing is known yet");
+        let found = room(harness.state());
+        answer(harness.state_mut(), found);
+        harness.run_ok();
+        assert_eq!((names(harness.state()), harness.state().lighting()), (vec![GUESSED_LAMP], Lighting::Lights));
+        harness.state_mut().act(Action::Undo);
+        assert_eq!(names(harness.state()), [GUESSED_LAMP], "what comes with a file is no step of undo");
+        harness.get_by_label(GUESSED_LAMP).click();
+        harness.run_ok();
+        harness.get_by_label("Move to camera").click();
+        harness.run_ok();
+        let state = harness.state();
+        assert_eq!((names(state), state.objects.lights[0].origin), (vec!["lamp"], Origin::Person));
+        assert_eq!(state.objects.lights[0].light.position, state.camera.eye);
+    }
+
+    #[test]
+    fn a_guessed_lamp_shines_while_one_is_inside_and_stays_when_another_light_is_added() {
+        let mut state = loaded();
+        let found = room(&state);
+        answer(&mut state, found);
+        let inside = state.camera;
+        state.camera.fly(DVec3::new(0.0, 0.0, -9.0));
+        assert_eq!(state.lighting(), Lighting::Headlight, "from outside it would be dark");
+        state.settings.light.by = Lighting::Lights;
+        assert_eq!(state.lighting(), Lighting::Lights);
+        state.settings.light.by = Lighting::Auto;
+        state.act(Action::AddSpot);
+        assert_eq!((names(&state), state.lighting()), (vec!["lamp", "spot"], Lighting::Lights));
+        state.act(Action::Undo);
+        state.camera = inside;
+        assert_eq!((names(&state), state.lighting()), (vec![GUESSED_LAMP], Lighting::Lights));
+    }
+
+    #[test]
+    fn the_open_sky_lets_the_sun_in_and_other_lights_keep_the_lamp_out() {
+        let mut state = loaded();
+        answer(&mut state, Surroundings::OpenSky);
+        assert_eq!(state.lighting(), Lighting::Sun);
+        let mut state = loaded();
+        state.act(Action::AddSpot);
+        let found = room(&state);
+        answer(&mut state, found);
+        assert_eq!(names(&state), ["spot"]);
+        // An answer to an older question.
+        state.on_found(Found::Surroundings { asked: 0, found: Surroundings::OpenSky });
+        assert!(!state.sky_is_open());
+    }
+
+    #[test]
+    fn a_guess_goes_when_a_file_brings_lights_and_when_its_cloud_is_closed() {
+        let mut state = loaded();
+        let found = room(&state);
+        answer(&mut state, found);
+        state.open_request(loading::Request { lights: vec![scene::five_mirrors::light()], ..Default::default() });
+        assert_eq!(names(&state), ["spot"]);
+        let mut state = loaded();
+        let found = room(&state);
+        answer(&mut state, found);
+        state.remove_cloud(state.clouds[0].key);
+        assert!(state.objects.lights.is_empty());
+    }
+
+    #[test]
+    fn data_colours_come_and_go_with_one_key() {
+        let mut state = loaded();
+        state.settings.light.by = Lighting::Headlight;
+        state.act(Action::ToggleLight);
+        assert!(state.is_unlit());
+        state.act(Action::ToggleLight);
+        assert_eq!(state.settings.light.by, Lighting::Headlight);
+        let seen: Vec<Lighting> = (0..5)
+            .map(|_| {
+                state.act(Action::NextLight);
+                state.settings.light.by
+            })
+            .collect();
+        let expected = [Lighting::Colors, Lighting::Auto, Lighting::Lights, Lighting::Sun, Lighting::Headlight];
+        assert_eq!(seen, expected);
+    }
+
+    #[test]
+    fn parameters_are_shown_where_they_matter() {
+        let mut harness = harness();
+        for (by, shown, hidden) in [
+            (Lighting::Sun, &["Azimuth", "Indirect light", "Tone"][..], &["Headlight share"][..]),
+            (Lighting::Lights, &["Indirect light", "Shadows and highlights"], &["Azimuth"]),
+            (Lighting::Colors, &["Tone"], &["Azimuth", "Indirect light"]),
+        ] {
+            harness.state_mut().settings.light.by = by;
+            harness.run_ok();
+            for title in shown {
+                assert!(harness.query_all_by_label(title).next().is_some(), "{by:?} lacks {title}");
+            }
+            for title in hidden {
+                assert!(harness.query_all_by_label(title).next().is_none(), "{by:?} has {title}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_view_brings_its_lights_back() {
+        let mut state = loaded();
+        state.act(Action::AddSpot);
+        let before = state.objects.lights[0].light;
+        state.act(Action::CopyView);
+        let Some(Effect::Copy(text)) = state.effects.pop() else { panic!("nothing was copied") };
+        let id = state.objects.lights[0].id;
+        state.objects.set_light(id, SpotLight { position: DVec3::splat(9.0), ..before });
+        state.paste_view(&text);
+        assert_eq!(state.objects.lights.iter().map(|placed| placed.light).collect::<Vec<_>>(), [before]);
+    }
+}
