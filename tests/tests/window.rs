@@ -264,3 +264,39 @@ fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
     let differing = picture.pixels().zip(rendered.pixels()).filter(|(a, b)| a != b).count();
     assert_eq!(differing, 0, "of {size} pixels");
 }
+
+#[test]
+fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
+    let session = Session::start();
+    session.folder.write("lattice.ply", lattice());
+    let window = session.open(["lattice.ply"]);
+    let surroundings = window.wait_for_event("surroundings", 0, |_| true);
+    assert_eq!((&surroundings["sky_is_open"], &surroundings["lights"]), (&true.into(), &0.into()));
+    let by_sun = view(&settled(&window, 0));
+    let seen = window.events().len();
+    window.press("k");
+    window.wait_for_event("light", seen, |_| true);
+    window.wait_for_picture("the spot's light", |picture| view(picture) != by_sun);
+    // Data colours, and lit again.
+    let seen = window.events().len();
+    window.press("u");
+    let unlit = view(&settled(&window, seen));
+    let seen = window.events().len();
+    window.press("u");
+    assert!(view(&settled(&window, seen)) != unlit, "the light came back");
+    let seen = window.events().len();
+    window.press("ctrl+s");
+    let saved = window.wait_for_event("scene_saved", seen, |_| true);
+    let text =
+        std::fs::read_to_string(session.folder.path(saved["path"].as_str().expect("a path"))).expect("the scene");
+    assert_eq!(text.matches("[[lights]]").count(), 1, "{text}");
+    // The switch to data colours and back are steps of their own.
+    for lights in [1, 1, 0] {
+        std::thread::sleep(std::time::Duration::from_millis(700));
+        let seen = window.events().len();
+        window.press("ctrl+z");
+        let history = window.wait_for_event("history", seen, |_| true);
+        assert_eq!(history["lights"], lights, "{history}");
+    }
+    assert!(window.is_open(), "{}", window.messages());
+}

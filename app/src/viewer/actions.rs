@@ -464,7 +464,7 @@ impl State {
         let request = request.unhurried(&self.settings);
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "png");
-        self.render(Command::Save { request, path });
+        self.render(Command::Save { request: Box::new(request), path });
     }
 }
 

@@ -184,7 +184,7 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
     let line = |ui: &mut Ui| {
         let label = name_label(ui, name);
         ui.spacing_mut().item_spacing.x = 3.0;
-        let width = ((ui.available_width() - 6.0) / 3.0).max(40.0);
+        let width = ((ui.available_width() - 6.0) / 3.0).floor().max(40.0);
         for axis in 0..3 {
             let drag = egui::DragValue::new(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
             ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);

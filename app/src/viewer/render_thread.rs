@@ -91,14 +91,14 @@ pub enum Command {
         classes: Option<usize>,
         marked: Vec<Marked>,
     },
-    Frame(FrameRequest),
+    Frame(Box<FrameRequest>),
     Pick {
         pixel: [u32; 2],
         purpose: PickPurpose,
     },
     /// Draws once more and writes a PNG file.
     Save {
-        request: FrameRequest,
+        request: Box<FrameRequest>,
         path: PathBuf,
     },
 }
@@ -295,7 +295,7 @@ impl Worker {
                 next = commands.try_recv().ok();
             }
             if let Some(request) = frame {
-                match self.draw(request) {
+                match self.draw(*request) {
                     Ok(frame) => report(Report::Frame(Box::new(frame))),
                     Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
                     Err(error) => report(Report::NotDrawn(error.to_string())),

@@ -1157,7 +1157,7 @@ impl State {
         self.requested = Some(wanted.clone());
         self.requested_at = Some(Instant::now());
         self.frames_under_way += 1;
-        self.render(Command::Frame(wanted));
+        self.render(Command::Frame(Box::new(wanted)));
         rest
     }
 

@@ -41,8 +41,8 @@ const BUILT: std::ops::RangeInclusive<f64> = 1.8..=12.0;
 /// Radiance that a lamp's floor is to have where it reflects half of the light: less than half of the screen's white.
 const FLOOR_RADIANCE: f64 = 0.4;
 const FLOOR_ALBEDO: f64 = 0.5;
-/// Half angles of a lamp's cone, degrees: the lower walls up to the height of the eye are lit, the ceiling is not.
-const LAMP_DEGREES: (f32, f32) = (70.0, 78.0);
+/// Half angles of a lamp's cone, degrees: wider ones have too few texels of their shadow map left for what lies below.
+const LAMP_DEGREES: (f32, f32) = (72.0, 80.0);
 
 impl Surroundings {
     /// Judges by columns over a grid of the ground plan. A column is covered if the largest gap between its points is a sixth
