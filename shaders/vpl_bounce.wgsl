@@ -46,8 +46,15 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
         map = map_from_direction(vec3f(cos(turn) * across, sin(turn) * across, sqrt(max(1.0 - numbers.x, 0.0))));
     }
     let size = f32(lights.map_size);
-    let texel = min(vec2u((map * 0.5 + 0.5) * size), vec2u(lights.map_size - 1u));
-    let code = shadow_maps[birth.x * lights.map_stride + texel.y * lights.map_size + texel.x];
+    let aimed = min(vec2i((map * 0.5 + 0.5) * size), vec2i(i32(lights.map_size) - 1));
+    // A gap between splats is no hole in a surface: the texels around are looked at as well, from the middle one on.
+    var texel = aimed;
+    var code = 0u;
+    for (var i = 0; i < 9 && code == 0u; i++) {
+        let place = (i + 4) % 9;
+        texel = clamp(aimed + vec2i(place % 3 - 1, place / 3 - 1), vec2i(0), vec2i(i32(lights.map_size) - 1));
+        code = shadow_maps[birth.x * lights.map_stride + u32(texel.y) * lights.map_size + u32(texel.x)];
+    }
     if code == 0u {
         return;
     }

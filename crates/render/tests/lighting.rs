@@ -3,6 +3,7 @@
 
 #[macro_use]
 mod stage;
+mod walls;
 
 use std::f64::consts::{FRAC_1_PI, PI};
 use std::sync::Arc;
@@ -14,53 +15,13 @@ use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Settings, SpotLight};
 
 use stage::Stage;
+use walls::{ALBEDO, DISC, settings, store_of, wall};
 
 const SIZE: [u32; 2] = [64, 48];
-/// sRGB of the walls, and what it is linear.
-const GREY: u8 = 188;
-const ALBEDO: f64 = 0.502_886_5;
-/// Radius of the walls' splats.
-const DISC: f64 = 0.02;
-
-/// A rectangle, sampled so that its discs close it.
-fn wall(corner: DVec3, edges: [DVec3; 2]) -> Chunk {
-    let counts = edges.map(|edge| (edge.length() / DISC).ceil() as u32);
-    let at = |i: u32, count: u32| (f64::from(i) + 0.5) / f64::from(count);
-    let points: Vec<[f32; 3]> = (0..counts[0] * counts[1])
-        .map(|i| {
-            let (u, v) = (at(i % counts[0], counts[0]), at(i / counts[0], counts[1]));
-            (corner + edges[0] * u + edges[1] * v).as_vec3().to_array()
-        })
-        .collect();
-    let normal = edges[0].cross(edges[1]).normalize().as_vec3();
-    let mut chunk = Chunk::new(0, DVec3::ZERO, points);
-    chunk.colors = Some(Arc::new(vec![[GREY, GREY, GREY, 255]; chunk.len()]));
-    chunk.normals = Some(Arc::new(vec![pack_normal(normal); chunk.len()]));
-    chunk.radii = Some(Arc::new(vec![pack_radius(DISC as f32); chunk.len()]));
-    chunk
-}
 
 /// In z = `z`, x and y from -`half` to `half`.
 fn square(z: f64, half: f64) -> Chunk {
     wall(DVec3::new(-half, -half, z), [DVec3::X * 2.0 * half, DVec3::Y * 2.0 * half])
-}
-
-fn store_of(stage: &Stage, chunks: Vec<Chunk>, material: Material) -> PointStore {
-    let mut store = PointStore::new(stage.gpu.clone());
-    let id = store.add_cloud(material);
-    let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
-    let cloud = Cloud { chunks, ..Cloud::default() };
-    let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
-    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
-    store
-}
-
-fn settings(pairs: &[(&str, &str)]) -> Settings {
-    let mut settings = Settings::default();
-    for (key, value) in pairs {
-        settings.set_text(key, value).unwrap();
-    }
-    settings
 }
 
 /// Two above the wall in z = 0.

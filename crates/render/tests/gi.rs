@@ -1,0 +1,327 @@
+//! Indirect light on the GPU against closed forms, and what must not change it.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[macro_use]
+mod stage;
+mod walls;
+
+use std::f64::consts::{FRAC_1_PI, PI};
+use std::sync::Arc;
+
+use cloud::{Chunk, pack_normal, pack_radius};
+use glam::{DVec3, Vec3};
+use param::{Kind, Params as _, Value};
+use render::{Aov, FrameStats, Material, Objects, PointStore};
+use scene::five_mirrors::{self, Variant};
+use scene::{Camera, Gi, Settings, SpotLight};
+
+use stage::Stage;
+use walls::{ALBEDO, settings, store_of, wall};
+
+const SIZE: [u32; 2] = [64, 48];
+
+fn render(
+    stage: &mut Stage,
+    store: &PointStore,
+    camera: &Camera,
+    settings: &Settings,
+    lights: &[SpotLight],
+) -> FrameStats {
+    let objects = Objects { lights, ..Objects::default() };
+    stage.renderer.render(store, camera, settings, objects, SIZE).unwrap()
+}
+
+fn read(stage: &Stage, aov: Aov) -> Vec<DVec3> {
+    let image = stage.renderer.read_aov(aov).unwrap();
+    image.data.as_chunks::<3>().0.iter().map(|rgb| Vec3::from(*rgb).as_dvec3()).collect()
+}
+
+fn brightness(color: DVec3) -> f64 {
+    color.element_sum() / 3.0
+}
+
+fn mean(colors: &[DVec3]) -> f64 {
+    let seen = colors.iter().filter(|color| !color.is_nan());
+    seen.clone().map(|color| brightness(*color)).sum::<f64>() / seen.count() as f64
+}
+
+fn five_mirrors_store(stage: &Stage, variant: Variant, points: u64) -> PointStore {
+    let mut chunks = Vec::new();
+    for part in five_mirrors::sample(variant, points, 1) {
+        chunks.extend(part.chunks);
+    }
+    store_of(stage, chunks, Material::default())
+}
+
+/// The inside of a sphere about the origin, of `points` discs.
+fn hollow_sphere(radius: f64, points: u32) -> Chunk {
+    let place = |index: u32| {
+        // A spiral of even density (Vogel 1979).
+        let z = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(points);
+        let turn = f64::from(index) * PI * (3.0 - 5_f64.sqrt());
+        DVec3::new((1.0 - z * z).sqrt() * turn.cos(), (1.0 - z * z).sqrt() * turn.sin(), z)
+    };
+    let directions: Vec<DVec3> = (0..points).map(place).collect();
+    let at = |direction: &DVec3| (*direction * radius).as_vec3().to_array();
+    let mut chunk = Chunk::new(0, DVec3::ZERO, directions.iter().map(at).collect());
+    chunk.normals = Some(Arc::new(directions.iter().map(|direction| pack_normal(-direction.as_vec3())).collect()));
+    chunk.colors = Some(Arc::new(vec![[188, 188, 188, 255]; chunk.len()]));
+    let disc = 1.5 * radius * (4.0 / f64::from(points)).sqrt();
+    chunk.radii = Some(Arc::new(vec![pack_radius(disc as f32); chunk.len()]));
+    chunk
+}
+
+#[test]
+fn each_bounce_in_a_white_ball_adds_what_the_integrating_sphere_says() {
+    let mut stage = stage_or_skip!();
+    // Light that a ball reflects is the same everywhere: of a flux F the k-th reflection gives albedo^k F / area.
+    let store = store_of(&stage, vec![hollow_sphere(2.0, 40_000)], Material::default());
+    let lamp = SpotLight {
+        position: DVec3::new(0.3, -0.2, 0.1),
+        target: DVec3::new(0.3, 2.0, 0.5),
+        intensity: [10.0; 3],
+        inner_degrees: 40.0,
+        outer_degrees: 40.0,
+    };
+    let flux = 10.0 * 2.0 * PI * (1.0 - 40_f64.to_radians().cos());
+    let camera = Camera::looking(DVec3::new(0.0, 0.5, 0.0), -DVec3::Y, 1.0, DVec3::Z);
+    let irradiance = flux / (4.0 * PI * 4.0);
+    for bounces in 1..=3_u32 {
+        let settings = settings(&[("gi.bounces", &bounces.to_string()), ("gi.interleave", "1"), ("gi.vpls", "512")]);
+        render(&mut stage, &store, &camera, &settings, &[lamp]);
+        let expected: f64 = (1..=bounces).map(|k| ALBEDO.powi(k as i32) * irradiance).sum::<f64>() * ALBEDO * FRAC_1_PI;
+        let found = mean(&read(&stage, Aov::Indirect));
+        assert!((found / expected - 1.0).abs() < 0.06, "{bounces} bounces: {found} instead of {expected}");
+    }
+}
+
+#[test]
+fn an_open_floor_is_lit_by_the_whole_sky_and_one_beside_a_wall_by_what_the_wall_leaves() {
+    let mut stage = stage_or_skip!();
+    let floor = || wall(DVec3::new(-2.0, -2.0, 0.0), [DVec3::X * 4.0, DVec3::Y * 4.0]);
+    let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, -0.2, 1.0), 1.2, DVec3::Z);
+    let settings = settings(&[
+        ("light.by", "sun"),
+        ("sun.irradiance", "0"),
+        ("sun.sky", "2"),
+        ("gi.bounces", "0"),
+        ("gi.sky_lights", "256"),
+        ("gi.shadow_size", "128"),
+        ("gi.interleave", "1"),
+    ]);
+    let store = store_of(&stage, vec![floor()], Material::default());
+    render(&mut stage, &store, &camera, &settings, &[]);
+    let open = read(&stage, Aov::Indirect);
+    let expected = ALBEDO * 2.0 * FRAC_1_PI;
+    for light in open.iter().filter(|light| !light.is_nan()) {
+        assert!((light.x / expected - 1.0).abs() < 0.02, "{light} instead of {expected}");
+    }
+    // A wall of height h at distance d, wide beside both, hides (1 - d / sqrt(d^2 + h^2)) / 2 of what a floor gets.
+    let beside = wall(DVec3::new(2.0, -8.0, 0.0), [DVec3::Y * 16.0, DVec3::Z * 4.0]);
+    let store = store_of(&stage, vec![floor(), beside], Material::default());
+    render(&mut stage, &store, &camera, &settings, &[]);
+    let positions = read(&stage, Aov::Position);
+    let shaded = read(&stage, Aov::Indirect);
+    let (mut sum, mut compared) = (0.0, 0);
+    for (at, light) in positions.iter().zip(&shaded).filter(|(at, _)| at.z.abs() < 0.01 && at.x.abs() < 1.2) {
+        let distance = 2.0 - at.x;
+        let hidden = (1.0 - distance / (distance * distance + 16.0).sqrt()) / 2.0;
+        sum += light.x / (expected * (1.0 - hidden));
+        compared += 1;
+    }
+    let ratio = sum / f64::from(compared);
+    assert!(compared > 500 && (ratio - 1.0).abs() < 0.06, "{ratio} of the closed form on {compared} pixels");
+}
+
+/// Pixels of two frames that show the same place, and what of `images` they show there.
+fn matched(cameras: [&Camera; 2], positions: [&[DVec3]; 2], near: f64) -> Vec<(usize, usize)> {
+    let [_, after] = cameras;
+    let focal = f64::from(SIZE[1]) * 0.5 / 30_f64.to_radians().tan();
+    let turn = after.view_from_world();
+    let pixel = |at: DVec3| {
+        let view = turn * (at - after.eye);
+        let x = (f64::from(SIZE[0]) * 0.5 + view.x / view.z * focal).floor();
+        let y = (f64::from(SIZE[1]) * 0.5 - view.y / view.z * focal).floor();
+        let inside = x >= 0.0 && y >= 0.0 && x < f64::from(SIZE[0]) && y < f64::from(SIZE[1]);
+        inside.then_some(y as usize * SIZE[0] as usize + x as usize)
+    };
+    let matches = positions[0].iter().enumerate().filter(|(_, at)| !at.is_nan());
+    matches
+        .filter_map(|(index, at)| {
+            let other = pixel(*at)?;
+            (positions[1][other].distance(*at) < near).then_some((index, other))
+        })
+        .collect()
+}
+
+#[test]
+fn the_indirect_light_of_a_place_is_the_same_from_wherever_it_is_seen() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::Sphere, 100_000);
+    let light = [five_mirrors::light()];
+    let camera = five_mirrors::camera();
+    for interleave in ["1", "4"] {
+        let settings = settings(&[("gi.interleave", interleave), ("gi.vpls", "64"), ("gi.bounces", "2")]);
+        render(&mut stage, &store, &camera, &settings, &light);
+        let (positions, albedo, indirect) =
+            (read(&stage, Aov::Position), read(&stage, Aov::Albedo), read(&stage, Aov::Indirect));
+        // A quarter of a pixel, and a step of some pixels.
+        for shift in [DVec3::X * 0.02, DVec3::new(0.1, 0.05, -0.1)] {
+            let moved = Camera { eye: camera.eye + shift, pivot: camera.pivot + shift, ..camera };
+            let stats = render(&mut stage, &store, &moved, &settings, &light);
+            let is_made_anew = stats.passes.iter().any(|pass| pass.name.starts_with("vpl_"));
+            assert!(!is_made_anew, "virtual lights were placed again");
+            let (there, albedo_there, after) =
+                (read(&stage, Aov::Position), read(&stage, Aov::Albedo), read(&stage, Aov::Indirect));
+            // Irradiance, on walls: colours differ where a pixel straddles squares of the floor.
+            let grey = |light: DVec3, albedo: DVec3| 255.0 * (brightness(light) / brightness(albedo)).powf(1.0 / 2.2);
+            let on_walls = |at: DVec3| {
+                at.length() > 0.6
+                    && (DVec3::new(1.0, 1.0, 2.0) - at.abs()).to_array().iter().filter(|gap| **gap < 0.15).count() == 1
+            };
+            let mut differences: Vec<f64> = matched([&camera, &moved], [&positions, &there], 0.02)
+                .into_iter()
+                .filter(|(before, _)| on_walls(positions[*before]))
+                .map(|(before, now)| {
+                    (grey(after[now], albedo_there[now]) - grey(indirect[before], albedo[before])).abs()
+                })
+                .collect();
+            differences.sort_by(f64::total_cmp);
+            let median = differences[differences.len() / 2];
+            assert!(differences.len() > 300, "{} places are seen twice", differences.len());
+            assert!(median < 1.0, "interleave {interleave}, {shift}: {median} grey levels");
+        }
+    }
+}
+
+#[test]
+fn sixteen_virtual_lights_more_or_less_do_not_jump() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::None, 100_000);
+    let mut images = Vec::new();
+    for vpls in ["240", "256", "272"] {
+        let settings = settings(&[("gi.interleave", "1"), ("gi.vpls", vpls)]);
+        render(&mut stage, &store, &five_mirrors::camera(), &settings, &[five_mirrors::light()]);
+        images.push(read(&stage, Aov::Indirect));
+    }
+    for other in [0, 2] {
+        let change = mean(&images[other]) / mean(&images[1]) - 1.0;
+        assert!(change.abs() < 0.02, "the picture's brightness changes by {change}");
+        let grey = |color: DVec3| 255.0 * brightness(color).powf(1.0 / 2.2);
+        let mut steps: Vec<f64> = images[other]
+            .iter()
+            .zip(&images[1])
+            .filter(|(color, _)| !color.is_nan())
+            .map(|(a, b)| (grey(*a) - grey(*b)).abs())
+            .collect();
+        steps.sort_by(f64::total_cmp);
+        let p95 = steps[steps.len() * 95 / 100];
+        assert!(p95 < 2.0, "{p95} grey levels at one pixel in twenty");
+    }
+}
+
+#[test]
+fn a_thin_wall_keeps_the_light_of_one_room_out_of_the_other() {
+    let mut stage = stage_or_skip!();
+    // A room from x = -2 to 2, y and z from -1 to 1, parted by a wall of one layer of points at x = 0; the lamp is on the left.
+    let rectangle = |corner: [f64; 3], a: DVec3, b: DVec3| wall(DVec3::from(corner), [a, b]);
+    let (x, y, z) = (DVec3::X * 4.0, DVec3::Y * 2.0, DVec3::Z * 2.0);
+    let store = store_of(
+        &stage,
+        vec![
+            rectangle([-2.0, -1.0, -1.0], x, y),
+            rectangle([-2.0, -1.0, 1.0], y, x),
+            rectangle([-2.0, -1.0, -1.0], z, x),
+            rectangle([-2.0, 1.0, -1.0], x, z),
+            rectangle([-2.0, -1.0, -1.0], y, z),
+            rectangle([2.0, -1.0, -1.0], z, y),
+            rectangle([0.0, -1.0, -1.0], y, z),
+        ],
+        Material::default(),
+    );
+    let lamp = SpotLight {
+        position: DVec3::new(-1.8, 0.0, 0.8),
+        target: DVec3::new(-1.0, 0.0, -1.0),
+        intensity: [10.0; 3],
+        inner_degrees: 30.0,
+        outer_degrees: 35.0,
+    };
+    let settings = settings(&[("gi.interleave", "1"), ("gi.bounces", "2")]);
+    let mut room = |side: f64| {
+        let eye = DVec3::new(0.3 * side, 0.0, 0.2);
+        let camera = Camera { eye, pivot: eye + DVec3::new(side, 0.0, -0.2), up: DVec3::Z };
+        render(&mut stage, &store, &camera, &settings, &[lamp]);
+        mean(&read(&stage, Aov::Indirect))
+    };
+    let (lit, dark) = (room(-1.0), room(1.0));
+    assert!(lit > 0.01 && dark < 0.02 * lit, "{dark} behind the wall, {lit} before it");
+}
+
+#[test]
+fn colours_change_the_light_but_not_the_shadow_maps() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::None, 50_000);
+    let camera = five_mirrors::camera();
+    let mut light = five_mirrors::light();
+    let mut settings = settings(&[("gi.vpls", "64")]);
+    let drew_maps = |stats: &FrameStats| stats.passes.iter().any(|pass| pass.name == "vpl_shadow_splat");
+    stage.renderer.forget();
+    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[light])));
+    let before = mean(&read(&stage, Aov::Indirect));
+    light.intensity = [30.0; 3];
+    assert!(!drew_maps(&render(&mut stage, &store, &camera, &settings, &[light])));
+    let after = mean(&read(&stage, Aov::Indirect));
+    assert!((after / before - 3.0).abs() < 0.01, "{before} became {after}");
+    settings.tone.exposure = 1.0;
+    let stats = render(&mut stage, &store, &camera, &settings, &[light]);
+    assert!(stats.passes.iter().all(|pass| !pass.name.starts_with("indirect")), "light was computed again for a tone");
+    light.position.x += 0.1;
+    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[light])));
+}
+
+#[test]
+fn every_end_of_every_parameter_of_indirect_light_gives_a_finite_picture() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::None, 20_000);
+    let plain =
+        settings(&[("gi.vpls", "32"), ("gi.shadow_points", "500"), ("gi.shadow_size", "16"), ("gi.sky_lights", "8")]);
+    let ends = Gi::table().fields.iter().flat_map(|field| {
+        let values = match &field.kind {
+            // The most lights there can be take a while on software Vulkan, and their maps more than it may bind.
+            Kind::U32 { min, max, .. } => vec![Value::U32(*min), Value::U32((*max).min(300))],
+            Kind::F32 { min, max, .. } => vec![Value::F32(*min), Value::F32(*max)],
+            Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
+            Kind::Bool { .. } => vec![Value::Bool(false), Value::Bool(true)],
+            _ => Vec::new(),
+        };
+        values.into_iter().map(|value| (field.name, value))
+    });
+    for (name, value) in ends {
+        for by in ["lights", "sun"] {
+            let mut settings = plain.clone();
+            settings.set_text("light.by", by).unwrap();
+            settings.gi.set(name, value.clone()).unwrap();
+            render(&mut stage, &store, &five_mirrors::camera(), &settings, &[five_mirrors::light()]);
+            let light = read(&stage, Aov::Indirect);
+            let is_fine = |color: &DVec3| color.is_nan() || (color.is_finite() && color.min_element() >= 0.0);
+            assert!(light.iter().all(is_fine), "{name} {value:?}, {by}");
+        }
+    }
+}
+
+#[test]
+fn too_many_shadow_maps_are_refused_with_what_to_lower() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::None, 5_000);
+    let settings = settings(&[("gi.vpls", "4096"), ("gi.bounces", "4"), ("gi.shadow_size", "256")]);
+    let lights = [five_mirrors::light()];
+    let objects = Objects { lights: &lights, ..Objects::default() };
+    // Four gigabytes: more than any adapter binds at once here.
+    match stage.renderer.render(&store, &five_mirrors::camera(), &settings, objects, SIZE) {
+        Err(error) => assert!(error.to_string().contains("gi.shadow_size"), "{error}"),
+        Ok(_) => println!("this adapter binds four gigabytes at once"),
+    }
+    let few = walls::settings(&[("gi.vpls", "16")]);
+    render(&mut stage, &store, &five_mirrors::camera(), &few, &lights);
+    assert!(mean(&read(&stage, Aov::Indirect)) > 0.0, "the renderer goes on");
+}
