@@ -6,16 +6,15 @@ mod stage;
 mod walls;
 
 use std::f64::consts::{FRAC_1_PI, PI};
-use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, pack_normal, pack_radius};
+use cloud::Chunk;
 use glam::{DVec3, Vec3};
-use render::{Aov, ColorPlan, Material, Objects, PointStore};
+use render::{Aov, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Settings, SpotLight};
 
 use stage::Stage;
-use walls::{ALBEDO, DISC, settings, store_of, wall};
+use walls::{ALBEDO, settings, store_of, wall};
 
 const SIZE: [u32; 2] = [64, 48];
 
