@@ -180,8 +180,7 @@ const BEHIND_RANGE: f32 = 0.3125;
 // Added to the components of normals, 11 bits and sign, to sum them unsigned.
 const NORMAL_BIAS: i32 = 2048;
 
-// Albedos are summed in 16 bits: the darkest 8-bit sRGB level but black is 20 of these steps, a level of dark colours a few
-// hundred, so that data colours come back exactly.
+// Albedos are summed in 16 bits: levels of 8-bit sRGB are 20 of these steps apart or more, so that data colours come back exactly.
 const ALBEDO_MOST: f32 = 65535.0;
 
 // Depth as an integer that is larger the nearer: 0 stays "empty", and a cleared buffer is all zero.

@@ -156,6 +156,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         NormalsWay::Own | NormalsWay::Flatten => {}
     }
     slider(ui, "Intensity", egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
+    slider(ui, "Power", egui::Slider::new(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true))
+        .on_hover_text("Sharpness of the highlights that they show of lights; 0: none");
     let wanted = draft.wanted(entry, picked.map(|(_, world)| world));
     let count = wanted.as_ref().and_then(|wanted| match &draft.counted {
         Some((counted, result)) if counted.points == wanted.points && counted.cloud == wanted.cloud => {
