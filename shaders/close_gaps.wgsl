@@ -62,7 +62,7 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
             let plane = hit_of_plane(frame, point, view_from_relative(frame, beside.xyz), vec2f(center) + 0.5);
             albedo_sum += textureLoad(albedo_in, at, 0);
             normal_sum += beside;
-            depth_sum += depth_beside(frame, point, plane.z, length(vec2f(neighbor(i))));
+            depth_sum += depth_beside(depths[i], plane.z, 1.0 / pixels_per_unit(frame, depths[i]));
         }
     }
     if is_gap {

@@ -43,13 +43,14 @@ fn splat_point(item: Item, index: u32) {
         }
         let front = front_depth(single.pixel);
         // A single pixel counts as half a pixel in radius, whatever smaller the disc is.
-        let offset = 0.5 / pixels_per_unit(frame, single.center.z) * settings.splat.depth_offset;
+        let half_pixel = 0.5 / pixels_per_unit(frame, single.center.z);
+        let offset = half_pixel * settings.splat.depth_offset;
         // Most points of a dense scan are hidden: they are found out before anything else of them is read.
         if single.center.z <= front + offset {
             let surface = surface_of_point(item, point, index, single.center);
-            let at = pixel_from_view(frame, single.center);
-            let plane = hit_of_plane(frame, single.center, surface.normal_in_view, floor(at) + 0.5);
-            let depth = depth_beside(frame, single.center, plane.z, distance(at, floor(at) + 0.5));
+            let at = floor(pixel_from_view(frame, single.center)) + 0.5;
+            let plane = hit_of_plane(frame, single.center, surface.normal_in_view, at);
+            let depth = depth_beside(single.center.z, plane.z, half_pixel);
             add(single.pixel, item, surface, Fragment(depth, 1.0), front);
         }
         return;

@@ -141,12 +141,11 @@ fn hit_of_plane(frame: Frame, center: vec3f, normal: vec3f, pixel: vec2f) -> vec
 // Steepest surface that is taken for its plane beside a point: 80 degrees.
 const STEEPEST: f32 = 6.0;
 
-// Depth at a pixel's centre of a surface that is known at a point `pixels` beside it; `depth` is that of the point's plane there.
-// With the point's own depth a slanted surface would lie to the side, and of several points the nearer would win. Seen edge-on,
-// and without a normal (NaN), it is the point's own.
-fn depth_beside(frame: Frame, center: vec3f, depth: f32, pixels: f32) -> f32 {
-    let is_flat = abs(depth - center.z) * pixels_per_unit(frame, center.z) <= STEEPEST * pixels;
-    return select(center.z, depth, is_flat);
+// Depth at a pixel's centre of a surface whose depth `own` is known at a point `width` world units beside it; `plane` is that of
+// the point's plane there. With the point's own depth a slanted surface would lie to the side, and of several points the nearer
+// would win. Seen edge-on, and without a normal (NaN), it is the point's own.
+fn depth_beside(own: f32, plane: f32, width: f32) -> f32 {
+    return select(own, plane, abs(plane - own) <= STEEPEST * width);
 }
 
 // Perspective-correct: the ray through the pixel's centre meets the disc's plane.
@@ -167,7 +166,8 @@ fn fragment_of_disc(frame: Frame, disc: Disc, pixel: vec2i) -> Fragment {
     let outside = dot(offset, offset) / (disc.radius * disc.radius);
     // Written so that NaN (a plane through the eye) falls back.
     if !(outside <= 1.0 && hit.z > frame.near) {
-        return Fragment(select(0.0, depth_beside(frame, disc.center, hit.z, distance(at, disc.pixel)), is_center), 0.0);
+        let half_pixel = 0.5 * disc.radius / disc.radius_pixels;
+        return Fragment(select(0.0, depth_beside(disc.center.z, hit.z, half_pixel), is_center), 0.0);
     }
     return Fragment(hit.z, 1.0 - outside);
 }
