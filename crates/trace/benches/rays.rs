@@ -1,14 +1,14 @@
 //! Rays per second and core among a million discs of the reference scene: those of a camera's pixels, which lie side by side,
-//! and rays from anywhere to anywhere. `cargo bench -p trace --bench rays`; ITEMS are rays, all on one thread. Embree 3.13
-//! answers 0.7 million incoherent rays a second among as many discs.
+//! and rays from anywhere to anywhere. `cargo bench -p trace --bench rays`; ITEMS are rays, or paths of indirect light, all on
+//! one thread. Embree 3.13 answers 0.7 million incoherent rays a second among as many discs.
 
 use cloud::Progress;
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::DVec3;
-use scene::ViewSettings;
-use scene::five_mirrors::{Variant, camera, sample};
-use trace::{Geometry, Part, PixelRays, Ray, Surfels};
+use scene::five_mirrors::{Variant, camera, light, sample};
+use scene::{MirrorSettings, ViewSettings};
+use trace::{Geometry, Illumination, Indirect, Part, PixelRays, Ray, Source, Surfels, indirect};
 
 const DISCS: u64 = 1_000_000;
 const SIZE: [u32; 2] = [400, 300];
@@ -24,8 +24,8 @@ fn unit(seed: u64) -> f64 {
     (mixed ^ (mixed >> 31)) as f64 / u64::MAX as f64
 }
 
-fn surfels() -> Surfels {
-    let parts = sample(Variant::Sphere, DISCS, 1);
+fn surfels(variant: Variant) -> Surfels {
+    let parts = sample(variant, DISCS, 1);
     let part = |part| Part { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
     let parts: Vec<Part> = parts.iter().map(|points| part(&points.chunks)).collect();
     Surfels::new(&parts, 1.0, &Progress::default()).expect("not cancelled")
@@ -50,12 +50,28 @@ fn incoherent() -> Vec<Ray> {
 
 #[divan::bench(args = ["coherent", "incoherent"], sample_count = 5, sample_size = 1)]
 fn nearest(bencher: Bencher, kind: &str) {
-    let (surfels, rays) = (surfels(), if kind == "coherent" { coherent() } else { incoherent() });
+    let (surfels, rays) = (surfels(Variant::Sphere), if kind == "coherent" { coherent() } else { incoherent() });
     let hits = rays.iter().filter(|ray| surfels.nearest(ray).is_some()).count();
     assert!(hits as f64 > 0.99 * rays.len() as f64, "{hits} of {} rays hit the closed box", rays.len());
     bencher
         .counter(ItemsCount::new(rays.len()))
         .bench_local(|| rays.iter().filter(|ray| black_box(surfels.nearest(ray)).is_some()).count());
+}
+
+/// Light of one lamp in the box alone, after one reflection: a ray and a shadow ray a path.
+#[divan::bench(sample_count = 5, sample_size = 1)]
+fn paths(bencher: Bencher) {
+    let (surfels, lights, mirror) = (surfels(Variant::None), [light()], MirrorSettings::default());
+    let samples = 4;
+    let illumination = Illumination {
+        indirect: Indirect { bounces: 1, samples, seed: 1 },
+        ..Illumination::new(Source::Lights(&lights), &mirror)
+    };
+    let seen: Vec<_> = coherent().into_iter().filter_map(|ray| Some((surfels.nearest(&ray)?, ray.direction))).collect();
+    let light_of = |pixel: usize| indirect(&surfels, &seen[pixel].0, seen[pixel].1, pixel, &illumination);
+    bencher
+        .counter(ItemsCount::new(seen.len() * samples as usize))
+        .bench_local(|| black_box((0..seen.len()).map(light_of).sum::<DVec3>()));
 }
 
 #[divan::bench(sample_count = 3, sample_size = 1)]
