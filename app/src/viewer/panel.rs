@@ -74,6 +74,8 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
         }
         (Kind::F32 { min, max, .. }, Value::F32(mut number)) => {
             let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            // Of a logarithmic one that begins at 0: four decades, and 0 at its end.
+            let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
             let slider = slider.suffix(suffix(field.unit)).max_decimals(3);
             ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
         }

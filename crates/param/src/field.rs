@@ -138,9 +138,11 @@ impl Field {
         }
     }
 
-    /// A slider is logarithmic when its range spans three decades or more.
+    /// A slider is logarithmic when its range spans three decades or more, or when it begins at 0 and the default is so near to
+    /// it that a linear slider would leave no room on that side.
     pub fn is_logarithmic(&self) -> bool {
         match self.kind {
+            Kind::F32 { min: 0.0, max, default } => default > 0.0 && max / default >= 32.0,
             Kind::F32 { min, max, .. } => min > 0.0 && max / min >= 1000.0,
             Kind::U32 { min, max, .. } => min > 0 && max / min >= 1000,
             _ => false,

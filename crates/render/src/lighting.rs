@@ -5,7 +5,7 @@
 
 use cloud::Bounds;
 use glam::{DVec3, Vec4};
-use scene::{Camera, Lighting, Settings, SpotLight};
+use scene::{Camera, Lighting, Quality, Settings, SpotLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Gpu, Result};
@@ -121,10 +121,11 @@ impl Lights {
         // Light must not leak between splats: each is at least three texels wide.
         let mut wide = settings.clone();
         wide.splat.min_pixels = wide.splat.min_pixels.max(3.0);
+        // The same passes draw them whatever the picture's quality, which changes whenever the camera begins to move.
+        wide.splat.quality = Quality::Nearest;
         let mut drawn = Vec::with_capacity(lights.len());
         for (index, light) in lights.iter().enumerate() {
-            let map =
-                DrawnMap { revision: store.geometry_revision(), splat: settings.splat.clone(), camera: light.camera };
+            let map = DrawnMap { revision: store.geometry_revision(), splat: wide.splat.clone(), camera: light.camera };
             if at_hand.get(index) != Some(&map) {
                 let texels = SHADOW_BYTES * index as u64..SHADOW_BYTES * (index as u64 + 1);
                 recorder.clear_part(&self.shadows, texels.clone());
