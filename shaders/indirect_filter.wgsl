@@ -87,14 +87,15 @@ fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
     let albedo = textureLoad(albedo_in, id, 0);
     let gloss = gloss_of(settings, albedo.a, surface.w);
     let grazing = grazing_share(settings, dot(surface.xyz, toward_eye));
+    let highlight = glossy * mirror_tint(settings, albedo.rgb, 0.0);
     var radiance = albedo.rgb * diffuse;
     if albedo.a == 0.0 {
-        radiance = radiance * (1.0 - gloss.share) + glossy * mirror_tint(settings, albedo.rgb, grazing);
+        radiance = radiance * (1.0 - gloss.share) + highlight;
     } else if is_mixed {
         // What a mirror reflects as a highlight is in its reflection already.
         radiance *= 1.0 - mirror_share(albedo.a, grazing);
     } else {
-        radiance += glossy * mirror_tint(settings, albedo.rgb, grazing);
+        radiance += highlight;
     }
     textureStore(radiance_out, id, vec4f(radiance, 1.0));
 }

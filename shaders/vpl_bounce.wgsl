@@ -74,5 +74,5 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
     }
     flux *= bitcast<f32>(birth.w);
     vpls[target_index] =
-        vpl_of_surface(ray.origin + ray.direction * distance, normal, toward, albedo, 0.0, flux, lights.area_over_pi);
+        vpl_of_surface(ray.origin + ray.direction * distance, normal, toward, albedo, flux, lights.area_over_pi);
 }

@@ -74,7 +74,6 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
     // A light that only grazes a surface, or the cone's edge, would stand for more than there is.
     let most = 0.01 * lights.eye_radius.w * lights.eye_radius.w;
     let squared = min(area / 3.14159265, most);
-    let item = items[items_of_runs[index / BLOCK_POINTS]];
     vpls[lights.sky_lights + id.x] =
-        vpl_of_surface(emitter.position.xyz + offset, surface.normal.xyz, toward, surface.albedo, item.specular_power, flux, squared);
+        vpl_of_surface(emitter.position.xyz + offset, surface.normal.xyz, toward, surface.albedo, flux, squared);
 }

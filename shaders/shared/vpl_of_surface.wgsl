@@ -9,11 +9,11 @@ fn vpl_of_surface(
     normal: vec3f,
     toward: vec3f,
     albedo: vec4f,
-    specular_power: f32,
     flux: vec3f,
     squared: f32,
 ) -> Vpl {
-    let gloss = gloss_of(settings, albedo.a, specular_power);
+    // Of mirrors the diffuse part alone: what they reflect on is not followed to other surfaces.
+    let gloss = gloss_of(settings, albedo.a, 0.0);
     let diffuse = albedo.rgb * flux * (1.0 - max(gloss.share, albedo.a)) / 3.14159265;
     let tint = mirror_tint(settings, albedo.rgb, 0.0);
     // What reflects nothing is left out: a perfect mirror, a black surface, a point without a normal.

@@ -221,6 +221,19 @@ fn sixteen_virtual_lights_more_or_less_do_not_jump() {
 }
 
 #[test]
+fn atomics_of_32_bits_give_the_same_light() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::Sphere, 50_000);
+    let mut light = |atomics: &str| {
+        let settings = settings(&[("splat.atomics", atomics), ("gi.vpls", "64")]);
+        render(&mut stage, &store, &five_mirrors::camera(), &settings, &[five_mirrors::light()]);
+        mean(&read(&stage, Aov::Indirect))
+    };
+    let (wide, narrow) = (light("auto"), light("32"));
+    assert!(wide > 0.001 && (narrow / wide - 1.0).abs() < 0.01, "{narrow} instead of {wide}");
+}
+
+#[test]
 fn a_thin_wall_keeps_the_light_of_one_room_out_of_the_other() {
     let mut stage = stage_or_skip!();
     // A room from x = -2 to 2, y and z from -1 to 1, parted by a wall of one layer of points at x = 0; the lamp is on the left.
