@@ -41,7 +41,7 @@ fn large_las(session: &Session, points: u32) {
 
 /// Waits until everything is loaded and the final picture is on the screen, later than the first `skipped` events.
 fn settled(window: &Window, skipped: usize) -> RgbaImage {
-    window.wait_for_event("frame", skipped, |event| event["settled"] == true);
+    window.wait_for_event("settled", skipped, |_| true);
     // The picture follows its event within a frame of the window.
     std::thread::sleep(std::time::Duration::from_millis(500));
     window.screenshot()

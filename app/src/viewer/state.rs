@@ -263,6 +263,8 @@ pub struct State {
     requested: Option<FrameRequest>,
     requested_at: Option<Instant>,
     pub frames_under_way: u32,
+    /// The picture on the screen is the final one, and that is logged.
+    is_at_rest: bool,
     /// Pixels of the picture.
     pub view_size: [u32; 2],
     pub effects: Vec<Effect>,
@@ -325,6 +327,7 @@ impl State {
             requested: None,
             requested_at: None,
             frames_under_way: 0,
+            is_at_rest: false,
             view_size: [1, 1],
             effects: Vec::new(),
             next_cloud: 0,
@@ -1139,6 +1142,7 @@ impl State {
             wanted.hurried = true;
         }
         if self.requested.as_ref() == Some(&wanted) {
+            self.note_rest(wanted.hurried);
             return rest;
         }
         let only_points_changed = self.requested.as_ref().is_some_and(|requested| {
@@ -1154,11 +1158,22 @@ impl State {
                 return Some(LOADING_FRAME_INTERVAL - since);
             }
         }
+        self.is_at_rest = false;
         self.requested = Some(wanted.clone());
         self.requested_at = Some(Instant::now());
         self.frames_under_way += 1;
         self.render(Command::Frame(Box::new(wanted)));
         rest
+    }
+
+    /// Logs when the picture that is wanted is the one that is shown, and nothing is under way that could change it.
+    fn note_rest(&mut self, is_hurried: bool) {
+        let is_known = self.surroundings_known == self.surroundings_asked;
+        let is_shown = self.frames_under_way == 0 && self.shown.is_some() && !is_hurried;
+        if !self.is_at_rest && is_shown && is_known && self.jobs.is_empty() {
+            self.is_at_rest = true;
+            self.log(json!({ "event": "settled" }));
+        }
     }
 
     /// What the render thread says, except the picture itself, which the window has taken.
@@ -1176,12 +1191,8 @@ impl State {
                 if !frame.request.hurried {
                     self.careful_milliseconds = frame.total_milliseconds;
                 }
-                let is_known = self.surroundings_known == self.surroundings_asked;
-                let is_last = self.frames_under_way == 0 && self.jobs.is_empty() && is_known;
-                let settled = is_last && !frame.request.hurried;
                 self.log(json!({
                     "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
-                    "settled": settled,
                 }));
                 if !frame.request.hurried {
                     self.figure_history.push(&frame.stats);
