@@ -9,6 +9,7 @@ mod gi;
 mod gpu;
 mod image;
 mod inputs;
+mod light_views;
 mod lighting;
 mod passes;
 mod recorder;

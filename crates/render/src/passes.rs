@@ -165,6 +165,16 @@ pub const BLEND: Pass = Pass {
 };
 pub const SHOW: Pass =
     Pass { name: "show", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba8Unorm)]] };
+pub const SHOW_LIGHT: Pass =
+    Pass { name: "show_light", groups: &[FRAME, &[Uniform, Texture, Texture, Write(Rgba8Unorm)]] };
+pub const SHOW_LIGHT_BUFFER: Pass =
+    Pass { name: "show_light_buffer", groups: &[FRAME, &[Uniform, Read, Read, Write(Rgba8Unorm)]] };
+pub const SHOW_VIRTUAL_LIGHTS: Pass = Pass {
+    name: "show_virtual_lights",
+    groups: &[FRAME, &[Uniform, Uniform, Read, Read, Read, Texture, Write(Rgba8Unorm)]],
+};
+pub const SHOW_SHADOW_MAPS: Pass =
+    Pass { name: "show_shadow_maps", groups: &[FRAME, &[Uniform, Uniform, Read, Read, Write(Rgba8Unorm)]] };
 pub const PRESENT: Pass = Pass { name: "present", groups: &[FRAME, &[Texture, Texture, Write(Rgba8Unorm)]] };
 
 /// The passes that find the nearest point of each pixel, by the width of the adapter's atomics.
@@ -219,6 +229,10 @@ pub const ALL: &[&Pass] = &[
     &SHADE,
     &BLEND,
     &SHOW,
+    &SHOW_LIGHT,
+    &SHOW_LIGHT_BUFFER,
+    &SHOW_VIRTUAL_LIGHTS,
+    &SHOW_SHADOW_MAPS,
     &PRESENT,
 ];
 

@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use scene::{Atomics, Camera, Curve, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
+use scene::{Atomics, Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
 
 use crate::frame::FrameCamera;
 use crate::gi::{GlobalIllumination, Receiver, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::image::{Aov, AovImage};
 use crate::inputs::Inputs;
+use crate::light_views;
 use crate::lighting::{DrawnMap, Lights};
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder};
@@ -218,6 +219,18 @@ impl Renderer {
         };
         let views = reflections.views(settings).filter(|_| settings.reflection.show != Show::Picture);
         match (views, reflections.first()) {
+            _ if settings.light.show != LightView::Picture => {
+                let shown = light_views::Shown {
+                    targets,
+                    lights: &self.lights,
+                    mapped: &lights,
+                    virtual_lights: self.gi.lights().filter(|_| has_indirect),
+                    indirect: self.gi.radiance(0).filter(|_| has_indirect),
+                    bounds,
+                    is_filmic,
+                };
+                light_views::show(&mut recorder, &inputs, settings, &shown)?;
+            }
             (Some(views), Some(bounce)) => {
                 let [albedo, normal, position] = bounce.seen.bind();
                 let point = bounce.mirror.point.bind();

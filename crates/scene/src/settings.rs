@@ -168,7 +168,7 @@ params! {
         gloss_power: f32 = 50.0, 1.0..=10_000.0, "";
         /// Shape of highlights (Phong 1975, Blinn 1977; both scaled to reflect no more than they receive).
         highlight: Highlight = Highlight::Phong;
-        /// What is shown instead of the picture, to see where light comes from.
+        /// What is shown instead of the picture, to see where light comes from; reflection.show waits meanwhile.
         show: LightView = LightView::Picture;
     }
 
@@ -250,7 +250,7 @@ params! {
         bounces: u32 = 1, 0..=4, "bounces";
         /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
         keep: bool = true;
-        /// What is shown instead of the picture, to see how a method comes to its result.
+        /// What is shown instead of the picture, to see how a method comes to its result; light.show comes first.
         show: Show = Show::Picture;
     }
 

@@ -187,6 +187,16 @@ pub(crate) struct Receiver<'a> {
     pub is_glossy: bool,
 }
 
+/// The virtual lights, as shaders/shared/vpl.wgsl has them.
+pub(crate) struct VirtualLights<'a> {
+    /// Those of the sky, then bounce by bounce.
+    pub count: u32,
+    pub constants: &'a wgpu::Buffer,
+    pub vpls: &'a wgpu::Buffer,
+    /// Where shadow maps are drawn.
+    pub maps: Option<&'a wgpu::Buffer>,
+}
+
 impl GlobalIllumination {
     /// Whether there is any indirect light.
     pub fn is_asked(settings: &Settings, lights: &[MappedLight], sky: Option<Sky>) -> bool {
@@ -410,6 +420,14 @@ impl GlobalIllumination {
         recorder.over(&passes::INDIRECT_FILTER, &switches, inputs, &resources, groups)
     }
 
+    /// The virtual lights at hand.
+    pub fn lights(&self) -> Option<VirtualLights<'_>> {
+        let Lights { uniform, constants, vpls, maps, .. } = self.lights.as_ref()?;
+        let count = uniform.sky_lights + uniform.lights_per_bounce * uniform.bounces;
+        let has_maps = count > 0 && maps.size() >= u64::from(count) * u64::from(uniform.map_stride) * 4;
+        Some(VirtualLights { count, constants, vpls, maps: has_maps.then_some(maps) })
+    }
+
     /// The indirect light of a surface that was shaded.
     pub fn radiance(&self, index: usize) -> Option<&Image> {
         self.surfaces.get(index).map(|surface| &surface.radiance)
@@ -575,7 +593,7 @@ fn upload(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     buffer
 }
 
-fn uniform_buffer(gpu: &Gpu, bytes: &[u8]) -> wgpu::Buffer {
+pub(crate) fn uniform_buffer(gpu: &Gpu, bytes: &[u8]) -> wgpu::Buffer {
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("virtual lights"),
         size: bytes.len() as u64,

@@ -1,0 +1,134 @@
+//! `light.show`: views of where light comes from, instead of the picture. They read what the frame was made from and change
+//! none of it; `shaders/shared/light_view.wgsl` holds what their passes share.
+
+use bytemuck::{Pod, Zeroable};
+use cloud::Bounds;
+use glam::Vec4;
+use scene::{LightView, Settings};
+
+use crate::frame::FrameCamera;
+use crate::gi::{VirtualLights, uniform_buffer};
+use crate::gpu::Result;
+use crate::inputs::Inputs;
+use crate::lighting::{Lights, MOST_LIGHTS, MappedLight};
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::targets::{Image, Targets};
+
+/// What a frame was made from.
+pub(crate) struct Shown<'a> {
+    pub targets: &'a Targets,
+    pub lights: &'a Lights,
+    pub mapped: &'a [MappedLight],
+    /// Where there is indirect light.
+    pub virtual_lights: Option<VirtualLights<'a>>,
+    /// Of what the camera sees.
+    pub indirect: Option<&'a Image>,
+    /// Of all points.
+    pub bounds: Bounds,
+    pub is_filmic: bool,
+}
+
+/// `LightViews` of shaders/shared/light_view.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+struct LightViews {
+    columns: u32,
+    edge: u32,
+    count: u32,
+    unused: u32,
+    nearest: Vec4,
+    farthest: Vec4,
+}
+
+impl LightViews {
+    /// `count` square cells, at least one, as large as fit a picture of `size`.
+    fn grid(count: u32, size: [u32; 2]) -> Self {
+        let edge_of = |columns: u32| (size[0] / columns).min(size[1] / count.div_ceil(columns));
+        let columns = (1..=count).max_by_key(|columns| (edge_of(*columns), count - columns)).unwrap_or(1);
+        // Where there are more than pixels, the rest is not shown.
+        Self { columns: columns.min(size[0]), edge: edge_of(columns).max(1), count, ..Self::default() }
+    }
+
+    /// Depths between which `camera` sees what is within `bounds`. Where it stands among it, from a 32nd of the farthest on:
+    /// each of five doublings of the distance is told from the next.
+    fn range(camera: &FrameCamera, bounds: Bounds) -> [f32; 2] {
+        let forward = camera.view_from_world.row(2);
+        let (middle, half) = (forward.dot(bounds.center() - camera.eye), forward.abs().dot(bounds.size() * 0.5));
+        // All of it may be behind the camera, and flat as seen from it; the range must be one all the same.
+        let farthest = if middle + half > 0.0 { middle + half } else { 1.0 };
+        [(middle - half).clamp(farthest / 32.0, farthest * 0.999) as f32, farthest as f32]
+    }
+}
+
+/// Writes the picture. Where a view has nothing to show, for want of lamps or of indirect light, it is the dimmed picture.
+///
+/// # Errors
+/// A shader is refused.
+pub(crate) fn show(recorder: &mut Recorder<'_>, inputs: &Inputs, settings: &Settings, shown: &Shown<'_>) -> Result<()> {
+    let Shown { targets, lights, mapped, virtual_lights, .. } = shown;
+    let surface = targets.surface();
+    let with_maps = virtual_lights.as_ref().and_then(|lights| Some((lights, lights.maps?)));
+    let (depth, picture) = (surface.depth.bind(), targets.picture.bind());
+    match settings.light.show {
+        LightView::LightBuffer if !mapped.is_empty() => {
+            let mut views = LightViews::grid(mapped.len() as u32, inputs.size);
+            for (index, light) in mapped.iter().enumerate().take(MOST_LIGHTS) {
+                [views.nearest[index], views.farthest[index]] = LightViews::range(&light.camera, shown.bounds);
+            }
+            let views = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&views));
+            let lamps = lights.lights.as_entire_binding();
+            let maps = lights.shadows.as_entire_binding();
+            let resources = [views.as_entire_binding(), lamps, maps, picture];
+            recorder.over_pixels(&passes::SHOW_LIGHT_BUFFER, &[], inputs, &resources)?;
+            draw_lights(recorder, inputs, shown, &views, true)
+        }
+        LightView::ShadowMaps if let Some((lights, maps)) = with_maps => {
+            let views = LightViews::grid(lights.count, inputs.size);
+            let views = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&views));
+            let resources = [&views, lights.constants, lights.vpls, maps].map(|buffer| buffer.as_entire_binding());
+            let resources = [&resources[..], &[picture]].concat();
+            recorder.over_pixels(&passes::SHOW_SHADOW_MAPS, &[], inputs, &resources)
+        }
+        view => {
+            let [nearest, farthest] = LightViews::range(&inputs.camera, shown.bounds);
+            let views =
+                LightViews { nearest: Vec4::splat(nearest), farthest: Vec4::splat(farthest), ..LightViews::default() };
+            let views = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&views));
+            let image = match view {
+                LightView::Direct => Some(&targets.direct),
+                LightView::Indirect => shown.indirect,
+                LightView::Albedo => Some(&surface.albedo),
+                LightView::Normal => Some(&surface.normal),
+                _ => Some(&targets.color),
+            };
+            let switches = [("is_filmic", u32::from(shown.is_filmic)), ("has_light", u32::from(image.is_some()))];
+            let image = image.unwrap_or(&targets.color).bind();
+            let resources = [views.as_entire_binding(), image, depth, picture];
+            recorder.over_pixels(&passes::SHOW_LIGHT, &switches, inputs, &resources)?;
+            if view == LightView::VirtualLights { draw_lights(recorder, inputs, shown, &views, false) } else { Ok(()) }
+        }
+    }
+}
+
+/// Draws the virtual lights over what the picture holds.
+fn draw_lights(
+    recorder: &mut Recorder<'_>,
+    inputs: &Inputs,
+    shown: &Shown<'_>,
+    views: &wgpu::Buffer,
+    in_light_buffer: bool,
+) -> Result<()> {
+    let Some(lights) = &shown.virtual_lights else { return Ok(()) };
+    let resources = [
+        views.as_entire_binding(),
+        lights.constants.as_entire_binding(),
+        lights.vpls.as_entire_binding(),
+        shown.lights.lights.as_entire_binding(),
+        shown.lights.shadows.as_entire_binding(),
+        shown.targets.surface().depth.bind(),
+        shown.targets.picture.bind(),
+    ];
+    let switches = [("is_filmic", u32::from(shown.is_filmic)), ("in_light_buffer", u32::from(in_light_buffer))];
+    recorder.over_pixels(&passes::SHOW_VIRTUAL_LIGHTS, &switches, inputs, &resources)
+}

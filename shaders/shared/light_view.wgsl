@@ -1,0 +1,48 @@
+// Views of where light comes from. Filled by crates/render/src/light_views.rs.
+
+struct LightViews {
+    // Maps are shown in square cells, row by row: cells of a row, edge of a cell in pixels, cells.
+    columns: u32,
+    edge: u32,
+    count: u32,
+    unused: u32,
+    // Where the scene begins and ends, as depths of what looks at it: one lamp's map a cell, or x of the camera.
+    nearest: vec4f,
+    farthest: vec4f,
+}
+
+// What stands for nothing: beside the cells of the maps, and where a map holds no surface.
+const OUTSIDE: vec3f = vec3f(0.0);
+const EMPTY: vec3f = vec3f(0.0, 0.02, 0.2);
+
+// Brightness of the picture under what is drawn over it.
+const DIMMED: f32 = 0.4;
+
+// Pixel at the upper left corner of a cell.
+fn cell_corner(views: LightViews, size: vec2u, cell: u32) -> vec2u {
+    let rows = (views.count + views.columns - 1u) / views.columns;
+    let margin = (size - min(vec2u(views.columns, rows) * views.edge, size)) / 2u;
+    return margin + vec2u(cell % views.columns, cell / views.columns) * views.edge;
+}
+
+struct Cell {
+    // `count` or more: none.
+    index: u32,
+    // 0 to 1 from the cell's upper left corner.
+    at: vec2f,
+}
+
+fn cell_of_pixel(views: LightViews, size: vec2u, pixel: vec2u) -> Cell {
+    let first = cell_corner(views, size, 0u);
+    let place = (pixel - min(first, pixel)) / views.edge;
+    if any(pixel < first) || place.x >= views.columns {
+        return Cell(views.count, vec2f(0.0));
+    }
+    let within = pixel - first - place * views.edge;
+    return Cell(place.y * views.columns + place.x, (vec2f(within) + 0.5) / f32(views.edge));
+}
+
+// 1 at the nearest distance of a range, 0 at the farthest, even in doublings of the distance.
+fn closeness(distance: f32, nearest: f32, farthest: f32) -> f32 {
+    return clamp(log2(farthest / distance) / log2(farthest / nearest), 0.0, 1.0);
+}
