@@ -32,7 +32,9 @@ fn show_light(@builtin(global_invocation_id) id: vec3u) {
             case LIGHT_SHOW_ALBEDO: { color = srgb_from_linear(image); }
             case LIGHT_SHOW_NORMAL: { color = image * 0.5 + 0.5; }
             // White is near, black is far.
-            case LIGHT_SHOW_DEPTH: { color = heat(closeness(depth, views.nearest.x, views.farthest.x)); }
+            case LIGHT_SHOW_DEPTH: {
+                color = heat(closeness(depth, views.nearest.x, views.farthest.x, frame.orthographic != 0u));
+            }
             // The ground that virtual lights are drawn on.
             default: { color = screen_color(settings, image) * DIMMED; }
         }

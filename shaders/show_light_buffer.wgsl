@@ -19,7 +19,8 @@ fn show_light_buffer(@builtin(global_invocation_id) id: vec3u) {
     if cell.index < views.count {
         let texel = vec2i(cell.at * f32(SHADOW_SIZE));
         let depth = depth_at(cell.index, texel);
-        let share = closeness(depth, views.nearest[cell.index], views.farthest[cell.index]);
+        let is_sun = lights[cell.index].axis_outer.w == 0.0;
+        let share = closeness(depth, views.nearest[cell.index], views.farthest[cell.index], is_sun);
         let grey = (0.25 + 0.75 * share) * mix(0.3, 1.0, facing(cell.index, texel, depth));
         color = select(EMPTY, vec3f(grey), depth > 0.0);
     }

@@ -27,7 +27,8 @@ fn show_shadow_maps(@builtin(global_invocation_id) id: vec3u) {
         let code = shadow_maps[cell.index * virtual_lights.map_stride + texel.y * virtual_lights.map_size + texel.x];
         // From a 64th of the scene's diameter on.
         let farthest = 2.0 * virtual_lights.eye_radius.w;
-        let share = closeness(distance_of_code(virtual_lights, kind, code >> 16u), farthest / 64.0, farthest);
+        let distance = distance_of_code(virtual_lights, kind, code >> 16u);
+        let share = closeness(distance, farthest / 64.0, farthest, kind == VPL_SKY);
         color = select(EMPTY, vec3f(0.15 + 0.85 * share), code != 0u);
         color = select(color, OUTSIDE, kind == VPL_NONE);
     }

@@ -42,7 +42,8 @@ fn cell_of_pixel(views: LightViews, size: vec2u, pixel: vec2u) -> Cell {
     return Cell(place.y * views.columns + place.x, (vec2f(within) + 0.5) / f32(views.edge));
 }
 
-// 1 at the nearest distance of a range, 0 at the farthest, even in doublings of the distance.
-fn closeness(distance: f32, nearest: f32, farthest: f32) -> f32 {
-    return clamp(log2(farthest / distance) / log2(farthest / nearest), 0.0, 1.0);
+// 1 at the nearest distance of a range, 0 at the farthest: even in doublings of the distance, in parallel views in the distance.
+fn closeness(distance: f32, nearest: f32, farthest: f32, is_parallel: bool) -> f32 {
+    let by_doublings = log2(farthest / distance) / log2(farthest / nearest);
+    return clamp(select(by_doublings, (farthest - distance) / (farthest - nearest), is_parallel), 0.0, 1.0);
 }

@@ -50,14 +50,15 @@ impl LightViews {
         Self { columns: columns.min(size[0]), edge: edge_of(columns).max(1), count, ..Self::default() }
     }
 
-    /// Depths between which `camera` sees what is within `bounds`. Where it stands among it, from a 32nd of the farthest on:
-    /// each of five doublings of the distance is told from the next.
+    /// Depths between which `camera` sees what is within `bounds`. Where it stands among it, perspective begins at a 32nd of the
+    /// farthest: each of five doublings of the distance is told from the next.
     fn range(camera: &FrameCamera, bounds: Bounds) -> [f32; 2] {
         let forward = camera.view_from_world.row(2);
         let (middle, half) = (forward.dot(bounds.center() - camera.eye), forward.abs().dot(bounds.size() * 0.5));
         // All of it may be behind the camera, and flat as seen from it; the range must be one all the same.
         let farthest = if middle + half > 0.0 { middle + half } else { 1.0 };
-        [(middle - half).clamp(farthest / 32.0, farthest * 0.999) as f32, farthest as f32]
+        let least = if camera.orthographic { 0.0 } else { farthest / 32.0 };
+        [(middle - half).clamp(least, farthest * 0.999) as f32, farthest as f32]
     }
 }
 
