@@ -15,7 +15,7 @@ use cloud::{Bounds, Chunk, Cloud, Progress};
 use glam::{DVec3, Vec3};
 use param::Choice as _;
 use rayon::prelude::*;
-use render::{Aov, AovImage, ColorPlan, ColorSource, Objects, PointStore, Renderer};
+use render::{Aov, AovImage, ColorPlan, ColorSource, MOST_LIGHTS, Objects, PointStore, Renderer};
 use scene::five_mirrors::Variant;
 use scene::{Camera, ColorBy, Lighting, Method, Mirror, Settings, SpotLight};
 use study::{
@@ -31,9 +31,6 @@ use crate::progress_bar;
 
 /// The method's name.
 pub const RAY_TRACE: &str = "ray_trace";
-
-/// Lights that count, as in `render::Objects`.
-const MOST_LIGHTS: usize = 4;
 
 /// An image of the truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -462,12 +459,7 @@ impl<'a> Tracer<'a> {
 
     fn illumination(&self) -> Illumination<'_> {
         let Settings { light, sun, gi, trace, mirror, reflection, view, .. } = self.settings;
-        let by = match light.by {
-            Lighting::Auto if !self.lights.is_empty() => Lighting::Lights,
-            Lighting::Auto if self.sky_is_open => Lighting::Sun,
-            chosen => chosen,
-        };
-        let source = match by {
+        let source = match light.lighting(!self.lights.is_empty(), self.sky_is_open) {
             Lighting::Lights => Source::Lights(&self.lights),
             Lighting::Sun => Source::Sun(Sunlight::new(sun, self.up)),
             Lighting::Auto | Lighting::Headlight => Source::Headlight(f64::from(light.headlight)),

@@ -807,12 +807,7 @@ impl State {
 
     /// What lights the points: what `auto` stands for now.
     pub fn lighting(&self) -> Lighting {
-        match self.settings.light.by {
-            Lighting::Auto if !self.lights().is_empty() => Lighting::Lights,
-            Lighting::Auto if self.sky_is_open() => Lighting::Sun,
-            Lighting::Auto => Lighting::Headlight,
-            chosen => chosen,
-        }
+        self.settings.light.lighting(!self.lights().is_empty(), self.sky_is_open())
     }
 
     /// Whether the picture shows the data's own colours.

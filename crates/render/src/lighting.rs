@@ -74,12 +74,7 @@ impl Lights {
 
     /// What `auto` stands for.
     pub fn chosen(settings: &Settings, objects: Objects<'_>) -> Lighting {
-        match settings.light.by {
-            Lighting::Auto if !objects.lights.is_empty() => Lighting::Lights,
-            Lighting::Auto if objects.sky_is_open => Lighting::Sun,
-            Lighting::Auto => Lighting::Headlight,
-            chosen => chosen,
-        }
+        settings.light.lighting(!objects.lights.is_empty(), objects.sky_is_open)
     }
 
     /// The lights that shine, and how their shadow maps see the scene. `bounds`: of all points that are visible.

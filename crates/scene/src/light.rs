@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::Sun;
+use crate::{Light, Lighting, Sun};
 
 /// A spot light: even within the inner cone, falling linearly in angle to nothing at the outer one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,6 +35,18 @@ impl SpotLight {
         let is_fine = is_cone && outer_degrees < 90.0;
         let expected = "expected 0 <= inner_degrees <= outer_degrees < 90";
         (!is_fine).then(|| format!("it opens from {inner_degrees} to {outer_degrees} degrees, {expected}"))
+    }
+}
+
+impl Light {
+    /// What lights the points: what `auto` stands for in a scene that has lights, or a sky above it.
+    pub fn lighting(&self, has_lights: bool, sky_is_open: bool) -> Lighting {
+        match self.by {
+            Lighting::Auto if has_lights => Lighting::Lights,
+            Lighting::Auto if sky_is_open => Lighting::Sun,
+            Lighting::Auto => Lighting::Headlight,
+            chosen => chosen,
+        }
     }
 }
 
