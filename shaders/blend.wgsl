@@ -1,6 +1,5 @@
 // Adds indirect light to direct light, and what a mirror reflects to its own radiance, of which the passes that shade have left
-// it the rest. Where a mirror sees no point it
-// shows the background. One thread a pixel.
+// it the rest. Where a mirror sees no point it shows the background. One thread a pixel.
 #import frame
 #import packing
 #import params

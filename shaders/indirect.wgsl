@@ -99,7 +99,8 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
         let toward = offset * inverseSqrt(max(squared, 1e-30));
         let cosine = dot(normal, toward);
         let cosine_there = select(-dot(light.normal.xyz, toward), 1.0, is_sky);
-        if light.normal.w == VPL_NONE || cosine <= 0.0 || cosine_there <= 0.0 {
+        let is_dark = all(light.intensity.rgb + light.glossy.rgb == vec3f(0.0));
+        if light.normal.w == VPL_NONE || is_dark || cosine <= 0.0 || cosine_there <= 0.0 {
             continue;
         }
         let area_over_pi = light.position.w;
@@ -118,8 +119,10 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
         // The radius under which a sphere is seen spreads highlights (after Hasan et al. 2009, whose mean over the cone is
         // taken here by the variances of cone and lobe).
         var spread = 0.0;
-        if is_spherical && !is_sky {
-            spread = 0.25 * area_over_pi / (squared + area_over_pi);
+        if is_spherical {
+            // A light of the sky stands for a cap of 2 pi over their number.
+            let squared_sine = select(area_over_pi / (squared + area_over_pi), 2.0 / f32(lights.sky_lights), is_sky);
+            spread = 0.25 * squared_sine;
         }
         var intensity = light.intensity.rgb;
         if is_glossy && !is_sky && any(light.glossy.rgb > vec3f(0.0)) {

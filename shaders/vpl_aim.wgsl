@@ -12,7 +12,7 @@
 @group(1) @binding(2) var<storage, read> shadows: array<vec2u>;
 // The texel of each virtual light, as above.
 @group(1) @binding(3) var<storage, read_write> hits: array<u32>;
-// Two a layer: directions that were tried, directions that met something.
+// Two a layer: lights whose first direction meets something, lights of which any does.
 @group(1) @binding(4) var<storage, read_write> counts: array<atomic<u32>>;
 
 const VPL_TRIES: u32 = 8u;
@@ -30,7 +30,6 @@ fn vpl_aim(@builtin(global_invocation_id) id: vec3u) {
             break;
         }
         let layer = aim >> 24u;
-        atomicAdd(&counts[layer * 2u], 1u);
         let texel = vec2i(vec2u((aim & 0xffffffu) % LAMP_MAP_SIZE, (aim & 0xffffffu) / LAMP_MAP_SIZE));
         // A gap between splats is no hole in a surface: the texels around are looked at as well, from the middle one on.
         for (var i = 0; i < 9 && hit == AIM_NONE; i++) {
@@ -43,6 +42,7 @@ fn vpl_aim(@builtin(global_invocation_id) id: vec3u) {
             }
         }
         if hit != AIM_NONE {
+            atomicAdd(&counts[layer * 2u], select(0u, 1u, attempt == 0u));
             atomicAdd(&counts[layer * 2u + 1u], 1u);
         }
     }

@@ -46,15 +46,8 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
         map = map_from_direction(vec3f(cos(turn) * across, sin(turn) * across, sqrt(max(1.0 - numbers.x, 0.0))));
     }
     let size = f32(lights.map_size);
-    let aimed = min(vec2i((map * 0.5 + 0.5) * size), vec2i(i32(lights.map_size) - 1));
-    // A gap between splats is no hole in a surface: the texels around are looked at as well, from the middle one on.
-    var texel = aimed;
-    var code = 0u;
-    for (var i = 0; i < 9 && code == 0u; i++) {
-        let place = (i + 4) % 9;
-        texel = clamp(aimed + vec2i(place % 3 - 1, place / 3 - 1), vec2i(0), vec2i(i32(lights.map_size) - 1));
-        code = shadow_maps[birth.x * lights.map_stride + u32(texel.y) * lights.map_size + u32(texel.x)];
-    }
+    let texel = min(vec2u((map * 0.5 + 0.5) * size), vec2u(lights.map_size - 1u));
+    let code = shadow_maps[birth.x * lights.map_stride + texel.y * lights.map_size + texel.x];
     if code == 0u {
         return;
     }
@@ -64,7 +57,9 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
     let distance = distance_of_code(lights, light.normal.w, code >> 16u);
     let toward = -ray.direction;
     let surface = surfaces[point * 2u];
-    let normal = select(surface.xyz, -surface.xyz, dot(surface.xyz, toward) < 0.0);
+    var normal = select(surface.xyz, -surface.xyz, dot(surface.xyz, toward) < 0.0);
+    // Points without a normal face the light, as in the first bounce.
+    normal = select(normal, toward, all(surface.xyz == vec3f(0.0)));
     let albedo = surfaces[point * 2u + 1u];
     // A light of intensity I cos sends out pi I, and its highlight's flux, which is taken to leave it as evenly; one of the sky
     // sheds its irradiance over an area of its map, which its share says.

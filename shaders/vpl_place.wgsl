@@ -61,8 +61,8 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
     let toward = select(-normalize(offset), -emitter.axis_focal.xyz, is_parallel);
     let surface = surface_of_point(index, toward);
     let cosine = max(dot(surface.normal.xyz, toward), 0.0);
-    let tried = f32(max(counts[layer * 2u], 1u));
-    let flux = emitter.flux.rgb * f32(counts[layer * 2u + 1u]) / tried;
+    // First tries tell what part of the flux meets anything; all that do share it.
+    let flux = emitter.flux.rgb * f32(counts[layer * 2u]) / f32(max(counts[layer * 2u + 1u], 1u));
     // The surface that receives this flux.
     var irradiance = dot(emitter.strength.rgb, vec3f(1.0)) * cosine;
     if !is_parallel {

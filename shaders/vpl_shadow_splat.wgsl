@@ -39,7 +39,8 @@ fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
     if light.normal.w == VPL_LOCAL {
         let offset = center - light.position.xyz;
         // Behind the light; or of the surface that it stands on, whose noise would shut it in.
-        let is_same = at.distance < 2.0 * radius && abs(dot(surface.xyz, light.normal.xyz)) > 0.5;
+        let is_alike = abs(dot(surface.xyz, light.normal.xyz)) > 0.5 || all(surface.xyz == vec3f(0.0));
+        let is_same = at.distance < 2.0 * radius && is_alike;
         if dot(light.normal.xyz, offset) < -radius || is_same {
             return;
         }

@@ -16,8 +16,8 @@ fn vpl_of_surface(
     let gloss = gloss_of(settings, albedo.a, 0.0);
     let diffuse = albedo.rgb * flux * (1.0 - max(gloss.share, albedo.a)) / 3.14159265;
     let tint = mirror_tint(settings, albedo.rgb, 0.0);
-    // What reflects nothing is left out: a perfect mirror, a black surface, a point without a normal.
-    let shines = select(VPL_NONE, VPL_LOCAL, any(diffuse + tint * flux * gloss.share > vec3f(0.0)) && any(normal != vec3f(0.0)));
+    // What reflects nothing has its place and shadow map all the same: its colour may change.
+    let shines = select(VPL_NONE, VPL_LOCAL, any(normal != vec3f(0.0)));
     return Vpl(
         vec4f(position, squared),
         vec4f(normal, shines),

@@ -5,7 +5,7 @@
 
 use cloud::Bounds;
 use glam::{DVec3, Vec4};
-use scene::{Camera, Lighting, Quality, Settings, SpotLight};
+use scene::{Camera, Lighting, Quality, Settings, Splat, SpotLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Gpu, Result};
@@ -52,7 +52,7 @@ pub(crate) struct MappedLight {
 #[derive(Clone, PartialEq)]
 pub(crate) struct DrawnMap {
     revision: u64,
-    splat: scene::Splat,
+    splat: Splat,
     camera: FrameCamera,
 }
 
@@ -113,11 +113,7 @@ impl Lights {
             self.shadows = storage(&recorder.gpu.device, "shadows", bytes);
             at_hand.clear();
         }
-        // Light must not leak between splats: each is at least three texels wide.
-        let mut wide = settings.clone();
-        wide.splat.min_pixels = wide.splat.min_pixels.max(3.0);
-        // The same passes draw them whatever the picture's quality, which changes whenever the camera begins to move.
-        wide.splat.quality = Quality::Nearest;
+        let wide = Settings { splat: splat_of_maps(settings), ..settings.clone() };
         let mut drawn = Vec::with_capacity(lights.len());
         for (index, light) in lights.iter().enumerate() {
             let map = DrawnMap { revision: store.geometry_revision(), splat: wide.splat.clone(), camera: light.camera };
@@ -144,6 +140,17 @@ impl Lights {
     pub fn upload(&self, gpu: &Gpu, lights: &[MappedLight], eye: DVec3) {
         let lights: Vec<GpuLight> = lights.iter().map(|light| light.to_gpu(eye)).collect();
         gpu.queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&lights));
+    }
+}
+
+/// How points are splatted into shadow maps.
+pub(crate) fn splat_of_maps(settings: &Settings) -> Splat {
+    Splat {
+        // Light must not leak between splats: each is at least three texels wide.
+        min_pixels: settings.splat.min_pixels.max(3.0),
+        // The same passes draw them whatever the picture's quality, which changes whenever the camera begins to move.
+        quality: Quality::Nearest,
+        ..settings.splat.clone()
     }
 }
 

@@ -184,6 +184,7 @@ impl Renderer {
         let list = if is_kept { &nothing } else { &points_drawn };
         let inputs = Inputs::new(gpu, frame_camera, settings, store, list);
         if !is_kept {
+            self.gi.surfaces_changed();
             let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
             draw_surface(&mut recorder, &inputs, settings, targets, formulas.as_ref(), atomics64)?;
             let camera_surface = SurfaceImages {
@@ -211,7 +212,7 @@ impl Renderer {
             self.gi.place(&mut recorder, frame_camera, store, settings, &lights, sky, shadows)?;
         }
         let gi = has_indirect.then_some(&mut self.gi);
-        shade(&mut recorder, &inputs, settings, targets, reflections, &self.lights, gi, shading, is_kept)?;
+        shade(&mut recorder, &inputs, settings, targets, reflections, &self.lights, gi, shading)?;
         let is_filmic = match settings.tone.curve {
             // Data colours stay as they are.
             Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
@@ -554,7 +555,6 @@ fn shade(
     lights: &Lights,
     mut gi: Option<&mut GlobalIllumination>,
     shading: Shading,
-    is_kept: bool,
 ) -> Result<()> {
     let camera = SurfaceImages {
         albedo: &targets.surface().albedo,
@@ -592,7 +592,6 @@ fn shade(
                 index,
                 surface: *surface,
                 from,
-                is_kept,
                 is_mixed: index < bounces.len(),
                 is_glossy: shading.has_highlights,
             };

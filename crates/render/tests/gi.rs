@@ -8,10 +8,10 @@ mod walls;
 use std::f64::consts::{FRAC_1_PI, PI};
 use std::sync::Arc;
 
-use cloud::{Chunk, pack_normal, pack_radius};
+use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
 use param::{Kind, Params as _, Value};
-use render::{Aov, FrameStats, Material, Objects, PointStore};
+use render::{Aov, ColorPlan, FrameStats, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Gi, Settings, SpotLight};
 
@@ -91,7 +91,7 @@ fn each_bounce_in_a_white_ball_adds_what_the_integrating_sphere_says() {
         render(&mut stage, &store, &camera, &settings, &[lamp]);
         let expected: f64 = (1..=bounces).map(|k| ALBEDO.powi(k as i32) * irradiance).sum::<f64>() * ALBEDO * FRAC_1_PI;
         let found = mean(&read(&stage, Aov::Indirect));
-        assert!((found / expected - 1.0).abs() < 0.06, "{bounces} bounces: {found} instead of {expected}");
+        assert!((found / expected - 1.0).abs() < 0.07, "{bounces} bounces: {found} instead of {expected}");
     }
 }
 
@@ -113,6 +113,7 @@ fn an_open_floor_is_lit_by_the_whole_sky_and_one_beside_a_wall_by_what_the_wall_
     render(&mut stage, &store, &camera, &settings, &[]);
     let open = read(&stage, Aov::Indirect);
     let expected = ALBEDO * 2.0 * FRAC_1_PI;
+    assert!(open.iter().filter(|light| !light.is_nan()).count() > 500);
     for light in open.iter().filter(|light| !light.is_nan()) {
         assert!((light.x / expected - 1.0).abs() < 0.02, "{light} instead of {expected}");
     }
@@ -271,25 +272,105 @@ fn a_thin_wall_keeps_the_light_of_one_room_out_of_the_other() {
 }
 
 #[test]
-fn colours_change_the_light_but_not_the_shadow_maps() {
+fn brightness_and_colours_change_the_light_but_not_the_shadow_maps() {
     let mut stage = stage_or_skip!();
-    let store = five_mirrors_store(&stage, Variant::None, 50_000);
-    let camera = five_mirrors::camera();
-    let mut light = five_mirrors::light();
+    // A floor with a black half, and a wall beside it.
+    let floor = |x: f64, color: [u8; 4]| {
+        let mut chunk = wall(DVec3::new(x, -1.0, 0.0), [DVec3::X, DVec3::Y * 2.0]);
+        chunk.colors = Some(Arc::new(vec![color; chunk.len()]));
+        chunk
+    };
+    let beside = wall(DVec3::new(-1.0, 1.0, 0.0), [DVec3::X * 2.0, DVec3::Z]);
+    let chunks = vec![floor(-1.0, [0, 0, 0, 255]), floor(0.0, [188, 188, 188, 255]), beside];
+    let mut store = PointStore::new(stage.gpu.clone());
+    let id = store.add_cloud(Material::default());
+    let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
+    let cloud = Cloud { chunks, ..Cloud::default() };
+    let paint = |store: &mut PointStore, by: &str| {
+        let settings = settings(&[("color.by", by)]);
+        let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Z);
+        store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+    };
+    paint(&mut store, "rgb");
+    let camera = Camera { eye: DVec3::new(0.0, -3.0, 1.5), pivot: DVec3::new(0.0, 0.5, 0.3), up: DVec3::Z };
+    let mut lamp = SpotLight {
+        position: DVec3::new(0.0, 0.0, 2.0),
+        target: DVec3::ZERO,
+        intensity: [10.0; 3],
+        inner_degrees: 15.0,
+        outer_degrees: 20.0,
+    };
     let mut settings = settings(&[("gi.vpls", "64")]);
     let drew_maps = |stats: &FrameStats| stats.passes.iter().any(|pass| pass.name == "vpl_shadow_splat");
     stage.renderer.forget();
-    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[light])));
+    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     let before = mean(&read(&stage, Aov::Indirect));
-    light.intensity = [30.0; 3];
-    assert!(!drew_maps(&render(&mut stage, &store, &camera, &settings, &[light])));
+    lamp.intensity = [30.0; 3];
+    assert!(!drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     let after = mean(&read(&stage, Aov::Indirect));
-    assert!((after / before - 3.0).abs() < 0.01, "{before} became {after}");
+    assert!(before > 1e-4 && (after / before - 3.0).abs() < 0.01, "{before} became {after}");
     settings.tone.exposure = 1.0;
-    let stats = render(&mut stage, &store, &camera, &settings, &[light]);
+    let stats = render(&mut stage, &store, &camera, &settings, &[lamp]);
     assert!(stats.passes.iter().all(|pass| !pass.name.starts_with("indirect")), "light was computed again for a tone");
-    light.position.x += 0.1;
-    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[light])));
+    // What was black shines now, and its lights have shadow maps.
+    paint(&mut store, "plain");
+    assert!(!drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
+    let painted = mean(&read(&stage, Aov::Indirect));
+    stage.renderer.forget();
+    render(&mut stage, &store, &camera, &settings, &[lamp]);
+    let anew = mean(&read(&stage, Aov::Indirect));
+    assert!(painted > 1.5 * after && painted == anew, "{painted} instead of {anew}, {after} before");
+    lamp.position.x += 0.1;
+    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
+}
+
+#[test]
+fn light_that_was_off_comes_back_as_it_is_where_the_camera_is_now() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::Sphere, 50_000);
+    let lights = [five_mirrors::light()];
+    let (lit, off) = (settings(&[("gi.vpls", "64")]), settings(&[("gi.vpls", "64"), ("light.by", "headlight")]));
+    let camera = five_mirrors::camera();
+    let moved = Camera { eye: camera.eye + DVec3::X * 0.3, ..camera };
+    render(&mut stage, &store, &camera, &lit, &lights);
+    render(&mut stage, &store, &moved, &off, &lights);
+    render(&mut stage, &store, &moved, &lit, &lights);
+    let back = stage.renderer.read_aov(Aov::Indirect).unwrap().data;
+    stage.renderer.forget();
+    render(&mut stage, &store, &moved, &lit, &lights);
+    let anew = stage.renderer.read_aov(Aov::Indirect).unwrap().data;
+    assert!(back.iter().zip(&anew).all(|(a, b)| a.to_bits() == b.to_bits()));
+}
+
+#[test]
+fn a_lamp_that_mostly_shines_past_things_loses_none_of_what_meets_them() {
+    let mut stage = stage_or_skip!();
+    // A plate in the middle of a wide cone, a wall beside it that only the plate's light reaches, and the same with a narrow cone.
+    let plate = wall(DVec3::new(-0.5, -0.5, 0.0), [DVec3::X, DVec3::Y]);
+    let beside = wall(DVec3::new(-0.5, 0.5, 0.0), [DVec3::X, DVec3::Z]);
+    let store = store_of(&stage, vec![plate, beside], Material::default());
+    let camera = Camera { eye: DVec3::new(0.0, -2.0, 1.0), pivot: DVec3::new(0.0, 0.5, 0.3), up: DVec3::Z };
+    let mut light = |degrees: f32| {
+        let lamp = SpotLight {
+            position: DVec3::new(0.0, -0.4, 1.5),
+            target: DVec3::new(0.0, -0.4, 0.0),
+            intensity: [10.0; 3],
+            inner_degrees: degrees,
+            outer_degrees: degrees,
+        };
+        let settings = settings(&[("gi.vpls", "512"), ("gi.interleave", "1")]);
+        render(&mut stage, &store, &camera, &settings, &[lamp]);
+        let positions = read(&stage, Aov::Position);
+        // Of the upper wall, which the plate lights.
+        let indirect = read(&stage, Aov::Indirect);
+        let wall = indirect.iter().zip(&positions).filter(|(_, at)| at.y > 0.49 && at.z > 0.5);
+        let light: Vec<DVec3> = wall.map(|(light, _)| *light).collect();
+        assert!(light.len() > 50);
+        mean(&light)
+    };
+    // Both cones hold plate and wall; the wide one sends nine tenths of its light past them.
+    let (narrow, wide) = (light(45.0), light(80.0));
+    assert!((wide / narrow - 1.0).abs() < 0.1, "{wide} instead of {narrow}");
 }
 
 #[test]
@@ -315,9 +396,12 @@ fn every_end_of_every_parameter_of_indirect_light_gives_a_finite_picture() {
             settings.set_text("light.by", by).unwrap();
             settings.gi.set(name, value.clone()).unwrap();
             render(&mut stage, &store, &five_mirrors::camera(), &settings, &[five_mirrors::light()]);
+            let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
             let light = read(&stage, Aov::Indirect);
-            let is_fine = |color: &DVec3| color.is_nan() || (color.is_finite() && color.min_element() >= 0.0);
-            assert!(light.iter().all(is_fine), "{name} {value:?}, {by}");
+            let is_fine =
+                |(color, depth): (&DVec3, &f32)| depth.is_nan() || (color.is_finite() && color.min_element() >= 0.0);
+            assert!(depth.iter().filter(|depth| depth.is_finite()).count() > 2000);
+            assert!(light.iter().zip(&depth).all(is_fine), "{name} {value:?}, {by}");
         }
     }
 }
@@ -329,10 +413,10 @@ fn too_many_shadow_maps_are_refused_with_what_to_lower() {
     let settings = settings(&[("gi.vpls", "4096"), ("gi.bounces", "4"), ("gi.shadow_size", "256")]);
     let lights = [five_mirrors::light()];
     let objects = Objects { lights: &lights, ..Objects::default() };
-    // Four gigabytes: more than any adapter binds at once here.
+    // More than five gigabytes: more than any adapter binds at once here.
     match stage.renderer.render(&store, &five_mirrors::camera(), &settings, objects, SIZE) {
         Err(error) => assert!(error.to_string().contains("gi.shadow_size"), "{error}"),
-        Ok(_) => println!("this adapter binds four gigabytes at once"),
+        Ok(_) => println!("this adapter binds more than five gigabytes at once"),
     }
     let few = walls::settings(&[("gi.vpls", "16")]);
     render(&mut stage, &store, &five_mirrors::camera(), &few, &lights);

@@ -12,7 +12,7 @@ mod twin;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec4};
-use scene::{Gi, Settings, VirtualLight};
+use scene::{Gi, Highlight, Settings, Splat, VirtualLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
@@ -113,6 +113,8 @@ impl Ground {
 #[derive(Clone, PartialEq)]
 struct Places {
     geometry_revision: u64,
+    /// Of the lamps' shadow maps.
+    splat: Splat,
     /// Positions, directions and cones of the lights, and which virtual lights are whose.
     cameras: Vec<(FrameCamera, f32, f32)>,
     plan: Plan,
@@ -126,6 +128,8 @@ struct Places {
 #[derive(Clone, PartialEq)]
 struct Asked {
     revision: u64,
+    /// Of the lamps' shadow maps.
+    splat: Splat,
     gi: Gi,
     lights: Vec<MappedLight>,
     sky: Option<Sky>,
@@ -150,7 +154,8 @@ struct Lights {
 struct Shaded {
     generation: u64,
     gi: Gi,
-    light: scene::Light,
+    gloss: [f32; 2],
+    highlight: Highlight,
     mirror: scene::MirrorSettings,
     is_mixed: bool,
     is_glossy: bool,
@@ -179,8 +184,6 @@ pub(crate) struct Receiver<'a> {
     pub surface: SurfaceImages<'a>,
     /// The mirror points that see it; the camera's positions for index 0.
     pub from: &'a Image,
-    /// The same as in the frame before.
-    pub is_kept: bool,
     /// A reflection is followed from here.
     pub is_mixed: bool,
     /// Something here may have a highlight.
@@ -239,8 +242,10 @@ impl GlobalIllumination {
         // A sun's finer map, which moves with the view, is for direct light.
         let is_sun = lights.first().is_some_and(|light| light.camera.orthographic);
         let lights = if is_sun { &lights[..1] } else { lights };
+        let splat = crate::lighting::splat_of_maps(settings);
         let asked = Asked {
             revision: store.revision(),
+            splat: splat.clone(),
             gi,
             lights: lights.to_vec(),
             sky,
@@ -266,6 +271,7 @@ impl GlobalIllumination {
         }
         let places = Places {
             geometry_revision: store.geometry_revision(),
+            splat,
             cameras: lights.iter().map(|light| (light.camera, light.inner, light.outer)).collect(),
             plan: Plan::new(gi, lights, sky, origin, radius, store.bounds()),
             shadow_size: gi.shadow_size,
@@ -297,7 +303,7 @@ impl GlobalIllumination {
             unused: 0,
         };
         let gpu = recorder.gpu;
-        let needs_maps = gi.shadows || plan.bounces > 1 || !plan.sky.is_empty();
+        let needs_maps = gi.shadows || plan.bounces > 1 || plan.has_sky_births;
         let map_bytes = if needs_maps { u64::from(count) * u64::from(map_stride) * 4 } else { 16 };
         let limit = gpu.device.limits().max_storage_buffer_binding_size;
         if map_bytes > limit {
@@ -328,7 +334,9 @@ impl GlobalIllumination {
         let draw_maps = needs_maps && !maps_stand;
         if draw_maps {
             recorder.clear(&maps);
-            work.shadow_maps(recorder, everywhere, 0, plan.sky.len() as u32)?;
+            if gi.shadows || plan.has_sky_births {
+                work.shadow_maps(recorder, everywhere, 0, plan.sky.len() as u32)?;
+            }
         }
         if plan.bounces > 0 {
             work.first_bounce(recorder, everywhere, lights, plan, shadow_maps)?;
@@ -347,6 +355,13 @@ impl GlobalIllumination {
         let generation = self.generations;
         self.lights = Some(Lights { asked, places, uniform, constants, vpls, maps, generation });
         Ok(())
+    }
+
+    /// To be called when what the surfaces show has changed.
+    pub fn surfaces_changed(&mut self) {
+        for surface in &mut self.surfaces {
+            surface.shaded = None;
+        }
     }
 
     /// The indirect light of a surface, as radiance toward where it is seen from; nothing is done where it is at hand.
@@ -374,12 +389,13 @@ impl GlobalIllumination {
         let shaded = Shaded {
             generation: lights.generation,
             gi: gi.clone(),
-            light: settings.light.clone(),
+            gloss: [settings.light.gloss, settings.light.gloss_power],
+            highlight: settings.light.highlight,
             mirror: settings.mirror.clone(),
             is_mixed: receiver.is_mixed,
             is_glossy,
         };
-        if receiver.is_kept && target.shaded.as_ref() == Some(&shaded) {
+        if target.shaded.as_ref() == Some(&shaded) {
             return Ok(());
         }
         target.shaded = Some(shaded);

@@ -16,7 +16,7 @@ pub(crate) struct Occluders {
     /// a subset.
     pub points: Vec<[u32; 4]>,
     pub subsets: u32,
-    /// Of a disc, such that those of one subset cover all surfaces as densely as the splats do; world units.
+    /// Of a disc, such that those of one subset overlap as the points' own discs do at splat.size 1; world units.
     pub radius: f32,
     /// Of all surfaces, splat overlap included; square world units.
     pub area: f64,

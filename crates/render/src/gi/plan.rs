@@ -1,5 +1,5 @@
 //! Which virtual light comes from where: how many each lamp, the sun and the sky give rise to, and the low-discrepancy numbers
-//! that place them. All of it is the same from frame to frame, and more lights add to those that are there.
+//! that place them. All of it is the same from frame to frame, and more lights take further numbers of the same sequence.
 
 use cloud::Bounds;
 use glam::{DVec2, DVec3, Vec3, Vec4};
@@ -116,8 +116,8 @@ impl Plan {
         let sky_total: f64 = of_sky.iter().sum();
         for (source, number) in sources {
             let aims = (0..TRIES).map(|attempt| match fluxes.get(source) {
-                // Further tries come from far on in the sequence.
-                Some(flux) => (source as u32) << 24 | flux.texel(halton(number + attempt * 65_536)),
+                // Further tries come from far on in the sequence; the step has no factor with its bases.
+                Some(flux) => (source as u32) << 24 | flux.texel(halton(number + attempt * 10_007)),
                 None => NOTHING,
             });
             plan.aims.extend(aims);
