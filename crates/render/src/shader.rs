@@ -197,10 +197,12 @@ mod tests {
 
     #[test]
     fn rust_structs_have_the_offsets_that_the_shaders_read() {
-        let module = module_of("splat_nearest");
-        let mut layouter = naga::proc::Layouter::default();
-        layouter.update(module.to_ctx()).unwrap();
-        for (name, size, fields) in crate::frame::layouts() {
+        let of_frame = crate::frame::layouts().into_iter().map(|layout| ("splat_nearest", layout));
+        let of_light = crate::gi::layouts().into_iter().map(|layout| ("vpl_place", layout));
+        for (pass, (name, size, fields)) in of_frame.chain(of_light) {
+            let module = module_of(pass);
+            let mut layouter = naga::proc::Layouter::default();
+            layouter.update(module.to_ctx()).unwrap();
             let (handle, kind) = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(name)).unwrap();
             let naga::TypeInner::Struct { members, .. } = &kind.inner else { panic!("{name} is no struct") };
             let read: Vec<(String, usize)> =
@@ -210,6 +212,15 @@ mod tests {
             assert_eq!(read, written, "{name}");
             assert_eq!(layouter[handle].size as usize, size, "{name}");
         }
+    }
+
+    #[test]
+    fn shaders_and_rust_agree_on_the_size_of_lamps_maps_and_on_tries() {
+        let size = crate::lighting::SHADOW_SIZE;
+        let has = |pass: &str, line: String| assert!(weave(pass).unwrap().source.contains(&line), "{pass}: {line}");
+        has("shade", format!("const SHADOW_SIZE: i32 = {size};"));
+        has("vpl_place", format!("const LAMP_MAP_SIZE: u32 = {size}u;"));
+        has("vpl_aim", format!("const VPL_TRIES: u32 = {}u;", crate::gi::TRIES));
     }
 
     #[test]

@@ -24,8 +24,8 @@ use crate::reflection::SurfaceImages;
 use crate::store::{PointStore, Selection};
 use crate::targets::{Image, storage};
 use occluders::Occluders;
-pub(crate) use plan::Sky;
-use plan::{Plan, TRIES};
+use plan::Plan;
+pub(crate) use plan::{Sky, TRIES};
 
 /// Doublings of distance that a shadow map tells apart, below four scene radii.
 const DOUBLINGS: f32 = 18.0;
@@ -84,6 +84,22 @@ struct Step {
     fine_first: u32,
     coarse_first: u32,
     unused: [u32; 3],
+}
+
+/// Names, sizes and fields of the structs that the shaders read.
+#[cfg(test)]
+pub(crate) fn layouts() -> Vec<crate::frame::Layout> {
+    macro_rules! layout {
+        ($name:ident: $($field:ident),*) => {
+            (stringify!($name), size_of::<$name>(), vec![$((stringify!($field), std::mem::offset_of!($name, $field))),*])
+        };
+    }
+    vec![
+        layout!(Virtual: eye_radius, disc_radius, nearest, steps, map_size, map_stride, point_count, subsets, sky_lights,
+            lights_per_bounce, bounces, area_over_pi, unused),
+        layout!(Vpl: position, normal, intensity, glossy, incoming, tangent),
+        layout!(Emitter: position, axis_focal, right, up, flux, strength, angles),
+    ]
 }
 
 /// What stands in the way of light, and where from the lights' positions are told.

@@ -10,7 +10,7 @@ use super::sequence::{SpotFlux, halton, radical_inverse};
 use crate::lighting::{MappedLight, SHADOW_SIZE};
 
 /// Directions that are tried for a virtual light, as shaders/vpl_aim.wgsl has it.
-pub(super) const TRIES: u32 = 8;
+pub(crate) const TRIES: u32 = 8;
 const NOTHING: u32 = u32::MAX;
 /// Kind of a sky light in shaders/shared/vpl.wgsl.
 const VPL_SKY: f32 = 2.0;
