@@ -107,7 +107,7 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
         // A disc that faces a surface lights it by A / (d^2 + A / pi) exactly; a point light's square would have no bound.
         var transfer = cosine * cosine_there / select(max(squared, 1e-12), squared + area_over_pi, is_spherical);
         if is_spherical && !is_sky && squared < NEAR * area_over_pi {
-            transfer = transfer_of_parts(light, offset, normal);
+            transfer = transfer_of_square(light, offset, normal);
         }
         if settings.gi.clamp > 0.0 {
             // The form factor is transfer times area over pi.
@@ -145,29 +145,45 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
 
 // A light counts as near within so many squares of its radius.
 const NEAR: f32 = 25.0;
-const PARTS: i32 = 4;
 
-// Cosines over squared distance of a near light, taken apart into PARTS squared: in corners one disc would darken what lies
-// within its radius. The square is half as wide again as the light's share of the surface, which evens out how unevenly lights
-// are spread. Parts below the surface's horizon are taken to be above it: where surfaces meet, the light's own ends there.
-fn transfer_of_parts(light: Vpl, offset: vec3f, normal: vec3f) -> f32 {
-    let edge = 1.5 * sqrt(3.14159265 * light.position.w);
-    let along = light.tangent.xyz * (edge / f32(PARTS));
-    let across = cross(light.normal.xyz, light.tangent.xyz) * (edge / f32(PARTS));
-    let small = light.position.w / f32(PARTS * PARTS);
-    var sum = 0.0;
-    var count = 0.0;
-    for (var i = 0; i < PARTS * PARTS; i++) {
-        let place = vec2f(vec2i(i % PARTS, i / PARTS)) - 0.5 * f32(PARTS - 1);
-        let part = offset + along * place.x + across * place.y;
-        let squared = dot(part, part);
-        let cosines = dot(normal, part) * dot(light.normal.xyz, -part);
-        if dot(normal, part) > 0.0 {
-            sum += max(cosines, 0.0) / (max(squared, 1e-20) * (squared + small));
-            count += 1.0;
+// Cosines over squared distance of a near light, which is taken for the square that it stands for: in corners a disc's mean
+// direction would darken what lies within its radius. The integral over what of the square lies above the surface's horizon
+// (Lambert 1760), over that part's area: where surfaces meet, the light's own ends there. The square is four
+// fifths wider than the light's share of the surface, which evens out how unevenly lights are spread.
+fn transfer_of_square(light: Vpl, offset: vec3f, normal: vec3f) -> f32 {
+    let half = 0.9 * sqrt(3.14159265 * light.position.w);
+    let along = light.tangent.xyz * half;
+    let across = cross(light.normal.xyz, light.tangent.xyz) * half;
+    var sum = vec2f(0.0);
+    var before = offset - along + across;
+    var height_before = dot(normal, before);
+    var left = vec3f(0.0);
+    var entered = vec3f(0.0);
+    for (var i = 0; i < 4; i++) {
+        let corner = offset + along * select(1.0, -1.0, i == 0 || i == 3) + across * select(1.0, -1.0, i < 2);
+        let height = dot(normal, corner);
+        if height > 0.0 || height_before > 0.0 {
+            let crossing = mix(before, corner, height_before / (height_before - height));
+            let start = select(crossing, before, height_before > 0.0);
+            let end = select(crossing, corner, height > 0.0);
+            entered = select(crossing, entered, height_before > 0.0);
+            left = select(crossing, left, height > 0.0);
+            sum += edge_of_square(light, normal, start, end);
         }
+        before = corner;
+        height_before = height;
     }
-    return sum / max(count, 1.0);
+    sum += edge_of_square(light, normal, left, entered);
+    return abs(sum.x) / max(abs(sum.y), 1e-20);
+}
+
+// What an edge adds to twice the integral of the cosines and to twice the area.
+fn edge_of_square(light: Vpl, normal: vec3f, start: vec3f, end: vec3f) -> vec2f {
+    let turn = cross(start, end);
+    let sine = length(turn);
+    // No turn: an edge toward the surface, or none at all.
+    let light_of_edge = select(0.0, atan2(sine, dot(start, end)) * dot(normal, turn) / sine, sine > 0.0);
+    return vec2f(light_of_edge, dot(light.normal.xyz, turn));
 }
 
 // 1 where the light sees the surface at `at`, 0 where its shadow map holds something nearer.

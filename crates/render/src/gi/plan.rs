@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, Vec3, Vec4};
 use scene::Gi;
 
 use super::Vpl;
-use super::sequence::{SpotFlux, halton, radical_inverse};
+use super::sequence::{SpotFlux, even, halton, radical_inverse};
 use crate::lighting::{MappedLight, SHADOW_SIZE};
 
 /// Directions that are tried for a virtual light, as shaders/vpl_aim.wgsl has it.
@@ -116,8 +116,10 @@ impl Plan {
         let sky_total: f64 = of_sky.iter().sum();
         for (source, number) in sources {
             let aims = (0..TRIES).map(|attempt| match fluxes.get(source) {
-                // Further tries come from far on in the sequence; the step has no factor with its bases.
-                Some(flux) => (source as u32) << 24 | flux.texel(halton(number + attempt * 10_007)),
+                // Further tries come from another sequence, and far on in it: the misses of the first know nothing of its numbers.
+                // The step has no factor with its bases.
+                Some(flux) if attempt > 0 => (source as u32) << 24 | flux.texel(halton(number + attempt * 10_007)),
+                Some(flux) => (source as u32) << 24 | flux.texel(even(number)),
                 None => NOTHING,
             });
             plan.aims.extend(aims);

@@ -20,6 +20,14 @@ pub(crate) fn halton(index: u32) -> DVec2 {
     DVec2::new(radical_inverse(2, index + 1), radical_inverse(3, index + 1))
 }
 
+/// Point `index` of the plane's R2 sequence (Roberts 2018): it keeps its points farther apart than Halton's does, and what stands
+/// near to a lit surface sees how evenly its lights are spread. Any run of neighbours is spread over the unit square, too.
+pub(crate) fn even(index: u32) -> DVec2 {
+    // Powers of 1 over the root of x^3 = x + 1.
+    let steps = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
+    (steps * f64::from(index) + 0.5).fract()
+}
+
 /// Sends numbers to directions as a spot light sends out its flux.
 pub(crate) struct SpotFlux {
     /// Flux within each of equal steps of the angle, summed up; the last is all of it, for an intensity of 1.
@@ -52,12 +60,18 @@ impl SpotFlux {
 
     /// Unit vector; z along the axis.
     pub fn direction(&self, numbers: DVec2) -> DVec3 {
-        let wanted = numbers.x * self.total();
+        // From square to disc with little stretch (Shirley and Chiu 1997): what is spread evenly stays so.
+        let side = numbers * 2.0 - 1.0;
+        let is_wide = side.x.abs() > side.y.abs();
+        let (radius, other) = if is_wide { (side.x, side.y) } else { (side.y, side.x) };
+        let eighth = if radius == 0.0 { 0.0 } else { std::f64::consts::FRAC_PI_4 * other / radius };
+        let turn = if is_wide { eighth } else { std::f64::consts::FRAC_PI_2 - eighth };
+        let turn = if radius < 0.0 { turn + std::f64::consts::PI } else { turn };
+        let wanted = radius * radius * self.total();
         let step = self.sums.partition_point(|sum| *sum <= wanted).min(Self::STEPS - 1);
         let before = if step == 0 { 0.0 } else { self.sums[step - 1] };
         let within = ((wanted - before) / (self.sums[step] - before).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let angle = (step as f64 + within) / Self::STEPS as f64 * self.outer;
-        let turn = numbers.y * std::f64::consts::TAU;
         DVec3::new(angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos())
     }
 }

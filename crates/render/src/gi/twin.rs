@@ -82,7 +82,7 @@ fn irradiance(lights: &Virtual, vpls: &[Vpl], maps: &[u32], at: Vec3, normal: Ve
         let transfer = if is_sky {
             cosine
         } else if offset.length_squared() < 25.0 * light.position.w {
-            transfer_of_parts(light, offset, normal)
+            transfer_of_square(light, offset, normal)
         } else {
             cosine * there / (offset.length_squared() + light.position.w)
         };
@@ -92,21 +92,31 @@ fn irradiance(lights: &Virtual, vpls: &[Vpl], maps: &[u32], at: Vec3, normal: Ve
     vpls.iter().enumerate().map(of_light).sum()
 }
 
-/// Cosines over squared distance of a near light, taken apart.
-fn transfer_of_parts(light: &Vpl, offset: Vec3, normal: Vec3) -> f32 {
+/// Cosines over squared distance of a near light, which is taken for a square.
+fn transfer_of_square(light: &Vpl, offset: Vec3, normal: Vec3) -> f32 {
     let (light_normal, tangent) = (light.normal.xyz(), light.tangent.xyz());
-    let step = 1.5 * (std::f32::consts::PI * light.position.w).sqrt() / 4.0;
-    let (mut sum, mut count) = (0.0, 0.0);
-    for (x, y) in (0..16).map(|part| ((part % 4) as f32 - 1.5, (part / 4) as f32 - 1.5)) {
-        let part = offset + (tangent * x + light_normal.cross(tangent) * y) * step;
-        let squared = part.length_squared();
-        if normal.dot(part) > 0.0 {
-            sum +=
-                (normal.dot(part) * -light_normal.dot(part)).max(0.0) / (squared * (squared + light.position.w / 16.0));
-            count += 1.0;
+    let half = 0.9 * (std::f32::consts::PI * light.position.w).sqrt();
+    let across = light_normal.cross(tangent);
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(x, y): (f32, f32)| offset + (tangent * x + across * y) * half);
+    // What of it lies above the surface (Sutherland and Hodgman 1974).
+    let mut above = Vec::new();
+    for (before, corner) in (0..4).map(|index| (corners[(index + 3) % 4], corners[index])) {
+        let (from, to) = (normal.dot(before), normal.dot(corner));
+        if (from > 0.0) != (to > 0.0) {
+            above.push(before.lerp(corner, from / (from - to)));
+        }
+        if to > 0.0 {
+            above.push(corner);
         }
     }
-    if count > 0.0 { sum / count } else { 0.0 }
+    let (mut light, mut area) = (0.0, 0.0);
+    for (start, end) in (0..above.len()).map(|index| (above[index], above[(index + 1) % above.len()])) {
+        let turn = start.cross(end);
+        light += turn.length().atan2(start.dot(end)) * normal.dot(turn.normalize_or_zero());
+        area += light_normal.dot(turn);
+    }
+    light.abs() / area.abs().max(1e-20)
 }
 
 /// What the GPU has placed.
