@@ -12,7 +12,7 @@ mod stage;
 pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input};
 pub use light::{Flicker, LightError, flicker, light_error};
 pub use metrics::{Accuracy, ImageError, Percentiles, Truth, image_error};
-pub use stage::Stage;
+pub use stage::{IndirectTruth, JudgedLight, Stage, TracedLight};
 /// What the truth is traced in and for; the program knows `trace` through here.
 pub use trace::{
     Exact, Geometry, Gloss, Hit, Illumination, Indirect, MirrorPoint, Part, PixelRays, Source, Sunlight, Surfels,

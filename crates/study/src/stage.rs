@@ -3,13 +3,17 @@
 use std::sync::Arc;
 
 use cloud::{Cloud, Progress};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use render::{Aov, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
-use scene::{Mirror, Settings, SpotLight};
-use trace::{Exact, Part, PixelRays, Surfels};
+use scene::{Camera, Method, Mirror, Settings, SpotLight};
+use trace::{
+    Exact, Geometry, Gloss, Hit, Illumination, Indirect, Part, PixelRays, Ray, Source, Sunlight, Surfels,
+    indirect_picture,
+};
 
 use crate::accuracy::{MirrorImage, accuracy_exact, accuracy_same_input};
+use crate::light::{Flicker, LightError, flicker, light_error};
 use crate::metrics::Accuracy;
 
 /// One of the five mirrors, loaded.
@@ -20,6 +24,67 @@ pub struct Stage {
     lights: Vec<SpotLight>,
     surfels: Surfels,
     exact: Exact,
+}
+
+/// How the indirect light of exact surfaces is traced, for [`Stage::indirect_truth`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TracedLight {
+    /// One pixel in each square so many pixels wide is traced, anywhere in it: edges of the scene and shares of interleaved
+    /// lights have their periods, too.
+    pub stride: usize,
+    /// Of each of these pixels.
+    pub paths: u32,
+    /// With what reaches a surface by way of mirrors, which virtual lights do not give; else mirrors are black.
+    pub over_mirrors: bool,
+}
+
+/// Indirect light of the scene's exact surfaces at some pixels.
+pub struct IndirectTruth {
+    /// What is seen at the pixels that count, row by row: no mirrors.
+    seen: Vec<Option<(Hit, DVec3)>>,
+    /// Of all pixels, linear red, green and blue.
+    light: Vec<[f32; 3]>,
+    /// Standard deviation of the truth's own noise, over its mean.
+    pub noise: f64,
+}
+
+/// Most relative difference of an albedo from the truth's, and least cosine between normals, at which a pixel shows one surface
+/// and the right one: colours of 8 bits, and the normals of splats, are less off.
+const SAME_ALBEDO: f64 = 0.03;
+const SAME_NORMAL: f64 = 0.999;
+
+/// How far the indirect light of a picture is off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JudgedLight {
+    /// Over all pixels that were traced: pixels on edges and seams show a mean of two surfaces, and the truth one of them.
+    pub all: LightError,
+    /// Over those whose normal and albedo are the truth's: the error of the light alone.
+    pub same_surface: LightError,
+    /// Of those among all.
+    pub share: f64,
+}
+
+impl IndirectTruth {
+    /// Judges an image of indirect light, linear red, green and blue, of the size that was traced.
+    pub fn judge(&self, image: &[[f32; 3]]) -> LightError {
+        let mask: Vec<bool> = self.seen.iter().map(Option::is_some).collect();
+        light_error(&mask, image, &self.light)
+    }
+}
+
+/// Exact surfaces whose mirrors reflect nothing.
+struct WithBlackMirrors<'a>(&'a Exact);
+
+impl Geometry for WithBlackMirrors<'_> {
+    fn nearest(&self, ray: &Ray) -> Option<Hit> {
+        let hit = self.0.nearest(ray)?;
+        let is_mirror = hit.specular_intensity > 0.0;
+        Some(if is_mirror { Hit { albedo: DVec3::ZERO, specular_intensity: 0.0, ..hit } } else { hit })
+    }
+
+    fn is_blocked(&self, ray: &Ray, distance: f64) -> bool {
+        self.0.is_blocked(ray, distance)
+    }
 }
 
 impl Stage {
@@ -101,5 +166,139 @@ impl Stage {
         let progress = Progress::default();
         let same_input = accuracy_same_input(&image, &self.surfels, &progress)?;
         Ok((same_input, accuracy_exact(&image, &rays, &self.exact, &progress)?))
+    }
+
+    /// Indirect light at the pixels of a picture of `size`, path-traced on exact surfaces. Two runs of half the paths each tell
+    /// how noisy it is.
+    ///
+    /// # Errors
+    /// Tracing was cancelled.
+    pub fn indirect_truth(
+        &self,
+        settings: &Settings,
+        size: [u32; 2],
+        traced: TracedLight,
+    ) -> anyhow::Result<IndirectTruth> {
+        let Settings { light, sun, gi, mirror, reflection, view, .. } = settings;
+        let camera = five_mirrors::camera();
+        // The reach is for parallel rays: the box's half diagonal, and the eye's distance.
+        let rays = PixelRays::new(&camera, view, size, 10.0);
+        let width = size[0] as usize;
+        let is_traced = |pixel: usize| {
+            let cell = [pixel % width / traced.stride, pixel / width / traced.stride];
+            let place = [pixel % width % traced.stride, pixel / width % traced.stride];
+            // A multiplicative hash of the cell (Knuth), of which the upper bits are even.
+            let hash =
+                (cell[1] as u32).wrapping_mul(0x9e37_79b9).wrapping_add(cell[0] as u32).wrapping_mul(0x85eb_ca6b);
+            let pick = (hash >> 12) as usize % (traced.stride * traced.stride);
+            place == [pick % traced.stride, pick / traced.stride]
+        };
+        let seen = |pixel: usize| {
+            let ray = rays.ray(pixel);
+            let hit = self.exact.nearest(&ray).filter(|hit| is_traced(pixel) && hit.specular_intensity == 0.0);
+            Some((hit?, ray.direction))
+        };
+        let seen: Vec<Option<(Hit, DVec3)>> = (0..rays.pixel_count()).map(seen).collect();
+        let source = match light.by {
+            scene::Lighting::Sun => Source::Sun(Sunlight::new(sun, camera.up)),
+            _ => Source::Lights(&self.lights),
+        };
+        let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
+        let gloss = Gloss { share, power, shape: light.highlight };
+        let run = |seed| {
+            let indirect = Indirect { bounces: gi.bounces, samples: traced.paths.div_ceil(2), seed };
+            let bounces = if reflection.method == Method::None { 0 } else { reflection.bounces };
+            let illumination = Illumination { gloss, bounces, indirect, ..Illumination::new(source, mirror) };
+            let progress = Progress::default();
+            let light = if traced.over_mirrors {
+                indirect_picture(&self.exact, &seen, &illumination, &progress)
+            } else {
+                indirect_picture(&WithBlackMirrors(&self.exact), &seen, &illumination, &progress)
+            };
+            light.ok_or_else(|| anyhow::anyhow!("tracing was cancelled"))
+        };
+        let seed = settings.trace.seed;
+        let (one, other) = (run(seed)?, run(seed.wrapping_add(1))?);
+        let (mut squares, mut sum) = (0.0, DVec3::ZERO);
+        let mean = |(one, other): (&Option<DVec3>, &Option<DVec3>)| {
+            let Some((one, other)) = one.zip(*other) else { return [f32::NAN; 3] };
+            let mean = (one + other) / 2.0;
+            // The mean of two has half the standard deviation of their difference.
+            squares += ((one - other) / 2.0).length_squared();
+            sum += mean;
+            mean.as_vec3().to_array()
+        };
+        let light: Vec<[f32; 3]> = one.iter().zip(&other).map(mean).collect();
+        let values = 3.0 * seen.iter().flatten().count() as f64;
+        Ok(IndirectTruth { seen, light, noise: (squares / values).sqrt() / (sum.element_sum() / values) })
+    }
+
+    /// Judges the indirect light of the frame that was rendered last.
+    ///
+    /// # Errors
+    /// Nothing was rendered.
+    pub fn judge_indirect(&self, renderer: &Renderer, truth: &IndirectTruth) -> anyhow::Result<JudgedLight> {
+        let read = |aov| renderer.read_aov(aov).map(|image| image.data);
+        let (image, normal, albedo) = (read(Aov::Indirect)?, read(Aov::Normal)?, read(Aov::Albedo)?);
+        let image = image.as_chunks::<3>().0;
+        let vector = |data: &[f32], pixel: usize| DVec3::from_slice(&[0, 1, 2].map(|i| f64::from(data[3 * pixel + i])));
+        let is_same = |(pixel, seen): (usize, &Option<(Hit, DVec3)>)| {
+            seen.is_some_and(|(hit, _)| {
+                let albedo_is_off = (vector(&albedo, pixel) / hit.albedo - 1.0).abs().max_element() > SAME_ALBEDO;
+                vector(&normal, pixel).dot(hit.normal) > SAME_NORMAL && !albedo_is_off
+            })
+        };
+        let same: Vec<bool> = truth.seen.iter().enumerate().map(is_same).collect();
+        let share = same.iter().filter(|is_same| **is_same).count() as f64 / truth.seen.iter().flatten().count() as f64;
+        Ok(JudgedLight { all: truth.judge(image), same_surface: light_error(&same, image, &truth.light), share })
+    }
+
+    /// How much the indirect light of places on the walls flickers while the camera moves sideways, `frames` times by a quarter of
+    /// a pixel at the distance of the box's middle. Places are those of the first frame's pixels; what the others show there is
+    /// the nearest pixel's. The floor is left out, whose colours change from place to place, and so are edges.
+    ///
+    /// # Errors
+    /// The device was lost, or the picture is too large.
+    pub fn flicker_of_indirect(
+        &self,
+        renderer: &mut Renderer,
+        settings: &Settings,
+        size: [u32; 2],
+        frames: u32,
+    ) -> anyhow::Result<Flicker> {
+        let camera = five_mirrors::camera();
+        let focal = f64::from(size[1]) / 2.0 / (f64::from(settings.view.field_of_view).to_radians() / 2.0).tan();
+        let step = camera.right() * (0.25 * camera.eye.length() / focal);
+        let mut places: Vec<DVec3> = Vec::new();
+        let mut shown = Vec::new();
+        for frame in 0..frames {
+            let shift = step * f64::from(frame);
+            let camera = Camera { eye: camera.eye + shift, pivot: camera.pivot + shift, ..camera };
+            let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
+            renderer.render(&self.store, &camera, settings, objects, size)?;
+            if frame == 0 {
+                let positions = renderer.read_aov(Aov::Position)?.data;
+                let position = |at: &[f32; 3]| DVec3::from(at.map(f64::from));
+                places = positions.as_chunks::<3>().0.iter().map(position).collect();
+            }
+            let light = renderer.read_aov(Aov::Indirect)?.data;
+            let light = light.as_chunks::<3>().0;
+            let turn = camera.view_from_world();
+            let at_place = |place: &DVec3| {
+                let view = turn * (*place - camera.eye);
+                let pixel = DVec2::new(view.x, -view.y) / view.z * focal + glam::UVec2::from(size).as_dvec2() / 2.0;
+                let [x, y] = pixel.to_array().map(|value| value.floor() as i64);
+                let is_inside = (0..i64::from(size[0])).contains(&x) && (0..i64::from(size[1])).contains(&y);
+                if is_inside { light[y as usize * size[0] as usize + x as usize] } else { [f32::NAN; 3] }
+            };
+            shown.push(places.iter().map(at_place).collect());
+        }
+        let is_on_wall = |place: &DVec3| {
+            let gaps = (DVec3::new(1.0, 1.0, 2.0) - place.abs()).to_array();
+            // Beside one wall only, by more than a tenth from each other.
+            let is_beside_one = gaps.iter().filter(|gap| **gap < 0.1).count() == 1;
+            is_beside_one && place.y > -0.9
+        };
+        Ok(flicker(&places.iter().map(is_on_wall).collect::<Vec<_>>(), &shown))
     }
 }
