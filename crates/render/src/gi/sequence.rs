@@ -96,14 +96,16 @@ mod tests {
     }
 
     #[test]
-    fn runs_of_the_sequence_are_spread_over_the_square() {
-        for first in [0, 16, 240, 1000] {
-            let mut cells = [0; 16];
-            for index in first..first + 64 {
-                let cell = (halton(index) * 4.0).as_uvec2();
-                cells[(cell.y * 4 + cell.x) as usize] += 1;
+    fn runs_of_the_sequences_are_spread_over_the_square() {
+        for (sequence, most) in [(halton as fn(u32) -> DVec2, 8), (even, 6)] {
+            for first in [0, 16, 240, 1000] {
+                let mut cells = [0; 16];
+                for index in first..first + 64 {
+                    let cell = (sequence(index) * 4.0).as_uvec2();
+                    cells[(cell.y * 4 + cell.x) as usize] += 1;
+                }
+                assert!(cells.iter().all(|count| (1..=most).contains(count)), "from {first}: {cells:?}");
             }
-            assert!(cells.iter().all(|count| (1..=8).contains(count)), "from {first}: {cells:?}");
         }
     }
 }
