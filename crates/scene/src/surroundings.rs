@@ -1,13 +1,13 @@
 //! Whether a scan has the open sky above it or is a closed room, by the places of its points alone, and a lamp for the room:
 //! light for scans that bring none.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::f64::consts::PI;
 
 use cloud::Bounds;
 use glam::DVec3;
 
-use crate::SpotLight;
+use crate::{Lighting, SpotLight};
 
 /// What is around the one who looks at a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,8 +22,16 @@ pub enum Surroundings {
 pub struct Room {
     /// Hangs under the ceiling in the middle of the largest part.
     pub lamp: SpotLight,
-    /// From floor to ceiling, world units: from outside of it the lamp lights nothing that is seen.
+    /// What lies around the lamp between the room's walls, from floor to ceiling, world units: from outside of it the lamp
+    /// lights nothing that is seen.
     pub inside: Bounds,
+}
+
+impl Room {
+    /// Whether its lamp shines where it is the only light: of itself for an eye inside of the room, else if it is asked for.
+    pub fn lamp_shines(&self, by: Lighting, eye: DVec3) -> bool {
+        by == Lighting::Lights || (by == Lighting::Auto && self.inside.contains(eye))
+    }
 }
 
 /// Cells along the longer side of the ground plan: a cell of a room is then about as wide as a cupboard.
@@ -38,6 +46,10 @@ const STRAY: f64 = 0.01;
 /// Free heights that people build: in metres from a crawl space to a hall, in feet a cupboard to a living room.
 const BUILT: std::ops::RangeInclusive<f64> = 1.8..=12.0;
 
+/// Of a hull, ceilings rise where floors sink: their correlation is -1 for an ellipsoid, -0.6 for the hull of a figure with
+/// limbs, 0.2 for a building of several storeys.
+const HULL: f64 = -0.3;
+
 /// Radiance that a lamp's floor is to have where it reflects half of the light: less than half of the screen's white.
 const FLOOR_RADIANCE: f64 = 0.4;
 const FLOOR_ALBEDO: f64 = 0.5;
@@ -48,8 +60,9 @@ impl Surroundings {
     /// Judges by columns over a grid of the ground plan. A column is covered if the largest gap between its points is a sixth
     /// of the cloud's height, wider than two cells, and closed by a thin layer above it; it is open if its points stay low;
     /// walls, trunks and tree crowns, which fill their columns, say nothing. A room has covered columns, and more than twice
-    /// as many as open ones. So has the hull of an object, from below and above: of a room, most gaps are equally high, or
-    /// as high as people build in metres or feet. The hull of a box of lids is taken for a room.
+    /// as many as open ones. So has the hull of an object, from below and above: of a room, most gaps are equally high, or,
+    /// of several storeys, as high as people build in metres or feet and not the higher the deeper they reach, as a hull's
+    /// are. The hull of a box of lids is taken for a room.
     ///
     /// `positions` are world coordinates spread evenly over the points, in any order; 100 thousand take 20 ms. `up` is the
     /// axis that points up.
@@ -155,21 +168,54 @@ impl Plan {
         }
         let mut heights: Vec<f64> = self.covered.values().map(Gap::height).collect();
         heights.sort_unstable_by(f64::total_cmp);
-        // A sphere has a third of its gaps within a fifth of one another, rooms nine tenths.
+        // A ball of any size has a third of its gaps within a fifth of one another, empty rooms nine tenths.
         let within = |low: &f64| heights.partition_point(|height| *height <= low * 1.2);
         let alike = heights.iter().enumerate().map(|(index, low)| within(low) - index).max().unwrap_or(0);
-        5 * alike > 3 * count || BUILT.contains(&heights[count / 2])
+        let joined = self.floors_with_ceilings();
+        5 * alike > 3 * count || (BUILT.contains(&heights[count / 2]) && joined > HULL)
+    }
+
+    /// How the heights of ceilings go with those of the floors below them, from -1 to 1 (Pearson's correlation).
+    fn floors_with_ceilings(&self) -> f64 {
+        let count = self.covered.len() as f64;
+        let mean = |value: &dyn Fn(&Gap) -> f64| self.covered.values().map(value).sum::<f64>() / count;
+        let (floor, ceiling) = (mean(&|gap| gap.floor), mean(&|gap| gap.ceiling));
+        let product = mean(&|gap| (gap.floor - floor) * (gap.ceiling - ceiling));
+        let variances = mean(&|gap| (gap.floor - floor).powi(2)) * mean(&|gap| (gap.ceiling - ceiling).powi(2));
+        if variances > 0.0 { product / variances.sqrt() } else { 0.0 }
     }
 
     fn room(&self, frame: &Frame) -> Option<Room> {
+        let lamp = self.lamp()?;
         let mut inside = Bounds::EMPTY;
-        for ((x, y), gap) in &self.covered {
-            let corner = self.corner + DVec3::new(f64::from(*x), f64::from(*y), 0.0) * self.edge;
-            let opposite = corner + DVec3::new(self.edge, self.edge, 0.0);
+        for (x, y) in self.around(&lamp) {
+            let gap = self.covered[&(x, y)];
+            // With the cells of the walls.
+            let corner = self.corner + DVec3::new(f64::from(x - 1), f64::from(y - 1), 0.0) * self.edge;
+            let opposite = corner + DVec3::new(3.0, 3.0, 0.0) * self.edge;
             inside.include(frame.world(corner.with_z(gap.floor)));
             inside.include(frame.world(opposite.with_z(gap.ceiling)));
         }
-        Some(Room { lamp: self.lamp()?.in_world(frame), inside })
+        Some(Room { lamp: lamp.in_world(frame), inside })
+    }
+
+    /// The covered cells that are connected with the lamp's, as far as it lights the floor: walls and the dark end them.
+    fn around(&self, lamp: &Lamp) -> Vec<(i32, i32)> {
+        // Irradiance falls with the cube of the distance there: twice as far as it is to light, an eighth is left.
+        let reach = (2.0 * lamp.radius / self.edge).powi(2);
+        let is_near = |(x, y): (i32, i32)| f64::from((x - lamp.cell.0).pow(2) + (y - lamp.cell.1).pow(2)) <= reach;
+        let mut found = vec![lamp.cell];
+        let mut known = HashSet::from([lamp.cell]);
+        let mut next = 0;
+        while let Some(&(x, y)) = found.get(next) {
+            next += 1;
+            for cell in [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)] {
+                if self.covered.contains_key(&cell) && is_near(cell) && known.insert(cell) {
+                    found.push(cell);
+                }
+            }
+        }
+        found
     }
 
     fn lamp(&self) -> Option<Lamp> {
@@ -199,12 +245,14 @@ impl Plan {
         let width = (self.covered.len() as f64 / PI).sqrt() * self.edge;
         let place = self.corner + center(cell) * self.edge;
         let height = ceiling - floor;
-        (height > 0.0).then(|| Lamp { place, floor, height, radius: width.min(2.0 * height) })
+        (height > 0.0).then(|| Lamp { cell, place, floor, height, radius: width.min(2.0 * height) })
     }
 }
 
 /// What of a lamp is known in a `Frame`.
 struct Lamp {
+    /// Of the plan.
+    cell: (i32, i32),
     place: DVec3,
     floor: f64,
     /// From floor to ceiling.
@@ -314,6 +362,16 @@ mod tests {
     }
 
     #[test]
+    fn other_rooms_are_not_inside_of_the_one_that_has_the_lamp() {
+        let next_door: Vec<DVec3> = room().into_iter().map(|point| point + 8.01 * DVec3::X).collect();
+        let mut points = room();
+        points.extend(next_door.into_iter().filter(|point| point.x < 2_635_012.0));
+        let Room { lamp, inside } = room_of(&points, DVec3::Z);
+        assert!(lamp.position.x < 2_635_008.0 && inside.contains(lamp.position - DVec3::Z));
+        assert!((7.0..8.8).contains(&inside.size().x), "{}", inside.size());
+    }
+
+    #[test]
     fn what_points_up_may_be_any_axis() {
         let turned: Vec<DVec3> = room().into_iter().map(|point| DVec3::new(point.x, point.z, -point.y)).collect();
         let (lamp, upright) = (room_of(&turned, DVec3::Y).lamp, room_of(&room(), DVec3::Z).lamp);
@@ -368,7 +426,7 @@ mod tests {
     #[test]
     fn the_hull_of_an_object_is_no_room() {
         let mut random = Random(4);
-        for radius in [0.1, 60.0] {
+        for radius in [0.1, 1.0, 2.0, 3.0, 5.0, 60.0] {
             let ball: Vec<DVec3> = (0..50_000)
                 .map(|_| random.in_box([-1.0; 3], [1.0; 3]).normalize_or(DVec3::Z) * DVec3::new(1.0, 0.7, 1.3) * radius)
                 .collect();
