@@ -82,7 +82,19 @@ impl Request {
         (self.lights.is_empty() && self.inputs.iter().any(is_built_in)).then(five_mirrors::light)
     }
 
-    /// Takes in the mirrors and lights of a scene file or a view.
+    /// Takes in what a view brings to the scene that it is of: its lights take the place of all, its mirrors and marked points
+    /// that of the same ones.
+    pub fn refurnish(&mut self, file: &SceneFile) {
+        if !file.lights.is_empty() {
+            self.lights.clear();
+        }
+        let is_same = |a: &Mirror, b: &Mirror| a == b || (!a.name.is_empty() && a.name == b.name);
+        self.mirrors.retain(|known| !file.mirrors.iter().any(|mirror| is_same(known, mirror)));
+        self.mirror_points.retain(|known| !file.mirror_points.contains(known));
+        self.furnish(file);
+    }
+
+    /// Takes in the mirrors and lights of a scene file.
     pub fn furnish(&mut self, file: &SceneFile) {
         self.mirrors.extend(file.mirrors.iter().cloned());
         self.mirror_points.extend(file.mirror_points.iter().cloned());

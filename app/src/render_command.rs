@@ -13,7 +13,7 @@ use anyhow::{Context as _, anyhow};
 use cloud::{Chunk, Cloud, Progress};
 use glam::DVec3;
 use param::Choice as _;
-use render::{Aov, ColorPlan, FrameStats, Gpu, Objects, PointStore, Renderer};
+use render::{Aov, ColorPlan, FrameStats, Gpu, MOST_LIGHTS, Objects, PointStore, Renderer};
 use scene::{
     Camera, Lighting, Method, Mirror, MirrorPoints, SceneFile, Settings, SpotLight, StandardView, Surroundings,
 };
@@ -48,6 +48,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     if let Some(bounces) = arguments.bounces {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
     }
+    let settings = settings.drawn();
     let asked = Asked::new(arguments, references, &request, &settings)?;
     for (aov, _) in &images {
         check_is_made(*aov, &settings, &asked)?;
@@ -61,6 +62,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
 
     request.lights.extend(request.built_in_light());
+    if request.lights.len() > MOST_LIGHTS {
+        crate::complain(&format!("warning: only the first {MOST_LIGHTS} lights shine"));
+    }
     let Loads { mut clouds, mirrors: mut placed, failures } = load(std::mem::take(&mut request.inputs), &settings)?;
     if clouds.is_empty() && failures > 0 {
         // All that is to be said has been said.
@@ -138,15 +142,14 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
 /// Whether the sky is open above the points, as far as that matters for their light. A room without a light gets a lamp, which
 /// of itself shines only while the eye is in the room.
 fn find_light(clouds: &[Loaded], up: DVec3, eye: DVec3, settings: &Settings, lights: &mut Vec<SpotLight>) -> bool {
-    let is_auto = settings.light.by == Lighting::Auto;
-    if !lights.is_empty() || !(is_auto || settings.light.by == Lighting::Lights) {
+    if !lights.is_empty() || !matches!(settings.light.by, Lighting::Auto | Lighting::Lights) {
         return false;
     }
     let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
     match Surroundings::of(cloud::spread_sample(&chunks), up) {
         Surroundings::OpenSky => true,
         Surroundings::Room(room) => {
-            lights.extend((!is_auto || room.inside.contains(eye)).then_some(room.lamp));
+            lights.extend(room.lamp_shines(settings.light.by, eye).then_some(room.lamp));
             false
         }
     }
@@ -278,7 +281,7 @@ impl Viewpoint {
         }
         let file = SceneFile::read(path)?;
         let view = file.view();
-        request.furnish(&file);
+        request.refurnish(&file);
         view.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {word}: {warning}")));
         for (key, value) in view.settings.differing() {
             settings.set_text(&key, &value)?;

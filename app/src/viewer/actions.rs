@@ -99,7 +99,7 @@ impl State {
                 if let Some(id) = self.selected.take() {
                     self.edit_objects(|objects| {
                         objects.mirrors.retain(|placed| placed.id != id);
-                        objects.lights.retain(|placed| placed.id != id);
+                        objects.remove_light(id);
                     });
                 }
             }
@@ -238,6 +238,7 @@ impl State {
                 let id = self.next_object_id();
                 self.objects.add_light(id, *light);
             }
+            self.warn_of_dark_lights();
         }
         self.history.after_jump(&self.settings, &self.objects);
     }
@@ -365,6 +366,11 @@ impl State {
         self.history.settle(&self.settings, &self.objects);
         self.navigation.camera_moved();
         self.selected = Some(id);
+        self.warn_of_dark_lights();
+    }
+
+    /// Says so after lights came of which not all shine.
+    pub(super) fn warn_of_dark_lights(&mut self) {
         if self.objects.lights.len() > MOST_LIGHTS {
             self.say(Level::Warning, format!("Only the first {MOST_LIGHTS} lights shine"));
         }

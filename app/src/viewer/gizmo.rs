@@ -272,7 +272,9 @@ pub fn interact(picture: &Response, state: &mut State) {
     state.gizmo.hot_light = None;
     let Some(stage) = Stage::of(state, picture.rect) else { return };
     handles(picture, state, &stage);
-    if state.gizmo.hot.is_some() || state.gizmo.drag.is_some() || !picture.contains_pointer() {
+    // What is dragged past a symbol, the camera above all, does not stop there.
+    let is_pressed = picture.ctx.input(|input| input.pointer.any_down());
+    if state.gizmo.hot.is_some() || state.gizmo.drag.is_some() || is_pressed || !picture.contains_pointer() {
         return;
     }
     let Some(pointer) = picture.ctx.input(|input| input.pointer.latest_pos()) else { return };

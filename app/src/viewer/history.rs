@@ -1,4 +1,4 @@
-//! Undo and redo of parameters, mirrors and camera jumps. A slider's or a gizmo's drag is one step: changes are gathered until
+//! Undo and redo of parameters, mirrors, lights and camera jumps. A slider's or a gizmo's drag is one step: changes are gathered until
 //! nothing is held down and nothing has changed for a moment.
 
 use std::time::{Duration, Instant};

@@ -14,7 +14,11 @@ use super::state::State;
 use super::theme;
 
 const CHOICES: [(Lighting, &str, &str); 5] = [
-    (Lighting::Auto, "Auto", "Lights if there are any, else a sun where the sky is open, else a lamp at the eye"),
+    (
+        Lighting::Auto,
+        "Auto",
+        "Lights if there are any, else a sun where the sky is open, else the lamp of the room that one is in, else one at the eye",
+    ),
     (Lighting::Lights, "Lights", "The lights in the list below, with shadows"),
     (Lighting::Sun, "Sun", "A sun with shadows, and an even sky"),
     (Lighting::Headlight, "Headlight", "A lamp at the eye, without shadows"),
@@ -36,7 +40,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     });
     ui.label(RichText::new(explanation(state)).small().color(theme::WEAK));
     ui.horizontal(|ui| {
-        let help = "Stands where you are and aims at the pivot, so bright that white is white there";
+        let help = "Stands where you are and aims at the pivot, where white reaches the screen's white (short of it by the filmic curve)";
         let shortcut = bindings::shortcut(Action::AddSpot);
         if ui.button("Spot at the camera").on_hover_text(format!("{help} ({shortcut})")).clicked() {
             state.act(Action::AddSpot);
@@ -70,7 +74,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             parameters(ui, &mut settings.light, &["by", "show", "headlight"]);
         });
     }
-    part(ui, "Tone", false, |ui| parameters(ui, &mut settings.tone, &[]));
+    if lighting != Lighting::Colors {
+        part(ui, "Tone", false, |ui| parameters(ui, &mut settings.tone, &[]));
+    }
     part(ui, "Eye-dome lighting", false, |ui| parameters(ui, &mut settings.edl, &[]));
 }
 
@@ -108,22 +114,27 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut light: SpotLight) {
     ui.horizontal(|ui| {
         let label = name_label(ui, "Intensity");
         let mut edited = strength;
-        // Not down to 0, where its colour would be lost.
-        let drag = egui::DragValue::new(&mut edited).range(1e-6..=f32::MAX).speed(strength * 0.01).max_decimals(3);
+        // Not down to 0, where its colour would be lost; but to show a light does not change it.
+        let drag = egui::DragValue::new(&mut edited).range(1e-6..=f32::MAX).clamp_existing_to_range(false);
+        let drag = drag.speed((strength * 0.01).max(1e-3));
         let is_edited = ui.add(drag).labelled_by(label.id).on_hover_text("Radiant intensity, per steradian").changed();
-        let mut color = light.intensity.map(|part| if strength > 0.0 { part / strength } else { 1.0 });
-        let button = egui::color_picker::color_edit_button_rgb(ui, &mut color);
-        if is_edited || button.on_hover_text("Its colour").changed() {
+        let color = light.intensity.map(|part| if strength > 0.0 { part / strength } else { 1.0 });
+        let mut picked = color;
+        let button = egui::color_picker::color_edit_button_rgb(ui, &mut picked);
+        if button.on_hover_text("Its colour").changed() {
+            light.intensity = hue(picked).unwrap_or(color).map(|part| part * strength);
+        } else if is_edited {
             light.intensity = color.map(|part| part * edited);
         }
     });
     ui.horizontal(|ui| {
         let label = name_label(ui, "Cone");
-        let angle = |value| egui::DragValue::new(value).speed(0.2).suffix("°").max_decimals(1);
+        let angle =
+            |value| egui::DragValue::new(value).speed(0.2).suffix("°").max_decimals(3).clamp_existing_to_range(false);
         let (inner, outer) = (light.inner_degrees, light.outer_degrees);
         let inner_drag = angle(&mut light.inner_degrees).range(0.0..=outer);
         ui.add(inner_drag).labelled_by(label.id).on_hover_text("From the axis: as bright as it gets up to here");
-        let outer_drag = angle(&mut light.outer_degrees).range(inner.max(0.1)..=89.0);
+        let outer_drag = angle(&mut light.outer_degrees).range(inner.max(0.1)..=SpotLight::WIDEST_DEGREES);
         ui.add(outer_drag).on_hover_text("From the axis: dark from here on");
     });
     ui.horizontal(|ui| {
@@ -140,8 +151,13 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut light: SpotLight) {
     }
 }
 
-/// A spot light at `eye` that aims at `pivot`, there as bright as white paper looks white: a white surface that faces it has
-/// radiance 1. Its cone is as wide as the picture is high.
+/// A colour as strong as a colour gets, so that picking one leaves the intensity as it is; `None` for black, which is none.
+fn hue(picked: [f32; 3]) -> Option<[f32; 3]> {
+    let strongest = picked.into_iter().fold(0.0, f32::max);
+    (strongest > 0.0).then(|| picked.map(|part| part / strongest))
+}
+
+/// A spot light at `eye` that aims at `pivot`: a white surface there that faces it has radiance 1. Its cone is as wide as the picture is high.
 pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
     // A narrow beam through a wide lens shows nothing, a wide one through a narrow lens has no edge to be seen by.
     let outer_degrees = (field_of_view_degrees * 0.5).clamp(25.0, 75.0);
@@ -249,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn white_is_white_where_a_spot_aims() {
+    fn white_has_radiance_one_where_a_spot_aims() {
         let (eye, pivot) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, -2.0, 3.0));
         let light = spot(eye, pivot, 60.0);
         let irradiance = f64::from(light.intensity[0]) / eye.distance_squared(pivot);
@@ -284,6 +300,98 @@ mod tests {
         harness.run_ok();
         assert!(harness.state().messages.all.iter().any(|message| message.text.contains("first 4")));
         assert!(harness.query_by_label("spot 5 (does not shine)").is_some());
+    }
+
+    #[test]
+    fn a_picked_colour_leaves_the_intensity() {
+        assert_eq!(hue([0.5, 0.25, 0.0]), Some([1.0, 0.5, 0.0]));
+        assert_eq!(hue([0.0; 3]), None);
+    }
+
+    #[test]
+    fn selecting_a_light_does_not_change_it() {
+        for (intensity, outer_degrees) in [(0.0, 0.05), (1e-7, 85.0), (12_345.678, 33.333)] {
+            let mut harness = harness();
+            let state = harness.state_mut();
+            state.act(Action::AddSpot);
+            let placed = &mut state.objects.lights[0];
+            let odd =
+                SpotLight { intensity: [intensity; 3], inner_degrees: outer_degrees, outer_degrees, ..placed.light };
+            assert_eq!(odd.problem(), None);
+            placed.light = odd;
+            harness.run_ok();
+            assert_eq!(harness.state().objects.lights[0].light, odd);
+        }
+    }
+
+    #[test]
+    fn a_lamp_that_was_deleted_does_not_come_back_of_itself() {
+        let mut state = loaded();
+        let found = room(&state);
+        answer(&mut state, found);
+        let id = state.objects.lights[0].id;
+        state.selected = Some(id);
+        let key = state.clouds[0].key;
+        state.set_visible(key, true);
+        answer(&mut state, found);
+        assert_eq!(state.objects.lights[0].id, id, "a new answer moves it");
+        state.act(Action::Delete);
+        state.set_visible(key, true);
+        answer(&mut state, found);
+        assert!(state.objects.lights.is_empty());
+        state.act(Action::Undo);
+        assert_eq!(names(&state), [GUESSED_LAMP]);
+    }
+
+    #[test]
+    fn two_equal_lights_of_a_file_are_two_and_those_that_are_there_do_not_come_again() {
+        let mut state = loaded();
+        let light = scene::five_mirrors::light();
+        let file = loading::Request { lights: vec![light, light], ..Default::default() };
+        state.open_request(file.clone());
+        assert_eq!(names(&state), ["spot", "spot 2"]);
+        state.open_request(file.clone());
+        assert_eq!(names(&state), ["spot", "spot 2"]);
+        // Each step of undo has its own.
+        state.selected = Some(state.objects.lights[0].id);
+        state.act(Action::Delete);
+        state.selected = Some(state.objects.lights[0].id);
+        state.act(Action::Delete);
+        state.open_request(file);
+        assert_eq!(state.objects.lights.len(), 2);
+        state.act(Action::Undo);
+        assert_eq!(state.objects.lights.len(), 1);
+    }
+
+    #[test]
+    fn a_fifth_light_of_a_file_or_a_view_is_said_not_to_shine() {
+        let lights = vec![scene::five_mirrors::light(); 5];
+        let says = |state: &State| state.messages.all.iter().any(|message| message.text.contains("first 4"));
+        let mut state = loaded();
+        state.open_request(loading::Request { lights: lights.clone(), ..Default::default() });
+        assert!(says(&state));
+        let mut state = loaded();
+        state.paste_view(&scene::SceneFile { lights, ..Default::default() }.to_text());
+        assert!(says(&state));
+    }
+
+    #[test]
+    fn a_late_answer_puts_no_lamp_into_an_empty_scene() {
+        let mut state = loaded();
+        let found = room(&state);
+        let (hidden, shown) = (state.clouds[0].key, false);
+        state.effects.clear();
+        state.set_visible(hidden, shown);
+        let asks = |effect: &Effect| matches!(effect, Effect::FindSurroundings { .. });
+        assert!(!state.effects.iter().any(asks), "there is nothing to be seen");
+        state.set_visible(hidden, true);
+        let asked = state.effects.iter().find_map(|effect| match effect {
+            Effect::FindSurroundings { asked, .. } => Some(*asked),
+            _ => None,
+        });
+        state.remove_cloud(hidden);
+        state.on_found(Found::Surroundings { asked: asked.unwrap(), found });
+        assert!(state.objects.lights.is_empty());
     }
 
     #[test]
@@ -376,7 +484,7 @@ mod tests {
         for (by, shown, hidden) in [
             (Lighting::Sun, &["Azimuth", "Indirect light", "Tone"][..], &["Headlight share"][..]),
             (Lighting::Lights, &["Indirect light", "Shadows and highlights"], &["Azimuth"]),
-            (Lighting::Colors, &["Tone"], &["Azimuth", "Indirect light"]),
+            (Lighting::Colors, &["Eye-dome lighting"], &["Azimuth", "Indirect light", "Tone"]),
         ] {
             harness.state_mut().settings.light.by = by;
             harness.run_ok();

@@ -58,6 +58,8 @@ pub struct Objects {
     pub markings: Vec<Marking>,
     /// The first four shine.
     pub lights: Vec<PlacedLight>,
+    /// Somebody took the last light away: none is to come of itself.
+    pub no_guess: bool,
 }
 
 impl Objects {
@@ -86,6 +88,24 @@ impl Objects {
         self.accept_guess();
         let name = self.free_light_name("spot");
         self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
+    }
+
+    pub fn remove_light(&mut self, id: ObjectId) {
+        let before = self.lights.len();
+        self.lights.retain(|placed| placed.id != id);
+        self.no_guess |= self.lights.len() < before && self.lights.is_empty();
+    }
+
+    /// Hangs the lamp of a room where no other light is, with `id` if there is no such lamp yet; `None`: takes it away.
+    pub fn guess(&mut self, id: ObjectId, lamp: Option<SpotLight>) {
+        match (lamp, self.has_guess()) {
+            (Some(light), true) => self.lights[0].light = light,
+            (Some(light), false) if self.lights.is_empty() && !self.no_guess => {
+                self.lights.push(PlacedLight { id, name: GUESSED_LAMP.into(), light, origin: Origin::Guess });
+            }
+            (Some(_), false) => {}
+            (None, _) => self.lights.retain(|placed| placed.origin != Origin::Guess),
+        }
     }
 
     /// A lamp that is guessed stays, as somebody's own, once lights are put in order.

@@ -10,9 +10,7 @@ use std::time::{Duration, Instant};
 use cloud::{Bounds, Chunk, Cloud, Column, Progress, Surfels};
 use glam::DVec3;
 use render::FrameStats;
-use scene::{
-    Camera, Lighting, Mirror, MirrorPoints, MirrorSurface, Settings, SpotLight, StandardView, Surroundings, Tone,
-};
+use scene::{Camera, Lighting, Mirror, MirrorPoints, MirrorSurface, Settings, SpotLight, StandardView, Surroundings};
 use serde_json::json;
 
 use super::bindings::Mode;
@@ -23,7 +21,7 @@ use super::inspection::{self, Inspection};
 use super::marking::Draft;
 use super::messages::{Level, Messages};
 use super::navigation::{Lens, Navigation};
-use super::objects::{GUESSED_LAMP, Marking, ObjectId, Objects, Origin, Placed, PlacedLight, unnamed};
+use super::objects::{Marking, ObjectId, Objects, Origin, Placed, PlacedLight, unnamed};
 use super::path_prompt::PathPrompt;
 use super::preferences::Preferences;
 use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
@@ -394,9 +392,7 @@ impl State {
             }
         }
         let built_in = built_in_light.map(|light| (light, Origin::BuiltIn));
-        for (light, origin) in request.lights.into_iter().map(|light| (light, Origin::Person)).chain(built_in) {
-            self.bring_light(light, origin);
-        }
+        self.bring_lights(request.lights.into_iter().map(|light| (light, Origin::Person)).chain(built_in));
         for mirror in request.mirrors {
             self.bring_mirror(mirror, None);
         }
@@ -607,6 +603,7 @@ impl State {
         // Mirrors and lights of a scene that is gone go with it, and with the last cloud all of them.
         self.rewrite_objects(|objects| {
             objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
+            objects.no_guess &= !is_last;
             objects.markings.retain(|marking| marking.key != key);
             objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
         });
@@ -624,6 +621,9 @@ impl State {
             self.camera_is_placed = false;
             self.shown = None;
             self.surroundings = None;
+            // An answer that is under way is about what is gone.
+            self.surroundings_asked += 1;
+            self.surroundings_known = self.surroundings_asked;
         }
         self.ask_surroundings();
     }
@@ -633,6 +633,7 @@ impl State {
             entry.is_visible = visible;
             self.render(Command::SetVisible { key, visible });
             self.revision += 1;
+            self.ask_surroundings();
         }
     }
 
@@ -739,26 +740,35 @@ impl State {
 
     // ---- light ----
 
-    /// A light that a file or a built-in scene brings.
-    fn bring_light(&mut self, light: SpotLight, origin: Origin) {
-        if self.objects.lights.iter().any(|placed| placed.light == light) {
+    /// Lights that files and a built-in scene bring, less those that are there already.
+    fn bring_lights(&mut self, lights: impl Iterator<Item = (SpotLight, Origin)>) {
+        let mut named = Objects { lights: self.objects.lights.clone(), ..Objects::default() };
+        let mut brought: Vec<PlacedLight> = Vec::new();
+        for (light, origin) in lights {
+            let placed = PlacedLight { id: self.next_object_id(), name: named.free_light_name("spot"), light, origin };
+            named.lights.push(placed.clone());
+            brought.push(placed);
+        }
+        if brought.is_empty() {
             return;
         }
-        let (id, name) = (self.next_object_id(), self.objects.free_light_name("spot"));
-        let placed = PlacedLight { id, name, light, origin };
         self.rewrite_objects(|objects| {
             // A guess stands in for lights that are not there.
             objects.lights.retain(|other| other.origin != Origin::Guess);
-            objects.lights.push(placed.clone());
+            let known = objects.lights.clone();
+            let is_new = |placed: &&PlacedLight| known.iter().all(|other| other.light != placed.light);
+            objects.lights.extend(brought.iter().filter(is_new).cloned());
         });
+        self.warn_of_dark_lights();
     }
 
-    /// Asks what is around the points once they are all there.
+    /// Asks what is around the points that are shown, once they are all there.
     fn ask_surroundings(&mut self) {
-        if self.jobs.is_empty() && !self.clouds.is_empty() {
+        let visible = self.clouds.iter().filter(|entry| entry.is_visible);
+        let chunks: Vec<Chunk> = visible.flat_map(|entry| entry.cloud.chunks.iter().cloned()).collect();
+        if self.jobs.is_empty() && !chunks.is_empty() {
             self.surroundings_asked += 1;
             let (asked, up) = (self.surroundings_asked, self.up());
-            let chunks = self.clouds.iter().flat_map(|entry| entry.cloud.chunks.iter().cloned()).collect();
             self.effects.push(Effect::FindSurroundings { asked, chunks, up });
         }
     }
@@ -771,13 +781,8 @@ impl State {
         self.surroundings_known = asked;
         self.surroundings = Some(found);
         let id = self.next_object_id();
-        self.rewrite_objects(|objects| {
-            objects.lights.retain(|placed| placed.origin != Origin::Guess);
-            if let (Surroundings::Room(room), true) = (found, objects.lights.is_empty()) {
-                let name = GUESSED_LAMP.to_string();
-                objects.lights.push(PlacedLight { id, name, light: room.lamp, origin: Origin::Guess });
-            }
-        });
+        let lamp = if let Surroundings::Room(room) = found { Some(room.lamp) } else { None };
+        self.rewrite_objects(|objects| objects.guess(id, lamp));
         self.log(json!({
             "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": self.objects.lights.len(),
         }));
@@ -795,12 +800,13 @@ impl State {
 
     /// The lights that are there to shine. From outside of a room its lamp would light nothing that is seen.
     fn lights(&self) -> Vec<SpotLight> {
-        let is_inside = match self.surroundings {
-            Some(Surroundings::Room(room)) => room.inside.contains(self.camera.eye),
-            _ => true,
-        };
-        if self.settings.light.by == Lighting::Auto && self.objects.has_guess() && !is_inside {
-            return Vec::new();
+        match self.surroundings {
+            Some(Surroundings::Room(room))
+                if self.objects.has_guess() && !room.lamp_shines(self.settings.light.by, self.camera.eye) =>
+            {
+                return Vec::new();
+            }
+            _ => {}
         }
         self.objects.lights.iter().map(|placed| placed.light).collect()
     }
@@ -1117,8 +1123,8 @@ impl State {
         if self.raw_colors {
             settings.edl.strength = 0.0;
             settings.light.by = Lighting::Colors;
-            settings.tone = Tone::default();
         }
+        let settings = settings.drawn();
         let mut wanted = FrameRequest {
             camera: self.camera,
             settings,
@@ -1130,7 +1136,8 @@ impl State {
             hurried: false,
         };
         let rest = self.navigation.time_to_rest();
-        let is_dragged = self.gizmo.is_dragging();
+        let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
+        let is_dragged = is_mirror && self.gizmo.is_dragging();
         let hurried = rest.filter(|_| self.is_slow()).map(|_| render_thread::hurried(&wanted.settings, is_dragged));
         if let Some(settings) = hurried.filter(|hurried| *hurried != wanted.settings) {
             wanted.settings = settings;

@@ -21,6 +21,9 @@ pub struct SpotLight {
 }
 
 impl SpotLight {
+    /// Half angle of the widest cone, degrees: shadows of a wider one do not fit into a picture of what it sees.
+    pub const WIDEST_DEGREES: f32 = 85.0;
+
     /// What makes it no spot light, in words, if anything does.
     pub fn problem(&self) -> Option<String> {
         let Self { position, target, intensity, inner_degrees, outer_degrees } = *self;
@@ -30,10 +33,9 @@ impl SpotLight {
         if let Some(odd) = intensity.iter().find(|value| !(value.is_finite() && **value >= 0.0)) {
             return Some(format!("intensity is {odd}, expected 0 or more"));
         }
-        // A cone of a half space is no spot any more.
         let is_cone = inner_degrees >= 0.0 && inner_degrees <= outer_degrees && outer_degrees > 0.0;
-        let is_fine = is_cone && outer_degrees < 90.0;
-        let expected = "expected 0 <= inner_degrees <= outer_degrees < 90";
+        let is_fine = is_cone && outer_degrees <= Self::WIDEST_DEGREES;
+        let expected = format!("expected 0 <= inner_degrees <= outer_degrees <= {}", Self::WIDEST_DEGREES);
         (!is_fine).then(|| format!("it opens from {inner_degrees} to {outer_degrees} degrees, {expected}"))
     }
 }
@@ -65,6 +67,14 @@ impl Sun {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_cone_is_no_wider_than_its_shadows_reach() {
+        let light = crate::five_mirrors::light();
+        let problem = |outer_degrees| SpotLight { outer_degrees, ..light }.problem();
+        assert_eq!(problem(85.0), None);
+        assert!(problem(85.5).is_some_and(|problem| problem.contains("<= 85")));
+    }
 
     #[test]
     fn the_sun_stands_where_a_compass_says() {

@@ -178,7 +178,7 @@ params! {
         azimuth: f32 = 225.0, 0.0..=360.0, "degrees";
         /// How high it stands.
         elevation: f32 = 40.0, 0.0..=90.0, "degrees";
-        /// Irradiance of a surface that faces the sun; a white one is as bright as the screen at pi.
+        /// Irradiance of a surface that faces the sun; at pi a white one is as bright as the screen at an exposure of 0, four fifths of it by the filmic curve.
         irradiance: f32 = 2.5, 0.0..=100.0, "";
         /// Irradiance by the whole sky of a surface that faces up; the sky is evenly bright.
         sky: f32 = 1.0, 0.0..=100.0, "";
@@ -335,6 +335,12 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// What a picture is drawn with: the data's own colours are shown as they are, whatever exposure and curve are for light.
+    pub fn drawn(&self) -> Self {
+        let tone = if self.light.by == Lighting::Colors { Tone::default() } else { self.tone.clone() };
+        Self { tone, ..self.clone() }
+    }
+
     pub fn groups(&self) -> [&dyn Params; 14] {
         [
             &self.view,
