@@ -544,6 +544,24 @@ mod tests {
     }
 
     #[test]
+    fn a_view_of_a_scene_brings_none_of_its_objects_twice() {
+        let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
+                     inner_degrees = 20\nouter_degrees = 30\n";
+        let mirror =
+            |line: &str| format!("[[mirrors]]\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 0.2\n{line}\n");
+        let points = "[[mirror_points]]\ncloud = \"a.laz\"\n";
+        let text = |line: &str| format!("{light}{}{}{points}", mirror(""), mirror(line));
+        let mut request = Request::default();
+        request.furnish(&SceneFile::parse(&text("name = \"ball\"")).unwrap());
+        let view = SceneFile::parse(&text("name = \"ball\"\nas_points = true")).unwrap();
+        request.refurnish(&view);
+        assert_eq!((request.lights.len(), request.mirror_points.len()), (1, 1));
+        assert_eq!(request.mirrors, view.mirrors);
+        request.refurnish(&SceneFile::default());
+        assert_eq!(request.lights.len(), 1, "a view without lights leaves those that are there");
+    }
+
+    #[test]
     fn mirrors_and_lights_of_a_scene_file_take_the_place_of_a_built_in_scenes_own() {
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("scene.toml");
