@@ -600,7 +600,7 @@ impl State {
         let is_last = self.clouds.is_empty();
         // Built-in scenes have no file.
         let is_built_in_left = self.clouds.iter().any(|entry| entry.source.is_none());
-        // Mirrors and lights of a scene that is gone go with it, and with the last cloud all of them.
+        // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them.
         self.rewrite_objects(|objects| {
             objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
             objects.no_guess &= !is_last;
