@@ -6,6 +6,7 @@
 #import splat
 #import light
 #import brdf
+#import gloss
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> settings: Settings;
@@ -66,10 +67,9 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
         // A lamp at the eye, or where the reflected ray comes from: all that is seen is turned to it.
         radiance = albedo.rgb * (share * mix(1.0, cosine, settings.light.headlight));
     } else {
-        let gloss = select(settings.light.gloss, albedo.a, is_mirror);
-        let power = select(settings.light.gloss_power, normal.w, is_mirror);
+        let gloss = gloss_of(settings, albedo.a, normal.w);
         if has_highlights && !is_mirror {
-            share -= gloss;
+            share -= gloss.share;
         }
         var diffuse = vec3f(0.0);
         var specular = vec3f(0.0);
@@ -81,10 +81,9 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
             }
             let arriving = light_arriving(index, position.xyz, normal.xyz);
             diffuse += arriving.irradiance;
-            // A perfect mirror, without a power, shows no lamp that has no size.
-            if has_highlights && gloss > 0.0 && power > 0.0 {
-                let shape = highlight(settings.light.highlight, normal.xyz, arriving.direction, to_eye, power);
-                specular += arriving.irradiance * (gloss * shape);
+            if has_highlights && gloss.share > 0.0 {
+                let shape = highlight(settings.light.highlight, normal.xyz, arriving.direction, to_eye, gloss.power);
+                specular += arriving.irradiance * (gloss.share * shape);
             }
         }
         let tint = mirror_tint(settings, albedo.rgb, 0.0);

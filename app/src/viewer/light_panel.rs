@@ -172,49 +172,21 @@ pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
-    use cloud::{Bounds, Progress};
+    use cloud::Bounds;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use scene::{Room, Surroundings};
 
     use super::super::objects::{GUESSED_LAMP, Origin};
-    use super::super::preferences::Preferences;
     use super::super::state::{Effect, Found};
     use super::*;
     use crate::loading;
 
-    /// A scene of two points that is completely read.
-    fn loaded() -> State {
-        let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default());
-        state.on_loading(
-            job,
-            loading::Event::Opened {
-                cloud: 0,
-                name: "cloud.ply".into(),
-                input: "cloud.ply".into(),
-                source: None,
-                attributes: Vec::new(),
-                grid: None,
-                expected_points: 2,
-                up: DVec3::Z,
-                provisional_radius: 0.0,
-                warnings: Vec::new(),
-            },
-        );
-        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
-        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
-        state.on_loading(job, loading::Event::Finished);
-        state.history.watch(&state.settings, &state.objects, false);
-        state
-    }
-
     fn harness() -> Harness<'static, State> {
         let mut harness = Harness::builder()
             .with_size([340.0, 900.0])
-            .build_ui_state(|ui, state: &mut State| show(ui, state), loaded());
+            .build_ui_state(|ui, state: &mut State| show(ui, state), State::with_two_points());
         harness.run_ok();
         harness
     }
@@ -279,7 +251,7 @@ mod tests {
     #[test]
     fn a_light_that_is_added_shines_whatever_was_chosen_before() {
         for by in [Lighting::Auto, Lighting::Sun, Lighting::Headlight, Lighting::Colors] {
-            let mut state = loaded();
+            let mut state = State::with_two_points();
             state.settings.light.by = by;
             state.history.settle(&state.settings, &state.objects);
             state.act(Action::AddSpot);
@@ -326,7 +298,7 @@ mod tests {
 
     #[test]
     fn a_lamp_that_was_deleted_does_not_come_back_of_itself() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         let found = room(&state);
         answer(&mut state, found);
         let id = state.objects.lights[0].id;
@@ -345,7 +317,7 @@ mod tests {
 
     #[test]
     fn two_equal_lights_of_a_file_are_two_and_those_that_are_there_do_not_come_again() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         let light = scene::five_mirrors::light();
         let file = loading::Request { lights: vec![light, light], ..Default::default() };
         state.open_request(file.clone());
@@ -367,17 +339,17 @@ mod tests {
     fn a_fifth_light_of_a_file_or_a_view_is_said_not_to_shine() {
         let lights = vec![scene::five_mirrors::light(); 5];
         let says = |state: &State| state.messages.all.iter().any(|message| message.text.contains("first 4"));
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         state.open_request(loading::Request { lights: lights.clone(), ..Default::default() });
         assert!(says(&state));
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         state.paste_view(&scene::SceneFile { lights, ..Default::default() }.to_text());
         assert!(says(&state));
     }
 
     #[test]
     fn a_late_answer_puts_no_lamp_into_an_empty_scene() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         let found = room(&state);
         let (hidden, shown) = (state.clouds[0].key, false);
         state.effects.clear();
@@ -415,7 +387,7 @@ mod tests {
 
     #[test]
     fn a_guessed_lamp_shines_while_one_is_inside_and_stays_when_another_light_is_added() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         let found = room(&state);
         answer(&mut state, found);
         let inside = state.camera;
@@ -433,10 +405,10 @@ mod tests {
 
     #[test]
     fn the_open_sky_lets_the_sun_in_and_other_lights_keep_the_lamp_out() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         answer(&mut state, Surroundings::OpenSky);
         assert_eq!(state.lighting(), Lighting::Sun);
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         state.act(Action::AddSpot);
         let found = room(&state);
         answer(&mut state, found);
@@ -448,12 +420,12 @@ mod tests {
 
     #[test]
     fn a_guess_goes_when_a_file_brings_lights_and_when_its_cloud_is_closed() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         let found = room(&state);
         answer(&mut state, found);
         state.open_request(loading::Request { lights: vec![scene::five_mirrors::light()], ..Default::default() });
         assert_eq!(names(&state), ["spot"]);
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         let found = room(&state);
         answer(&mut state, found);
         state.remove_cloud(state.clouds[0].key);
@@ -462,7 +434,7 @@ mod tests {
 
     #[test]
     fn data_colours_come_and_go_with_one_key() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         state.settings.light.by = Lighting::Headlight;
         state.act(Action::ToggleLight);
         assert!(state.is_unlit());
@@ -499,7 +471,7 @@ mod tests {
 
     #[test]
     fn a_view_brings_its_lights_back() {
-        let mut state = loaded();
+        let mut state = State::with_two_points();
         state.act(Action::AddSpot);
         let before = state.objects.lights[0].light;
         state.act(Action::CopyView);

@@ -222,40 +222,16 @@ fn remember_angles(ui: &Ui, rotation: DQuat, angles: DVec3) {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
-    use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
-    use super::super::preferences::Preferences;
     use super::super::state::Effect;
     use super::*;
-    use crate::loading;
 
-    /// The panel over a scene of one point.
+    /// The panel over a scene of two points.
     fn harness() -> Harness<'static, State> {
-        let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default());
-        state.on_loading(
-            job,
-            loading::Event::Opened {
-                cloud: 0,
-                name: "cloud.ply".into(),
-                input: "cloud.ply".into(),
-                source: None,
-                attributes: Vec::new(),
-                grid: None,
-                expected_points: 2,
-                up: DVec3::Z,
-                provisional_radius: 0.0,
-                warnings: Vec::new(),
-            },
-        );
-        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
-        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
-        state.on_loading(job, loading::Event::Finished);
-        state.history.watch(&state.settings, &state.objects, false);
+        let state = State::with_two_points();
         Harness::builder().with_size([340.0, 900.0]).build_ui_state(|ui, state: &mut State| show(ui, state), state)
     }
 

@@ -1391,6 +1391,36 @@ fn loaded_attributes(cloud: &Cloud, point: u64) -> Vec<(String, String)> {
 }
 
 #[cfg(test)]
+impl State {
+    /// A scene of two points that is completely read, for tests of the panels.
+    pub fn with_two_points() -> Self {
+        use super::preferences::Preferences;
+        let mut state = Self::new(Preferences::default());
+        let job = state.add_job(&[], Arc::<cloud::Progress>::default(), Arc::default());
+        state.on_loading(
+            job,
+            loading::Event::Opened {
+                cloud: 0,
+                name: "cloud.ply".into(),
+                input: "cloud.ply".into(),
+                source: None,
+                attributes: Vec::new(),
+                grid: None,
+                expected_points: 2,
+                up: DVec3::Z,
+                provisional_radius: 0.0,
+                warnings: Vec::new(),
+            },
+        );
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
+        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(job, loading::Event::Finished);
+        state.history.watch(&state.settings, &state.objects, false);
+        state
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

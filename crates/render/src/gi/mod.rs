@@ -324,7 +324,7 @@ impl GlobalIllumination {
         let limit = gpu.device.limits().max_storage_buffer_binding_size;
         if map_bytes > limit {
             return Err(Error::TooLarge {
-                what: "the shadow maps of the virtual lights",
+                what: "the atlas of virtual shadow maps",
                 bytes: map_bytes,
                 limit,
                 adapter: gpu.info.name.clone(),
