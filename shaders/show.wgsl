@@ -17,7 +17,9 @@
 @group(1) @binding(4) var position_in: texture_2d<f32>;
 // x: flags of the curvature map (shaders/shared/region.wgsl), y: label, z: steps, w: share of searches out of steps.
 @group(1) @binding(5) var views_in: texture_2d<f32>;
-@group(1) @binding(6) var picture_out: texture_storage_2d<rgba8unorm, write>;
+// Why what was found is not to be trusted, as in mirror_doubt.wgsl; 0 where it is.
+@group(1) @binding(6) var doubt_in: texture_2d<f32>;
+@group(1) @binding(7) var picture_out: texture_storage_2d<rgba8unorm, write>;
 
 @compute @workgroup_size(8, 8)
 fn show(@builtin(global_invocation_id) id: vec3u) {
@@ -27,7 +29,8 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
     let point = textureLoad(point_in, id.xy, 0);
     let position = textureLoad(position_in, id.xy, 0);
     let views = textureLoad(views_in, id.xy, 0);
-    var color = screen_color(settings, textureLoad(color_in, id.xy, 0).rgb) * 0.25;
+    let picture = screen_color(settings, textureLoad(color_in, id.xy, 0).rgb);
+    var color = picture * 0.25;
     if point.w > 0.0 {
         color = vec3f(0.0);
         let is_found = position.w > 0.0;
@@ -44,6 +47,13 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
             case REFLECTION_SHOW_COVERAGE: {
                 color = select(vec3f(1.0, 0.6, 0.1) * (0.4 + 0.6 * position.w), vec3f(1.0), position.w >= 1.0);
                 color = select(vec3f(0.0), color, is_found);
+            }
+            // Grey: trusted; orange: closed, red: off its ray, violet: alone among its neighbours; dark blue: nothing found.
+            case REFLECTION_SHOW_UNCERTAIN: {
+                let reasons = array(vec3f(0.0), vec3f(1.0, 0.6, 0.1), vec3f(0.95, 0.15, 0.1), vec3f(0.65, 0.3, 0.95));
+                let doubt = u32(textureLoad(doubt_in, id.xy, 0).x);
+                color = select(reasons[min(doubt, 3u)], vec3f(dot(picture, vec3f(0.2126, 0.7152, 0.0722))) * 0.8, doubt == 0u);
+                color = select(vec3f(0.05, 0.05, 0.3), color, is_found);
             }
             case REFLECTION_SHOW_DISTANCE: {
                 color = select(vec3f(0.0), heat(distance(position.xyz, point.xyz) / (2.0 * frame.scene_radius)), is_found);

@@ -26,6 +26,8 @@ pub enum Command {
     Methods(ListingArguments),
     /// List the built-in scenes
     Scenes(ListingArguments),
+    /// Measure settings of a plan against one another: time, error, charts
+    Study(StudyArguments),
     /// Tell which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
@@ -82,7 +84,7 @@ pub struct RenderArguments {
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, indirect, color, mirror_position,
-    /// mirror_albedo, mirror_normal, specular_intensity, specular_power, regions, curvature; reference_position,
+    /// mirror_albedo, mirror_normal, specular_intensity, specular_power, regions, curvature, uncertain; reference_position,
     /// reference_color and reference_indirect are traced on the CPU
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = parse_pair)]
     pub aov: Vec<(String, String)>,
@@ -101,6 +103,52 @@ pub struct RenderArguments {
     pub seed: Option<u32>,
     #[command(flatten)]
     pub gpu: GpuArgument,
+}
+
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct StudyArguments {
+    #[command(subcommand)]
+    pub merge: Option<StudyCommand>,
+    /// Plan file (`.toml`), or the name of a built-in plan
+    #[arg(value_name = "PLAN.toml|NAME", required_unless_present = "list")]
+    pub plan: Option<String>,
+    /// Folder for results, charts and report; a study that was stopped goes on there
+    #[arg(short, long, value_name = "DIR", required_unless_present = "list")]
+    pub output: Option<PathBuf>,
+    /// List the built-in plans
+    #[arg(long)]
+    pub list: bool,
+    /// Width and height of the pictures in place of the plan's, pixels
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse_size)]
+    pub size: Option<[u32; 2]>,
+    /// Timed frames of each setting in place of the plan's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub repeats: Option<u32>,
+    /// Set a parameter of all settings; what a group sweeps stays
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
+    /// Run every N-th setting, from the K-th; `glint study merge` joins the shards
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<study::Shard>,
+    #[command(flatten)]
+    pub gpu: GpuArgument,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum StudyCommand {
+    /// Join the results of shards
+    Merge(MergeArguments),
+}
+
+#[derive(Debug, Args)]
+pub struct MergeArguments {
+    /// Folders of shards of one plan
+    #[arg(required = true, value_name = "DIR")]
+    pub folders: Vec<PathBuf>,
+    /// Folder for the joined results
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
 }
 
 #[derive(Debug, Args)]
@@ -209,6 +257,11 @@ mod tests {
             &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
             &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
             &["glint", "info"],
+            &["glint", "study"],
+            &["glint", "study", "methods"],
+            &["glint", "study", "methods", "-o", "a", "--shard", "3/2"],
+            &["glint", "study", "methods", "-o", "a", "--repeats", "0"],
+            &["glint", "study", "merge", "-o", "a"],
             &["glint", "--nonsense"],
         ] {
             let message = message(words);

@@ -14,6 +14,12 @@ fn method_help(method: Method) -> &'static str {
     match method {
         Method::Auto => "sscr_hierarchical, in every scene",
         Method::None => "Mirrors stay plain grey: the scene without reflections",
+        Method::EnvironmentMap => {
+            "A picture of the surroundings from each mirror's middle, looked up by direction alone"
+        }
+        Method::MirroredViewpoint => {
+            "The scene from an eye behind each mirror's plane: exact for flat mirrors; four of them, one reflection"
+        }
         Method::Sscr => "Screen-space curved reflections as published (Preiner 2010): a root search for each point",
         Method::SscrHierarchical => {
             "Nodes of points descend into beams of reflected rays; each ray ends at the disc it meets"
@@ -34,8 +40,7 @@ fn methods_with_help() -> impl Iterator<Item = (&'static str, &'static str)> {
 }
 
 /// Names that are fixed for methods of later versions, so that asking for one is not taken for a spelling mistake.
-pub const LATER_METHODS: [&str; 6] =
-    ["environment_map", "mirrored_viewpoint", "cubemap_trace", "screen_trace", "sample_cameras", "light_field"];
+pub const LATER_METHODS: [&str; 4] = ["cubemap_trace", "screen_trace", "sample_cameras", "light_field"];
 
 /// Every parameter: its key and its line of the table.
 fn parameters() -> Vec<(String, Field)> {

@@ -76,6 +76,15 @@ impl Request {
         if errors.is_empty() || errors.len() < self.inputs.len() { Ok(()) } else { Err(usage(errors.join("\n"))) }
     }
 
+    /// The built-in scene that this is, with its own mirrors and nothing beside it.
+    pub fn built_in(&self) -> Option<five_mirrors::Variant> {
+        let is_changed = !self.mirrors.is_empty() || !self.mirror_points.is_empty();
+        match self.inputs.as_slice() {
+            [Input::BuiltIn { variant, without }] if !is_changed && without.is_empty() => Some(*variant),
+            _ => None,
+        }
+    }
+
     /// The light that a built-in scene brings; lights of scene files take its place.
     pub fn built_in_light(&self) -> Option<SpotLight> {
         let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });

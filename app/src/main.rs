@@ -10,6 +10,8 @@ mod mirrors;
 mod picture_file;
 mod progress_bar;
 mod render_command;
+mod study_command;
+mod subject;
 mod truth;
 mod viewer;
 
@@ -74,6 +76,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Render(arguments) => render_command::run(&arguments),
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),
+        Command::Study(arguments) => study_command::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }
 }

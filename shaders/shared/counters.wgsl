@@ -10,3 +10,5 @@ const POINTS_UNCONVERGED: u32 = 6u;
 // While steps are shown: nodes and discs that rays were tested against.
 const NODES_TESTED: u32 = 7u;
 const DISCS_TESTED: u32 = 8u;
+// Those of the mirror pixels that are not to be trusted.
+const DOUBTED_PIXELS: u32 = 9u;

@@ -5,6 +5,9 @@ struct Frame {
     right: vec4f,
     up: vec4f,
     forward: vec4f,
+    // A plane; where a pass looks at it, only what lies before it is seen. xyz: unit normal. w: its product with a place on the
+    // plane, relative to the eye.
+    clip: vec4f,
     // Perspective: pixels per unit of tangent. Orthographic: pixels per world unit.
     focal_pixels: f32,
     orthographic: u32,

@@ -5,9 +5,15 @@
 
 const RIM: f32 = 0.001;
 
+// Set where points behind the plane of the frame are not to be seen.
+override clips: bool = false;
+
 fn splat_point(item: Item, index: u32) {
     let point = points[index];
     if is_hidden(item, point) {
+        return;
+    }
+    if clips && dot(frame.clip.xyz, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz) < frame.clip.w {
         return;
     }
     let identity = page.first_identity + index;

@@ -147,19 +147,30 @@ struct Reflection {
 }
 const REFLECTION_METHOD_AUTO: u32 = 0u;
 const REFLECTION_METHOD_NONE: u32 = 1u;
-const REFLECTION_METHOD_SSCR: u32 = 2u;
-const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 3u;
-const REFLECTION_METHOD_SURFEL_TRACE: u32 = 4u;
+const REFLECTION_METHOD_ENVIRONMENT_MAP: u32 = 2u;
+const REFLECTION_METHOD_MIRRORED_VIEWPOINT: u32 = 3u;
+const REFLECTION_METHOD_SSCR: u32 = 4u;
+const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 5u;
+const REFLECTION_METHOD_SURFEL_TRACE: u32 = 6u;
 const REFLECTION_SHOW_PICTURE: u32 = 0u;
-const REFLECTION_SHOW_CURVATURE: u32 = 1u;
-const REFLECTION_SHOW_REGIONS: u32 = 2u;
-const REFLECTION_SHOW_STEPS: u32 = 3u;
-const REFLECTION_SHOW_UNCONVERGED: u32 = 4u;
-const REFLECTION_SHOW_COVERAGE: u32 = 5u;
-const REFLECTION_SHOW_DISTANCE: u32 = 6u;
-const REFLECTION_SHOW_ALBEDO: u32 = 7u;
-const REFLECTION_SHOW_NORMAL: u32 = 8u;
-const REFLECTION_SHOW_POSITION: u32 = 9u;
+const REFLECTION_SHOW_UNCERTAIN: u32 = 1u;
+const REFLECTION_SHOW_CURVATURE: u32 = 2u;
+const REFLECTION_SHOW_REGIONS: u32 = 3u;
+const REFLECTION_SHOW_STEPS: u32 = 4u;
+const REFLECTION_SHOW_UNCONVERGED: u32 = 5u;
+const REFLECTION_SHOW_COVERAGE: u32 = 6u;
+const REFLECTION_SHOW_DISTANCE: u32 = 7u;
+const REFLECTION_SHOW_ALBEDO: u32 = 8u;
+const REFLECTION_SHOW_NORMAL: u32 = 9u;
+const REFLECTION_SHOW_POSITION: u32 = 10u;
+
+// Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
+struct EnvironmentMap {
+    size: u32,
+    proxy: u32,
+}
+const ENVIRONMENT_MAP_PROXY_INFINITY: u32 = 0u;
+const ENVIRONMENT_MAP_PROXY_BOX: u32 = 1u;
 
 // Screen-space curved reflections (Preiner 2010).
 struct Sscr {
@@ -228,6 +239,7 @@ struct Settings {
     trace: Trace,
     mirror: Mirror,
     reflection: Reflection,
+    environment_map: EnvironmentMap,
     sscr: Sscr,
     surface: Surface,
     scene: Scene,

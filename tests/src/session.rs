@@ -104,6 +104,15 @@ impl Window<'_> {
         self.hands(&["key", "--delay", "50"], &keys.split_whitespace().collect::<Vec<_>>());
     }
 
+    /// Holds a key down until [`Window::release`].
+    pub fn hold(&self, key: &str) {
+        self.hands(&["keydown"], &[key]);
+    }
+
+    pub fn release(&self, key: &str) {
+        self.hands(&["keyup"], &[key]);
+    }
+
     pub fn type_text(&self, text: &str) {
         self.hands(&["type", "--delay", "20"], &[text]);
     }

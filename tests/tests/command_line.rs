@@ -128,7 +128,7 @@ fn bad_usage_is_refused_before_any_work() {
     refused(&[scene, "--aov", "no_such_image=a.exr"], &["no_such_image"]);
     refused(&[scene, "--camera", "no-such-view.toml"], &["no-such-view.toml"]);
     refused(&["five-mirrors/teapot"], &["five-mirrors/teapot"]);
-    refused(&[scene, "--bounces", "9"], &["--bounces", "0 to 4"]);
+    refused(&[scene, "--bounces", "9"], &["--bounces", "0 to 8"]);
     refused(&["no-such-file.laz"], &["no-such-file.laz"]);
     refused(&["."], &[]);
     assert!(!folder.path("picture.png").exists());
@@ -438,7 +438,8 @@ fn methods_lists_every_parameter_with_its_key_unit_range_default_and_help() {
     assert_done(&outcome);
     let report = outcome.json();
     let methods = strings(&report["methods"]);
-    for method in ["auto", "none", "sscr", "sscr_hierarchical", "surfel_trace"] {
+    for method in ["auto", "none", "environment_map", "mirrored_viewpoint", "sscr", "sscr_hierarchical", "surfel_trace"]
+    {
         assert!(methods.contains(&method), "{method}: {outcome}");
     }
     let parameters = report["parameters"].as_array().expect("an array");

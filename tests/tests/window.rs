@@ -300,3 +300,33 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
     }
     assert!(window.is_open(), "{}", window.messages());
 }
+
+#[test]
+fn the_truth_is_in_the_picture_while_its_key_is_down() {
+    let session = Session::start();
+    session.folder.write("small.toml", SMALL_SCENE);
+    let window = session.open(["small.toml"]);
+    let drawn = view(&settled(&window, 0));
+    window.hold("x");
+    // Not the note that it is being traced.
+    window.wait_for_event("truth", 0, |_| true);
+    let truth = window.wait_for_picture("the truth", |picture| differing(&view(picture), &drawn) > 0.2);
+    window.release("x");
+    window.wait_for_picture("the picture again", |picture| view(picture) == drawn);
+    // What was traced is there at once, and gone when the view turns.
+    window.hold("x");
+    window.wait_for_picture("the truth again", |picture| differing(&view(picture), &drawn) > 0.2);
+    let seen = window.events().len();
+    window.drag(1, MIDDLE, [MIDDLE[0] + 60, MIDDLE[1]]);
+    window.wait_for_event("truth", seen, |_| true);
+    let turned =
+        window.wait_for_picture("the truth of the new view", |picture| differing(&view(picture), &view(&truth)) > 0.2);
+    window.release("x");
+    assert!(colors(&view(&turned)) > 50 && window.is_open(), "{}", window.messages());
+}
+
+/// Share of the pixels that are not the same.
+fn differing(a: &RgbaImage, b: &RgbaImage) -> f64 {
+    let count = a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count();
+    count as f64 / f64::from(a.width() * a.height())
+}

@@ -37,7 +37,9 @@ impl State {
         match action {
             // Done where the gesture is: they need its extent.
             Action::Orbit | Action::Pan | Action::Look | Action::Fly(_) | Action::Fast | Action::Slow => {}
-            Action::RawColors | Action::PasteView => {}
+            Action::RawColors | Action::ShowTruth | Action::PasteView => {}
+            Action::PinTruth => self.toggle_truth(),
+            Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
             Action::Zoom(notches) => self.zoom(notches),
             Action::PointSize(notches) => {
                 self.settings.splat.size = scaled(&self.settings.splat, "size", self.settings.splat.size, notches);
@@ -254,7 +256,7 @@ impl State {
 
     /// The parameters that show what is on the screen when it is opened anew. Without lights, the one that a built-in scene
     /// brings or the lamp of a room would be there again.
-    fn written_settings(&self) -> Settings {
+    pub(super) fn written_settings(&self) -> Settings {
         let mut settings = self.settings.clone();
         if self.objects.lights.is_empty() && self.lacks_light() {
             settings.light.by = self.lighting();
@@ -262,18 +264,30 @@ impl State {
         settings
     }
 
-    fn save_scene(&mut self) {
-        let mut file = self.scene_file(&self.written_settings());
-        if file.clouds.is_empty() {
-            self.messages.note("There is no scene to save yet");
-            return;
-        }
-        // The file may be moved: only built-in scenes have no place of their own.
+    /// What is on the screen as a scene file that may stand anywhere, with these of its parameters: only built-in scenes have no
+    /// place of their own.
+    fn movable_scene(&self, settings: &Settings) -> SceneFile {
+        let mut file = self.scene_file(settings);
         let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
         for cloud in clouds.filter(|cloud| Path::new(cloud).is_file()) {
             if let Ok(path) = std::path::absolute(&*cloud) {
                 *cloud = path.display().to_string();
             }
+        }
+        file
+    }
+
+    /// The same without parameters but for those that points are made with.
+    pub(super) fn view_as_scene(&self) -> String {
+        let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
+        self.movable_scene(&settings).to_text()
+    }
+
+    fn save_scene(&mut self) {
+        let file = self.movable_scene(&self.written_settings());
+        if file.clouds.is_empty() {
+            self.messages.note("There is no scene to save yet");
+            return;
         }
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");

@@ -67,6 +67,10 @@ pub enum Action {
     /// In wheel notches.
     InspectDistance(f32),
     InspectTilt(f32),
+    /// The ray-traced truth in place of the picture.
+    ShowTruth,
+    PinTruth,
+    ToggleChart,
 }
 
 /// The modifier keys a gesture needs: exactly these. `ctrl` is the command key on a Mac.
@@ -200,6 +204,9 @@ pub const BINDINGS: &[Binding] = {
         bind(OBJECTS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),
         bind(TOOLS, Click, A::Pick, "Pick a point or a mirror; a second point gives the distance"),
         bind(TOOLS, key(Key::I), A::PickTool, "Pick with a crosshair"),
+        bind(TOOLS, Hold(Key::X), A::ShowTruth, "The ray-traced truth while held"),
+        bind(TOOLS, Trigger::Key(SHIFT, Key::X), A::PinTruth, "Pin the truth; again: let go"),
+        bind(TOOLS, key(Key::C), A::ToggleChart, "Tuning chart: time against error"),
         bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear picks"),
         bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),
         bind(TOOLS, Trigger::Key(CTRL_SHIFT, Key::Z), A::Redo, "Redo"),

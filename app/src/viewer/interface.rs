@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, TextureId, Ui};
 
-use scene::MirrorPoints;
+use scene::{MirrorPoints, Show};
 
 use super::bindings::{self, Action};
 use super::messages::Level;
@@ -13,19 +13,18 @@ use super::state::{JobEntry, State, short_name};
 use super::theme::{self, grouped};
 use super::{
     clouds_panel, colors_panel, gizmo, light_panel, mirrors_panel, navigation, overlay, panel, pick_panel, presets,
-    timings_panel,
+    sweep, timings_panel, truth_panel, tuning,
 };
 use crate::loading;
 
 /// Groups of parameters that a panel of their own shows.
-const SHOWN_ELSEWHERE: [&str; 6] = ["color", "light", "sun", "gi", "tone", "edl"];
+const SHOWN_ELSEWHERE: [&str; 7] = ["color", "light", "sun", "gi", "tone", "edl", "trace"];
 
 /// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
-const SECTIONS: [(&str, &[&str]); 4] = [
+const SECTIONS: [(&str, &[&str]); 3] = [
     ("Splats and view", &["splat", "view"]),
-    ("Reflections", &["mirror", "reflection", "sscr"]),
+    ("Reflections", &["mirror", "reflection", "environment_map", "sscr"]),
     ("When loading", &["surface", "scene"]),
-    ("Ray-traced truth", &["trace"]),
 ];
 
 /// Draws everything; `picture` is the render thread's last frame.
@@ -52,6 +51,11 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
     });
     state.messages.show(ui.ctx(), ui.ctx().content_rect());
     pick_panel::show(ui.ctx(), ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0)), state);
+    if let Some(key) = panel::take_sweep(ui.ctx()) {
+        state.ask_sweep(&key);
+    }
+    tuning::show(ui.ctx(), state);
+    sweep::show(ui.ctx(), state);
     bindings::sheet_window(ui.ctx(), &mut state.shortcuts_are_open);
     if let Some(prompt) = &mut state.path_prompt {
         let is_for_mirror = prompt.is_for_mirror;
@@ -112,6 +116,7 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
         if state.settings.groups().iter().any(|params| !is_named(params.group().name)) {
             section(ui, "More", false, |ui| parameter_groups(ui, state, |name| !is_named(name)));
         }
+        section(ui, "Truth", true, |ui| truth_panel::show(ui, state));
         section(ui, "Timings", false, |ui| timings_panel::show(ui, state));
     });
 }
@@ -186,6 +191,7 @@ fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect
         let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
         ui.painter().image(picture, rect, whole, Color32::WHITE);
     }
+    truth_panel::paint(ui, rect, state);
     overlay::paint(ui.painter(), rect, state);
     gizmo::interact(&response, state);
     navigation::handle(ui, &response, state);
@@ -269,6 +275,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
                 ui.label(format!("{} points", grouped(points)));
             }
         }
+        truth_panel::progress(ui, state);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             messages_button(ui, state);
             if let Some(shown) = &state.shown {
@@ -280,6 +287,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             if state.is_unlit() {
                 ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
             }
+            uncertain_reflections(ui, state);
             if state.pick_tool {
                 ui.label(RichText::new("pick").color(theme::ACCENT));
             }
@@ -292,6 +300,23 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             }
         });
     });
+}
+
+/// Share of a frame's reflections from which on the status bar says that they are not to be trusted.
+const MOSTLY_CERTAIN: f64 = 0.1;
+
+/// Says if a method is at its limits; a click shows where.
+fn uncertain_reflections(ui: &mut Ui, state: &mut State) {
+    let share = state.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
+    if share <= MOSTLY_CERTAIN {
+        return;
+    }
+    let text = format!("{:.0} % of reflections uncertain", share * 100.0);
+    let help = "Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where";
+    if ui.small_button(RichText::new(text).color(theme::ACCENT)).on_hover_text(help).clicked() {
+        let show = &mut state.settings.reflection.show;
+        *show = if *show == Show::Uncertain { Show::Picture } else { Show::Uncertain };
+    }
 }
 
 /// Returns whether Cancel was clicked.

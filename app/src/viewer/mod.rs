@@ -6,9 +6,12 @@
 //! event loop with what they found.
 
 mod actions;
+#[cfg(test)]
+mod bench;
 mod bindings;
 mod clouds_panel;
 mod colors_panel;
+mod contact_sheet;
 mod event_log;
 mod figures;
 mod gizmo;
@@ -30,8 +33,13 @@ mod presets;
 mod render_thread;
 mod screen;
 mod state;
+mod sweep;
 mod theme;
 mod timings_panel;
+mod truth;
+mod truth_panel;
+mod truth_tasks;
+mod tuning;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -50,6 +58,7 @@ use scene::{MirrorNormals, MirrorPoints, Surroundings};
 use screen::{Painted, Screen};
 use serde_json::json;
 use state::{Effect, Found, State};
+use truth_tasks::Answer;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
@@ -292,9 +301,11 @@ impl Viewer {
         let again = [state.history.watch(&state.settings, &state.objects, is_held), state.request_frame()];
         state.renew_figures();
         state.sync_objects();
+        state.sync_sweep();
+        let truth = state.sync_truth();
         match painted {
             Painted::Next(delay) => {
-                let delay = again.into_iter().flatten().fold(delay, Duration::min);
+                let delay = again.into_iter().chain([truth]).flatten().fold(delay, Duration::min);
                 self.next_paint = Instant::now().checked_add(delay);
                 if delay.is_zero() {
                     screen.window.request_redraw();
@@ -390,6 +401,24 @@ impl Viewer {
                     let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
                     let _ = wake.send_event(Wake::Found(Found::SceneSaved { path, result }));
                 }),
+                Effect::Truth(task) => {
+                    let kind = task.kind();
+                    let is_begun = self.begin("truth", move |wake| {
+                        task.run(|answer| drop(wake.send_event(Wake::Found(Found::Truth(Box::new(answer))))));
+                    });
+                    if !is_begun {
+                        self.state.on_truth(Answer::Failed(kind));
+                    }
+                }
+                Effect::AddToStudy { plan, scene, group } => self.work("study", move |wake| {
+                    let result = tuning::add_to_study(&plan, &scene, group).map_err(|error| format!("{error:#}"));
+                    let _ = wake.send_event(Wake::Found(Found::AddedToStudy { plan, result }));
+                }),
+                Effect::SaveSweep(sweep) => self.work("sweep", move |wake| {
+                    let (folder, result) = sweep.save();
+                    let result = result.map_err(|error| format!("{error:#}"));
+                    let _ = wake.send_event(Wake::Found(Found::SweepSaved { folder, result }));
+                }),
                 Effect::OpenDialog => self.work("dialog", |wake| {
                     let asked = Instant::now();
                     let dialog = rfd::FileDialog::new()
@@ -418,10 +447,17 @@ impl Viewer {
 
     /// Runs `task` on a thread of its own.
     fn work(&mut self, name: &str, task: impl FnOnce(&EventLoopProxy<Wake>) + Send + 'static) {
+        self.begin(name, task);
+    }
+
+    /// The same; false, with a message, if there is no thread for it.
+    fn begin(&mut self, name: &str, task: impl FnOnce(&EventLoopProxy<Wake>) + Send + 'static) -> bool {
         let wake = self.wake.clone();
-        if let Err(error) = std::thread::Builder::new().name(name.into()).spawn(move || task(&wake)) {
+        let started = std::thread::Builder::new().name(name.into()).spawn(move || task(&wake));
+        if let Err(error) = &started {
             self.state.messages.error(format!("{name}: no thread: {error}"));
         }
+        started.is_ok()
     }
 }
 

@@ -93,6 +93,7 @@ pub fn handle(ui: &Ui, picture: &Response, state: &mut State) {
         held(ui, state);
     } else {
         state.raw_colors = false;
+        state.hold_truth(false);
     }
     if !state.gizmo.has_mouse() {
         drags(picture, state, scale);
@@ -154,6 +155,7 @@ fn held(ui: &Ui, state: &mut State) {
     let shortcuts = &state.navigation.shortcut_keys;
     let (actions, seconds) = ui.input(|input| (bindings::held(input, shortcuts).collect::<Vec<_>>(), input.stable_dt));
     state.raw_colors = actions.contains(&Action::RawColors);
+    state.hold_truth(actions.contains(&Action::ShowTruth));
     let mut direction = DVec3::ZERO;
     for action in &actions {
         if let Action::Fly(step) = action {

@@ -1,9 +1,10 @@
 //! Draws any group of parameters from its table: a line each, with the widget that its kind asks for. Hovering tells help,
 //! key and range; a double-click or a right-click on the name resets it; what differs from the default is marked.
 
-use egui::{RichText, Ui};
+use egui::{Id, RichText, Sense, Ui};
 use param::{Field, Kind, Params, Value};
 
+use super::sweep::can_be_swept;
 use super::theme;
 
 /// Points from the left edge to the widgets: the longest name fits.
@@ -49,9 +50,45 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value) -> Option<Value> 
             let reset = format!("default {} · double-click resets", field.format(&field.default()));
             ui.label(RichText::new(reset).small().color(theme::WEAK));
         });
-        widget(ui, field, value, label_id)
+        let edited = widget(ui, field, value, label_id);
+        // All of the line but its name, whose right-click resets.
+        let rest = ui.min_rect().with_min_x(ui.min_rect().left() + NAME_WIDTH);
+        let rest = ui.interact(rest, ui.scope_id().with("sweep"), Sense::hover());
+        let by_secondary = ui.input(|input| {
+            let button = egui::PointerButton::Secondary;
+            input.pointer.button_down(button) || input.pointer.button_released(button)
+        });
+        sweep_menu(&rest, group, field);
+        // A slider follows any button, also from a little beside it; this one is for the menu.
+        edited.filter(|_| !by_secondary)
     })
     .inner
+}
+
+/// Where the wish for a sweep waits for who can do it: a panel of parameters knows no view.
+fn sweep_asked() -> Id {
+    Id::unique("sweep asked")
+}
+
+fn sweep_menu(response: &egui::Response, group: &str, field: &Field) {
+    if !can_be_swept(group, field) {
+        return;
+    }
+    let is_asked = response.ctx.rect_contains_pointer(response.layer_id, response.rect)
+        && response.ctx.input(|input| input.pointer.secondary_clicked());
+    let menu = egui::Popup::menu(response).open_memory(is_asked.then_some(egui::SetOpenCommand::Bool(true)));
+    menu.at_pointer_fixed().show(|ui| {
+        let help = "Draws, times and judges this view with a range of values: a contact sheet and a table";
+        if ui.button("Sweep…").on_hover_text(help).clicked() {
+            ui.data_mut(|data| data.insert_temp(sweep_asked(), format!("{group}.{}", field.name)));
+            ui.close();
+        }
+    });
+}
+
+/// The key of a parameter whose sweep was asked for since the last call.
+pub fn take_sweep(context: &egui::Context) -> Option<String> {
+    context.data_mut(|data| data.remove_temp(sweep_asked()))
 }
 
 /// The name of a line, as wide as all others, that can be clicked.
@@ -184,6 +221,26 @@ mod tests {
         harness.run();
         assert_eq!(harness.state().splat.min_pixels, scene::Splat::default().min_pixels);
         assert_eq!(harness.state().splat.max_pixels, 99.0);
+    }
+
+    #[test]
+    fn a_right_click_on_a_slider_offers_a_sweep_and_changes_nothing() {
+        let mut harness = harness(Settings::default());
+        harness.run();
+        let pos = harness.get_by_role_and_label(egui::accesskit::Role::Slider, "Min pixels").rect().center();
+        harness.event(egui::Event::PointerMoved(pos));
+        harness.step();
+        for pressed in [true, false] {
+            let (button, modifiers) = (egui::PointerButton::Secondary, egui::Modifiers::NONE);
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+            harness.step();
+        }
+        harness.run();
+        assert_eq!(*harness.state(), Settings::default());
+        harness.get_by_label("Sweep…").click();
+        harness.run();
+        assert_eq!(take_sweep(&harness.ctx).as_deref(), Some("splat.min_pixels"));
+        assert_eq!(take_sweep(&harness.ctx), None);
     }
 
     #[test]

@@ -15,6 +15,7 @@ use cloud::{Chunk, Cloud};
 use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
+use study::Drawn;
 
 use crate::mirrors::{self, Marked};
 use crate::picture_file;
@@ -89,7 +90,7 @@ pub enum Command {
         key: CloudKey,
         cloud: Cloud,
         classes: Option<usize>,
-        marked: Vec<Marked>,
+        marked: Arc<Vec<Marked>>,
     },
     Frame(Box<FrameRequest>),
     Pick {
@@ -101,6 +102,27 @@ pub enum Command {
         request: Box<FrameRequest>,
         path: PathBuf,
     },
+    /// Hands over what the ray tracer judges a frame by, positions from `origin`.
+    Capture {
+        request: Box<FrameRequest>,
+        origin: DVec3,
+    },
+    /// Draws a frame from scratch, for its times.
+    Measure(Box<FrameRequest>),
+    /// Makes a frame's picture of other colours: linear red, green and blue. `pass` tells the answers apart.
+    Present {
+        request: Box<FrameRequest>,
+        colors: Arc<Vec<[f32; 3]>>,
+        pass: u32,
+    },
+}
+
+/// A frame's images.
+pub struct Captured {
+    pub request: FrameRequest,
+    pub drawn: Drawn,
+    /// Rows of sRGB red, green, blue and opacity.
+    pub picture: Vec<u8>,
 }
 
 /// A picture that is ready to be shown.
@@ -133,6 +155,18 @@ pub enum Report {
         point: Option<PickedPoint>,
     },
     Saved(PathBuf),
+    Captured(Box<Captured>),
+    Measured {
+        request: Box<FrameRequest>,
+        stats: FrameStats,
+    },
+    Presented {
+        request: Box<FrameRequest>,
+        pass: u32,
+        rgba: Vec<u8>,
+    },
+    /// What was asked for the truth cannot be had.
+    NotJudged(String),
     Problem(String),
     /// The latest frame failed; others may follow.
     NotDrawn(String),
@@ -249,6 +283,10 @@ struct Worker {
     /// Where the points of a chunk come from: their indices in the file follow one another, or are these after the first.
     first_points: HashMap<ChunkId, (CloudKey, u64, Option<Vec<u32>>)>,
     shown: Option<wgpu::Texture>,
+    /// The frame that the renderer holds, and whether its picture is of its own colours.
+    held: Option<(FrameRequest, bool)>,
+    /// The frame in the window: what is picked from.
+    on_screen: Option<FrameRequest>,
     /// The store refused points: said once, not for each chunk.
     is_full: bool,
 }
@@ -266,6 +304,8 @@ impl Worker {
             clouds: HashMap::new(),
             first_points: HashMap::new(),
             shown: None,
+            held: None,
+            on_screen: None,
             is_full: false,
         })
     }
@@ -346,6 +386,9 @@ impl Worker {
                 self.clouds.insert(key, Resident { chunks, ..Resident::new(id) });
             }
             Command::Pick { pixel, purpose } => {
+                if let Some(request) = self.on_screen.clone() {
+                    self.hold(&request, false)?;
+                }
                 let picked = self.renderer.pick(&self.store, pixel, PICK_RADIUS)?;
                 let point = picked.and_then(|picked| {
                     let (key, first_point, indices) = self.first_points.get(&picked.chunk)?;
@@ -362,7 +405,48 @@ impl Worker {
                     Err(error) => Report::Problem(format!("{error:#}")),
                 });
             }
+            Command::Capture { .. } | Command::Measure(_) | Command::Present { .. } => {
+                match self.judge(command, report) {
+                    Err(error) if !is_fatal(&error) => report(Report::NotJudged(error.to_string())),
+                    result => return result,
+                }
+            }
             Command::Frame(_) => {}
+        }
+        Ok(())
+    }
+
+    /// What the truth asks for.
+    fn judge(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
+        match command {
+            Command::Capture { request, origin } => {
+                self.hold(&request, true)?;
+                let drawn = Drawn::read(&self.renderer, &request.settings, origin)?;
+                let picture = self.renderer.read_picture()?;
+                report(Report::Captured(Box::new(Captured { request: *request, drawn, picture })));
+            }
+            Command::Measure(request) => {
+                self.renderer.forget();
+                let stats = self.render(&request)?;
+                report(Report::Measured { request, stats });
+            }
+            Command::Present { request, colors, pass } => {
+                self.hold(&request, false)?;
+                self.renderer.present(&self.store, &request.settings, &colors)?;
+                self.held = self.held.take().map(|(request, _)| (request, false));
+                let rgba = self.renderer.read_picture()?;
+                report(Report::Presented { request, pass, rgba });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Draws a frame unless the renderer holds it; `with_picture`: and its picture.
+    fn hold(&mut self, request: &FrameRequest, with_picture: bool) -> render::Result<()> {
+        let is_held = |(held, has_picture): &(FrameRequest, bool)| held == request && (*has_picture || !with_picture);
+        if !self.held.as_ref().is_some_and(is_held) {
+            self.render(request)?;
         }
         Ok(())
     }
@@ -378,7 +462,10 @@ impl Worker {
     fn render(&mut self, request: &FrameRequest) -> render::Result<FrameStats> {
         let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
         let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
-        self.renderer.render(&self.store, &request.camera, &request.settings, objects, request.size)
+        self.held = None;
+        let stats = self.renderer.render(&self.store, &request.camera, &request.settings, objects, request.size)?;
+        self.held = Some((request.clone(), true));
+        Ok(stats)
     }
 
     /// Takes the points that reflect out of a cloud and makes clouds of them, after putting back those that did before.
@@ -455,6 +542,7 @@ impl Worker {
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * width), rows_per_image: None };
         self.window_gpu.queue.write_texture(texture.as_image_copy(), &pixels, layout, size);
         self.shown = Some(texture.clone());
+        self.on_screen = Some(request.clone());
         Ok(Frame { request, stats, total_milliseconds: started.elapsed().as_secs_f64() * 1e3, texture })
     }
 }

@@ -25,8 +25,12 @@ use super::objects::{Marking, ObjectId, Objects, Origin, Placed, PlacedLight, un
 use super::path_prompt::PathPrompt;
 use super::preferences::Preferences;
 use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
+use super::sweep::{Ask, Sweep};
 use super::theme::grouped;
 use super::timings_panel::FigureHistory;
+use super::truth::TruthView;
+use super::truth_tasks::{Answer, Task};
+use super::tuning::Tuning;
 use crate::loading::{self, Input};
 use crate::mirrors::{self, Marked};
 
@@ -79,6 +83,16 @@ pub enum Effect {
     },
     /// Finds the surface that a ray meets.
     Cast(inspection::Ray),
+    /// Has the ray tracer work.
+    Truth(Box<Task>),
+    /// Appends a group to a plan of studies, with the scene that it is about.
+    AddToStudy {
+        plan: PathBuf,
+        scene: String,
+        group: toml::Table,
+    },
+    /// Writes what a sweep came to.
+    SaveSweep(Box<Sweep>),
     OpenDialog,
     SaveScene {
         path: PathBuf,
@@ -127,6 +141,15 @@ pub enum Found {
         found: Surroundings,
     },
     Surface(Option<inspection::Surface>),
+    Truth(Box<Answer>),
+    AddedToStudy {
+        plan: PathBuf,
+        result: Result<(), String>,
+    },
+    SweepSaved {
+        folder: PathBuf,
+        result: Result<(), String>,
+    },
     SceneSaved {
         path: PathBuf,
         result: Result<(), String>,
@@ -136,10 +159,10 @@ pub enum Found {
 /// The points that stand for a mirror, and what they were made for.
 pub struct Sample {
     pub key: CloudKey,
-    mirror: Mirror,
+    pub mirror: Mirror,
     /// `None` if a built-in scene brought them.
     area_per_point: Option<f64>,
-    chunks: Vec<(Chunk, Bounds)>,
+    pub chunks: Vec<(Chunk, Bounds)>,
 }
 
 pub struct CloudEntry {
@@ -168,6 +191,8 @@ pub struct CloudEntry {
     pub chunk_bounds: HashMap<u64, Bounds>,
     /// What of it reflects on the render thread.
     marked: Vec<MirrorPoints>,
+    /// Which points these are.
+    pub marks: Arc<Vec<Marked>>,
     /// What is being found out.
     pub marking: Option<(Vec<MirrorPoints>, Arc<Progress>)>,
 }
@@ -244,6 +269,11 @@ pub struct State {
     pub picks: Vec<Pick>,
     pub pick_tool: bool,
     pub raw_colors: bool,
+    pub truth: TruthView,
+    pub tuning: Tuning,
+    /// A sweep that is being set up, and one that is under way.
+    pub sweep_asked: Option<Ask>,
+    pub sweep: Option<Sweep>,
     pub history: History,
     pub messages: Messages,
     pub preferences: Preferences,
@@ -258,7 +288,8 @@ pub struct State {
     careful_milliseconds: f64,
     /// Counts changes of the points and their colours.
     pub revision: u64,
-    requested: Option<FrameRequest>,
+    /// The frame that is wanted now, as far as it has been asked for.
+    pub requested: Option<FrameRequest>,
     requested_at: Option<Instant>,
     pub frames_under_way: u32,
     /// The picture on the screen is the final one, and that is logged.
@@ -311,6 +342,10 @@ impl State {
             picks: Vec::new(),
             pick_tool: false,
             raw_colors: false,
+            truth: TruthView::new(),
+            tuning: Tuning::default(),
+            sweep_asked: None,
+            sweep: None,
             history: History::default(),
             messages,
             preferences,
@@ -463,6 +498,7 @@ impl State {
                     column_reads: HashMap::new(),
                     chunk_bounds: HashMap::new(),
                     marked: Vec::new(),
+                    marks: Arc::default(),
                     marking: None,
                 });
                 if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
@@ -690,6 +726,9 @@ impl State {
             Found::Counted { wanted, result } => self.draft.on_counted(wanted, result),
             Found::Surroundings { asked, found } => self.on_surroundings(asked, found),
             Found::Surface(surface) => self.on_surface(surface),
+            Found::Truth(answer) => self.on_truth(*answer),
+            Found::AddedToStudy { plan, result } => self.on_added_to_study(&plan, result),
+            Found::SweepSaved { folder, result } => self.on_sweep_saved(&folder, result),
             Found::SceneSaved { path, result } => match result {
                 Ok(()) => {
                     self.log(json!({ "event": "scene_saved", "path": path }));
@@ -924,7 +963,8 @@ impl State {
                 }
             }
             Ok(Some(marked)) => {
-                entry.marked = wanted;
+                let marked = Arc::new(marked);
+                (entry.marked, entry.marks) = (wanted, marked.clone());
                 let (cloud, classes) = (entry.cloud.clone(), class_column(&entry.cloud));
                 let name = cloud.name.clone();
                 let count: u64 = marked.iter().map(|marked| marked.count).sum();
@@ -1168,6 +1208,19 @@ impl State {
         rest
     }
 
+    /// The frame that is wanted now, as far as it has been asked for.
+    pub fn wanted_frame(&self) -> Option<&FrameRequest> {
+        self.requested.as_ref()
+    }
+
+    /// The frame on the screen, if it is the final one and nothing is under way that would change it.
+    pub fn still_frame(&self) -> Option<&FrameRequest> {
+        let is_busy = |entry: &CloudEntry| entry.marking.is_some() || entry.figures_under_way;
+        let is_still = self.is_at_rest && self.jobs.is_empty() && self.sampling.is_none() && self.inspection.is_none();
+        let shown = self.shown.as_ref().filter(|_| is_still && !self.clouds.iter().any(is_busy))?;
+        (self.requested.as_ref() == Some(&shown.request) && !shown.request.hurried).then_some(&shown.request)
+    }
+
     /// Logs when the picture that is wanted is the one that is shown, and nothing is under way that could change it.
     fn note_rest(&mut self, is_hurried: bool) {
         let is_known = self.surroundings_known == self.surroundings_asked;
@@ -1210,6 +1263,10 @@ impl State {
                 self.log(json!({ "event": "saved", "path": path }));
                 self.messages.note(format!("Picture saved: {}", path.display()));
             }
+            Report::Captured(captured) => self.on_captured(*captured),
+            Report::Measured { request, stats } => self.on_measured(&request, &stats),
+            Report::Presented { request, pass, rgba } => self.on_presented(*request, pass, rgba),
+            Report::NotJudged(problem) => self.on_not_judged(&problem),
             Report::Problem(problem) => self.say(Level::Error, problem),
             Report::NotDrawn(problem) => {
                 self.frames_under_way = 0;

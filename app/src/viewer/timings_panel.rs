@@ -14,10 +14,11 @@ const REMEMBERED: usize = 120;
 /// Name, how it reads, and what it is of the reflections; where a method has no such figure there is none.
 type Figure = (&'static str, fn(f64) -> String, fn(&ReflectionStats) -> Option<f64>);
 
-const FIGURES: [Figure; 6] = [
+const FIGURES: [Figure; 7] = [
     ("Mirror pixels", |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
     ("Coverage", percent, |stats| Some(stats.coverage)),
     ("Closed coverage", percent, |stats| Some(stats.closed_coverage)),
+    ("Uncertain", percent, |stats| Some(stats.uncertain)),
     ("Hit rate", percent, |stats| stats.hit_rate),
     ("Unconverged", percent, |stats| stats.unconverged),
     ("Regions", |regions| grouped(regions as u64), |stats| stats.regions.map(f64::from)),

@@ -12,6 +12,7 @@ pub struct Frame {
     pub right: Vec4,
     pub up: Vec4,
     pub forward: Vec4,
+    pub clip: Vec4,
     pub focal_pixels: f32,
     pub orthographic: u32,
     pub width: u32,
@@ -72,6 +73,15 @@ pub struct FrameCamera {
     pub scene_radius: f64,
     /// Where mirrors may be in the picture.
     pub mirror_tiles: Tiles,
+    /// Only what lies before this plane is there to be seen. Passes that splat look at it if they are told to (`clips`).
+    pub clip: Option<Plane>,
+}
+
+/// The places whose product with the unit normal is the offset; before it lie those of a larger product. World units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    pub normal: DVec3,
+    pub offset: f64,
 }
 
 /// A rectangle of tiles of 8 x 8 pixels.
@@ -127,6 +137,7 @@ impl FrameCamera {
             moved_back,
             scene_radius,
             mirror_tiles: Tiles::of(size),
+            clip: None,
         }
     }
 
@@ -145,6 +156,7 @@ impl FrameCamera {
             moved_back: 0.0,
             scene_radius: 0.0,
             mirror_tiles: Tiles::of(size),
+            clip: None,
         }
     }
 
@@ -154,12 +166,29 @@ impl FrameCamera {
         Self { orthographic: true, near: 0.0, reference_depth, ..Self::along(eye, direction, pixels_per_unit, size) }
     }
 
+    /// The camera behind a plane's mirror, which sees what lies before the plane. Its right is the mirrored right: a pixel
+    /// shows what the mirror shows at the same pixel of this camera's picture.
+    pub fn mirrored(self, plane: Plane) -> Self {
+        let Plane { normal, offset } = plane;
+        let [x, y, z] = normal.to_array().map(|part| normal * part);
+        let reflection = DMat3::IDENTITY - DMat3::from_cols(x, y, z) * 2.0;
+        Self {
+            eye: self.eye - normal * (2.0 * (normal.dot(self.eye) - offset)),
+            view_from_world: self.view_from_world * reflection,
+            clip: Some(plane),
+            ..self
+        }
+    }
+
     pub fn to_gpu(self) -> Frame {
         let row = |index: usize| self.view_from_world.row(index).as_vec3().extend(0.0);
         Frame {
             right: row(0),
             up: row(1),
             forward: row(2),
+            clip: self.clip.map_or(Vec4::ZERO, |plane| {
+                plane.normal.as_vec3().extend((plane.offset - plane.normal.dot(self.eye)) as f32)
+            }),
             focal_pixels: self.focal_pixels as f32,
             orthographic: u32::from(self.orthographic),
             width: self.size[0],
@@ -216,7 +245,8 @@ impl FrameCamera {
     /// Whether a sphere, widened by `margin` pixels, may be in the picture.
     pub fn sees(&self, center: DVec3, radius: f64, margin: f64) -> bool {
         let view = self.view_from_world * (center - self.eye);
-        if view.z < self.near - radius {
+        let is_behind = |plane: Plane| plane.normal.dot(center) < plane.offset - radius;
+        if view.z < self.near - radius || self.clip.is_some_and(is_behind) {
             return false;
         }
         let half = [f64::from(self.size[0]) * 0.5, f64::from(self.size[1]) * 0.5]
@@ -245,7 +275,7 @@ pub fn layouts() -> Vec<Layout> {
         };
     }
     vec![
-        layout!(Frame: right, up, forward, focal_pixels, orthographic, width, height, near, reference_depth, scene_radius, mirror_tile),
+        layout!(Frame: right, up, forward, clip, focal_pixels, orthographic, width, height, near, reference_depth, scene_radius, mirror_tile),
         layout!(Item: origin_radius, low, inverse_range, color_source, plain, specular_intensity, specular_power, class_mask, height, height_axis),
         layout!(Block: item, first, count, unused),
         layout!(Page: first_identity, block_count, point_count, is_first),
@@ -271,6 +301,24 @@ mod tests {
             let scale = if camera.orthographic { camera.focal_pixels } else { camera.focal_pixels / view.z };
             assert!((view.z - 7.0).abs() < 1e-9);
             assert!((200.0 + view.x * scale - 123.5).abs() < 1e-9 && (150.0 - view.y * scale - 45.5).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_pixel_of_the_mirrored_camera_shows_what_the_mirror_shows_there() {
+        let normal = DVec3::new(-0.3, -0.2, 0.7).normalize();
+        let plane = Plane { normal, offset: -2.0 };
+        for projection in [Projection::Perspective, Projection::Orthographic] {
+            let camera = camera(projection);
+            let mirrored = camera.mirrored(plane);
+            for (x, y, depth) in [(10.5, 290.0, 3.0), (200.0, 150.0, 9.0), (399.0, 1.0, 40.0)] {
+                let behind = camera.world_from_pixel(x, y, depth);
+                let before = behind - normal * (2.0 * (normal.dot(behind) - plane.offset));
+                assert!(mirrored.world_from_pixel(x, y, depth).distance(before) < 1e-9);
+            }
+            // Along one line of sight: behind the plane there is nothing to be seen.
+            assert!(mirrored.sees(mirrored.world_from_pixel(200.0, 150.0, 9.0), 0.0, 0.0));
+            assert!(!mirrored.sees(mirrored.world_from_pixel(200.0, 150.0, 3.0), 0.0, 0.0));
         }
     }
 

@@ -3,6 +3,8 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use scene::{Atomics, Splat};
+
 pub type Result<T> = std::result::Result<T, Error>;
 
 #[derive(Debug, thiserror::Error)]
@@ -110,6 +112,11 @@ impl Gpu {
             first.get_or_insert_with(|| error.to_string());
         }));
         Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64, failure }))
+    }
+
+    /// Whether points are splatted with 64-bit atomics.
+    pub(crate) fn has_wide_atomics(&self, splat: &Splat) -> bool {
+        self.atomics64 && splat.atomics != Atomics::Bits32
     }
 
     /// Waits until everything submitted is done.

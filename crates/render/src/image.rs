@@ -33,10 +33,13 @@ pub enum Aov {
     Curvature,
     /// SSCR's regions, from 1; 0: in none.
     Regions,
+    /// Why what is seen by one reflection is not to be trusted: 1 closed from its neighbours, 2 more than a pixel beside the
+    /// reflected ray, 3 alone among neighbours that show other surfaces; 0: trusted.
+    Uncertain,
 }
 
 impl Aov {
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Depth,
         Self::Normal,
         Self::Albedo,
@@ -52,6 +55,7 @@ impl Aov {
         Self::MirrorNormal,
         Self::Curvature,
         Self::Regions,
+        Self::Uncertain,
     ];
 
     pub fn name(self) -> &'static str {
@@ -71,20 +75,26 @@ impl Aov {
             Self::MirrorNormal => "mirror_normal",
             Self::Curvature => "curvature",
             Self::Regions => "regions",
+            Self::Uncertain => "uncertain",
         }
     }
 
     /// Empty wherever no mirror is seen.
     pub(crate) fn is_of_mirrors(self) -> bool {
-        use Aov::{Curvature, MirrorAlbedo, MirrorNormal, MirrorPosition, Regions};
-        matches!(self, MirrorPosition | MirrorAlbedo | MirrorNormal | Curvature | Regions)
+        use Aov::{Curvature, MirrorAlbedo, MirrorNormal, MirrorPosition, Regions, Uncertain};
+        matches!(self, MirrorPosition | MirrorAlbedo | MirrorNormal | Curvature | Regions | Uncertain)
     }
 
     /// Channel names as OpenEXR has them.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Depth => &["Z"],
-            Self::Mirror | Self::SpecularIntensity | Self::SpecularPower | Self::Curvature | Self::Regions => &["Y"],
+            Self::Mirror
+            | Self::SpecularIntensity
+            | Self::SpecularPower
+            | Self::Curvature
+            | Self::Regions
+            | Self::Uncertain => &["Y"],
             Self::Albedo | Self::Color | Self::Direct | Self::Indirect | Self::MirrorAlbedo => &["R", "G", "B"],
             Self::MirrorPosition => &["X", "Y", "Z", "A"],
             Self::Normal | Self::Position | Self::MirrorNormal => &["X", "Y", "Z"],

@@ -70,7 +70,10 @@ pub const MIRROR_SURFACE: Pass = Pass {
     name: "mirror_surface",
     groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba32Float), Write(Rgba32Float)]],
 };
-pub const MIRROR_COUNT: Pass = Pass { name: "mirror_count", groups: &[FRAME, &[Texture, Texture, ReadWrite]] };
+pub const MIRROR_DOUBT: Pass = Pass {
+    name: "mirror_doubt",
+    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Write(R32Float), ReadWrite]],
+};
 pub const BEAM_LISTS: Pass =
     Pass { name: "beam_lists", groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, ReadWrite]] };
 pub const SURFEL_TRACE: Pass = Pass {
@@ -102,6 +105,32 @@ pub const GATHER_RESOLVE: Pass = Pass {
         FRAME,
         PAGE,
         &[Texture, Texture, Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)],
+    ],
+};
+pub const ENVIRONMENT_LOOK_UP: Pass = Pass {
+    name: "environment_look_up",
+    groups: &[
+        FRAME,
+        PAGE,
+        &[
+            Texture,
+            Texture,
+            Texture,
+            Read,
+            Read,
+            Write(Rgba16Float),
+            Write(Rgba32Float),
+            Write(Rgba32Float),
+            Write(Rgba32Float),
+        ],
+    ],
+};
+pub const MIRRORED_LOOK_UP: Pass = Pass {
+    name: "mirrored_look_up",
+    groups: &[
+        FRAME,
+        PAGE,
+        &[Texture, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float), Write(Rgba32Float)],
     ],
 };
 pub const CURVATURE: Pass = Pass { name: "curvature", groups: &[FRAME, &[Texture, Texture, Texture, ReadWrite]] };
@@ -163,8 +192,10 @@ pub const BLEND: Pass = Pass {
     name: "blend",
     groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
 };
-pub const SHOW: Pass =
-    Pass { name: "show", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba8Unorm)]] };
+pub const SHOW: Pass = Pass {
+    name: "show",
+    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba8Unorm)]],
+};
 pub const SHOW_LIGHT: Pass =
     Pass { name: "show_light", groups: &[FRAME, &[Uniform, Texture, Texture, Write(Rgba8Unorm)]] };
 pub const SHOW_LIGHT_BUFFER: Pass =
@@ -196,10 +227,12 @@ pub const ALL: &[&Pass] = &[
     &MIRROR_EXACT_SEEN,
     &CAMERA_POSITION,
     &MIRROR_SURFACE,
-    &MIRROR_COUNT,
+    &MIRROR_DOUBT,
     &BEAM_LISTS,
     &SURFEL_TRACE,
     &GATHER_RESOLVE,
+    &ENVIRONMENT_LOOK_UP,
+    &MIRRORED_LOOK_UP,
     &CURVATURE,
     &CURVATURE_SMOOTH,
     &LABEL_START,

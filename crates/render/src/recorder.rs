@@ -12,7 +12,7 @@ use crate::targets::Image;
 /// Time of one pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassTime {
-    /// The pass's shader, or `clear`.
+    /// The pass's shader, or `clear`; of what is splatted for a reflection method, the method's name for it.
     pub name: &'static str,
     pub milliseconds: f64,
 }
@@ -31,6 +31,8 @@ pub(crate) struct Recorder<'a> {
     names: Vec<&'static str>,
     host_times: Vec<PassTime>,
     failure: Option<Error>,
+    /// What passes are timed as, if not by their own names.
+    timed_as: Option<&'static str>,
 }
 
 /// Passes of a frame that are timed by the GPU, a timestamp pair each; a frame has some twenty, with many bounces of many rounds
@@ -50,7 +52,22 @@ impl<'a> Recorder<'a> {
             })
         });
         let encoder = gpu.device.create_command_encoder(&Default::default());
-        Self { gpu, pipelines, encoder, queries, names: Vec::new(), host_times: Vec::new(), failure: None }
+        Self {
+            gpu,
+            pipelines,
+            encoder,
+            queries,
+            names: Vec::new(),
+            host_times: Vec::new(),
+            failure: None,
+            timed_as: None,
+        }
+    }
+
+    /// Passes from here on are timed together by this name, or by their own again: what the camera sees and what else is splatted
+    /// by the same passes is told apart.
+    pub fn time_as(&mut self, name: Option<&'static str>) {
+        self.timed_as = name;
     }
 
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
@@ -211,7 +228,7 @@ impl<'a> Recorder<'a> {
         }
         drop(compute);
         if first < MOST_PASSES * 2 {
-            self.names.push(pass.name);
+            self.names.push(self.timed_as.unwrap_or(pass.name));
         }
         if self.queries.is_none() {
             self.submit(pass.name);
@@ -222,6 +239,7 @@ impl<'a> Recorder<'a> {
     fn submit(&mut self, name: &'static str) {
         let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
         let commands = encoder.finish();
+        let name = self.timed_as.unwrap_or(name);
         let start = Instant::now();
         self.gpu.queue.submit([commands]);
         if let Err(error) = self.gpu.wait() {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use scene::{Atomics, Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
+use scene::{Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
 
 use crate::frame::FrameCamera;
 use crate::gi::{GlobalIllumination, Receiver, Sky};
@@ -147,6 +147,9 @@ impl Renderer {
     /// Forgets what is kept while nothing changes, so that the next frame is made from scratch. For measurements.
     pub fn forget(&mut self) {
         (self.kept, self.kept_shadows) = (None, Vec::new());
+        if let Some(reflections) = &mut self.reflections {
+            reflections.forget();
+        }
         self.gi.forget();
     }
 
@@ -163,7 +166,7 @@ impl Renderer {
         size: [u32; 2],
     ) -> Result<FrameStats> {
         self.resize(size, settings.splat.quality)?;
-        let atomics64 = self.gpu.atomics64 && settings.splat.atomics != Atomics::Bits32;
+        let atomics64 = self.gpu.has_wide_atomics(&settings.splat);
         let bounds = store.bounds();
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
         let mut frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
@@ -173,7 +176,10 @@ impl Renderer {
         let lights = Lights::mapped(settings, objects, camera, size, bounds);
         let asks = Kept::new(frame_camera, settings, store, objects);
         let is_kept = settings.reflection.keep && self.kept.as_ref() == Some(&asks);
-        // Half a frame must not be kept if an error leaves it so.
+        // Half a frame must not be kept if an error leaves it so, nor what methods drew in it.
+        if let Some(reflections) = self.reflections.as_mut().filter(|_| self.kept.is_none()) {
+            reflections.forget();
+        }
         self.kept = None;
         let points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
 
@@ -196,7 +202,15 @@ impl Renderer {
             if Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty() {
                 let everywhere = store.draw_list(&frame_camera, settings, reflection::supply(settings));
                 let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
-                reflections.find(&mut recorder, &supply, settings, store, formulas.as_ref(), camera_surface)?;
+                reflections.find(
+                    &mut recorder,
+                    &supply,
+                    settings,
+                    store,
+                    objects.mirrors,
+                    formulas.as_ref(),
+                    camera_surface,
+                )?;
             } else {
                 reflections.none();
             }
@@ -218,7 +232,7 @@ impl Renderer {
             Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
             curve => curve == Curve::Filmic,
         };
-        let views = reflections.views(settings).filter(|_| settings.reflection.show != Show::Picture);
+        let views = reflections.views(settings);
         match (views, reflections.first()) {
             _ if settings.light.show != LightView::Picture => {
                 let shown = light_views::Shown {
@@ -232,11 +246,14 @@ impl Renderer {
                 };
                 light_views::show(&mut recorder, &inputs, settings, &shown)?;
             }
-            (Some(views), Some(bounce)) => {
+            (views, Some(bounce)) if shows_more(settings, views) => {
                 let [albedo, normal, position] = bounce.seen.bind();
                 let point = bounce.mirror.point.bind();
+                // What looks for views of a method that has none is not shown.
+                let views = views.unwrap_or(&reflections.doubt).bind();
+                let doubt = reflections.doubt.bind();
                 let resources =
-                    [targets.color.bind(), point, albedo, normal, position, views.bind(), targets.picture.bind()];
+                    [targets.color.bind(), point, albedo, normal, position, views, doubt, targets.picture.bind()];
                 // Twice the steps that SSCR gives up after by default; rays are tested against more nodes and discs.
                 let most_steps = if settings.reflection.method == Method::Sscr { 60 } else { 400 };
                 let switches = [("most_steps", most_steps), ("is_filmic", u32::from(is_filmic))];
@@ -346,6 +363,10 @@ impl Renderer {
             Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
             Aov::MirrorNormal => floats32(&read(&first()?.seen.normal)?),
             Aov::Curvature | Aov::Regions => floats32(&read(self.sscr_views()?)?),
+            // Four values a pixel, as the others have.
+            Aov::Uncertain => {
+                floats32(&read(self.doubt()?)?).into_iter().flat_map(|doubt| [doubt, 0.0, 0.0, 0.0]).collect()
+            }
         };
         let coverage = match aov {
             Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.seen.position)?),
@@ -361,7 +382,7 @@ impl Renderer {
             let is_empty = match aov {
                 Aov::MirrorPosition => !is_mirror(pixel) || four()[3] == 0.0,
                 Aov::MirrorAlbedo | Aov::MirrorNormal => !is_mirror(pixel) || coverage[pixel * 4 + 3] == 0.0,
-                Aov::Curvature | Aov::Regions => !is_mirror(pixel),
+                Aov::Curvature | Aov::Regions | Aov::Uncertain => !is_mirror(pixel),
                 _ => depth == 0.0,
             };
             if is_empty {
@@ -384,6 +405,7 @@ impl Renderer {
                 // The highest bit only says that there is a mirror.
                 Aov::Curvature => data.push(four()[0] - 128.0),
                 Aov::Regions => data.push(four()[1]),
+                Aov::Uncertain => data.push(four()[0]),
                 _ => data.extend(&four()[..3]),
             }
         }
@@ -434,6 +456,10 @@ impl Renderer {
         let kept = self.kept.as_ref().filter(|kept| kept.settings.reflection.method == Method::Sscr);
         let views = kept.zip(self.reflections.as_ref()).and_then(|(kept, found)| found.views(&kept.settings));
         views.ok_or_else(|| Error::NotRendered("only the method sscr has a curvature map and regions".into()))
+    }
+
+    fn doubt(&self) -> Result<&Image> {
+        self.reflections.as_ref().map(|reflections| &reflections.doubt).ok_or_else(nothing_rendered)
     }
 
     fn rendered(&self) -> Result<&Targets> {
@@ -630,6 +656,15 @@ fn shade(
         reflected = Some(target);
     }
     Ok(())
+}
+
+/// Whether something is shown instead of the picture. Not all methods have views of their work.
+fn shows_more(settings: &Settings, views: Option<&Image>) -> bool {
+    match settings.reflection.show {
+        Show::Picture => false,
+        Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),
+        Show::Uncertain | Show::Coverage | Show::Distance | Show::Albedo | Show::Normal | Show::Position => true,
+    }
 }
 
 /// Depths that differ by this share or less are of one surface: the constant of close_gaps.wgsl.

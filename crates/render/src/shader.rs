@@ -13,13 +13,13 @@ macro_rules! embedded {
 
 /// The passes, by name.
 pub const PASSES: &[(&str, &str)] = embedded!("": splat_nearest, splat_depth, splat_identity, splat_accumulate, splat_average,
-    splat_resolve, close_gaps, mirror_exact, mirror_exact_seen, camera_position, mirror_surface, mirror_count, beam_lists, surfel_trace, gather_resolve, gather_close, curvature, curvature_smooth,
+    splat_resolve, close_gaps, mirror_exact, mirror_exact_seen, camera_position, mirror_surface, mirror_doubt, beam_lists, surfel_trace, gather_resolve, gather_close, environment_look_up, mirrored_look_up, curvature, curvature_smooth,
     label_start, label_join, label_flatten, region_count, region_scan, region_number, region_assign, sscr_solve, sscr_views,
     mirror_depth, mirror_visibility, mirror_average, pull, push, vpl_points, vpl_aim, vpl_place,
     vpl_bounce, vpl_shadow_splat, vpl_shadow_pull, vpl_shadow_push, indirect, indirect_filter, shade, blend, show, show_light, show_light_buffer,
     show_virtual_lights, show_shadow_maps, present);
 
-const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color, light, counters, point_surface, surfel_tree, brdf, tone, mirror_ray, mirror_formula, heat, beam,
+const SHARED: &[(&str, &str)] = embedded!("shared/": frame, packing, params, splat, blocks, nearest_point, color, light, counters, point_surface, surfel_tree, brdf, tone, mirror_ray, mirror_formula, mirror_places, heat, beam,
     mirror_space, mirror_splat, mirror_sums, region, root_finding, scan,
     vpl, vpl_of_surface, gloss, light_view);
 
@@ -178,8 +178,8 @@ mod tests {
             }
             wgsl += &group.wgsl();
             wgsl += "\n";
-            let mut type_name = group.name.to_string();
-            type_name[..1].make_ascii_uppercase();
+            // As the group names its struct.
+            let type_name: String = group.name.split('_').map(|word| word[..1].to_uppercase() + &word[1..]).collect();
             all += &format!("    {}: {type_name},\n", group.name);
         }
         wgsl + &all + "}\n"

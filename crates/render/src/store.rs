@@ -3,7 +3,7 @@
 //! A point takes 16 bytes that every splatting pass reads (position, radius, class), 8 more that only visible points are
 //! asked for (colour, normal), and 4 for the attribute shown, while one is shown.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, unpack_radius};
@@ -52,6 +52,8 @@ pub struct Material {
 pub(crate) enum Selection {
     /// What may be in the picture, but for mirrors that are drawn by their formula.
     Seen,
+    /// What may be in the picture, but for one cloud and mirrors that are drawn by their formula.
+    SeenBesides(CloudId),
     /// What may be in the picture.
     SeenWithMirrors,
     /// All that is visible, wherever the camera looks, but for mirrors that are drawn by their formula.
@@ -427,6 +429,21 @@ impl PointStore {
         })
     }
 
+    /// The visible clouds that are mirrors, but for those that are drawn by their formula, with the numbers of their chunks, in
+    /// order.
+    pub(crate) fn mirror_clouds(&self, settings: &Settings) -> BTreeMap<CloudId, Vec<ChunkId>> {
+        let mut mirrors: BTreeMap<CloudId, Vec<ChunkId>> = BTreeMap::new();
+        for (id, chunk) in &self.chunks {
+            let Some(cloud) = self.clouds.get(&chunk.cloud) else { continue };
+            let by_formula = cloud.material.has_formula && is_exact(settings, cloud.material.as_points);
+            if cloud.visible && cloud.material.specular_intensity > 0.0 && !by_formula && !chunk.bounds.is_empty() {
+                mirrors.entry(chunk.cloud).or_default().push(*id);
+            }
+        }
+        mirrors.values_mut().for_each(|chunks| chunks.sort());
+        mirrors
+    }
+
     /// Whether a visible cloud shows lights as highlights, whatever `light.gloss` is.
     pub(crate) fn has_highlights(&self) -> bool {
         let shows_them = |material: &Material| material.specular_intensity > 0.0 && material.specular_power > 0.0;
@@ -508,7 +525,7 @@ impl PointStore {
     /// What a frame draws of the visible clouds.
     pub(crate) fn draw_list(&self, camera: &FrameCamera, settings: &Settings, selection: Selection) -> DrawList {
         let splat = &settings.splat;
-        let asks_where_seen = matches!(selection, Selection::Seen | Selection::SeenWithMirrors);
+        let asks_where_seen = !matches!(selection, Selection::Everywhere | Selection::EverywhereWithMirrors);
         let with_mirrors = matches!(selection, Selection::SeenWithMirrors | Selection::EverywhereWithMirrors);
         let mut cloud_ids: Vec<CloudId> = self.clouds.keys().copied().collect();
         cloud_ids.sort();
@@ -536,7 +553,8 @@ impl PointStore {
             let margin = f64::from(splat.min_pixels) * 0.5;
             let is_seen = !asks_where_seen || camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin);
             let by_formula = cloud.material.has_formula && is_exact(settings, cloud.material.as_points);
-            if !cloud.visible || chunk.bounds.is_empty() || !is_seen || (by_formula && !with_mirrors) {
+            let is_left_out = selection == Selection::SeenBesides(chunk.cloud) || (by_formula && !with_mirrors);
+            if !cloud.visible || chunk.bounds.is_empty() || !is_seen || is_left_out {
                 continue;
             }
             let mask = cloud_ids.binary_search(&chunk.cloud).unwrap_or_default() as u32 * 8;

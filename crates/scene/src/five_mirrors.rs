@@ -181,17 +181,12 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<Part> {
 }
 
 /// World radius of the splats of `points` that share an area evenly.
-pub(crate) fn splat_radius(area: f64, points: u64) -> f32 {
+pub fn splat_radius(area: f64, points: u64) -> f32 {
     OVERLAP * (area / (PI * points.max(1) as f64)).sqrt() as f32
 }
 
 /// Appends a surface's points in chunks of neighbours.
-pub(crate) fn append(
-    chunks: &mut Vec<Chunk>,
-    mut points: Vec<SurfacePoint>,
-    radius: f32,
-    albedo: impl Fn(DVec3) -> [f64; 3],
-) {
+pub fn append(chunks: &mut Vec<Chunk>, mut points: Vec<SurfacePoint>, radius: f32, albedo: impl Fn(DVec3) -> [f64; 3]) {
     sort_along_curve(&mut points);
     let mut first_point = chunks.last().map_or(0, |chunk| chunk.first_point + chunk.len() as u64);
     for run in points.chunks(CHUNK_POINTS) {

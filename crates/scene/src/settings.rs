@@ -60,15 +60,19 @@ choices! {
 choices! {
     /// How mirrors show what they reflect.
     pub enum Method {
-        Auto = "auto", None = "none", Sscr = "sscr", SscrHierarchical = "sscr_hierarchical",
-        SurfelTrace = "surfel_trace",
+        Auto = "auto", None = "none", EnvironmentMap = "environment_map", MirroredViewpoint = "mirrored_viewpoint",
+        Sscr = "sscr", SscrHierarchical = "sscr_hierarchical", SurfelTrace = "surfel_trace",
     }
+}
+choices! {
+    /// Where an environment map is taken to be.
+    pub enum Proxy { Infinity = "infinity", Box = "box" }
 }
 choices! {
     /// What is shown instead of the picture.
     pub enum Show {
-        Picture = "picture", Curvature = "curvature", Regions = "regions", Steps = "steps", Unconverged = "unconverged",
-        Coverage = "coverage", Distance = "distance", Albedo = "albedo", Normal = "normal", Position = "position",
+        Picture = "picture", Uncertain = "uncertain", Curvature = "curvature", Regions = "regions", Steps = "steps",
+        Unconverged = "unconverged", Coverage = "coverage", Distance = "distance", Albedo = "albedo", Normal = "normal", Position = "position",
     }
 }
 choices! {
@@ -247,11 +251,19 @@ params! {
         /// What finds the reflected points; auto takes sscr_hierarchical.
         method: Method = Method::Auto;
         /// Reflections that are followed, one after the other.
-        bounces: u32 = 1, 0..=4, "bounces";
+        bounces: u32 = 1, 0..=8, "bounces";
         /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
         keep: bool = true;
-        /// What is shown instead of the picture, to see how a method comes to its result; light.show comes first.
+        /// What is shown instead of the picture: uncertain marks reflections that are not to be trusted, the others tell how a method comes to its result; light.show comes first.
         show: Show = Show::Picture;
+    }
+
+    /// Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
+    pub struct EnvironmentMap = "environment_map" {
+        /// Texels along the edge of a map's face; a map has six.
+        size: u32 = 256, 16..=1024, "texels";
+        /// Where a map is taken to be: infinitely far, so that directions alone count, or on the box about all points (Lagarde, Zanuttini 2012).
+        proxy: Proxy = Proxy::Infinity;
     }
 
     /// Screen-space curved reflections (Preiner 2010).
@@ -329,6 +341,7 @@ pub struct Settings {
     pub trace: Trace,
     pub mirror: MirrorSettings,
     pub reflection: Reflection,
+    pub environment_map: EnvironmentMap,
     pub sscr: Sscr,
     pub surface: Surface,
     pub scene: SceneSettings,
@@ -341,7 +354,7 @@ impl Settings {
         Self { tone, ..self.clone() }
     }
 
-    pub fn groups(&self) -> [&dyn Params; 14] {
+    pub fn groups(&self) -> [&dyn Params; 15] {
         [
             &self.view,
             &self.splat,
@@ -354,16 +367,48 @@ impl Settings {
             &self.trace,
             &self.mirror,
             &self.reflection,
+            &self.environment_map,
             &self.sscr,
             &self.surface,
             &self.scene,
         ]
     }
 
-    pub fn groups_mut(&mut self) -> [&mut dyn Params; 14] {
-        let Self { view, splat, color, edl, light, sun, gi, tone, trace, mirror, reflection, sscr, surface, scene } =
-            self;
-        [view, splat, color, edl, light, sun, gi, tone, trace, mirror, reflection, sscr, surface, scene]
+    pub fn groups_mut(&mut self) -> [&mut dyn Params; 15] {
+        let Self {
+            view,
+            splat,
+            color,
+            edl,
+            light,
+            sun,
+            gi,
+            tone,
+            trace,
+            mirror,
+            reflection,
+            environment_map,
+            sscr,
+            surface,
+            scene,
+        } = self;
+        [
+            view,
+            splat,
+            color,
+            edl,
+            light,
+            sun,
+            gi,
+            tone,
+            trace,
+            mirror,
+            reflection,
+            environment_map,
+            sscr,
+            surface,
+            scene,
+        ]
     }
 
     /// Sets the parameter `key` (`group.name`) from text.

@@ -14,20 +14,6 @@ use study::{Accuracy, Stage};
 
 const SIZE: [u32; 2] = [800, 600];
 
-/// Passes that a picture without reflections has as well.
-const SURFACE: [&str; 8] = [
-    "clear",
-    "splat_nearest",
-    "splat_accumulate",
-    "splat_average",
-    "close_gaps",
-    "camera_position",
-    "mirror_exact",
-    "present",
-];
-/// Passes that depend on the light and on what is seen, not on how it was found.
-const SHADING: [&str; 3] = ["mirror_count", "shade", "blend"];
-
 fn main() -> anyhow::Result<()> {
     let mut settings = Settings::default();
     let (mut variants, mut tries, mut folder, mut rounds, mut all_passes) = (Vec::new(), Vec::new(), None, 5, false);
@@ -103,7 +89,7 @@ fn main() -> anyhow::Result<()> {
                 });
                 median(sums.collect())
             };
-            let reflections = sum(&|name| !SURFACE.contains(&name) && !SHADING.contains(&name));
+            let reflections = sum(&study::results::is_of_method);
             let (found, (same, exact)) = &judged[case];
             println!("{} {text}: reflections {reflections:.0} ms, frame {:.0} ms", variant.name(), sum(&|_| true));
             if let Some(found) = found {

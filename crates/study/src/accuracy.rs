@@ -6,13 +6,15 @@ use cloud::Progress;
 use glam::{DVec3, Vec3};
 use trace::{Exact, Geometry, Hit, MirrorPoint, PixelRays, Reflection, Surfels, Viewpoint, primary, reflected};
 
-use crate::metrics::{Accuracy, MirrorPixel, Truth, accuracy};
+use crate::metrics::{Accuracy, MirrorPixel, PixelError, Truth, accuracy, pixel_error};
 
 /// Why nothing could be judged.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error("image {name} holds {found} values, expected {expected} for {width} x {height} pixels")]
     ImageSize { name: &'static str, found: usize, expected: usize, width: u32, height: u32 },
+    #[error("no formulas are behind these points; only built-in scenes have an exact truth")]
+    NoFormulas,
     #[error("the comparison was cancelled")]
     Cancelled,
 }
@@ -107,6 +109,20 @@ pub fn accuracy_same_input(image: &MirrorImage, surfels: &Surfels, progress: &Pr
     let recall = recall(&points, &reflections, image.mirror_position, surfels);
     let accuracy = accuracy(Truth::SameInput, image.size[0] as usize, &image.pixels(&points, &reflections));
     Ok(Accuracy { recall: Some(recall), ..accuracy })
+}
+
+/// How far each filled mirror pixel of a frame is off, judged as by [`accuracy_same_input`].
+///
+/// # Errors
+/// Images of the wrong size; cancelled.
+pub fn pixel_errors_same_input(
+    image: &MirrorImage,
+    surfels: &Surfels,
+    progress: &Progress,
+) -> Result<Vec<Option<PixelError>>> {
+    let points = image.points()?;
+    let pixels = image.pixels(&points, &first_reflections(&points, surfels, progress)?);
+    Ok((0..pixels.len()).map(|index| pixel_error(image.size[0] as usize, &pixels, index)).collect())
 }
 
 /// Of those points that are some, in order.

@@ -108,7 +108,7 @@ fn feature(width: usize, values: &[f64], derivative: u8) -> Vec<f64> {
 }
 
 /// Filters along the rows, then along the columns. Kernels have an odd number of weights.
-fn filter(width: usize, values: &[f64], along_rows: &[f64], along_columns: &[f64]) -> Vec<f64> {
+pub(crate) fn filter(width: usize, values: &[f64], along_rows: &[f64], along_columns: &[f64]) -> Vec<f64> {
     let height = values.len() / width.max(1);
     let reach = (along_rows.len() / 2) as isize;
     // Index moved by one weight's offset, held in the picture.

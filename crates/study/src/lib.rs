@@ -1,20 +1,43 @@
 //! How accurate reflections and indirect light are.
 //!
 //! [`metrics`] holds the figures that one picture is judged by, [`flip`] the difference that a person would see, [`light`] the
-//! figures of indirect light and of what flickers; the functions [`accuracy_same_input`] and [`accuracy_exact`] bring a renderer's images and the truth of `trace` together.
+//! figures of indirect light. A [`Subject`] is a scene that pictures are made of; a [`Tracer`] brings one of
+//! them and the truth of `trace` together.
+//!
+//! A [`Plan`] says which settings are measured, [`runner`] measures them and journals each run in a [`Folder`], [`results`] are the
+//! table that comes of it, [`chart`] and [`report`] what people look at.
 
 mod accuracy;
+mod builtin;
+pub mod chart;
+mod flicker;
 pub mod flip;
+mod journal;
 pub mod light;
 pub mod metrics;
+mod picture;
+pub mod plan;
+mod refine;
+pub mod report;
+pub mod results;
+pub mod runner;
+pub mod ssim;
+pub mod stability;
 mod stage;
+mod subject;
+mod truth;
 
-pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input};
-pub use light::{Flicker, LightError, flicker, light_error};
-pub use metrics::{Accuracy, ImageError, Percentiles, Truth, image_error};
+pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
+pub use builtin::{names as plan_names, plan as built_in_plan};
+pub use flicker::{Flicker, flicker};
+pub use journal::{Folder, FolderError};
+pub use light::{LightError, light_error};
+pub use metrics::{Accuracy, ImageError, Percentiles, PixelError, Truth, delta_e, image_error};
+pub use plan::{Bound, Case, Group, Plan, PlanError, RAY_TRACE};
+pub use refine::Refinement;
+pub use results::{Figure, Row};
+pub use runner::{Scenes, Shard};
 pub use stage::{IndirectTruth, JudgedLight, Stage, TracedLight};
-/// What the truth is traced in and for; the program knows `trace` through here.
-pub use trace::{
-    Exact, Geometry, Gloss, Hit, Illumination, Indirect, MirrorPoint, Part, PixelRays, Source, Sunlight, Surfels,
-    Viewpoint, indirect_picture, linear_from_srgb, primary, radiance, reflected,
-};
+pub use subject::{Part, Subject};
+pub use trace::Exact;
+pub use truth::{Drawn, RayTraced, Seen, Surface, TracedScene, Tracer, View, mirrors_of};

@@ -7,10 +7,12 @@ use glam::DVec3;
 use palette::color_difference::Ciede2000;
 use palette::white_point::D65;
 use palette::{FromColor, Lab, LinSrgb};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::flip::flip;
 use crate::light::LightError;
+use crate::ssim::ssim;
 
 /// What a result is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -94,37 +96,47 @@ pub fn accuracy(truth: Truth, width: usize, pixels: &[Option<MirrorPixel>]) -> A
     let share = |is_counted: fn(&MirrorPixel) -> bool| {
         mirrors().filter(|pixel| is_counted(pixel)).count() as f64 / mirror_pixels as f64
     };
-    let (mut angles, mut in_pixels, mut compared, mut occluded) = (Vec::new(), Vec::new(), 0, 0);
-    for (index, pixel) in pixels.iter().enumerate() {
-        let Some(pixel) = pixel.filter(|pixel| pixel.is_filled() && pixel.reflected != DVec3::ZERO) else {
-            continue;
-        };
-        let angle = pixel.angle_error();
-        angles.push(angle);
-        if let Some(step) = direction_step(width, pixels, index) {
-            in_pixels.push(angle / step);
-        }
-        if let Some(truth) = pixel.truth {
-            let [found, true_distance] = [pixel.found, truth].map(|end| end.distance(pixel.position));
-            compared += 1;
-            // Written so that a distance that is no number is wrong.
-            let is_same = (found - true_distance).abs() <= OCCLUSION_TOLERANCE * true_distance;
-            occluded += usize::from(!is_same);
-        }
-    }
+    let errors: Vec<PixelError> = (0..pixels.len()).filter_map(|index| pixel_error(width, pixels, index)).collect();
+    let compared = errors.iter().filter_map(|error| error.is_other_surface);
+    let (compared, occluded) =
+        compared.fold((0_u32, 0), |(all, wrong), is_wrong| (all + 1, wrong + u32::from(is_wrong)));
     Accuracy {
         truth,
         mirror_pixels,
         coverage: share(|pixel| pixel.coverage >= 1.0),
         closed_coverage: share(MirrorPixel::is_filled),
         false_fill: share(|pixel| pixel.is_filled() && pixel.truth.is_none()),
-        angle_error: Percentiles::of(angles),
-        pixel_error: Percentiles::of(in_pixels),
-        occlusion_error: f64::from(occluded as u32) / f64::from(compared),
+        angle_error: Percentiles::of(errors.iter().map(|error| error.angle).collect()),
+        pixel_error: Percentiles::of(errors.iter().filter_map(|error| error.pixels).collect()),
+        occlusion_error: f64::from(occluded) / f64::from(compared),
         recall: None,
         image: None,
         indirect: None,
     }
+}
+
+/// How far one pixel is off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelError {
+    /// Between Q - P and R, degrees.
+    pub angle: f64,
+    /// The same over the angle by which R changes from this pixel to the next; none where it does not.
+    pub pixels: Option<f64>,
+    /// Whether |Q - P| differs from |H - P| by more than 5 %; none where the truth sees nothing.
+    pub is_other_surface: Option<bool>,
+}
+
+/// Of a pixel that is filled; none of others. Arguments as in [`accuracy`] and [`direction_step`].
+pub fn pixel_error(width: usize, pixels: &[Option<MirrorPixel>], index: usize) -> Option<PixelError> {
+    let pixel = pixels[index].filter(|pixel| pixel.is_filled() && pixel.reflected != DVec3::ZERO)?;
+    let angle = pixel.angle_error();
+    let is_other_surface = pixel.truth.map(|truth| {
+        let [found, true_distance] = [pixel.found, truth].map(|end| end.distance(pixel.position));
+        // Written so that a distance that is no number is wrong.
+        let is_same = (found - true_distance).abs() <= OCCLUSION_TOLERANCE * true_distance;
+        !is_same
+    });
+    Some(PixelError { angle, pixels: direction_step(width, pixels, index).map(|step| angle / step), is_other_surface })
 }
 
 impl MirrorPixel {
@@ -183,31 +195,51 @@ pub struct ImageError {
     pub delta_e: f64,
     /// Mean of the FLIP differences, 0 to 1; see [`flip`](crate::flip::flip).
     pub flip: f64,
+    /// Mean structural similarity, -1 to 1, 1 for the same picture; see [`ssim`](crate::ssim::ssim).
+    pub ssim: f64,
 }
 
 /// Compares two pictures, linear red, green and blue, over the pixels marked in `mirror`; what the others show does not matter.
-/// Colours that are not finite (empty pixels) count as black. Delta E and FLIP see colours as a screen shows them, clamped
+/// Colours that are not finite (empty pixels) count as black. Delta E, FLIP and SSIM see colours as a screen shows them, clamped
 /// to 0 ..= 1. `width` is that of a row. NaN if no pixel is marked.
 pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], reference: &[[f32; 3]]) -> ImageError {
-    let finite = |color: &[f32; 3]| color.map(|value| if value.is_finite() { f64::from(value) } else { 0.0 });
-    let reference: Vec<[f64; 3]> = reference.iter().map(finite).collect();
-    // Outside of the mirrors both are the same, so that nothing reaches in by FLIP's filters.
-    let picture: Vec<[f64; 3]> = (picture.iter().zip(&reference).zip(mirror))
-        .map(|((color, same), is_mirror)| if *is_mirror { finite(color) } else { *same })
-        .collect();
+    // Outside of the mirrors both are black, so that nothing reaches in by the filters of FLIP and SSIM.
+    let of_mirrors = |colors: &[[f32; 3]]| -> Vec<[f64; 3]> {
+        let marked = colors.iter().zip(mirror);
+        marked.map(|(color, is_mirror)| if *is_mirror { finite(color) } else { [0.0; 3] }).collect()
+    };
+    let (picture, reference) = (of_mirrors(picture), of_mirrors(reference));
     let flip = flip(width, &picture, &reference);
-    let (mut count, mut squares, mut delta_e, mut flip_sum) = (0.0, 0.0, 0.0, 0.0);
+    let ssim = ssim(width, &picture, &reference);
+    let (mut count, mut squares, mut delta_e, mut flip_sum, mut ssim_sum) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for index in (0..mirror.len()).filter(|&index| mirror[index]) {
         let (color, true_color) = (picture[index], reference[index]);
         count += 1.0;
         squares += (0..3).map(|channel| (color[channel] - true_color[channel]).powi(2)).sum::<f64>() / 3.0;
         delta_e += lab(color).difference(lab(true_color));
         flip_sum += flip[index];
+        ssim_sum += ssim[index];
     }
-    ImageError { rmse: (squares / count).sqrt(), delta_e: delta_e / count, flip: flip_sum / count }
+    ImageError {
+        rmse: (squares / count).sqrt(),
+        delta_e: delta_e / count,
+        flip: flip_sum / count,
+        ssim: ssim_sum / count,
+    }
 }
 
-fn lab(color: [f64; 3]) -> Lab<D65, f64> {
+/// CIEDE2000 difference of each pixel of two pictures, linear red, green and blue, in the way of [`image_error`].
+pub fn delta_e(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Vec<f32> {
+    let difference = |(color, truth): (&[f32; 3], &[f32; 3])| lab(finite(color)).difference(lab(finite(truth))) as f32;
+    picture.par_iter().zip(reference).map(difference).collect()
+}
+
+/// Black where there is no colour.
+fn finite(color: &[f32; 3]) -> [f64; 3] {
+    color.map(|value| if value.is_finite() { f64::from(value) } else { 0.0 })
+}
+
+pub(crate) fn lab(color: [f64; 3]) -> Lab<D65, f64> {
     let [red, green, blue] = color.map(|value| value.clamp(0.0, 1.0));
     Lab::from_color(LinSrgb::new(red, green, blue))
 }
@@ -307,13 +339,14 @@ mod tests {
     #[test]
     fn figures_have_the_names_that_charts_rely_on() {
         let mut figures = accuracy(Truth::SameInput, 1, &[Some(pixel(0.0, 0.0))]);
-        figures.image = Some(ImageError { rmse: 0.5, delta_e: 2.0, flip: 0.25 });
+        figures.image = Some(ImageError { rmse: 0.5, delta_e: 2.0, flip: 0.25, ssim: 0.9 });
         figures.indirect = Some(LightError { relative_rmse: 0.1, mean_ratio: 0.9, brightest_ratio: 2.0 });
         let json = serde_json::to_value(&figures).unwrap();
         assert_eq!(json["truth"], "same_input");
         assert_eq!(json["angle_error"]["p95"], 0.0);
         assert!(json["pixel_error"]["median"].is_null(), "no neighbour, no pixel error");
         assert_eq!(json["image"]["flip"], 0.25);
+        assert_eq!(json["image"]["ssim"], 0.9);
         assert_eq!(json["indirect"]["relative_rmse"], 0.1);
         assert_eq!(json["indirect"]["mean_ratio"], 0.9);
         for name in ["coverage", "closed_coverage", "false_fill", "occlusion_error", "recall"] {
@@ -334,8 +367,12 @@ mod tests {
         // What is no mirror does not matter, nor does it reach in.
         picture.iter_mut().zip(&mirror).filter(|(_, is_mirror)| !**is_mirror).for_each(|(color, _)| *color = [9.0; 3]);
         assert_eq!(image_error(8, &mirror, &picture, &reference), found);
+        let mut other = reference.clone();
+        other.iter_mut().zip(&mirror).filter(|(_, is_mirror)| !**is_mirror).for_each(|(color, _)| *color = [0.9; 3]);
+        assert_eq!(image_error(8, &mirror, &picture, &other), found);
         let same = image_error(8, &mirror, &reference, &reference);
-        assert_eq!(same, ImageError { rmse: 0.0, delta_e: 0.0, flip: 0.0 });
+        assert_eq!((same.rmse, same.delta_e, same.flip), (0.0, 0.0, 0.0));
+        assert!((same.ssim - 1.0).abs() < 1e-9 && found.ssim < 1.0, "{found:?}");
         let empty = image_error(8, &mirror, &[[f32::NAN; 3]; 64], &[[0.0; 3]; 64]);
         assert_eq!(empty, same, "empty pixels are black");
     }

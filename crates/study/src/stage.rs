@@ -2,27 +2,23 @@
 
 use std::sync::Arc;
 
-use cloud::{Cloud, Progress};
-use glam::{DVec2, DVec3};
-use render::{Aov, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
+use cloud::Progress;
+use glam::DVec3;
+use render::{Aov, FrameStats, Gpu, Renderer};
 use scene::five_mirrors::{self, Variant};
-use scene::{Camera, Method, Mirror, Settings, SpotLight};
-use trace::{
-    Exact, Geometry, Gloss, Hit, Illumination, Indirect, Part, PixelRays, Ray, Source, Sunlight, Surfels,
-    indirect_picture,
-};
+use scene::{Camera, Method, Settings};
+use trace::{Exact, Geometry, Gloss, Hit, Illumination, Indirect, PixelRays, Ray, Source, Sunlight, indirect_picture};
 
-use crate::accuracy::{MirrorImage, accuracy_exact, accuracy_same_input};
-use crate::light::{Flicker, LightError, flicker, light_error};
-use crate::metrics::Accuracy;
+use crate::flicker::{Flicker, Followed, Shown, Steps, flicker, follow};
+use crate::light::{LightError, light_error};
+use crate::metrics::{Accuracy, Truth};
+use crate::subject::Subject;
+use crate::truth::{TracedScene, Tracer, View};
 
 /// One of the five mirrors, loaded.
 pub struct Stage {
-    pub variant: Variant,
-    store: PointStore,
-    mirrors: Vec<Mirror>,
-    lights: Vec<SpotLight>,
-    surfels: Surfels,
+    subject: Subject,
+    traced: TracedScene,
     exact: Exact,
 }
 
@@ -93,41 +89,11 @@ impl Stage {
     /// # Errors
     /// No memory on the GPU.
     pub fn new(gpu: &Arc<Gpu>, variant: Variant, settings: &Settings) -> anyhow::Result<Self> {
-        let parts = five_mirrors::sample(variant, settings.scene.points.into(), settings.scene.seed.into());
-        let mut store = PointStore::new(gpu.clone());
-        store.reserve(settings.scene.points.into());
-        for part in &parts {
-            let material = part.mirror.as_ref().map_or(Material::default(), |mirror| Material {
-                specular_intensity: mirror.specular_intensity,
-                specular_power: mirror.specular_power,
-                has_formula: true,
-                as_points: mirror.as_points,
-            });
-            let id = store.add_cloud(material);
-            let ids: Vec<_> =
-                part.chunks.iter().map(|chunk| store.add_chunk(id, chunk, None)).collect::<render::Result<_>>()?;
-            let cloud = Cloud { chunks: part.chunks.clone(), ..Default::default() };
-            let (plan, _) = ColorPlan::new(&cloud, &settings.color, DVec3::Y);
-            store.set_color(id, &cloud, &ids, &plan, DVec3::Y)?;
-        }
-        let plain = [0.5; 3];
-        let traced: Vec<Part<'_>> = parts
-            .iter()
-            .map(|part| {
-                let specular_intensity = part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity);
-                Part { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain }
-            })
-            .collect();
-        let surfels = Surfels::new(&traced, settings.splat.size, &Progress::default());
-        let surfels = surfels.ok_or_else(|| anyhow::anyhow!("the index of the ray tracer was cancelled"))?;
-        Ok(Self {
-            variant,
-            store,
-            mirrors: variant.mirrors(),
-            lights: vec![five_mirrors::light()],
-            surfels,
-            exact: Exact::five_mirrors(variant),
-        })
+        let subject = Subject::five_mirrors(gpu, variant, settings)?;
+        let exact = Exact::five_mirrors(variant);
+        let progress = Progress::default();
+        let traced = TracedScene::new(&subject.parts, Some(exact.clone()), settings.splat.size, &progress)?;
+        Ok(Self { subject, traced, exact })
     }
 
     /// Renders a frame from scratch.
@@ -135,9 +101,7 @@ impl Stage {
     /// # Errors
     /// The device was lost, or the picture is too large.
     pub fn render(&self, renderer: &mut Renderer, settings: &Settings, size: [u32; 2]) -> anyhow::Result<FrameStats> {
-        renderer.forget();
-        let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
-        Ok(renderer.render(&self.store, &five_mirrors::camera(), settings, objects, size)?)
+        Ok(self.subject.render(renderer, settings, size)?)
     }
 
     /// Judges the frame that was rendered last, by both truths.
@@ -150,22 +114,11 @@ impl Stage {
         settings: &Settings,
         size: [u32; 2],
     ) -> anyhow::Result<(Accuracy, Accuracy)> {
-        // The box's half diagonal, and the eye's distance.
-        let rays = PixelRays::new(&five_mirrors::camera(), &settings.view, size, 10.0);
-        let read = |aov| renderer.read_aov(aov).map(|image| image.data);
-        let (mirror, position, normal, found) =
-            (read(Aov::Mirror)?, read(Aov::Position)?, read(Aov::Normal)?, read(Aov::MirrorPosition)?);
-        let image = MirrorImage {
-            size,
-            viewpoint: rays.viewpoint(),
-            mirror: &mirror,
-            position: &position,
-            normal: &normal,
-            mirror_position: &found,
-        };
+        let Subject { camera, .. } = &self.subject;
+        let tracer = Tracer::new(&self.traced, View { camera, settings, objects: self.subject.objects(), size });
+        let drawn = tracer.drawn(renderer)?;
         let progress = Progress::default();
-        let same_input = accuracy_same_input(&image, &self.surfels, &progress)?;
-        Ok((same_input, accuracy_exact(&image, &rays, &self.exact, &progress)?))
+        Ok((tracer.judge(Truth::SameInput, &drawn, &progress)?, tracer.judge(Truth::Exact, &drawn, &progress)?))
     }
 
     /// Indirect light at the pixels of a picture of `size`, path-traced on exact surfaces. Two runs of half the paths each tell
@@ -201,7 +154,7 @@ impl Stage {
         let seen: Vec<Option<(Hit, DVec3)>> = (0..rays.pixel_count()).map(seen).collect();
         let source = match light.by {
             scene::Lighting::Sun => Source::Sun(Sunlight::new(sun, camera.up)),
-            _ => Source::Lights(&self.lights),
+            _ => Source::Lights(&self.subject.lights),
         };
         let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
         let gloss = Gloss { share, power, shape: light.highlight };
@@ -266,33 +219,14 @@ impl Stage {
         size: [u32; 2],
         frames: u32,
     ) -> anyhow::Result<Flicker> {
-        let camera = five_mirrors::camera();
-        let focal = f64::from(size[1]) / 2.0 / (f64::from(settings.view.field_of_view).to_radians() / 2.0).tan();
-        let step = camera.right() * (0.25 * camera.eye.length() / focal);
-        let mut places: Vec<DVec3> = Vec::new();
-        let mut shown = Vec::new();
-        for frame in 0..frames {
-            let shift = step * f64::from(frame);
-            let camera = Camera { eye: camera.eye + shift, pivot: camera.pivot + shift, ..camera };
-            let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
-            renderer.render(&self.store, &camera, settings, objects, size)?;
-            if frame == 0 {
-                let positions = renderer.read_aov(Aov::Position)?.data;
-                let position = |at: &[f32; 3]| DVec3::from(at.map(f64::from));
-                places = positions.as_chunks::<3>().0.iter().map(position).collect();
-            }
-            let light = renderer.read_aov(Aov::Indirect)?.data;
-            let light = light.as_chunks::<3>().0;
-            let turn = camera.view_from_world();
-            let at_place = |place: &DVec3| {
-                let view = turn * (*place - camera.eye);
-                let pixel = DVec2::new(view.x, -view.y) / view.z * focal + glam::UVec2::from(size).as_dvec2() / 2.0;
-                let [x, y] = pixel.to_array().map(|value| value.floor() as i64);
-                let is_inside = (0..i64::from(size[0])).contains(&x) && (0..i64::from(size[1])).contains(&y);
-                if is_inside { light[y as usize * size[0] as usize + x as usize] } else { [f32::NAN; 3] }
-            };
-            shown.push(places.iter().map(at_place).collect());
-        }
+        let draw = |camera: &Camera| -> anyhow::Result<Shown> {
+            renderer.render(&self.subject.store, camera, settings, self.subject.objects(), size)?;
+            let read =
+                |aov| -> anyhow::Result<Vec<[f32; 3]>> { Ok(renderer.read_aov(aov)?.data.as_chunks::<3>().0.to_vec()) };
+            Ok(Shown { positions: read(Aov::Position)?, colors: read(Aov::Indirect)? })
+        };
+        let steps = Steps { frames, pixels: 0.25 };
+        let Followed { places, frames: shown } = follow(&five_mirrors::camera(), &settings.view, size, steps, draw)?;
         let is_on_wall = |place: &DVec3| {
             let gaps = (DVec3::new(1.0, 1.0, 2.0) - place.abs()).to_array();
             // Beside one wall only, by more than a tenth from each other.

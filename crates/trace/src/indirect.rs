@@ -59,7 +59,7 @@ pub fn indirect(
     illumination: &Illumination,
 ) -> DVec3 {
     let Indirect { bounces, samples, seed } = illumination.indirect;
-    let surface = Reflectance::new(hit, direction, illumination.bounces, illumination).beside_reflection();
+    let surface = Reflectance::new(hit, direction, illumination.left(), illumination).beside_reflection();
     let tracer = PathTracer { geometry, illumination };
     if samples == 0 || !surface.scatters() || !tracer.finds_light(bounces) {
         return DVec3::ZERO;
@@ -168,7 +168,7 @@ mod tests {
     use crate::exact::{Albedo, Object};
     use crate::{Exact, Gloss, Part, PixelRays, Sunlight, Surfels, picture, primary, radiance};
     use cloud::sampling::{Placement, Surface};
-    use scene::five_mirrors::{Variant, camera, light, sample};
+    use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{Highlight, MirrorSettings, SpotLight, ViewSettings};
 
     fn rectangle(corner: DVec3, edges: [DVec3; 2], albedo: f64, specular_intensity: f64) -> Object {
@@ -221,6 +221,36 @@ mod tests {
                     assert_near(found, albedo * FRAC_1_PI * arriving, 0.01, &what);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_closed_white_box_keeps_the_light_of_its_lamp() {
+        let (walls, albedo) = (walls(), 0.8);
+        let objects = walls.map(|(surface, _)| Object::new(surface, Placement::ORIGIN, Albedo::Even([albedo; 3]), 0.0));
+        let (geometry, settings) = (Exact::new(objects.into()), MirrorSettings::default());
+        let lights = [lamp(DVec3::new(0.2, 0.1, -0.3), DVec3::new(0.5, -1.0, 2.0), 60.0)];
+        let flux = 10.0 * TAU * (1.0 - 60.0_f64.to_radians().cos());
+        let area: f64 = walls.iter().map(|(surface, _)| surface.area()).sum();
+        for bounces in [1, 3, 12] {
+            let indirect = Indirect { bounces, samples: 16, seed: 2 };
+            let illumination = Illumination { indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
+            let mut sum = 0.0;
+            let places = 20_000;
+            for (index, (surface, _)) in walls.iter().enumerate() {
+                let share = surface.area() / area;
+                let on_wall = surface.sample((share * f64::from(places)) as usize, index as u64);
+                let count = on_wall.len() as f64;
+                for (at, point) in on_wall.into_iter().enumerate() {
+                    let eye = point.position + point.normal * 0.1;
+                    let hit = geometry.nearest(&Ray::from_eye(eye, -point.normal)).unwrap();
+                    let pixel = index * 100_000 + at;
+                    sum += radiance(&geometry, &hit, -point.normal, pixel, &illumination).x * share / count;
+                }
+            }
+            // Nothing leaves a closed box: each reflection sends out its albedo's share of what the one before did.
+            let expected: f64 = (0..=bounces).map(|k| albedo.powi(k as i32 + 1) * flux / area).sum();
+            assert_near(sum * PI, expected, 0.01, &format!("{bounces} bounces"));
         }
     }
 
@@ -298,6 +328,28 @@ mod tests {
         assert_near(with(1.0, 0, 1), diffuse, 1e-9, "not followed");
         // The ground beyond is seen in it after two reflections between surfaces: ceiling, ground, and over the mirror.
         assert!(with(0.5, 1, 2) > with(0.5, 1, 1) * 1.01);
+    }
+
+    #[test]
+    fn what_a_mirror_shows_is_lit_as_it_is_where_it_stands() {
+        let (geometry, settings, lights) = (Exact::five_mirrors(Variant::Sphere), MirrorSettings::default(), [light()]);
+        let indirect = Indirect { bounces: 1, samples: 64, seed: 4 };
+        let illumination =
+            Illumination { bounces: 1, indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
+        let rays = PixelRays::new(&camera(), &ViewSettings::default(), [40, 30], 0.0);
+        let mut mirrors = 0;
+        for (pixel, hit) in primary(&geometry, &rays, &Progress::default()).unwrap().into_iter().enumerate() {
+            let Some(mirror) = hit.filter(|hit| hit.specular_intensity > 0.0) else { continue };
+            let direction = rays.ray(pixel).direction;
+            let onward = mirrored(direction, mirror.normal);
+            let wall = geometry.nearest(&Ray::from_surface(mirror.position, onward)).unwrap();
+            // Walls are diffuse: they look the same from everywhere, and by the same paths to the bit.
+            let there = radiance(&geometry, &wall, onward, pixel, &illumination);
+            let shown = radiance(&geometry, &mirror, direction, pixel, &illumination);
+            assert!(shown.distance(there) <= 1e-12 * there.length(), "pixel {pixel}: {shown} instead of {there}");
+            mirrors += 1;
+        }
+        assert!(mirrors > 50);
     }
 
     #[test]

@@ -55,8 +55,10 @@ impl Sunlight {
 pub struct Illumination<'a> {
     pub source: Source<'a>,
     pub gloss: Gloss,
-    /// Mirrors that a ray is followed over.
+    /// Mirrors that a ray is followed over, be it the eye's or a path of light.
     pub bounces: u32,
+    /// Those that the eye's ray has been followed over already; light takes its own way to what they show.
+    pub passed: u32,
     pub mirror: &'a MirrorSettings,
     /// What mirrors show where nothing is, linear.
     pub background: DVec3,
@@ -67,7 +69,12 @@ impl<'a> Illumination<'a> {
     /// Direct light on diffuse surfaces, mirrors included, before black.
     pub fn new(source: Source<'a>, mirror: &'a MirrorSettings) -> Self {
         let indirect = Indirect { bounces: 0, samples: 0, seed: 0 };
-        Self { source, gloss: Gloss::NONE, bounces: 0, mirror, background: DVec3::ZERO, indirect }
+        Self { source, gloss: Gloss::NONE, bounces: 0, passed: 0, mirror, background: DVec3::ZERO, indirect }
+    }
+
+    /// Mirrors that the eye's ray may still be followed over.
+    pub fn left(&self) -> u32 {
+        self.bounces.saturating_sub(self.passed)
     }
 
     /// The sky, if it shines.
@@ -101,7 +108,7 @@ pub fn radiance(
     pixel: usize,
     illumination: &Illumination,
 ) -> DVec3 {
-    let surface = Reflectance::new(hit, direction, illumination.bounces, illumination);
+    let surface = Reflectance::new(hit, direction, illumination.left(), illumination);
     let own = direct(geometry, hit, direction, illumination) + indirect(geometry, hit, direction, pixel, illumination);
     if surface.mirror == DVec3::ZERO {
         return own;
@@ -113,7 +120,7 @@ pub fn radiance(
 /// Light that reaches a mirror point along the reflected ray.
 fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, pixel: usize, illumination: &Illumination) -> DVec3 {
     let seen = point.reflected().and_then(|ray| Some((geometry.nearest(&ray)?, ray.direction)));
-    let beyond = Illumination { bounces: illumination.bounces.saturating_sub(1), ..*illumination };
+    let beyond = Illumination { passed: illumination.passed + 1, ..*illumination };
     seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, &beyond))
 }
 
@@ -133,7 +140,7 @@ pub fn reflected_picture(
 /// Light of the lights, the sun or the lamp that a hit sends back along the ray that arrives in `direction`: by its diffuse part,
 /// of a mirror whose reflection is followed what that leaves of it, and its highlight.
 pub fn direct(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
-    let surface = Reflectance::new(hit, direction, illumination.bounces, illumination);
+    let surface = Reflectance::new(hit, direction, illumination.left(), illumination);
     match illumination.source {
         Source::Headlight(share) => surface.diffuse * (1.0 - share + share * direction.dot(hit.normal).abs().min(1.0)),
         Source::Lights(_) | Source::Sun(_) => scattered(geometry, hit, &surface, illumination),

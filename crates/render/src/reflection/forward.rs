@@ -109,6 +109,11 @@ impl Forward {
         })
     }
 
+    /// Forgets where points were reflected.
+    pub fn forget(&mut self) {
+        self.solutions.clear();
+    }
+
     /// Makes room for the solutions of each page's points; those of pages, rounds and bounces that are no more go. `bounces` is
     /// how many are kept apart.
     ///

@@ -1,5 +1,5 @@
-//! What methods share that follow the reflected ray of each mirror pixel: the nearest hit of each pixel, and the Mirror G-Buffer
-//! made of it.
+//! What methods share that take each mirror pixel to a point: the nearest hit of its reflected ray, if they look for that, and
+//! the Mirror G-Buffer made of what was found.
 
 use super::{MirrorGBuffer, Task};
 use crate::gpu::Result;
@@ -33,21 +33,37 @@ impl Gather {
     /// # Errors
     /// A shader is refused.
     pub fn resolve(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
+        self.complete(recorder, task, |recorder, found| {
+            let [albedo, normal, position] = found.bind();
+            let outputs = [
+                task.mirror.point.bind(),
+                task.normal.bind(),
+                task.mirror.eye.bind(),
+                self.hits.as_entire_binding(),
+                albedo,
+                normal,
+                position,
+            ];
+            recorder.over_page_pixels(&passes::GATHER_RESOLVE, task.supply, &outputs, task.supply.mirror_groups())
+        })
+    }
+
+    /// Takes what `fill` writes for the points that were found, closes pixels beside them, and puts mirrors with a formula before
+    /// it.
+    ///
+    /// # Errors
+    /// A shader is refused, or what `fill` says.
+    pub fn complete(
+        &self,
+        recorder: &mut Recorder<'_>,
+        task: &Task<'_>,
+        fill: impl FnOnce(&mut Recorder<'_>, &MirrorGBuffer) -> Result<()>,
+    ) -> Result<()> {
         // Each step reads what the one before wrote; the last writes the Mirror G-Buffer itself.
         let closings = if task.settings.splat.close_gaps { 2 } else { 0 };
         let steps = closings + usize::from(task.formulas.is_some());
         let images = |step: usize| if step == steps { task.seen } else { &self.found[step % 2] };
-        let [albedo, normal, position] = images(0).bind();
-        let outputs = [
-            task.mirror.point.bind(),
-            task.normal.bind(),
-            task.mirror.eye.bind(),
-            self.hits.as_entire_binding(),
-            albedo,
-            normal,
-            position,
-        ];
-        recorder.over_page_pixels(&passes::GATHER_RESOLVE, task.supply, &outputs, task.supply.mirror_groups())?;
+        fill(recorder, images(0))?;
         for step in 0..closings {
             let mut resources = vec![task.mirror.point.bind()];
             resources.extend(images(step).bind().into_iter().chain(images(step + 1).bind()));

@@ -7,19 +7,24 @@
 
 #[cfg(test)]
 mod beam;
+mod environment_map;
 mod formula;
 mod forward;
 mod gather;
+mod mirror_places;
+mod mirrored_viewpoint;
 mod sscr;
 mod surfel_index;
 mod surfel_trace;
 mod surfel_tree;
 
-use scene::{Method, Settings};
+use scene::{Method, Mirror, Settings};
 
+use environment_map::EnvironmentMap;
 pub(crate) use formula::{is_exact, mirror_spheres, upload};
 use forward::Forward;
 use gather::Gather;
+use mirrored_viewpoint::MirroredViewpoint;
 use sscr::Sscr;
 use surfel_index::SurfelIndex;
 
@@ -123,6 +128,9 @@ pub struct ReflectionStats {
     pub regions: Option<u32>,
     /// Nodes and discs that a ray was tested against, on average; known while steps are shown.
     pub tests_per_ray: Option<[f64; 2]>,
+    /// Share of the mirror pixels that were filled by something that is not to be trusted: closed from neighbours, more than a pixel
+    /// beside the reflected ray, or alone among neighbours that show other surfaces.
+    pub uncertain: f64,
     pub bounces: u32,
 }
 
@@ -137,6 +145,7 @@ const REGIONS: usize = 5;
 const POINTS_UNCONVERGED: usize = 6;
 const NODES_TESTED: usize = 7;
 const DISCS_TESTED: usize = 8;
+const DOUBTED_PIXELS: usize = 9;
 
 /// What a method works on and with.
 pub(crate) struct Task<'a> {
@@ -144,6 +153,8 @@ pub(crate) struct Task<'a> {
     pub supply: &'a Inputs,
     pub settings: &'a Settings,
     pub store: &'a PointStore,
+    /// All that have a formula.
+    pub mirrors: &'a [Mirror],
     /// 0 for what the camera sees by one reflection.
     pub bounce: usize,
     pub mirror: &'a MirrorSurface,
@@ -161,6 +172,8 @@ pub(crate) struct Task<'a> {
 struct Methods {
     size: [u32; 2],
     index: SurfelIndex,
+    environment: EnvironmentMap,
+    mirrored: MirroredViewpoint,
     gather: Option<Gather>,
     forward: Option<Forward>,
     sscr: Option<Sscr>,
@@ -168,8 +181,10 @@ struct Methods {
 
 impl Methods {
     fn bytes(&self) -> u64 {
-        let Self { size: _, index, gather, forward, sscr } = self;
+        let Self { size: _, index, environment, mirrored, gather, forward, sscr } = self;
         index.bytes()
+            + environment.bytes()
+            + mirrored.bytes()
             + gather.as_ref().map_or(0, Gather::bytes)
             + forward.as_ref().map_or(0, Forward::bytes)
             + sscr.as_ref().map_or(0, Sscr::bytes)
@@ -180,6 +195,14 @@ impl Methods {
     fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
         match method {
             Method::None | Method::Auto => Ok(()),
+            Method::EnvironmentMap => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.environment.run(recorder, gather, task)
+            }
+            Method::MirroredViewpoint => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.mirrored.run(recorder, gather, task)
+            }
             Method::SurfelTrace | Method::SscrHierarchical => {
                 let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
                 let use_beams = method == Method::SscrHierarchical;
@@ -225,17 +248,26 @@ pub(crate) struct Reflections {
     pub count: usize,
     methods: Methods,
     counters: wgpu::Buffer,
+    /// Which pixels of the first bounce are not to be trusted; see shaders/mirror_doubt.wgsl.
+    pub doubt: Image,
 }
 
 impl Reflections {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
-        Self { size, bounces: Vec::new(), count: 0, methods: Methods { size, ..Default::default() }, counters }
+        let doubt = Image::new(device, size, "doubt", wgpu::TextureFormat::R32Float);
+        Self { size, bounces: Vec::new(), count: 0, methods: Methods { size, ..Default::default() }, counters, doubt }
     }
 
     /// How many bounces the settings ask for.
     pub fn asked(settings: &Settings) -> usize {
         if settings.reflection.method == Method::None { 0 } else { settings.reflection.bounces as usize }
+    }
+
+    /// Forgets what methods keep from frame to frame.
+    pub fn forget(&mut self) {
+        self.methods.environment.forget();
+        self.methods.sscr.iter_mut().for_each(Sscr::forget);
     }
 
     /// For a frame in which no mirror can be seen.
@@ -253,6 +285,7 @@ impl Reflections {
         supply: &Inputs,
         settings: &Settings,
         store: &PointStore,
+        mirrors: &[Mirror],
         formulas: Option<&wgpu::Buffer>,
         camera: SurfaceImages<'_>,
     ) -> Result<()> {
@@ -282,6 +315,7 @@ impl Reflections {
                 supply,
                 settings,
                 store,
+                mirrors,
                 bounce: index,
                 mirror: &bounce.mirror,
                 normal: surface.normal,
@@ -291,9 +325,16 @@ impl Reflections {
             };
             self.methods.run(recorder, method, &task)?;
             if index == 0 {
-                let resources =
-                    [bounce.mirror.point.bind(), bounce.seen.position.bind(), self.counters.as_entire_binding()];
-                recorder.over_mirrors(&passes::MIRROR_COUNT, &[], supply, &resources)?;
+                let resources = [
+                    bounce.mirror.point.bind(),
+                    surface.normal.bind(),
+                    bounce.mirror.eye.bind(),
+                    bounce.seen.position.bind(),
+                    bounce.seen.normal.bind(),
+                    self.doubt.bind(),
+                    self.counters.as_entire_binding(),
+                ];
+                recorder.over_mirrors(&passes::MIRROR_DOUBT, &[], supply, &resources)?;
             }
         }
         Ok(())
@@ -319,13 +360,14 @@ impl Reflections {
             unconverged: (tried > 0).then(|| share(counters[POINTS_UNCONVERGED], tried)),
             tests_per_ray: (counters[NODES_TESTED] > 0)
                 .then(|| [counters[NODES_TESTED], counters[DISCS_TESTED]].map(|tests| share(tests, pixels))),
+            uncertain: share(counters[DOUBTED_PIXELS], pixels),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
             bounces,
         })
     }
 
     pub fn bytes(&self) -> u64 {
-        self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes()
+        self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes()
     }
 
     /// How the last frame's method came to its result; x and y (curvature, label) only of SSCR.
@@ -333,7 +375,9 @@ impl Reflections {
         match chosen(settings.reflection.method) {
             Method::None | Method::Auto => None,
             Method::Sscr => self.methods.sscr.as_ref().map(|sscr| &sscr.views),
-            Method::SurfelTrace | Method::SscrHierarchical => self.methods.gather.as_ref().map(|gather| &gather.views),
+            Method::EnvironmentMap | Method::MirroredViewpoint | Method::SurfelTrace | Method::SscrHierarchical => {
+                self.methods.gather.as_ref().map(|gather| &gather.views)
+            }
         }
     }
 

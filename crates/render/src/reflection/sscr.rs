@@ -79,6 +79,11 @@ impl Sscr {
         })
     }
 
+    /// The next frame is the first, and has no last one to start from.
+    pub fn forget(&mut self) {
+        self.frames = 0;
+    }
+
     /// Fills the Mirror G-Buffer of one bounce.
     ///
     /// # Errors
@@ -92,6 +97,9 @@ impl Sscr {
             if keeps_solutions { (task.bounce, task.settings.reflection.bounces as usize) } else { (0, 1) };
         // Solutions that are the next seeds must not be searched for twice.
         let solve_once = settings.solve_once || keeps_solutions;
+        if keeps_solutions && self.frames == 0 && task.bounce == 0 {
+            forward.forget();
+        }
         forward.reserve(recorder.gpu, task, rounds, bounce, bounces)?;
         self.label(recorder, task)?;
         forward.clear(recorder);

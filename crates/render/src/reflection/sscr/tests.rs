@@ -290,6 +290,7 @@ impl Scene {
             supply: &supply,
             settings,
             store: &self.store,
+            mirrors: &[],
             bounce: 0,
             mirror: &self.bounce.mirror,
             normal: &self.normal,

@@ -1,0 +1,289 @@
+//! `glint study`: a plan's settings measured one against the other. Plans, runs and charts are `study`'s; here are the words of the
+//! command line, the scenes and the progress.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::anyhow;
+use indicatif::{ProgressBar, ProgressStyle};
+use render::Gpu;
+use scene::{Camera, Settings, StandardView};
+use study::runner::{self, State};
+use study::{Folder, FolderError, Plan, Scenes, Shard, Subject, stability};
+
+use crate::command_line::{MergeArguments, StudyArguments, StudyCommand};
+use crate::failure::usage;
+use crate::{loading, subject};
+
+/// Runs what is asked for; the exit status is 1 if settings failed, which the table tells.
+///
+/// # Errors
+/// Bad usage, a plan that is wrong, scenes that do not exist, a folder of another study, no adapter.
+pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
+    if let Some(StudyCommand::Merge(arguments)) = &arguments.merge {
+        return merge(arguments);
+    }
+    if arguments.list {
+        return list();
+    }
+    let (Some(name), Some(output)) = (&arguments.plan, &arguments.output) else {
+        return Err(usage("study: a plan and -o DIR are missing\n`glint study --list` tells the built-in plans"));
+    };
+    let plan = changed(plan(name)?, arguments)?;
+    runner::check_scenes(&plan, &Inputs).map_err(|error| usage(error.to_string()))?;
+    let about = format!("To measure this again: {}", command(name, arguments));
+    let mut folder = Folder::open(output, plan, &about).map_err(refused)?;
+    let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
+    let bar = bar();
+    let mut show = |state: State<'_>| {
+        bar.set_length(state.total as u64);
+        bar.set_position(state.done as u64);
+        let next = state.next.map(|case| {
+            let values: Vec<String> = case.swept.iter().map(|(key, value)| format!("{key} {value}")).collect();
+            format!("{} {} {}", case.scene, case.method, values.join(", "))
+        });
+        bar.set_message(next.unwrap_or_default());
+    };
+    let shard = arguments.shard.unwrap_or(Shard::WHOLE);
+    let outcome = runner::run(&mut folder, shard, &gpu, &Inputs, &version(), &mut show)?;
+    bar.finish_and_clear();
+    if outcome.redone > 0 {
+        crate::complain(&format!(
+            "warning: {} settings were begun by another version or clock, and were measured anew",
+            outcome.redone
+        ));
+    }
+    let page = output.join("index.html");
+    let made = if outcome.runs == 0 { ", nothing was left to do" } else { "" };
+    crate::print(&format!("{} settings in {}{made}\n", outcome.settings, page.display()))?;
+    Ok(status(&folder, outcome.failed))
+}
+
+/// Tells of settings that failed.
+fn status(folder: &Folder, failed: usize) -> u8 {
+    if failed > 0 {
+        let table = folder.path.join("results.csv");
+        crate::complain(&format!(
+            "settings that failed: {failed}\n{} tells why; run it again to try them again",
+            table.display()
+        ));
+    }
+    u8::from(failed > 0)
+}
+
+fn merge(arguments: &MergeArguments) -> anyhow::Result<u8> {
+    let count = arguments.folders.len();
+    let about = format!("Joined from {count} folder{}", if count == 1 { "" } else { "s" });
+    let joined = Folder::merge(&arguments.folders, &arguments.output, &about).map_err(refused)?;
+    runner::copy_pictures(&arguments.folders, &joined)?;
+    runner::write(&joined)?;
+    let rows = study::results::rows(&joined.plan, &joined.cases, &joined.runs);
+    let complete = rows.iter().filter(|row| row.repeats == joined.plan.repeats as usize || row.error.is_some()).count();
+    let missing = joined.cases.len() - complete;
+    if missing > 0 {
+        crate::complain(&format!("warning: {missing} of {} settings are missing or not finished", joined.cases.len()));
+    }
+    crate::print(&format!("{} settings in {}\n", rows.len(), arguments.output.join("index.html").display()))?;
+    Ok(status(&joined, rows.iter().filter(|row| row.error.is_some()).count()))
+}
+
+fn list() -> anyhow::Result<u8> {
+    let mut text = String::new();
+    for name in study::plan_names() {
+        if let Some(plan) = study::built_in_plan(name) {
+            let plan = plan?;
+            text += &format!("{name:<16}{}, {} settings\n", plan.title, plan.cases().len());
+        }
+    }
+    crate::print(&text)?;
+    Ok(0)
+}
+
+/// A built-in plan, or that of a file.
+fn plan(name: &str) -> anyhow::Result<Plan> {
+    if let Some(plan) = study::built_in_plan(name) {
+        return Ok(plan?);
+    }
+    let path = Path::new(name);
+    if path.exists() || path.extension().is_some() {
+        return Plan::read(path).map_err(|error| usage(error.to_string()));
+    }
+    let names: Vec<&str> = study::plan_names().collect();
+    let near = param::nearest(name, names.iter().copied());
+    let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+    Err(usage(format!("{name}: no such file or built-in plan{hint}\nbuilt-in plans: {}", names.join(", "))))
+}
+
+/// The plan with what the command line says in place of its own words.
+fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
+    let kept = |groups: &[&str], what: &str| {
+        if !groups.is_empty() {
+            crate::complain(&format!("warning: {what}: swept by the plan's group {}, and stays so", groups.join(", ")));
+        }
+    };
+    if let Some(size) = arguments.size {
+        kept(&plan.groups_sweeping(study::plan::SIZE), "--size");
+        plan.size = study::plan::Size(size);
+    }
+    plan.repeats = arguments.repeats.unwrap_or(plan.repeats);
+    for (key, value) in &arguments.set {
+        if key == "reflection.method" {
+            return Err(usage("--set reflection.method: the plan's groups name their methods"));
+        }
+        let groups = plan.replace(key, value).map_err(|error| usage(format!("--set {key}={value}: {error}")))?;
+        kept(&groups, &format!("--set {key}"));
+    }
+    Ok(plan)
+}
+
+/// What was typed, for a folder of any name.
+fn command(name: &str, arguments: &StudyArguments) -> String {
+    let mut words = vec!["glint study".to_owned(), quoted(name), "-o DIR".to_owned()];
+    words.extend(arguments.size.map(|[width, height]| format!("--size {width}x{height}")));
+    words.extend(arguments.repeats.map(|repeats| format!("--repeats {repeats}")));
+    words.extend(arguments.set.iter().map(|(key, value)| format!("--set {}", quoted(&format!("{key}={value}")))));
+    words.extend(arguments.shard.map(|shard| format!("--shard {}/{}", shard.number, shard.count)));
+    words.extend(arguments.gpu.gpu.iter().map(|gpu| format!("--gpu {}", quoted(gpu))));
+    words.join(" ")
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let is_plain = |character: char| character.is_ascii_alphanumeric() || "_-./=,:+@%".contains(character);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+/// What a person can mend by other words, and what is the disk's fault.
+fn refused(error: FolderError) -> anyhow::Error {
+    match error {
+        FolderError::Io { .. } => error.into(),
+        _ => usage(error.to_string()),
+    }
+}
+
+fn version() -> String {
+    match option_env!("GLINT_COMMIT") {
+        Some(commit) => format!("{} ({commit})", env!("CARGO_PKG_VERSION")),
+        None => env!("CARGO_PKG_VERSION").to_owned(),
+    }
+}
+
+/// Hidden where standard error is no terminal.
+fn bar() -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:40} {pos} of {len}, {eta} left  {msg}");
+    ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// The scenes that `glint render` knows, and those that provoke failures.
+struct Inputs;
+
+/// Clouds without a camera are framed for a picture of this shape, whatever its size: it must not change with what is swept.
+const ASPECT: f64 = 4.0 / 3.0;
+
+impl Scenes for Inputs {
+    fn settings(&self, scene: &str) -> anyhow::Result<Settings> {
+        if stability::is_case(scene) {
+            return stability::settings(scene);
+        }
+        let request = loading::resolve(&[scene.to_owned()]);
+        request.check()?;
+        Ok(request.view.map(|view| view.settings).unwrap_or_default())
+    }
+
+    fn load(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Subject> {
+        if stability::is_case(scene) {
+            return stability::subject(gpu, scene, settings);
+        }
+        let request = loading::resolve(&[scene.to_owned()]);
+        request.check()?;
+        let own = request.view.as_ref().and_then(|view| view.camera);
+        let field_of_view = settings.view.field_of_view;
+        let framing =
+            |outline: &[glam::DVec3], up| Camera::framing(outline, StandardView::Isometric, up, field_of_view, ASPECT);
+        let opened = subject::open(gpu, request, settings, |outline, up| own.unwrap_or_else(|| framing(outline, up)))?;
+        match opened {
+            Some(opened) if opened.failures == 0 => Ok(opened.subject),
+            _ => Err(anyhow!("{scene}: cannot be read in full")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+    use crate::command_line::{Command, CommandLine};
+    use crate::failure::exit_status;
+
+    fn arguments(words: &[&str]) -> StudyArguments {
+        let all = ["glint", "study"].iter().chain(words);
+        match CommandLine::try_parse_from(all).unwrap().command {
+            Some(Command::Study(arguments)) => arguments,
+            _ => panic!("not a study"),
+        }
+    }
+
+    /// What `glint study` says to bad words, all of which must be found before an adapter is looked for.
+    fn refusal(words: &[&str]) -> String {
+        let error = run(&arguments(words)).unwrap_err();
+        assert_eq!(exit_status(&error), 2, "{error:#}");
+        let text = format!("{error:#}");
+        assert!(text.lines().count() <= 2, "{text}");
+        text
+    }
+
+    #[test]
+    fn bad_words_are_refused_by_name_before_any_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("study").display().to_string();
+        let refused = |words: &[&str]| refusal(&[words, &["-o", &output]].concat());
+        assert!(refused(&["seed-attempt"]).contains("did you mean `seed-attempts`?"));
+        assert!(refused(&["nonsense"]).contains("built-in plans: methods, seed-attempts"));
+        assert!(refused(&["nowhere.toml"]).contains("nowhere.toml: No such file"));
+        assert!(refused(&["methods", "--set", "sscr.sead=1"]).contains("--set sscr.sead=1"));
+        assert!(refused(&["methods", "--set", "reflection.method=sscr"]).contains("groups name their methods"));
+        let path = folder.path().join("plan.toml");
+        let plan = |scene: &str| format!("title = \"x\"\n[[group]]\nscenes = [\"{scene}\"]\n");
+        std::fs::write(&path, plan("five-mirrors/sphre")).unwrap();
+        let missing = refused(&[&path.display().to_string()]);
+        assert!(missing.contains("group-1") && missing.contains("did you mean `five-mirrors/sphere`?"), "{missing}");
+        std::fs::write(&path, "title = 1\n").unwrap();
+        assert!(refused(&[&path.display().to_string()]).contains("plan.toml:1: "));
+        assert!(!folder.path().join("study").exists(), "nothing was begun");
+        let nothing = refusal(&["merge", &folder.path().join("none").display().to_string(), "-o", &output]);
+        assert!(nothing.contains("no study's folder"), "{nothing}");
+    }
+
+    #[test]
+    fn words_of_the_command_line_take_the_place_of_the_plans() {
+        let words = ["viewport", "-o", "x", "--size", "64x48", "--repeats", "2", "--set", "scene.points=5000"];
+        let arguments = arguments(&words);
+        let plan = changed(plan("viewport").unwrap(), &arguments).unwrap();
+        let cases = plan.cases();
+        assert_eq!((plan.repeats, cases[0].size), (2, [640, 480]), "a swept size stays");
+        assert!(cases.iter().all(|case| case.set.contains(&("scene.points".into(), "5000".into()))));
+        let typed = "glint study viewport -o DIR --size 64x48 --repeats 2 --set scene.points=5000";
+        assert_eq!(command("viewport", &arguments), typed);
+    }
+
+    #[test]
+    fn the_command_that_is_kept_can_be_typed_again() {
+        let words =
+            ["a plan.toml", "-o", "x", "--set", "color.attribute=the dog's", "--shard", "2/8", "--gpu", "RTX 4090"];
+        let typed =
+            "glint study 'a plan.toml' -o DIR --set 'color.attribute=the dog'\\''s' --shard 2/8 --gpu 'RTX 4090'";
+        assert_eq!(command("a plan.toml", &arguments(&words)), typed);
+    }
+
+    #[test]
+    fn every_built_in_plan_names_scenes_that_there_are() {
+        for name in study::plan_names() {
+            runner::check_scenes(&plan(name).unwrap(), &Inputs).unwrap();
+        }
+        assert!(Inputs.settings("stability/nonsense:1").is_err());
+    }
+}

@@ -1,0 +1,294 @@
+//! From what a person named to a scene in memory and on the GPU, for pictures without a window.
+//!
+//! Chunks are put in the order of the file, so that a picture does not depend on which thread was faster.
+
+use std::sync::Arc;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::Duration;
+
+use anyhow::anyhow;
+use cloud::{Chunk, Cloud, Progress};
+use glam::DVec3;
+use render::{ColorPlan, Gpu, MOST_LIGHTS, PointStore};
+use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings, SpotLight, Surroundings};
+use study::{Exact, Part, Subject};
+
+use crate::failure::usage;
+use crate::loading::{self, Event, Input, Request};
+use crate::{mirrors, progress_bar};
+
+/// A scene that was opened.
+pub struct Opened {
+    pub subject: Subject,
+    /// Inputs that could not be read; they have been reported.
+    pub failures: usize,
+}
+
+/// Reads what is asked for and puts it on the GPU; `camera` is told the outline of it all and which way is up. `None` if none
+/// of the inputs can be read, which has been reported then.
+///
+/// # Errors
+/// Inputs without points, no memory on the GPU.
+pub fn open(
+    gpu: &Arc<Gpu>,
+    mut request: Request,
+    settings: &Settings,
+    camera: impl FnOnce(&[DVec3], DVec3) -> Camera,
+) -> anyhow::Result<Option<Opened>> {
+    let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
+    let exact = request.built_in().map(Exact::five_mirrors);
+    request.lights.extend(request.built_in_light());
+    if request.lights.len() > MOST_LIGHTS {
+        crate::complain(&format!("warning: only the first {MOST_LIGHTS} lights shine"));
+    }
+    let Loads { mut clouds, mirrors: mut placed, failures } = load(std::mem::take(&mut request.inputs), settings)?;
+    if clouds.is_empty() && failures > 0 {
+        return Ok(None);
+    }
+    let area = mirrors::area_per_point(clouds.iter().flat_map(|loaded| &loaded.cloud.chunks));
+    placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
+    let outline = clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks));
+    let outline: Vec<DVec3> = outline.chain(placed.iter().flat_map(|(mirror, _)| mirrors::outline(mirror))).collect();
+    let Some(up) = clouds.iter().find(|loaded| !loaded.cloud.is_empty()).map(|loaded| loaded.up) else {
+        return Err(usage(format!("{}: no points to show", names.join(", "))));
+    };
+    let camera = camera(&outline, up);
+    let sky_is_open = find_light(&clouds, up, camera.eye, settings, &mut request.lights);
+    let mut store = PointStore::new(gpu.clone());
+    store.reserve(clouds.iter().map(|loaded| loaded.cloud.len()).sum());
+    let mut parts = Vec::new();
+    for loaded in &mut clouds {
+        let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
+        let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
+        parts.extend(upload(&mut store, loaded, &reflecting, settings)?);
+    }
+    for points in &request.mirror_points {
+        if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
+            crate::complain(&format!("warning: mirror points: no cloud is called `{}`", points.cloud));
+        }
+    }
+    for (mirror, samples) in &placed {
+        mirrors::upload(&mut store, mirror, samples)?;
+        let samples = Cloud { name: mirror.name.clone(), chunks: samples.clone(), ..Cloud::default() };
+        parts.push(Part::of_mirror(mirror, samples));
+    }
+    let mirrors = placed.into_iter().map(|(mirror, _)| mirror).collect();
+    let subject = Subject { parts, store, mirrors, lights: request.lights, sky_is_open, camera, exact };
+    Ok(Some(Opened { subject, failures }))
+}
+
+/// Whether the sky is open above the points, as far as that matters for their light. A room without a light gets a lamp, which
+/// of itself shines only while the eye is in the room.
+fn find_light(clouds: &[Loaded], up: DVec3, eye: DVec3, settings: &Settings, lights: &mut Vec<SpotLight>) -> bool {
+    if !lights.is_empty() || !matches!(settings.light.by, Lighting::Auto | Lighting::Lights) {
+        return false;
+    }
+    let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
+    match Surroundings::of(cloud::spread_sample(&chunks), up) {
+        Surroundings::OpenSky => true,
+        Surroundings::Room(room) => {
+            lights.extend(room.lamp_shines(settings.light.by, eye).then_some(room.lamp));
+            false
+        }
+    }
+}
+
+/// A cloud that is in memory.
+struct Loaded {
+    cloud: Cloud,
+    /// As on the command line or in the scene file.
+    input: String,
+    source: Option<Arc<codec::Source>>,
+    up: DVec3,
+    provisional_radius: f32,
+}
+
+/// How long the receiver waits before it looks at the progress again.
+const INTERVAL: Duration = Duration::from_millis(100);
+
+/// All inputs in memory.
+#[derive(Default)]
+struct Loads {
+    /// Chunks in the order of the file, with normals and radii.
+    clouds: Vec<Loaded>,
+    /// Of built-in scenes, and the points that stand for them.
+    mirrors: Vec<(Mirror, Vec<Chunk>)>,
+    /// Inputs that failed; they are reported as they fail.
+    failures: usize,
+}
+
+fn load(inputs: Vec<Input>, settings: &Settings) -> anyhow::Result<Loads> {
+    let job = loading::start(inputs, settings);
+    let Loads { mut clouds, mut mirrors, mut failures } = Loads::default();
+    let bar = progress_bar::points("reading");
+    let warn = |name: &str, warnings: &[String]| {
+        for warning in warnings {
+            bar.suspend(|| crate::complain(&format!("warning: {name}: {warning}")));
+        }
+    };
+    let mut surfels_begun = false;
+    loop {
+        if !surfels_begun && job.surfel_progress.total() > 0 {
+            surfels_begun = true;
+            bar.reset();
+            bar.set_message("normals");
+        }
+        progress_bar::update(&bar, if surfels_begun { &job.surfel_progress } else { &job.progress });
+        match job.events.recv_timeout(INTERVAL) {
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Err(anyhow!("loading ended before it was done")),
+            Ok(Event::Opened { name, input, source, attributes, grid, up, provisional_radius, warnings, .. }) => {
+                warn(&name, &warnings);
+                let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
+                clouds.push(Loaded { cloud, input, source, up, provisional_radius });
+            }
+            Ok(Event::Mirror { mirror, samples, .. }) => mirrors.push((mirror, samples)),
+            Ok(Event::Chunk { cloud, chunk }) => clouds[cloud].cloud.chunks.push(chunk),
+            Ok(Event::Read { cloud, summary }) => {
+                let opened = clouds[cloud].source.as_ref().map(|source| source.info().warnings.clone());
+                let opened = opened.unwrap_or_default();
+                let new: Vec<String> =
+                    summary.warnings.into_iter().filter(|warning| !opened.contains(warning)).collect();
+                let cloud = &mut clouds[cloud].cloud;
+                cloud.chunks.sort_by_key(|chunk| chunk.first_point);
+                warn(&cloud.name, &new);
+            }
+            Ok(Event::Surfels { cloud, surfels }) => {
+                for (chunk, surfels) in clouds[cloud].cloud.chunks.iter_mut().zip(surfels) {
+                    chunk.normals = Some(Arc::new(surfels.normals));
+                    chunk.radii = Some(Arc::new(surfels.radii));
+                }
+            }
+            Ok(Event::Failed { error, .. }) => {
+                failures += 1;
+                bar.suspend(|| crate::complain(&error));
+            }
+            Ok(Event::Finished) => break,
+        }
+    }
+    bar.finish_and_clear();
+    Ok(Loads { clouds, mirrors, failures })
+}
+
+/// Puts a cloud on the GPU in the colours that the settings ask for, and those of its points that reflect as clouds of their
+/// own; gives back what it put there.
+fn upload(
+    store: &mut PointStore,
+    loaded: &mut Loaded,
+    reflecting: &[&MirrorPoints],
+    settings: &Settings,
+) -> anyhow::Result<Vec<Part>> {
+    let (plan, warning) = ColorPlan::new(&loaded.cloud, &settings.color, loaded.up);
+    if let Some(warning) = warning {
+        crate::complain(&format!("warning: {warning}"));
+    }
+    if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), &loaded.source) {
+        let progress = Progress::default();
+        let mut columns =
+            progress_bar::watch("reading", &progress, || loading::read_column(source, attribute, &progress))?;
+        for chunk in &mut loaded.cloud.chunks {
+            chunk.columns[attribute] = columns.remove(&chunk.first_point);
+        }
+    }
+    let mut marked = Vec::new();
+    for points in reflecting {
+        let progress = Progress::default();
+        let mark = || mirrors::mark(&loaded.cloud, loaded.source.as_deref(), points, &progress);
+        marked.extend(progress_bar::watch("mirror", &progress, mark).map_err(|error| usage(format!("{error:#}")))?);
+    }
+    let mut parts: Vec<(render::Material, Vec<Chunk>)> = vec![(render::Material::default(), Vec::new())];
+    parts.extend(marked.iter().map(|marked| (marked.material, Vec::new())));
+    for (index, chunk) in loaded.cloud.chunks.iter().enumerate() {
+        let parted = mirrors::part(chunk, index, &marked);
+        let reflecting = parted.reflecting.into_iter().map(|(taken, _)| taken);
+        for ((_, chunks), part) in parts.iter_mut().zip(std::iter::once(parted.rest).chain(reflecting)) {
+            chunks.push(part);
+        }
+    }
+    let classification = loaded.cloud.attributes.iter().position(|attribute| attribute.name == "classification");
+    let mut uploaded = Vec::new();
+    for (material, mut chunks) in parts {
+        chunks.retain(|chunk| !chunk.is_empty());
+        let id = store.add_cloud(material);
+        store.set_provisional_radius(id, loaded.provisional_radius);
+        let mut ids = Vec::with_capacity(chunks.len());
+        for chunk in &chunks {
+            let classes = classification.and_then(|index| chunk.columns.get(index)?.as_deref());
+            let classes = if let Some(cloud::Column::U8(classes)) = classes { Some(classes.as_slice()) } else { None };
+            ids.push(store.add_chunk(id, chunk, classes)?);
+        }
+        let cloud = Cloud {
+            name: loaded.cloud.name.clone(),
+            attributes: loaded.cloud.attributes.clone(),
+            grid: loaded.cloud.grid,
+            chunks,
+        };
+        store.set_color(id, &cloud, &ids, &plan, loaded.up)?;
+        let render::Material { specular_intensity, specular_power, .. } = material;
+        uploaded.push(Part { cloud, specular_intensity, specular_power, plan: plan.clone(), up: loaded.up });
+    }
+    Ok(uploaded)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use super::*;
+
+    /// `None`, with a note, where the real files are not.
+    fn real(name: &str) -> Option<Loaded> {
+        let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+        let folder = std::env::var_os("GLINT_TEST_DATA").map_or(beside, PathBuf::from);
+        if !folder.is_dir() {
+            eprintln!("skipped: no folder {}", folder.display());
+            return None;
+        }
+        let input = Input::File(folder.join(name));
+        // Without normals and radii, which do not matter here.
+        let job = loading::start(vec![input], &Settings::default());
+        job.surfel_progress.cancel();
+        let mut loaded: Option<Loaded> = None;
+        for event in &job.events {
+            match event {
+                Event::Opened { name, input, source, attributes, grid, up, provisional_radius, .. } => {
+                    let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
+                    loaded = Some(Loaded { cloud, input, source, up, provisional_radius });
+                }
+                Event::Chunk { chunk, .. } => {
+                    loaded.iter_mut().for_each(|loaded| loaded.cloud.chunks.push(chunk.clone()))
+                }
+                Event::Failed { error, .. } => panic!("{error}"),
+                _ => {}
+            }
+        }
+        loaded
+    }
+
+    #[test]
+    fn landscapes_forests_and_objects_have_a_sky_and_rooms_a_lamp() {
+        let settings = Settings::default();
+        for (name, is_room) in [
+            ("terrestrial/indoor_office_tls_rgb_las14_pf7.laz", true),
+            ("terrestrial/indoor_building_norgb_las12_pf3.laz", true),
+            ("terrestrial/pine_plot_tls_las12_pf0.laz", false),
+            ("terrestrial/mobile_wall_plane_las12_pf3.laz", false),
+            ("airborne/autzen_trim_las12_pf3.laz", false),
+            ("airborne/megaplot_forest_las12_pf1.laz", false),
+            ("ply/stanford_bunny_full_ascii_mesh.ply", false),
+            ("ply/armadillo_points_normals_ascii.ply", false),
+            // Half a room: there is no ceiling.
+            ("ply/office_kinect_rgba_binary_le.ply", false),
+        ] {
+            let Some(loaded) = real(name) else { return };
+            let (up, inside) = (loaded.up, cloud::robust_bounds(&loaded.cloud.chunks).center());
+            let clouds = [loaded];
+            let mut lights = Vec::new();
+            assert_eq!(find_light(&clouds, up, inside, &settings, &mut lights), !is_room, "{name}");
+            assert_eq!(lights.len(), usize::from(is_room), "{name}");
+            let mut outside = Vec::new();
+            find_light(&clouds, up, inside + DVec3::splat(1e4), &settings, &mut outside);
+            assert_eq!(outside, []);
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! The viewer without its window, for tests: a state, a render thread and the work that the state asks for, done one after the
+//! other.
+
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use egui::Ui;
+use render::Gpu;
+
+use super::figures::Figures;
+use super::interface;
+use super::preferences::Preferences;
+use super::render_thread::{Command, RenderThread, Report};
+use super::state::{Effect, Found, State};
+use super::sweep::Sweep;
+use crate::{loading, mirrors};
+
+pub struct Bench {
+    pub state: State,
+    /// What a sweep would have written.
+    pub swept: Option<Box<Sweep>>,
+    thread: RenderThread,
+    reports: Receiver<Report>,
+}
+
+/// Software Vulkan compiles for a minute on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(240);
+
+impl Bench {
+    /// A mirror ball of few points, seen in few pixels; `None`, with a note, without an adapter.
+    pub fn with_sphere() -> Option<Self> {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => {
+                eprintln!("skipped: {error}");
+                return None;
+            }
+        };
+        let (sender, reports) = channel();
+        let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
+        let mut state = State::new(Preferences::default());
+        (state.settings.scene.points, state.settings.trace.samples) = (3000, 4);
+        // Few passes to compile.
+        (state.settings.gi.vpls, state.settings.gi.bounces) = (4, 1);
+        state.set_view_size([64, 48]);
+        assert!(state.open(&["five-mirrors/sphere".into()]));
+        let mut bench = Self { state, swept: None, thread, reports };
+        let Report::Ready { adapter } = bench.report() else { panic!("no renderer") };
+        bench.state.on_report(Report::Ready { adapter });
+        Some(bench)
+    }
+
+    fn report(&self) -> Report {
+        self.reports.recv_timeout(PATIENCE).expect("the render thread answers")
+    }
+
+    /// Draws the window's contents; the picture keeps its size.
+    pub fn show(&mut self, ui: &mut Ui) {
+        let size = self.state.view_size;
+        interface::show(ui, &mut self.state, None);
+        self.state.set_view_size(size);
+    }
+
+    /// Goes on until nothing is left to do.
+    pub fn settle(&mut self) {
+        let started = Instant::now();
+        loop {
+            let rest = self.state.request_frame();
+            self.state.renew_figures();
+            self.state.sync_objects();
+            self.state.sync_sweep();
+            let truth = self.state.sync_truth();
+            let mut is_done = rest.is_none() && truth.is_none();
+            for effect in std::mem::take(&mut self.state.effects) {
+                is_done &= matches!(effect, Effect::Log(_));
+                self.work(effect);
+            }
+            if is_done {
+                return;
+            }
+            assert!(started.elapsed() < PATIENCE, "there is no end to it");
+        }
+    }
+
+    fn work(&mut self, effect: Effect) {
+        match effect {
+            Effect::Render(command) => {
+                let is_answered = matches!(
+                    command,
+                    Command::Frame(_) | Command::Capture { .. } | Command::Measure(_) | Command::Present { .. }
+                );
+                self.thread.send(command);
+                if is_answered {
+                    let report = self.report();
+                    self.state.on_report(report);
+                }
+            }
+            Effect::Load { inputs } => {
+                let job = loading::start(inputs.clone(), &self.state.settings);
+                let id = self.state.add_job(&inputs, job.progress.clone(), job.surfel_progress.clone());
+                job.events.iter().for_each(|event| self.state.on_loading(id, event));
+            }
+            Effect::FindFigures { key, cloud, basis, up } => {
+                let figures = Box::new(Figures::of(&cloud, &basis.color, up));
+                self.state.on_found(Found::Figures { key, basis, figures });
+            }
+            Effect::SampleMirror { id, mirror, area_per_point } => {
+                let samples = mirrors::sample(&mirror, area_per_point);
+                self.state.on_found(Found::Samples { id, mirror, area_per_point, samples });
+            }
+            Effect::FindSurroundings { asked, chunks, up } => {
+                let found = scene::Surroundings::of(cloud::spread_sample(&chunks), up);
+                self.state.on_found(Found::Surroundings { asked, found });
+            }
+            Effect::Truth(task) => {
+                let answers = std::cell::RefCell::new(Vec::new());
+                task.run(|answer| answers.borrow_mut().push(answer));
+                answers.into_inner().into_iter().for_each(|answer| self.state.on_found(Found::Truth(Box::new(answer))));
+            }
+            Effect::SaveSweep(sweep) => self.swept = Some(sweep),
+            _ => {}
+        }
+    }
+}

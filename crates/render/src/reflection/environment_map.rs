@@ -1,0 +1,181 @@
+//! Environment maps (Blinn, Newell 1976; as cubes Greene 1986), the cheap baseline: what a mirror shows in a direction
+//! is what is seen in that direction from its middle. Right for what is far away; what is near is seen from the wrong
+//! place.
+//!
+//! A map is six pictures, splatted from the points around a mirror by the passes that make the camera's picture. It
+//! knows nothing of the camera and is kept until points, mirrors or splats change. A texel holds which point is nearest,
+//! so colours may change, and what is reported as seen is a place on that point's disc, however far from the reflected
+//! ray it lies. By the box proxy a direction is turned first, to where the reflected ray leaves the box about all points
+//! (Lagarde, Zanuttini 2012): exact for an empty box.
+
+use glam::{DMat3, DVec3};
+use scene::{MirrorSurface, Quality, Settings, Splat};
+
+use super::Task;
+use super::gather::Gather;
+use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
+use crate::frame::FrameCamera;
+use crate::gpu::Result;
+use crate::inputs::Inputs;
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::store::{CloudId, Selection};
+use crate::targets::storage;
+
+/// Maps of a frame; more would not fit memory at the largest size. Further mirrors take the map whose middle is nearest
+/// to their own.
+const MOST_MAPS: u64 = 8;
+
+/// The maps, with what they were drawn from.
+#[derive(Default)]
+pub(crate) struct EnvironmentMap {
+    /// Six faces a map, each laid out as the camera's `nearest`.
+    maps: Option<wgpu::Buffer>,
+    drawn: Option<Drawn>,
+}
+
+/// What maps depend on.
+#[derive(PartialEq)]
+struct Drawn {
+    revision: u64,
+    splat: Splat,
+    surface: MirrorSurface,
+    size: u32,
+    /// Of each map: the cloud that it does not show, and its middle.
+    maps: Vec<(Option<CloudId>, DVec3)>,
+}
+
+impl EnvironmentMap {
+    pub fn bytes(&self) -> u64 {
+        self.maps.as_ref().map_or(0, wgpu::Buffer::size)
+    }
+
+    /// Maps are drawn anew for the next frame.
+    pub fn forget(&mut self) {
+        self.drawn = None;
+    }
+
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn run(&mut self, recorder: &mut Recorder<'_>, gather: &Gather, task: &Task<'_>) -> Result<()> {
+        let places = mirror_places(task);
+        let size = task.settings.environment_map.size;
+        let face_bytes = map_bytes([size; 2]);
+        let most = (recorder.gpu.device.limits().max_storage_buffer_binding_size / (6 * face_bytes)).min(MOST_MAPS);
+        let mapped = &places[..places.len().min(most as usize)];
+        let drawn = Drawn {
+            revision: task.store.geometry_revision(),
+            // The same passes draw them whatever the picture's quality, which changes whenever the camera begins to move.
+            splat: Splat { quality: Quality::Nearest, ..task.settings.splat.clone() },
+            surface: task.settings.mirror.surface,
+            size,
+            maps: mapped.iter().map(|place| (place.cloud, place.bounds.center())).collect(),
+        };
+        let bytes = 6 * face_bytes * mapped.len().max(1) as u64;
+        let (maps, was_drawn) = match self.maps.take().filter(|maps| maps.size() == bytes) {
+            Some(maps) => (maps, self.drawn.take()),
+            None => (storage(&recorder.gpu.device, "environment maps", bytes), None),
+        };
+        if was_drawn.as_ref() != Some(&drawn) {
+            draw(recorder, task, mapped, size, &maps)?;
+        }
+        self.drawn = Some(drawn);
+        let maps = self.maps.insert(maps);
+
+        let eye = task.supply.camera.eye;
+        let map_of = |index: usize| {
+            let distance = |map: usize| mapped[map].bounds.center().distance_squared(places[index].bounds.center());
+            let map = (0..mapped.len()).min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
+            Some(MirrorMap { map, view: (mapped[map].bounds.center() - eye).as_vec3().extend(0.0) })
+        };
+        let mirrors = upload(recorder.gpu, &places, task.store.bounds(), eye, map_of);
+        gather.complete(recorder, task, |recorder, found| {
+            let [albedo, normal, position] = found.bind();
+            let outputs = [
+                task.mirror.point.bind(),
+                task.normal.bind(),
+                task.mirror.eye.bind(),
+                maps.as_entire_binding(),
+                mirrors.as_entire_binding(),
+                albedo,
+                normal,
+                position,
+                gather.views.bind(),
+            ];
+            let groups = task.supply.mirror_groups();
+            recorder.over_page_pixels(&passes::ENVIRONMENT_LOOK_UP, task.supply, &outputs, groups)
+        })
+    }
+}
+
+/// Splats the points around each mirror, all but its own.
+fn draw(
+    recorder: &mut Recorder<'_>,
+    task: &Task<'_>,
+    mapped: &[MirrorPlace],
+    size: u32,
+    maps: &wgpu::Buffer,
+) -> Result<()> {
+    recorder.time_as(Some("environment_map"));
+    recorder.clear(maps);
+    let settings =
+        Settings { splat: Splat { quality: Quality::Nearest, ..task.settings.splat.clone() }, ..task.settings.clone() };
+    let face_bytes = maps.size() / (6 * mapped.len().max(1) as u64);
+    for (index, place) in mapped.iter().enumerate() {
+        let selection = place.cloud.map_or(Selection::Seen, Selection::SeenBesides);
+        for face in 0..6 {
+            let camera = face_camera(place.bounds.center(), place.bounds.radius(), face, size);
+            let list = task.store.draw_list(&camera, &settings, selection);
+            let inputs = Inputs::new(recorder.gpu, camera, &settings, task.store, &list);
+            let binding = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: maps,
+                offset: face_bytes * (index * 6 + face) as u64,
+                size: std::num::NonZeroU64::new(face_bytes),
+            });
+            for pass in passes::splat_nearest(recorder.gpu.has_wide_atomics(&settings.splat)) {
+                recorder.over_points(pass, &[], &inputs, std::slice::from_ref(&binding))?;
+            }
+        }
+    }
+    recorder.time_as(None);
+    Ok(())
+}
+
+/// How a face of a map is seen from its middle: 0 to 2 along an axis, 3 to 5 against it; the two axes after it point
+/// right and up.
+fn face_camera(center: DVec3, mirror_radius: f64, face: usize, size: u32) -> FrameCamera {
+    let axis = |index: usize| DVec3::AXES[(face + index) % 3];
+    let forward = if face < 3 { axis(0) } else { -axis(0) };
+    FrameCamera {
+        view_from_world: DMat3::from_cols(axis(1), axis(2), forward).transpose(),
+        // So near lies only the mirror itself. One without extent must not divide by a depth of zero.
+        near: (mirror_radius * 1e-4).max(f64::from(f32::MIN_POSITIVE)),
+        ..FrameCamera::along(center, forward, f64::from(size) * 0.5, [size; 2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_direction_is_in_the_picture_of_the_face_of_its_largest_part() {
+        let center = DVec3::new(3.0, -2.0, 700.0);
+        for i in 0..500_u32 {
+            let part = |k: u32| f64::from((i * 7919 + k * 104_729) % 1000) / 500.0 - 0.999;
+            let direction = DVec3::new(part(1), part(2), part(3));
+            let largest = (0..3).fold(0, |a, b| if direction[b].abs() > direction[a].abs() { b } else { a });
+            let face = largest + if direction[largest] > 0.0 { 0 } else { 3 };
+            let camera = face_camera(center, 1.0, face, 64);
+            let view = camera.view_from_world * direction;
+            assert!((view.length() - direction.length()).abs() < 1e-12);
+            // The two functions of the shader: the depth is the largest part, and the slopes are those of the parts
+            // after it.
+            assert!((view.z - direction[largest].abs()).abs() < 1e-12);
+            let slopes = [1, 2].map(|after| direction[(largest + after) % 3] / direction[largest].abs());
+            assert!(slopes.iter().all(|slope| slope.abs() <= 1.0));
+            let seen = camera.world_from_pixel(32.0 * (1.0 + slopes[0]), 32.0 * (1.0 - slopes[1]), view.z);
+            assert!((seen - center).distance(direction) < 1e-9, "{seen}");
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! The mirrors of a scene one by one, for methods that look at the scene from each of them, and what shaders are told of
+//! them to find the mirror that a place lies on.
+
+use cloud::{Bounds, Chunk, unpack_normal, unpack_radius};
+use glam::{DVec3, Vec4};
+
+use super::{Task, is_exact};
+use crate::gpu::Gpu;
+use crate::store::CloudId;
+use crate::targets::storage;
+
+/// Points of a mirror that stand for all of it: enough for a mean that is right to a few hundredths of the mirror's size.
+const MOST_SAMPLES: usize = 1024;
+
+/// A mirror of the scene.
+#[derive(Clone, Debug)]
+pub(crate) struct MirrorPlace {
+    /// The cloud of its points; none where it is drawn by its formula.
+    pub cloud: Option<CloudId>,
+    /// Of its splats, world coordinates.
+    pub bounds: Bounds,
+    /// Places and unit normals of some of its points, spread over it.
+    pub samples: Vec<(DVec3, DVec3)>,
+}
+
+/// All mirrors that reflect and are shown: first the clouds, in their order, then those that are drawn by their formula.
+pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
+    let splat_size = f64::from(task.settings.splat.size);
+    let of_cloud = |(cloud, ids): (CloudId, Vec<_>)| {
+        let placed: Vec<_> = ids.iter().filter_map(|id| task.store.placed(*id)).collect();
+        let bounds = placed.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds));
+        let radius = placed.iter().map(|chunk| chunk.largest_radius).fold(0.0, f32::max);
+        let chunks: Vec<&Chunk> = placed.iter().map(|chunk| chunk.points).collect();
+        let bounds = widened(bounds, f64::from(radius) * splat_size);
+        MirrorPlace { cloud: Some(cloud), bounds, samples: samples(&chunks) }
+    };
+    let mut places: Vec<MirrorPlace> = task.store.mirror_clouds(task.settings).into_iter().map(of_cloud).collect();
+    let exact = task.mirrors.iter().filter(|mirror| is_exact(task.settings, mirror.as_points));
+    places.extend(exact.filter(|mirror| mirror.specular_intensity > 0.0).map(|mirror| {
+        let sampled = mirror.sample(MOST_SAMPLES, 1);
+        let chunks: Vec<&Chunk> = sampled.iter().collect();
+        let bounds = chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
+        let radii = chunks.iter().flat_map(|chunk| chunk.radii.iter().flat_map(|radii| radii.iter()));
+        let radius = radii.filter_map(|radius| unpack_radius(*radius)).fold(0.0, f32::max);
+        MirrorPlace { cloud: None, bounds: widened(bounds, f64::from(radius)), samples: samples(&chunks) }
+    }));
+    places
+}
+
+fn widened(bounds: Bounds, by: f64) -> Bounds {
+    Bounds { min: bounds.min - by, max: bounds.max + by }
+}
+
+/// At most `MOST_SAMPLES` points, evenly among those of the chunks; without those that have no normal.
+pub(crate) fn samples(chunks: &[&Chunk]) -> Vec<(DVec3, DVec3)> {
+    let count: usize = chunks.iter().map(|chunk| chunk.len()).sum();
+    let step = count.div_ceil(MOST_SAMPLES).max(1);
+    let mut samples = Vec::new();
+    let mut next = 0;
+    for chunk in chunks {
+        while next < chunk.len() {
+            let normal = chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[next]));
+            samples.extend(normal.map(|normal| (chunk.position(next), normal.as_dvec3())));
+            next += step;
+        }
+        next -= chunk.len();
+    }
+    samples
+}
+
+/// Bytes of a picture of texels that are laid out as the camera's `nearest`, such that one may follow the other in a
+/// buffer: adapters want the start of a binding at a multiple of 256 bytes, which are 32 texels.
+pub(crate) fn map_bytes([width, height]: [u32; 2]) -> u64 {
+    (u64::from(width) * u64::from(height)).next_multiple_of(32) * 8
+}
+
+/// What a shader is told of a mirror beside its box: the number of its map and where that is seen from, or how.
+pub(crate) struct MirrorMap {
+    pub map: usize,
+    pub view: Vec4,
+}
+
+/// The mirrors as shaders/shared/mirror_places.wgsl has them. `scene`: box of all points. `map_of`: a mirror's map, by
+/// its number among `places`; none: nothing is seen in it.
+pub(crate) fn upload(
+    gpu: &Gpu,
+    places: &[MirrorPlace],
+    scene: Bounds,
+    eye: DVec3,
+    map_of: impl Fn(usize) -> Option<MirrorMap>,
+) -> wgpu::Buffer {
+    let relative = |place: DVec3| (place - eye).as_vec3();
+    let mut words = vec![relative(scene.min).extend(0.0), relative(scene.max).extend(0.0)];
+    for (index, place) in places.iter().enumerate() {
+        let (map, view) = map_of(index).map_or((-1.0, Vec4::ZERO), |map| (map.map as f32, map.view));
+        words.extend([relative(place.bounds.min).extend(map), relative(place.bounds.max).extend(0.0), view]);
+    }
+    if places.is_empty() {
+        // A mirror that has no map stands in: a binding holds one at least.
+        words.extend([Vec4::NEG_ONE, Vec4::ZERO, Vec4::ZERO]);
+    }
+    let bytes: &[u8] = bytemuck::cast_slice(&words);
+    let buffer = storage(&gpu.device, "mirror places", bytes.len() as u64);
+    gpu.queue.write_buffer(&buffer, 0, bytes);
+    buffer
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::pack_normal;
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn samples_are_spread_over_all_chunks_and_no_more_than_asked_for() {
+        let chunk = |z: f64, count: usize| {
+            let mut chunk = Chunk::new(0, DVec3::new(0.0, 0.0, z), (0..count).map(|i| [i as f32, 0.0, 0.0]).collect());
+            chunk.normals = Some(Arc::new(vec![pack_normal(Vec3::Z); count]));
+            chunk
+        };
+        let chunks = [chunk(0.0, 3000), chunk(1.0, 1), chunk(2.0, 6000)];
+        let found = samples(&chunks.iter().collect::<Vec<_>>());
+        assert!(found.len() <= MOST_SAMPLES && found.len() > MOST_SAMPLES / 2, "{}", found.len());
+        let first = found.iter().filter(|(at, _)| at.z == 0.0).count();
+        assert!(first.abs_diff(found.len() / 3) <= 1, "{first} of {}", found.len());
+        assert!(found.iter().all(|(_, normal)| normal.distance(DVec3::Z) < 1e-4));
+        // All of a few; none without a normal.
+        assert_eq!(samples(&[&chunks[1]]).len(), 1);
+        assert!(samples(&[&Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]])]).is_empty());
+    }
+}

@@ -1,0 +1,448 @@
+//! The two cheap gather methods against closed forms: they find what they claim to find, which is not always what is
+//! reflected.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[macro_use]
+mod stage;
+#[allow(dead_code, reason = "each test takes what it needs of it")]
+mod walls;
+
+use std::sync::Arc;
+
+use cloud::{Chunk, Cloud};
+use glam::{DVec3, Vec3};
+use param::{Kind, Params as _, Value};
+use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
+use scene::{Camera, Mirror, Settings, Shape};
+
+use stage::Stage;
+use walls::{DISC, settings, store_of, wall};
+
+const SIZE: [u32; 2] = [64, 48];
+/// Half the edges of the box that mirrors stand in; it is about the origin.
+const HALF: DVec3 = DVec3::new(1.0, 0.8, 1.2);
+const RADIUS: f64 = 0.4;
+const MIRROR: Material =
+    Material { specular_intensity: 1.0, specular_power: 0.0, has_formula: false, as_points: false };
+
+/// sRGB of the wall that a side of the box is: 0 to 2 at the upper end of an axis, 3 to 5 at the lower.
+fn color(side: usize) -> [u8; 3] {
+    std::array::from_fn(|part| if part == side % 3 { 230 } else { 60 + 80 * (side / 3) as u8 })
+}
+
+/// The walls of the box, but for some sides.
+fn room(without: &[usize]) -> Vec<Chunk> {
+    let side = |side: usize| {
+        let axis = |offset: usize| DVec3::AXES[(side + offset) % 3];
+        let corner = if side < 3 { axis(0) } else { -axis(0) } - axis(1) - axis(2);
+        let mut chunk = wall(corner * HALF, [axis(1), axis(2)].map(|edge| edge * HALF * 2.0));
+        let [red, green, blue] = color(side);
+        chunk.colors = Some(Arc::new(vec![[red, green, blue, 255]; chunk.len()]));
+        chunk
+    };
+    (0..6).filter(|index| !without.contains(index)).map(side).collect()
+}
+
+/// Where a ray from inside leaves the box, and by which side.
+fn exit(origin: DVec3, direction: DVec3) -> (DVec3, usize) {
+    let distances = (HALF * direction.signum() - origin) / direction;
+    let axis = (0..3).min_by(|a, b| distances[*a].total_cmp(&distances[*b])).unwrap();
+    (origin + direction * distances[axis], axis + if direction[axis] > 0.0 { 0 } else { 3 })
+}
+
+fn sphere(position: DVec3, size: f64) -> Mirror {
+    Mirror { position, ..Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, size) }
+}
+
+/// Adds a mirror as points.
+fn add_points(store: &mut PointStore, chunks: Vec<Chunk>, material: Material) -> CloudId {
+    let id = store.add_cloud(material);
+    let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
+    let cloud = Cloud { chunks, ..Cloud::default() };
+    let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
+    store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+    id
+}
+
+/// Looks along -z at the sphere in the middle, from before a side of the box.
+fn front_camera() -> Camera {
+    Camera::looking(DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0), 1.1, DVec3::Y)
+}
+
+struct Scene {
+    store: PointStore,
+    mirrors: Vec<Mirror>,
+    camera: Camera,
+}
+
+impl Scene {
+    fn new(stage: &Stage, chunks: Vec<Chunk>, mirrors: Vec<Mirror>) -> Self {
+        Self { store: store_of(stage, chunks, Material::default()), mirrors, camera: front_camera() }
+    }
+
+    fn render(&self, stage: &mut Stage, settings: &Settings) -> FrameStats {
+        let objects = Objects { mirrors: &self.mirrors, ..Objects::default() };
+        stage.renderer.render(&self.store, &self.camera, settings, objects, SIZE).unwrap()
+    }
+}
+
+/// A mirror pixel: its point, the reflected direction there, what it sees if anything, and that point's albedo.
+struct Seen {
+    pixel: usize,
+    point: DVec3,
+    reflected: DVec3,
+    found: Option<DVec3>,
+    albedo: Vec3,
+}
+
+fn pixels(stage: &Stage, camera: &Camera) -> Vec<Seen> {
+    pixels_along(stage, |point| (point - camera.eye).normalize())
+}
+
+/// `line_of_sight`: unit direction from the camera to a point.
+fn pixels_along(stage: &Stage, line_of_sight: impl Fn(DVec3) -> DVec3) -> Vec<Seen> {
+    let read = |aov| stage.renderer.read_aov(aov).unwrap().data;
+    let [mask, place, normal, found, albedo] =
+        [Aov::Mirror, Aov::Position, Aov::Normal, Aov::MirrorPosition, Aov::MirrorAlbedo].map(read);
+    let three = |data: &[f32], pixel: usize| Vec3::from_slice(&data[pixel * 3..]);
+    let seen = |pixel: usize| {
+        let point = three(&place, pixel).as_dvec3();
+        let (normal, from) = (three(&normal, pixel).as_dvec3().normalize(), line_of_sight(point));
+        let found = Vec3::from_slice(&found[pixel * 4..]).as_dvec3();
+        Seen {
+            pixel,
+            point,
+            reflected: from - normal * (2.0 * from.dot(normal)),
+            found: (!found.is_nan()).then_some(found),
+            albedo: three(&albedo, pixel),
+        }
+    };
+    (0..mask.len()).filter(|pixel| mask[*pixel] > 0.0).map(seen).collect()
+}
+
+/// The side of the box whose colour this is.
+fn side_of(albedo: Vec3) -> Option<usize> {
+    let linear = |byte: u8| ((f64::from(byte) / 255.0 + 0.055) / 1.055).powf(2.4) as f32;
+    (0..6).find(|side| albedo.distance(Vec3::from(color(*side).map(linear))) < 0.01)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn by_map(pairs: &[(&str, &str)]) -> Settings {
+    settings(&[&[("reflection.method", "environment_map")], pairs].concat())
+}
+
+/// World units that a texel of a map with faces of 128 texels takes at most on a wall of the box, seen from the middle:
+/// at its corner, slanted.
+const TEXEL: f64 = 2.0 / 128.0 * 1.2 * 2.0;
+
+#[test]
+fn a_map_shows_the_wall_that_the_reflected_direction_meets_from_the_mirrors_middle() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    for atomics in ["auto", "32"] {
+        scene.render(&mut stage, &by_map(&[("environment_map.size", "128"), ("splat.atomics", atomics)]));
+        let pixels = pixels(&stage, &scene.camera);
+        assert!(pixels.len() > 500, "{}", pixels.len());
+        let (mut right_colors, mut parallax) = (0, Vec::new());
+        for seen in &pixels {
+            let (expected, side) = exit(DVec3::ZERO, seen.reflected);
+            let found = seen.found.unwrap();
+            assert!(found.distance(expected) < TEXEL, "{found}, not {expected}");
+            right_colors += usize::from(side_of(seen.albedo) == Some(side));
+            parallax.push(found.distance(exit(seen.point, seen.reflected).0));
+        }
+        // Along the edges of the room a texel may hold either wall.
+        assert!(right_colors * 20 > pixels.len() * 19, "{right_colors} of {}", pixels.len());
+        // What is reported is where the point is, not where the mirror would have to see it.
+        let parallax = median(parallax);
+        assert!(parallax > 0.1, "{parallax}");
+    }
+}
+
+#[test]
+fn the_box_proxy_shows_an_empty_box_where_it_is_reflected() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::new(0.3, 0.1, -0.4), RADIUS)]);
+    scene.render(&mut stage, &by_map(&[("environment_map.size", "128"), ("environment_map.proxy", "box")]));
+    let pixels = pixels(&stage, &scene.camera);
+    assert!(pixels.len() > 200, "{}", pixels.len());
+    let error = |seen: &Seen| seen.found.unwrap().distance(exit(seen.point, seen.reflected).0);
+    let errors: Vec<f64> = pixels.iter().map(error).collect();
+    assert!(errors.iter().all(|error| *error < TEXEL), "{errors:?}");
+    // A texel tells which point is seen; where, its plane does.
+    assert!(median(errors) < DISC / 10.0);
+}
+
+#[test]
+fn an_open_side_stays_open_in_a_map() {
+    let mut stage = stage_or_skip!();
+    // Towards the camera, where a sphere shows most of its surroundings.
+    let scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    scene.render(&mut stage, &by_map(&[]));
+    let (mut open, mut filled, mut missed) = (0, 0, 0);
+    let pixels = pixels(&stage, &scene.camera);
+    for seen in &pixels {
+        let is_open = exit(DVec3::ZERO, seen.reflected).1 == 2;
+        open += usize::from(is_open);
+        filled += usize::from(is_open && seen.found.is_some());
+        missed += usize::from(!is_open && seen.found.is_none());
+    }
+    assert!(open > 50 && open + 50 < pixels.len(), "{open} of {}", pixels.len());
+    assert!(filled * 100 < pixels.len() && missed * 100 < pixels.len(), "{filled} filled, {missed} missed");
+}
+
+#[test]
+fn mirrors_of_points_show_one_another_and_not_themselves() {
+    let mut stage = stage_or_skip!();
+    let places = [DVec3::new(-0.45, 0.0, -0.2), DVec3::new(0.45, 0.0, -0.2)];
+    let mut scene = Scene::new(&stage, room(&[]), Vec::new());
+    for place in places {
+        add_points(&mut scene.store, sphere(place, RADIUS).sample(4000, 1), MIRROR);
+    }
+    scene.render(&mut stage, &by_map(&[]));
+    let pixels = pixels(&stage, &scene.camera);
+    let (mut of_other, mut of_box) = (0, 0);
+    for seen in &pixels {
+        let own = usize::from(seen.point.x > 0.0);
+        let Some(found) = seen.found else { panic!("a closed box") };
+        assert!(found.distance(places[own]) > RADIUS * 1.2, "{found} is of the mirror itself");
+        of_other += usize::from((found.distance(places[1 - own]) - RADIUS).abs() < 0.05);
+        of_box += usize::from((found.abs() - HALF).abs().min_element() < 0.01);
+    }
+    assert!(of_other > 30 && of_box > 200, "{of_other}, {of_box}");
+    assert!((of_other + of_box) * 50 > pixels.len() * 49, "{of_other} and {of_box} of {}", pixels.len());
+}
+
+#[test]
+fn more_mirrors_than_maps_take_the_nearest_map() {
+    let mut stage = stage_or_skip!();
+    let row = |i: i32| sphere(DVec3::new(0.18 * f64::from(i) - 0.81, 0.0, -0.5), 0.08);
+    let scene = Scene::new(&stage, room(&[]), (0..10).map(row).collect());
+    scene.render(&mut stage, &by_map(&[("environment_map.size", "32")]));
+    let pixels = pixels(&stage, &scene.camera);
+    let of_last = pixels.iter().filter(|seen| seen.point.x > 0.7).count();
+    assert!(pixels.len() > 100 && of_last > 10, "{of_last} of {}", pixels.len());
+    assert!(pixels.iter().all(|seen| seen.found.is_some()));
+}
+
+fn draws_maps(stats: &FrameStats) -> bool {
+    stats.passes.iter().any(|pass| pass.name == "environment_map")
+}
+
+#[test]
+fn maps_are_kept_while_the_camera_moves_and_drawn_anew_when_points_or_mirrors_change() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    let mut settings = by_map(&[("environment_map.size", "64")]);
+    assert!(draws_maps(&scene.render(&mut stage, &settings)));
+
+    type Change = fn(&mut Scene, &mut Settings);
+    let changes: [(&str, bool, Change); 8] = [
+        ("nothing", false, |_, _| ()),
+        ("the camera", false, |scene, _| scene.camera.orbit(0.1, 0.05)),
+        ("the quality", false, |_, settings| settings.set_text("splat.quality", "nearest").unwrap()),
+        ("the proxy", false, |_, settings| settings.set_text("environment_map.proxy", "box").unwrap()),
+        ("the mirror's place", true, |scene, _| scene.mirrors[0].position.x += 0.05),
+        ("the texels", true, |_, settings| settings.environment_map.size = 50),
+        ("the splats", true, |_, settings| settings.splat.size = 1.2),
+        ("more points", true, |scene, _| {
+            let screen = wall(DVec3::new(-0.9, -0.5, -0.9), [DVec3::X * 0.5, DVec3::Y * 0.6]);
+            add_points(&mut scene.store, vec![screen], Material::default());
+        }),
+    ];
+    for (name, is_anew, change) in changes {
+        change(&mut scene, &mut settings);
+        assert_eq!(draws_maps(&scene.render(&mut stage, &settings)), is_anew, "{name}");
+        let kept = stage.renderer.read_picture().unwrap();
+        stage.renderer.forget();
+        assert!(draws_maps(&scene.render(&mut stage, &settings)), "{name}, forgotten");
+        assert!(stage.renderer.read_picture().unwrap() == kept, "{name}: a kept map fits one made anew");
+    }
+}
+
+#[test]
+fn the_second_reflection_is_looked_up_like_the_first() {
+    let mut stage = stage_or_skip!();
+    let places = [DVec3::new(-0.45, 0.0, -0.2), DVec3::new(0.45, 0.0, -0.2)];
+    let scene = Scene::new(&stage, room(&[]), places.map(|place| sphere(place, RADIUS)).to_vec());
+    let mut colors = |bounces: &str| {
+        scene.render(&mut stage, &by_map(&[("reflection.bounces", bounces), ("light.by", "colors")]));
+        let color = stage.renderer.read_aov(Aov::Color).unwrap().data;
+        (pixels(&stage, &scene.camera), color)
+    };
+    let ((pixels, once), (_, twice)) = (colors("1"), colors("2"));
+    let at = |data: &[f32], pixel: usize| Vec3::from_slice(&data[pixel * 3..]);
+    let on_a_mirror = |seen: &&Seen| {
+        seen.found.is_some_and(|found| places.iter().any(|place| (found.distance(*place) - RADIUS).abs() < 1e-3))
+    };
+    let doubly: Vec<_> = pixels.iter().filter(on_a_mirror).collect();
+    // Without a second reflection the mirror that is seen is plain grey.
+    let grey = doubly.iter().filter(|seen| side_of(at(&once, seen.pixel)).is_none()).count();
+    let walls = doubly.iter().filter(|seen| side_of(at(&twice, seen.pixel)).is_some()).count();
+    assert!(doubly.len() > 20 && grey == doubly.len(), "{grey} of {}", doubly.len());
+    // At outlines, and where the second reflection is of a mirror again, it is none of a wall.
+    assert!(walls * 4 > doubly.len() * 3, "{walls} of {}", doubly.len());
+}
+
+#[test]
+fn both_ends_of_every_parameter_of_maps_give_a_finite_picture() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    for field in &Settings::default().environment_map.group().fields {
+        let ends = match &field.kind {
+            Kind::U32 { min, max, .. } => vec![Value::U32(*min), Value::U32(*max)],
+            Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
+            other => panic!("{other:?}"),
+        };
+        let mut pictures = Vec::new();
+        for end in ends {
+            let (key, text) = (format!("environment_map.{}", field.name), field.format(&end));
+            scene.render(&mut stage, &by_map(&[(&key, &text)]));
+            let pixels = pixels(&stage, &scene.camera);
+            assert!(pixels.iter().all(|seen| seen.found.is_some_and(DVec3::is_finite)), "{key}={text}");
+            pictures.push(stage.renderer.read_picture().unwrap());
+        }
+        assert!(pictures[0] != pictures[1], "{} has an effect", field.name);
+    }
+}
+
+const FLAT: Shape = Shape::Plane { height: 0.7 };
+
+/// A flat mirror that faces a direction.
+fn flat(position: DVec3, normal: DVec3, size: f64) -> Mirror {
+    Mirror { position, ..Mirror::standing(FLAT, DVec3::ZERO, normal, DVec3::Y, size) }
+}
+
+fn by_mirrored_eye(pairs: &[(&str, &str)]) -> Settings {
+    settings(&[&[("reflection.method", "mirrored_viewpoint")], pairs].concat())
+}
+
+#[test]
+fn a_flat_mirror_shows_the_points_before_it_where_the_closed_form_does() {
+    let mut stage = stage_or_skip!();
+    let (at, normal) = (DVec3::new(0.05, -0.1, -0.8), DVec3::new(0.15, 0.25, 1.0).normalize());
+    // The wall behind the mirror would be in the way of the mirrored eye.
+    let mut scene = Scene::new(&stage, room(&[]), vec![flat(at, normal, 0.6)]);
+    scene.camera = Camera::looking(at, DVec3::new(-0.2, 0.1, 1.0), 1.5, DVec3::Y);
+    // By its formula, as points with their normals to either side, and seen in parallel, from beyond the side that is
+    // left out.
+    let points = [normal, -normal].map(|normal| {
+        let mut of_points = Scene::new(&stage, room(&[]), Vec::new());
+        of_points.camera = scene.camera;
+        add_points(&mut of_points.store, flat(at, normal, 0.6).sample(4000, 1), MIRROR);
+        of_points
+    });
+    let [front, back] = &points;
+    let slanted = DVec3::new(0.8, 0.1, 1.0).normalize();
+    let mut parallel = Scene::new(&stage, room(&[2]), vec![flat(at, slanted, 0.6)]);
+    parallel.camera = scene.camera;
+    let cases = [
+        (&scene, normal, "perspective", "auto"),
+        (&scene, normal, "perspective", "32"),
+        (front, normal, "perspective", "auto"),
+        (back, normal, "perspective", "auto"),
+        (&parallel, slanted, "orthographic", "auto"),
+    ];
+    for (case, (scene, normal, projection, atomics)) in cases.into_iter().enumerate() {
+        let settings = by_mirrored_eye(&[("view.projection", projection), ("splat.atomics", atomics)]);
+        scene.render(&mut stage, &settings);
+        let camera = &scene.camera;
+        let parallel = projection == "orthographic";
+        let pixels =
+            pixels_along(&stage, |point| if parallel { camera.forward() } else { (point - camera.eye).normalize() });
+        let (mut errors, mut right_colors) = (Vec::new(), 0);
+        for seen in &pixels {
+            let (expected, side) = exit(seen.point, seen.reflected);
+            if case == 4 && side == 2 {
+                continue;
+            }
+            let found = seen.found.unwrap();
+            assert!((found - at).dot(normal) > -DISC, "case {case}: {found} is behind the mirror");
+            errors.push(found.distance(expected));
+            right_colors += usize::from(side_of(seen.albedo) == Some(side));
+        }
+        // A pixel is 0.04 wide on the walls seen here; mirrors of points have points that are a little off the plane.
+        let far = errors.iter().filter(|error| **error > 0.04).count();
+        let count = errors.len();
+        assert!(count > 400 && far * 50 < count && median(errors) < DISC / 10.0, "case {case}: {far} of {count}");
+        assert!(right_colors * 20 > count * 19, "case {case}: {right_colors} of {count}");
+    }
+}
+
+#[test]
+fn an_open_side_stays_open_before_a_flat_mirror() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, room(&[0]), vec![flat(DVec3::Z * -0.8, DVec3::new(0.3, 0.0, 1.0), 0.6)]);
+    scene.camera = Camera::looking(DVec3::Z * -0.8, DVec3::new(-0.2, 0.1, 1.0), 1.5, DVec3::Y);
+    scene.render(&mut stage, &by_mirrored_eye(&[]));
+    let pixels = pixels(&stage, &scene.camera);
+    let is_open = |seen: &&Seen| exit(seen.point, seen.reflected).1 == 0;
+    let open = pixels.iter().filter(is_open).count();
+    let wrong = pixels.iter().filter(|seen| is_open(seen) == seen.found.is_some()).count();
+    assert!(open > 100 && open + 100 < pixels.len(), "{open} of {}", pixels.len());
+    assert!(wrong * 50 < pixels.len(), "{wrong} of {}", pixels.len());
+}
+
+#[test]
+fn what_a_curved_mirror_shows_is_reported_where_it_is() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
+    scene.render(&mut stage, &by_mirrored_eye(&[]));
+    let pixels = pixels(&stage, &scene.camera);
+    let on_walls = |seen: &&Seen| (seen.found.unwrap().abs() - HALF).abs().min_element() < 0.01;
+    assert!(pixels.len() > 500 && pixels.iter().filter(on_walls).count() * 50 > pixels.len() * 49);
+    let errors = pixels.iter().map(|seen| seen.found.unwrap().distance(exit(seen.point, seen.reflected).0));
+    assert!(median(errors.collect()) > 0.3, "a flat mirror is no sphere");
+}
+
+#[test]
+fn a_fifth_flat_mirror_stays_empty_and_one_out_of_sight_takes_no_picture() {
+    let mut stage = stage_or_skip!();
+    let row = |i: i32| flat(DVec3::new(0.3 * f64::from(i) - 0.6, 0.0, -0.8), DVec3::Z, 0.12);
+    // Behind the camera.
+    let hidden = flat(DVec3::Z * 1.15, -DVec3::Z, 0.1);
+    let scene = Scene::new(&stage, room(&[]), std::iter::once(hidden).chain((0..5).map(row)).collect());
+    scene.render(&mut stage, &by_mirrored_eye(&[]));
+    let mut counts = [[0; 2]; 5];
+    for seen in pixels(&stage, &scene.camera) {
+        let mirror = ((seen.point.x + 0.6) / 0.3).round() as usize;
+        counts[mirror][usize::from(seen.found.is_some())] += 1;
+    }
+    for (mirror, [empty, found]) in counts.into_iter().enumerate() {
+        let (most, least) = if mirror < 4 { (found, empty) } else { (empty, found) };
+        assert!(most > 10 && least == 0, "{mirror}: {counts:?}");
+    }
+}
+
+#[test]
+fn the_second_reflection_of_a_mirrored_viewpoint_is_empty() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, room(&[]), Vec::new());
+    scene.camera = Camera::looking(DVec3::Z * -0.9, DVec3::new(0.0, 0.2, 1.0), 1.5, DVec3::Y);
+    for side in [-0.9, 0.9] {
+        let mirror = flat(DVec3::Z * side, DVec3::Z * -side, 0.7);
+        add_points(&mut scene.store, mirror.sample(4000, 1), MIRROR);
+    }
+    let mut color = |method: &str, bounces: &str| {
+        let by = [("reflection.method", method), ("reflection.bounces", bounces), ("light.by", "colors")];
+        scene.render(&mut stage, &settings(&by));
+        let found = pixels(&stage, &scene.camera).into_iter().filter_map(|seen| Some((seen.pixel, seen.found?)));
+        let other = found
+            .filter(|(_, at)| (at.z - 0.9).abs() < 0.01 && at.x.abs() < 0.6 && at.y.abs() < 0.4)
+            .map(|(pixel, _)| pixel);
+        (other.collect::<Vec<_>>(), stage.renderer.read_aov(Aov::Color).unwrap().data)
+    };
+    let (doubly, twice) = color("mirrored_viewpoint", "2");
+    let (_, traced) = color("surfel_trace", "2");
+    let at = |data: &[f32], pixel: usize| Vec3::from_slice(&data[pixel * 3..]);
+    let of_walls = |data: &[f32]| doubly.iter().filter(|pixel| side_of(at(data, **pixel)).is_some()).count();
+    assert!(doubly.len() > 50, "{}", doubly.len());
+    // As where a ray leaves the scene: all the same.
+    assert!(doubly.iter().all(|pixel| at(&twice, *pixel).distance(at(&twice, doubly[0])) < 0.01));
+    assert_eq!(of_walls(&twice), 0);
+    assert!(of_walls(&traced) * 4 > doubly.len(), "{} of {}", of_walls(&traced), doubly.len());
+}

@@ -1,0 +1,29 @@
+//! What can go wrong with pages.
+
+use std::path::{Path, PathBuf};
+
+/// What is wrong and where. Messages are for people: one or two lines.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    #[error("{path}: {source}")]
+    Io { path: PathBuf, source: std::io::Error },
+    /// Pages that are not what was written: they are made again, never trusted.
+    #[error("{path}: {problem}")]
+    Damaged { path: PathBuf, problem: String },
+    #[error(transparent)]
+    Input(#[from] codec::Error),
+    #[error("cancelled")]
+    Cancelled,
+}
+
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    pub fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), source }
+    }
+
+    pub fn damaged(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Damaged { path: path.to_owned(), problem: problem.into() }
+    }
+}

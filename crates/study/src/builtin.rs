@@ -1,0 +1,55 @@
+//! Plans that are in the program.
+
+use crate::plan::{Plan, PlanError};
+
+/// Name and text.
+const PLANS: [(&str, &str); 9] = [
+    ("methods", include_str!("../../../assets/plans/methods.toml")),
+    ("seed-attempts", include_str!("../../../assets/plans/seed-attempts.toml")),
+    ("step-attempts", include_str!("../../../assets/plans/step-attempts.toml")),
+    ("initial-step", include_str!("../../../assets/plans/initial-step.toml")),
+    ("pull-levels", include_str!("../../../assets/plans/pull-levels.toml")),
+    ("viewport", include_str!("../../../assets/plans/viewport.toml")),
+    ("mirrors", include_str!("../../../assets/plans/mirrors.toml")),
+    ("points", include_str!("../../../assets/plans/points.toml")),
+    ("stability", include_str!("../../../assets/plans/stability.toml")),
+];
+
+/// Names of the plans.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    PLANS.iter().map(|(name, _)| *name)
+}
+
+/// The plan of this name, if there is one.
+///
+/// # Errors
+/// None: all of them are checked by a test.
+pub fn plan(name: &str) -> Option<Result<Plan, PlanError>> {
+    let (_, text) = PLANS.iter().find(|(known, _)| *known == name)?;
+    Some(Plan::parse(name, text))
+}
+
+#[cfg(test)]
+mod tests {
+    use param::Choice as _;
+
+    use super::*;
+
+    #[test]
+    fn every_plan_is_sound_and_survives_being_written() {
+        for name in names() {
+            let plan = plan(name).unwrap().unwrap();
+            assert!(!plan.about.is_empty() && !plan.cases().is_empty(), "{name}");
+            assert_eq!(Plan::parse(name, &plan.to_text()), Ok(plan));
+        }
+    }
+
+    #[test]
+    fn the_plan_of_methods_has_every_method_of_the_renderer() {
+        let cases = plan("methods").unwrap().unwrap().cases();
+        for name in scene::Method::NAMES.iter().filter(|name| **name != "auto") {
+            let scenes = cases.iter().filter(|case| case.method == *name && case.swept.is_empty());
+            assert!(scenes.count() >= 5, "{name}");
+        }
+    }
+}

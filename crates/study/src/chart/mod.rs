@@ -1,0 +1,420 @@
+//! Charts of a study: time against error with the Pareto front, and figures over what was swept.
+//!
+//! A chart is panels of marks first (`charts`), then shapes with places (`layout`), then an SVG or PNG (`shapes`).
+
+mod axis;
+mod layout;
+mod shapes;
+
+use std::path::Path;
+
+use crate::plan::{Case, Group, Plan, SIZE};
+use crate::results::{self, Figure, METHOD_MS, Row};
+use axis::Axis;
+
+pub use axis::number;
+
+/// A picture of results.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chart {
+    /// File name without extension.
+    pub name: String,
+    pub title: String,
+    panels: Vec<Panel>,
+    /// Most panels side by side.
+    columns: usize,
+}
+
+/// One pair of axes.
+#[derive(Clone, Debug, PartialEq)]
+struct Panel {
+    title: String,
+    x: Axis,
+    y: Axis,
+    x_title: String,
+    y_title: String,
+    curves: Vec<Curve>,
+    /// Values that hold for the whole width.
+    levels: Vec<Level>,
+    /// Corners of the Pareto front, by rising time.
+    front: Vec<(f64, f64)>,
+    more_is_better: bool,
+    limit: Option<Limit>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Curve {
+    /// As the legend has it.
+    name: String,
+    style: Style,
+    is_joined: bool,
+    marks: Vec<Mark>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Mark {
+    x: f64,
+    y: f64,
+    /// Quartiles.
+    whisker: Option<(f64, f64)>,
+    label: String,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Level {
+    name: String,
+    style: Style,
+    y: f64,
+}
+
+/// What a figure must not pass, over a part of the width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Limit {
+    y: f64,
+    is_least: bool,
+    from: Option<f64>,
+    up_to: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Marker {
+    Disc,
+    Square,
+    Triangle,
+    Diamond,
+    Valley,
+    Ring,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Style {
+    color: [u8; 3],
+    marker: Marker,
+}
+
+/// Colours that colour-blind people tell apart (Okabe and Ito 2008), the yellow darkened for white paper; shapes tell those of one
+/// colour apart. The same for a method in all charts.
+const METHOD_STYLES: [(&str, Style); 12] = [
+    ("none", Style { color: [120, 120, 120], marker: Marker::Disc }),
+    ("auto", Style { color: [120, 120, 120], marker: Marker::Diamond }),
+    ("sscr", Style { color: [213, 94, 0], marker: Marker::Disc }),
+    ("sscr_hierarchical", Style { color: [0, 114, 178], marker: Marker::Square }),
+    ("surfel_trace", Style { color: [0, 158, 115], marker: Marker::Triangle }),
+    ("ray_trace", Style { color: [0, 0, 0], marker: Marker::Diamond }),
+    ("environment_map", Style { color: [230, 159, 0], marker: Marker::Valley }),
+    ("mirrored_viewpoint", Style { color: [204, 121, 167], marker: Marker::Ring }),
+    ("cubemap_trace", Style { color: [86, 180, 233], marker: Marker::Square }),
+    ("screen_trace", Style { color: [190, 175, 30], marker: Marker::Triangle }),
+    ("sample_cameras", Style { color: [86, 180, 233], marker: Marker::Valley }),
+    ("light_field", Style { color: [204, 121, 167], marker: Marker::Square }),
+];
+
+/// For scenes and combinations of values.
+const OTHER_STYLES: [Style; 8] = [
+    Style { color: [0, 114, 178], marker: Marker::Disc },
+    Style { color: [213, 94, 0], marker: Marker::Square },
+    Style { color: [0, 158, 115], marker: Marker::Triangle },
+    Style { color: [204, 121, 167], marker: Marker::Diamond },
+    Style { color: [86, 180, 233], marker: Marker::Valley },
+    Style { color: [230, 159, 0], marker: Marker::Ring },
+    Style { color: [0, 0, 0], marker: Marker::Disc },
+    Style { color: [190, 175, 30], marker: Marker::Square },
+];
+
+impl Style {
+    fn of_method(method: &str) -> Self {
+        let found = METHOD_STYLES.iter().find(|(name, _)| *name == method);
+        found.map_or(METHOD_STYLES[0].1, |(_, style)| *style)
+    }
+}
+
+impl Chart {
+    /// # Errors
+    /// None but defects of the drawing.
+    pub fn svg(&self) -> anyhow::Result<String> {
+        let (shapes, size) = layout::layout(self);
+        shapes::svg(&shapes, size)
+    }
+
+    /// # Errors
+    /// None but defects of the drawing.
+    pub fn png(&self) -> anyhow::Result<Vec<u8>> {
+        let (shapes, size) = layout::layout(self);
+        shapes::png(&shapes, size)
+    }
+}
+
+/// Indices of the points that no other one beats in both coordinates, by rising time. Of equal points the first counts.
+pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|&a, &b| points[a].0.total_cmp(&points[b].0).then(points[a].1.total_cmp(&points[b].1)));
+    let mut best = f64::INFINITY;
+    order.retain(|&index| {
+        let is_better = points[index].1 < best;
+        best = best.min(points[index].1);
+        is_better
+    });
+    order
+}
+
+/// Those points of [`pareto`], of figures of either direction.
+fn front(points: &[(f64, f64)], more_is_better: bool) -> Vec<(f64, f64)> {
+    let sign = if more_is_better { -1.0 } else { 1.0 };
+    let errors: Vec<(f64, f64)> = points.iter().map(|(time, value)| (*time, sign * value)).collect();
+    pareto(&errors).into_iter().map(|index| points[index]).collect()
+}
+
+/// A name that every file system takes. Empty for a text without any letter from a to z or digit.
+pub fn file_name(text: &str) -> String {
+    let plain = |character: char| if character.is_ascii_alphanumeric() { character.to_ascii_lowercase() } else { '-' };
+    let words: String = text.chars().map(plain).collect();
+    words.split('-').filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
+}
+
+/// All charts of a plan. Settings that failed are left out, and charts that would show nothing.
+pub fn charts(plan: &Plan, rows: &[Row]) -> Vec<Chart> {
+    let rows: Vec<&Row> = rows.iter().filter(|row| row.error.is_none()).collect();
+    let figure = |name: &String| results::figure(name);
+    let mut charts: Vec<Chart> =
+        plan.errors.iter().filter_map(figure).filter_map(|error| time_chart(plan, &rows, error)).collect();
+    for (index, group) in plan.groups.iter().enumerate() {
+        let of_group: Vec<&Row> = rows.iter().copied().filter(|row| row.case.group == index).collect();
+        let own = group.bound.iter().map(|bound| &bound.figure).filter(|_| group.figures.is_empty());
+        let own: Vec<&String> = group.figures.iter().chain(own).collect();
+        let names = if own.is_empty() { plan.figures.iter().collect() } else { own };
+        for key in group.sweep.keys() {
+            let made = names.iter().filter_map(|name| figure(name));
+            charts.extend(made.filter_map(|figure| sweep_chart(plan, group, key, &rows, &of_group, figure)));
+        }
+    }
+    charts
+}
+
+/// A scene's name for people: a file without its folder and extension, a pattern without its variables.
+fn short_scene(pattern: &str) -> String {
+    let is_file = Path::new(pattern).is_absolute();
+    let name = if is_file { Path::new(pattern).file_stem().and_then(|stem| stem.to_str()) } else { None };
+    let mut short = name.unwrap_or(pattern).to_owned();
+    while let Some((before, after)) = short.clone().split_once('{') {
+        let rest = after.split_once('}').map_or("", |(_, rest)| rest);
+        short = format!("{}{rest}", before.trim_end_matches([':', ',', '=', '-', '_', '/']));
+    }
+    short
+}
+
+/// In the order in which they first occur.
+fn distinct<Item: PartialEq>(items: impl Iterator<Item = Item>) -> Vec<Item> {
+    let mut found = Vec::new();
+    for item in items {
+        if !found.contains(&item) {
+            found.push(item);
+        }
+    }
+    found
+}
+
+/// Swept keys that are no variables of the scene.
+fn is_of_setting(key: &str) -> bool {
+    key.contains('.') || key == SIZE
+}
+
+/// What tells settings of one method on one scene apart: the swept values, else the group where the method occurs in several.
+fn label(plan: &Plan, case: &Case) -> String {
+    let swept = case.swept.iter().filter(|(key, _)| is_of_setting(key));
+    let values: Vec<String> = swept.map(|(_, value)| value.parse().map_or_else(|_| value.clone(), number)).collect();
+    let groups = plan.groups.iter().filter(|group| group.methods.contains(&case.method)).count();
+    match values.is_empty() {
+        true if groups > 1 => plan.groups[case.group].name.clone(),
+        _ => values.join(" "),
+    }
+}
+
+fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
+    let (time, more_is_better) = (plan.time.name(), error.more_is_better());
+    let mut panels = Vec::new();
+    // Unlike scenes have nothing in common, even those of one variable.
+    for scene in distinct(rows.iter().map(|row| row.case.scene.as_str())) {
+        let of_scene = || rows.iter().filter(|row| row.case.scene == scene);
+        let (mut curves, mut levels): (Vec<Curve>, Vec<Level>) = (Vec::new(), Vec::new());
+        for row in of_scene() {
+            let Some(y) = row.value(&error.name) else { continue };
+            let method = &row.case.method;
+            let style = Style::of_method(method);
+            if method == "none" {
+                let level = Level { name: method.clone(), style, y };
+                if !levels.contains(&level) {
+                    levels.push(level);
+                }
+                continue;
+            }
+            let Some(x) = row.value(time).filter(|time| *time > 0.0) else { continue };
+            let swept: Vec<&str> =
+                row.case.swept.iter().map(|(key, _)| key.as_str()).filter(|key| is_of_setting(key)).collect();
+            let group = &plan.groups[row.case.group];
+            let name = if swept.is_empty() { method.clone() } else { format!("{method}: {}", swept.join(", ")) };
+            let mark = Mark { x, y, whisker: None, label: label(plan, &row.case) };
+            // A sweep of one key is a curve of its own; single settings of a method stand together.
+            let is_joined = group.sweep.keys().filter(|key| is_of_setting(key)).count() == 1;
+            let is_first = swept.first().is_some_and(|key| {
+                let first = of_scene().find(|other| other.case.group == row.case.group && other.case.method == *method);
+                is_joined && first.is_some_and(|first| first.case.swept_value(key) == row.case.swept_value(key))
+            });
+            match curves.iter_mut().rev().find(|curve| curve.name == name && curve.is_joined == is_joined && !is_first)
+            {
+                Some(curve) => curve.marks.push(mark),
+                None => curves.push(Curve { name, style, is_joined, marks: vec![mark] }),
+            }
+        }
+        if curves.is_empty() {
+            continue;
+        }
+        let points: Vec<(f64, f64)> =
+            curves.iter().flat_map(|curve| &curve.marks).map(|mark| (mark.x, mark.y)).collect();
+        let times: Vec<f64> = points.iter().map(|(time, _)| *time).collect();
+        let errors: Vec<f64> =
+            points.iter().map(|(_, error)| *error).chain(levels.iter().map(|level| level.y)).collect();
+        // Of pictures of unlike sizes or points none is better than another: theirs was another task.
+        let tasks = distinct(of_scene().map(|row| (row.case.size, row.points)));
+        let front = if tasks.len() > 1 { Vec::new() } else { front(&points, more_is_better) };
+        panels.push(Panel {
+            title: short_scene(scene),
+            x: Axis::log(&times),
+            y: Axis::of_errors(&errors),
+            x_title: results::figure(time).map_or(String::new(), Figure::title),
+            y_title: error.title(),
+            front,
+            more_is_better,
+            curves,
+            levels,
+            limit: None,
+        });
+    }
+    let name = format!("time-{}", file_name(&error.name));
+    let direction = if more_is_better { ", upper left is better" } else { "" };
+    let title = format!("{}: {} against {}{direction}", plan.title, time_words(time), error.label);
+    (!panels.is_empty()).then_some(Chart { name, title, panels, columns: 2 })
+}
+
+fn time_words(time: &str) -> &'static str {
+    if time == METHOD_MS { "time of the method" } else { "time of the frame" }
+}
+
+/// `rows` are of all groups: those without a sweep are levels to compare with.
+fn sweep_chart(
+    plan: &Plan,
+    group: &Group,
+    key: &str,
+    rows: &[&Row],
+    of_group: &[&Row],
+    figure: &Figure,
+) -> Option<Chart> {
+    let scenes = distinct(of_group.iter().map(|row| row.case.scene_pattern.as_str()));
+    let values = distinct(of_group.iter().filter_map(|row| row.case.swept_value(key)));
+    let numbers: Option<Vec<f64>> = values.iter().map(|value| value.parse().ok()).collect();
+    let x = match numbers {
+        Some(numbers) => Axis::swept(&numbers),
+        None => Axis::words(values.iter().map(|value| (*value).to_owned()).collect()),
+    };
+    let others = |case: &Case| -> Vec<String> {
+        let others = case.swept.iter().filter(|(other, _)| other != key);
+        others.map(|(other, value)| format!("{other} {value}")).collect()
+    };
+    let methods = distinct(of_group.iter().map(|row| row.case.method.as_str()));
+    let combinations = distinct(of_group.iter().map(|row| others(&row.case)));
+    // With one method scenes are lines of one panel, as in the paper's figures.
+    let is_by_scene = methods.len() == 1 && combinations.len() == 1 && scenes.len() > 1 && scenes.len() <= 8;
+    let shown: Vec<Vec<&str>> =
+        if is_by_scene { vec![scenes.clone()] } else { scenes.iter().map(|scene| vec![*scene]).collect() };
+    let mut panels = Vec::new();
+    for scenes in &shown {
+        let mut curves: Vec<Curve> = Vec::new();
+        for row in of_group.iter().filter(|row| scenes.contains(&row.case.scene_pattern.as_str())) {
+            let place = row.case.swept_value(key).and_then(|value| x.value_of(value));
+            let Some((x, y)) = place.zip(row.value(&figure.name)) else { continue };
+            let combination = others(&row.case);
+            let (name, style) = if is_by_scene {
+                let index = scenes.iter().position(|scene| *scene == row.case.scene_pattern).unwrap_or(0);
+                (short_scene(&row.case.scene_pattern), OTHER_STYLES[index % OTHER_STYLES.len()])
+            } else if combinations.len() > 1 {
+                let index = combinations.iter().position(|other| *other == combination).unwrap_or(0);
+                let style = OTHER_STYLES[index % OTHER_STYLES.len()];
+                (format!("{} {}", row.case.method, combination.join(" ")), style)
+            } else {
+                (row.case.method.clone(), Style::of_method(&row.case.method))
+            };
+            let whisker = row.spread(&figure.name).filter(|spread| spread.low < spread.high);
+            let mark = Mark { x, y, whisker: whisker.map(|spread| (spread.low, spread.high)), label: String::new() };
+            match curves.iter_mut().find(|curve| curve.name == name) {
+                Some(curve) => curve.marks.push(mark),
+                None => curves.push(Curve { name, style, is_joined: true, marks: vec![mark] }),
+            }
+        }
+        let is_level = |row: &&&Row| {
+            let is_shown =
+                scenes.contains(&row.case.scene_pattern.as_str()) && !methods.contains(&row.case.method.as_str());
+            row.case.swept.is_empty() && is_shown && !is_by_scene
+        };
+        let level = |row: &&Row| {
+            let style = Style::of_method(&row.case.method);
+            Some(Level { name: row.case.method.clone(), style, y: row.value(&figure.name)? })
+        };
+        let levels: Vec<Level> = rows.iter().filter(is_level).filter_map(level).collect();
+        if curves.is_empty() {
+            continue;
+        }
+        let bound = group.bound.as_ref().filter(|bound| bound.figure == figure.name);
+        let limit = bound.and_then(|bound| {
+            let (y, is_least) = bound.at_least.map(|y| (y, true)).or(bound.at_most.map(|y| (y, false)))?;
+            Some(Limit { y, is_least, from: bound.from, up_to: bound.up_to })
+        });
+        let marks = curves.iter().flat_map(|curve| &curve.marks);
+        let ends =
+            marks.flat_map(|mark| [Some(mark.y), mark.whisker.map(|(low, _)| low), mark.whisker.map(|(_, high)| high)]);
+        let shown = ends.flatten().chain(levels.iter().map(|level| level.y)).chain(limit.map(|limit| limit.y));
+        panels.push(Panel {
+            title: if is_by_scene {
+                methods.join(", ")
+            } else {
+                short_scene(scenes.first().copied().unwrap_or_default())
+            },
+            y: Axis::of(&shown.collect::<Vec<_>>()),
+            x: x.clone(),
+            x_title: key_title(key),
+            y_title: figure.title(),
+            curves,
+            levels,
+            front: Vec::new(),
+            more_is_better: figure.more_is_better(),
+            limit,
+        });
+    }
+    let sharing = plan.groups_sweeping(key).len();
+    let prefix = if sharing > 1 { format!("{}-", file_name(&group.name)) } else { String::new() };
+    let name = format!("{prefix}{}-{}", file_name(key), file_name(&figure.name));
+    let about = if plan.groups.len() > 1 && sharing > 1 { format!("{}: ", group.name) } else { String::new() };
+    let title = format!("{about}{} over {}", figure.label, key_words(key));
+    let columns = if panels.len() > 4 { 3 } else { 2 };
+    (!panels.is_empty()).then_some(Chart { name, title, panels, columns })
+}
+
+fn key_words(key: &str) -> &str {
+    if key == SIZE { "size of the picture" } else { key }
+}
+
+/// With the parameter's unit.
+fn key_title(key: &str) -> String {
+    let settings = scene::Settings::default();
+    let groups = settings.groups();
+    let unit = key.split_once('.').and_then(|(group, name)| {
+        let table = groups.iter().find(|params| params.group().name == group)?.group();
+        table.fields.iter().find(|field| field.name == name).map(|field| field.unit)
+    });
+    match unit.filter(|unit| !unit.is_empty()) {
+        Some(unit) => format!("{key} [{unit}]"),
+        None if key == SIZE => "size of the picture [pixels]".to_owned(),
+        None => key.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,300 @@
+//! A study's folder: the plan that is measured there and the journal of its runs, so that a study that was stopped goes on, and
+//! shards of one plan become one.
+
+use std::collections::HashSet;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use crate::plan::{Case, Plan};
+use crate::results::{Machine, Run, counted};
+
+const PLAN: &str = "plan.toml";
+const JOURNAL: &str = "runs.jsonl";
+
+/// What is wrong with a study's folder.
+#[derive(Debug, thiserror::Error)]
+pub enum FolderError {
+    #[error("{path}")]
+    Io { path: PathBuf, source: std::io::Error },
+    #[error("{folder}: holds the results of another plan (`{title}`)\nname another folder, or delete that one")]
+    OtherPlan { folder: PathBuf, title: String },
+    #[error("{folder}: no study's folder, there is no plan.toml in it\nexpected what `glint study PLAN -o DIR` wrote")]
+    NoStudy { folder: PathBuf },
+    #[error("{folder}: another `glint study` is at work there; wait for it, or name another folder")]
+    InUse { folder: PathBuf },
+    #[error("{folder}: its plan differs from that of {first}\nonly shards of one plan can be joined")]
+    PlansDiffer { folder: PathBuf, first: PathBuf },
+    #[error("{place}: {problem}\nexpected what a study of this plan wrote; delete the folder to begin anew")]
+    Malformed { place: String, problem: String },
+}
+
+/// A plan and what is known of it so far.
+pub struct Folder {
+    pub path: PathBuf,
+    pub plan: Plan,
+    pub cases: Vec<Case>,
+    pub runs: Vec<Run>,
+    /// What is written goes behind the last whole line. Locked until it is closed.
+    journal: File,
+}
+
+impl Folder {
+    /// Opens a folder for a plan, or goes on with the runs that are there. `about` is put before the plan as a comment.
+    ///
+    /// # Errors
+    /// A folder that cannot be written, that holds another plan, or that another process writes to.
+    pub fn open(path: &Path, plan: Plan, about: &str) -> Result<Self, FolderError> {
+        let io = |path: &Path| {
+            let path = path.to_owned();
+            move |source| FolderError::Io { path, source }
+        };
+        std::fs::create_dir_all(path).map_err(io(path))?;
+        let journal_path = path.join(JOURNAL);
+        if let Some(kept) = kept_plan(path)? {
+            if kept != plan {
+                return Err(FolderError::OtherPlan { folder: path.to_owned(), title: kept.title });
+            }
+        } else if journal_path.exists() {
+            return Err(FolderError::NoStudy { folder: path.to_owned() });
+        } else {
+            let about: String = about.lines().map(|line| format!("# {line}\n")).collect();
+            write_whole(&path.join(PLAN), (about + &plan.to_text()).as_bytes())?;
+        }
+        let cases = plan.cases();
+        let open = OpenOptions::new().create(true).read(true).append(true).open(&journal_path);
+        let mut journal = open.map_err(io(&journal_path))?;
+        // Some file systems of clusters have no locks: there nothing can be told.
+        if let Err(TryLockError::WouldBlock) = journal.try_lock() {
+            return Err(FolderError::InUse { folder: path.to_owned() });
+        }
+        let mut bytes = Vec::new();
+        journal.read_to_end(&mut bytes).map_err(io(&journal_path))?;
+        let (runs, whole) = whole_runs(&journal_path, &bytes, cases.len())?;
+        // A line that was torn when the program ended is dropped.
+        journal.set_len(whole).map_err(io(&journal_path))?;
+        Ok(Self { path: path.to_owned(), plan, cases, runs, journal })
+    }
+
+    /// Joins folders of one plan into another one.
+    ///
+    /// # Errors
+    /// Folders of different plans, or that are no study's.
+    pub fn merge(folders: &[PathBuf], into: &Path, about: &str) -> Result<Self, FolderError> {
+        let mut plan: Option<Plan> = None;
+        let mut runs: Vec<Run> = Vec::new();
+        for folder in folders {
+            let own = kept_plan(folder)?.ok_or_else(|| FolderError::NoStudy { folder: folder.clone() })?;
+            let own_runs = read_journal(&folder.join(JOURNAL), own.cases().len())?;
+            match &plan {
+                Some(plan) if *plan != own => {
+                    return Err(FolderError::PlansDiffer { folder: folder.clone(), first: folders[0].clone() });
+                }
+                _ => plan = Some(own),
+            }
+            runs.extend(own_runs);
+        }
+        let plan = plan.ok_or_else(|| FolderError::NoStudy { folder: into.to_owned() })?;
+        let mut joined = Self::open(into, plan, about)?;
+        let key = |run: &Run| (run.case, run.round, run.machine.clone(), run.error.clone());
+        let mut known: HashSet<_> = joined.runs.iter().map(key).collect();
+        for run in runs {
+            if known.insert(key(&run)) {
+                joined.add(run)?;
+            }
+        }
+        Ok(joined)
+    }
+
+    /// Settings and rounds that `machine` need not make: those that it made without a failure, and all of settings that some other one
+    /// has finished. One that another machine or version has begun is made anew as a whole.
+    pub fn done(&self, machine: &Machine) -> HashSet<(usize, u32)> {
+        let own = self.runs.iter().filter(|run| run.machine == *machine && run.error.is_none());
+        let mut done: HashSet<(usize, u32)> = own.map(|run| (run.case, run.round)).collect();
+        for (case, rounds) in counted(&self.runs) {
+            let all = 0..=self.plan.repeats;
+            if all.clone().all(|round| rounds.get(&round).is_some_and(|run| run.error.is_none())) {
+                done.extend(all.map(|round| (case, round)));
+            }
+        }
+        done
+    }
+
+    /// Journals a run.
+    ///
+    /// # Errors
+    /// The disk is full, or the folder is gone.
+    pub fn add(&mut self, run: Run) -> Result<(), FolderError> {
+        let path = self.path.join(JOURNAL);
+        let mut line = serde_json::to_string(&run).unwrap_or_default();
+        line.push('\n');
+        let written = self.journal.write_all(line.as_bytes()).and_then(|()| self.journal.flush());
+        written.map_err(|source| FolderError::Io { path, source })?;
+        self.runs.push(run);
+        Ok(())
+    }
+
+    /// Writes a file of results.
+    ///
+    /// # Errors
+    /// The disk is full, or the folder is gone.
+    pub fn write(&self, name: &str, content: &[u8]) -> Result<(), FolderError> {
+        write_whole(&self.path.join(name), content)
+    }
+}
+
+fn kept_plan(folder: &Path) -> Result<Option<Plan>, FolderError> {
+    let path = folder.join(PLAN);
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(FolderError::Io { path, source }),
+    };
+    let plan = Plan::parse(&path.display().to_string(), &text);
+    plan.map(Some).map_err(|error| FolderError::Malformed { place: error.place, problem: error.problem })
+}
+
+fn read_journal(path: &Path, cases: usize) -> Result<Vec<Run>, FolderError> {
+    match std::fs::read(path) {
+        Ok(bytes) => Ok(whole_runs(path, &bytes, cases)?.0),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(Vec::new()),
+        Err(source) => Err(FolderError::Io { path: path.to_owned(), source }),
+    }
+}
+
+/// The runs of a journal's whole lines, and how many bytes these are. A last line without an end, or that is no JSON, was torn.
+fn whole_runs(path: &Path, bytes: &[u8], cases: usize) -> Result<(Vec<Run>, u64), FolderError> {
+    let text = String::from_utf8_lossy(bytes);
+    let (mut runs, mut whole) = (Vec::new(), 0);
+    let lines: Vec<&str> = text.split_inclusive('\n').collect();
+    for (index, line) in lines.iter().enumerate() {
+        let problem = match serde_json::from_str::<Run>(line) {
+            Ok(run) if line.ends_with('\n') && run.case < cases => {
+                runs.push(run);
+                whole += line.len() as u64;
+                continue;
+            }
+            Ok(run) if run.case >= cases => format!("setting {} of {cases}", run.case),
+            Ok(_) => "the end of the line is missing".into(),
+            Err(error) => error.to_string(),
+        };
+        if index + 1 < lines.len() {
+            let place = format!("{}:{}", path.display(), index + 1);
+            return Err(FolderError::Malformed { place, problem });
+        }
+    }
+    Ok((runs, whole))
+}
+
+/// A file appears whole or not at all.
+fn write_whole(path: &Path, content: &[u8]) -> Result<(), FolderError> {
+    let io = |source| FolderError::Io { path: path.to_owned(), source };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(io)?;
+    }
+    let written = std::fs::write(&partial, content).and_then(|()| std::fs::rename(&partial, path));
+    if written.is_err() {
+        let _ = std::fs::remove_file(&partial);
+    }
+    written.map_err(io)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(title: &str) -> Plan {
+        let group = "[[group]]\nscenes = [\"five-mirrors/sphere\"]\nsweep = { \"splat.size\" = [1, 2, 3] }";
+        Plan::parse("test", &format!("title = \"{title}\"\n{group}")).unwrap()
+    }
+
+    fn run(case: usize, round: u32) -> Run {
+        Run {
+            case,
+            round,
+            frame_ms: Some(0.1 + case as f64),
+            passes: vec![("sscr_solve".into(), 2.5)],
+            ..Run::default()
+        }
+    }
+
+    #[test]
+    fn runs_come_back_and_a_torn_last_line_is_dropped() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = Folder::open(folder.path(), plan("one"), "glint study one").unwrap();
+        let runs = [run(0, 0), run(1, 0), run(2, 0)];
+        runs.iter().for_each(|run| first.add(run.clone()).unwrap());
+        drop(first);
+        let path = folder.path().join(JOURNAL);
+        let whole = std::fs::read(&path).unwrap();
+        // Cut anywhere in the last line, its end included.
+        let last = whole[..whole.len() - 1].iter().rposition(|byte| *byte == b'\n').unwrap() + 1;
+        for cut in [last + 1, last + 20, whole.len() - 1] {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            let mut again = Folder::open(folder.path(), plan("one"), "").unwrap();
+            assert_eq!(again.runs, runs[..2]);
+            again.add(run(2, 0)).unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), whole, "cut at {cut}");
+        }
+        let text = std::fs::read_to_string(folder.path().join(PLAN)).unwrap();
+        assert!(text.starts_with("# glint study one\n"), "{text}");
+    }
+
+    #[test]
+    fn a_folder_of_another_plan_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        Folder::open(folder.path(), plan("one"), "").unwrap();
+        let error = Folder::open(folder.path(), plan("two"), "").err().unwrap().to_string();
+        assert!(error.contains("another plan (`one`)") && error.lines().count() == 2, "{error}");
+        std::fs::write(folder.path().join(JOURNAL), "{\"case\":7}\n{\"case\":0}\n").unwrap();
+        let error = Folder::open(folder.path(), plan("one"), "").err().unwrap().to_string();
+        assert!(error.contains("runs.jsonl:1") && error.contains("setting 7 of 3"), "{error}");
+    }
+
+    #[test]
+    fn a_folder_is_written_by_one_process_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = Folder::open(folder.path(), plan("one"), "").unwrap();
+        let error = Folder::open(folder.path(), plan("one"), "").err().unwrap().to_string();
+        assert!(error.contains("another `glint study` is at work") && error.lines().count() == 1, "{error}");
+        drop(first);
+        assert!(Folder::open(folder.path(), plan("one"), "").is_ok());
+    }
+
+    #[test]
+    fn what_another_version_began_is_made_anew_and_what_it_finished_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut study = Folder::open(folder.path(), plan("one"), "").unwrap();
+        let machine = |commit: &str| Machine { commit: commit.into(), ..Machine::default() };
+        let mut made = |case, rounds: &[u32], commit: &str| {
+            rounds.iter().for_each(|round| study.add(Run { machine: machine(commit), ..run(case, *round) }).unwrap());
+        };
+        made(0, &[0, 1, 2, 3], "old");
+        made(1, &[0, 1], "old");
+        made(1, &[0], "new");
+        made(2, &[0, 1, 2], "new");
+        let mut done: Vec<(usize, u32)> = study.done(&machine("new")).into_iter().collect();
+        done.sort_unstable();
+        assert_eq!(done, [(0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (2, 0), (2, 1), (2, 2)]);
+    }
+
+    #[test]
+    fn shards_are_joined_once_and_only_of_one_plan() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b, c, all] = ["a", "b", "c", "all"].map(|name| folder.path().join(name));
+        for (path, title, cases) in [(&a, "one", vec![0, 2]), (&b, "one", vec![1, 2]), (&c, "two", vec![0])] {
+            let mut shard = Folder::open(path, plan(title), "").unwrap();
+            cases.iter().for_each(|case| shard.add(run(*case, 0)).unwrap());
+        }
+        for _ in 0..2 {
+            let joined = Folder::merge(&[a.clone(), b.clone()], &all, "").unwrap();
+            assert_eq!(joined.runs, [run(0, 0), run(2, 0), run(1, 0)]);
+        }
+        let error = Folder::merge(&[a.clone(), c], &all, "").err().unwrap().to_string();
+        assert!(error.contains("differs"), "{error}");
+        let nothing = Folder::merge(&[a, folder.path().join("none")], &all, "").err().unwrap().to_string();
+        assert!(nothing.contains("no study's folder"), "{nothing}");
+    }
+}

@@ -1,0 +1,112 @@
+//! Pictures of what was drawn beside what is true.
+
+use anyhow::Context as _;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder as _};
+use palette::color_difference::Ciede2000 as _;
+
+use crate::metrics::lab;
+
+/// Colour difference (CIEDE2000) at the bright end of the heat map: a quarter of that between black and white, beyond mistake.
+const MOST_DIFFERENCE: f64 = 25.0;
+/// Least width of one of the three pictures: smaller ones are enlarged by whole pixels.
+const LEAST_WIDTH: usize = 256;
+/// Between the pictures.
+const GAP: usize = 8;
+
+/// Rows of 8-bit red, green and blue from the top as a PNG file.
+///
+/// # Errors
+/// Not that many pixels.
+pub fn png([width, height]: [u32; 2], rgb: &[u8]) -> anyhow::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let encoder = PngEncoder::new(&mut bytes);
+    encoder.write_image(rgb, width, height, ExtendedColorType::Rgb8).context("PNG")?;
+    Ok(bytes)
+}
+
+/// What was drawn, the truth and a heat map of their difference side by side, as a PNG file: the rectangle around the mirrors.
+/// Colours are linear red, green and blue. `None` where there is no mirror.
+///
+/// # Errors
+/// None that a picture of this size could cause.
+pub fn beside(
+    size: [u32; 2],
+    mirror: &[f32],
+    drawn: &[[f32; 3]],
+    truth: &[[f32; 3]],
+) -> anyhow::Result<Option<Vec<u8>>> {
+    let row_length = size[0] as usize;
+    let pixels = || (0..mirror.len()).filter(|pixel| mirror[*pixel] > 0.0);
+    let columns = || pixels().map(|pixel| pixel % row_length);
+    let (Some(left), Some(right)) = (columns().min(), columns().max()) else { return Ok(None) };
+    let (Some(first), Some(last)) = (pixels().next(), pixels().next_back()) else { return Ok(None) };
+    let (top, bottom) = (first / row_length, last / row_length);
+    let (width, height) = (right - left + 1, bottom - top + 1);
+    let scale = LEAST_WIDTH.div_ceil(width);
+    let ramp = render::ramp_colors(scene::Ramp::Magma);
+    let finite = |color: [f32; 3]| color.map(|value| if value.is_finite() { f64::from(value) } else { 0.0 });
+    let shown = |color: [f32; 3]| finite(color).map(|value| (encoded(value) * 255.0).round() as u8);
+    let color = |panel: usize, pixel: usize| match panel {
+        _ if mirror[pixel] <= 0.0 => [u8::MAX; 3],
+        0 => shown(drawn[pixel]),
+        1 => shown(truth[pixel]),
+        _ => {
+            let difference = lab(finite(drawn[pixel])).difference(lab(finite(truth[pixel])));
+            let share = (difference / MOST_DIFFERENCE).clamp(0.0, 1.0);
+            let [red, green, blue, _] = ramp[(share * 255.0).round() as usize];
+            [red, green, blue]
+        }
+    };
+    let (all_width, all_height) = (3 * width * scale + 2 * GAP, height * scale);
+    let mut rgb = vec![u8::MAX; all_width * all_height * 3];
+    for panel in 0..3 {
+        for y in 0..all_height {
+            for x in 0..width * scale {
+                let pixel = (top + y / scale) * row_length + left + x / scale;
+                let place = (y * all_width + panel * (width * scale + GAP) + x) * 3;
+                rgb[place..place + 3].copy_from_slice(&color(panel, pixel));
+            }
+        }
+    }
+    png([all_width as u32, all_height as u32], &rgb).map(Some)
+}
+
+/// IEC 61966-2-1, clamped.
+fn encoded(value: f64) -> f64 {
+    let value = value.clamp(0.0, 1.0);
+    if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mirrors_are_cut_out_and_shown_three_times() {
+        // A mirror of 2 x 1 pixels in the middle of a row of three of 4.
+        let mut mirror = [0.0_f32; 12];
+        (mirror[5], mirror[6]) = (1.0, 1.0);
+        let mut drawn = [[0.0_f32; 3]; 12];
+        drawn[5] = [1.0, 0.0, 0.0];
+        let mut truth = drawn;
+        truth[6] = [1.0; 3];
+        let bytes = beside([4, 3], &mirror, &drawn, &truth).unwrap().unwrap();
+        let image = image::load_from_memory(&bytes).unwrap().to_rgb8();
+        // Enlarged to 128 a pixel.
+        assert_eq!(image.dimensions(), (3 * 256 + 16, 128));
+        let at = |x, y| image.get_pixel(x, y).0;
+        assert_eq!([at(0, 0), at(255, 127)], [[255, 0, 0], [0; 3]]);
+        assert_eq!([at(264, 0), at(264 + 255, 127)], [[255, 0, 0], [255; 3]]);
+        let ramp = render::ramp_colors(scene::Ramp::Magma);
+        assert_eq!(
+            [at(528, 0), at(528 + 255, 127)],
+            [[0, 255]]
+                .concat()
+                .into_iter()
+                .map(|level: usize| { [ramp[level][0], ramp[level][1], ramp[level][2]] })
+                .collect::<Vec<_>>()[..]
+        );
+        assert!(beside([4, 3], &[0.0; 12], &drawn, &truth).unwrap().is_none());
+    }
+}

@@ -1,0 +1,620 @@
+//! What was measured: runs as they are journalled, the figures that stand in tables and charts, and a row for each setting.
+//!
+//! `results.csv` and `results.json` hold the same rows. A new figure is one line in `FRAME_FIGURES`, `TRUTH_FIGURES` or
+//! `FLICKER_FIGURES`.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::LazyLock;
+
+use serde::{Deserialize, Serialize};
+
+use crate::metrics::{Accuracy, Truth};
+use crate::plan::{Case, Plan, RAY_TRACE, SIZE};
+
+/// Time of all passes that find what mirrors show, milliseconds.
+pub const METHOD_MS: &str = "method_ms";
+/// Time of the whole frame, milliseconds.
+pub const FRAME_MS: &str = "frame_ms";
+
+/// Passes that a picture without reflections has as well.
+pub const SURFACE_PASSES: [&str; 12] = [
+    "clear",
+    "splat_nearest",
+    "splat_depth",
+    "splat_identity",
+    "splat_accumulate",
+    "splat_average",
+    "splat_resolve",
+    "close_gaps",
+    "camera_position",
+    "mirror_exact",
+    "show",
+    "present",
+];
+/// Passes that depend on the light and on what is seen, not on how it was found.
+pub const SHADING_PASSES: [&str; 12] = [
+    "mirror_doubt",
+    "vpl_points",
+    "vpl_aim",
+    "vpl_place",
+    "vpl_bounce",
+    "vpl_shadow_splat",
+    "vpl_shadow_pull",
+    "vpl_shadow_push",
+    "shade",
+    "indirect",
+    "indirect_filter",
+    "blend",
+];
+
+/// Whether a pass is of the search for what mirrors show.
+pub fn is_of_method(pass: &str) -> bool {
+    !SURFACE_PASSES.contains(&pass) && !SHADING_PASSES.contains(&pass)
+}
+
+/// Something that is measured of a setting.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Figure {
+    /// As in the table and in plans.
+    pub name: String,
+    /// For people.
+    pub label: String,
+    /// Empty for a pure number.
+    pub unit: &'static str,
+}
+
+impl Figure {
+    /// Label and unit.
+    pub fn title(&self) -> String {
+        if self.unit.is_empty() { self.label.clone() } else { format!("{} [{}]", self.label, self.unit) }
+    }
+
+    /// Whether a larger value is a better one; of errors and times a smaller one is.
+    pub fn more_is_better(&self) -> bool {
+        let name = self.truth().and_then(|(_, prefix)| self.name.strip_prefix(prefix)).unwrap_or(&self.name);
+        MORE_IS_BETTER.contains(&name.trim_start_matches('_'))
+    }
+
+    /// The truth that it is judged by, and its name in plans.
+    pub fn truth(&self) -> Option<(Truth, &'static str)> {
+        let named = TRUTHS.iter().find(|(_, prefix, _)| self.name.starts_with(prefix));
+        named.map(|(truth, prefix, _)| (*truth, *prefix))
+    }
+
+    /// Whether it is measured where `flicker` is asked for alone.
+    pub fn is_of_flicker(&self) -> bool {
+        FLICKER_FIGURES.iter().any(|(name, ..)| *name == self.name)
+    }
+}
+
+/// All that one frame of a setting was judged by.
+#[derive(Clone, Debug, Default)]
+pub struct Measured {
+    pub mirror_pixels: f64,
+    /// Share of the mirror pixels.
+    pub coverage: Option<f64>,
+    pub closed_coverage: Option<f64>,
+    /// Share of the points.
+    pub hit_rate: Option<f64>,
+    pub unconverged: Option<f64>,
+    pub regions: Option<f64>,
+    /// Share of the mirror pixels that the renderer itself does not trust.
+    pub uncertain: Option<f64>,
+    pub judged: Vec<Accuracy>,
+    /// Grey levels.
+    pub flicker_still: Option<f64>,
+    pub flicker_moving: Option<f64>,
+}
+
+/// Name, label, unit, and where it comes from.
+type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
+
+const FRAME_FIGURES: [Reading<Measured>; 7] = [
+    ("mirror_pixels", "mirror pixels", "", |measured| Some(measured.mirror_pixels)),
+    ("coverage", "coverage", "share of mirror pixels", |measured| measured.coverage),
+    ("closed_coverage", "closed coverage", "share of mirror pixels", |measured| measured.closed_coverage),
+    ("hit_rate", "hit rate", "share of points", |measured| measured.hit_rate),
+    ("unconverged", "unconverged", "share of points", |measured| measured.unconverged),
+    ("regions", "regions", "", |measured| measured.regions),
+    ("uncertain", "uncertain", "share of mirror pixels", |measured| measured.uncertain),
+];
+
+const TRUTH_FIGURES: [Reading<Accuracy>; 13] = [
+    ("false_fill", "false fill", "share of mirror pixels", |accuracy| Some(accuracy.false_fill)),
+    ("angle_error_median", "angle error, median", "degrees", |accuracy| Some(accuracy.angle_error.median)),
+    ("angle_error_p95", "angle error, 95th percentile", "degrees", |accuracy| Some(accuracy.angle_error.p95)),
+    ("angle_error_p99", "angle error, 99th percentile", "degrees", |accuracy| Some(accuracy.angle_error.p99)),
+    ("pixel_error_median", "pixel error, median", "pixels", |accuracy| Some(accuracy.pixel_error.median)),
+    ("pixel_error_p95", "pixel error, 95th percentile", "pixels", |accuracy| Some(accuracy.pixel_error.p95)),
+    ("pixel_error_p99", "pixel error, 99th percentile", "pixels", |accuracy| Some(accuracy.pixel_error.p99)),
+    ("occlusion_error", "occlusion error", "share of filled pixels", |accuracy| Some(accuracy.occlusion_error)),
+    ("recall", "recall", "share of visible points", |accuracy| accuracy.recall),
+    ("rmse", "colour RMSE", "linear", |accuracy| accuracy.image.map(|image| image.rmse)),
+    ("delta_e", "colour difference", "CIEDE2000", |accuracy| accuracy.image.map(|image| image.delta_e)),
+    ("flip", "FLIP", "0 to 1", |accuracy| accuracy.image.map(|image| image.flip)),
+    ("ssim", "SSIM", "-1 to 1", |accuracy| accuracy.image.map(|image| image.ssim)),
+];
+
+const FLICKER_FIGURES: [Reading<Measured>; 2] = [
+    ("flicker_still", "flicker, camera still", "grey levels", |measured| measured.flicker_still),
+    ("flicker_moving", "flicker, camera moving", "grey levels", |measured| measured.flicker_moving),
+];
+
+/// Of these, by either truth, a larger value is a better one.
+const MORE_IS_BETTER: [&str; 5] = ["coverage", "closed_coverage", "hit_rate", "recall", "ssim"];
+
+/// Truths in the order of the columns, with their names.
+const TRUTHS: [(Truth, &str, &str); 2] =
+    [(Truth::SameInput, "same_input", "same input"), (Truth::Exact, "exact", "exact")];
+
+/// Figures that a truth does not give: recall needs points.
+fn is_given(truth: Truth, figure: &str) -> bool {
+    truth == Truth::SameInput || figure != "recall"
+}
+
+impl Measured {
+    /// By name; what could not be measured is left out.
+    pub fn figures(&self) -> BTreeMap<String, f64> {
+        let own = FRAME_FIGURES.iter().chain(&FLICKER_FIGURES);
+        let own = own.map(|(name, _, _, read)| ((*name).to_owned(), read(self)));
+        let judged = self.judged.iter().flat_map(|accuracy| {
+            let truth = truth_name(accuracy.truth);
+            let given = TRUTH_FIGURES.iter().filter(|(name, ..)| is_given(accuracy.truth, name));
+            given.map(move |(name, _, _, read)| (format!("{truth}_{name}"), read(accuracy)))
+        });
+        own.chain(judged)
+            .filter_map(|(name, value)| Some((name, value?)))
+            .filter(|(_, value)| value.is_finite())
+            .collect()
+    }
+}
+
+/// All figures in the order of the table's columns: times first.
+pub fn figures() -> &'static [Figure] {
+    static FIGURES: LazyLock<Vec<Figure>> = LazyLock::new(|| {
+        let figure = |name: &str, label: String, unit| Figure { name: name.to_owned(), label, unit };
+        let plain = |(name, label, unit, _): &Reading<Measured>| figure(name, (*label).to_owned(), unit);
+        let times = [(FRAME_MS, "time of the frame"), (METHOD_MS, "time of the method")];
+        let mut all: Vec<Figure> = times.map(|(name, label)| figure(name, label.to_owned(), "ms")).into();
+        all.extend(FRAME_FIGURES.iter().map(plain));
+        for (truth, prefix, words) in TRUTHS {
+            let given = TRUTH_FIGURES.iter().filter(|(name, ..)| is_given(truth, name));
+            all.extend(given.map(|(name, label, unit, _)| Figure {
+                name: format!("{prefix}_{name}"),
+                label: format!("{label} ({words})"),
+                unit,
+            }));
+        }
+        all.extend(FLICKER_FIGURES.iter().map(plain));
+        all
+    });
+    &FIGURES
+}
+
+/// A truth's name in figures.
+pub fn truth_name(truth: Truth) -> &'static str {
+    TRUTHS.iter().find(|(known, ..)| *known == truth).map_or("", |(_, name, _)| name)
+}
+
+/// The figure of this name.
+pub fn figure(name: &str) -> Option<&'static Figure> {
+    figures().iter().find(|figure| figure.name == name)
+}
+
+/// Where and by what a run was made.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Machine {
+    pub adapter: String,
+    pub adapter_kind: String,
+    /// What passes are timed by, `gpu` or `host`.
+    pub clock: String,
+    /// The program's version and commit.
+    pub commit: String,
+}
+
+/// A line of the journal: a setting was drawn once.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Run {
+    /// Index of the setting.
+    pub case: usize,
+    /// 0 is judged and not timed.
+    pub round: u32,
+    pub machine: Machine,
+    /// Parameters that are neither swept nor at their defaults, `key=value` with spaces between (round 0).
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub set: String,
+    /// Points of the scene (round 0).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<u64>,
+    /// Round 0.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub figures: BTreeMap<String, f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame_ms: Option<f64>,
+    /// Name and milliseconds, in order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub passes: Vec<(String, f64)>,
+    /// Why it failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+impl Run {
+    fn method_ms(&self) -> f64 {
+        self.passes.iter().filter(|(name, _)| is_of_method(name)).map(|(_, milliseconds)| milliseconds).sum()
+    }
+}
+
+/// Median and quartiles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    pub median: f64,
+    pub low: f64,
+    pub high: f64,
+}
+
+impl Spread {
+    /// Between two values they are interpolated. `None` of no values.
+    pub fn of(mut values: Vec<f64>) -> Option<Self> {
+        values.sort_by(f64::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        let at = |share: f64| {
+            let place = share * last as f64;
+            let (below, rest) = (place.floor() as usize, place.fract());
+            values[below] + (values[(below + 1).min(last)] - values[below]) * rest
+        };
+        Some(Self { median: at(0.5), low: at(0.25), high: at(0.75) })
+    }
+}
+
+/// A setting and what was measured of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    pub case: Case,
+    /// Name of its group.
+    pub group: String,
+    /// Other parameters, `key=value` with spaces between.
+    pub set: String,
+    pub points: Option<u64>,
+    /// Timed frames.
+    pub repeats: usize,
+    pub frame_ms: Option<Spread>,
+    pub method_ms: Option<Spread>,
+    /// Medians.
+    pub passes: Vec<(String, f64)>,
+    pub figures: BTreeMap<String, f64>,
+    pub machine: Machine,
+    pub error: Option<String>,
+}
+
+impl Row {
+    /// A figure's value; times are medians.
+    pub fn value(&self, figure: &str) -> Option<f64> {
+        match figure {
+            FRAME_MS => self.frame_ms.map(|spread| spread.median),
+            METHOD_MS => self.method_ms.map(|spread| spread.median),
+            _ => self.figures.get(figure).copied(),
+        }
+    }
+
+    /// Quartiles of a time.
+    pub fn spread(&self, figure: &str) -> Option<Spread> {
+        match figure {
+            FRAME_MS => self.frame_ms,
+            METHOD_MS => self.method_ms,
+            _ => None,
+        }
+    }
+}
+
+/// The runs that count of each setting, by round. All are of one machine and version, else its figures and times would be of unlike
+/// things: of that which made most rounds, of several such the first. Of several runs of a round the first counts that did not fail.
+pub fn counted(runs: &[Run]) -> HashMap<usize, BTreeMap<u32, &Run>> {
+    let mut of_machine: HashMap<usize, Vec<BTreeMap<u32, &Run>>> = HashMap::new();
+    for run in runs {
+        let machines = of_machine.entry(run.case).or_default();
+        let is_same = |rounds: &BTreeMap<u32, &Run>| rounds.values().all(|other| other.machine == run.machine);
+        let index = machines.iter().position(is_same).unwrap_or_else(|| {
+            machines.push(BTreeMap::new());
+            machines.len() - 1
+        });
+        let known = machines[index].entry(run.round).or_insert(run);
+        if known.error.is_some() {
+            *known = run;
+        }
+    }
+    let made = |rounds: &BTreeMap<u32, &Run>| rounds.values().filter(|run| run.error.is_none()).count();
+    // The last of equal ones is the greatest.
+    let best = |machines: Vec<_>| machines.into_iter().rev().max_by_key(made).unwrap_or_default();
+    of_machine.into_iter().map(|(case, machines)| (case, best(machines))).collect()
+}
+
+/// A row for each of the settings that `runs` has something of, in the plan's order, of the runs that are [`counted`].
+pub fn rows(plan: &Plan, cases: &[Case], runs: &[Run]) -> Vec<Row> {
+    let of_case = counted(runs);
+    let row = |case: &Case| {
+        let rounds = of_case.get(&case.index)?;
+        let first = rounds.values().next()?;
+        let timed: Vec<&Run> = rounds.iter().filter(|(round, _)| **round > 0).map(|(_, run)| *run).collect();
+        let timed: Vec<&Run> = timed.into_iter().filter(|run| run.error.is_none()).collect();
+        let spread =
+            |time: &dyn Fn(&Run) -> Option<f64>| Spread::of(timed.iter().filter_map(|run| time(run)).collect());
+        let names = timed.first().map(|run| run.passes.iter().map(|(name, _)| name.as_str())).into_iter().flatten();
+        let passes = names.filter_map(|name| {
+            let of_pass = |run: &Run| {
+                let pass = run.passes.iter().find(|(other, _)| other == name);
+                pass.map(|(_, milliseconds)| *milliseconds)
+            };
+            Some((name.to_owned(), spread(&of_pass)?.median))
+        });
+        Some(Row {
+            case: case.clone(),
+            group: plan.groups[case.group].name.clone(),
+            set: first.set.clone(),
+            points: first.points,
+            repeats: timed.len(),
+            frame_ms: spread(&|run| run.frame_ms),
+            method_ms: spread(&|run| Some(run.method_ms())),
+            passes: passes.collect(),
+            figures: first.figures.clone(),
+            machine: first.machine.clone(),
+            error: rounds.values().find_map(|run| run.error.clone()),
+        })
+    };
+    cases.iter().filter_map(row).collect()
+}
+
+/// A cell of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell {
+    Empty,
+    Text(String),
+    Number(f64),
+}
+
+impl Cell {
+    fn of(value: Option<f64>) -> Self {
+        value.filter(|value| value.is_finite()).map_or(Self::Empty, Self::Number)
+    }
+
+    /// Numbers as they are.
+    fn of_text(text: &str) -> Self {
+        let number = text.parse::<f64>().ok().filter(|value| value.is_finite());
+        number.map_or_else(|| Self::Text(text.to_owned()), Self::Number)
+    }
+
+    /// Empty for an empty one.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Empty => String::new(),
+            Self::Text(text) => text.clone(),
+            Self::Number(number) => number.to_string(),
+        }
+    }
+
+    fn json(&self) -> serde_json::Value {
+        match self {
+            Self::Empty => serde_json::Value::Null,
+            Self::Text(text) => text.as_str().into(),
+            // Whole numbers without a point, as in the CSV.
+            Self::Number(number) if number.fract() == 0.0 && number.abs() < 1e15 => (*number as i64).into(),
+            Self::Number(number) => (*number).into(),
+        }
+    }
+}
+
+/// Names and cells of a row, the same names in the same order for all rows of a plan.
+pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
+    let text = |text: &str| if text.is_empty() { Cell::Empty } else { Cell::Text(text.to_owned()) };
+    let Row { case, machine, .. } = row;
+    let mut cells: Vec<(String, Cell)> = Vec::new();
+    let mut put = |name: &str, cell: Cell| cells.push((name.to_owned(), cell));
+    put("plan", text(&plan.title));
+    put("group", text(&row.group));
+    put("scene", text(&case.scene));
+    put("method", text(&case.method));
+    for key in plan.swept_keys() {
+        // A variable may be called like another column, as in the pattern it stands in braces.
+        let is_variable = !key.contains('.') && key != SIZE;
+        let column = if is_variable { format!("{{{key}}}") } else { key.to_owned() };
+        put(&column, case.swept_value(key).map_or(Cell::Empty, Cell::of_text));
+    }
+    put("set", text(&row.set));
+    put("width", Cell::Number(f64::from(case.size[0])));
+    put("height", Cell::Number(f64::from(case.size[1])));
+    put("points", Cell::of(row.points.map(|points| points as f64)));
+    put("repeats", Cell::Number(row.repeats as f64));
+    for (name, spread) in [(FRAME_MS, row.frame_ms), (METHOD_MS, row.method_ms)] {
+        put(name, Cell::of(spread.map(|spread| spread.median)));
+        put(&format!("{name}_low"), Cell::of(spread.map(|spread| spread.low)));
+        put(&format!("{name}_high"), Cell::of(spread.map(|spread| spread.high)));
+    }
+    for Figure { name, .. } in figures().iter().filter(|figure| ![FRAME_MS, METHOD_MS].contains(&figure.name.as_str()))
+    {
+        put(name, Cell::of(row.figures.get(name).copied()));
+    }
+    put("adapter", text(&machine.adapter));
+    put("adapter_kind", text(&machine.adapter_kind));
+    // The ray tracer works on the CPU, whatever drew the surface that it starts from.
+    let is_by_both = case.method == RAY_TRACE && machine.clock == "gpu";
+    put("clock", text(if is_by_both { "gpu+host" } else { &machine.clock }));
+    put("commit", text(&machine.commit));
+    put("error", row.error.as_deref().map_or(Cell::Empty, text));
+    cells
+}
+
+/// The table as CSV (RFC 4180), names in the first line.
+///
+/// # Errors
+/// Never in memory; the writer's type has one.
+pub fn csv(plan: &Plan, rows: &[Row]) -> anyhow::Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for (index, row) in rows.iter().enumerate() {
+        let cells = cells(plan, row);
+        if index == 0 {
+            writer.write_record(cells.iter().map(|(name, _)| name))?;
+        }
+        writer.write_record(cells.iter().map(|(_, cell)| cell.text()))?;
+    }
+    Ok(writer.into_inner()?)
+}
+
+/// The table as a JSON list of objects, with the time of each pass.
+///
+/// # Errors
+/// Never in memory; the writer's type has one.
+pub fn json(plan: &Plan, rows: &[Row]) -> anyhow::Result<String> {
+    let object = |row: &Row| {
+        let mut object: serde_json::Map<String, serde_json::Value> =
+            cells(plan, row).into_iter().map(|(name, cell)| (name, cell.json())).collect();
+        let passes = row.passes.iter().map(|(name, milliseconds)| (name.clone(), Cell::of(Some(*milliseconds)).json()));
+        object.insert("passes".into(), passes.collect::<serde_json::Map<_, _>>().into());
+        serde_json::Value::from(object)
+    };
+    Ok(serde_json::to_string_pretty(&rows.iter().map(object).collect::<Vec<_>>())? + "\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan() -> Plan {
+        let text = "title = \"Test, with a comma\"\n[[group]]\nscenes = [\"tube:{width}\"]\nmethods = [\"sscr\"]\n\
+                    sweep = { width = [1, 2], \"splat.size\" = [0.5] }";
+        Plan::parse("test", text).unwrap()
+    }
+
+    fn machine() -> Machine {
+        Machine { adapter: "A, B".into(), clock: "gpu".into(), ..Machine::default() }
+    }
+
+    fn timed(case: usize, round: u32, milliseconds: f64) -> Run {
+        let passes = [("clear", 1.0), ("sscr_solve", milliseconds), ("push", 2.0), ("shade", 4.0), ("vpl_aim", 8.0)];
+        let passes = passes.map(|(name, time)| (name.to_owned(), time)).into();
+        Run { case, round, machine: machine(), frame_ms: Some(milliseconds + 15.0), passes, ..Run::default() }
+    }
+
+    fn judged(case: usize) -> Run {
+        let figures = [("coverage", 0.75), ("same_input_recall", 0.5)].map(|(name, value)| (name.to_owned(), value));
+        let (figures, set) = (figures.into(), "gi.bounces=0".into());
+        Run { case, figures, points: Some(7), set, machine: machine(), ..Run::default() }
+    }
+
+    #[test]
+    fn quartiles_are_interpolated() {
+        let spread = Spread::of(vec![4.0, 1.0, 3.0, 2.0]).unwrap();
+        assert_eq!([spread.low, spread.median, spread.high], [1.75, 2.5, 3.25]);
+        let single = Spread::of(vec![3.0]).unwrap();
+        assert_eq!([single.low, single.median, single.high], [3.0; 3]);
+        assert_eq!(Spread::of(Vec::new()), None);
+    }
+
+    #[test]
+    fn rows_bring_the_rounds_of_a_setting_together() {
+        let plan = plan();
+        let runs = [judged(0), timed(0, 2, 30.0), timed(0, 1, 10.0), timed(0, 3, 20.0)];
+        let rows = rows(&plan, &plan.cases(), &runs);
+        assert_eq!(rows.len(), 1, "only what was run");
+        let row = &rows[0];
+        assert_eq!((row.repeats, row.points, row.value("coverage")), (3, Some(7), Some(0.75)));
+        // Without surface and shading: the search and the closing.
+        assert_eq!((row.value(METHOD_MS), row.value(FRAME_MS)), (Some(22.0), Some(35.0)));
+        assert_eq!(row.method_ms.map(|spread| (spread.low, spread.high)), Some((17.0, 27.0)));
+        assert_eq!(row.passes[1], ("sscr_solve".to_owned(), 20.0));
+        assert_eq!(row.value("same_input_delta_e"), None);
+    }
+
+    #[test]
+    fn a_run_that_succeeds_takes_the_place_of_one_that_failed() {
+        let plan = plan();
+        let failed = Run { case: 1, error: Some("lost".into()), ..Run::default() };
+        let all = rows(&plan, &plan.cases(), std::slice::from_ref(&failed));
+        assert_eq!(all[0].error.as_deref(), Some("lost"));
+        let all = rows(&plan, &plan.cases(), &[failed.clone(), judged(1), failed]);
+        assert_eq!((all[0].error.as_deref(), all[0].points), (None, Some(7)));
+    }
+
+    #[test]
+    fn a_row_is_of_one_machine_and_version() {
+        let plan = plan();
+        let newer = |run: Run| Run { machine: Machine { commit: "newer".into(), ..machine() }, ..run };
+        let older = [judged(0), timed(0, 1, 10.0), timed(0, 3, 10.0)];
+        let row = |runs: &[Run]| rows(&plan, &plan.cases(), runs).remove(0);
+        // The one that made more rounds; the first of two that made as many.
+        let mut runs = [newer(timed(0, 2, 90.0)), newer(judged(0))].to_vec();
+        runs.extend(older);
+        let found = row(&runs);
+        assert_eq!((found.machine.commit.as_str(), found.repeats, found.value(METHOD_MS)), ("", 2, Some(12.0)));
+        runs.push(newer(timed(0, 1, 90.0)));
+        let found = row(&runs);
+        assert_eq!((found.machine.commit.as_str(), found.repeats, found.value(METHOD_MS)), ("newer", 2, Some(92.0)));
+    }
+
+    #[test]
+    fn the_ray_tracers_clock_is_also_the_hosts() {
+        let text = "title = \"a\"\n[[group]]\nscenes = [\"a\"]\nmethods = [\"sscr\", \"ray_trace\"]";
+        let plan = Plan::parse("test", text).unwrap();
+        let clocks = |clock: &str| -> Vec<String> {
+            let machine = || Machine { clock: clock.into(), ..Machine::default() };
+            let runs = [0, 1].map(|case| Run { case, machine: machine(), ..Run::default() });
+            let rows = rows(&plan, &plan.cases(), &runs);
+            let clock = |row| cells(&plan, row).into_iter().find(|(name, _)| name == "clock").unwrap().1.text();
+            rows.iter().map(clock).collect()
+        };
+        assert_eq!((clocks("gpu"), clocks("host")), (vec!["gpu".into(), "gpu+host".into()], vec!["host".into(); 2]));
+    }
+
+    #[test]
+    fn figures_know_their_direction_and_what_they_need() {
+        let better: Vec<&str> =
+            figures().iter().filter(|figure| figure.more_is_better()).map(|figure| figure.name.as_str()).collect();
+        let expected =
+            ["coverage", "closed_coverage", "hit_rate", "same_input_recall", "same_input_ssim", "exact_ssim"];
+        assert_eq!(better, expected);
+        assert_eq!(figure("exact_flip").unwrap().truth(), Some((Truth::Exact, "exact")));
+        assert!(figure("flicker_still").unwrap().is_of_flicker() && !figure("coverage").unwrap().is_of_flicker());
+    }
+
+    #[test]
+    fn columns_of_csv_and_json_are_fixed() {
+        let plan = plan();
+        let rows = rows(&plan, &plan.cases(), &[judged(0), timed(0, 1, 10.0), judged(1)]);
+        let text = String::from_utf8(csv(&plan, &rows).unwrap()).unwrap();
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let names: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
+        let truth = "false_fill angle_error_median angle_error_p95 angle_error_p99 pixel_error_median pixel_error_p95 \
+                     pixel_error_p99 occlusion_error";
+        let expected = format!(
+            "plan group scene method splat.size {{width}} set width height points repeats frame_ms frame_ms_low \
+             frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
+             unconverged regions uncertain {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim {} exact_rmse \
+             exact_delta_e exact_flip exact_ssim flicker_still flicker_moving adapter adapter_kind clock commit error",
+            truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),
+            truth.split_whitespace().map(|name| format!("exact_{name}")).collect::<Vec<_>>().join(" ")
+        );
+        assert_eq!(names, expected.split_whitespace().collect::<Vec<_>>());
+        let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        let cell = |row: usize, name: &str| records[row].get(names.iter().position(|other| other == name).unwrap());
+        assert_eq!((cell(0, "plan"), cell(0, "adapter")), (Some("Test, with a comma"), Some("A, B")));
+        assert_eq!((cell(0, "{width}"), cell(0, "width"), cell(1, "{width}")), (Some("1"), Some("800"), Some("2")));
+        assert_eq!((cell(0, "frame_ms"), cell(1, "frame_ms"), cell(0, "exact_flip")), (Some("25"), Some(""), Some("")));
+        let objects: serde_json::Value = serde_json::from_str(&json(&plan, &rows).unwrap()).unwrap();
+        let object = &objects[0];
+        assert!(names.iter().all(|name| object.get(name).is_some()), "{object}");
+        assert_eq!((&object["splat.size"], &object["{width}"]), (&serde_json::json!(0.5), &serde_json::json!(1)));
+        assert_eq!(
+            (&object["passes"]["sscr_solve"], &object["exact_flip"]),
+            (&serde_json::json!(10), &serde_json::Value::Null)
+        );
+    }
+
+    #[test]
+    fn every_figure_has_a_name_of_its_own() {
+        let mut names: Vec<&str> = figures().iter().map(|figure| figure.name.as_str()).collect();
+        assert!(names.contains(&"exact_pixel_error_p95") && !names.contains(&"exact_recall"));
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), figures().len());
+    }
+}

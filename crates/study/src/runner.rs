@@ -1,0 +1,645 @@
+//! Runs a plan: each setting is drawn and judged once, untimed, then timed in rounds. In each round every setting is drawn
+//! once, in an order drawn anew, so that whatever makes the machine faster or slower for a while hits all alike.
+
+use std::collections::{HashMap, HashSet};
+use std::hash::{Hash as _, Hasher as _};
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::anyhow;
+use cloud::Progress;
+use render::{FrameStats, Gpu, Renderer};
+use scene::{Camera, ColorBy, Settings};
+
+use crate::chart;
+use crate::flicker::{Followed, Shown, Steps, flicker, follow};
+use crate::journal::{Folder, FolderError};
+use crate::metrics::Truth;
+use crate::picture;
+use crate::plan::{Case, Plan, PlanError, RAY_TRACE};
+use crate::report;
+use crate::results::{self, Figure, Machine, Measured, Row, Run};
+use crate::subject::Subject;
+use crate::truth::{Drawn, TracedScene, Tracer, View, mirrors_of};
+
+/// Where a plan's scenes come from.
+pub trait Scenes {
+    /// The parameters that a scene brings.
+    ///
+    /// # Errors
+    /// There is no such scene.
+    fn settings(&self, scene: &str) -> anyhow::Result<Settings>;
+
+    /// Reads a scene and puts it on the GPU.
+    ///
+    /// # Errors
+    /// It cannot be read, or there is no memory for it.
+    fn load(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Subject>;
+}
+
+/// Every N-th setting, from the K-th.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// From 1.
+    pub number: usize,
+    pub count: usize,
+}
+
+impl Shard {
+    pub const WHOLE: Self = Self { number: 1, count: 1 };
+
+    fn has(self, case: usize) -> bool {
+        case % self.count == self.number - 1
+    }
+}
+
+impl std::str::FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers =
+            text.split_once('/').and_then(|(number, count)| Some([number.parse().ok()?, count.parse().ok()?]));
+        match numbers {
+            Some([number, count]) if (1..=count).contains(&number) => Ok(Self { number, count }),
+            _ => Err("expected K/N with K from 1 to N, as in 2/8".into()),
+        }
+    }
+}
+
+/// How far a study is.
+#[derive(Clone, Copy, Debug)]
+pub struct State<'a> {
+    /// Drawings of settings that are done, of `total` that this call makes.
+    pub done: usize,
+    pub total: usize,
+    /// What comes next; none at the end.
+    pub next: Option<&'a Case>,
+}
+
+/// What came of a study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// Drawings that this call made.
+    pub runs: usize,
+    pub settings: usize,
+    /// Settings that failed; the table says why.
+    pub failed: usize,
+    /// Settings that another version or clock had begun, made anew as a whole.
+    pub redone: usize,
+}
+
+/// Points kept on the GPU and in memory at a time: with the tree of the ray tracer some 100 bytes each.
+const MOST_POINTS: u64 = 24_000_000;
+
+/// Bytes of traced colours that are kept: those of some forty pictures of 800x600.
+const MOST_REFERENCE_BYTES: usize = 256 << 20;
+
+/// Frames of a still camera that flicker is measured over, and steps of a moving one.
+const STILL: Steps = Steps { frames: 16, pixels: 0.0 };
+const MOVING: Steps = Steps { frames: 9, pixels: 0.25 };
+
+/// Between the seed of the truth's paths and that of the method `ray_trace`, whose noise must not be taken for the truth's own.
+const SEED_STEP: u32 = 0x5eed;
+
+/// Makes sure that all scenes of a plan exist, before anything is opened.
+///
+/// # Errors
+/// One that does not, with the plan's group.
+pub fn check_scenes(plan: &Plan, scenes: &dyn Scenes) -> Result<(), PlanError> {
+    let mut known = HashSet::new();
+    for case in plan.cases() {
+        if !known.insert(case.scene.clone()) {
+            continue;
+        }
+        let place = format!("group `{}`", plan.groups[case.group].name);
+        let problem = |error: String| PlanError { place: place.clone(), problem: error };
+        let settings = scenes.settings(&case.scene).map_err(|error| problem(format!("{error:#}")))?;
+        case.settings(&settings).map_err(|error| problem(error.to_string()))?;
+    }
+    Ok(())
+}
+
+/// Makes the runs of a shard that are still missing and writes the results after every round. `commit` is the program's version.
+///
+/// # Errors
+/// A folder that cannot be written, runs of another adapter in it, or no renderer. Settings that fail are rows of the table instead.
+pub fn run(
+    folder: &mut Folder,
+    shard: Shard,
+    gpu: &Arc<Gpu>,
+    scenes: &dyn Scenes,
+    commit: &str,
+    progress: &mut dyn FnMut(State<'_>),
+) -> anyhow::Result<Outcome> {
+    let machine = Machine {
+        adapter: gpu.info.name.clone(),
+        adapter_kind: render::kind_name(gpu.info.device_type).to_owned(),
+        clock: gpu.clock.name().to_owned(),
+        commit: commit.to_owned(),
+    };
+    let cases: Vec<Case> = folder.cases.iter().filter(|case| shard.has(case.index)).cloned().collect();
+    let done = folder.done(&machine);
+    let rounds: Vec<Vec<&Case>> = (0..=folder.plan.repeats)
+        .map(|round| in_order(&cases, round).into_iter().filter(|case| !done.contains(&(case.index, round))).collect())
+        .collect();
+    let total: usize = rounds.iter().map(Vec::len).sum();
+    let pending: HashSet<usize> = rounds.iter().flatten().map(|case| case.index).collect();
+    let is_foreign = |run: &&Run| run.machine.adapter != machine.adapter && pending.contains(&run.case);
+    if let Some(other) = folder.runs.iter().find(is_foreign) {
+        return Err(anyhow!(
+            "{}: begun on {}, this is {}: times of two machines would mix\nname it with --gpu, or another folder",
+            folder.path.display(),
+            other.machine.adapter,
+            machine.adapter
+        ));
+    }
+    let is_other = |run: &&Run| run.machine != machine && run.error.is_none() && pending.contains(&run.case);
+    let redone: HashSet<usize> = folder.runs.iter().filter(is_other).map(|run| run.case).collect();
+    let mut outcome = Outcome { runs: 0, settings: cases.len(), failed: 0, redone: redone.len() };
+    let mut runner: Option<Runner<'_>> = None;
+    let mut failed = Vec::new();
+    for (round, cases) in (0..).zip(&rounds) {
+        for case in cases {
+            progress(State { done: outcome.runs, total, next: Some(case) });
+            outcome.runs += 1;
+            // What could not be judged is not timed either.
+            if failed.contains(&case.index) {
+                continue;
+            }
+            let runner = running(&mut runner, gpu, scenes, &folder.plan)?;
+            let made = if round == 0 { runner.judged(case) } else { runner.timed(case) };
+            let run = made.unwrap_or_else(|error| {
+                failed.push(case.index);
+                Run { error: Some(format!("{error:#}").replace('\n', "; ")), ..Run::default() }
+            });
+            folder.add(Run { case: case.index, round, machine: machine.clone(), ..run })?;
+        }
+        if round == 0 {
+            if !missing_pictures(folder).is_empty() {
+                running(&mut runner, gpu, scenes, &folder.plan)?.pictures(folder)?;
+            }
+            // The rounds that follow are timed alone.
+            if let Some(runner) = &mut runner {
+                runner.forget_references();
+            }
+        }
+        if !cases.is_empty() {
+            write(folder)?;
+        }
+    }
+    if total == 0 {
+        write(folder)?;
+    }
+    progress(State { done: total, total, next: None });
+    let rows = results::rows(&folder.plan, &folder.cases, &folder.runs);
+    outcome.failed = rows.iter().filter(|row| row.error.is_some()).count();
+    Ok(outcome)
+}
+
+/// The runner, made when it is first needed: it compiles shaders.
+fn running<'a, 'b>(
+    runner: &'b mut Option<Runner<'a>>,
+    gpu: &'a Arc<Gpu>,
+    scenes: &'a dyn Scenes,
+    plan: &Plan,
+) -> anyhow::Result<&'b mut Runner<'a>> {
+    match runner {
+        Some(runner) => Ok(runner),
+        none => Ok(none.insert(Runner::new(gpu, scenes, plan.clone())?)),
+    }
+}
+
+/// File names and settings of pictures that groups ask for and that are not there yet. Of a setting that shows no mirror there is none.
+fn missing_pictures(folder: &Folder) -> Vec<(String, Case)> {
+    let rows = results::rows(&folder.plan, &folder.cases, &folder.runs);
+    let shows_mirrors = |row: &Row| row.value("mirror_pixels").is_some_and(|pixels| pixels > 0.0);
+    let missing = worst(&folder.plan, &rows).into_iter();
+    let missing = missing.filter(|(name, row)| shows_mirrors(row) && !folder.path.join(name).exists());
+    missing.map(|(name, row)| (name, row.case.clone())).collect()
+}
+
+/// Writes tables, charts and the report of what is known so far.
+///
+/// # Errors
+/// A folder that cannot be written.
+pub fn write(folder: &Folder) -> anyhow::Result<()> {
+    let Folder { plan, cases, runs, path, .. } = folder;
+    let rows = results::rows(plan, cases, runs);
+    folder.write("results.csv", &results::csv(plan, &rows)?)?;
+    folder.write("results.json", results::json(plan, &rows)?.as_bytes())?;
+    let charts = chart::charts(plan, &rows);
+    for chart in &charts {
+        folder.write(&format!("{}.svg", chart.name), chart.svg()?.as_bytes())?;
+        folder.write(&format!("{}.png", chart.name), &chart.png()?)?;
+    }
+    let pictures: Vec<(String, &Row)> =
+        worst(plan, &rows).into_iter().filter(|(name, _)| path.join(name).exists()).collect();
+    folder.write("index.html", report::html(plan, &rows, &charts, &pictures).as_bytes())?;
+    Ok(())
+}
+
+/// Copies the pictures of the settings that are shown from folders that were joined.
+///
+/// # Errors
+/// A picture that cannot be read or written.
+pub fn copy_pictures(folders: &[impl AsRef<Path>], into: &Folder) -> Result<(), FolderError> {
+    let rows = results::rows(&into.plan, &into.cases, &into.runs);
+    for (name, _) in worst(&into.plan, &rows) {
+        let found = folders.iter().map(|folder| folder.as_ref().join(&name)).find(|path| path.exists());
+        if let Some(path) = found.filter(|path| *path != into.path.join(&name)) {
+            let bytes = std::fs::read(&path).map_err(|source| FolderError::Io { path, source })?;
+            into.write(&name, &bytes)?;
+        }
+    }
+    Ok(())
+}
+
+/// File name of the picture and row of each setting that is shown: of the groups that ask for pictures, for each scene and method the
+/// one whose figure is worst.
+fn worst<'a>(plan: &Plan, rows: &'a [Row]) -> Vec<(String, &'a Row)> {
+    let mut shown: Vec<(String, &Row)> = Vec::new();
+    for (index, group) in plan.groups.iter().enumerate().filter(|(_, group)| group.pictures) {
+        let figure = group.bound.as_ref().map(|bound| &bound.figure).or(plan.errors.first());
+        let more_is_better = || figure.and_then(|figure| results::figure(figure)).is_some_and(Figure::more_is_better);
+        let least_is_worst = group.bound.as_ref().map_or_else(more_is_better, |bound| bound.at_least.is_some());
+        let badness = |row: &Row| {
+            let value = figure.and_then(|figure| row.value(figure));
+            value.map_or(f64::NEG_INFINITY, |value| if least_is_worst { -value } else { value })
+        };
+        let of_group: Vec<&Row> = rows.iter().filter(|row| row.case.group == index && row.error.is_none()).collect();
+        for scene in &group.scenes {
+            for method in &group.methods {
+                let is_of = |row: &&&Row| row.case.scene_pattern == *scene && row.case.method == *method;
+                let rows = of_group.iter().filter(is_of);
+                if let Some(row) = rows.max_by(|a, b| badness(a).total_cmp(&badness(b))) {
+                    let name = format!("pictures/{}-{}.png", chart::file_name(&group.name), row.case.index);
+                    shown.push((name, row));
+                }
+            }
+        }
+    }
+    shown
+}
+
+/// The first round keeps the settings of a scene together, which is loaded for them; the others are shuffled.
+fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
+    let mut order: Vec<&Case> = cases.iter().collect();
+    if round == 0 {
+        order.sort_by(|a, b| a.scene.cmp(&b.scene));
+        return order;
+    }
+    // SplitMix64 (Steele et al. 2014), and the shuffle of Fisher and Yates.
+    let mut state = u64::from(round);
+    for last in (1..order.len()).rev() {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut bits = state;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        order.swap(last, ((bits ^ (bits >> 31)) % (last as u64 + 1)) as usize);
+    }
+    order
+}
+
+/// A scene that is loaded, and what was traced in it.
+struct Loaded {
+    subject: Subject,
+    points: u64,
+    /// For `splat.size`.
+    traced: Option<(f32, TracedScene)>,
+    /// Traced colours of mirror pixels, by all that they depend on.
+    references: HashMap<u64, Arc<Vec<[f32; 3]>>>,
+}
+
+impl Loaded {
+    fn traced(&mut self, plan: &Plan, splat_size: f32) -> anyhow::Result<()> {
+        if self.traced.as_ref().is_none_or(|(size, _)| *size != splat_size) {
+            let exact = plan.truths.contains(&Truth::Exact).then(|| self.subject.exact.clone()).flatten();
+            let scene = TracedScene::new(&self.subject.parts, exact, splat_size, &Progress::default())?;
+            self.traced = Some((splat_size, scene));
+            self.references.clear();
+        }
+        Ok(())
+    }
+}
+
+struct Runner<'a> {
+    gpu: &'a Arc<Gpu>,
+    scenes: &'a dyn Scenes,
+    plan: Plan,
+    renderer: Renderer,
+    /// The last used one comes last.
+    loaded: Vec<(String, Loaded)>,
+}
+
+impl<'a> Runner<'a> {
+    fn new(gpu: &'a Arc<Gpu>, scenes: &'a dyn Scenes, plan: Plan) -> anyhow::Result<Self> {
+        Ok(Self { gpu, scenes, plan, renderer: Renderer::new(gpu.clone())?, loaded: Vec::new() })
+    }
+
+    /// The case's parameters; its scene is then the last of those that are loaded.
+    fn prepare(&mut self, case: &Case) -> anyhow::Result<Settings> {
+        let settings = case.settings(&self.scenes.settings(&case.scene)?)?;
+        let key = loading_key(case, &settings);
+        if let Some(index) = self.loaded.iter().position(|(other, _)| *other == key) {
+            let found = self.loaded.remove(index);
+            self.loaded.push(found);
+            return Ok(settings);
+        }
+        // Least recently used scenes make room; how much the new one needs shows when it is there. If it finds none, all of them
+        // do: what fails for lack of memory is not told apart from other failures, which then come again.
+        let subject = match self.scenes.load(self.gpu, &case.scene, &settings) {
+            Err(_) if !self.loaded.is_empty() => {
+                self.loaded.clear();
+                // Memory is given back when the GPU has nothing left to do.
+                self.gpu.wait()?;
+                self.scenes.load(self.gpu, &case.scene, &settings)
+            }
+            loaded => loaded,
+        }?;
+        let points = subject.parts.iter().map(|part| part.cloud.len()).sum();
+        let kept = |loaded: &[(String, Loaded)]| loaded.iter().map(|(_, loaded)| loaded.points).sum::<u64>();
+        while !self.loaded.is_empty() && kept(&self.loaded) + points > MOST_POINTS {
+            self.loaded.remove(0);
+        }
+        self.loaded.push((key, Loaded { subject, points, traced: None, references: HashMap::new() }));
+        Ok(settings)
+    }
+
+    fn forget_references(&mut self) {
+        self.loaded.iter_mut().for_each(|(_, loaded)| loaded.references.clear());
+    }
+
+    /// Draws a setting without timing it, and judges what was drawn.
+    fn judged(&mut self, case: &Case) -> anyhow::Result<Run> {
+        let references = self.loaded.iter().flat_map(|(_, loaded)| loaded.references.values());
+        if references.map(|colors| size_of_val(&colors[..])).sum::<usize>() > MOST_REFERENCE_BYTES {
+            self.forget_references();
+        }
+        let settings = self.prepare(case)?;
+        let Self { plan, renderer, loaded, .. } = self;
+        let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
+        let stats = loaded.subject.render(renderer, &settings, case.size)?;
+        loaded.traced(plan, settings.splat.size)?;
+        let drawn = drawn(loaded, case, &settings, renderer)?.0;
+        let mut judged = Vec::new();
+        for &truth in &plan.truths {
+            if truth == Truth::Exact && loaded.subject.exact.is_none() {
+                continue;
+            }
+            let view = view(&loaded.subject, &settings, case.size);
+            let mut accuracy = tracer(&loaded.traced, view)?.judge(truth, &drawn, &Progress::default())?;
+            if truth == Truth::SameInput || matches!(settings.color.by, ColorBy::Auto | ColorBy::Rgb) {
+                let (seen, reference) = reference(loaded, plan, case, &settings, truth, &drawn)?;
+                let view = self::view(&loaded.subject, &settings, case.size);
+                accuracy.image = Some(tracer(&loaded.traced, view)?.image_error(&drawn, &seen, &reference));
+            }
+            judged.push(accuracy);
+        }
+        let found = stats.reflection;
+        let traced = (case.method == RAY_TRACE).then(|| judged.first()).flatten();
+        let mut measured = Measured {
+            mirror_pixels: drawn.surface.mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64,
+            coverage: found.map(|found| found.coverage).or(traced.map(|judged| judged.coverage)),
+            closed_coverage: found.map(|found| found.closed_coverage).or(traced.map(|judged| judged.closed_coverage)),
+            hit_rate: found.and_then(|found| found.hit_rate),
+            unconverged: found.and_then(|found| found.unconverged),
+            regions: found.and_then(|found| found.regions).map(f64::from),
+            uncertain: found.map(|found| found.uncertain),
+            judged,
+            ..Measured::default()
+        };
+        if plan.flicker || plan.groups[case.group].flicker {
+            [measured.flicker_still, measured.flicker_moving] = flickers(loaded, case, &settings, renderer, &drawn)?;
+        }
+        let swept = |key: &str| case.swept_value(key).is_some() || key == "reflection.method";
+        let set = settings.differing().into_iter().filter(|(key, _)| !swept(key));
+        let set: Vec<String> = set.map(|(key, value)| format!("{key}={value}")).collect();
+        Ok(Run { set: set.join(" "), points: Some(loaded.points), figures: measured.figures(), ..Run::default() })
+    }
+
+    /// Draws a setting once, from scratch.
+    fn timed(&mut self, case: &Case) -> anyhow::Result<Run> {
+        let settings = self.prepare(case)?;
+        let Self { plan, renderer, loaded, .. } = self;
+        let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
+        let stats = loaded.subject.render(renderer, &settings, case.size)?;
+        let FrameStats { passes, frame_milliseconds, .. } = stats;
+        let mut passes: Vec<(String, f64)> =
+            passes.into_iter().map(|pass| (pass.name.to_owned(), pass.milliseconds)).collect();
+        let mut frame_ms = frame_milliseconds;
+        if case.method == RAY_TRACE {
+            loaded.traced(plan, settings.splat.size)?;
+            let milliseconds = drawn(loaded, case, &settings, renderer)?.1;
+            passes.push((RAY_TRACE.to_owned(), milliseconds));
+            frame_ms += milliseconds;
+        }
+        Ok(Run { frame_ms: Some(frame_ms), passes, ..Run::default() })
+    }
+
+    /// Draws the settings that groups show, beside the truth.
+    fn pictures(&mut self, folder: &Folder) -> anyhow::Result<()> {
+        for (name, case) in missing_pictures(folder) {
+            let case = &case;
+            let settings = self.prepare(case)?;
+            let Self { plan, renderer, loaded, .. } = self;
+            let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
+            loaded.subject.render(renderer, &settings, case.size)?;
+            loaded.traced(plan, settings.splat.size)?;
+            let drawn = drawn(loaded, case, &settings, renderer)?.0;
+            let (_, reference) = reference(loaded, plan, case, &settings, Truth::SameInput, &drawn)?;
+            if let Some(png) = picture::beside(case.size, &drawn.surface.mirror, &drawn.color, &reference)? {
+                folder.write(&name, &png)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// All that a scene's loading depends on: how it is read, coloured and, without a camera or light of its own, seen and lit.
+fn loading_key(case: &Case, settings: &Settings) -> String {
+    let Settings { scene, surface, color, view, light, .. } = settings;
+    let differing =
+        [param::differing(scene), param::differing(surface), param::differing(color), param::differing(view)];
+    format!("{} {differing:?} {:?}", case.scene, light.by)
+}
+
+fn view<'a>(subject: &'a Subject, settings: &'a Settings, size: [u32; 2]) -> View<'a> {
+    View { camera: &subject.camera, settings, objects: subject.objects(), size }
+}
+
+fn tracer<'a>(traced: &'a Option<(f32, TracedScene)>, view: View<'a>) -> anyhow::Result<Tracer<'a>> {
+    let (_, scene) = traced.as_ref().ok_or_else(|| anyhow!("the scene was not traced"))?;
+    Ok(Tracer::new(scene, view))
+}
+
+/// What the renderer drew last, with what the ray tracer puts into it where it is the method; the latter's milliseconds.
+fn drawn(loaded: &Loaded, case: &Case, settings: &Settings, renderer: &Renderer) -> anyhow::Result<(Drawn, f64)> {
+    let tracer = tracer(&loaded.traced, view(&loaded.subject, settings, case.size))?;
+    let mut drawn = tracer.drawn(renderer)?;
+    let is_traced = case.method == RAY_TRACE;
+    let milliseconds = if is_traced { tracer.ray_trace(&mut drawn, &Progress::default())?.milliseconds } else { 0.0 };
+    Ok((drawn, milliseconds))
+}
+
+/// What the truth sees at each pixel, and its colours at the mirrors; these are kept, as several settings have them in common.
+fn reference(
+    loaded: &mut Loaded,
+    plan: &Plan,
+    case: &Case,
+    settings: &Settings,
+    truth: Truth,
+    drawn: &Drawn,
+) -> anyhow::Result<(crate::truth::Seen, Arc<Vec<[f32; 3]>>)> {
+    let mut traced = settings.clone();
+    traced.trace.samples = plan.truth_samples;
+    traced.trace.seed = settings.trace.seed.wrapping_add(SEED_STEP);
+    let Loaded { subject, traced: scene, references, .. } = loaded;
+    let tracer = tracer(scene, view(subject, &traced, case.size))?;
+    let progress = Progress::default();
+    let seen = match truth {
+        Truth::SameInput => tracer.seen(&drawn.surface),
+        Truth::Exact => tracer.exactly_seen(&progress)?,
+    };
+    let Settings { view, light, sun, gi, mirror, reflection, .. } = settings;
+    let mut hasher = std::hash::DefaultHasher::new();
+    let lit = (view, light, sun, gi.bounces, mirror, reflection.bounces, &traced.trace);
+    format!("{truth:?} {:?} {lit:?}", case.size).hash(&mut hasher);
+    if truth == Truth::SameInput {
+        drawn
+            .surface
+            .images()
+            .iter()
+            .for_each(|image| image.iter().for_each(|value| hasher.write_u32(value.to_bits())));
+    }
+    let key = hasher.finish();
+    let reference = match references.get(&key) {
+        Some(reference) => reference.clone(),
+        None => {
+            let reference = Arc::new(tracer.colors(truth, &mirrors_of(&seen), &progress)?);
+            references.insert(key, reference.clone());
+            reference
+        }
+    };
+    Ok((seen, reference))
+}
+
+/// How much the mirrors' pixels flicker, in grey levels: while the camera stands still, and while it moves sideways by quarters of a
+/// pixel. Then a place on the mirror is followed from frame to frame; that what it shows moves is part of the figure, and the
+/// same for all methods.
+fn flickers(
+    loaded: &Loaded,
+    case: &Case,
+    settings: &Settings,
+    renderer: &mut Renderer,
+    first: &Drawn,
+) -> anyhow::Result<[Option<f64>; 2]> {
+    let (_, scene) = loaded.traced.as_ref().ok_or_else(|| anyhow!("the scene was not traced"))?;
+    let (subject, origin) = (&loaded.subject, scene.origin);
+    let mask: Vec<bool> = first.surface.mirror.iter().map(|mirror| *mirror > 0.0).collect();
+    let mut measure = |steps| -> anyhow::Result<Option<f64>> {
+        let (view, mut settings) = (&settings.view, settings.clone());
+        // Each frame is drawn anew, by what a method remembers of the ones before.
+        settings.reflection.keep = false;
+        renderer.forget();
+        let draw = |camera: &Camera| -> anyhow::Result<Shown> {
+            // From the world's coordinates to those near the scene, and back.
+            let camera = Camera { eye: camera.eye + origin, pivot: camera.pivot + origin, ..*camera };
+            // The ray tracer's own draw goes on as it would from frame to frame.
+            settings.trace.seed = settings.trace.seed.wrapping_add(1);
+            renderer.render(&subject.store, &camera, &settings, subject.objects(), case.size)?;
+            let view = View { camera: &camera, settings: &settings, objects: subject.objects(), size: case.size };
+            let tracer = Tracer::new(scene, view);
+            let mut drawn = tracer.drawn(renderer)?;
+            if case.method == RAY_TRACE {
+                tracer.ray_trace(&mut drawn, &Progress::default())?;
+            }
+            Ok(Shown { positions: drawn.surface.position.as_chunks::<3>().0.to_vec(), colors: drawn.color })
+        };
+        let camera = subject.camera;
+        let near = Camera { eye: camera.eye - origin, pivot: camera.pivot - origin, ..camera };
+        let Followed { frames, .. } = follow(&near, view, case.size, steps, draw)?;
+        let mean = flicker(&mask, &frames).mean;
+        Ok(mean.is_finite().then_some(mean))
+    };
+    Ok([measure(STILL)?, measure(MOVING)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cases() -> Vec<Case> {
+        let text = "title = \"a\"\n[[group]]\nscenes = [\"b\", \"a\"]\nmethods = [\"sscr\", \"none\"]\n\
+                    sweep = { \"splat.size\" = [1, 2, 3, 4, 5] }";
+        Plan::parse("test", text).unwrap().cases()
+    }
+
+    fn indices(order: &[&Case]) -> Vec<usize> {
+        order.iter().map(|case| case.index).collect()
+    }
+
+    #[test]
+    fn every_round_draws_all_settings_in_an_order_of_its_own() {
+        let cases = cases();
+        let rounds: Vec<Vec<usize>> = (0..4).map(|round| indices(&in_order(&cases, round))).collect();
+        // Scene by scene.
+        assert_eq!(rounds[0], (10..20).chain(0..10).collect::<Vec<_>>());
+        for (round, order) in rounds.iter().enumerate() {
+            let mut sorted = order.clone();
+            sorted.sort_unstable();
+            assert_eq!(sorted, (0..cases.len()).collect::<Vec<_>>(), "round {round}");
+            assert!(rounds[..round].iter().all(|other| other != order), "round {round}");
+        }
+        assert_eq!(rounds[2], indices(&in_order(&cases, 2)), "and each time the same");
+    }
+
+    #[test]
+    fn each_setting_is_in_one_shard() {
+        let shards: Vec<Shard> = ["1/3", "2/3", "3/3"].map(|text| text.parse().unwrap()).into();
+        for case in 0..20 {
+            assert_eq!(shards.iter().filter(|shard| shard.has(case)).count(), 1);
+        }
+        assert!((0..20).all(|case| Shard::WHOLE.has(case)));
+        for wrong in ["0/3", "4/3", "1", "1/0", "a/b", ""] {
+            assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_worst_setting_is_that_of_least_recall_and_of_largest_error() {
+        let text =
+            "title = \"a\"\n[[group]]\nscenes = [\"a\"]\npictures = true\nsweep = { \"splat.size\" = [1, 2, 3] }";
+        let mut plan = Plan::parse("test", text).unwrap();
+        let run = |(case, value): (usize, f64)| {
+            let names = ["same_input_recall", "same_input_delta_e"];
+            Run { case, figures: names.map(|name| (name.to_owned(), value)).into(), ..Run::default() }
+        };
+        let runs: Vec<Run> = [0.5, 0.2, 0.9].into_iter().enumerate().map(run).collect();
+        let rows = results::rows(&plan, &plan.cases(), &runs);
+        for (figure, expected) in [("same_input_recall", 1), ("same_input_delta_e", 2)] {
+            plan.errors = vec![figure.into()];
+            let shown: Vec<usize> = worst(&plan, &rows).iter().map(|(_, row)| row.case.index).collect();
+            assert_eq!(shown, [expected], "{figure}");
+        }
+    }
+
+    #[test]
+    fn scenes_are_loaded_anew_for_what_they_are_read_and_sampled_by_alone() {
+        let cases = cases();
+        let key = |parameter: &str, value: &str| {
+            let mut settings = Settings::default();
+            settings.set_text(parameter, value).unwrap();
+            loading_key(&cases[0], &settings)
+        };
+        let default = loading_key(&cases[0], &Settings::default());
+        assert_eq!(
+            [key("splat.size", "3"), key("sscr.max_steps", "3"), key("trace.seed", "3")],
+            [(); 3].map(|()| default.clone())
+        );
+        for (parameter, value) in
+            [("scene.points", "5000"), ("color.by", "height"), ("view.up", "y"), ("light.by", "sun")]
+        {
+            assert_ne!(key(parameter, value), default, "{parameter}");
+        }
+    }
+}

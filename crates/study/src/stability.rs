@@ -1,0 +1,451 @@
+//! Scenes that provoke the failures of reflection methods, each by one number.
+//!
+//! A case is named `stability/NAME:VALUE`: what is wrong with it grows or shrinks with the value. The plan
+//! `assets/plans/stability.toml` sweeps the values and says which bound must hold; docs/study/stability.md shows what comes of
+//! it. All cases stand in the box of the five mirrors, all mirrors are sampled as points, and all
+//! surfaces have formulas, so that both truths can judge them.
+
+mod sampled;
+
+use std::f64::consts::PI;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
+
+use cloud::sampling::Surface;
+use glam::{DQuat, DVec3};
+use render::Gpu;
+use scene::five_mirrors::{self, walls};
+use scene::{Camera, Mirror, Settings, Shape, SpotLight};
+use trace::exact::Albedo;
+
+use crate::stability::sampled::{Piece, Scene};
+use crate::subject::Subject;
+
+/// What names of cases start with.
+pub const PREFIX: &str = "stability/";
+
+/// A kind of scene.
+struct Case {
+    /// Without [`PREFIX`] and value.
+    name: &'static str,
+    /// What its value is, in words, with the unit.
+    value: &'static str,
+    default: f64,
+    range: RangeInclusive<f64>,
+    scene: fn(f64) -> Scene,
+}
+
+/// All of them, in the order of the docs.
+const CASES: [Case; 15] = [
+    Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
+    Case {
+        name: "wide-view",
+        value: "vertical field of view, degrees",
+        default: 110.0,
+        range: 10.0..=140.0,
+        scene: wide_view,
+    },
+    Case {
+        name: "eye-at-focus",
+        value: "distance of the eye from the vertex, in focal lengths",
+        default: 1.0,
+        range: 0.3..=7.5,
+        scene: eye_at_focus,
+    },
+    Case {
+        name: "grid",
+        value: "width of the holes, pixels of a picture of 240 rows",
+        default: 4.0,
+        range: 3.0..=100.0,
+        scene: grid,
+    },
+    Case {
+        name: "thin-tube",
+        value: "width of the tube, pixels of a picture of 240 rows",
+        default: 4.0,
+        range: 1.0..=40.0,
+        scene: thin_tube,
+    },
+    Case {
+        name: "flat-beside-hollow",
+        value: "share that the plane covers, from the right",
+        default: 0.5,
+        range: 0.0..=0.9,
+        scene: flat_beside_hollow,
+    },
+    Case {
+        name: "noisy-normals",
+        value: "standard deviation of the normals, degrees along each axis",
+        default: 2.0,
+        range: 0.0..=20.0,
+        scene: noisy_normals,
+    },
+    Case {
+        name: "steps",
+        value: "depth of the step, share of the distance from the eye",
+        default: 0.03,
+        range: 0.0..=0.5,
+        scene: steps,
+    },
+    Case {
+        name: "sparse-room",
+        value: "points of the box",
+        default: 3000.0,
+        range: 100.0..=10_000_000.0,
+        scene: sparse_room,
+    },
+    Case { name: "open-box", value: "radius of the sphere", default: 0.43, range: 0.05..=0.9, scene: open_box },
+    Case { name: "fence", value: "distance of the fence from the wall", default: 0.1, range: 0.02..=0.9, scene: fence },
+    Case { name: "crowd", value: "how many", default: 5.0, range: 1.0..=5.0, scene: crowd },
+    Case {
+        name: "near-wall",
+        value: "gap between sphere and wall",
+        default: 0.05,
+        range: 0.001..=0.5,
+        scene: near_wall,
+    },
+    Case {
+        name: "hovering-bars",
+        value: "gap between bars and mirror",
+        default: 0.05,
+        range: 0.001..=0.5,
+        scene: hovering_bars,
+    },
+    Case {
+        name: "bent-mirror",
+        value: "slope at its rim, degrees",
+        default: 5.0,
+        range: 0.01..=60.0,
+        scene: bent_mirror,
+    },
+];
+
+/// Whether this is the name of a case, known or not.
+pub fn is_case(name: &str) -> bool {
+    name.starts_with(PREFIX)
+}
+
+/// What a case sets: all defaults, but for its field of view.
+///
+/// # Errors
+/// As of [`subject`].
+pub fn settings(name: &str) -> anyhow::Result<Settings> {
+    let mut settings = Settings::default();
+    settings.view.field_of_view = scene(name)?.field_of_view;
+    Ok(settings)
+}
+
+/// A case, from `stability/NAME:VALUE` or `stability/NAME`, which takes its default.
+///
+/// # Errors
+/// Unknown name, no number, out of range; no memory on the GPU.
+pub fn subject(gpu: &Arc<Gpu>, name: &str, settings: &Settings) -> anyhow::Result<Subject> {
+    scene(name)?.subject(gpu, lamps(), settings)
+}
+
+fn scene(name: &str) -> anyhow::Result<Scene> {
+    let (case, value) = find(name)?;
+    Ok((case.scene)(value))
+}
+
+/// A case and its value.
+fn find(name: &str) -> anyhow::Result<(&'static Case, f64)> {
+    let rest = name.strip_prefix(PREFIX).unwrap_or(name);
+    let (key, value) = rest.split_once(':').map_or((rest, None), |(key, value)| (key, Some(value)));
+    let Some(case) = CASES.iter().find(|case| case.name == key) else {
+        let names: Vec<&str> = CASES.iter().map(|case| case.name).collect();
+        anyhow::bail!(
+            "{name}: no such stability case\nexpected {PREFIX}NAME or {PREFIX}NAME:VALUE with a NAME of: {}",
+            names.join(", ")
+        );
+    };
+    let (first, last) = (case.range.start(), case.range.end());
+    let parsed = value.map_or(Ok(case.default), str::parse);
+    match parsed {
+        Ok(number) if case.range.contains(&number) => Ok((case, number)),
+        _ => anyhow::bail!(
+            "{name}: the value is {}, expected a number from {first} to {last} ({})",
+            value.unwrap_or_default(),
+            case.value
+        ),
+    }
+}
+
+/// Rows of the pictures that widths in pixels are told for.
+const ROWS: f64 = 240.0;
+/// Of the five mirrors' definition.
+const FIELD_OF_VIEW: f32 = 60.0;
+/// Radius of the sphere of the five mirrors.
+const RADIUS: f64 = 0.43;
+/// Width of the squares on the walls, those of the five mirrors' floor.
+const CHECK: f64 = 0.25;
+
+/// Width of a pixel at a distance of one along the line of sight, with the field of view above.
+fn pixel() -> f64 {
+    2.0 * (f64::from(FIELD_OF_VIEW).to_radians() / 2.0).tan() / ROWS
+}
+
+/// The box of the five mirrors. All of its walls are checkered: what is shown in the wrong place can be seen.
+fn room() -> Vec<Piece> {
+    walls().map(|(surface, _)| Piece::wall(surface, Albedo::At(checkered))).into()
+}
+
+/// Linear albedo of the box's walls: left red, right green, the others pale.
+fn checkered(position: DVec3) -> [f64; 3] {
+    // The wall is across the axis along which the place is farthest out.
+    let axis = (position / DVec3::new(1.0, 1.0, 2.0)).abs().max_position();
+    let along: f64 = (0..3).filter(|other| *other != axis).map(|other| (position[other] / CHECK).floor()).sum();
+    let own = match axis {
+        0 if position.x < 0.0 => [0.63, 0.065, 0.05],
+        0 => [0.14, 0.45, 0.091],
+        _ => [0.725, 0.71, 0.68],
+    };
+    let is_dark = along.rem_euclid(2.0) == 1.0;
+    own.map(|value| if is_dark { 0.25 * value } else { value })
+}
+
+/// Two wide lamps under the ceiling, which light all of the box.
+fn lamps() -> Vec<SpotLight> {
+    let lamp = |z| SpotLight {
+        position: DVec3::new(0.0, 0.95, z),
+        target: DVec3::new(0.0, -1.0, z),
+        intensity: [4.0; 3],
+        inner_degrees: 60.0,
+        outer_degrees: 80.0,
+    };
+    [-1.0, 1.0].map(lamp).into()
+}
+
+/// The box with these mirrors, seen as the five mirrors are.
+fn in_room(mirrors: impl IntoIterator<Item = Piece>) -> Scene {
+    let mut pieces = room();
+    pieces.extend(mirrors);
+    Scene { pieces, camera: five_mirrors::camera(), field_of_view: FIELD_OF_VIEW }
+}
+
+/// Facing the camera.
+fn mirror(shape: Shape, position: DVec3, size: f64) -> Mirror {
+    Mirror { position, as_points: true, ..Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Y, size) }
+}
+
+/// With points enough for its normals to be smooth: 25 thousand.
+fn sphere(position: DVec3, radius: f64) -> Piece {
+    Piece::mirror(mirror(Shape::Sphere, position, radius)).spaced(radius / 45.0)
+}
+
+/// A ring seen from its side, which bends eight times as much one way as the other; the camera is rolled.
+fn rolled_camera(degrees: f64) -> Scene {
+    // Its axis is level: the part before the eye is an upright tube that bends back slowly.
+    let ring = Mirror {
+        rotation: DQuat::from_rotation_y(PI / 2.0),
+        ..mirror(Shape::Torus { tube: 0.14 }, DVec3::Z * -0.6, 0.8)
+    };
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let camera = Camera { up: DVec3::new(sin, cos, 0.0), ..five_mirrors::camera() };
+    Scene { camera, ..in_room([Piece::mirror(ring).spaced(0.009)]) }
+}
+
+/// A sphere of the same size on the screen and as near to its corner, whatever the field of view.
+fn wide_view(degrees: f64) -> Scene {
+    // Two thirds of the way to the upper right corner of a picture of 4 by 3; at a distance of one from the eye.
+    let slope = (degrees.to_radians() / 2.0).tan();
+    let direction = DVec3::new(slope * 4.0 / 3.0 * 0.66, slope * 0.66, -1.0).normalize();
+    let eye = DVec3::Z;
+    // An eighth of the picture's height at that depth.
+    let radius = 0.25 * slope * -direction.z;
+    let camera = Camera { eye, pivot: DVec3::ZERO, up: DVec3::Y };
+    Scene { camera, field_of_view: degrees as f32, ..in_room([sphere(eye + direction, radius)]) }
+}
+
+/// A hollow mirror, the eye on its axis.
+fn eye_at_focus(distance: f64) -> Scene {
+    let (focal_length, rim) = (0.4, 0.5);
+    let vertex = DVec3::Z * -1.2;
+    let shape = Shape::Paraboloid { focal_length: focal_length / rim };
+    let camera = Camera { eye: vertex + DVec3::Z * distance * focal_length, pivot: vertex, up: DVec3::Y };
+    Scene { camera, ..in_room([Piece::mirror(mirror(shape, vertex, rim)).spaced(0.004)]) }
+}
+
+/// A sphere behind a grid of bars.
+fn grid(hole: f64) -> Scene {
+    // Half way to the sphere, where it covers half of what it does at its middle.
+    let distance = 1.0;
+    let pixel = pixel() * distance;
+    let (bar, period) = (3.0 * pixel, (3.0 + hole) * pixel);
+    let reach = 0.3;
+    let z = five_mirrors::camera().eye.z - distance;
+    let lines = (reach / period).ceil() as i32;
+    let bars = (-lines..=lines).flat_map(|line| {
+        let at = f64::from(line) * period - bar / 2.0;
+        let upright =
+            Surface::Rectangle { corner: DVec3::new(at, -reach, z), edges: [DVec3::X * bar, DVec3::Y * (2.0 * reach)] };
+        let level =
+            Surface::Rectangle { corner: DVec3::new(-reach, at, z), edges: [DVec3::X * (2.0 * reach), DVec3::Y * bar] };
+        // Two thirds of a pixel between points: a bar keeps its width.
+        [upright, level].map(|surface| Piece::wall(surface, Albedo::Even([0.5, 0.4, 0.1])).spaced(0.66 * pixel))
+    });
+    in_room(bars.chain([sphere(DVec3::ZERO, RADIUS)]))
+}
+
+/// A ring of a thin tube.
+fn thin_tube(width: f64) -> Scene {
+    let ring = 0.55;
+    let tube = width / 2.0 * pixel() * five_mirrors::camera().eye.z;
+    let mirror = mirror(Shape::Torus { tube: tube / ring }, DVec3::ZERO, ring);
+    // Splats wider than the tube would widen it; on a wide one, no more points than others have.
+    in_room([Piece::mirror(mirror).spaced((tube / 2.5).min(0.006))])
+}
+
+/// A paraboloid that is this steep at its rim.
+fn paraboloid(slope: f64) -> Shape {
+    // z = r^2 / 4 f, of which the slope is r / 2 f.
+    Shape::Paraboloid { focal_length: 0.5 / slope.to_radians().tan() }
+}
+
+/// A hollow mirror, and a plane that touches its rim and covers a part of it.
+fn flat_beside_hollow(share: f64) -> Scene {
+    // The eye is more than five focal lengths away: nothing of this is due to the focus.
+    let (rim, slope) = (0.45, 35.0_f64);
+    let rim_height = rim * slope.to_radians().tan() / 2.0;
+    let hollow = mirror(paraboloid(slope), DVec3::Z * -rim_height, rim);
+    let right = 2.0 * rim * share;
+    let plane = mirror(
+        Shape::Plane { height: rim / right.max(1e-3) * 2.0 },
+        DVec3::X * (rim - right / 2.0),
+        right.max(1e-3) / 2.0,
+    );
+    let pieces = [Some(hollow), (share > 0.0).then_some(plane)];
+    in_room(pieces.into_iter().flatten().map(|mirror| Piece::mirror(mirror).spaced(0.006)))
+}
+
+/// A sphere whose points have normals with noise.
+fn noisy_normals(degrees: f64) -> Scene {
+    in_room([sphere(DVec3::ZERO, RADIUS).noisy(degrees)])
+}
+
+/// Plates side by side, every other one set back.
+fn steps(step: f64) -> Scene {
+    // Plates of a tenth, turned a little upwards: reflections differ from plate to plate.
+    let plate = |index: i32| {
+        let (column, row) = (index % 6 - 3, index / 6 - 2);
+        let back = if (column + row) % 2 == 0 { 0.0 } else { step * five_mirrors::camera().eye.z };
+        let position = DVec3::new(0.2 * f64::from(column) + 0.1, 0.2 * f64::from(row) + 0.1, -back);
+        Piece::mirror(mirror(Shape::Plane { height: 1.0 }, position, 0.1)).spaced(0.008)
+    };
+    in_room((0..24).map(plate))
+}
+
+/// A sphere with enough points in a box with few.
+fn sparse_room(points: f64) -> Scene {
+    let mut pieces = room();
+    let area: f64 = walls().iter().map(|(surface, _)| surface.area()).sum();
+    pieces = pieces.into_iter().map(|wall| wall.spaced((area / points).sqrt())).collect();
+    pieces.push(sphere(DVec3::ZERO, RADIUS));
+    Scene { pieces, camera: five_mirrors::camera(), field_of_view: FIELD_OF_VIEW }
+}
+
+/// A sphere in a box without its ceiling and the wall behind the eye.
+fn open_box(radius: f64) -> Scene {
+    let mut pieces = room();
+    // The last is behind the eye, the fourth the ceiling.
+    pieces.pop();
+    pieces.remove(3);
+    pieces.push(sphere(DVec3::ZERO, radius));
+    Scene { pieces, camera: five_mirrors::camera(), field_of_view: FIELD_OF_VIEW }
+}
+
+/// A sphere before a fence that stands this far before the wall it hides.
+fn fence(distance: f64) -> Scene {
+    // Slats along both side walls, a tenth wide and a tenth apart.
+    let slats = (-18..18).step_by(2).flat_map(|slat| {
+        let z = f64::from(slat) * 0.1;
+        [-1.0, 1.0].map(|side| {
+            let corner = DVec3::new(side * (1.0 - distance), -1.0, z);
+            let surface = Surface::Rectangle { corner, edges: [DVec3::Y * 2.0, DVec3::Z * 0.1] };
+            Piece::wall(surface, Albedo::Even([0.6, 0.5, 0.1]))
+        })
+    });
+    in_room(slats.chain([sphere(DVec3::ZERO, RADIUS)]))
+}
+
+/// Spheres side by side, of the size that five have room for.
+fn crowd(mirrors: f64) -> Scene {
+    let count = mirrors.round() as i32;
+    let at = |index: i32| DVec3::X * 0.36 * (f64::from(index) - f64::from(count - 1) / 2.0);
+    // As dense as each other, however many there are.
+    in_room((0..count).map(|index| sphere(at(index), 0.16).spaced(0.006)))
+}
+
+/// A sphere in front of a wall.
+fn near_wall(gap: f64) -> Scene {
+    // Beside the left wall, and seen from the right, so that their gap shows.
+    let radius = 0.35;
+    let middle = DVec3::new(-1.0 + gap + radius, 0.0, 0.0);
+    let camera = Camera::looking(middle, DVec3::new(0.4, 0.1, 1.0), 1.4, DVec3::Y);
+    Scene { camera, ..in_room([sphere(middle, radius)]) }
+}
+
+/// A mirror that is almost flat.
+fn bent_mirror(slope: f64) -> Scene {
+    // Its outer side faces the camera, so that reflected rays never cross.
+    let bent = Mirror { rotation: DQuat::from_rotation_y(PI), ..mirror(paraboloid(slope), DVec3::ZERO, 0.5) };
+    in_room([Piece::mirror(bent).spaced(0.006)])
+}
+
+/// Bars close before a plane mirror.
+fn hovering_bars(gap: f64) -> Scene {
+    // Seen at a slant, so that the bars do not hide their reflections.
+    let mirror = mirror(Shape::Plane { height: 1.0 }, DVec3::ZERO, 0.5);
+    let bars = (-2..=2).map(|bar| {
+        let corner = DVec3::new(-0.5, 0.2 * f64::from(bar) - 0.03, gap);
+        let surface = Surface::Rectangle { corner, edges: [DVec3::X, DVec3::Y * 0.06] };
+        Piece::wall(surface, Albedo::Even([0.6, 0.5, 0.1]))
+    });
+    let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, 0.5, 1.0), 1.05, DVec3::Y);
+    Scene { camera, ..in_room(bars.chain([Piece::mirror(mirror)])) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_say_case_and_value() {
+        let (case, value) = find("stability/thin-tube:2.5").unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!((case.name, value), ("thin-tube", 2.5));
+        let (case, value) = find("stability/grid").unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!((case.name, value), ("grid", case.default));
+    }
+
+    #[test]
+    fn wrong_names_say_what_was_expected() {
+        let error = |name| find(name).map(|(_, value)| value).expect_err(name).to_string();
+        let unknown = error("stability/mist");
+        assert!(unknown.starts_with("stability/mist: ") && unknown.lines().count() == 2, "{unknown}");
+        assert!(CASES.iter().all(|case| unknown.contains(case.name)), "{unknown}");
+        for name in ["stability/grid:0", "stability/grid:many", "stability/grid:", "stability/grid:NaN"] {
+            let error = error(name);
+            assert!(error.contains("expected a number from 3 to 100 (width of the holes"), "{error}");
+        }
+    }
+
+    #[test]
+    fn each_case_can_be_made_from_end_to_end_of_its_range() {
+        for case in &CASES {
+            for value in [*case.range.start(), case.default, *case.range.end()] {
+                assert!(case.range.contains(&value), "{}", case.name);
+                let scene = (case.scene)(value);
+                assert!(scene.mirrors().count() > 0, "{}", case.name);
+                for mirror in scene.mirrors() {
+                    assert_eq!(mirror.problem(), None, "{} {value}", case.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_field_of_view_is_the_case_s() {
+        let degrees = |name| settings(name).map(|settings| settings.view.field_of_view).unwrap_or(0.0);
+        assert_eq!((degrees("stability/wide-view:125"), degrees("stability/grid")), (125.0, FIELD_OF_VIEW));
+    }
+}

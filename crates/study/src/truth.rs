@@ -1,0 +1,436 @@
+//! A frame that was drawn beside what the ray tracer sees in its place.
+//!
+//! [`TracedScene`] is the points as discs, and the formulas behind them; making it is the costly part, and it serves all pictures
+//! of a scene. [`Tracer`] looks at it as one frame does. By [`Truth::SameInput`] all starts from the frame's own surface
+//! (positions, normals, colours of its pixels), by [`Truth::Exact`] from the rays through the pixels' centres.
+
+use std::time::Instant;
+
+use cloud::{Bounds, Chunk, Progress};
+use glam::DVec3;
+use rayon::prelude::*;
+use render::{Aov, AovImage, MOST_LIGHTS, Objects, Renderer};
+use scene::{Camera, Lighting, Method, Settings, SpotLight};
+use trace::{
+    Exact, Geometry, Gloss, Hit, Illumination, Indirect, MirrorPoint, PixelRays, Source, Sunlight, Surfels,
+    indirect_picture, linear_from_srgb, primary, radiance, reflected,
+};
+
+use crate::accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
+use crate::metrics::{Accuracy, ImageError, PixelError, Truth, image_error};
+use crate::subject::Part;
+
+/// A scene as the ray tracer has it.
+pub struct TracedScene {
+    pub surfels: Surfels,
+    pub exact: Option<Exact>,
+    /// What all places are from: near the scene, so that images of 32-bit positions hold them finely; the world's own for
+    /// formulas.
+    pub origin: DVec3,
+    /// World coordinates.
+    bounds: Bounds,
+}
+
+impl TracedScene {
+    /// `splat_size` as in `splat.size`.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub fn new(parts: &[Part], exact: Option<Exact>, splat_size: f32, progress: &Progress) -> Result<Self> {
+        let chunks = parts.iter().flat_map(|part| &part.cloud.chunks);
+        let bounds = chunks.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
+        let origin = if exact.is_some() || bounds.is_empty() { DVec3::ZERO } else { bounds.center().round() };
+        let painted: Vec<Vec<Chunk>> = parts.iter().map(|part| part.painted(origin)).collect();
+        let parts = parts.iter().zip(&painted).map(|(part, chunks)| {
+            let [red, green, blue, _] = part.plain().map(|value| linear_from_srgb(value) as f32);
+            let Part { specular_intensity, specular_power, .. } = *part;
+            trace::Part { chunks, specular_intensity, specular_power, plain: [red, green, blue] }
+        });
+        let surfels = Surfels::new(&parts.collect::<Vec<_>>(), splat_size, progress).ok_or(Error::Cancelled)?;
+        Ok(Self { surfels, exact, origin, bounds })
+    }
+}
+
+/// How a frame was drawn.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
+    pub objects: Objects<'a>,
+    pub size: [u32; 2],
+}
+
+/// What each pixel sees, and the direction of the ray that sees it; none where that is nothing.
+pub type Seen = Vec<Option<(Hit, DVec3)>>;
+
+/// Those of the pixels that see a mirror.
+pub fn mirrors_of(seen: &[Option<(Hit, DVec3)>]) -> Seen {
+    seen.iter().map(|seen| seen.filter(|(hit, _)| hit.specular_intensity > 0.0)).collect()
+}
+
+/// A frame's images. Rows top to bottom; positions from the traced scene's origin.
+pub struct Drawn {
+    pub surface: Surface,
+    /// Position of what is seen in the mirrors, and coverage: four values a pixel.
+    pub found: Vec<f32>,
+    /// Linear red, green and blue, before tone mapping.
+    pub color: Vec<[f32; 3]>,
+}
+
+impl Drawn {
+    /// The frame that was rendered last, with these settings; positions from `origin`.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn read(renderer: &Renderer, settings: &Settings, origin: DVec3) -> render::Result<Self> {
+        let surface = Surface::read(renderer, origin)?;
+        let found = match has_reflections(settings) {
+            true => renderer.read_aov_from(Aov::MirrorPosition, origin)?.data,
+            false => vec![f32::NAN; surface.len() * 4],
+        };
+        let color = renderer.read_aov(Aov::Color)?.data.as_chunks::<3>().0.to_vec();
+        Ok(Self { surface, found, color })
+    }
+}
+
+/// Whether the renderer follows reflections.
+fn has_reflections(settings: &Settings) -> bool {
+    settings.reflection.method != Method::None && settings.reflection.bounces > 0
+}
+
+/// What the camera sees of the points.
+pub struct Surface {
+    pub mirror: Vec<f32>,
+    pub position: Vec<f32>,
+    pub normal: Vec<f32>,
+    albedo: Vec<f32>,
+    specular_intensity: Vec<f32>,
+    specular_power: Vec<f32>,
+}
+
+impl Surface {
+    /// Of the frame that was rendered last, positions from `origin`.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn read(renderer: &Renderer, origin: DVec3) -> render::Result<Self> {
+        let read = |aov| renderer.read_aov_from(aov, origin).map(|image| image.data);
+        Ok(Self {
+            mirror: read(Aov::Mirror)?,
+            position: read(Aov::Position)?,
+            normal: read(Aov::Normal)?,
+            albedo: read(Aov::Albedo)?,
+            specular_intensity: read(Aov::SpecularIntensity)?,
+            specular_power: read(Aov::SpecularPower)?,
+        })
+    }
+
+    /// All that is known of it.
+    pub(crate) fn images(&self) -> [&[f32]; 6] {
+        let Self { mirror, position, normal, albedo, specular_intensity, specular_power } = self;
+        [mirror, position, normal, albedo, specular_intensity, specular_power]
+    }
+
+    /// What a frame would hold that saw these, without any error of its own.
+    #[cfg(test)]
+    pub(crate) fn of_hits(hits: &[Option<Hit>]) -> Self {
+        let vectors = |vector: fn(&Hit) -> DVec3| -> Vec<f32> {
+            hits.iter().flat_map(|hit| hit.as_ref().map_or(DVec3::NAN, vector).as_vec3().to_array()).collect()
+        };
+        let numbers = |number: fn(&Hit) -> f64| -> Vec<f32> {
+            hits.iter().map(|hit| hit.as_ref().map_or(0.0, number) as f32).collect()
+        };
+        Self {
+            mirror: numbers(|hit| f64::from(u8::from(hit.specular_intensity > 0.0))),
+            position: vectors(|hit| hit.position),
+            normal: vectors(|hit| hit.normal),
+            albedo: vectors(|hit| hit.albedo),
+            specular_intensity: numbers(|hit| hit.specular_intensity),
+            specular_power: numbers(|hit| hit.specular_power),
+        }
+    }
+
+    /// In pixels.
+    pub fn len(&self) -> usize {
+        self.mirror.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.mirror.is_empty()
+    }
+
+    pub fn is_mirror(&self, pixel: usize) -> bool {
+        self.mirror[pixel] > 0.0
+    }
+
+    /// The surface that a pixel sees, as the end of the eye's ray.
+    fn hit(&self, pixel: usize, rays: &PixelRays) -> Option<Hit> {
+        let [position, normal, albedo] = [&self.position, &self.normal, &self.albedo].map(|image| {
+            let [x, y, z] = [0, 1, 2].map(|axis| f64::from(image[pixel * 3 + axis]));
+            DVec3::new(x, y, z)
+        });
+        position.is_finite().then(|| Hit {
+            distance: rays.viewpoint().distance(position),
+            position,
+            normal: normal.normalize_or_zero(),
+            albedo,
+            specular_intensity: f64::from(self.specular_intensity[pixel]),
+            specular_power: f64::from(self.specular_power[pixel]),
+            surface: 0,
+            point: 0,
+        })
+    }
+}
+
+/// What the method `ray_trace` made of a frame.
+pub struct RayTraced {
+    /// Of tracing and lighting what the mirror pixels show, all bounces, on all cores, by the host's clock.
+    pub milliseconds: f64,
+    /// What each mirror pixel's ray meets first.
+    pub first: Vec<Option<Hit>>,
+}
+
+/// Looks at a scene as one frame does.
+pub struct Tracer<'a> {
+    scene: &'a TracedScene,
+    rays: PixelRays,
+    lights: Vec<SpotLight>,
+    view: View<'a>,
+}
+
+impl<'a> Tracer<'a> {
+    pub fn new(scene: &'a TracedScene, view: View<'a>) -> Self {
+        let View { camera, settings, objects, size } = view;
+        let TracedScene { origin, bounds, .. } = *scene;
+        let lights = objects.lights.iter().take(MOST_LIGHTS).map(|light| SpotLight {
+            position: light.position - origin,
+            target: light.target - origin,
+            ..*light
+        });
+        let seen = Camera { eye: camera.eye - origin, pivot: camera.pivot - origin, up: camera.up };
+        let reach = if bounds.is_empty() { 0.0 } else { 2.0 * bounds.radius() + camera.eye.distance(bounds.center()) };
+        Self { scene, rays: PixelRays::new(&seen, &settings.view, size, reach), lights: lights.collect(), view }
+    }
+
+    /// The frame that was rendered last, with the view that this tracer has.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn drawn(&self, renderer: &Renderer) -> render::Result<Drawn> {
+        Drawn::read(renderer, self.view.settings, self.scene.origin)
+    }
+
+    /// What is seen at the frame's own surface.
+    pub fn seen(&self, surface: &Surface) -> Seen {
+        let seen =
+            |pixel: usize| surface.hit(pixel, &self.rays).map(|hit| (hit, self.rays.viewpoint().toward(hit.position)));
+        (0..surface.len()).map(seen).collect()
+    }
+
+    /// What the rays through the pixels' centres meet of exact surfaces.
+    ///
+    /// # Errors
+    /// No formulas, or cancelled.
+    pub fn exactly_seen(&self, progress: &Progress) -> Result<Seen> {
+        let seen = primary(self.exact()?, &self.rays, progress).ok_or(Error::Cancelled)?.into_iter().enumerate();
+        Ok(seen.map(|(pixel, hit)| Some((hit?, self.rays.ray(pixel).direction))).collect())
+    }
+
+    fn exact(&self) -> Result<&Exact> {
+        self.scene.exact.as_ref().ok_or(Error::NoFormulas)
+    }
+
+    /// Puts what the ray tracer sees in the mirrors into the frame: the method `ray_trace`.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub fn ray_trace(&self, drawn: &mut Drawn, progress: &Progress) -> Result<RayTraced> {
+        let mirrors = mirrors_of(&self.seen(&drawn.surface));
+        let first = self.first_hits(&mirrors, progress)?;
+        let start = Instant::now();
+        let colors = self.colors(Truth::SameInput, &mirrors, progress)?;
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        let traced = drawn.color.iter_mut().zip(colors).enumerate();
+        for (_, (texel, color)) in traced.filter(|(pixel, _)| drawn.surface.mirror[*pixel] > 0.0) {
+            *texel = color;
+        }
+        if self.view.settings.reflection.bounces > 0 {
+            drawn.found = self.positions(&first, DVec3::ZERO);
+        }
+        Ok(RayTraced { milliseconds, first })
+    }
+
+    /// World positions and coverage of hits, in coordinates from `origin`; for the frame's own images, that is zero.
+    fn positions(&self, hits: &[Option<Hit>], origin: DVec3) -> Vec<f32> {
+        let texel = |hit: &Option<Hit>| {
+            hit.map_or([f32::NAN; 4], |hit| (hit.position + origin).as_vec3().extend(1.0).to_array())
+        };
+        hits.iter().flat_map(texel).collect()
+    }
+
+    /// What a method leaves behind of the first bounce, as the renderer's images of the same names have it.
+    pub fn mirror_image(&self, aov: Aov, first: &[Option<Hit>]) -> Option<AovImage> {
+        let vectors = |vector: fn(&Hit) -> DVec3| -> Vec<f32> {
+            first.iter().flat_map(|hit| hit.as_ref().map_or(DVec3::NAN, vector).as_vec3().to_array()).collect()
+        };
+        let data = match aov {
+            Aov::MirrorPosition => self.positions(first, self.scene.origin),
+            Aov::MirrorAlbedo => vectors(|hit| hit.albedo),
+            Aov::MirrorNormal => vectors(|hit| hit.normal),
+            _ => return None,
+        };
+        Some(AovImage { size: self.view.size, channels: aov.channels(), data })
+    }
+
+    /// What the reflected ray of each mirror pixel meets.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub fn first_hits(&self, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<Option<Hit>>> {
+        let point = |seen: &Option<(Hit, DVec3)>| {
+            let (hit, incoming) = seen.filter(|(hit, _)| hit.specular_intensity > 0.0)?;
+            Some(MirrorPoint { position: hit.position, normal: hit.normal, incoming })
+        };
+        let points: Vec<Option<MirrorPoint>> = seen.iter().map(point).collect();
+        let mirrors: Vec<MirrorPoint> = points.iter().copied().flatten().collect();
+        let reflections = reflected(&self.scene.surfels, &mirrors, 1, progress).ok_or(Error::Cancelled)?;
+        let mut reflections = reflections.into_iter();
+        Ok(points.iter().map(|point| point.and_then(|_| reflections.next()?.first)).collect())
+    }
+
+    /// How the frame is lit, as the ray tracer takes it.
+    pub fn illumination(&self) -> Illumination<'_> {
+        let Settings { light, sun, gi, trace, mirror, reflection, view, .. } = self.view.settings;
+        let source = match light.lighting(!self.lights.is_empty(), self.view.objects.sky_is_open) {
+            Lighting::Lights => Source::Lights(&self.lights),
+            Lighting::Sun => Source::Sun(Sunlight::new(sun, self.view.camera.up)),
+            Lighting::Auto | Lighting::Headlight => Source::Headlight(f64::from(light.headlight)),
+            Lighting::Colors => Source::Headlight(0.0),
+        };
+        let [red, green, blue, _] = view.background.bytes().map(linear_from_srgb);
+        let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
+        Illumination {
+            gloss: Gloss { share, power, shape: light.highlight },
+            bounces: reflection.bounces,
+            background: DVec3::new(red, green, blue),
+            indirect: Indirect { bounces: gi.bounces, samples: trace.samples, seed: trace.seed },
+            ..Illumination::new(source, mirror)
+        }
+    }
+
+    /// Radiance of what is seen, linear red, green and blue; NaN where that is nothing.
+    ///
+    /// # Errors
+    /// No formulas, or cancelled.
+    pub fn colors(&self, truth: Truth, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<[f32; 3]>> {
+        let illumination = self.illumination();
+        match truth {
+            Truth::SameInput => colors_in(&self.scene.surfels, seen, &illumination, progress),
+            Truth::Exact => colors_in(self.exact()?, seen, &illumination, progress),
+        }
+    }
+
+    /// [`Tracer::colors`] by the same input, with so many paths of indirect light from another seed than the settings say.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub(crate) fn sampled_colors(
+        &self,
+        seen: &[Option<(Hit, DVec3)>],
+        samples: u32,
+        seed: u32,
+        progress: &Progress,
+    ) -> Result<Vec<[f32; 3]>> {
+        let illumination = self.illumination();
+        let indirect = Indirect { samples, seed, ..illumination.indirect };
+        colors_in(&self.scene.surfels, seen, &Illumination { indirect, ..illumination }, progress)
+    }
+
+    /// Paths of indirect light that the settings ask for; 0 where there is no such light to find.
+    pub(crate) fn samples(&self) -> u32 {
+        let Illumination { source, indirect, .. } = self.illumination();
+        let has_light = match source {
+            Source::Lights(_) => indirect.bounces > 0,
+            Source::Sun(sun) => sun.sky > 0.0 || indirect.bounces > 0,
+            Source::Headlight(_) => false,
+        };
+        if has_light { indirect.samples } else { 0 }
+    }
+
+    pub(crate) fn seed(&self) -> u32 {
+        self.view.settings.trace.seed
+    }
+
+    pub(crate) fn width(&self) -> usize {
+        self.view.size[0] as usize
+    }
+
+    /// Indirect light that each pixel's own surface sends out, without what it reflects as a mirror, linear red, green and blue; NaN
+    /// where nothing is seen.
+    ///
+    /// # Errors
+    /// No formulas, or cancelled.
+    pub fn indirect(&self, truth: Truth, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<[f32; 3]>> {
+        // As the renderer's own: a mirror is diffuse if nobody looks for what it reflects.
+        let bounces = if has_reflections(self.view.settings) { self.view.settings.reflection.bounces } else { 0 };
+        let illumination = Illumination { bounces, ..self.illumination() };
+        let light = match truth {
+            Truth::SameInput => indirect_picture(&self.scene.surfels, seen, &illumination, progress),
+            Truth::Exact => indirect_picture(self.exact()?, seen, &illumination, progress),
+        };
+        let light = light.ok_or(Error::Cancelled)?.into_iter();
+        Ok(light.map(|light| light.unwrap_or(DVec3::NAN).as_vec3().to_array()).collect())
+    }
+
+    /// Judges what was found in the mirrors; the colours are left to [`Tracer::image_error`].
+    ///
+    /// # Errors
+    /// No formulas, or cancelled.
+    pub fn judge(&self, truth: Truth, drawn: &Drawn, progress: &Progress) -> Result<Accuracy> {
+        let image = self.image_of(drawn);
+        match truth {
+            Truth::SameInput => accuracy_same_input(&image, &self.scene.surfels, progress),
+            Truth::Exact => accuracy_exact(&image, &self.rays, self.exact()?, progress),
+        }
+    }
+
+    /// How far each filled mirror pixel is off, by the same input.
+    ///
+    /// # Errors
+    /// Cancelled.
+    pub fn pixel_errors(&self, drawn: &Drawn, progress: &Progress) -> Result<Vec<Option<PixelError>>> {
+        pixel_errors_same_input(&self.image_of(drawn), &self.scene.surfels, progress)
+    }
+
+    fn image_of<'d>(&self, drawn: &'d Drawn) -> MirrorImage<'d> {
+        let Drawn { surface: Surface { mirror, position, normal, .. }, found, .. } = drawn;
+        let viewpoint = self.rays.viewpoint();
+        MirrorImage { size: self.view.size, viewpoint, mirror, position, normal, mirror_position: found }
+    }
+
+    /// Compares the frame with traced colours, over the pixels that are mirrors in both.
+    pub fn image_error(&self, drawn: &Drawn, seen: &[Option<(Hit, DVec3)>], reference: &[[f32; 3]]) -> ImageError {
+        let is_true_mirror = |seen: &Option<(Hit, DVec3)>| seen.is_some_and(|(hit, _)| hit.specular_intensity > 0.0);
+        let mirror: Vec<bool> =
+            seen.iter().zip(&drawn.surface.mirror).map(|(seen, drawn)| is_true_mirror(seen) && *drawn > 0.0).collect();
+        image_error(self.view.size[0] as usize, &mirror, &drawn.color, reference)
+    }
+}
+
+fn colors_in(
+    geometry: &impl Geometry,
+    seen: &[Option<(Hit, DVec3)>],
+    illumination: &Illumination,
+    progress: &Progress,
+) -> Result<Vec<[f32; 3]>> {
+    progress.set_total(seen.len() as u64);
+    let color = |(pixel, seen): (usize, &Option<(Hit, DVec3)>)| {
+        if progress.is_cancelled() {
+            return None;
+        }
+        progress.add(1);
+        let light = seen.map(|(hit, direction)| radiance(geometry, &hit, direction, pixel, illumination));
+        Some(light.unwrap_or(DVec3::NAN).as_vec3().to_array())
+    };
+    seen.par_iter().enumerate().map(color).collect::<Option<_>>().ok_or(Error::Cancelled)
+}

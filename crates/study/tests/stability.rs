@@ -1,0 +1,199 @@
+//! Each case of the stability suite provokes what it is made for, on small pictures, and hierarchical SSCR keeps its bound where
+//! SSCR fails. The whole suite is the plan `stability`.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::sync::{Arc, LazyLock, Mutex};
+
+use cloud::Progress;
+use render::{Gpu, ReflectionStats, Renderer};
+use study::{Accuracy, TracedScene, Tracer, Truth, View, stability};
+
+/// Half of the rows that widths in pixels are told for.
+const SIZE: [u32; 2] = [160, 120];
+const POINTS: &str = "20000";
+
+/// One for all tests: its pipelines are compiled once. None without an adapter.
+static RENDERER: LazyLock<Option<(Arc<Gpu>, Mutex<Renderer>)>> = LazyLock::new(|| match Gpu::headless(None) {
+    Ok(gpu) => Some((gpu.clone(), Mutex::new(Renderer::new(gpu).unwrap()))),
+    Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+    Err(error) => {
+        println!("skipped: {error}");
+        None
+    }
+});
+
+struct Judged {
+    found: ReflectionStats,
+    same_input: Accuracy,
+    exact: Accuracy,
+}
+
+/// A case as a method draws it; `set` are words of the form key=value. None without an adapter.
+fn judged(method: &str, case: &str, set: &str) -> Option<Judged> {
+    let (gpu, renderer) = RENDERER.as_ref()?;
+    // A test that failed while it held the renderer says so itself.
+    let mut renderer = renderer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let name = format!("{}{case}", stability::PREFIX);
+    let mut settings = stability::settings(&name).unwrap();
+    settings.set_text("scene.points", POINTS).unwrap();
+    settings.set_text("reflection.method", method).unwrap();
+    for (key, value) in set.split_whitespace().filter_map(|word| word.split_once('=')) {
+        settings.set_text(key, value).unwrap();
+    }
+    let subject = stability::subject(gpu, &name, &settings).unwrap();
+    let stats = subject.render(&mut renderer, &settings, SIZE).unwrap();
+    let progress = Progress::default();
+    let traced = TracedScene::new(&subject.parts, subject.exact.clone(), settings.splat.size, &progress).unwrap();
+    let view = View { camera: &subject.camera, settings: &settings, objects: subject.objects(), size: SIZE };
+    let tracer = Tracer::new(&traced, view);
+    let drawn = tracer.drawn(&renderer).unwrap();
+    let judge = |truth| tracer.judge(truth, &drawn, &progress).unwrap();
+    let judged =
+        Judged { found: stats.reflection.unwrap(), same_input: judge(Truth::SameInput), exact: judge(Truth::Exact) };
+    assert!(judged.found.mirror_pixels > 100, "{case}: {} mirror pixels", judged.found.mirror_pixels);
+    Some(judged)
+}
+
+fn sscr(case: &str, set: &str) -> Option<Judged> {
+    judged("sscr", case, set)
+}
+
+/// Where SSCR fails, hierarchical SSCR fills all pixels with the right points.
+fn assert_hierarchical_holds(case: &str) {
+    let Some(Judged { same_input, .. }) = judged("sscr_hierarchical", case, "") else { return };
+    assert!(same_input.closed_coverage > 0.98, "{case}: {same_input:?}");
+    assert!(same_input.pixel_error.p95 < 0.5 && same_input.occlusion_error < 0.02, "{case}: {same_input:?}");
+}
+
+/// SSCR finds points for most pixels of `harmless`, and for fewer of `worst`, by at least `margin` of all.
+fn assert_coverage_falls(harmless: [&str; 2], worst: [&str; 2], margin: f64) {
+    let Some(good) = sscr(harmless[0], harmless[1]) else { return };
+    let bad = sscr(worst[0], worst[1]).unwrap();
+    let (good, bad) = (good.found.coverage, bad.found.coverage);
+    assert!(good > 0.8 && bad < good - margin, "{harmless:?} covers {good}, {worst:?} {bad}");
+}
+
+#[test]
+fn root_lines_at_45_degrees_cost_sscr_hits_and_newton_few() {
+    let hits = |case, solver| Some(sscr(case, solver)?.found.hit_rate.unwrap());
+    let Some(upright) = hits("rolled-camera:0", "") else { return };
+    let rolled = hits("rolled-camera:45", "").unwrap();
+    assert!(rolled < 0.75 * upright, "{upright}, {rolled}");
+    let newton = ["rolled-camera:0", "rolled-camera:45"].map(|case| hits(case, "sscr.solver=newton").unwrap());
+    assert!(newton[1] > 0.85 * newton[0], "{newton:?}");
+    assert_hierarchical_holds("rolled-camera:45");
+}
+
+#[test]
+fn sscr_loses_pixels_towards_the_corner_of_a_wide_view() {
+    assert_coverage_falls(["wide-view:60", ""], ["wide-view:130", ""], 0.1);
+    assert_hierarchical_holds("wide-view:130");
+}
+
+#[test]
+fn sscr_finds_next_to_nothing_with_the_eye_near_the_focus() {
+    assert_coverage_falls(["eye-at-focus:7", ""], ["eye-at-focus:1.25", ""], 0.8);
+    assert_hierarchical_holds("eye-at-focus:1.25");
+}
+
+#[test]
+fn sscr_starves_behind_small_holes() {
+    assert_coverage_falls(["grid:60", ""], ["grid:8", ""], 0.5);
+    assert_hierarchical_holds("grid:8");
+}
+
+#[test]
+fn sscr_sees_what_is_hidden_in_a_tube_of_a_pixel() {
+    let Some(wide) = sscr("thin-tube:40", "") else { return };
+    let thin = sscr("thin-tube:2", "").unwrap();
+    let occlusion = [&wide, &thin].map(|judged| judged.same_input.occlusion_error);
+    assert!(occlusion[1] > occlusion[0] + 0.1, "{occlusion:?}");
+    let unconverged = [&wide, &thin].map(|judged| judged.found.unconverged.unwrap());
+    assert!(unconverged[1] > 1.3 * unconverged[0], "{unconverged:?}");
+    assert_hierarchical_holds("thin-tube:2");
+}
+
+#[test]
+fn a_plane_beside_it_costs_a_hollow_mirror_pixels_in_sscr() {
+    assert_coverage_falls(["flat-beside-hollow:0", ""], ["flat-beside-hollow:0.5", ""], 0.15);
+    assert_hierarchical_holds("flat-beside-hollow:0.5");
+}
+
+#[test]
+fn noise_of_normals_leaves_sscr_no_region_to_search() {
+    assert_coverage_falls(["noisy-normals:0", ""], ["noisy-normals:8", ""], 0.8);
+    assert_hierarchical_holds("noisy-normals:8");
+}
+
+#[test]
+fn noise_of_normals_shows_in_hierarchical_sscr_by_the_exact_truth_only() {
+    let Some(smooth) = judged("sscr_hierarchical", "noisy-normals:0", "") else { return };
+    let noisy = judged("sscr_hierarchical", "noisy-normals:8", "").unwrap();
+    let errors = [smooth.exact, noisy.exact].map(|accuracy| accuracy.pixel_error.p95);
+    assert!(errors[0] < 1.0 && errors[1] > 3.0, "{errors:?}");
+}
+
+#[test]
+fn steps_below_the_threshold_mislead_sscr() {
+    let Some(level) = sscr("steps:0", "") else { return };
+    let stepped = sscr("steps:0.04", "").unwrap();
+    let errors = [level, stepped].map(|judged| judged.same_input.pixel_error.p95);
+    assert!(errors[0] < 5.0 && errors[1] > 5.0 * errors[0], "{errors:?}");
+    assert_hierarchical_holds("steps:0.04");
+}
+
+#[test]
+fn sscr_leaves_holes_where_points_are_few() {
+    assert_coverage_falls(["sparse-room:20000", ""], ["sparse-room:1000", ""], 0.3);
+    assert_hierarchical_holds("sparse-room:1000");
+}
+
+#[test]
+fn pull_push_fills_what_is_open_and_hierarchical_sscr_does_not() {
+    let Some(unfilled) = sscr("open-box", "sscr.pull_levels=0") else { return };
+    let filled = sscr("open-box", "").unwrap().same_input.false_fill;
+    let unfilled = unfilled.same_input.false_fill;
+    assert!(filled > unfilled + 0.1, "{unfilled}, {filled}");
+    let hierarchical = judged("sscr_hierarchical", "open-box", "").unwrap().same_input.false_fill;
+    assert!(hierarchical < 0.02, "{hierarchical}");
+}
+
+#[test]
+fn depth_offsets_that_are_too_small_or_too_large_show_hidden_things() {
+    let occlusion = |offset: f32| {
+        Some(sscr("fence:0.3", &format!("sscr.mirror_depth_offset={offset}"))?.same_input.occlusion_error)
+    };
+    let Some(fitting) = occlusion(0.1) else { return };
+    let (small, large) = (occlusion(0.0).unwrap(), occlusion(0.3).unwrap());
+    assert!(small > fitting + 0.1 && large > fitting + 0.1, "{small}, {fitting}, {large}");
+    assert_hierarchical_holds("fence:0.3");
+}
+
+#[test]
+fn mirrors_that_share_points_have_fewer_each() {
+    let few = "scene.points=5000";
+    assert_coverage_falls(["crowd:1", few], ["crowd:5", few], 0.05);
+    assert_hierarchical_holds("crowd:5");
+}
+
+#[test]
+fn sscr_needs_first_steps_and_steps_enough() {
+    assert_coverage_falls(["flat-beside-hollow:0", ""], ["flat-beside-hollow:0", "sscr.initial_step=0.005"], 0.7);
+    assert_coverage_falls(["noisy-normals:0", ""], ["noisy-normals:0", "sscr.max_steps=5"], 0.5);
+}
+
+#[test]
+fn what_is_closer_than_four_splats_is_missing_from_hierarchical_sscr() {
+    let Some(near) = judged("sscr_hierarchical", "hovering-bars:0.1", "") else { return };
+    let far = judged("sscr_hierarchical", "hovering-bars:0.3", "").unwrap();
+    let occlusion = [near, far].map(|judged| judged.exact.occlusion_error);
+    assert!(occlusion[0] > occlusion[1] + 0.06, "{occlusion:?}");
+}
+
+#[test]
+fn discs_with_gaps_leave_hierarchical_sscr_holes() {
+    let closed = |size| Some(judged("sscr_hierarchical", "crowd:1", size)?.found.closed_coverage);
+    let Some(tight) = closed("splat.size=1") else { return };
+    let loose = closed("splat.size=0.5").unwrap();
+    assert!(tight > 0.98 && loose < 0.85, "{tight}, {loose}");
+}

@@ -1,0 +1,111 @@
+// The Mirror G-Buffer from environment maps: each mirror pixel looks its reflected direction up in the map of its
+// mirror. Runs once for each page of the point store and takes the pixels whose point lies in it; the first page also
+// writes the pixels that see nothing. One thread a pixel.
+#import mirror_places
+#import mirror_ray
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+@group(1) @binding(0) var<uniform> page: Page;
+@group(1) @binding(1) var<storage, read> points: array<vec4u>;
+@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
+@group(1) @binding(3) var<storage, read> scalars: array<f32>;
+@group(1) @binding(4) var<storage, read> items: array<Item>;
+@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
+@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(7) var<storage, read> palette: array<u32>;
+@group(2) @binding(0) var point_in: texture_2d<f32>;
+@group(2) @binding(1) var normal_in: texture_2d<f32>;
+@group(2) @binding(2) var eye_in: texture_2d<f32>;
+// x: identity of the texel's nearest point. y: nearness, 0: empty.
+@group(2) @binding(3) var<storage, read> maps: array<vec2u>;
+@group(2) @binding(4) var<storage, read> mirrors: MirrorPlaces;
+@group(2) @binding(5) var albedo_out: texture_storage_2d<rgba16float, write>;
+@group(2) @binding(6) var normal_out: texture_storage_2d<rgba32float, write>;
+// xyz: relative to the eye, w: 1, or 0 where nothing was found.
+@group(2) @binding(7) var position_out: texture_storage_2d<rgba32float, write>;
+// A look-up takes no steps.
+@group(2) @binding(8) var views_out: texture_storage_2d<rgba32float, write>;
+
+@compute @workgroup_size(8, 8)
+fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
+    if id.x >= frame.width || id.y >= frame.height || textureLoad(point_in, id, 0).w == 0.0 {
+        return;
+    }
+    let point = textureLoad(point_in, id, 0).xyz;
+    let reflected = reflected_direction(point, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
+    let mirror = mirror_at(point);
+    let center = mirror.view.xyz;
+    let direction = looked_up(point, reflected, center);
+    var key = vec2u(0u);
+    if mirror.low_map.w >= 0.0 {
+        key = maps[texel_of_direction(u32(mirror.low_map.w), direction)];
+    }
+    var albedo = vec4f(0.0);
+    var normal = vec4f(0.0);
+    var position = vec4f(0.0);
+    var is_ours = page.is_first == 1u;
+    if key.y != 0u {
+        // Wraps below the page's first identity, which the comparison then refuses.
+        let index = key.x - page.first_identity;
+        is_ours = index < page.point_count;
+        if is_ours {
+            let depth = depth_from_nearness(key.y);
+            // Of linear depth 1, as the face sees it.
+            let along = direction / largest_part(direction);
+            let width = 2.0 * depth / f32(settings.environment_map.size);
+            position = vec4f(center + along * distance_to_point(index, center, along, depth, width), 1.0);
+            let surface = surface_of_point(index, normalize(point - position.xyz));
+            albedo = surface.albedo;
+            normal = surface.normal;
+        }
+    }
+    if is_ours {
+        textureStore(albedo_out, id, albedo);
+        textureStore(normal_out, id, normal);
+        textureStore(position_out, id, position);
+        textureStore(views_out, id, vec4f(0.0));
+    }
+}
+
+// The direction in which a map is looked up: the reflected one, or from the map's middle to where the reflected ray
+// leaves the scene's box.
+fn looked_up(point: vec3f, reflected: vec3f, center: vec3f) -> vec3f {
+    if settings.environment_map.proxy != ENVIRONMENT_MAP_PROXY_BOX {
+        return reflected;
+    }
+    let inverse = 1.0 / reflected;
+    let exits = max((mirrors.scene_low.xyz - point) * inverse, (mirrors.scene_high.xyz - point) * inverse);
+    let exit = min(exits.x, min(exits.y, exits.z));
+    // A mirror that is drawn by its formula may stand outside of the box of the points.
+    return select(reflected, point + reflected * exit - center, exit > 0.0);
+}
+
+fn largest_part(direction: vec3f) -> f32 {
+    let parts = abs(direction);
+    return max(parts.x, max(parts.y, parts.z));
+}
+
+// Where a direction lies in a map, as face_camera of crates/render/src/reflection/environment_map.rs sees it.
+fn texel_of_direction(map: u32, direction: vec3f) -> u32 {
+    let size = settings.environment_map.size;
+    let parts = abs(direction);
+    // The part along the face's axis, then those that point right and up in it.
+    var turned = direction;
+    var axis = 0u;
+    if parts.y > parts.x && parts.y >= parts.z {
+        turned = direction.yzx;
+        axis = 1u;
+    } else if parts.z > parts.x {
+        turned = direction.zxy;
+        axis = 2u;
+    }
+    let face = map * 6u + axis + select(0u, 3u, turned.x < 0.0);
+    let slope = turned.yz / abs(turned.x);
+    let pixel = (vec2f(slope.x, -slope.y) + 1.0) * 0.5 * f32(size);
+    let texel = vec2u(clamp(pixel, vec2f(0.0), vec2f(f32(size) - 0.5)));
+    // Faces start at multiples of 32 texels.
+    let face_texels = (size * size + 31u) / 32u * 32u;
+    return face * face_texels + texel.y * size + texel.x;
+}

@@ -1,0 +1,114 @@
+// Counts mirror pixels, and those in which something was found; tells which of them are not to be trusted, whatever the method, from
+// what it found alone. One thread a pixel.
+#import frame
+#import params
+#import counters
+#import mirror_ray
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> settings: Settings;
+// xyz: mirror point, w: specular intensity.
+@group(1) @binding(0) var point_in: texture_2d<f32>;
+// xyz: normal of the mirror.
+@group(1) @binding(1) var normal_in: texture_2d<f32>;
+// xyz: where the ray came from.
+@group(1) @binding(2) var eye_in: texture_2d<f32>;
+// xyz: position of what was found, w: coverage.
+@group(1) @binding(3) var seen_in: texture_2d<f32>;
+// xyz: its normal.
+@group(1) @binding(4) var seen_normal_in: texture_2d<f32>;
+// 0: nothing to doubt, or nothing found; else why.
+@group(1) @binding(5) var doubt_out: texture_storage_2d<r32float, write>;
+@group(1) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
+
+// Closed from its neighbours.
+const CLOSED: f32 = 1.0;
+// What was found lies more than a pixel beside the reflected ray.
+const OFF_ITS_RAY: f32 = 2.0;
+// Its neighbours show other surfaces: one of them hides the other, or is missing.
+const ALONE: f32 = 3.0;
+
+// Distance from a neighbour's surface, relative to that from the mirror, at which it is another: the tolerance of the occlusion
+// error.
+const OTHER_SURFACE: f32 = 0.05;
+
+@compute @workgroup_size(8, 8)
+fn mirror_doubt(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, thread);
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let point = textureLoad(point_in, id, 0);
+    var doubt = 0.0;
+    if point.w > 0.0 {
+        let seen = textureLoad(seen_in, id, 0);
+        atomicAdd(&counters[MIRROR_PIXELS], 1u);
+        if seen.w > 0.0 {
+            let is_found = seen.w >= 1.0;
+            atomicAdd(&counters[select(CLOSED_PIXELS, FOUND_PIXELS, is_found)], 1u);
+            doubt = CLOSED;
+            if is_found {
+                doubt = select(select(0.0, ALONE, is_alone(id, point.xyz, seen.xyz)), OFF_ITS_RAY, is_off(id, point.xyz, seen.xyz));
+            }
+            if doubt > 0.0 {
+                atomicAdd(&counters[DOUBTED_PIXELS], 1u);
+            }
+        }
+    }
+    textureStore(doubt_out, id, vec4f(doubt));
+}
+
+fn reflected(id: vec2u) -> vec3f {
+    return reflected_direction(textureLoad(point_in, id, 0).xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
+}
+
+// Angle between unit vectors; exact for small ones, where the cosine is not.
+fn angle(a: vec3f, b: vec3f) -> f32 {
+    return atan2(length(cross(a, b)), dot(a, b));
+}
+
+// By which angle the reflected direction changes to a neighbour; huge where there is none.
+fn change(id: vec2u, step: vec2i, direction: vec3f) -> f32 {
+    let other = vec2u(vec2i(id) + step);
+    let is_inside = all(vec2i(id) + step >= vec2i(0)) && other.x < frame.width && other.y < frame.height;
+    // Clamped: both sides of a branch may run.
+    let at = min(other, vec2u(frame.width, frame.height) - 1u);
+    if !is_inside || textureLoad(point_in, at, 0).w == 0.0 {
+        return 1e9;
+    }
+    return angle(direction, reflected(at));
+}
+
+// Along each axis the smaller change counts, so that the edge of another mirror does not; of both axes the larger.
+fn is_off(id: vec2u, point: vec3f, seen: vec3f) -> bool {
+    let direction = reflected(id);
+    let sideways = min(change(id, vec2i(-1, 0), direction), change(id, vec2i(1, 0), direction));
+    let upright = min(change(id, vec2i(0, -1), direction), change(id, vec2i(0, 1), direction));
+    let step = max(select(sideways, 0.0, sideways > 1e8), select(upright, 0.0, upright > 1e8));
+    let offset = seen - point;
+    // A pixel without neighbours has nothing to be compared with; one on the mirror point itself points nowhere.
+    return dot(offset, offset) == 0.0 || (step > 0.0 && angle(normalize(offset), direction) > step);
+}
+
+// Whether less than a third of the neighbours that found something lie on the same surface.
+fn is_alone(id: vec2u, point: vec3f, seen: vec3f) -> bool {
+    let normal = textureLoad(seen_normal_in, id, 0).xyz;
+    let most = OTHER_SURFACE * distance(seen, point);
+    var found = 0u;
+    var same = 0u;
+    for (var i = 0u; i < 9u; i++) {
+        let at = vec2i(id) + vec2i(i32(i % 3u) - 1, i32(i / 3u) - 1);
+        if i == 4u || any(at < vec2i(0)) || u32(at.x) >= frame.width || u32(at.y) >= frame.height {
+            continue;
+        }
+        let other = textureLoad(seen_in, vec2u(at), 0);
+        if textureLoad(point_in, vec2u(at), 0).w == 0.0 || other.w == 0.0 {
+            continue;
+        }
+        found++;
+        let offset = other.xyz - seen;
+        let off_plane = min(abs(dot(offset, normal)), abs(dot(offset, textureLoad(seen_normal_in, vec2u(at), 0).xyz)));
+        same += u32(off_plane < most);
+    }
+    return 3u * same < found;
+}

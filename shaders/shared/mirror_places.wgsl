@@ -1,0 +1,50 @@
+// The mirrors of the scene, each with a picture of its surroundings (a map). Filled by
+// crates/render/src/reflection/mirror_places.rs. The importing pass has them as `mirrors`, and the bindings that
+// point_surface needs.
+#import point_surface
+
+struct MirrorPlace {
+    // xyz: lower corner of its box, relative to the eye. w: number of its map; below 0: nothing is seen in it.
+    low_map: vec4f,
+    // xyz: upper corner.
+    high: vec4f,
+    // What the map is seen from, relative to the eye: of an environment map a place, of a mirrored viewpoint a plane,
+    // unit normal and its product with a place on it.
+    view: vec4f,
+}
+
+struct MirrorPlaces {
+    // xyz: corners of the box about all points, relative to the eye.
+    scene_low: vec4f,
+    scene_high: vec4f,
+    places: array<MirrorPlace>,
+}
+
+// The mirror that a place lies on: the one whose box is nearest, and of boxes that hold the place the smallest.
+fn mirror_at(place: vec3f) -> MirrorPlace {
+    var best = mirrors.places[0];
+    var best_distance = 3e38;
+    var best_extent = 3e38;
+    for (var i = 0u; i < arrayLength(&mirrors.places); i++) {
+        let mirror = mirrors.places[i];
+        let outside = max(max(mirror.low_map.xyz - place, place - mirror.high.xyz), vec3f(0.0));
+        let distance = dot(outside, outside);
+        let extent = length(mirror.high.xyz - mirror.low_map.xyz);
+        if distance < best_distance || (distance == best_distance && extent < best_extent) {
+            best = mirror;
+            best_distance = distance;
+            best_extent = extent;
+        }
+    }
+    return best;
+}
+
+// How far along a line the plane of a point of the page lies; `depth`, which the map has for the texel's middle, where
+// the point has no normal or is seen edge-on. A texel is `width` world units wide there. The map's depth tells far
+// things, not how they lean.
+fn distance_to_point(index: u32, origin: vec3f, direction: vec3f, depth: f32, width: f32) -> f32 {
+    let item = items[items_of_runs[index / BLOCK_POINTS]];
+    let offset = bitcast<vec3f>(points[index].xyz) + item.origin_radius.xyz - origin;
+    let normal = unpack_normal(attributes[index].y);
+    return depth_beside(depth, dot(normal, offset) / dot(normal, direction), width);
+}

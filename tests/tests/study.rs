@@ -1,0 +1,163 @@
+//! `glint study` through the real program: what it writes, how it goes on, how shards become one.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+use tests::{Folder, Outcome};
+
+const PLAN: &str = r#"
+title = "Tiny"
+size = "64x48"
+repeats = 1
+truths = ["same_input", "exact"]
+[set]
+"gi.bounces" = 0
+"scene.points" = 5000
+[[group]]
+name = "single"
+scenes = ["five-mirrors/sphere"]
+methods = ["none", "ray_trace"]
+[[group]]
+name = "swept"
+pictures = true
+scenes = ["five-mirrors/sphere"]
+methods = ["sscr", "sscr_hierarchical"]
+sweep = { "splat.size" = [1, 1.5] }
+bound = { figure = "same_input_false_fill", at_most = 0.01 }
+"#;
+
+/// None, with a note, where there is no adapter to draw with and none is required.
+fn study(folder: &Folder, words: &[&str]) -> Option<Outcome> {
+    let outcome = folder.glint(["study"].iter().chain(words));
+    if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+        return None;
+    }
+    Some(outcome)
+}
+
+fn with_plan(text: &str) -> Folder {
+    let folder = Folder::new();
+    std::fs::write(folder.path("plan.toml"), text).expect("the plan");
+    folder
+}
+
+fn read(folder: &Folder, name: &str) -> String {
+    std::fs::read_to_string(folder.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+fn rows(folder: &Folder, name: &str) -> Vec<Value> {
+    serde_json::from_str(&read(folder, &format!("{name}/results.json"))).expect("a list of rows")
+}
+
+/// What a row is about, and what was found there; times differ from run to run.
+fn found(row: &Value) -> String {
+    let names = ["group", "scene", "method", "splat.size", "coverage", "same_input_pixel_error_p95", "exact_delta_e"];
+    names.map(|name| row[name].to_string()).join(" ")
+}
+
+#[test]
+fn a_study_writes_its_results_goes_on_where_it_was_cut_and_comes_in_shards() {
+    let folder = with_plan(PLAN);
+    let Some(outcome) = study(&folder, &["plan.toml", "-o", "whole"]) else { return };
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let whole = rows(&folder, "whole");
+    assert_eq!(whole.len(), 2 + 4);
+    for row in &whole {
+        assert_eq!((&row["repeats"], &row["points"], &row["error"]), (&1.into(), &5000.into(), &Value::Null), "{row}");
+        assert!(row["frame_ms"].as_f64().is_some_and(|time| time > 0.0), "{row}");
+        assert!(row["adapter"].is_string() && row["commit"].is_string() && row["clock"].is_string(), "{row}");
+        assert!(row["passes"]["splat_nearest"].is_number() || row["passes"]["splat_depth"].is_number(), "{row}");
+    }
+    let of = |method: &str| whole.iter().find(|row| row["method"] == method).expect("a row of each method");
+    let error = |method: &str| of(method)["same_input_delta_e"].as_f64().unwrap_or(f64::NAN);
+    // Without light from surface to surface the ray tracer has no noise: it is the truth.
+    assert_eq!((error("ray_trace"), &of("ray_trace")["coverage"]), (0.0, &1.into()));
+    assert!(error("sscr_hierarchical") < 2.0 && error("sscr") > error("sscr_hierarchical"), "{whole:#?}");
+    assert!(error("none") > 10.0 && of("none")["method_ms"] == 0, "{whole:#?}");
+    assert_eq!(read(&folder, "whole/results.csv").lines().count(), 1 + whole.len());
+    for chart in ["time-same-input-delta-e", "splat-size-same-input-false-fill"] {
+        assert!(read(&folder, &format!("whole/{chart}.svg")).contains("<svg"));
+        assert!(folder.path(&format!("whole/{chart}.png")).metadata().is_ok_and(|file| file.len() > 5000), "{chart}");
+    }
+    let page = read(&folder, "whole/index.html");
+    assert!(page.contains("<svg") && page.contains("id=\"bounds\"") && page.contains("id=\"pictures\""), "{page}");
+    let pictures = std::fs::read_dir(folder.path("whole/pictures")).expect("pictures").count();
+    assert_eq!(pictures, 2, "one a method");
+
+    // Nothing is left to do.
+    let journal = read(&folder, "whole/runs.jsonl");
+    assert_eq!(journal.lines().count(), 2 * whole.len());
+    let again = study(&folder, &["plan.toml", "-o", "whole"]).expect("an adapter");
+    assert!(again.status == Some(0) && read(&folder, "whole/runs.jsonl") == journal, "{again}");
+    // Cut in the middle of the fifth line: the rest is made again, and found again.
+    let cut = journal.match_indices('\n').nth(4).expect("five lines").0 - 30;
+    std::fs::write(folder.path("whole/runs.jsonl"), &journal[..cut]).expect("the journal");
+    let resumed = study(&folder, &["plan.toml", "-o", "whole"]).expect("an adapter");
+    assert_eq!(resumed.status, Some(0), "{resumed}");
+    assert!(read(&folder, "whole/runs.jsonl").starts_with(&journal[..cut]));
+    let all: BTreeSet<String> = whole.iter().map(found).collect();
+    assert_eq!(rows(&folder, "whole").iter().map(found).collect::<BTreeSet<_>>(), all);
+    // The plan that is kept makes the same study.
+    let kept = folder.path("whole/plan.toml").display().to_string();
+    let same = study(&folder, &[&kept, "-o", "whole"]).expect("an adapter");
+    assert!(same.status == Some(0) && String::from_utf8_lossy(&same.output).contains("nothing was left"), "{same}");
+    let other = study(&folder, &["plan.toml", "-o", "whole", "--repeats", "2"]).expect("an adapter");
+    assert!(other.status == Some(2) && other.messages.contains("another plan"), "{other}");
+
+    for number in ["1", "2"] {
+        let shard = format!("{number}/2");
+        let outcome = study(&folder, &["plan.toml", "-o", number, "--shard", &shard]).expect("an adapter");
+        assert_eq!((outcome.status, rows(&folder, number).len()), (Some(0), 3), "{outcome}");
+    }
+    let part = study(&folder, &["merge", "1", "-o", "half"]).expect("no adapter is needed");
+    assert!(part.status == Some(0) && part.messages.contains("3 of 6 settings are missing"), "{part}");
+    let merged = study(&folder, &["merge", "1", "2", "-o", "merged"]).expect("no adapter is needed");
+    assert!(merged.status == Some(0) && merged.messages.is_empty(), "{merged}");
+    assert_eq!(
+        rows(&folder, "merged").iter().map(found).collect::<Vec<_>>(),
+        whole.iter().map(found).collect::<Vec<_>>()
+    );
+}
+
+#[test]
+fn plans_that_are_wrong_are_refused_before_anything_is_written() {
+    let broken = PLAN.replace("[1, 1.5]", "[1, 99]");
+    for (text, mentioned) in [
+        (broken.as_str(), "plan.toml:18: splat.size: 99 is out of range"),
+        ("title = \"a\"\n[[group]]\nscenes = [\"five-mirrors/sphre\"]", "did you mean `five-mirrors/sphere`?"),
+        ("title = \"a\"", "missing field `group`"),
+    ] {
+        let folder = with_plan(text);
+        let outcome = folder.glint(["study", "plan.toml", "-o", "out"]);
+        assert!(outcome.status == Some(2) && outcome.messages.contains(mentioned), "{outcome}");
+        assert!(outcome.messages.lines().count() <= 2 && !folder.path("out").exists(), "{outcome}");
+    }
+    let folder = Folder::new();
+    let unknown = folder.glint(["study", "method", "-o", "out"]);
+    assert!(unknown.status == Some(2) && unknown.messages.contains("did you mean `methods`?"), "{unknown}");
+    let list = folder.glint(["study", "--list"]);
+    let names = String::from_utf8_lossy(&list.output).into_owned();
+    for name in
+        ["methods", "seed-attempts", "step-attempts", "initial-step", "pull-levels", "viewport", "mirrors", "points"]
+    {
+        assert!(names.lines().any(|line| line.starts_with(name)), "{name}: {list}");
+    }
+}
+
+#[test]
+fn a_scene_that_cannot_be_read_is_a_row_and_the_others_go_on() {
+    let plan = "title = \"a\"\nsize = \"64x48\"\nrepeats = 1\nflicker = true\n[set]\n\"gi.bounces\" = 0\n\"scene.points\" = 5000\n\
+                [[group]]\nscenes = [\"broken.laz\", \"five-mirrors/sphere\"]\nmethods = [\"surfel_trace\"]";
+    let folder = with_plan(plan);
+    std::fs::write(folder.path("broken.laz"), "no points").expect("a broken file");
+    let Some(outcome) = study(&folder, &["plan.toml", "-o", "out"]) else { return };
+    assert!(outcome.status == Some(1) && outcome.messages.contains("settings that failed: 1"), "{outcome}");
+    let rows = rows(&folder, "out");
+    assert!(rows[0]["error"].as_str().is_some_and(|error| error.contains("broken.laz")), "{rows:#?}");
+    let whole = &rows[1];
+    assert_eq!((&whole["error"], &whole["repeats"]), (&Value::Null, &1.into()));
+    // Nothing random is in this method, and a reflection moves with the camera.
+    let flicker = ["flicker_still", "flicker_moving"].map(|name| whole[name].as_f64().unwrap_or(f64::NAN));
+    assert!(flicker[0] < 1e-9 && (0.01..100.0).contains(&flicker[1]), "{flicker:?}");
+}
