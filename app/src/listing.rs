@@ -93,6 +93,10 @@ fn parameter_json(key: &str, field: &Field) -> serde_json::Value {
             parameter["max"] = shortest(*max);
         }
         Kind::Choice { names, .. } => parameter["choices"] = json!(names),
+        Kind::Bytes { min, max, .. } => {
+            parameter["min"] = json!(min.to_string());
+            parameter["max"] = json!(max.to_string());
+        }
         Kind::Bool { .. } | Kind::Color { .. } | Kind::Text { .. } => {}
     }
     parameter
@@ -105,6 +109,7 @@ fn kind_name(kind: &Kind) -> &'static str {
         Kind::F32 { .. } => "number",
         Kind::Choice { .. } => "choice",
         Kind::Color { .. } => "colour",
+        Kind::Bytes { .. } => "amount of memory",
         Kind::Text { .. } => "text",
     }
 }
@@ -115,7 +120,7 @@ pub fn value_json(field: &Field, value: &Value) -> serde_json::Value {
         Value::Bool(value) => json!(value),
         Value::U32(value) => json!(value),
         Value::F32(value) => shortest(*value),
-        Value::Choice(_) | Value::Color(_) | Value::Text(_) => json!(field.format(value)),
+        Value::Choice(_) | Value::Color(_) | Value::Bytes(_) | Value::Text(_) => json!(field.format(value)),
     }
 }
 

@@ -6,6 +6,7 @@ struct View {
     field_of_view: f32,
     up: u32,
     background: u32,
+    point_budget: u32,
 }
 const VIEW_PROJECTION_PERSPECTIVE: u32 = 0u;
 const VIEW_PROJECTION_ORTHOGRAPHIC: u32 = 1u;
@@ -220,6 +221,18 @@ const SURFACE_ORIENTATION_UP: u32 = 1u;
 const SURFACE_ORIENTATION_INWARD: u32 = 2u;
 const SURFACE_ORIENTATION_OUTWARD: u32 = 3u;
 
+// Streaming: clouds that are larger than memory are drawn from pages on disk.
+struct Stream {
+    pages: u32,
+    detail: f32,
+    unseen: f32,
+    frame_ms: f32,
+    overlay: u32,
+}
+const STREAM_PAGES_AUTO: u32 = 0u;
+const STREAM_PAGES_ALWAYS: u32 = 1u;
+const STREAM_PAGES_NEVER: u32 = 2u;
+
 // Built-in scenes: how they are sampled.
 struct Scene {
     points: u32,
@@ -242,5 +255,6 @@ struct Settings {
     environment_map: EnvironmentMap,
     sscr: Sscr,
     surface: Surface,
+    stream: Stream,
     scene: Scene,
 }

@@ -21,9 +21,10 @@ use crate::loading;
 const SHOWN_ELSEWHERE: [&str; 7] = ["color", "light", "sun", "gi", "tone", "edl", "trace"];
 
 /// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
-const SECTIONS: [(&str, &[&str]); 3] = [
+const SECTIONS: [(&str, &[&str]); 4] = [
     ("Splats and view", &["splat", "view"]),
     ("Reflections", &["mirror", "reflection", "environment_map", "sscr"]),
+    ("Streaming", &["stream"]),
     ("When loading", &["surface", "scene"]),
 ];
 
@@ -104,7 +105,7 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
         state.light_panel_is_open = section(ui, "Light", true, |ui| light_panel::show(ui, state));
         section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state));
         for (title, groups) in SECTIONS {
-            section(ui, title, title != "When loading", |ui| {
+            section(ui, title, !["Streaming", "When loading"].contains(&title), |ui| {
                 if groups.contains(&"sscr") {
                     presets::show(ui, &mut state.settings);
                 }

@@ -146,12 +146,28 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             let [red, green, blue] = rgb;
             changed.then(|| Value::Color(param::Color::from_bytes([red, green, blue, opacity])))
         }
+        (Kind::Bytes { min, max, .. }, Value::Bytes(bytes)) => {
+            let mut number = bytes.0 as f64;
+            let slider = egui::Slider::new(&mut number, min.0 as f64..=max.0 as f64).logarithmic(true);
+            let slider = slider
+                .custom_formatter(|number, _| param::Bytes(number as u64).to_string())
+                .custom_parser(|text| text.parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64));
+            let response = ui.add(slider).labelled_by(label);
+            let exact = param::Bytes(number as u64);
+            response.changed().then(|| Value::Bytes(if response.dragged() { even_amount(exact) } else { exact }))
+        }
         (Kind::Text { .. }, Value::Text(mut text)) => {
             let edit = egui::TextEdit::singleline(&mut text).desired_width(130.0);
             ui.add(edit).labelled_by(label).changed().then_some(Value::Text(text))
         }
         _ => None,
     }
+}
+
+/// The nearest amount that people would write: eight steps to a doubling.
+fn even_amount(bytes: param::Bytes) -> param::Bytes {
+    let step = (1_u64 << bytes.0.max(8).ilog2()) / 8;
+    param::Bytes(bytes.0.saturating_add(step / 2) / step * step)
 }
 
 /// `min_pixels` as people read it: `Min pixels`.

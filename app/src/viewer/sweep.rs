@@ -69,9 +69,9 @@ struct Outcome {
 /// Whether other values of a parameter show in the view at hand: not those of points that are read, sampled and coloured before
 /// anything is drawn, nor what only spares frames that follow others.
 pub fn can_be_swept(group: &str, field: &Field) -> bool {
-    let is_drawn = !["surface", "scene", "color"].contains(&group);
-    let acts = ![("view", "up"), ("reflection", "keep")].contains(&(group, field.name));
-    is_drawn && acts && !matches!(field.kind, Kind::Color { .. } | Kind::Text { .. })
+    let is_drawn = !["surface", "scene", "color", "stream"].contains(&group);
+    let acts = ![("view", "up"), ("view", "point_budget"), ("reflection", "keep")].contains(&(group, field.name));
+    is_drawn && acts && !matches!(field.kind, Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. })
 }
 
 /// Makes a new folder for a sweep in the first of some places that allows it; its absolute path.
@@ -135,7 +135,7 @@ impl Ask {
                 let within = |exact: f64| Some(rounded(exact)).filter(|value| (min..=max).contains(value));
                 shares.map(number).map(|exact| Value::F32(within(exact).unwrap_or(exact as f32))).collect()
             }
-            Kind::Color { .. } | Kind::Text { .. } => Vec::new(),
+            Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. } => Vec::new(),
         };
         values.iter().try_for_each(|value| self.field.check(value))?;
         let mut texts: Vec<String> = values.iter().map(|value| self.field.format(value)).collect();

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::{Color, Value};
+use crate::{Bytes, Color, Value};
 
 /// What a field may hold.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,6 +12,7 @@ pub enum Kind {
     F32 { default: f32, min: f32, max: f32 },
     Choice { default: u32, names: &'static [&'static str] },
     Color { default: Color },
+    Bytes { default: Bytes, min: Bytes, max: Bytes },
     Text { default: String },
 }
 
@@ -51,6 +52,7 @@ impl Field {
             Kind::F32 { default, .. } => Value::F32(*default),
             Kind::Choice { default, .. } => Value::Choice(*default),
             Kind::Color { default } => Value::Color(*default),
+            Kind::Bytes { default, .. } => Value::Bytes(*default),
             Kind::Text { default } => Value::Text(default.clone()),
         }
     }
@@ -64,6 +66,7 @@ impl Field {
             Kind::F32 { min, max, .. } => format!("{min} to {max}{unit}"),
             Kind::Choice { names, .. } => names.join(", "),
             Kind::Color { .. } => "#rrggbb".into(),
+            Kind::Bytes { min, max, .. } => format!("{min} to {max}"),
             Kind::Text { .. } => "text".into(),
         }
     }
@@ -82,6 +85,7 @@ impl Field {
                 let [red, green, blue, _] = color.bytes();
                 format!("#{red:02x}{green:02x}{blue:02x}")
             }
+            (Value::Bytes(bytes), _) => bytes.to_string(),
             (Value::Text(text), _) => text.clone(),
         }
     }
@@ -113,6 +117,9 @@ impl Field {
                     rgb.ok_or_else(|| format!("`{text}` is not a colour, expected {expected}"))? << 8 | 0xff,
                 ))
             }
+            Kind::Bytes { .. } => Value::Bytes(
+                text.parse().map_err(|()| format!("`{text}` is not an amount like 512MiB, expected {expected}"))?,
+            ),
             Kind::Text { .. } => Value::Text(text.to_string()),
         };
         self.check(&value)?;
@@ -125,6 +132,7 @@ impl Field {
         let fits = match (&self.kind, value) {
             (Kind::U32 { min, max, .. }, Value::U32(value)) => (min..=max).contains(&value),
             (Kind::F32 { min, max, .. }, Value::F32(value)) => (min..=max).contains(&value),
+            (Kind::Bytes { min, max, .. }, Value::Bytes(value)) => (min..=max).contains(&value),
             (Kind::Choice { names, .. }, Value::Choice(index)) => (*index as usize) < names.len(),
             (Kind::Bool { .. }, Value::Bool(_))
             | (Kind::Color { .. }, Value::Color(_))
@@ -145,6 +153,7 @@ impl Field {
             Kind::F32 { min: 0.0, max, default } => default > 0.0 && max / default >= 32.0,
             Kind::F32 { min, max, .. } => min > 0.0 && max / min >= 1000.0,
             Kind::U32 { min, max, .. } => min > 0 && max / min >= 1000,
+            Kind::Bytes { .. } => true,
             _ => false,
         }
     }
@@ -152,14 +161,14 @@ impl Field {
 
 impl Group {
     /// The group as a WGSL struct of 4-byte scalars (so Rust words and WGSL offsets agree by construction), with a constant
-    /// for each choice. Text stays on the CPU.
+    /// for each choice. Text and amounts of memory stay on the CPU.
     pub fn wgsl(&self) -> String {
         let mut wgsl = String::new();
         let mut constants = String::new();
         let _ = writeln!(wgsl, "// {}\nstruct {} {{", self.help, capitalized(self.name));
         for field in &self.fields {
             let scalar = match &field.kind {
-                Kind::Text { .. } => continue,
+                Kind::Text { .. } | Kind::Bytes { .. } => continue,
                 Kind::F32 { .. } => "f32",
                 _ => "u32",
             };
@@ -210,14 +219,14 @@ pub trait Params {
         self.set(name, value)
     }
 
-    /// The GPU's form: one 4-byte word a field, text left out. Padded by whoever uploads it.
+    /// The GPU's form: one 4-byte word a field, text and amounts of memory left out. Padded by whoever uploads it.
     fn words(&self) -> Vec<u32> {
         let word = |value: Value| match value {
             Value::Bool(value) => Some(u32::from(value)),
             Value::U32(value) | Value::Choice(value) => Some(value),
             Value::F32(value) => Some(value.to_bits()),
             Value::Color(color) => Some(color.0),
-            Value::Text(_) => None,
+            Value::Text(_) | Value::Bytes(_) => None,
         };
         self.values().into_iter().filter_map(word).collect()
     }

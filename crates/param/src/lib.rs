@@ -8,7 +8,7 @@ mod field;
 mod value;
 
 pub use field::{Error, Field, Group, Kind, Params, differing, nearest};
-pub use value::{Choice, Color, Type, Value};
+pub use value::{Bytes, Choice, Color, Type, Value};
 
 /// Declares parameter groups. Each field is one line: name, type, default and, for numbers, range and unit.
 ///
@@ -129,6 +129,8 @@ mod tests {
             on: bool = true;
             /// Colour behind everything.
             background: Color = Color(0x1a1c_20ff);
+            /// Memory it may take.
+            memory: Bytes = Bytes(1 << 30), Bytes(1 << 20)..=Bytes(1 << 40), "";
             /// Attribute to show.
             attribute: String = String::new();
         }
@@ -150,6 +152,7 @@ mod tests {
             quality: Quality::Fast,
             on: false,
             background: Color(0x0102_03ff),
+            memory: Bytes((1 << 20) + 1),
             attribute: "a b".into(),
         };
         let mut back = Splat::default();
@@ -181,7 +184,38 @@ mod tests {
     }
 
     #[test]
-    fn the_wgsl_struct_holds_one_word_a_field_and_skips_text() {
+    fn amounts_of_memory_are_read_and_written_in_binary_units() {
+        let written = |bytes: u64| Bytes(bytes).to_string();
+        assert_eq!(
+            [0, 1000, 1024, 1536 << 20, 4 << 30, u64::MAX].map(written),
+            ["0B", "1000B", "1KiB", "1536MiB", "4GiB", "18446744073709551615B"]
+        );
+        let read = |text: &str| text.parse::<Bytes>().ok().map(|bytes| bytes.0);
+        for (text, bytes) in
+            [("1GiB", 1 << 30), ("512 MiB", 512 << 20), ("1.5GiB", 3 << 29), (" 7 ", 7), ("3 kib", 3072), ("2B", 2)]
+        {
+            assert_eq!(read(text), Some(bytes), "{text}");
+        }
+        for wrong in ["", "GiB", "-1", "1GB", "1 GiB or so", "NaN", "inf", "1e30", "99999EiB", "17EiB"] {
+            assert_eq!(read(wrong), None, "{wrong}");
+        }
+        let mut splat = Splat::default();
+        splat.set_text("memory", "1.5 GiB").unwrap();
+        assert_eq!(splat.memory, Bytes(3 << 29));
+        let message = |result: Result<(), Error>| result.unwrap_err().to_string();
+        assert_eq!(
+            message(splat.set_text("memory", "1KiB")),
+            "splat.memory: 1KiB is out of range, expected 1MiB to 1TiB"
+        );
+        assert_eq!(
+            message(splat.set_text("memory", "much")),
+            "splat.memory: `much` is not an amount like 512MiB, expected 1MiB to 1TiB"
+        );
+        assert!(Splat::table().fields.iter().any(|field| field.name == "memory" && field.is_logarithmic()));
+    }
+
+    #[test]
+    fn the_wgsl_struct_holds_one_word_a_field_and_skips_text_and_memory() {
         let splat = Splat::default();
         assert_eq!(splat.words(), vec![1.0_f32.to_bits(), 48, 1, 1, 0x1a1c_20ff]);
         let wgsl = Splat::table().wgsl();

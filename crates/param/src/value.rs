@@ -13,6 +13,7 @@ pub enum Value {
     /// Index into the names of the choice.
     Choice(u32),
     Color(Color),
+    Bytes(Bytes),
     Text(String),
 }
 
@@ -28,6 +29,39 @@ impl Color {
 
     pub fn from_bytes(bytes: [u8; 4]) -> Self {
         Self(u32::from_be_bytes(bytes))
+    }
+}
+
+/// An amount of memory or disk space. People read and write it in binary units: `512MiB`, `1.5 GiB`, or a plain number of bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Bytes(pub u64);
+
+/// Names of powers of 1024, from 0.
+const BINARY_UNITS: [&str; 7] = ["B", "KiB", "MiB", "GiB", "TiB", "PiB", "EiB"];
+
+impl std::fmt::Display for Bytes {
+    /// In the largest unit that leaves a whole number.
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let power = if self.0 == 0 { 0 } else { self.0.trailing_zeros() / 10 };
+        write!(formatter, "{}{}", self.0 >> (10 * power), BINARY_UNITS[power as usize])
+    }
+}
+
+impl std::str::FromStr for Bytes {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let text = text.trim();
+        let (number, unit) = text.split_at(text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len()));
+        let unit = unit.trim();
+        let power = BINARY_UNITS.iter().position(|known| known.eq_ignore_ascii_case(unit));
+        let power = if unit.is_empty() { 0 } else { power.ok_or(())? };
+        let (number, scale) = (number.trim(), 1_u64 << (10 * power));
+        if let Ok(whole) = number.parse::<u64>() {
+            return whole.checked_mul(scale).map(Self).ok_or(());
+        }
+        let bytes = number.parse::<f64>().map_err(|_| ())? * scale as f64;
+        if (0.0..u64::MAX as f64).contains(&bytes) { Ok(Self(bytes.round() as u64)) } else { Err(()) }
     }
 }
 
@@ -95,6 +129,19 @@ impl Type for Color {
     }
     fn from_value(value: &Value) -> Option<Self> {
         if let Value::Color(value) = value { Some(*value) } else { None }
+    }
+}
+
+impl Type for Bytes {
+    fn kind(default: Self, range: Option<RangeInclusive<Self>>) -> Kind {
+        let range = range.unwrap_or(Self(0)..=Self(u64::MAX));
+        Kind::Bytes { default, min: *range.start(), max: *range.end() }
+    }
+    fn to_value(&self) -> Value {
+        Value::Bytes(*self)
+    }
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Bytes(value) = value { Some(*value) } else { None }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Every parameter of the program, in groups. One line here is a flag, a slider, a line of the session file and of the docs.
 
-use param::{Params, Value, choices, params};
+use param::{Bytes, Params, Value, choices, params};
 
 use crate::Projection;
 
@@ -103,6 +103,11 @@ choices! {
     pub enum Seeds { Random = "random", Grid = "grid", LastFrame = "last-frame" }
 }
 
+choices! {
+    /// Which clouds are streamed from pages.
+    pub enum Paging { Auto = "auto", Always = "always", Never = "never" }
+}
+
 params! {
     /// The view: projection, up axis, background.
     pub struct ViewSettings = "view" {
@@ -114,6 +119,8 @@ params! {
         up: UpAxis = UpAxis::Auto;
         /// Colour where there is no point.
         background: param::Color = param::Color(0x1d20_25ff);
+        /// Most points of streamed clouds that are drawn at once.
+        point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points";
     }
 
     /// Splatting: how points become surfaces.
@@ -318,6 +325,26 @@ params! {
         orientation: SurfaceOrientation = SurfaceOrientation::Auto;
     }
 
+    /// Streaming: clouds that are larger than memory are drawn from pages on disk.
+    pub struct Stream = "stream" {
+        /// Which clouds are streamed; auto takes those that would fill more than half of host_bytes, and folders of several tiles.
+        pages: Paging = Paging::Auto;
+        /// Memory of the machine that streamed points may take.
+        host_bytes: Bytes = Bytes(4 << 30), Bytes(64 << 20)..=Bytes(1 << 50), "";
+        /// Memory of the GPU that streamed points may take.
+        gpu_bytes: Bytes = Bytes(4 << 30), Bytes(64 << 20)..=Bytes(1 << 50), "";
+        /// Disk space that pages of all clouds may take in the cache folder; the longest unused are deleted first.
+        cache_bytes: Bytes = Bytes(50 << 30), Bytes(256 << 20)..=Bytes(1 << 50), "";
+        /// Distance of neighbouring points on the screen at which a place is fine enough.
+        detail: f32 = 1.0, 0.25..=64.0, "pixels";
+        /// How much places outside of the picture count beside those in it: mirrors show them, and light comes from them.
+        unseen: f32 = 0.25, 0.0..=1.0, "share";
+        /// Time that a frame may take while the camera moves: fewer points are drawn to keep it; 0 draws all.
+        frame_ms: f32 = 40.0, 0.0..=1000.0, "ms";
+        /// Colour points by the level of their page, and draw the boxes of pages.
+        overlay: bool = false;
+    }
+
     /// Built-in scenes: how they are sampled.
     pub struct SceneSettings = "scene" {
         /// Points of a built-in scene, all its clouds together.
@@ -344,6 +371,7 @@ pub struct Settings {
     pub environment_map: EnvironmentMap,
     pub sscr: Sscr,
     pub surface: Surface,
+    pub stream: Stream,
     pub scene: SceneSettings,
 }
 
@@ -354,7 +382,7 @@ impl Settings {
         Self { tone, ..self.clone() }
     }
 
-    pub fn groups(&self) -> [&dyn Params; 15] {
+    pub fn groups(&self) -> [&dyn Params; 16] {
         [
             &self.view,
             &self.splat,
@@ -370,11 +398,12 @@ impl Settings {
             &self.environment_map,
             &self.sscr,
             &self.surface,
+            &self.stream,
             &self.scene,
         ]
     }
 
-    pub fn groups_mut(&mut self) -> [&mut dyn Params; 15] {
+    pub fn groups_mut(&mut self) -> [&mut dyn Params; 16] {
         let Self {
             view,
             splat,
@@ -390,6 +419,7 @@ impl Settings {
             environment_map,
             sscr,
             surface,
+            stream,
             scene,
         } = self;
         [
@@ -407,6 +437,7 @@ impl Settings {
             environment_map,
             sscr,
             surface,
+            stream,
             scene,
         ]
     }
