@@ -1,4 +1,5 @@
-//! LAS and LAZ: LAS 1.0 to 1.4 (ASPRS LAS 1.4 R15), point formats 0 to 10, LASzip compression, COPC as the LAZ it is.
+//! LAS and LAZ: LAS 1.0 to 1.4 (ASPRS LAS 1.4 R15), point formats 0 to 10, LASzip compression. COPC is read as the LAZ it is, or
+//! node by node (`copc`).
 //!
 //! A file is a list of blocks that become one chunk each (or a few): runs of records in LAS, compressed chunks in LAZ.
 //! Blocks are read with positioned reads and decoded straight to columns, all cores at once, in an order that spreads
@@ -6,6 +7,7 @@
 
 mod columns;
 mod compressed;
+mod copc;
 mod header;
 mod layout;
 
@@ -21,6 +23,7 @@ use crate::positioned_file::PositionedFile;
 use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, ColorDepth, Plan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
+pub use copc::{Copc, CopcNode};
 use header::Header;
 use layout::{Layout, Reading, bytes};
 
@@ -41,6 +44,7 @@ pub struct LasSource {
     blocks: Vec<Block>,
     /// `None` for a file without colours, or with nothing but black.
     colors: Option<ColorDepth>,
+    copc: Option<Copc>,
 }
 
 /// What one task reads.
@@ -113,6 +117,17 @@ impl LasSource {
                 header.points - points
             ));
         }
+        let copc = compressed.as_ref().and_then(|compressed| {
+            match Copc::read(&file, &header, &compressed.chunks) {
+                Ok(copc) => copc,
+                Err(problem) => {
+                    warnings.push(format!(
+                        "the COPC index is not usable: {problem}; read as plain LAZ (was it saved by a tool that does not know COPC?)"
+                    ));
+                    None
+                }
+            }
+        });
 
         let info = Info {
             path: path.to_owned(),
@@ -139,6 +154,7 @@ impl LasSource {
             compressed,
             blocks,
             colors: None,
+            copc,
         };
         if let Some(red) = source.layout.red
             && points > 0
@@ -160,7 +176,11 @@ impl LasSource {
         &self.info
     }
 
-    pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+    pub fn copc(&self) -> Option<&Copc> {
+        self.copc.as_ref()
+    }
+
+    fn plan(&self, selection: &Selection) -> (Plan<'_>, DecompressionSelection) {
         let mut attributes = selection.attributes.clone();
         attributes.resize(self.layout.attributes.len(), false);
         let plan = Plan {
@@ -171,6 +191,38 @@ impl LasSource {
             attributes,
         };
         let layers = self.layout.layers(plan.positions, plan.colors.is_some(), &plan.attributes);
+        (plan, layers)
+    }
+
+    pub fn read_copc_node(&self, node: &CopcNode, selection: &Selection) -> Result<Chunk> {
+        let (plan, layers) = self.plan(selection);
+        let chunk =
+            self.compressed.as_ref().zip(node.chunk).and_then(|(all, index)| Some((all, all.chunks.get(index)?)));
+        let Some((compressed, chunk)) = chunk else {
+            return Ok(ChunkBuilder::new(&plan, 0, 0).finish().0);
+        };
+        let malformed =
+            |point: u64, problem: String| Error::malformed(self.file.path(), format!("record {point}"), problem);
+        // A chunk may claim any number of points, so vectors grow as points come.
+        let mut builder = ChunkBuilder::new(&plan, chunk.first_point, chunk.points.min(CHUNK_POINTS as u64) as usize);
+        let mut stream =
+            compressed.stream(&self.file, chunk, layers).map_err(|problem| malformed(chunk.first_point, problem))?;
+        let length = self.layout.record_length;
+        let mut buffer = vec![0; tile_records(length) * length];
+        while stream.left() > 0 {
+            let wanted = stream.left().min(tile_records(length) as u64) as usize;
+            let (decoded, outcome) = stream.decode(&mut buffer[..wanted * length]);
+            builder.push(&buffer[..decoded * length]);
+            outcome.map_err(|problem| malformed(builder.next_point(), problem))?;
+        }
+        if builder.len() as u64 != chunk.points {
+            return Err(malformed(builder.next_point(), "the node holds fewer points than announced".into()));
+        }
+        Ok(builder.finish().0)
+    }
+
+    pub fn read(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
+        let (plan, layers) = self.plan(selection);
         let total = Mutex::new(Total { points: 0, bounds: Bounds::EMPTY, failure: None });
         let tally = Tally { progress, emit, total };
         progress.set_total(self.info.points);

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
 
 pub use error::{Error, Result};
+pub use las::{Copc, CopcNode};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
@@ -131,6 +132,27 @@ impl Source {
         match self {
             Self::Las(source) => source.read(selection, progress, emit),
             Self::Ply(source) => source.read(selection, progress, emit),
+        }
+    }
+
+    /// The octree of a COPC file; `None` for other files, and where it does not fit the file (a warning then says so).
+    pub fn copc(&self) -> Option<&Copc> {
+        match self {
+            Self::Las(source) => source.copc(),
+            Self::Ply(_) => None,
+        }
+    }
+
+    /// The points of one node of `copc`, in file order (`Chunk::first_point` is the file's). Threads may read at once. A node
+    /// may have up to `Copc::MOST_POINTS`, so the chunk may be larger than others.
+    ///
+    /// # Errors
+    /// If the file is gone, changed or damaged there.
+    pub fn read_copc_node(&self, node: &CopcNode, selection: &Selection) -> Result<Chunk> {
+        match self {
+            Self::Las(source) => source.read_copc_node(node, selection),
+            // There are no nodes of such a file: one of another file is an empty one.
+            Self::Ply(_) => Ok(Chunk::new(0, glam::DVec3::ZERO, Vec::new())),
         }
     }
 

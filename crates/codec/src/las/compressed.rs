@@ -28,7 +28,8 @@ const TABLE_OFFSET_LENGTH: u64 = 8;
 pub struct CompressedChunk {
     pub first_point: u64,
     pub points: u64,
-    offset: u64,
+    /// Byte of the file.
+    pub offset: u64,
     /// Bytes at most.
     length: u64,
 }

@@ -4,6 +4,7 @@
 //! count or length from the file must neither be looped over nor allocated before it is checked.
 
 use std::io::BufReader;
+use std::ops::Range;
 
 use ::las::raw;
 use cloud::{Bounds, Grid};
@@ -37,6 +38,10 @@ pub struct Header {
     pub descriptors: Vec<u8>,
     /// What the LASzip record says.
     pub laszip: Option<Vec<u8>>,
+    /// The COPC info record's data, and where it starts in the file.
+    pub copc_info: Option<(u64, Vec<u8>)>,
+    /// Bytes of the file that the COPC hierarchy's pages are in.
+    pub copc_pages: Option<Range<u64>>,
 }
 
 impl Header {
@@ -165,6 +170,8 @@ impl Header {
             crs: records.crs(),
             descriptors: records.descriptors,
             laszip: records.laszip,
+            copc_info: records.copc_info,
+            copc_pages: records.copc_pages,
         })
     }
 }
@@ -184,6 +191,8 @@ struct Records {
     geotiff_text: Vec<u8>,
     descriptors: Vec<u8>,
     laszip: Option<Vec<u8>>,
+    copc_info: Option<(u64, Vec<u8>)>,
+    copc_pages: Option<Range<u64>>,
 }
 
 impl Records {
@@ -222,10 +231,13 @@ impl Records {
             };
             let identifier = u16::from_le_bytes(bytes(&head, 18));
             let user = text(&head[2..18]);
-            if is_wanted(&user, identifier) && next - position <= LONGEST_EXTENDED_RECORD {
+            if (user.as_str(), identifier) == ("copc", 1000) {
+                // Read page by page, where they are needed.
+                self.copc_pages = Some(position + head_length..next);
+            } else if is_wanted(&user, identifier) && next - position <= LONGEST_EXTENDED_RECORD {
                 let section = BufReader::new(file.section(position, next));
                 match raw::Vlr::read_from(section, extended) {
-                    Ok(record) => self.keep(&user, identifier, record.data),
+                    Ok(record) => self.keep(&user, identifier, position + head_length, record.data),
                     Err(error) => warnings.push(format!("byte {position}: {kind} {}: {error}", index + 1)),
                 }
             }
@@ -237,7 +249,8 @@ impl Records {
         Ok(position)
     }
 
-    fn keep(&mut self, user: &str, identifier: u16, mut data: Vec<u8>) {
+    /// Keeps `data` of a record, which starts at byte `start` of the file.
+    fn keep(&mut self, user: &str, identifier: u16, start: u64, mut data: Vec<u8>) {
         match (user, identifier) {
             ("LASF_Projection", 2112) => {
                 let wkt = text(&data);
@@ -252,6 +265,7 @@ impl Records {
                 data.truncate(data.len() - data.len() % 192);
                 self.descriptors.append(&mut data);
             }
+            ("copc", _) => self.copc_info = Some((start, data)),
             _ => self.laszip = Some(data),
         }
     }
@@ -292,6 +306,6 @@ impl Records {
 fn is_wanted(user: &str, identifier: u16) -> bool {
     matches!(
         (user, identifier),
-        ("LASF_Projection", 2112 | 34735 | 34737) | ("LASF_Spec", 4) | ("laszip encoded", 22204)
+        ("LASF_Projection", 2112 | 34735 | 34737) | ("LASF_Spec", 4) | ("laszip encoded", 22204) | ("copc", 1)
     )
 }

@@ -1,0 +1,202 @@
+//! The octree of a COPC file (specification 1.0, copc.io): LAZ with one compressed chunk per node, and a list of nodes.
+//!
+//! The list is believed only where it agrees with the chunk table that plain LAZ is read by: every chunk belongs to exactly
+//! one node, and to one of as many points. So what is read node by node is what is read as LAZ, or the list is not used.
+
+use std::collections::{HashMap, HashSet};
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::compressed::CompressedChunk;
+use super::header::Header;
+use super::layout::bytes;
+use crate::positioned_file::PositionedFile;
+
+/// Where the info record's data must start: after a header of 375 bytes and a record's head of 54.
+const INFO_START: u64 = 375 + 54;
+const INFO_LENGTH: usize = 160;
+const ENTRY_LENGTH: usize = 32;
+/// Nodes are halved at most that often: cells are then counted with 31 bits.
+const DEEPEST: u32 = 30;
+/// 5,000,000,000 points have some 200,000 nodes.
+const MOST_NODES: usize = 1 << 22;
+
+/// An octree of nodes that hold the points of a file, each point once.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Copc {
+    /// Lower corner of the root's cube, world coordinates.
+    pub corner: DVec3,
+    /// Width of the root's cube, world units.
+    pub width: f64,
+    /// Distance between neighbouring points of the root, world units; half of it a level further down.
+    pub spacing: f64,
+    /// Level by level, the root first; the parent of every node is there.
+    pub nodes: Vec<CopcNode>,
+}
+
+/// A node: a cube, and one compressed chunk of the file unless it is empty.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CopcNode {
+    /// 0 for the root.
+    pub level: u32,
+    /// Cubes of its level that lie before it in x, y and z; below `2^level`.
+    pub cell: [u32; 3],
+    pub points: u32,
+    /// In the list of the file's compressed chunks.
+    pub(super) chunk: Option<usize>,
+}
+
+impl Copc {
+    /// Points of a node, at most; a file that claims more is read as plain LAZ.
+    pub const MOST_POINTS: u32 = 1 << 24;
+
+    /// `None` for a file that does not say that it is COPC; an error says why its index cannot be used.
+    pub(super) fn read(
+        file: &PositionedFile,
+        header: &Header,
+        chunks: &[CompressedChunk],
+    ) -> Result<Option<Self>, String> {
+        let info = match &header.copc_info {
+            None => return Ok(None),
+            Some((INFO_START, info)) if info.len() >= INFO_LENGTH => info,
+            Some((start, info)) => {
+                return Err(format!(
+                    "byte {start}: an info record of {} bytes, expected {INFO_LENGTH} at byte {INFO_START}",
+                    info.len()
+                ));
+            }
+        };
+        let number = |at: usize| f64::from_le_bytes(bytes(info, at));
+        let center = DVec3::new(number(0), number(8), number(16));
+        let (half, spacing) = (number(24), number(32));
+        if !(center.is_finite() && half.is_finite() && half > 0.0 && spacing.is_finite() && spacing > 0.0) {
+            return Err(format!("byte {INFO_START}: no cube: centre {center}, half width {half}, spacing {spacing}"));
+        }
+        let root = page(u64::from_le_bytes(bytes(info, 40)), u64::from_le_bytes(bytes(info, 48)));
+        let pages = header.copc_pages.clone().ok_or("the record of its pages is missing")?;
+        let mut nodes = Self::read_pages(file, pages, root, chunks)?;
+        add_parents(&mut nodes)?;
+        let mut nodes: Vec<CopcNode> = nodes.into_values().collect();
+        nodes.sort_unstable_by_key(|node| (node.level, node.cell));
+        Ok(Some(Self { corner: center - half, width: 2.0 * half, spacing, nodes }))
+    }
+
+    /// The nodes of all pages.
+    fn read_pages(
+        file: &PositionedFile,
+        pages: Range<u64>,
+        root: Range<u64>,
+        chunks: &[CompressedChunk],
+    ) -> Result<HashMap<Key, CopcNode>, String> {
+        let mut chunk_at: HashMap<u64, usize> =
+            chunks.iter().enumerate().map(|(index, chunk)| (chunk.offset, index)).collect();
+        let mut nodes = HashMap::new();
+        let mut seen = HashSet::new();
+        let mut waiting = vec![root];
+        let mut bytes_left = pages.end - pages.start;
+        while let Some(page) = waiting.pop() {
+            if !seen.insert(page.start) {
+                return Err(format!("byte {}: a page that is named twice", page.start));
+            }
+            if page.start < pages.start || page.end > pages.end || page.start >= page.end {
+                return Err(format!(
+                    "a page at bytes {} to {}, outside the record of pages at {} to {}",
+                    page.start, page.end, pages.start, pages.end
+                ));
+            }
+            // Pages do not overlap, so all of them are not longer than the record.
+            bytes_left = bytes_left
+                .checked_sub(page.end - page.start)
+                .ok_or_else(|| format!("byte {}: pages that overlap", page.start))?;
+            let entries = (page.end - page.start) as usize / ENTRY_LENGTH;
+            if nodes.len() + entries > MOST_NODES {
+                return Err(format!("more than {MOST_NODES} nodes"));
+            }
+            let mut buffer = vec![0; entries * ENTRY_LENGTH];
+            if file.read_at(page.start, &mut buffer).map_err(|error| error.to_string())? < buffer.len() {
+                return Err("the file has become shorter".into());
+            }
+            for entry in buffer.chunks_exact(ENTRY_LENGTH) {
+                if let Some(further) = read_entry(entry, &mut chunk_at, chunks, &mut nodes)? {
+                    waiting.push(further);
+                }
+            }
+        }
+        if let Some(left) = chunk_at.into_values().min() {
+            let chunk = &chunks[left];
+            return Err(format!("{} points at byte {} belong to no node", chunk.points, chunk.offset));
+        }
+        Ok(nodes)
+    }
+}
+
+type Key = (u32, [u32; 3]);
+
+fn page(offset: u64, length: u64) -> Range<u64> {
+    offset..offset.saturating_add(length)
+}
+
+/// Adds the entry's node to `nodes`, or returns the page that it names.
+fn read_entry(
+    entry: &[u8],
+    chunk_at: &mut HashMap<u64, usize>,
+    chunks: &[CompressedChunk],
+    nodes: &mut HashMap<Key, CopcNode>,
+) -> Result<Option<Range<u64>>, String> {
+    let [level, x, y, z] = std::array::from_fn(|place| i32::from_le_bytes(bytes(entry, 4 * place)));
+    let name = format!("node {level}-{x}-{y}-{z}");
+    let offset = u64::from_le_bytes(bytes(entry, 16));
+    let length = i32::from_le_bytes(bytes(entry, 24));
+    let points = i32::from_le_bytes(bytes(entry, 28));
+    let cells = |level: u32| 1_u32 << level;
+    let level = u32::try_from(level).ok().filter(|level| *level <= DEEPEST);
+    let cell = [x, y, z].map(|cell| u32::try_from(cell).unwrap_or(u32::MAX));
+    let Some(level) = level.filter(|level| cell.iter().all(|cell| *cell < cells(*level))) else {
+        return Err(format!("{name} is outside of the root's cube"));
+    };
+    if points == -1 {
+        let length = u64::try_from(length).map_err(|_| format!("{name}: a page of {length} bytes"))?;
+        return Ok(Some(page(offset, length)));
+    }
+    let points = u32::try_from(points).map_err(|_| format!("{name}: {points} points"))?;
+    if points > Copc::MOST_POINTS {
+        return Err(format!("{name}: {points} points, at most {} are read at once", Copc::MOST_POINTS));
+    }
+    let chunk = match points {
+        0 => None,
+        _ => {
+            let chunk = chunk_at
+                .remove(&offset)
+                .filter(|chunk| chunks[*chunk].points == u64::from(points))
+                .ok_or_else(|| format!("{name}: no compressed chunk of {points} points is at byte {offset}"))?;
+            Some(chunk)
+        }
+    };
+    match nodes.insert((level, cell), CopcNode { level, cell, points, chunk }) {
+        None => Ok(None),
+        Some(_) => Err(format!("{name} is there twice")),
+    }
+}
+
+/// Nodes without points where a parent is not listed.
+fn add_parents(nodes: &mut HashMap<Key, CopcNode>) -> Result<(), String> {
+    let mut keys: Vec<Key> = nodes.keys().copied().collect();
+    keys.push((0, [0; 3]));
+    for (mut level, mut cell) in keys {
+        loop {
+            nodes.entry((level, cell)).or_insert(CopcNode { level, cell, points: 0, chunk: None });
+            if nodes.len() > MOST_NODES {
+                return Err(format!("more than {MOST_NODES} nodes"));
+            }
+            if level == 0 {
+                break;
+            }
+            (level, cell) = (level - 1, cell.map(|cell| cell / 2));
+            if nodes.contains_key(&(level, cell)) {
+                break;
+            }
+        }
+    }
+    Ok(())
+}
