@@ -12,6 +12,12 @@ pub enum Error {
     Damaged { path: PathBuf, problem: String },
     #[error(transparent)]
     Input(#[from] codec::Error),
+    /// A page that does not belong to its tree.
+    #[error("a page has {found} points instead of {expected}")]
+    PageSize { found: u64, expected: u64 },
+    /// A decoder that cannot cope with what it was given.
+    #[error("reading a page came to an unexpected end: {0}")]
+    Panicked(String),
     #[error("cancelled")]
     Cancelled,
 }

@@ -1,0 +1,41 @@
+//! The progressive order of a page's points: of their ranks along a Morton curve every sixteenth makes a batch, and batches
+//! come in an order that halves the gaps. So any prefix of batches is an even subset of the page.
+
+/// Batches of a page.
+pub const BATCHES: usize = 16;
+
+/// Remainder by [`BATCHES`] of the Morton ranks that the batch holds: its four bits turned round.
+pub fn rank_of_batch(batch: usize) -> usize {
+    (batch & 1) << 3 | (batch & 2) << 1 | (batch & 4) >> 1 | (batch & 8) >> 3
+}
+
+/// Points in the first so many batches of a page of `points`; all of them for [`BATCHES`] and more.
+pub fn prefix(points: usize, batches: usize) -> usize {
+    (0..batches.min(BATCHES)).map(|batch| (points + BATCHES - 1 - rank_of_batch(batch)) / BATCHES).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prefixes_count_the_points_of_their_batches() {
+        for points in 0..200 {
+            for batches in 0..=BATCHES {
+                let counted =
+                    (0..points).filter(|rank| (0..batches).any(|batch| rank_of_batch(batch) == rank % BATCHES)).count();
+                assert_eq!(prefix(points, batches), counted, "{points} points, {batches} batches");
+            }
+            assert_eq!((prefix(points, BATCHES), prefix(points, BATCHES + 1)), (points, points));
+        }
+    }
+
+    #[test]
+    fn each_doubling_of_the_batches_halves_the_gaps() {
+        for (batches, gap) in [(1, 16), (2, 8), (4, 4), (8, 2), (16, 1)] {
+            let mut ranks: Vec<usize> = (0..batches).map(rank_of_batch).collect();
+            ranks.sort_unstable();
+            assert!(ranks.iter().enumerate().all(|(index, rank)| *rank == index * gap), "{batches} batches");
+        }
+    }
+}
