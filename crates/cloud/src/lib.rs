@@ -22,8 +22,8 @@ pub use progress::Progress;
 pub use robust::{Scalar, hash, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
-    MeshNormals, Orientation, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, guess_orientation,
-    normals_from_triangles, provisional_radius,
+    MeshNormals, Orientation, RadiusCount, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
+    guess_orientation, normals_from_triangles, provisional_radius,
 };
 
 /// Points a chunk holds at most when a reader is free to choose (2.4 MB of 36-byte LAS records).

@@ -72,7 +72,15 @@ pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) 
     progress.set_total(chunks.iter().map(|chunk| chunk.len() as u64).sum());
     let mut surfels = Vec::with_capacity(chunks.len());
     for part in parts(chunks, u32::MAX as usize) {
-        surfels.extend(estimate_part(part, options, progress)?);
+        let mut estimated = estimate_part(part, options, progress)?;
+        let mut radii = RadiusCount::default();
+        estimated.iter().for_each(|surfels| radii.add(&surfels.radii));
+        let largest = radii.largest();
+        estimated
+            .par_iter_mut()
+            .flat_map(|surfels| &mut surfels.radii)
+            .for_each(|radius| *radius = largest.min(*radius));
+        surfels.extend(estimated);
     }
     Some(surfels)
 }
@@ -92,7 +100,9 @@ fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
     parts
 }
 
-fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
+/// As [`estimate`] for a part of a cloud: radii are not limited, since how large the largest may be follows from all of
+/// the cloud's ([`RadiusCount`]), and `progress` is not told a total. Less than 2^32 points.
+pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
     // Tiles write where their points are, all over the chunks: atomics let them without unsafe code.
@@ -137,38 +147,44 @@ fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress)
         return None;
     }
     progress.add((points.len() - searched) as u64);
-    let mut surfels: Vec<Surfels> = results
-        .into_iter()
-        .map(|(normals, radii)| Surfels {
-            normals: normals.into_iter().map(AtomicU32::into_inner).collect(),
-            radii: radii.into_iter().map(AtomicU16::into_inner).collect(),
-        })
-        .collect();
-    limit_radii(&mut surfels);
-    Some(surfels)
+    let surfels = results.into_iter().map(|(normals, radii)| Surfels {
+        normals: normals.into_iter().map(AtomicU32::into_inner).collect(),
+        radii: radii.into_iter().map(AtomicU16::into_inner).collect(),
+    });
+    Some(surfels.collect())
 }
 
 fn splat_radius(neighbourhood: &Neighbourhood) -> f32 {
     SPLAT_OVERLAP * (neighbourhood.distance_squared / neighbourhood.count as f32).sqrt()
 }
 
-/// No radius beyond `LARGEST_RADIUS` times the median one.
-fn limit_radii(surfels: &mut [Surfels]) {
-    let mut histogram = vec![0_u64; usize::from(u16::MAX) + 1];
-    surfels.iter().flat_map(|surfels| &surfels.radii).for_each(|&radius| histogram[usize::from(radius)] += 1);
-    histogram[usize::from(NO_RADIUS)] = 0;
-    let half = histogram.iter().sum::<u64>() / 2;
-    let mut below = 0;
-    let median = histogram.iter().position(|count| {
-        below += count;
-        below > half
-    });
-    let median = median.and_then(|packed| unpack_radius(packed as u16));
-    // Packed radii are in the order of the radii.
-    let largest = median.map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median));
-    surfels
-        .par_iter_mut()
-        .for_each(|surfels| surfels.radii.iter_mut().for_each(|radius| *radius = (*radius).min(largest)));
+/// How often each radius occurs in a cloud, to know its largest one.
+pub struct RadiusCount(Vec<u64>);
+
+impl Default for RadiusCount {
+    fn default() -> Self {
+        Self(vec![0; usize::from(u16::MAX) + 1])
+    }
+}
+
+impl RadiusCount {
+    /// Counts packed radii.
+    pub fn add(&mut self, radii: &[u16]) {
+        radii.iter().for_each(|&radius| self.0[usize::from(radius)] += 1);
+    }
+
+    /// Five times the median, packed: larger ones are to be made that large. Packed radii are in the order of the radii.
+    pub fn largest(&self) -> u16 {
+        let known = || self.0.iter().enumerate().filter(|(radius, _)| *radius != usize::from(NO_RADIUS));
+        let half = known().map(|(_, count)| count).sum::<u64>() / 2;
+        let mut below = 0;
+        let median = known().find(|(_, count)| {
+            below += *count;
+            below > half
+        });
+        let median = median.and_then(|(packed, _)| unpack_radius(packed as u16));
+        median.map_or(u16::MAX, |median| pack_radius(LARGEST_RADIUS * median))
+    }
 }
 
 /// The direction in which a point and its neighbours are thinnest; either sign.
