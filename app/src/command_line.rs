@@ -34,7 +34,7 @@ pub enum Command {
 
 #[derive(Debug, Args)]
 pub struct ViewArguments {
-    /// `.las`, `.laz` and `.ply` files, a scene file (`.toml`), names of built-in scenes
+    /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`), names of built-in scenes
     pub inputs: Vec<String>,
     #[command(flatten)]
     pub gpu: GpuArgument,
@@ -49,7 +49,7 @@ pub struct GpuArgument {
 
 #[derive(Debug, Args)]
 pub struct InfoArguments {
-    /// `.las`, `.laz` and `.ply` files, or a scene file (`.toml`) for its clouds
+    /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds
     #[arg(required = true)]
     pub inputs: Vec<String>,
     /// Write JSON
@@ -62,7 +62,7 @@ pub struct InfoArguments {
 
 #[derive(Debug, Args)]
 pub struct RenderArguments {
-    /// `.las`, `.laz` and `.ply` files, a scene file (`.toml`), names of built-in scenes
+    /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`), names of built-in scenes
     #[arg(required = true)]
     pub inputs: Vec<String>,
     /// PNG file to write

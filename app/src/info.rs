@@ -68,7 +68,7 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
         if request.inputs.is_empty() {
             inputs.push(Entry::Unreadable { path: word.clone(), error: format!("{word}: no clouds in it") });
         }
-        inputs.extend(request.inputs.iter().map(|input| entry(input, arguments.scan)));
+        inputs.extend(request.inputs.iter().flat_map(|input| entries(input, arguments.scan)));
     }
     let unreadable = inputs.iter().any(|entry| matches!(entry, Entry::Unreadable { .. }));
     let report = Report { inputs };
@@ -89,17 +89,24 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     Ok(if unreadable { 2 } else { 0 })
 }
 
-fn entry(input: &Input, scan: bool) -> Entry {
-    let report = match input {
-        Input::File(path) => file_report(path, scan).map_err(|error| error.to_string()),
-        Input::BuiltIn { .. } => {
-            Err(format!("{}: a built-in scene, not a file; `glint scenes` lists them", input.name()))
+/// One, or one for each file of a folder.
+fn entries(input: &Input, scan: bool) -> Vec<Entry> {
+    let error = match input {
+        Input::File(_) | Input::Tiles { .. } => {
+            return input.files().iter().map(|path| file_entry(path, scan)).collect();
         }
-        Input::Unknown { error, .. } => Err(error.clone()),
+        Input::BuiltIn { .. } => {
+            format!("{}: a built-in scene, not a file; `glint scenes` lists them", input.name())
+        }
+        Input::Unknown { error, .. } => error.clone(),
     };
-    match report {
+    vec![Entry::Unreadable { path: input.name(), error }]
+}
+
+fn file_entry(path: &Path, scan: bool) -> Entry {
+    match file_report(path, scan) {
         Ok(report) => Entry::Read(Box::new(report)),
-        Err(error) => Entry::Unreadable { path: input.name(), error },
+        Err(error) => Entry::Unreadable { path: path.display().to_string(), error: error.to_string() },
     }
 }
 

@@ -18,6 +18,7 @@ use scene::{
 };
 
 use crate::failure::usage;
+use crate::streaming::{Lookout, Paged, StreamStats};
 
 /// Chunks on their way from the readers to the receiver: enough that neither waits for the other, and at 65 thousand
 /// points of some 30 bytes each no more than 32 MB.
@@ -27,6 +28,12 @@ const CHUNKS_UNDER_WAY: usize = 16;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Input {
     File(PathBuf),
+    /// A folder with several files that are one cloud.
+    Tiles {
+        folder: PathBuf,
+        /// In the order of their names.
+        files: Vec<PathBuf>,
+    },
     BuiltIn {
         variant: five_mirrors::Variant,
         /// Names of its mirrors that are left out: others have taken their places.
@@ -43,9 +50,18 @@ impl Input {
     /// As a person would type it.
     pub fn name(&self) -> String {
         match self {
-            Self::File(path) => path.display().to_string(),
+            Self::File(path) | Self::Tiles { folder: path, .. } => path.display().to_string(),
             Self::BuiltIn { variant, .. } => built_in_name(*variant),
             Self::Unknown { name, .. } => name.clone(),
+        }
+    }
+
+    /// The files that are read.
+    pub fn files(&self) -> &[PathBuf] {
+        match self {
+            Self::File(path) => std::slice::from_ref(path),
+            Self::Tiles { files, .. } => files,
+            Self::BuiltIn { .. } | Self::Unknown { .. } => &[],
         }
     }
 }
@@ -169,7 +185,7 @@ fn input(word: &str) -> Result<Input, String> {
     }
     let path = Path::new(word);
     if path.is_dir() {
-        return Err(format!("{word}: a folder; name the files in it, as in {}", path.join("*.laz").display()));
+        return tiles(path).map_err(|problem| format!("{word}: {problem}"));
     }
     if path.exists() {
         return Ok(Input::File(path.to_owned()));
@@ -185,6 +201,22 @@ fn input(word: &str) -> Result<Input, String> {
         None => String::new(),
     };
     Err(format!("{word}: no such file or built-in scene{hint}"))
+}
+
+/// The clouds in a folder, or what is wrong with it.
+fn tiles(folder: &Path) -> Result<Input, String> {
+    let is_cloud = |path: &PathBuf| {
+        let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+        ["las", "laz", "ply"].iter().any(|known| extension.eq_ignore_ascii_case(known)) && path.is_file()
+    };
+    let entries = std::fs::read_dir(folder).map_err(|error| error.to_string())?;
+    let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_cloud).collect();
+    files.sort();
+    match files.as_slice() {
+        [] => Err("a folder without .las, .laz and .ply files".into()),
+        [one] => Ok(Input::File(one.clone())),
+        _ => Ok(Input::Tiles { folder: folder.to_owned(), files }),
+    }
 }
 
 /// Files in the folder where `path` was looked for, written as `path` is.
@@ -203,6 +235,7 @@ pub fn built_in_names() -> Vec<String> {
     five_mirrors::Variant::ALL.into_iter().map(built_in_name).collect()
 }
 
+#[allow(dead_code, reason = "the thread that streams comes next")]
 /// A cloud on its way in. `cloud` counts from 0 within the job.
 pub enum Event {
     /// A header was read, or a built-in scene begun.
@@ -222,32 +255,24 @@ pub enum Event {
         provisional_radius: f32,
         warnings: Vec<String>,
     },
-    Chunk {
-        cloud: usize,
-        chunk: Chunk,
-    },
+    /// Some of its points. Of a streamed cloud (`Pages`) it may take the place of the chunk with the same first point.
+    Chunk { cloud: usize, chunk: Chunk },
+    /// The cloud is streamed: its chunks are those of its points that the last look needs, and come and go. Follows `Opened`,
+    /// and comes again when more is known.
+    Pages { cloud: usize, pages: Paged },
+    /// The chunk with that first point is no more needed.
+    Dropped { cloud: usize, first_point: u64 },
+    /// What is there of all streamed clouds, whenever that changes, a few times a second at most.
+    Stream(StreamStats),
     /// A mirror of a built-in scene, and the points that stand for it.
-    Mirror {
-        input: String,
-        mirror: Mirror,
-        samples: Vec<Chunk>,
-    },
-    /// All chunks of the cloud have been sent.
-    Read {
-        cloud: usize,
-        summary: codec::Summary,
-    },
+    Mirror { input: String, mirror: Mirror, samples: Vec<Chunk> },
+    /// All chunks of the cloud have been sent; of a streamed one, all that the first look needs.
+    Read { cloud: usize, summary: codec::Summary },
     /// Normals and radii that the file lacks, one per chunk in the order of `first_point`.
-    Surfels {
-        cloud: usize,
-        surfels: Vec<Surfels>,
-    },
+    Surfels { cloud: usize, surfels: Vec<Surfels> },
     /// An input, or what is left of it, cannot be read; the others go on.
-    Failed {
-        input: String,
-        error: String,
-    },
-    /// The last event. A channel that closes without it means that the loading thread died.
+    Failed { input: String, error: String },
+    /// The last event; where clouds are streamed, it comes when they are closed. A channel that closes without it means that the loading thread died.
     Finished,
 }
 
@@ -258,10 +283,13 @@ pub struct Job {
     pub progress: Arc<Progress>,
     /// Points whose normal and radius have been estimated.
     pub surfel_progress: Arc<Progress>,
+    /// Where to tell from where streamed clouds are looked at.
+    pub lookout: Arc<Lookout>,
 }
 
 impl Drop for Job {
     fn drop(&mut self) {
+        self.lookout.end();
         self.progress.cancel();
         self.surfel_progress.cancel();
     }
@@ -273,7 +301,8 @@ pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
     let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
     let progress = Arc::new(Progress::default());
     let surfel_progress = Arc::new(Progress::default());
-    let job = Job { events, progress: progress.clone(), surfel_progress: surfel_progress.clone() };
+    let lookout = Arc::new(Lookout::default());
+    let job = Job { events, progress: progress.clone(), surfel_progress: surfel_progress.clone(), lookout };
     let loader = Loader { sender: sender.clone(), progress, surfel_progress, settings: settings.clone() };
     // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
     let started = rayon::ThreadPoolBuilder::new()
@@ -339,7 +368,11 @@ impl Loader {
         let mut opened = Vec::new();
         for input in inputs {
             match input {
-                Input::File(path) => opened.extend(self.open(path, opened.len())?),
+                Input::File(_) | Input::Tiles { .. } => {
+                    for path in input.files() {
+                        opened.extend(self.open(path, opened.len())?);
+                    }
+                }
                 Input::BuiltIn { variant, without } => self.sample(*variant, without, &mut opened)?,
                 Input::Unknown { name, error } => {
                     self.send(Event::Failed { input: name.clone(), error: error.clone() })?;
@@ -553,6 +586,23 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_names_the_clouds_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str| {
+            std::fs::write(folder.path().join(name), THREE_POINTS).unwrap();
+            folder.path().join(name)
+        };
+        let word = words(&[folder.path().to_str().unwrap()]);
+        write("notes.txt");
+        let last = write("b.LAZ");
+        assert_eq!(resolve(&word).inputs, [Input::File(last.clone())]);
+        let first = write("a.ply");
+        std::fs::create_dir(folder.path().join("c.las")).unwrap();
+        let tiles = Input::Tiles { folder: folder.path().to_owned(), files: vec![first, last] };
+        assert_eq!(resolve(&word).inputs, [tiles]);
+    }
+
+    #[test]
     fn a_view_of_a_scene_brings_none_of_its_objects_twice() {
         let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
                      inner_degrees = 20\nouter_degrees = 30\n";
@@ -617,7 +667,9 @@ mod tests {
         assert!(message("five-mirrors/sphre").contains("did you mean `five-mirrors/sphere`?"));
         assert!(message("sphere").contains("did you mean `five-mirrors/sphere`?"));
         assert!(message("five-mirrors/teapot").contains("glint scenes"));
-        assert!(message(folder.path().to_str().unwrap()).contains("a folder"));
+        std::fs::create_dir(folder.path().join("empty")).unwrap();
+        let empty = message(folder.path().join("empty").to_str().unwrap());
+        assert!(empty.ends_with("empty: a folder without .las, .laz and .ply files"), "{empty}");
         assert!(message("no_such_scene.toml").contains("no_such_scene.toml"));
     }
 
@@ -653,6 +705,7 @@ mod tests {
                     assert_eq!(surfels.iter().map(|surfels| surfels.normals.len()).collect::<Vec<_>>(), [3]);
                     "surfels"
                 }
+                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => "streamed",
                 Event::Finished => "finished",
             });
         }
@@ -678,6 +731,7 @@ mod tests {
                 Event::Chunk { chunk, .. } => points += chunk.len(),
                 Event::Surfels { .. } | Event::Failed { .. } => panic!("its points are complete"),
                 Event::Read { .. } | Event::Finished => {}
+                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => panic!("nothing is streamed"),
             }
         }
         assert_eq!((points, mirrors), (200_000, 1));

@@ -10,6 +10,8 @@ mod mirrors;
 mod picture_file;
 mod progress_bar;
 mod render_command;
+#[allow(dead_code, reason = "the thread that streams comes next")]
+mod streaming;
 mod study_command;
 mod subject;
 mod truth;

@@ -163,7 +163,7 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
 
 /// Refuses outputs that would replace something the run reads.
 fn spare_inputs(arguments: &RenderArguments, request: &Request) -> anyhow::Result<()> {
-    let clouds = request.inputs.iter().map(|input| PathBuf::from(input.name()));
+    let clouds = request.inputs.iter().flat_map(|input| input.files().iter().cloned());
     let words = arguments.inputs.iter().chain(&arguments.camera).map(PathBuf::from);
     // Both the name that was given and, of a link, the file behind it.
     let read: Vec<PathBuf> = clouds

@@ -163,6 +163,7 @@ fn load(inputs: Vec<Input>, settings: &Settings) -> anyhow::Result<Loads> {
                 failures += 1;
                 bar.suspend(|| crate::complain(&error));
             }
+            Ok(Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_)) => {}
             Ok(Event::Finished) => break,
         }
     }

@@ -9,7 +9,7 @@ use cargo_metadata::{Metadata, MetadataCommand, Package};
 const ARROWS: [(&str, &[&str]); 10] = [
     ("glint", &["study", "render", "stream", "scene", "codec", "cloud"]),
     ("study", &["render", "trace", "scene", "codec", "cloud"]),
-    ("render", &["scene", "stream", "cloud"]),
+    ("render", &["scene", "cloud"]),
     ("trace", &["scene", "cloud"]),
     ("stream", &["codec", "cloud"]),
     ("scene", &["cloud"]),

@@ -521,6 +521,7 @@ impl State {
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
                 self.say(Level::Error, text);
             }
+            loading::Event::Pages { .. } | loading::Event::Dropped { .. } | loading::Event::Stream(_) => {}
             loading::Event::Finished => self.finish_job(job),
         }
     }

@@ -16,7 +16,8 @@ pub use mirror::{Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use settings::{
     Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, Method,
-    MirrorSettings, MirrorSurface, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat,
-    Sscr, Stop, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
+    MirrorSettings, MirrorSurface, Paging, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver,
+    Splat, Sscr, Stop, Stream, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    Visibility,
 };
 pub use surroundings::{Room, Surroundings};
