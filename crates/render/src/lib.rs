@@ -15,6 +15,7 @@ mod passes;
 mod recorder;
 mod reflection;
 mod renderer;
+mod room;
 mod shader;
 mod store;
 mod targets;

@@ -72,6 +72,8 @@ pub struct Renderer {
     camera: Option<FrameCamera>,
     /// Whether the last frame's picture was mapped by the filmic curve.
     is_filmic: bool,
+    /// The store's revision that the last frame was drawn of.
+    drawn: u64,
 }
 
 /// All that the surfaces and the reflected points of a frame depend on.
@@ -120,6 +122,7 @@ impl Renderer {
             has_indirect: false,
             camera: None,
             is_filmic: false,
+            drawn: 0,
         };
         renderer.warm_up()?;
         Ok(renderer)
@@ -181,6 +184,7 @@ impl Renderer {
             reflections.forget();
         }
         self.kept = None;
+        self.drawn = store.revision();
         let points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
 
         let Self { gpu, targets, reflections, .. } = self;
@@ -448,7 +452,13 @@ impl Renderer {
         }
         let Some((_, pixel, [identity, nearness])) = best else { return Ok(None) };
         let linear_depth = f32::from_bits(u32::MAX - nearness);
-        Ok(store.find(identity).map(|(cloud, chunk, index)| Picked { cloud, chunk, index, linear_depth, pixel }))
+        Ok(store.find(identity, self.drawn).map(|(cloud, chunk, index)| Picked {
+            cloud,
+            chunk,
+            index,
+            linear_depth,
+            pixel,
+        }))
     }
 
     /// What SSCR made of the mirror pixels of the last frame.

@@ -14,11 +14,17 @@ use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis}
 use crate::frame::{Block, FrameCamera, Item};
 use crate::gpu::{Error, Gpu, Result};
 use crate::reflection::is_exact;
+use crate::room::Room;
 
 /// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
 const BLOCK_POINTS: u32 = 1024;
 /// Smallest page: 24 MiB, so that small clouds stay small.
 const SMALLEST_PAGE: u32 = 1 << 20;
+/// Pages are multiples of this: 6 MiB.
+const PAGE_GRAIN: u32 = 1 << 18;
+/// What chunks take more than their points, since they begin at whole blocks, as a share of these: half a block of chunks of
+/// some ten thousand.
+const ROUNDING_SHARE: u32 = 16;
 
 /// What a leaf of a chunk's tree can count (reflection/surfel_tree.rs); loaded chunks are far smaller.
 const MOST_CHUNK_POINTS: usize = 1 << 24;
@@ -67,10 +73,14 @@ struct PageBuffers {
     attributes: wgpu::Buffer,
     /// Made when the first chunk of the page shows an attribute.
     scalars: Option<wgpu::Buffer>,
-    capacity: u32,
     first_identity: u32,
-    /// Unused ranges, sorted, not touching one another.
-    free: Vec<std::ops::Range<u32>>,
+    room: Room,
+}
+
+impl PageBuffers {
+    fn capacity(&self) -> u32 {
+        self.room.capacity()
+    }
 }
 
 struct StoredCloud {
@@ -93,6 +103,8 @@ struct StoredChunk {
     range: std::ops::Range<u32>,
     origin: DVec3,
     bounds: Bounds,
+    /// In place of the colours of its points.
+    tint: Option<[u8; 4]>,
     /// Which column its scalars hold, and what was taken off them.
     scalars: Option<(usize, f64)>,
     /// Largest known splat radius, world units.
@@ -102,9 +114,16 @@ struct StoredChunk {
     points: Chunk,
     /// Another number after each change of the points.
     revision: u64,
+    /// The store's revision when the chunk came to where it lies.
+    placed: u64,
 }
 
 impl StoredChunk {
+    /// All that it takes of its page.
+    fn room(&self) -> std::ops::Range<u32> {
+        self.range.start..self.range.start + room_of(self.range.len() as u32)
+    }
+
     /// Of any of its splats, world units.
     fn largest_radius(&self, cloud: &StoredCloud, splat: &Splat) -> f64 {
         let provisional = if self.lacks_radii { cloud.provisional_radius } else { 0.0 };
@@ -178,6 +197,11 @@ pub(crate) struct DrawList {
     pub points: u64,
 }
 
+/// Points that a chunk of `count` takes of a page: whole blocks, since a run of a block has one item.
+fn room_of(count: u32) -> u32 {
+    count.max(1).next_multiple_of(BLOCK_POINTS)
+}
+
 fn next_revision() -> u64 {
     static REVISION: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
     REVISION.fetch_add(1, std::sync::atomic::Ordering::Relaxed)
@@ -226,7 +250,7 @@ impl PointStore {
     }
 
     /// Announces `points` more, so that the next page is as large as they take. Nothing is allocated before points come, and
-    /// never more than one page ahead of them.
+    /// never more than one page ahead of them. Of a cloud that is never there as a whole, what is there at a time counts.
     pub fn reserve(&mut self, points: u64) {
         self.reserved = (u64::from(self.reserved).max(self.points()) + points).min(u64::from(u32::MAX)) as u32;
     }
@@ -258,10 +282,7 @@ impl PointStore {
     /// # Errors
     /// More points than a page holds, or no more memory.
     pub fn add_chunk(&mut self, cloud: CloudId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<ChunkId> {
-        if chunk.len() > MOST_CHUNK_POINTS {
-            let bytes = |points: usize| points as u64 * POINT_BYTES;
-            return Err(self.too_large("a chunk of points", bytes(chunk.len()), bytes(MOST_CHUNK_POINTS)));
-        }
+        self.check_size(chunk.len())?;
         let (page, range) = self.allocate(chunk.len() as u32)?;
         let id = ChunkId(self.next_chunk);
         self.next_chunk += 1;
@@ -273,29 +294,32 @@ impl PointStore {
                 range,
                 origin: chunk.origin,
                 bounds: chunk.bounds(),
+                tint: None,
                 scalars: None,
                 largest_radius: 0.0,
                 lacks_radii: true,
                 points: Chunk::new(chunk.first_point, chunk.origin, Vec::new()),
                 revision: 0,
+                placed: next_revision(),
             },
         );
         self.update_chunk(id, chunk, classes)?;
         Ok(id)
     }
 
-    /// Uploads a chunk's points again, when normals, radii or colours have come.
+    /// Uploads a chunk's points again, when normals, radii or colours have come, or more or fewer of its points are wanted: then
+    /// it may find another place, and what it shows of an attribute is to be given anew (`set_color`).
     ///
     /// # Errors
-    /// The chunk has another number of points than it had, or is not in the store.
+    /// The chunk is not in the store, has more points than a page holds, or there is no more memory: then it is taken out.
     pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<()> {
+        self.fit(id, chunk.len())?;
         self.change();
-        let stored = self.chunks.get_mut(&id).filter(|stored| stored.range.len() == chunk.len());
-        let stored =
-            stored.ok_or_else(|| Error::NotRendered("a chunk that is not in the point store was updated".into()))?;
+        let stored = self.chunks.get_mut(&id).ok_or_else(not_stored)?;
         // Packed radii grow with the radius.
         let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
         stored.largest_radius = largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0);
+        (stored.origin, stored.bounds) = (chunk.origin, chunk.bounds());
         stored.points = Chunk { columns: Vec::new(), ..chunk.clone() };
         stored.revision = self.revision;
         stored.lacks_radii = chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS));
@@ -319,6 +343,40 @@ impl PointStore {
         self.gpu.queue.write_buffer(&page.attributes, first * ATTRIBUTE_BYTES, bytemuck::cast_slice(&attributes));
         // Writes are staged until the next submit; without one, loading a large cloud would hold it twice.
         self.gpu.queue.submit([]);
+        Ok(())
+    }
+
+    /// Gives a chunk room for `count` points, where it lies or elsewhere.
+    fn fit(&mut self, id: ChunkId, count: usize) -> Result<()> {
+        self.check_size(count)?;
+        let stored = self.chunks.get(&id).ok_or_else(not_stored)?;
+        let count = count as u32;
+        if stored.range.len() == count as usize {
+            return Ok(());
+        }
+        let (page, old, needs) = (stored.page, stored.room(), room_of(count));
+        let place = if needs > old.len() as u32 {
+            // Its own room may be part of the next.
+            let mut moved = self.chunks.remove(&id).ok_or_else(not_stored)?;
+            self.pages[page].room.release(old);
+            (moved.page, moved.range) = self.allocate(count)?;
+            moved.placed = next_revision();
+            self.chunks.entry(id).insert_entry(moved).into_mut()
+        } else {
+            self.pages[page].room.release(old.start + needs..old.end);
+            let stored = self.chunks.get_mut(&id).ok_or_else(not_stored)?;
+            stored.range.end = stored.range.start + count;
+            stored
+        };
+        place.scalars = None;
+        Ok(())
+    }
+
+    fn check_size(&self, count: usize) -> Result<()> {
+        if count > MOST_CHUNK_POINTS {
+            let bytes = |points: usize| points as u64 * POINT_BYTES;
+            return Err(self.too_large("a chunk of points", bytes(count), bytes(MOST_CHUNK_POINTS)));
+        }
         Ok(())
     }
 
@@ -365,6 +423,14 @@ impl PointStore {
         Ok(())
     }
 
+    /// Shows all points of a chunk in one sRGB colour, or again in their own.
+    pub fn set_tint(&mut self, id: ChunkId, tint: Option<[u8; 4]>) {
+        if let Some(chunk) = self.chunks.get_mut(&id).filter(|chunk| chunk.tint != tint) {
+            chunk.tint = tint;
+            self.revision = next_revision();
+        }
+    }
+
     fn upload_scalars(&mut self, id: ChunkId, index: usize, column: &Column, origin: f64) {
         let held = Some((index, origin));
         let chunk = self.chunks.get_mut(&id).filter(|chunk| chunk.range.len() == column.len() && chunk.scalars != held);
@@ -372,7 +438,7 @@ impl PointStore {
         chunk.scalars = held;
         let page = &mut self.pages[chunk.page];
         let scalars: Vec<f32> = (0..column.len()).map(|i| (column.value(i) - origin) as f32).collect();
-        let capacity = u64::from(page.capacity);
+        let capacity = u64::from(page.capacity());
         let buffer = page.scalars.get_or_insert_with(|| buffer(&self.gpu, "scalars", capacity * SCALAR_BYTES));
         self.gpu.queue.write_buffer(
             buffer,
@@ -402,18 +468,33 @@ impl PointStore {
         self.clouds.remove(&cloud);
         let gone: Vec<ChunkId> =
             self.chunks.iter().filter(|(_, chunk)| chunk.cloud == cloud).map(|(id, _)| *id).collect();
-        for id in gone {
-            if let Some(chunk) = self.chunks.remove(&id) {
-                let end = chunk.range.start + (chunk.range.len() as u32).next_multiple_of(BLOCK_POINTS);
-                self.release(chunk.page, chunk.range.start..end);
-            }
+        let points: u64 = gone.iter().map(|id| self.take_out(*id) as u64).sum();
+        self.reserved = self.reserved.saturating_sub(u32::try_from(points).unwrap_or(u32::MAX));
+        if self.clouds.is_empty() {
+            self.reserved = 0;
         }
-        // Empty pages at the end give their memory back; earlier ones keep the identities of later ones in place.
-        while self
-            .pages
-            .last()
-            .is_some_and(|page| page.free.first().is_some_and(|free| free.len() == page.capacity as usize))
-        {
+        self.free_pages();
+    }
+
+    /// Takes a chunk out; its room is for others. One that is not there is none.
+    pub fn remove_chunk(&mut self, id: ChunkId) {
+        if self.chunks.contains_key(&id) {
+            self.change();
+            self.take_out(id);
+            self.free_pages();
+        }
+    }
+
+    /// Returns how many points it had.
+    fn take_out(&mut self, id: ChunkId) -> usize {
+        let Some(chunk) = self.chunks.remove(&id) else { return 0 };
+        self.pages[chunk.page].room.release(chunk.room());
+        chunk.range.len()
+    }
+
+    /// Empty pages at the end give their memory back; earlier ones keep the identities of later ones in place.
+    fn free_pages(&mut self) {
+        while self.pages.last().is_some_and(|page| page.room.is_unused()) {
             self.pages.pop();
         }
     }
@@ -471,7 +552,7 @@ impl PointStore {
 
     /// Points that each page has room for.
     pub(crate) fn page_capacities(&self) -> Vec<u32> {
-        self.pages.iter().map(|page| page.capacity).collect()
+        self.pages.iter().map(|page| page.capacity()).collect()
     }
 
     /// Another number after each change, and in each store.
@@ -504,7 +585,7 @@ impl PointStore {
     pub fn gpu_bytes(&self) -> u64 {
         let bytes = |page: &PageBuffers| {
             let scalars = if page.scalars.is_some() { SCALAR_BYTES } else { 0 };
-            u64::from(page.capacity) * (POINT_BYTES + ATTRIBUTE_BYTES + scalars)
+            u64::from(page.capacity()) * (POINT_BYTES + ATTRIBUTE_BYTES + scalars)
         };
         self.pages.iter().map(bytes).sum()
     }
@@ -537,12 +618,12 @@ impl PointStore {
         let draw = |(number, page): (usize, &PageBuffers)| PageDraw {
             number,
             first_identity: page.first_identity,
-            capacity: page.capacity,
+            capacity: page.capacity(),
             points: page.points.clone(),
             attributes: page.attributes.clone(),
             scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
             blocks: Default::default(),
-            items_of_runs: vec![u32::MAX; page.capacity.div_ceil(BLOCK_POINTS) as usize],
+            items_of_runs: vec![u32::MAX; page.capacity().div_ceil(BLOCK_POINTS) as usize],
         };
         let mut pages: Vec<PageDraw> = self.pages.iter().enumerate().map(draw).collect();
         let mut points = 0;
@@ -586,8 +667,8 @@ impl PointStore {
             origin_radius: (chunk.origin - camera.eye).as_vec3().extend(cloud.provisional_radius),
             low: low as f32,
             inverse_range: if range > 0.0 { (1.0 / range) as f32 } else { 0.0 },
-            color_source: cloud.source.code(),
-            plain: u32::from_le_bytes(cloud.plain),
+            color_source: chunk.tint.map_or(cloud.source, |_| ColorSource::Plain).code(),
+            plain: u32::from_le_bytes(chunk.tint.unwrap_or(cloud.plain)),
             specular_intensity: cloud.material.specular_intensity,
             specular_power: cloud.material.specular_power,
             class_mask,
@@ -596,25 +677,72 @@ impl PointStore {
         }
     }
 
-    /// The chunk, its cloud and the index in it of the point with an identity from the `nearest` buffer.
-    pub(crate) fn find(&self, identity: u32) -> Option<(CloudId, ChunkId, usize)> {
+    /// The chunk, its cloud and the index in it of the point with an identity from the `nearest` buffer of a frame that was drawn
+    /// of the store's revision `drawn`. None where something else lies by now.
+    pub(crate) fn find(&self, identity: u32, drawn: u64) -> Option<(CloudId, ChunkId, usize)> {
         let page = self.pages.iter().rposition(|page| page.first_identity <= identity)?;
         let index = identity - self.pages[page].first_identity;
-        let (id, chunk) = self.chunks.iter().find(|(_, chunk)| chunk.page == page && chunk.range.contains(&index))?;
+        let lies_there = |chunk: &StoredChunk| chunk.page == page && chunk.range.contains(&index);
+        let (id, chunk) = self.chunks.iter().find(|(_, chunk)| lies_there(chunk) && chunk.placed <= drawn)?;
         Some((chunk.cloud, *id, (index - chunk.range.start) as usize))
     }
 
-    /// Room for `count` points, from a multiple of `BLOCK_POINTS` on: a run of that many points has one item.
+    /// Room for `count` points, from a multiple of `BLOCK_POINTS` on: a run of that many points has one item. Where enough is free
+    /// but nowhere together, chunks are slid: there is never a further page while a page has room.
     fn allocate(&mut self, count: u32) -> Result<(usize, std::ops::Range<u32>)> {
-        let room = count.next_multiple_of(BLOCK_POINTS);
+        let room = room_of(count);
+        let range = |first: u32| first..first + count;
         for (index, page) in self.pages.iter_mut().enumerate() {
-            if let Some(free) = page.free.iter_mut().find(|free| free.len() as u32 >= room) {
-                let range = free.start..free.start + count;
-                free.start += room;
-                page.free.retain(|free| !free.is_empty());
-                return Ok((index, range));
+            if let Some(first) = page.room.take(room) {
+                return Ok((index, range(first)));
             }
         }
+        let scattered =
+            self.pages.iter().enumerate().filter_map(|(index, page)| Some((index, page.room.scattered(room)?)));
+        if let Some((index, (stretch, taken))) = scattered.min_by_key(|(_, (_, taken))| *taken) {
+            self.slide(index, stretch, taken);
+            if let Some(first) = self.pages[index].room.take(room) {
+                return Ok((index, range(first)));
+            }
+        }
+        let page = self.add_page(room)?;
+        let first = self.pages[page].room.take(room).unwrap_or_default();
+        Ok((page, range(first)))
+    }
+
+    /// Moves the chunks of a stretch of a page, `taken` points in all, to its lower end.
+    fn slide(&mut self, page: usize, stretch: std::ops::Range<u32>, taken: u32) {
+        let placed = next_revision();
+        let lies_there = |chunk: &&mut StoredChunk| chunk.page == page && stretch.contains(&chunk.range.start);
+        let mut moved: Vec<&mut StoredChunk> = self.chunks.values_mut().filter(lies_there).collect();
+        moved.sort_by_key(|chunk| chunk.range.start);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let PageBuffers { points, attributes, scalars, room, .. } = &mut self.pages[page];
+        let buffers =
+            [(Some(points), POINT_BYTES), (Some(attributes), ATTRIBUTE_BYTES), (scalars.as_mut(), SCALAR_BYTES)];
+        for (buffer, bytes) in buffers.into_iter().filter_map(|(buffer, bytes)| Some((buffer?, bytes))) {
+            // Copies within one buffer are not allowed.
+            let between = self::buffer(&self.gpu, "slid points", u64::from(taken) * bytes);
+            let mut to = 0;
+            for part in moved.iter().map(|chunk| chunk.room()) {
+                let size = part.len() as u64 * bytes;
+                encoder.copy_buffer_to_buffer(buffer, u64::from(part.start) * bytes, &between, to, size);
+                to += size;
+            }
+            encoder.copy_buffer_to_buffer(&between, 0, buffer, u64::from(stretch.start) * bytes, to);
+        }
+        self.gpu.queue.submit([encoder.finish()]);
+        let mut to = stretch.start;
+        for chunk in moved {
+            let (count, size) = (chunk.range.len() as u32, chunk.room().len() as u32);
+            (chunk.range, chunk.placed) = (to..to + count, placed);
+            to += size;
+        }
+        room.slid(stretch, taken);
+    }
+
+    /// A further page, with room for at least `room` points.
+    fn add_page(&mut self, room: u32) -> Result<usize> {
         let largest = self.largest_page();
         if room > largest {
             return Err(self.too_large(
@@ -623,11 +751,13 @@ impl PointStore {
                 u64::from(largest) * POINT_BYTES,
             ));
         }
-        let resident: u32 = self.pages.iter().map(|page| page.capacity).sum();
+        let resident: u32 = self.pages.iter().map(|page| page.capacity()).sum();
         let announced = self.reserved.saturating_sub(resident);
-        let wanted = if announced > 0 { announced } else { resident }.max(room);
-        let capacity = wanted.min(largest).next_power_of_two().clamp(SMALLEST_PAGE, largest);
-        let first_identity = self.pages.last().map_or(Some(0), |page| page.first_identity.checked_add(page.capacity));
+        let announced = announced.saturating_add(announced / ROUNDING_SHARE);
+        // Half as much again as there is, where nothing is known: few pages, little of them in vain.
+        let wanted = if announced > 0 { announced } else { resident / 2 }.max(room);
+        let capacity = wanted.min(largest).next_multiple_of(PAGE_GRAIN).clamp(SMALLEST_PAGE, largest);
+        let first_identity = self.pages.last().map_or(Some(0), |page| page.first_identity.checked_add(page.capacity()));
         let first_identity = first_identity.filter(|first| first.checked_add(capacity).is_some());
         let first_identity =
             first_identity.ok_or_else(|| self.too_large("identities of all points", 8 << 32, 4 << 32))?;
@@ -640,10 +770,8 @@ impl PointStore {
                 problem: format!("no memory for more points: {error}"),
             });
         }
-        let rest = room..capacity;
-        let free: Vec<_> = (!rest.is_empty()).then_some(rest).into_iter().collect();
-        self.pages.push(PageBuffers { points, attributes, scalars: None, capacity, first_identity, free });
-        Ok((self.pages.len() - 1, 0..count))
+        self.pages.push(PageBuffers { points, attributes, scalars: None, first_identity, room: Room::new(capacity) });
+        Ok(self.pages.len() - 1)
     }
 
     /// Points of the largest page: what one binding takes. A page costs a dispatch a pass, so few large ones are better.
@@ -654,30 +782,20 @@ impl PointStore {
         1 << points.clamp(u64::from(SMALLEST_PAGE), 1 << 30).ilog2()
     }
 
-    fn release(&mut self, page: usize, range: std::ops::Range<u32>) {
-        let free = &mut self.pages[page].free;
-        free.push(range);
-        free.sort_by_key(|range| range.start);
-        let mut joined: Vec<std::ops::Range<u32>> = Vec::new();
-        for range in free.drain(..) {
-            match joined.last_mut() {
-                Some(last) if last.end == range.start => last.end = range.end,
-                _ => joined.push(range),
-            }
-        }
-        *free = joined;
-    }
-
     fn too_large(&self, what: &'static str, bytes: u64, limit: u64) -> Error {
         Error::TooLarge { what, bytes, limit, adapter: self.gpu.info.name.clone(), advice: "" }
     }
+}
+
+fn not_stored() -> Error {
+    Error::NotRendered("a chunk that is not in the point store was updated".into())
 }
 
 fn buffer(gpu: &Gpu, label: &str, size: u64) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
         size,
-        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
         mapped_at_creation: false,
     })
 }

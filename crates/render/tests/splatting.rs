@@ -514,6 +514,93 @@ fn removed_clouds_give_their_room_back() {
 }
 
 #[test]
+fn chunks_that_come_and_go_for_long_stay_in_one_page_and_keep_picture_and_picks_right() {
+    let mut stage = stage_or_skip!();
+    let points = ball(60_000);
+    let pool: Vec<Chunk> = (0..24)
+        .map(|i| {
+            let first = (random(i) * 30_000.0) as usize;
+            chunk(&points[first..first + 1 + (random(i + 50) * 30_000.0) as usize], DVec3::ZERO)
+        })
+        .collect();
+    let mut store = PointStore::new(stage.gpu.clone());
+    let cloud = store.add_cloud(Material::default());
+    // As many as fit into the smallest page.
+    let most = 1 << 20;
+    let room = |chunk: &Chunk| (chunk.len() as u64).next_multiple_of(1024);
+    let mut held: Vec<(render::ChunkId, &Chunk)> = Vec::new();
+    let taken = |held: &[(render::ChunkId, &Chunk)]| held.iter().map(|(_, chunk)| room(chunk)).sum::<u64>();
+    for step in 0..700 {
+        let next = &pool[(random(step + 1000) * 24.0) as usize % 24];
+        while taken(&held) + room(next) > most {
+            let gone = held.swap_remove((random(step + 2000) * held.len() as f64) as usize % held.len());
+            store.remove_chunk(gone.0);
+        }
+        if step % 5 == 0 && !held.is_empty() {
+            // Another number of its points.
+            let index = step as usize % held.len();
+            held[index].1 = next;
+            if taken(&held) <= most {
+                store.update_chunk(held[index].0, next, None).unwrap();
+                continue;
+            }
+            held[index].1 = &pool[0];
+            store.update_chunk(held[index].0, &pool[0], None).unwrap();
+        }
+        if taken(&held) + room(next) <= most {
+            held.push((store.add_chunk(cloud, next, None).unwrap(), next));
+        }
+    }
+    assert_eq!(store.gpu_bytes(), most * 24);
+    assert_eq!(store.points(), held.iter().map(|(_, chunk)| chunk.len() as u64).sum::<u64>());
+    // The same chunks in a store of their own, in the order of their numbers.
+    held.sort_by_key(|(id, _)| *id);
+    let mut fresh = PointStore::new(stage.gpu.clone());
+    let other = fresh.add_cloud(Material::default());
+    for (_, chunk) in &held {
+        fresh.add_chunk(other, chunk, None).unwrap();
+    }
+    let mut draw = |store: &PointStore| {
+        stage.renderer.render(store, &front_camera(), &settings(&[]), Objects::default(), SIZE).unwrap();
+        stage.renderer.read_picture().unwrap()
+    };
+    let expected = draw(&fresh);
+    assert!(share_different(&draw(&store), &expected, 2) < 1e-3);
+    let position = stage.renderer.read_aov(Aov::Position).unwrap();
+    let mut picks = 0;
+    for (x, y) in (20..140).step_by(12).flat_map(|x| (20..100).step_by(12).map(move |y| (x, y))) {
+        let Some(picked) = stage.renderer.pick(&store, [x, y], 1).unwrap() else { continue };
+        let at = ((picked.pixel[1] * SIZE[0] + picked.pixel[0]) * 3) as usize;
+        let seen = Vec3::from_slice(&position.data[at..at + 3]).as_dvec3();
+        let (_, chunk) = held.iter().find(|(id, _)| *id == picked.chunk).unwrap();
+        assert!(chunk.position(picked.index).distance(seen) < 0.12, "{picked:?} for {seen}");
+        picks += 1;
+    }
+    assert!(picks > 20, "{picks}");
+    // What has come since the picture is not what is picked from it.
+    let picked = stage.renderer.pick(&store, [80, 60], 1).unwrap().unwrap();
+    let (gone, chunk) = *held.iter().find(|(id, _)| *id == picked.chunk).unwrap();
+    store.remove_chunk(gone);
+    store.add_chunk(cloud, chunk, None).unwrap();
+    let again = stage.renderer.pick(&store, [80, 60], 1).unwrap();
+    assert!(again.is_none_or(|again| held.iter().any(|(id, _)| *id == again.chunk && *id != gone)), "{again:?}");
+}
+
+#[test]
+fn a_cloud_is_given_little_more_than_what_was_announced_of_it() {
+    let stage = stage_or_skip!();
+    let mut store = PointStore::new(stage.gpu.clone());
+    store.reserve(3_000_000);
+    let cloud = store.add_cloud(Material::default());
+    store.add_chunk(cloud, &chunk(&ball(10), DVec3::ZERO), None).unwrap();
+    assert!((3_000_000 * 24..3_600_000 * 24).contains(&store.gpu_bytes()), "{}", store.gpu_bytes());
+    store.remove_cloud(cloud);
+    let small = store.add_cloud(Material::default());
+    store.add_chunk(small, &chunk(&ball(10), DVec3::ZERO), None).unwrap();
+    assert_eq!(store.gpu_bytes(), 24 << 20, "what was announced went with its cloud");
+}
+
+#[test]
 fn a_picture_too_large_for_the_adapter_is_a_named_error() {
     let mut stage = stage_or_skip!();
     let store = PointStore::new(stage.gpu.clone());

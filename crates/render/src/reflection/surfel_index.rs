@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::surfel_tree::{Node, POINTS_PER_NODE, SurfelTree, tree_over_boxes};
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
-use crate::store::{ChunkId, PointStore};
+use crate::store::{ChunkId, PlacedChunk, PointStore};
 use crate::targets::storage;
 
 /// Trees of one page.
@@ -50,9 +50,23 @@ pub(crate) struct SurfelIndex {
 
 /// What a chunk's tree was made from, and how many nodes it has.
 struct Indexed {
+    basis: Basis,
+    nodes: u32,
+}
+
+#[derive(PartialEq)]
+struct Basis {
     revision: u64,
     provisional_radius: f32,
-    nodes: u32,
+    page: usize,
+    first: u32,
+}
+
+impl Basis {
+    fn of(chunk: &PlacedChunk<'_>) -> Self {
+        let PlacedChunk { revision, provisional_radius, page, first, .. } = *chunk;
+        Self { revision, provisional_radius, page, first }
+    }
 }
 
 impl SurfelIndex {
@@ -75,11 +89,7 @@ impl SurfelIndex {
         let place = |(id, class_mask): &(ChunkId, u32)| Some((*id, store.placed(*id)?, *class_mask));
         let placed: Vec<_> = supply.chunks.iter().filter_map(place).collect();
         // What has changed, has gone or is another store's: its room may belong to others by now.
-        self.chunks.retain(|id, indexed| {
-            store.placed(*id).is_some_and(|chunk| {
-                (chunk.revision, chunk.provisional_radius) == (indexed.revision, indexed.provisional_radius)
-            })
-        });
+        self.chunks.retain(|id, indexed| store.placed(*id).is_some_and(|chunk| Basis::of(&chunk) == indexed.basis));
         let stale: Vec<_> = placed.iter().filter(|(id, ..)| !self.chunks.contains_key(id)).collect();
         // In batches: trees of a whole large cloud would take as much memory as the cloud.
         for batch in stale.chunks(16) {
@@ -92,11 +102,7 @@ impl SurfelIndex {
                 gpu.queue.write_buffer(&page.nodes, first / POINTS_PER_NODE * 32, bytemuck::cast_slice(&tree.nodes));
                 gpu.queue.write_buffer(&page.surfels, first * 8, bytemuck::cast_slice(&tree.surfels));
                 gpu.queue.write_buffer(&page.order, first * 4, bytemuck::cast_slice(&order));
-                let indexed = Indexed {
-                    revision: chunk.revision,
-                    provisional_radius: chunk.provisional_radius,
-                    nodes: tree.nodes.len() as u32,
-                };
+                let indexed = Indexed { basis: Basis::of(chunk), nodes: tree.nodes.len() as u32 };
                 self.chunks.insert(*id, indexed);
             }
             gpu.queue.submit([]);
@@ -140,11 +146,9 @@ impl SurfelIndex {
     /// Pages as large as the store's.
     fn make_room(&mut self, gpu: &Gpu, store: &PointStore) -> Result<()> {
         let capacities = store.page_capacities();
-        let fits = self.pages.len() <= capacities.len()
-            && self.pages.iter().zip(&capacities).all(|(page, capacity)| page.capacity == *capacity);
-        if !fits {
-            *self = Self::default();
-        }
+        let fit = self.pages.iter().zip(&capacities).take_while(|(page, capacity)| page.capacity == **capacity).count();
+        self.pages.truncate(fit);
+        self.chunks.retain(|_, indexed| indexed.basis.page < fit);
         for &capacity in &capacities[self.pages.len()..] {
             let points = u64::from(capacity);
             let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
