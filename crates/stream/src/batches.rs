@@ -14,6 +14,11 @@ pub fn prefix(points: usize, batches: usize) -> usize {
     (0..batches.min(BATCHES)).map(|batch| (points + BATCHES - 1 - rank_of_batch(batch)) / BATCHES).sum()
 }
 
+/// Morton ranks of a page's points in the order it keeps them.
+pub(crate) fn order(points: usize) -> impl Iterator<Item = usize> {
+    (0..BATCHES).flat_map(move |batch| (rank_of_batch(batch)..points).step_by(BATCHES))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -36,6 +41,20 @@ mod tests {
             let mut ranks: Vec<usize> = (0..batches).map(rank_of_batch).collect();
             ranks.sort_unstable();
             assert!(ranks.iter().enumerate().all(|(index, rank)| *rank == index * gap), "{batches} batches");
+        }
+    }
+
+    #[test]
+    fn the_order_has_every_rank_once_batch_by_batch() {
+        for points in [0, 1, 15, 16, 17, 1000, 65_536] {
+            let order: Vec<usize> = order(points).collect();
+            for batches in 0..BATCHES {
+                let batch = &order[prefix(points, batches)..prefix(points, batches + 1)];
+                assert!(batch.iter().all(|rank| rank % BATCHES == rank_of_batch(batches)));
+            }
+            let mut sorted = order;
+            sorted.sort_unstable();
+            assert!(sorted.into_iter().eq(0..points));
         }
     }
 }

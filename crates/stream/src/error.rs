@@ -18,11 +18,19 @@ pub enum Error {
     /// A decoder that cannot cope with what it was given.
     #[error("reading a page came to an unexpected end: {0}")]
     Panicked(String),
+    /// Nothing to make pages of.
+    #[error("{path}: no points")]
+    Empty { path: PathBuf },
+    /// A file that was written to while its pages were made.
+    #[error("{path}: the file was changed while it was read; open it again when it is complete")]
+    Changed { path: PathBuf },
+    #[error("{folder}: the disk is full; the pages of this cloud need about {} MB there", needed / 1_000_000 + 1)]
+    Full { folder: PathBuf, needed: u64 },
     #[error("cancelled")]
     Cancelled,
 }
 
-pub type Result<T> = std::result::Result<T, Error>;
+pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
     pub fn io(path: &Path, source: std::io::Error) -> Self {

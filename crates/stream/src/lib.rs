@@ -5,16 +5,30 @@
 //! where the view stops. A page's points come in batches: any prefix of them is an even subset, too.
 
 mod batches;
+mod buckets;
+mod build;
+mod cache;
 mod cut;
 mod error;
+mod lattice;
 mod octree;
+mod page;
+mod pages;
+mod plan;
 mod radius_scale;
+mod records;
+mod selection;
+mod storage;
 mod streamer;
 #[cfg(test)]
 mod test_trees;
+mod tree;
 
 pub use batches::{BATCHES, prefix, rank_of_batch};
+pub use build::{BuildOptions, build};
+pub use cache::Cache;
 pub use cut::{Budget, Tree, ViewMeasure, Wanted, choose};
 pub use error::{Error, Result};
 pub use octree::{Node, NodeId, Octree};
+pub use pages::Pages;
 pub use streamer::{Change, Missing, Page, PagedCloud, StreamStats, Streamer};

@@ -1,0 +1,247 @@
+//! The folder that keeps indexes: one entry per set of files, named after what they are; the least recently opened goes
+//! first when there are too many.
+//!
+//! An entry is a folder; beside it lies a lock file that stays, so that nobody ever waits for a file that is gone. Whoever
+//! builds an entry has its lock alone, whoever reads one shares it.
+
+use std::fs::{File, TryLockError};
+use std::io::{Read as _, Seek as _, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use cloud::Progress;
+
+use crate::pages::{self, Pages};
+use crate::{Error, Result};
+
+/// Bytes of a sample of a file's content, and how many lie between its ends.
+const SAMPLE_BYTES: usize = 64 << 10;
+const INNER_SAMPLES: u64 = 4;
+/// Between two looks at a lock that somebody else has.
+const LOCK_WAIT: Duration = Duration::from_millis(30);
+
+/// Where indexes are kept.
+#[derive(Clone, Debug)]
+pub struct Cache {
+    folder: PathBuf,
+    limit: u64,
+}
+
+/// What a set of files was when it was looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Identity {
+    pub key: u128,
+    stamps: Vec<Stamp>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Stamp {
+    path: PathBuf,
+    length: u64,
+    modified: Option<SystemTime>,
+}
+
+impl Stamp {
+    fn of(path: &Path) -> Result<Self> {
+        let metadata = std::fs::metadata(path).map_err(|error| Error::io(path, error))?;
+        Ok(Self { path: path.to_owned(), length: metadata.len(), modified: metadata.modified().ok() })
+    }
+}
+
+impl Identity {
+    /// Paths, sizes, times and samples of the contents.
+    pub fn of(inputs: &[Arc<codec::Source>]) -> Result<Self> {
+        let mut hash = Fnv::new();
+        hash.add(&pages::VERSION.to_le_bytes());
+        let mut stamps = Vec::new();
+        for input in inputs {
+            let path = &input.info().path;
+            let stamp = Stamp::of(path)?;
+            let canonical = std::fs::canonicalize(path).map_err(|error| Error::io(path, error))?;
+            hash.add(canonical.as_os_str().as_encoded_bytes());
+            hash.add(&stamp.length.to_le_bytes());
+            let since = stamp.modified.and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
+            hash.add(&since.map_or(0, |since| since.as_nanos()).to_le_bytes());
+            add_samples(&mut hash, path, stamp.length).map_err(|error| Error::io(path, error))?;
+            stamps.push(stamp);
+        }
+        Ok(Self { key: hash.0, stamps })
+    }
+
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.stamps.iter().map(|stamp| stamp.path.as_path())
+    }
+
+    /// The first file that is not what it was.
+    pub fn changed(&self) -> Option<&Path> {
+        let changed = |stamp: &&Stamp| Stamp::of(&stamp.path).ok().as_ref() != Some(*stamp);
+        self.stamps.iter().find(changed).map(|stamp| stamp.path.as_path())
+    }
+}
+
+fn add_samples(hash: &mut Fnv, path: &Path, length: u64) -> std::io::Result<()> {
+    let mut file = File::open(path)?;
+    let last = length.saturating_sub(SAMPLE_BYTES as u64);
+    let mut bytes = Vec::with_capacity(SAMPLE_BYTES);
+    for sample in 0..INNER_SAMPLES + 2 {
+        let start = (u128::from(last) * u128::from(sample) / u128::from(INNER_SAMPLES + 1)) as u64;
+        bytes.clear();
+        file.seek(SeekFrom::Start(start))?;
+        file.by_ref().take(SAMPLE_BYTES as u64).read_to_end(&mut bytes)?;
+        hash.add(&bytes);
+    }
+    Ok(())
+}
+
+/// FNV-1a of 128 bits. Nobody gains by a collision in their own cache.
+struct Fnv(u128);
+
+impl Fnv {
+    fn new() -> Self {
+        Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
+    }
+
+    fn add(&mut self, bytes: &[u8]) {
+        for byte in bytes.iter().chain(&(bytes.len() as u64).to_le_bytes()) {
+            self.0 = (self.0 ^ u128::from(*byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
+        }
+    }
+}
+
+/// The lock file of an entry.
+pub(crate) fn lock_path(entry: &Path) -> PathBuf {
+    entry.with_extension("lock")
+}
+
+impl Cache {
+    /// Keeps up to `limit` bytes in a folder, which is made when it is needed.
+    pub fn new(folder: PathBuf, limit: u64) -> Self {
+        Self { folder, limit }
+    }
+
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    pub(crate) fn entry(&self, identity: &Identity) -> PathBuf {
+        self.folder.join(format!("{:032x}", identity.key))
+    }
+
+    /// The index of these files, if there is one; what is damaged counts as missing.
+    ///
+    /// # Errors
+    /// If the files cannot be read.
+    pub fn open(&self, inputs: &[Arc<codec::Source>]) -> Result<Option<Pages>> {
+        self.open_known(&Identity::of(inputs)?)
+    }
+
+    pub(crate) fn open_known(&self, identity: &Identity) -> Result<Option<Pages>> {
+        let entry = self.entry(identity);
+        if !entry.join(pages::NODES).exists() {
+            return Ok(None);
+        }
+        let lock = self.lock_file(&entry)?;
+        match lock.try_lock_shared() {
+            Ok(()) => {}
+            // Somebody builds or clears it.
+            Err(TryLockError::WouldBlock) => return Ok(None),
+            Err(TryLockError::Error(error)) => return Err(Error::io(&lock_path(&entry), error)),
+        }
+        // When it was last used; a clock that cannot be set only makes the order of clearing worse.
+        let _ = lock.set_modified(SystemTime::now());
+        match Pages::open_locked(&entry, Some(lock)) {
+            Ok(pages) if pages.key() == identity.key => Ok(Some(pages)),
+            Ok(_) | Err(Error::Damaged { .. }) => Ok(None),
+            Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn lock_file(&self, entry: &Path) -> Result<File> {
+        std::fs::create_dir_all(&self.folder).map_err(|error| Error::io(&self.folder, error))?;
+        let path = lock_path(entry);
+        let file = File::options().create(true).truncate(false).read(true).write(true).open(&path);
+        file.map_err(|error| Error::io(&path, error))
+    }
+
+    /// Has the entry alone, as soon as nobody else has it.
+    pub(crate) fn lock(&self, entry: &Path, progress: &Progress) -> Result<File> {
+        let file = self.lock_file(entry)?;
+        loop {
+            match file.try_lock() {
+                Ok(()) => return Ok(file),
+                Err(TryLockError::Error(error)) => return Err(Error::io(&lock_path(entry), error)),
+                Err(TryLockError::WouldBlock) if progress.is_cancelled() => return Err(Error::Cancelled),
+                Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_WAIT),
+            }
+        }
+    }
+
+    /// Bytes of all entries.
+    pub fn size(&self) -> u64 {
+        self.entries().iter().map(|entry| entry.bytes).sum()
+    }
+
+    /// Clears entries, least recently opened first, until `bytes` more find room. Leaves those that are open.
+    pub(crate) fn make_room(&self, bytes: u64) {
+        let mut entries = self.entries();
+        entries.sort_by_key(|entry| entry.used);
+        let mut size: u64 = entries.iter().map(|entry| entry.bytes).sum();
+        for entry in entries {
+            if size.saturating_add(bytes) <= self.limit {
+                return;
+            }
+            if self.clear_entry(&entry.path) {
+                size -= entry.bytes;
+            }
+        }
+    }
+
+    /// Clears all entries that are not open.
+    pub fn clear(&self) {
+        for entry in self.entries() {
+            self.clear_entry(&entry.path);
+        }
+    }
+
+    fn clear_entry(&self, entry: &Path) -> bool {
+        let Ok(lock) = self.lock_file(entry) else { return false };
+        // `nodes` goes first: what is left of an entry that cannot be cleared whole must not look like one.
+        lock.try_lock().is_ok() && {
+            let _ = std::fs::remove_file(entry.join(pages::NODES));
+            std::fs::remove_dir_all(entry).is_ok()
+        }
+    }
+
+    /// What cannot be read counts as not there.
+    fn entries(&self) -> Vec<Entry> {
+        let Ok(folder) = std::fs::read_dir(&self.folder) else { return Vec::new() };
+        let is_entry = |path: &PathBuf| {
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            name.len() == 32 && name.bytes().all(|byte| byte.is_ascii_hexdigit()) && path.is_dir()
+        };
+        let entry = |path: PathBuf| {
+            let used = std::fs::metadata(lock_path(&path)).and_then(|metadata| metadata.modified());
+            Entry { bytes: bytes_in(&path), used: used.unwrap_or(SystemTime::UNIX_EPOCH), path }
+        };
+        folder.flatten().map(|item| item.path()).filter(is_entry).map(entry).collect()
+    }
+}
+
+struct Entry {
+    path: PathBuf,
+    bytes: u64,
+    used: SystemTime,
+}
+
+/// Bytes of the files in a folder and those below it.
+fn bytes_in(folder: &Path) -> u64 {
+    let Ok(items) = std::fs::read_dir(folder) else { return 0 };
+    let bytes = |item: std::fs::DirEntry| match item.metadata() {
+        Ok(metadata) if metadata.is_dir() => bytes_in(&item.path()),
+        Ok(metadata) => metadata.len(),
+        Err(_) => 0,
+    };
+    items.flatten().map(bytes).sum()
+}

@@ -1,0 +1,380 @@
+//! An index that can be read: the octree of a cloud and the points of each of its nodes.
+//!
+//! A folder holds two files. `pages` is the points, one page per node. `nodes` says what they are: the lattice, the
+//! attributes and, for each node, where its page lies and what its checksum is. `nodes` is written last and put in place
+//! at once, so an index is whole or not there. Both are checked when they are read: sizes against the files before
+//! anything is allocated, contents against checksums.
+
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid};
+use glam::DVec3;
+
+use crate::lattice::{Cell, Lattice};
+use crate::page::{self, Coding, Place};
+use crate::records::Layout;
+use crate::storage::Storage;
+use crate::{Error, Node, NodeId, Octree, Result};
+
+pub(crate) const NODES: &str = "nodes";
+pub(crate) const PAGES: &str = "pages";
+/// Files of another version are made again.
+pub(crate) const VERSION: u32 = 1;
+const MAGIC: [u8; 8] = *b"glintidx";
+/// Bytes before the body: magic, version, checksum of the body.
+const HEAD_BYTES: usize = 16;
+/// Bytes of a node in the table.
+const NODE_BYTES: usize = 4 + 4 + 4 + 8 + 4 + 2 * 24;
+/// More levels than any builder makes.
+const MOST_LEVELS: u8 = 63;
+/// Distance between neighbouring points of a node, as a part of its width.
+pub(crate) const SPACINGS_PER_WIDTH: f64 = 128.0;
+
+/// An index that can be read by many threads at once.
+pub struct Pages {
+    folder: PathBuf,
+    summary: Summary,
+    octree: Octree,
+    places: Vec<Page>,
+    pages: Storage,
+    /// Shared as long as the index is open, so that nobody clears it away.
+    _lock: Option<File>,
+}
+
+/// What an index says of itself besides its nodes.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Summary {
+    /// Tells what it was made from.
+    pub key: u128,
+    /// The lattice is the files' own.
+    pub on_grid: bool,
+    pub lattice: Lattice,
+    pub layout: Layout,
+    /// Points left out because they are not finite.
+    pub skipped: u64,
+    pub warnings: Vec<String>,
+}
+
+/// Where the points of a node are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Page {
+    pub place: Place,
+    pub offset: u64,
+    pub checksum: u32,
+}
+
+/// A node as a builder makes it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Written {
+    pub cell: Cell,
+    pub points: u32,
+    pub page: Page,
+}
+
+impl Pages {
+    /// The index in a folder.
+    ///
+    /// # Errors
+    /// `Damaged` if it is not whole or of another version, `Io` if it cannot be read.
+    pub fn open(entry: &Path) -> Result<Self> {
+        let lock = File::open(crate::cache::lock_path(entry)).ok().filter(|lock| lock.lock_shared().is_ok());
+        Self::open_locked(entry, lock)
+    }
+
+    pub(crate) fn open_locked(entry: &Path, lock: Option<File>) -> Result<Self> {
+        let path = entry.join(NODES);
+        let bytes = std::fs::read(&path).map_err(|error| Error::io(&path, error))?;
+        let pages = Storage::open(&entry.join(PAGES))?;
+        let damaged = |problem: String| Error::damaged(&path, problem);
+        let (summary, octree, places) = parse(&bytes, pages.length()).map_err(damaged)?;
+        Ok(Self { folder: entry.to_owned(), summary, octree, places, pages, _lock: lock })
+    }
+
+    /// Where it is.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Tells what it was made from: the same for the same files, unchanged.
+    pub fn key(&self) -> u128 {
+        self.summary.key
+    }
+
+    pub fn octree(&self) -> &Octree {
+        &self.octree
+    }
+
+    /// What the columns of chunks are, in their order.
+    pub fn attributes(&self) -> &[Attribute] {
+        &self.summary.layout.attributes
+    }
+
+    /// The files' own grid; `None` if they have none, or not the same one.
+    pub fn grid(&self) -> Option<Grid> {
+        self.summary.on_grid.then_some(self.summary.lattice.grid)
+    }
+
+    pub fn has_colors(&self) -> bool {
+        self.summary.layout.color_bytes > 0
+    }
+
+    /// The files brought normals.
+    pub fn has_normals(&self) -> bool {
+        self.summary.layout.normals
+    }
+
+    /// Points of the files that are in no node because they are not finite.
+    pub fn skipped_points(&self) -> u64 {
+        self.summary.skipped
+    }
+
+    /// What was wrong with the files when the index was made.
+    pub fn warnings(&self) -> &[String] {
+        &self.summary.warnings
+    }
+
+    /// Bytes of a page on disk.
+    pub fn page_bytes(&self, node: NodeId) -> usize {
+        let index = node.0 as usize;
+        page::length(&self.summary.layout, self.places[index].place.coding, self.octree.nodes[index].points as usize)
+    }
+
+    /// All points of a node in batch order, with all that the index has of them. The first `prefix` of them are an even
+    /// subset.
+    ///
+    /// # Errors
+    /// `Damaged` if the page is not what was written, `Io` if it cannot be read.
+    pub fn read(&self, node: NodeId) -> Result<Chunk> {
+        let index = node.0 as usize;
+        let Page { place, offset, checksum } = &self.places[index];
+        let Node { points, first_point, .. } = self.octree.nodes[index];
+        let mut bytes = vec![0; self.page_bytes(node)];
+        self.pages.read(*offset, &mut bytes)?;
+        if crc32fast::hash(&bytes) != *checksum {
+            return Err(Error::damaged(self.pages.path(), format!("the page of node {index} has changed")));
+        }
+        let Summary { layout, lattice, .. } = &self.summary;
+        Ok(page::decode(layout, lattice, place, points as usize, first_point, &bytes))
+    }
+}
+
+/// Writes `nodes` and puts it in place.
+pub(crate) fn write(folder: &Path, summary: &Summary, nodes: Vec<Written>) -> Result<()> {
+    let mut body = Vec::new();
+    write_summary(&mut body, summary);
+    write_nodes(&mut body, nodes);
+    let path = folder.join(NODES);
+    let unfinished = folder.join("nodes.unfinished");
+    let written = File::create(&unfinished).and_then(|mut file| {
+        file.write_all(&MAGIC)?;
+        file.write_all(&VERSION.to_le_bytes())?;
+        file.write_all(&crc32fast::hash(&body).to_le_bytes())?;
+        file.write_all(&body)?;
+        file.sync_data()?;
+        std::fs::rename(&unfinished, &path)
+    });
+    written.map_err(|error| Error::io(&path, error))
+}
+
+fn write_summary(body: &mut Vec<u8>, summary: &Summary) {
+    let Summary { key, on_grid, lattice, layout, skipped, warnings } = summary;
+    body.extend(key.to_le_bytes());
+    body.extend([u8::from(*on_grid), u8::from(layout.wide), layout.color_bytes as u8, u8::from(layout.normals)]);
+    for value in [lattice.grid.scale, lattice.grid.offset, lattice.corner].iter().flat_map(DVec3::to_array) {
+        body.extend(value.to_le_bytes());
+    }
+    body.extend(lattice.width.to_le_bytes());
+    body.extend(skipped.to_le_bytes());
+    body.extend((layout.attributes.len() as u32).to_le_bytes());
+    for attribute in &layout.attributes {
+        write_text(body, attribute.column_type.name());
+        write_text(body, &attribute.name);
+    }
+    body.extend((warnings.len() as u32).to_le_bytes());
+    warnings.iter().for_each(|warning| write_text(body, warning));
+}
+
+fn write_text(body: &mut Vec<u8>, text: &str) {
+    body.extend((text.len() as u32).to_le_bytes());
+    body.extend(text.as_bytes());
+}
+
+/// Parents first: by level, then by place.
+fn write_nodes(body: &mut Vec<u8>, mut nodes: Vec<Written>) {
+    let order = |cell: &Cell| (cell.level, cell.at[2], cell.at[1], cell.at[0]);
+    nodes.sort_unstable_by_key(|node| order(&node.cell));
+    body.extend((nodes.len() as u32).to_le_bytes());
+    for node in &nodes {
+        let parent = node
+            .cell
+            .parent()
+            .map_or(Ok(0), |parent| nodes.binary_search_by_key(&order(&parent), |node| order(&node.cell)));
+        debug_assert!(parent.is_ok(), "{:?} has no parent", node.cell);
+        let Page { place, offset, checksum } = node.page;
+        body.extend([node.cell.level, node.cell.octant() as u8, place.coding as u8, 0]);
+        body.extend((parent.unwrap_or(0) as u32).to_le_bytes());
+        body.extend(node.points.to_le_bytes());
+        body.extend(offset.to_le_bytes());
+        body.extend(checksum.to_le_bytes());
+        for value in place.corner.into_iter().chain(place.far) {
+            body.extend(value.to_le_bytes());
+        }
+    }
+}
+
+/// Takes a body apart, never past its end.
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn bytes(&mut self, count: usize) -> Result<&'a [u8], String> {
+        let (bytes, rest) = self.0.split_at_checked(count).ok_or("the file is cut short")?;
+        self.0 = rest;
+        Ok(bytes)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.bytes(N)?);
+        Ok(array)
+    }
+
+    fn u32(&mut self) -> Result<u32, String> {
+        Ok(u32::from_le_bytes(self.array()?))
+    }
+
+    fn u64(&mut self) -> Result<u64, String> {
+        Ok(u64::from_le_bytes(self.array()?))
+    }
+
+    fn f64(&mut self) -> Result<f64, String> {
+        Ok(f64::from_le_bytes(self.array()?))
+    }
+
+    fn vector(&mut self) -> Result<DVec3, String> {
+        let vector = DVec3::new(self.f64()?, self.f64()?, self.f64()?);
+        if vector.is_finite() { Ok(vector) } else { Err("a number is not finite".into()) }
+    }
+
+    fn text(&mut self) -> Result<String, String> {
+        let length = self.u32()? as usize;
+        String::from_utf8(self.bytes(length)?.to_vec()).map_err(|error| error.to_string())
+    }
+}
+
+type Parsed = (Summary, Octree, Vec<Page>);
+
+fn parse(bytes: &[u8], pages_length: u64) -> Result<Parsed, String> {
+    let mut reader = Reader(bytes);
+    if reader.bytes(HEAD_BYTES).is_ok_and(|head| head[..8] != MAGIC) {
+        return Err("not the node table of an index".into());
+    }
+    reader = Reader(bytes);
+    reader.bytes(8)?;
+    let version = reader.u32()?;
+    if version != VERSION {
+        return Err(format!("an index of version {version}, expected {VERSION}"));
+    }
+    if reader.u32()? != crc32fast::hash(reader.0) {
+        return Err("the file has changed or is cut short".into());
+    }
+    let summary = parse_summary(&mut reader)?;
+    let (octree, places) = parse_nodes(&mut reader, &summary, pages_length)?;
+    Ok((summary, octree, places))
+}
+
+fn parse_summary(reader: &mut Reader<'_>) -> Result<Summary, String> {
+    let key = u128::from_le_bytes(reader.array()?);
+    let [on_grid, wide, color_bytes, normals] = reader.array()?.map(usize::from);
+    if ![0, 3, 4].contains(&color_bytes) {
+        return Err(format!("colours of {color_bytes} bytes"));
+    }
+    let grid = Grid { scale: reader.vector()?, offset: reader.vector()? };
+    let (corner, width) = (reader.vector()?, reader.f64()?);
+    if !(width > 0.0 && width.is_finite()) {
+        return Err(format!("a root {width} wide"));
+    }
+    let skipped = reader.u64()?;
+    let mut attributes = Vec::new();
+    for _ in 0..reader.u32()? {
+        let type_name = reader.text()?;
+        let column_type = column_type(&type_name).ok_or_else(|| format!("an attribute of type {type_name}"))?;
+        attributes.push(Attribute { name: reader.text()?, column_type });
+    }
+    let mut warnings = Vec::new();
+    for _ in 0..reader.u32()? {
+        warnings.push(reader.text()?);
+    }
+    let layout = Layout { wide: wide != 0, color_bytes, normals: normals != 0, attributes };
+    Ok(Summary { key, on_grid: on_grid != 0, lattice: Lattice { grid, corner, width }, layout, skipped, warnings })
+}
+
+fn column_type(name: &str) -> Option<ColumnType> {
+    use ColumnType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64].into_iter().find(|column_type| column_type.name() == name)
+}
+
+fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) -> Result<(Octree, Vec<Page>), String> {
+    let count = reader.u32()? as usize;
+    if count == 0 || count.checked_mul(NODE_BYTES) != Some(reader.0.len()) {
+        return Err(format!("{count} nodes in {} bytes", reader.0.len()));
+    }
+    let mut nodes: Vec<Node> = Vec::with_capacity(count);
+    let mut places = Vec::with_capacity(count);
+    let mut first_point = 0;
+    for index in 0..count {
+        let wrong = |what: &str| format!("node {index} {what}");
+        let [level, octant, coding, _] = reader.array()?;
+        let parent = reader.u32()? as usize;
+        let points = reader.u32()?;
+        let (offset, checksum) = (reader.u64()?, reader.u32()?);
+        let mut integers = || reader.array().map(i64::from_le_bytes);
+        let corner = [integers()?, integers()?, integers()?];
+        let far = [integers()?, integers()?, integers()?];
+
+        let coding = Coding::from_byte(coding).ok_or_else(|| wrong("is written in an unknown way"))?;
+        if points == 0 || points as usize > cloud::CHUNK_POINTS {
+            return Err(wrong(&format!("has {points} points")));
+        }
+        let length = page::length(&summary.layout, coding, points as usize) as u64;
+        if offset.checked_add(length).is_none_or(|end| end > pages_length) {
+            return Err(wrong("lies outside of the pages"));
+        }
+        let parent = (index > 0).then_some(parent);
+        if let Some(parent) = parent {
+            let above = nodes.get_mut(parent).ok_or_else(|| wrong("comes before its parent"))?;
+            let slot = above.children.get_mut(usize::from(octant)).ok_or_else(|| wrong("is in no octant"))?;
+            if above.level + 1 != level || level > MOST_LEVELS || slot.is_some() {
+                return Err(wrong("is not where its parent says"));
+            }
+            *slot = Some(NodeId(index as u32));
+        } else if level != 0 {
+            return Err(wrong("is not the root"));
+        }
+        let mut bounds = Bounds::EMPTY;
+        bounds.include(summary.lattice.world(corner));
+        bounds.include(summary.lattice.world(far));
+        nodes.push(Node {
+            level,
+            bounds,
+            points,
+            total: u64::from(points),
+            first_point,
+            parent: parent.map(|parent| NodeId(parent as u32)),
+            children: [None; 8],
+        });
+        places.push(Page { place: Place { coding, corner, far }, offset, checksum });
+        first_point += u64::from(points);
+    }
+    for index in (1..count).rev() {
+        let (bounds, total) = (nodes[index].bounds, nodes[index].total);
+        if let Some(NodeId(parent)) = nodes[index].parent {
+            let above = &mut nodes[parent as usize];
+            above.bounds = above.bounds.union(bounds);
+            above.total += total;
+        }
+    }
+    let Lattice { corner, width, .. } = summary.lattice;
+    Ok((Octree { corner, width, spacing: width / SPACINGS_PER_WIDTH, nodes }, places))
+}

@@ -1,0 +1,161 @@
+//! What an index of some files keeps of them, and the lattice and cube it puts them in.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
+use codec::{Format, Selection, Source};
+use glam::DVec3;
+
+use crate::lattice::Lattice;
+use crate::records::Layout;
+use crate::{Error, Result};
+
+/// Attributes that are kept, if a file has them.
+const KEPT: [&str; 3] = ["intensity", "classification", "return_number"];
+/// Of the bulk of the points of files without a grid: the step of their lattice as a part of it. Finer than what f32
+/// coordinates in the same place tell apart.
+const STEPS: f64 = (1_u64 << 30) as f64;
+/// Room about the bounds, as a part of them: headers round.
+const MARGIN: f64 = 1e-3;
+/// Points of a chunk that are looked at to see where the bulk lies.
+const SAMPLES_PER_CHUNK: usize = 64;
+
+/// What is kept of some files.
+pub struct Plan {
+    pub layout: Layout,
+    pub lattice: Lattice,
+    /// The lattice is the files' own.
+    pub on_grid: bool,
+    /// Per file: what is read, and which of its columns is which of the layout's attributes.
+    pub inputs: Vec<(Selection, Vec<Option<usize>>)>,
+}
+
+/// What reading all positions tells.
+pub struct Extent {
+    pub bounds: Bounds,
+    /// Without the points that lie farthest out.
+    pub bulk: Bounds,
+}
+
+impl Plan {
+    /// `extent`: what is known better than from the headers.
+    pub fn new(inputs: &[Arc<Source>], extent: Option<&Extent>, wide: bool) -> Option<Self> {
+        let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
+        let header_bounds =
+            || infos().map(|info| info.bounds).try_fold(Bounds::EMPTY, |all, bounds| Some(all.union(bounds?)));
+        let grid = common_grid(infos().map(|info| info.grid));
+        let bounds = extent.map(|extent| extent.bounds).or_else(header_bounds).filter(|bounds| !bounds.is_empty())?;
+        let step = grid.map_or(0.0, |grid| grid.scale.abs().max_element());
+        let width = (bounds.size().max_element() * (1.0 + 2.0 * MARGIN)).max(256.0 * step);
+        let width = if width > 0.0 { width } else { 1.0 };
+        // Without a grid the bulk must be known, too.
+        let lattice_grid = match (grid, extent) {
+            (Some(grid), _) => grid,
+            (None, Some(extent)) => lattice_for(extent),
+            (None, None) => return None,
+        };
+        let corner = bounds.center() - DVec3::splat(width / 2.0);
+        // Height is mostly the least extent: then the ground is in the lower half, not cut by the middle of the cube.
+        let corner = corner.with_z(bounds.min.z - width * MARGIN);
+        let attributes = kept_attributes(infos().map(|info| info.attributes.as_slice()));
+        let has_colors = infos().any(|info| info.has_colors);
+        let opacity = infos().any(|info| info.has_colors && info.format == Format::Ply);
+        let layout = Layout {
+            wide: wide || grid.is_none(),
+            color_bytes: if opacity { 4 } else { 3 * usize::from(has_colors) },
+            normals: infos().any(|info| info.has_normals),
+            attributes,
+        };
+        let inputs = inputs.iter().map(|input| selection(input, &layout)).collect();
+        let lattice = Lattice { grid: lattice_grid, corner, width };
+        Some(Self { layout, lattice, on_grid: grid.is_some(), inputs })
+    }
+}
+
+/// The grid all coordinates lie on, if there is one: the same steps, and offsets whole steps apart.
+fn common_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
+    let first = grids.next()??;
+    let agrees = |grid: Grid| {
+        let shift = (grid.offset - first.offset) / first.scale;
+        grid.scale == first.scale && (shift - shift.round()).abs().max_element() < 1e-3
+    };
+    grids.all(|grid| grid.is_some_and(agrees)).then_some(first)
+}
+
+fn lattice_for(extent: &Extent) -> Grid {
+    let bulk = [extent.bulk, extent.bounds].map(|bounds| bounds.size().max_element());
+    let size = bulk.into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0);
+    // Integers of the farthest points have 62 bits.
+    let step = (size.log2().floor().exp2() / STEPS).max(extent.bounds.size().max_element() / 62_f64.exp2());
+    Grid { scale: DVec3::splat(step), offset: extent.bulk.center() }
+}
+
+fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
+    let find = |name: &&str| offered.clone().flatten().find(|attribute| attribute.name == **name).cloned();
+    KEPT.iter().filter_map(find).collect()
+}
+
+fn selection(input: &Source, layout: &Layout) -> (Selection, Vec<Option<usize>>) {
+    let offered = &input.info().attributes;
+    let column = |kept: &Attribute| offered.iter().position(|attribute| attribute.name == kept.name);
+    let columns: Vec<Option<usize>> = layout.attributes.iter().map(column).collect();
+    let attributes = (0..offered.len()).map(|index| columns.contains(&Some(index))).collect();
+    let selection = Selection { positions: true, colors: layout.color_bytes > 0, normals: layout.normals, attributes };
+    (selection, columns)
+}
+
+/// Reads the positions of all files.
+pub fn measure(inputs: &[Arc<Source>], progress: &Progress) -> Result<Extent> {
+    let bounds = Mutex::new(Bounds::EMPTY);
+    let sample = Mutex::new(Vec::new());
+    let selection = Selection { positions: true, ..Selection::default() };
+    for input in inputs {
+        let reading = Progress::default();
+        let look = |chunk: Chunk| {
+            if progress.is_cancelled() {
+                reading.cancel();
+            }
+            let some = chunk.select(&spread(chunk.len(), SAMPLES_PER_CHUNK));
+            let chunk_bounds = match &chunk.exact_positions {
+                Some(exact) => exact.iter().fold(Bounds::EMPTY, |mut bounds, at| {
+                    bounds.include(DVec3::from(*at));
+                    bounds
+                }),
+                None => chunk.bounds(),
+            };
+            let mut bounds = bounds.lock().unwrap_or_else(PoisonError::into_inner);
+            *bounds = bounds.union(chunk_bounds);
+            let places = (0..some.len()).map(|index| some.position(index)).filter(|place| place.is_finite());
+            sample.lock().unwrap_or_else(PoisonError::into_inner).extend(places);
+        };
+        // What cannot be read is said when it is read for good.
+        let _ = input.read(&selection, &reading, &look);
+        if progress.is_cancelled() {
+            return Err(Error::Cancelled);
+        }
+    }
+    let bounds = bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let sample = sample.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Ok(Extent { bounds, bulk: bulk(&sample) })
+}
+
+/// Indices spread evenly over `count`, at most `most` or so.
+pub fn spread(count: usize, most: usize) -> Vec<u32> {
+    let most = most.min(count);
+    (0..most).map(|index| (index * count / most) as u32).collect()
+}
+
+/// Bounds without the hundredth part of the points at either end of each axis.
+fn bulk(sample: &[DVec3]) -> Bounds {
+    let stray = sample.len() / 100;
+    let axis = |axis: usize| {
+        let mut values: Vec<f64> = sample.iter().map(|place| place[axis]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        match values.as_slice() {
+            [] => (0.0, 0.0),
+            values => (values[stray], values[values.len() - 1 - stray]),
+        }
+    };
+    let [x, y, z] = [axis(0), axis(1), axis(2)];
+    Bounds { min: DVec3::new(x.0, y.0, z.0), max: DVec3::new(x.1, y.1, z.1) }
+}

@@ -1,0 +1,199 @@
+//! Points on their way through the builder: records of a few bytes that are sorted, sampled and cut into pages.
+
+use cloud::{Attribute, Chunk, Column, ColumnType, NO_NORMAL};
+use glam::Vec3;
+
+use crate::lattice::Lattice;
+
+/// What a record holds, in this order: lattice integers, colours, normal, attributes. Little-endian, no gaps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// Lattice integers have 64 bits; else 32.
+    pub wide: bool,
+    /// 0, 3 (red, green, blue) or 4 (with opacity).
+    pub color_bytes: usize,
+    pub normals: bool,
+    pub attributes: Vec<Attribute>,
+}
+
+/// Runs `$body` with `$values` bound to the vector in a column and `$number` to its type.
+macro_rules! each_type {
+    ($column:expr, $number:ident, $values:ident => $body:expr) => {
+        match $column {
+            Column::U8($values) => each_type!(@ u8, $number, $body),
+            Column::I8($values) => each_type!(@ i8, $number, $body),
+            Column::U16($values) => each_type!(@ u16, $number, $body),
+            Column::I16($values) => each_type!(@ i16, $number, $body),
+            Column::U32($values) => each_type!(@ u32, $number, $body),
+            Column::I32($values) => each_type!(@ i32, $number, $body),
+            Column::U64($values) => each_type!(@ u64, $number, $body),
+            Column::I64($values) => each_type!(@ i64, $number, $body),
+            Column::F32($values) => each_type!(@ f32, $number, $body),
+            Column::F64($values) => each_type!(@ f64, $number, $body),
+        }
+    };
+    (@ $type:ty, $number:ident, $body:expr) => {{
+        type $number = $type;
+        $body
+    }};
+}
+pub(crate) use each_type;
+
+/// Records of a chunk.
+pub struct Encoded {
+    pub records: Vec<u8>,
+    /// Points left out because they are not finite.
+    pub skipped: u64,
+    /// Points whose integers do not fit 32 bits although the layout says so: their records are wrong.
+    pub misfits: u64,
+    /// Least and greatest lattice integers.
+    pub least: [f64; 3],
+    pub greatest: [f64; 3],
+}
+
+impl Layout {
+    pub fn position_bytes(&self) -> usize {
+        if self.wide { 24 } else { 12 }
+    }
+
+    /// Bytes of a record that follow the position, all of which a page keeps as they are: colours, normal, attributes.
+    pub fn widths(&self) -> impl Iterator<Item = usize> {
+        let normal = if self.normals { 4 } else { 0 };
+        [self.color_bytes, normal]
+            .into_iter()
+            .chain(self.attributes.iter().map(|attribute| attribute.column_type.size()))
+    }
+
+    /// Bytes of a record.
+    pub fn stride(&self) -> usize {
+        self.position_bytes() + self.widths().sum::<usize>()
+    }
+
+    /// Lattice integers of a record.
+    #[inline]
+    pub fn at(&self, record: &[u8]) -> [i64; 3] {
+        if self.wide {
+            let mut bytes = [0; 24];
+            bytes.copy_from_slice(&record[..24]);
+            std::array::from_fn(|axis| {
+                let mut value = [0; 8];
+                value.copy_from_slice(&bytes[axis * 8..axis * 8 + 8]);
+                i64::from_le_bytes(value)
+            })
+        } else {
+            let mut bytes = [0; 12];
+            bytes.copy_from_slice(&record[..12]);
+            std::array::from_fn(|axis| {
+                let mut value = [0; 4];
+                value.copy_from_slice(&bytes[axis * 4..axis * 4 + 4]);
+                i64::from(i32::from_le_bytes(value))
+            })
+        }
+    }
+
+    /// Records of the finite points of a chunk. `columns`: where in the chunk each attribute is, if it is there.
+    pub fn encode(&self, chunk: &Chunk, lattice: &Lattice, columns: &[Option<usize>]) -> Encoded {
+        let stride = self.stride();
+        let mut records = vec![0; chunk.len() * stride];
+        let (mut least, mut greatest) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let (unfit, misfits) = self.encode_positions(chunk, lattice, &mut records, &mut least, &mut greatest);
+        let mut start = self.position_bytes();
+        if self.color_bytes > 0 {
+            for (index, record) in records.chunks_exact_mut(stride).enumerate() {
+                let color = chunk.colors.as_ref().map_or([255; 4], |colors| colors[index]);
+                record[start..start + self.color_bytes].copy_from_slice(&color[..self.color_bytes]);
+            }
+            start += self.color_bytes;
+        }
+        if self.normals {
+            for (index, record) in records.chunks_exact_mut(stride).enumerate() {
+                let normal = chunk.normals.as_ref().map_or(NO_NORMAL, |normals| normals[index]);
+                record[start..start + 4].copy_from_slice(&normal.to_le_bytes());
+            }
+            start += 4;
+        }
+        for (attribute, column) in self.attributes.iter().zip(columns) {
+            let size = attribute.column_type.size();
+            let column = column.and_then(|column| chunk.columns.get(column)?.as_deref());
+            if let Some(column) = column {
+                let converted;
+                let column = if column.column_type() == attribute.column_type {
+                    column
+                } else {
+                    converted = convert(column, attribute.column_type);
+                    &converted
+                };
+                each_type!(column, Number, values => {
+                    for (record, value) in records.chunks_exact_mut(stride).zip(values) {
+                        record[start..start + size_of::<Number>()].copy_from_slice(&value.to_le_bytes());
+                    }
+                });
+            }
+            start += size;
+        }
+        let skipped = unfit.len() as u64;
+        if skipped > 0 {
+            let mut unfit = unfit.into_iter().peekable();
+            let mut kept = 0;
+            for index in 0..chunk.len() {
+                if unfit.next_if_eq(&index).is_none() {
+                    records.copy_within(index * stride..(index + 1) * stride, kept);
+                    kept += stride;
+                }
+            }
+            records.truncate(kept);
+        }
+        Encoded { records, skipped, misfits, least, greatest }
+    }
+
+    /// Writes lattice integers; indices of the points that are not finite, and how many do not fit.
+    fn encode_positions(
+        &self,
+        chunk: &Chunk,
+        lattice: &Lattice,
+        records: &mut [u8],
+        least: &mut [f64; 3],
+        greatest: &mut [f64; 3],
+    ) -> (Vec<usize>, u64) {
+        let inverse = 1.0 / lattice.grid.scale;
+        let origin = chunk.origin - lattice.grid.offset;
+        let mut unfit = Vec::new();
+        let mut misfits = 0;
+        for (index, record) in records.chunks_exact_mut(self.stride()).enumerate() {
+            let world = match &chunk.exact_positions {
+                Some(exact) => glam::DVec3::from(exact[index]) - lattice.grid.offset,
+                None => Vec3::from(chunk.positions[index]).as_dvec3() + origin,
+            };
+            if !world.is_finite() {
+                unfit.push(index);
+                continue;
+            }
+            let at = (world * inverse).to_array().map(f64::round_ties_even);
+            for axis in 0..3 {
+                least[axis] = least[axis].min(at[axis]);
+                greatest[axis] = greatest[axis].max(at[axis]);
+            }
+            if self.wide {
+                for axis in 0..3 {
+                    record[axis * 8..axis * 8 + 8].copy_from_slice(&(at[axis] as i64).to_le_bytes());
+                }
+            } else {
+                for axis in 0..3 {
+                    let value = at[axis] as i32;
+                    misfits += u64::from(f64::from(value) != at[axis]);
+                    record[axis * 4..axis * 4 + 4].copy_from_slice(&value.to_le_bytes());
+                }
+            }
+        }
+        (unfit, misfits)
+    }
+}
+
+/// A column in another type, as near as that can be.
+pub fn convert(column: &Column, column_type: ColumnType) -> Column {
+    let mut converted = Column::with_capacity(column_type, column.len());
+    each_type!(&mut converted, Number, values => {
+        values.extend((0..column.len()).map(|index| column.value(index) as Number));
+    });
+    converted
+}

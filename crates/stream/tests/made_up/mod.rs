@@ -1,0 +1,69 @@
+//! LAS files made up for tests: point format 3, a millimetre grid.
+#![allow(dead_code, reason = "each test binary uses its part")]
+#![allow(clippy::unwrap_used, reason = "a file that cannot be made up is a failed test")]
+
+use std::path::Path;
+
+/// A small generator of reproducible noise (SplitMix64).
+pub struct Noise(pub u64);
+
+impl Noise {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    pub fn below(&mut self, end: u64) -> u64 {
+        self.next() % end
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Point {
+    pub at: [i32; 3],
+    pub intensity: u16,
+    pub class: u8,
+    pub color: [u16; 3],
+}
+
+pub const SCALE: f64 = 0.001;
+pub const OFFSET: [f64; 3] = [600_000.0, 5_000_000.0, 100.0];
+
+/// LAS 1.2 with a header that says what is true.
+pub fn write_las(path: &Path, points: &[Point]) {
+    write_las_with(path, points, OFFSET, |_, _| ());
+}
+
+/// With offsets of its own and a header that may say anything: the closure gets the least and greatest coordinates.
+pub fn write_las_with(path: &Path, points: &[Point], offset: [f64; 3], lie: impl Fn(&mut [f64; 3], &mut [f64; 3])) {
+    let axis = |axis: usize| points.iter().map(move |point| f64::from(point.at[axis]) * SCALE + offset[axis]);
+    let mut least = [0, 1, 2].map(|a| axis(a).fold(f64::INFINITY, f64::min));
+    let mut greatest = [0, 1, 2].map(|a| axis(a).fold(f64::NEG_INFINITY, f64::max));
+    lie(&mut least, &mut greatest);
+    let mut bytes = vec![0; 227];
+    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    put(0, b"LASF");
+    put(24, &[1, 2]);
+    put(94, &227_u16.to_le_bytes());
+    put(96, &227_u32.to_le_bytes());
+    put(104, &[3]);
+    put(105, &34_u16.to_le_bytes());
+    put(107, &(points.len() as u32).to_le_bytes());
+    for a in 0..3 {
+        put(131 + a * 8, &SCALE.to_le_bytes());
+        put(155 + a * 8, &offset[a].to_le_bytes());
+        put(179 + a * 16, &greatest[a].to_le_bytes());
+        put(187 + a * 16, &least[a].to_le_bytes());
+    }
+    for point in points {
+        point.at.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+        bytes.extend(point.intensity.to_le_bytes());
+        bytes.extend([0b0000_1001, point.class, 0, 0, 0, 0]);
+        bytes.extend(0_f64.to_le_bytes());
+        point.color.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+    }
+    std::fs::write(path, bytes).unwrap();
+}
