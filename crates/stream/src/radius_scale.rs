@@ -104,7 +104,7 @@ fn quarters_of(total: u64, drawn: u64) -> u8 {
     let squared = total.saturating_mul(total);
     (0..128)
         .find(|q| (drawn * drawn).checked_shl(*q).is_none_or(|s| s >> q != drawn * drawn || s >= squared))
-        .unwrap_or(0) as u8
+        .unwrap_or(127) as u8
 }
 
 /// The chunk with larger radii; the same one where nothing changes. Points without a radius stay so.
@@ -138,3 +138,7 @@ pub fn to_full_density(radii: &mut [u16], chunk: &Chunk, octree: &Octree, id: No
         *radius = (i32::from(*radius) - steps[octant]).max(1) as u16;
     }
 }
+
+#[cfg(test)]
+#[path = "radius_scale_tests.rs"]
+mod tests;

@@ -28,6 +28,9 @@ use crate::{BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
 
 /// Rates are taken over this long.
 const RATE_TIME: Duration = Duration::from_secs(1);
+/// While nodes are on their way, radii may be larger than need be by less than so many quarters of an octave: 41 %. Most chunks
+/// would otherwise be put again with every few that come.
+const LOOSE_QUARTERS: u8 = 2;
 /// A chunk's radii are held twice where they are scaled.
 const SCALED_RADIUS_BYTES: u64 = 2;
 
@@ -48,6 +51,14 @@ pub struct PagedCloud {
     pub missing: Missing,
     /// Called by several threads at a time. Radii that it gives are those of full density.
     pub read: Arc<dyn Fn(NodeId) -> Result<Page> + Send + Sync>,
+}
+
+impl PagedCloud {
+    /// Bytes of a whole node in memory.
+    fn cost(&self, node: NodeId) -> u64 {
+        let point_bytes = self.point_bytes.saturating_add(SCALED_RADIUS_BYTES);
+        u64::from(self.octree.node(node).points).saturating_mul(point_bytes)
+    }
 }
 
 /// What is done for nodes whose pages have no radii.
@@ -268,6 +279,10 @@ struct Held {
     paged: PagedCloud,
     /// Counts replacements.
     generation: u64,
+    /// Of its largest node in memory.
+    largest_cost: u64,
+    /// Some radii are larger than need be.
+    is_loose: bool,
     entries: BTreeMap<NodeId, Entry>,
 }
 
@@ -397,18 +412,6 @@ impl Held {
         let enough = |shown: &Shown| shown.generation == self.generation && shown.points() >= points;
         entry.failed || entry.shown.as_ref().is_some_and(enough)
     }
-
-    /// Of the whole node in memory.
-    fn cost(&self, node: NodeId) -> u64 {
-        let point_bytes = self.paged.point_bytes.saturating_add(SCALED_RADIUS_BYTES);
-        u64::from(self.paged.octree.node(node).points).saturating_mul(point_bytes)
-    }
-
-    /// Of its largest node.
-    fn largest_cost(&self) -> u64 {
-        let points = self.paged.octree.nodes.iter().map(|node| u64::from(node.points)).max().unwrap_or(0);
-        points.saturating_mul(self.paged.point_bytes.saturating_add(SCALED_RADIUS_BYTES))
-    }
 }
 
 /// What is to become of the nodes that are shown, and which come.
@@ -456,17 +459,15 @@ impl State {
         }
         self.generations += 1;
         let generation = self.generations;
-        let held = self.clouds.entry(cloud).or_insert_with(|| Held {
-            paged: paged.clone(),
-            generation,
-            entries: BTreeMap::new(),
-        });
-        (held.paged, held.generation) = (paged, generation);
-        for entry in held.entries.values_mut() {
+        let mut entries = self.clouds.remove(&cloud).map(|held| held.entries).unwrap_or_default();
+        for entry in entries.values_mut() {
             // What is being read for the old generation will be thrown away.
             (entry.in_flight, entry.failed) = (false, false);
             self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
         }
+        let costs = (0..paged.octree.nodes.len()).map(|node| paged.cost(NodeId(node as u32)));
+        let largest_cost = costs.max().unwrap_or(0);
+        self.clouds.insert(cloud, Held { paged, generation, largest_cost, is_loose: false, entries });
         self.accept();
     }
 
@@ -504,7 +505,7 @@ impl State {
         }
         let mut points = self.budget.points;
         // One node more than is wanted must find room: it may have to be read to take the place of what is shown of it.
-        let reserve = self.clouds.values().map(Held::largest_cost).max().unwrap_or(0);
+        let reserve = self.clouds.values().map(|held| held.largest_cost).max().unwrap_or(0);
         let mut bytes = self.budget.bytes.saturating_sub(reserve);
         self.wanted.clear();
         for Wanted { cloud, node: id, batches } in &self.asked {
@@ -514,7 +515,7 @@ impl State {
             if !node.parent.is_none_or(is_wanted) || is_wanted(*id) || *batches == 0 {
                 continue;
             }
-            let cost = held.cost(*id);
+            let cost = held.paged.cost(*id);
             let fits = |batches: &usize| prefix(node.points as usize, *batches) as u64 <= points;
             let asked = (*batches).min(BATCHES);
             let batches = (1..=asked).rev().find(fits).filter(|_| cost <= bytes).unwrap_or(0);
@@ -544,7 +545,7 @@ impl State {
     /// The next node to read, if there is one and room for it.
     fn next_job(&mut self) -> Option<Job> {
         let (cloud, node) = *self.queue.front()?;
-        let bytes = self.clouds.get(&cloud)?.cost(node);
+        let bytes = self.clouds.get(&cloud)?.paged.cost(node);
         self.evict(bytes);
         if self.bytes + bytes > self.budget.bytes {
             return None;
@@ -621,7 +622,9 @@ impl State {
         let mut changes = std::mem::take(&mut self.pending);
         self.asks_for_room = false;
         let plan = self.plan();
-        let touched: BTreeSet<usize> = (plan.drops.iter().map(|(cloud, _)| *cloud))
+        let loose = self.clouds.iter().filter(|(_, held)| held.is_loose).map(|(cloud, _)| *cloud);
+        let touched: BTreeSet<usize> = loose
+            .chain(plan.drops.iter().map(|(cloud, _)| *cloud))
             .chain(plan.shrinks.keys().map(|(cloud, _)| *cloud))
             .chain(plan.arrivals.iter().map(|(cloud, ..)| *cloud))
             .collect();
@@ -665,7 +668,7 @@ impl State {
         let mut points = self.shown_points;
         let mut bytes = self.bytes - self.kept_bytes();
         let upcoming = self.queue.iter().take(self.workers);
-        let upcoming: u64 = upcoming.filter_map(|(cloud, node)| Some(self.clouds.get(cloud)?.cost(*node))).sum();
+        let upcoming: u64 = upcoming.filter_map(|(cloud, node)| Some(self.clouds.get(cloud)?.paged.cost(*node))).sum();
         let mut make_room = |plan: &mut Plan, points: &mut u64, bytes: &mut u64| {
             let Some(victim) = victims.pop() else { return false };
             let (cloud, node, left) = match victim {
@@ -831,25 +834,38 @@ impl State {
         }
     }
 
-    /// Of nodes that have less to cover than before.
+    /// Of nodes that have less to cover than before: exactly when all has come.
     fn shrink_radii(&mut self, quarters: &BTreeMap<usize, BTreeMap<NodeId, Quarters>>, changes: &mut Vec<Change>) {
+        let is_all = self.waiting_nodes() == 0;
         for (cloud, nodes) in quarters {
+            let mut is_loose = false;
             for (id, quarters) in nodes.iter().rev() {
-                if let Some(shown) = self.shown_mut(*cloud, *id) {
+                let Some(shown) = self.shown_mut(*cloud, *id) else { continue };
+                let excess = (0..8).map(|octant| shown.quarters[octant].saturating_sub(quarters[octant])).max();
+                if is_all || excess >= Some(LOOSE_QUARTERS) {
                     shown.rescale(*cloud, *quarters, changes);
                 }
+                is_loose |= shown.quarters != *quarters;
+            }
+            if let Some(held) = self.clouds.get_mut(cloud) {
+                held.is_loose = is_loose;
             }
         }
     }
 
-    fn stats(&mut self) -> StreamStats {
-        self.forget_reads();
+    /// Nodes that are wanted and not there as they are wanted.
+    fn waiting_nodes(&self) -> usize {
         let waits = |wanted: &&Wanted| {
             let held = self.clouds.get(&wanted.cloud);
             let entry = held.and_then(|held| Some((held, held.entry(wanted.node)?)));
             entry.is_some_and(|(held, entry)| !held.is_satisfied(wanted.node, entry))
         };
-        let waiting_nodes = self.wanted.iter().filter(waits).count();
+        self.wanted.iter().filter(waits).count()
+    }
+
+    fn stats(&mut self) -> StreamStats {
+        self.forget_reads();
+        let waiting_nodes = self.waiting_nodes();
         let seconds = RATE_TIME.as_secs_f64();
         StreamStats {
             shown_nodes: self.shown_nodes,
@@ -860,6 +876,7 @@ impl State {
             points_per_second: self.reads.iter().map(|(.., points)| *points as f64).sum::<f64>() / seconds,
             settled: waiting_nodes == 0
                 && self.pending.is_empty()
+                && !self.clouds.values().any(|held| held.is_loose)
                 && self.shown_points <= self.budget.points
                 && self.bytes <= self.budget.bytes,
         }

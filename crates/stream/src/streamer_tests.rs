@@ -1,69 +1,631 @@
-use super::*;
-use crate::test_trees::{page, random};
+use std::collections::BTreeSet;
+use std::sync::Weak;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Of a point of a test page: position, normal, radius.
+use glam::{DMat3, DVec2, Vec3};
+
+use super::*;
+use crate::test_trees::{page, random, terrain, terrain_page};
+use crate::{Tree, ViewMeasure, choose};
+
+/// Of a point of a test page: position, normal, radius; and the radius once more.
 const POINT_BYTES: u64 = 12 + 4 + 2;
+const HELD_POINT_BYTES: u64 = POINT_BYTES + SCALED_RADIUS_BYTES;
 const PLENTY: Budget = Budget { points: u64::MAX, bytes: u64::MAX };
 
-fn paged(octree: &Arc<Octree>) -> PagedCloud {
+fn paged(octree: &Arc<Octree>, page: impl Fn(&Octree, NodeId) -> Result<Chunk> + Send + Sync + 'static) -> PagedCloud {
     let tree = octree.clone();
-    let read = move |node| Ok(Page { chunk: page(&tree, node), disk_bytes: 100 });
+    let read = move |node| Ok(Page { chunk: page(&tree, node)?, disk_bytes: 100 });
     PagedCloud { octree: octree.clone(), point_bytes: POINT_BYTES, missing: Missing::Provisional, read: Arc::new(read) }
+}
+
+fn readable(octree: &Arc<Octree>) -> PagedCloud {
+    paged(octree, |octree, node| Ok(page(octree, node)))
+}
+
+/// Each read waits for a word from the sender; the other end tells of the reads that begin.
+fn gated(octree: &Arc<Octree>) -> (PagedCloud, SyncSender<()>, Receiver<NodeId>) {
+    let (open, gate) = sync_channel(1000);
+    let (begin, begun) = sync_channel(1000);
+    let gate = Mutex::new(gate);
+    let paged = paged(octree, move |octree, node| {
+        begin.send(node).unwrap();
+        gate.lock().unwrap().recv().unwrap();
+        Ok(page(octree, node))
+    });
+    (paged, open, begun)
 }
 
 fn everything(cloud: usize, octree: &Octree) -> Vec<Wanted> {
     octree.ids().map(|(node, _)| Wanted { cloud, node, batches: BATCHES }).collect()
 }
 
-/// Waits for the streamer to settle, and hands all changes over.
-fn settle(streamer: &Streamer, mut each: impl FnMut(Vec<Change>)) {
-    for _ in 0..20_000 {
-        each(streamer.changes());
-        if streamer.stats().settled {
-            return;
-        }
-        std::thread::sleep(Duration::from_micros(500));
-    }
-    panic!("does not settle: {:?}", streamer.stats());
-}
-
 /// What a drawer holds.
 #[derive(Default)]
 struct Drawer {
     chunks: BTreeMap<(usize, u64), Chunk>,
-    failed: Vec<(usize, NodeId)>,
+    failed: Vec<(usize, NodeId, String)>,
+    /// Chunks that were put for the first time, and again.
+    puts: [usize; 2],
 }
 
 impl Drawer {
     fn apply(&mut self, change: Change) {
         match change {
             Change::Put { cloud, chunk } => {
-                self.chunks.insert((cloud, chunk.first_point), chunk);
+                let old = self.chunks.insert((cloud, chunk.first_point), chunk);
+                self.puts[usize::from(old.is_some())] += 1;
             }
             Change::Drop { cloud, first_point } => {
                 assert!(self.chunks.remove(&(cloud, first_point)).is_some(), "dropped what is not there");
             }
-            Change::Failed { cloud, node, .. } => self.failed.push((cloud, node)),
+            Change::Failed { cloud, node, error } => self.failed.push((cloud, node, error.to_string())),
         }
     }
 
     fn points(&self) -> u64 {
         self.chunks.values().map(|chunk| chunk.len() as u64).sum()
     }
+
+    /// Takes changes until the streamer has settled; how many.
+    fn settle(&mut self, streamer: &Streamer) -> usize {
+        let mut count = 0;
+        for _ in 0..20_000 {
+            for change in streamer.changes() {
+                count += 1;
+                self.apply(change);
+            }
+            if streamer.stats().settled {
+                return count;
+            }
+            std::thread::sleep(Duration::from_micros(500));
+        }
+        panic!("does not settle: {:?}", streamer.stats());
+    }
+}
+
+/// Straight down on the terrain from a height.
+fn cut_from(octree: &Octree, eye: DVec3, points: u64) -> Vec<Wanted> {
+    let down = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::NEG_Z).transpose();
+    let view = ViewMeasure::perspective(eye, down, DVec2::ONE, 1000.0, 0.25);
+    let trees = [Tree { cloud: 0, octree, point_bytes: HELD_POINT_BYTES }];
+    choose(&trees, |_, octree, node| view.pixels(octree, node), Budget { points, bytes: u64::MAX }, 1.0)
 }
 
 #[test]
 fn all_that_is_wanted_comes_as_it_was_read() {
     let octree = Arc::new(random(5, 60));
     let streamer = Streamer::new(4, PLENTY, || {}).unwrap();
-    streamer.add(3, paged(&octree));
+    streamer.add(3, readable(&octree));
     streamer.want(everything(3, &octree));
     let mut drawer = Drawer::default();
-    settle(&streamer, |changes| changes.into_iter().for_each(|change| drawer.apply(change)));
+    drawer.settle(&streamer);
     assert_eq!(drawer.points(), octree.points());
-    assert_eq!(streamer.stats().shown_points, octree.points());
     for (id, node) in octree.ids() {
         let (chunk, read) = (&drawer.chunks[&(3, node.first_point)], page(&octree, id));
         assert_eq!((&chunk.positions, &chunk.normals, &chunk.radii), (&read.positions, &read.normals, &read.radii));
     }
+    let stats = streamer.stats();
+    assert_eq!((stats.shown_points, stats.shown_nodes), (octree.points(), octree.nodes.len()));
+    assert_eq!(stats.bytes, octree.points() * HELD_POINT_BYTES);
+    assert_eq!(stats.points_per_second, octree.points() as f64);
+    assert_eq!(stats.disk_bytes_per_second, 100.0 * octree.nodes.len() as f64);
+}
+
+#[test]
+fn the_same_cut_again_changes_nothing() {
+    let octree = Arc::new(terrain(4));
+    let streamer = Streamer::new(2, Budget { points: 30_000, bytes: u64::MAX }, || {}).unwrap();
+    streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+    let cut = || cut_from(&octree, DVec3::new(300.0, 300.0, 200.0), 30_000);
+    let mut drawer = Drawer::default();
+    streamer.want(cut());
+    assert!(drawer.settle(&streamer) > 50);
+    for _ in 0..3 {
+        streamer.want(cut());
+        assert_eq!(drawer.settle(&streamer), 0);
+    }
+}
+
+/// A reader that knows which of its chunks somebody still holds.
+#[derive(Default)]
+struct Ledger(Mutex<Vec<Weak<Vec<[f32; 3]>>>>);
+
+impl Ledger {
+    fn read(&self, octree: &Octree, node: NodeId) -> Chunk {
+        let chunk = terrain_page(octree, node);
+        self.0.lock().unwrap().push(Arc::downgrade(&chunk.positions));
+        chunk
+    }
+
+    fn held_points(&self) -> u64 {
+        let mut chunks = self.0.lock().unwrap();
+        chunks.retain(|chunk| chunk.strong_count() > 0);
+        chunks.iter().filter_map(Weak::upgrade).map(|positions| positions.len() as u64).sum()
+    }
+}
+
+/// Which of `probes` a chunk's discs cover.
+fn covered(chunk: &Chunk, probes: &[Vec3]) -> Vec<bool> {
+    let radii = chunk.radii.as_ref().unwrap();
+    let splats: Vec<(Vec3, f32)> = (0..chunk.len())
+        .map(|index| (chunk.position(index).as_vec3(), cloud::unpack_radius(radii[index]).unwrap()))
+        .collect();
+    let is_covered =
+        |probe: &Vec3| splats.iter().any(|(middle, radius)| middle.distance_squared(*probe) <= radius * radius);
+    probes.iter().map(is_covered).collect()
+}
+
+#[test]
+fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
+    let octree = Arc::new(terrain(5));
+    let points = 20_000;
+    assert!(octree.points() > 15 * points, "the budget is small");
+    let budget = Budget { points, bytes: 30_000 * HELD_POINT_BYTES };
+    let ledger = Arc::new(Ledger::default());
+    let streamer = Streamer::new(3, budget, || {}).unwrap();
+    let reader = ledger.clone();
+    streamer.add(0, paged(&octree, move |octree, node| Ok(reader.read(octree, node))));
+
+    let probe = |index: u64| {
+        let share = |salt: u64| (cloud::hash(index * 2 + salt) >> 40) as f32 / (1 << 24) as f32;
+        Vec3::new(share(0), share(1), 0.0) * 1024.0
+    };
+    let probes: Vec<Vec3> = (0..400).map(probe).collect();
+    let mut drawer = Drawer::default();
+    let mut coverage: BTreeMap<(usize, u64), Vec<bool>> = BTreeMap::new();
+    let (mut drops, mut is_covered) = (0, vec![false; probes.len()]);
+    for step in 0..90 {
+        let turn = f64::from(step) * 0.15;
+        let eye =
+            DVec3::new(512.0 + 400.0 * turn.cos(), 512.0 + 400.0 * turn.sin(), 60.0 + f64::from(step % 30) * 10.0);
+        streamer.want(cut_from(&octree, eye, points));
+        // Most steps leave before all has come.
+        for _ in 0..if step % 10 == 9 { 2000 } else { 3 } {
+            let changes = streamer.changes();
+            assert!(streamer.stats().bytes <= budget.bytes, "{:?}", streamer.stats());
+            let dropped = changes.iter().filter(|change| matches!(change, Change::Drop { .. })).count() as u64;
+            // Whoever holds it: the drawer still has what it is told to drop.
+            assert!(ledger.held_points() * HELD_POINT_BYTES <= budget.bytes + dropped * 256 * HELD_POINT_BYTES);
+            for change in changes {
+                let put = match &change {
+                    Change::Put { cloud, chunk } => Some(((*cloud, chunk.first_point), covered(chunk, &probes))),
+                    Change::Drop { cloud, first_point } => {
+                        drops += 1;
+                        coverage.remove(&(*cloud, *first_point));
+                        None
+                    }
+                    Change::Failed { .. } => panic!("{change:?}"),
+                };
+                drawer.apply(change);
+                coverage.extend(put);
+                assert!(drawer.points() <= points, "{} points", drawer.points());
+                for (id, node) in octree.ids() {
+                    let is_shown = |id: NodeId| drawer.chunks.contains_key(&(0, octree.node(id).first_point));
+                    assert!(!is_shown(id) || node.parent.is_none_or(is_shown), "{id:?} without its parent");
+                }
+                for (index, before) in is_covered.iter_mut().enumerate() {
+                    let now = coverage.values().any(|covered| covered[index]);
+                    assert!(now || !*before, "a hole opens at {}", probes[index]);
+                    *before = now;
+                }
+            }
+            if streamer.stats().settled {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(step % 10 != 9 || streamer.stats().settled);
+    }
+    assert!(is_covered.iter().all(|covered| *covered));
+    assert!(drops > 500, "{drops} drops prove nothing");
+    drop(streamer);
+    assert!(ledger.held_points() <= points, "chunks leak");
+}
+
+#[test]
+fn a_cut_back_and_forth_reads_nothing_twice_where_there_is_memory() {
+    let octree = Arc::new(terrain(4));
+    let reads = Arc::new(AtomicUsize::new(0));
+    let count = reads.clone();
+    let streamer = Streamer::new(2, Budget { points: 20_000, bytes: u64::MAX }, || {}).unwrap();
+    streamer.add(
+        0,
+        paged(&octree, move |octree, node| {
+            count.fetch_add(1, Ordering::Relaxed);
+            Ok(terrain_page(octree, node))
+        }),
+    );
+    let mut drawer = Drawer::default();
+    for _ in 0..4 {
+        for eye in [DVec3::new(100.0, 100.0, 100.0), DVec3::new(900.0, 900.0, 100.0)] {
+            streamer.want(cut_from(&octree, eye, 20_000));
+            drawer.settle(&streamer);
+        }
+    }
+    let once = reads.load(Ordering::Relaxed);
+    assert!(once <= octree.nodes.len() && once > 100, "{once} reads of {} nodes", octree.nodes.len());
+}
+
+#[test]
+fn what_is_not_wanted_stays_until_its_place_is_needed() {
+    let octree = Arc::new(terrain(3));
+    let streamer = Streamer::new(2, Budget { points: octree.points(), bytes: u64::MAX }, || {}).unwrap();
+    streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+    let all = everything(0, &octree);
+    let mut drawer = Drawer::default();
+    streamer.want(all.clone());
+    drawer.settle(&streamer);
+    streamer.want(all[..1].to_vec());
+    assert_eq!(drawer.settle(&streamer), 0);
+    assert_eq!(drawer.points(), octree.points());
+    // Wanted last: the first half of the nodes. The others go first.
+    let half = all.len() / 2;
+    streamer.want(all[..half].to_vec());
+    streamer.want(all[..1].to_vec());
+    streamer.set_budget(Budget { points: half as u64 * 256, bytes: u64::MAX });
+    drawer.settle(&streamer);
+    let shown: Vec<u64> = drawer.chunks.keys().map(|(_, first)| first / 256).collect();
+    assert_eq!(shown, (0..half as u64).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_smaller_budget_is_kept_at_once_and_a_larger_one_used() {
+    let octree = Arc::new(terrain(3));
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+    streamer.want(everything(0, &octree));
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    for points in [10_000, 1000, 100, 16, 5000, 256 * 3 + 16, 20_000] {
+        streamer.set_budget(Budget { points, bytes: u64::MAX });
+        streamer.changes().into_iter().for_each(|change| drawer.apply(change));
+        assert!(drawer.points() <= points);
+        drawer.settle(&streamer);
+        // As many as there are whole nodes, and batches of the last.
+        assert_eq!(drawer.points(), points / 16 * 16);
+    }
+    for nodes in [40, 3, 60] {
+        // One node is kept free.
+        let bytes = (nodes + 1) * 256 * HELD_POINT_BYTES;
+        streamer.set_budget(Budget { points: u64::MAX, bytes });
+        drawer.settle(&streamer);
+        assert!(streamer.stats().bytes <= bytes);
+        assert!(drawer.chunks.len() as u64 >= nodes);
+    }
+    streamer.set_budget(PLENTY);
+    drawer.settle(&streamer);
+    assert_eq!(drawer.points(), octree.points());
+}
+
+#[test]
+fn a_budget_with_room_for_nothing_settles_with_nothing() {
+    let octree = Arc::new(random(5, 60));
+    for budget in [Budget { points: 0, bytes: u64::MAX }, Budget { points: u64::MAX, bytes: 100 }] {
+        let streamer = Streamer::new(2, budget, || {}).unwrap();
+        streamer.add(0, readable(&octree));
+        streamer.want(everything(0, &octree));
+        let mut drawer = Drawer::default();
+        drawer.settle(&streamer);
+        assert_eq!((drawer.points(), streamer.stats().bytes), (0, 0));
+    }
+}
+
+#[test]
+fn a_root_alone_is_drawn_with_larger_splats() {
+    let octree = Arc::new(terrain(3));
+    let streamer = Streamer::new(1, Budget { points: 256, bytes: u64::MAX }, || {}).unwrap();
+    streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+    streamer.want(everything(0, &octree));
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    // 1 + 4 + 16 + 64 nodes of equal size: a root of 85 is between 12 and 13 quarters of an octave.
+    let (root, full) = (&drawer.chunks[&(0, 0)], terrain_page(&octree, NodeId(0)));
+    let grown = (4.0 * 85.0_f64.sqrt().log2()).ceil() as u16 * 512;
+    let expected: Vec<u16> = full.radii.unwrap().iter().map(|radius| radius + grown).collect();
+    assert_eq!(**root.radii.as_ref().unwrap(), expected);
+    assert_eq!((&root.positions, &root.normals), (&full.positions, &full.normals));
+}
+
+#[test]
+fn a_slow_disk_holds_nobody_up() {
+    let octree = Arc::new(random(5, 60));
+    let (paged, open, begun) = gated(&octree);
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    streamer.add(0, paged);
+    let all = everything(0, &octree);
+    for count in 0..200 {
+        // Would hang if it waited for the reads, of which none ends.
+        streamer.want(all[..=count % all.len()].to_vec());
+        assert!(streamer.changes().is_empty());
+    }
+    let reading = [begun.recv().unwrap(), begun.recv().unwrap()];
+    assert!(begun.try_recv().is_err(), "two workers read {reading:?}");
+    assert!(!streamer.stats().settled);
+    (0..60).for_each(|_| open.send(()).unwrap());
+    streamer.want(all);
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    assert_eq!(drawer.points(), octree.points());
+}
+
+#[test]
+fn a_new_cut_takes_the_place_of_the_queue() {
+    let octree = Arc::new(terrain(2));
+    let (paged, open, begun) = gated(&octree);
+    let streamer = Streamer::new(1, PLENTY, || {}).unwrap();
+    streamer.add(0, paged);
+    let of = |nodes: &[u32]| -> Vec<Wanted> {
+        nodes.iter().map(|node| Wanted { cloud: 0, node: NodeId(*node), batches: BATCHES }).collect()
+    };
+    streamer.want(of(&[0, 1, 2, 3]));
+    assert_eq!(begun.recv().unwrap(), NodeId(0));
+    streamer.want(of(&[0, 4, 2]));
+    (0..10).for_each(|_| open.send(()).unwrap());
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    assert_eq!(begun.try_iter().collect::<Vec<_>>(), [NodeId(4), NodeId(2)], "in this order, and no other");
+    assert_eq!(drawer.chunks.len(), 3);
+}
+
+#[test]
+fn cuts_with_orphans_doubles_and_strangers_are_taken_for_what_is_left_of_them() {
+    let octree = Arc::new(terrain(2));
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    streamer.add(0, readable(&octree));
+    let of = |cloud, node, batches| Wanted { cloud, node: NodeId(node), batches };
+    let orphan = octree.nodes.len() as u32 - 1;
+    streamer.want(vec![
+        of(0, orphan, 16),
+        of(0, 0, 99),
+        of(0, 0, 1),
+        of(0, 1_000_000, 16),
+        of(7, 0, 16),
+        of(0, 1, 0),
+        of(0, 2, 3),
+    ]);
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    let sizes: Vec<usize> = drawer.chunks.values().map(Chunk::len).collect();
+    assert_eq!(sizes, [256, prefix(256, 3)]);
+}
+
+#[test]
+fn a_node_that_cannot_be_read_is_told_once_and_stops_no_other() {
+    let octree = Arc::new(terrain(3));
+    let streamer = Streamer::new(3, PLENTY, || {}).unwrap();
+    streamer.add(
+        0,
+        paged(&octree, |octree, node| match node.0 {
+            1 => Err(Error::damaged("pages".as_ref(), "checksum")),
+            2 => panic!("a decoder gives up"),
+            3 => Ok(terrain_page(octree, node).select(&[0, 1])),
+            _ => Ok(terrain_page(octree, node)),
+        }),
+    );
+    let mut drawer = Drawer::default();
+    for _ in 0..3 {
+        streamer.want(everything(0, &octree));
+        drawer.settle(&streamer);
+    }
+    drawer.failed.sort_by_key(|(_, node, _)| *node);
+    let told: Vec<(u32, &str)> = drawer.failed.iter().map(|(_, node, error)| (node.0, error.as_str())).collect();
+    assert_eq!(told[0], (1, "pages: checksum"));
+    assert!(told[1].0 == 2 && told[1].1.contains("a decoder gives up"));
+    assert_eq!(told[2], (3, "a page has 2 points instead of 256"));
+    assert_eq!(told.len(), 3);
+    assert_eq!(drawer.points(), octree.points() - 3 * 256, "what lies below them is there");
+    assert_eq!(streamer.stats().bytes, drawer.points() * HELD_POINT_BYTES);
+}
+
+#[test]
+fn a_cloud_that_goes_while_it_is_read_leaves_nothing() {
+    let octree = Arc::new(random(5, 60));
+    let (paged, open, begun) = gated(&octree);
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    streamer.add(0, paged.clone());
+    streamer.add(1, readable(&octree));
+    streamer.want([everything(0, &octree), everything(1, &octree)].concat());
+    let reading = [begun.recv().unwrap(), begun.recv().unwrap()];
+    streamer.remove(0);
+    (0..2).for_each(|_| open.send(()).unwrap());
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    assert!(drawer.chunks.keys().all(|(cloud, _)| *cloud == 1), "{reading:?}");
+    assert_eq!(drawer.points(), octree.points());
+    // The reads that were under way count until they end.
+    let ended = (0..10_000).any(|_| {
+        std::thread::sleep(Duration::from_millis(1));
+        streamer.stats().bytes == drawer.points() * HELD_POINT_BYTES
+    });
+    assert!(ended && begun.try_recv().is_err());
+    // The number is free again.
+    streamer.remove(1);
+    assert_eq!((streamer.stats().bytes, streamer.stats().shown_points), (0, 0));
+    streamer.add(0, paged);
+    streamer.want(everything(0, &octree));
+    (0..60).for_each(|_| open.send(()).unwrap());
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    assert_eq!(drawer.points(), octree.points());
+}
+
+#[test]
+fn a_replaced_cloud_is_read_again_and_never_gone() {
+    let octree = Arc::new(terrain(3));
+    // Room for one node more than there are.
+    let bytes = (octree.points() + 256) * HELD_POINT_BYTES;
+    let streamer = Streamer::new(2, Budget { points: u64::MAX, bytes }, || {}).unwrap();
+    let with_radii = |add_radii: bool| {
+        paged(&octree, move |octree, node| {
+            let mut chunk = terrain_page(octree, node);
+            if !add_radii {
+                (chunk.normals, chunk.radii) = (None, None);
+            }
+            Ok(chunk)
+        })
+    };
+    streamer.add(0, with_radii(false));
+    streamer.want(everything(0, &octree));
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    let provisional = pack_radius(provisional_radius(octree.nodes[0].bounds, octree.points()));
+    let root = &drawer.chunks[&(0, 0)];
+    assert!(root.normals.is_none() && root.radii.as_ref().unwrap().iter().all(|radius| *radius == provisional));
+
+    streamer.replace(0, with_radii(true));
+    assert!(!streamer.stats().settled);
+    for _ in 0..10_000 {
+        for change in streamer.changes() {
+            drawer.apply(change);
+            assert_eq!(drawer.points(), octree.points());
+        }
+        assert!(streamer.stats().bytes <= bytes);
+        if streamer.stats().settled {
+            break;
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    for (id, node) in octree.ids() {
+        let (chunk, read) = (&drawer.chunks[&(0, node.first_point)], terrain_page(&octree, id));
+        assert_eq!((&chunk.normals, &chunk.radii), (&read.normals, &read.radii));
+    }
+    // Another tree under the same number: nothing of the first stays.
+    let other = Arc::new(random(5, 20));
+    streamer.replace(0, readable(&other));
+    streamer.want(everything(0, &other));
+    drawer.settle(&streamer);
+    assert_eq!(drawer.points(), other.points());
+}
+
+#[test]
+fn normals_and_radii_that_are_missing_are_estimated() {
+    let octree = Arc::new(terrain(2));
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    let bare = paged(&octree, |octree, node| {
+        let chunk = terrain_page(octree, node);
+        Ok(Chunk { normals: None, radii: None, ..chunk })
+    });
+    let options = SurfelOptions::new(cloud::Orientation::Up(Vec3::Z));
+    streamer.add(0, PagedCloud { missing: Missing::Estimate(options), ..bare });
+    streamer.want(everything(0, &octree)[..1].to_vec());
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    let root = terrain_page(&octree, NodeId(0));
+    let bare = Chunk { normals: None, radii: None, ..root };
+    let own = cloud::estimate(&[bare], &options, &Progress::default()).unwrap().remove(0);
+    let alone = drawer.chunks[&(0, 0)].clone();
+    assert_eq!(**alone.normals.as_ref().unwrap(), own.normals);
+    for (radius, own) in alone.radii.as_ref().unwrap().iter().zip(&own.radii) {
+        // Made one of full density and grown by as much, to a quarter of an octave above.
+        assert!((i32::from(*own) - 1..=i32::from(*own) + 513).contains(&i32::from(*radius)), "{radius} for {own}");
+    }
+    streamer.want(everything(0, &octree));
+    drawer.settle(&streamer);
+    let among = &drawer.chunks[&(0, 0)];
+    let sum = |chunk: &Chunk| chunk.radii.as_ref().unwrap().iter().map(|radius| i64::from(*radius)).sum::<i64>() / 256;
+    let octaves = (sum(&alone) - sum(among)) as f64 / 2048.0;
+    assert!((octaves - 0.5 * 21.0_f64.log2()).abs() <= 0.26, "{octaves}");
+}
+
+#[test]
+fn wakes_whenever_there_is_something_to_take() {
+    let octree = Arc::new(terrain(4));
+    let (wake, woken) = sync_channel(1);
+    let budget = Budget { points: 20_000, bytes: 21_000 * HELD_POINT_BYTES };
+    let streamer = Streamer::new(2, budget, move || {
+        let _ = wake.try_send(());
+    })
+    .unwrap();
+    streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+    let mut drawer = Drawer::default();
+    for step in 0..40 {
+        let eye = DVec3::new(20.0 * f64::from(step), 500.0, 100.0);
+        streamer.want(cut_from(&octree, eye, 20_000));
+        // Changes are asked for only when there was a wake, and a first time: what was kept may do.
+        streamer.changes().into_iter().for_each(|change| drawer.apply(change));
+        while !streamer.stats().settled {
+            woken.recv_timeout(Duration::from_secs(20)).expect("nobody wakes the drawer");
+            streamer.changes().into_iter().for_each(|change| drawer.apply(change));
+        }
+    }
+    assert!(drawer.points() > 19_000);
+}
+
+#[test]
+fn many_threads_at_once_come_to_the_same_end() {
+    let octree = Arc::new(terrain(4));
+    let streamer = Streamer::new(8, Budget { points: 30_000, bytes: 40_000 * HELD_POINT_BYTES }, || {}).unwrap();
+    streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+    let drawer = Mutex::new(Drawer::default());
+    let is_done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while !is_done.load(Ordering::Relaxed) {
+                    // Changes are taken and made by one at a time.
+                    let mut drawer = drawer.lock().unwrap();
+                    streamer.changes().into_iter().for_each(|change| drawer.apply(change));
+                }
+            });
+        }
+        let lookers: Vec<_> = (0..3)
+            .map(|looker| {
+                let (streamer, octree) = (&streamer, &octree);
+                scope.spawn(move || {
+                    for step in 0..100 {
+                        let eye = DVec3::new(f64::from(step * 10), f64::from(looker * 400), 50.0);
+                        streamer.want(cut_from(octree, eye, 30_000));
+                        assert!(streamer.stats().bytes <= 40_000 * HELD_POINT_BYTES);
+                        std::thread::yield_now();
+                    }
+                })
+            })
+            .collect();
+        lookers.into_iter().for_each(|looker| looker.join().unwrap());
+        is_done.store(true, Ordering::Relaxed);
+    });
+    let cut = cut_from(&octree, DVec3::new(500.0, 500.0, 50.0), 30_000);
+    streamer.want(cut.clone());
+    let mut drawer = drawer.into_inner().unwrap();
+    drawer.settle(&streamer);
+    let shown: BTreeSet<u64> = drawer.chunks.keys().map(|(_, first)| *first).collect();
+    assert!(cut.iter().all(|wanted| shown.contains(&octree.node(wanted.node).first_point)));
+    assert_eq!(drawer.points(), streamer.stats().shown_points);
+}
+
+#[test]
+#[ignore = "prints how long calls take, and how many chunks are put"]
+fn time_of_calls() {
+    let octree = Arc::new(terrain(7));
+    let points = 256 * 4000;
+    let streamer = Streamer::new(2, Budget { points, bytes: u64::MAX }, || {}).unwrap();
+    let slowly = |octree: &Octree, node| {
+        std::thread::sleep(Duration::from_millis(2));
+        Ok(terrain_page(octree, node))
+    };
+    streamer.add(0, paged(&octree, slowly));
+    let mut drawer = Drawer::default();
+    let (mut wants, mut takes) = (Vec::new(), Vec::new());
+    for step in 0..200 {
+        let eye = DVec3::new(100.0 + 4.0 * f64::from(step), 300.0, 60.0);
+        let cut = cut_from(&octree, eye, points);
+        let started = Instant::now();
+        streamer.want(cut);
+        wants.push(started.elapsed().as_secs_f64() * 1e3);
+        for _ in 0..4 {
+            let started = Instant::now();
+            let changes = streamer.changes();
+            takes.push(started.elapsed().as_secs_f64() * 1e3);
+            changes.into_iter().for_each(|change| drawer.apply(change));
+            std::thread::sleep(Duration::from_millis(4));
+        }
+    }
+    wants.sort_by(f64::total_cmp);
+    takes.sort_by(f64::total_cmp);
+    let ends = |times: &[f64]| (times[times.len() / 2], times[times.len() - 1]);
+    println!("{} nodes, {} shown", octree.nodes.len(), drawer.chunks.len());
+    println!("{} chunks came, {} puts of other radii", drawer.puts[0], drawer.puts[1]);
+    println!("want: median and longest {:.2?} ms; changes: {:.2?} ms", ends(&wants), ends(&takes));
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use cloud::{Bounds, Chunk};
 use glam::DVec3;
 
+use crate::batches::order;
 use crate::{Node, NodeId, Octree};
 
 /// Width of all root cubes; their corner is the origin.
@@ -78,5 +79,31 @@ pub fn page(octree: &Octree, id: NodeId) -> Chunk {
     let mut chunk = Chunk::new(node.first_point, node.bounds.min, (0..node.points).map(position).collect());
     chunk.normals = Some(Arc::new((0..node.points).map(|index| index * 7).collect()));
     chunk.radii = Some(Arc::new((0..node.points).map(|index| 20_000 + (index % 100) as u16).collect()));
+    chunk
+}
+
+/// Points along a side of a node of [`terrain`].
+const SIDE: u32 = 16;
+
+/// A flat square of so many levels below the root. Nodes hold `SIDE` by `SIDE` points, in the middle of the cells of a grid.
+pub fn terrain(levels: u8) -> Octree {
+    Octree { spacing: WIDTH / f64::from(SIDE), ..filled(levels, SIDE * SIDE) }
+}
+
+/// A node of [`terrain`]: its points in the order of their batches, with the radius that all points together need.
+pub fn terrain_page(octree: &Octree, id: NodeId) -> Chunk {
+    let node = octree.node(id);
+    let cell = node.bounds.size().x / f64::from(SIDE);
+    let even_bits = |rank: u32| (0..4).map(|bit| (rank >> (2 * bit) & 1) << bit).sum::<u32>();
+    let position = |rank: u32| {
+        let place = |index: u32| (f64::from(index) + 0.5) * cell;
+        [place(even_bits(rank)) as f32, place(even_bits(rank >> 1)) as f32, 0.0]
+    };
+    let positions: Vec<[f32; 3]> = order(node.points as usize).map(|rank| position(rank as u32)).collect();
+    let area = octree.width * octree.width / octree.points() as f64;
+    let radius = cloud::SPLAT_OVERLAP * (area / std::f64::consts::PI).sqrt() as f32;
+    let mut chunk = Chunk::new(node.first_point, node.bounds.min, positions);
+    chunk.normals = Some(Arc::new(vec![cloud::pack_normal(glam::Vec3::Z); chunk.len()]));
+    chunk.radii = Some(Arc::new(vec![cloud::pack_radius(radius); chunk.len()]));
     chunk
 }

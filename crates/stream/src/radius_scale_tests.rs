@@ -1,0 +1,169 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::test_trees::{page, random, terrain, terrain_page};
+
+/// Of the nodes that `is_drawn` says, all points.
+fn drawn(octree: &Octree, is_drawn: impl Fn(NodeId) -> bool) -> BTreeMap<NodeId, Drawn> {
+    let ids = octree.ids().map(|(id, _)| id).filter(|id| is_drawn(*id));
+    ids.map(|id| {
+        let own = count_octants(&page(octree, id), cube_center(octree, id));
+        (id, Drawn { own, drawn: own })
+    })
+    .collect()
+}
+
+#[test]
+fn middles_of_cubes_are_those_of_their_boxes() {
+    let octree = random(9, 200);
+    for (id, node) in octree.ids() {
+        // Bounds of synthetic nodes are their cubes.
+        assert_eq!(cube_center(&octree, id), node.bounds.center(), "{id:?}");
+    }
+}
+
+#[test]
+fn octants_are_those_of_the_children() {
+    let octree = random(9, 200);
+    for (id, node) in octree.ids() {
+        for (octant, child) in node.children.iter().enumerate() {
+            let Some(child) = child else { continue };
+            let counts = count_octants(&page(&octree, *child), cube_center(&octree, id));
+            assert_eq!(counts[octant], octree.node(*child).points, "{id:?}");
+        }
+    }
+}
+
+#[test]
+fn a_point_that_is_not_finite_is_counted_once() {
+    let chunk = Chunk::new(0, DVec3::ZERO, vec![[f32::NAN; 3], [1.0; 3], [f32::INFINITY, -1.0, -1.0]]);
+    assert_eq!(count_octants(&chunk, DVec3::ZERO), [1, 1, 0, 0, 0, 0, 0, 1]);
+}
+
+#[test]
+fn radii_are_as_they_were_where_all_is_drawn() {
+    for seed in 0..20 {
+        let octree = random(seed, 100);
+        let quarters = radius_quarters(&octree, &drawn(&octree, |_| true));
+        assert_eq!(quarters.len(), octree.nodes.len());
+        assert!(quarters.values().all(|quarters| *quarters == [0; 8]), "seed {seed}");
+    }
+    let octree = random(1, 10);
+    let (id, chunk) = (NodeId(0), page(&octree, NodeId(0)));
+    let same = scaled(&chunk, cube_center(&octree, id), &[0; 8]);
+    assert!(Arc::ptr_eq(chunk.radii.as_ref().unwrap(), same.radii.as_ref().unwrap()));
+}
+
+#[test]
+fn a_root_alone_stands_for_all_points_of_each_octant() {
+    let octree = random(4, 200);
+    let drawn = drawn(&octree, |id| id.0 == 0);
+    let quarters = radius_quarters(&octree, &drawn)[&NodeId(0)];
+    let mut grown = 0;
+    for octant in 0..8 {
+        let own = f64::from(drawn[&NodeId(0)].own[octant]);
+        let below = octree.nodes[0].children[octant].map_or(0, |child| octree.node(child).total) as f64;
+        let scale = ((own + below) / own).sqrt();
+        assert_eq!(f64::from(quarters[octant]), (4.0 * scale.log2()).ceil(), "octant {octant}");
+        grown += usize::from(quarters[octant] > 0);
+    }
+    assert!(grown >= 3, "the test would prove nothing");
+}
+
+#[test]
+fn an_octant_counts_all_that_is_drawn_below_it() {
+    let octree = terrain(2);
+    // The root, one child and one of its children: of the first octant's 256/4 + 256 + 4 * 256 points, 64 + 256 + 256 are drawn.
+    let child = octree.nodes[0].children[0].unwrap();
+    let grandchild = octree.node(child).children[3].unwrap();
+    let mut all = BTreeMap::new();
+    for id in [NodeId(0), child, grandchild] {
+        let own = count_octants(&terrain_page(&octree, id), cube_center(&octree, id));
+        all.insert(id, Drawn { own, drawn: own });
+    }
+    let quarters = radius_quarters(&octree, &all);
+    let of = |total: f64, drawn: f64| (2.0 * (total / drawn).log2()).ceil() as u8;
+    let nothing_below = of(64.0 + 1280.0, 64.0);
+    let root = quarters[&NodeId(0)];
+    assert_eq!(root[..4], [of(64.0 + 1280.0, 64.0 + 512.0), nothing_below, nothing_below, nothing_below]);
+    let nothing_below = of(64.0 + 256.0, 64.0);
+    assert_eq!(quarters[&child][..4], [nothing_below, nothing_below, nothing_below, 0]);
+    assert_eq!(quarters[&grandchild], [0; 8]);
+}
+
+#[test]
+fn what_lies_below_a_node_that_is_not_drawn_counts() {
+    let octree = terrain(2);
+    let whole = |id| {
+        let own = count_octants(&terrain_page(&octree, id), cube_center(&octree, id));
+        (id, Drawn { own, drawn: own })
+    };
+    // As when the page of the node between cannot be read.
+    let grandchild = octree.node(octree.nodes[0].children[0].unwrap()).children[0].unwrap();
+    let with = radius_quarters(&octree, &BTreeMap::from([whole(NodeId(0)), whole(grandchild)]));
+    let without = radius_quarters(&octree, &BTreeMap::from([whole(NodeId(0))]));
+    assert_eq!(with.len(), 2);
+    assert!(with[&NodeId(0)][0] < without[&NodeId(0)][0]);
+    assert_eq!(with[&NodeId(0)][1..], without[&NodeId(0)][1..]);
+}
+
+proptest! {
+    #[test]
+    fn the_scale_is_the_least_quarter_octave_that_is_enough(total in 1_u64..1 << 40, share in 0.0..1.0) {
+        let drawn = ((total as f64 * share) as u64).clamp(1, total);
+        let quarters = quarters_of(total, drawn);
+        let octaves = 0.5 * (total as f64 / drawn as f64).log2();
+        prop_assert!(f64::from(quarters) / 4.0 >= octaves - 1e-9);
+        prop_assert!(f64::from(quarters) / 4.0 < octaves + 0.25 + 1e-9);
+    }
+
+    #[test]
+    fn more_drawn_never_makes_radii_larger(seed in 0_u64..200, first in 0_u64..1000, second in 0_u64..1000) {
+        let octree = random(seed, 60);
+        let is_drawn = |salt: u64, id: NodeId| cloud::hash(salt << 32 | u64::from(id.0)).is_multiple_of(3);
+        let few = radius_quarters(&octree, &drawn(&octree, |id| is_drawn(first, id)));
+        let many = radius_quarters(&octree, &drawn(&octree, |id| is_drawn(first, id) || is_drawn(second, id)));
+        for (id, few) in few {
+            prop_assert!((0..8).all(|octant| many[&id][octant] <= few[octant]));
+        }
+    }
+}
+
+#[test]
+fn extreme_counts_have_a_scale() {
+    assert_eq!((quarters_of(0, 0), quarters_of(5, 0), quarters_of(3, 5)), (0, 0, 0), "nothing drawn, or too much");
+    assert_eq!(quarters_of(u64::MAX, u64::MAX), 0);
+    assert_eq!(quarters_of(u64::MAX, 1), 127);
+}
+
+#[test]
+fn scaled_radii_are_larger_by_so_many_quarters_of_an_octave() {
+    let mut chunk =
+        Chunk::new(0, DVec3::new(5.0, 0.0, 0.0), vec![[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0], [1.0; 3], [1.0; 3]]);
+    let radius = cloud::pack_radius(0.5);
+    chunk.radii = Some(Arc::new(vec![radius, radius, NO_RADIUS, u16::MAX]));
+    let scaled = scaled(&chunk, DVec3::new(5.0, 0.0, 0.0), &[4, 8, 0, 0, 0, 0, 0, 4]);
+    let radii = scaled.radii.unwrap();
+    assert_eq!(cloud::unpack_radius(radii[0]), Some(1.0));
+    assert_eq!(cloud::unpack_radius(radii[1]), Some(2.0));
+    assert_eq!(radii[2..], [NO_RADIUS, u16::MAX]);
+}
+
+#[test]
+fn estimated_radii_come_back_when_the_node_is_alone() {
+    let octree = terrain(3);
+    let (id, chunk) = (NodeId(0), terrain_page(&octree, NodeId(0)));
+    let estimated = cloud::pack_radius(30.0);
+    let mut radii = vec![estimated; chunk.len()];
+    radii[7] = NO_RADIUS;
+    to_full_density(&mut radii, &chunk, &octree, id);
+    let chunk = Chunk { radii: Some(Arc::new(radii)), ..chunk };
+    let center = cube_center(&octree, id);
+    let own = count_octants(&chunk, center);
+    let quarters = radius_quarters(&octree, &BTreeMap::from([(id, Drawn { own, drawn: own })]))[&id];
+    let radii = scaled(&chunk, center, &quarters).radii.unwrap();
+    assert_eq!(radii[7], NO_RADIUS);
+    for radius in radii.iter().filter(|radius| **radius != NO_RADIUS) {
+        assert!((i32::from(*radius) - i32::from(estimated)).unsigned_abs() <= u32::from(QUARTER), "{radius}");
+    }
+}
