@@ -15,6 +15,9 @@ pub enum Error {
     /// One of ours, but broken or of a kind that is not read. `place` is a byte, record or line.
     #[error("{path}: {place}: {problem}")]
     Malformed { path: PathBuf, place: String, problem: String },
+    /// Nothing is wrong with the file, but it cannot be used for what was asked.
+    #[error("{path}: {problem}")]
+    Unsuitable { path: PathBuf, problem: String },
 }
 
 impl Error {
@@ -24,5 +27,9 @@ impl Error {
 
     pub fn malformed(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::Malformed { path: path.to_owned(), place: place.into(), problem: problem.into() }
+    }
+
+    pub fn unsuitable(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Unsuitable { path: path.to_owned(), problem: problem.into() }
     }
 }

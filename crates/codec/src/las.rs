@@ -8,6 +8,7 @@
 mod columns;
 mod compressed;
 mod copc;
+mod copc_writer;
 mod header;
 mod layout;
 
@@ -24,6 +25,7 @@ use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, ColorDepth, Plan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
 pub use copc::{Copc, CopcNode};
+pub use copc_writer::{CopcSummary, write_copc};
 use header::Header;
 use layout::{Layout, Reading, bytes};
 
@@ -45,6 +47,12 @@ pub struct LasSource {
     /// `None` for a file without colours, or with nothing but black.
     colors: Option<ColorDepth>,
     copc: Option<Copc>,
+    /// Extra Bytes descriptors, one after the other.
+    descriptors: Vec<u8>,
+    /// GPS time is standard time, not seconds of a week.
+    standard_time: bool,
+    /// Where variable length records and extended ones are, heads included.
+    records: Vec<(bool, Range<u64>)>,
 }
 
 /// What one task reads.
@@ -155,6 +163,9 @@ impl LasSource {
             blocks,
             colors: None,
             copc,
+            descriptors: header.descriptors,
+            standard_time: header.standard_time,
+            records: header.records,
         };
         if let Some(red) = source.layout.red
             && points > 0

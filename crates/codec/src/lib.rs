@@ -1,4 +1,4 @@
-//! Files to clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`). One error type for all.
+//! Files to clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`). One error type for all. `write_copc` makes COPC files of LAS and LAZ.
 //!
 //! `open` reads a header and checks it against the file's size; `Source::read` streams chunks of points to a callback,
 //! in parallel, with progress and cancel. Files are not trusted: nothing is allocated on a header's word.
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
 
 pub use error::{Error, Result};
-pub use las::{Copc, CopcNode};
+pub use las::{Copc, CopcNode, CopcSummary, write_copc};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {

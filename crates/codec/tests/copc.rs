@@ -1,4 +1,5 @@
-//! COPC: what is read node by node is what is read as LAZ, and an index that does not fit the file is not used.
+//! COPC: what is read node by node is what is read as LAZ, an index that does not fit the file is not used, and what is written
+//! has all that the inputs have, to this reader and to that of the crate `las`.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
@@ -7,9 +8,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use cloud::{Bounds, Chunk, Cloud, Progress};
-use codec::{Copc, CopcNode, Selection, Source};
+use codec::{Copc, CopcNode, CopcSummary, Selection, Source, write_copc};
 use glam::DVec3;
-use las_files::Noise;
+use las::copc::CopcInfoVlr;
+use las::{BoundsSelection, CopcReader, LodSelection, Point};
+use las_files::{Chunks, Noise, compress, descriptor, las_file, terrain};
 
 const FILES: [&str; 3] =
     ["lone_star_las14_pf6.copc.laz", "ellipsoid_las14_pf7.copc.laz", "simple_with_hierarchy_page.copc.laz"];
@@ -64,12 +67,19 @@ fn cube(copc: &Copc, node: &CopcNode) -> Bounds {
 fn nodes_hold_every_point_once_in_their_cubes_as_the_file_read_as_laz() {
     for name in FILES {
         let Some(path) = data(name) else { return };
-        let source = codec::open(&path).unwrap();
-        assert!(source.info().warnings.is_empty(), "{:?}", source.info().warnings);
-        let copc = source.copc().unwrap();
+        check_nodes(&path);
+    }
+}
+
+/// Every point is in one node, in its cube, and as in the file read as LAZ.
+fn check_nodes(path: &Path) {
+    let name = path.display();
+    let source = codec::open(path).unwrap();
+    assert!(source.info().warnings.is_empty(), "{:?}", source.info().warnings);
+    let copc = source.copc().unwrap();
+    {
         assert_eq!(copc.nodes.iter().map(|node| u64::from(node.points)).sum::<u64>(), source.info().points);
         assert_eq!((copc.nodes[0].level, copc.nodes[0].cell), (0, [0; 3]));
-        assert!(copc.nodes.iter().any(|node| node.level > 0), "a root alone would prove nothing");
         for node in copc.nodes.iter().filter(|node| node.level > 0) {
             let parent = (node.level - 1, node.cell.map(|cell| cell / 2));
             assert!(copc.nodes.iter().any(|other| (other.level, other.cell) == parent), "{name}: {node:?}");
@@ -222,4 +232,264 @@ fn no_damaged_byte_of_the_index_brings_the_reader_down() {
         assert!(all <= source.info().points);
     }
     assert!(used > 10, "too few were read for this to prove anything: {used}");
+}
+
+const MEMORY: u64 = 256 << 20;
+
+fn write(inputs: &[&Path], output: &Path, memory: u64) -> CopcSummary {
+    let inputs: Vec<PathBuf> = inputs.iter().map(|path| path.to_path_buf()).collect();
+    let progress = Progress::default();
+    let summary = write_copc(&inputs, output, memory, &progress).unwrap().unwrap();
+    assert_eq!(progress.done(), progress.total());
+    summary
+}
+
+/// Points of a file as the crate `las` reads it, in an order that only depends on what they are.
+fn las_points(path: &Path) -> Vec<Point> {
+    let mut points: Vec<Point> =
+        las::Reader::from_path(path).unwrap().read_all().unwrap().points().map(Result::unwrap).collect();
+    points.sort_by(compare);
+    points
+}
+
+/// The same, found through the hierarchy.
+fn queried_points(path: &Path) -> Vec<Point> {
+    let mut reader = CopcReader::from_path(path).unwrap();
+    let found = reader.query(LodSelection::All, BoundsSelection::All).unwrap();
+    let mut points: Vec<Point> = found.points().map(Result::unwrap).collect();
+    points.sort_by(compare);
+    points
+}
+
+fn compare(a: &Point, b: &Point) -> std::cmp::Ordering {
+    let of = |point: &Point| [point.x, point.y, point.z, point.gps_time.unwrap_or(0.0), f64::from(point.intensity)];
+    let ordered = of(a).iter().zip(of(b)).map(|(a, b)| a.total_cmp(&b)).find(|order| order.is_ne());
+    let bytes =
+        |point: &Point| (point.point_source_id, point.user_data, point.return_number, point.extra_bytes.clone());
+    ordered.unwrap_or_else(|| bytes(a).cmp(&bytes(b)))
+}
+
+/// A point as a COPC file keeps it.
+fn upgraded(mut point: Point, colors: bool) -> Point {
+    point.waveform = None;
+    point.gps_time = Some(point.gps_time.unwrap_or(0.0));
+    if colors && point.color.is_none() {
+        point.color = Some(las::Color::new(0, 0, 0));
+    }
+    point
+}
+
+/// Angles of formats 0 to 5 are whole degrees, later ones steps of 0.006.
+fn assert_same_points(found: &[Point], expected: &[Point], name: &str) {
+    assert_eq!(found.len(), expected.len(), "{name}");
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((found.scan_angle - expected.scan_angle).abs() < 0.004, "{name}: {found:?} {expected:?}");
+        let found = Point { scan_angle: expected.scan_angle, ..found.clone() };
+        assert_eq!(&found, expected, "{name}");
+    }
+}
+
+#[test]
+fn points_of_every_format_come_back_with_all_they_have() {
+    let folder = tempfile::tempdir().unwrap();
+    let extra = [descriptor("one", 1, None), descriptor("two", 9, Some((0.5, 1.0)))].concat();
+    for format in 0..=10_u8 {
+        let mut points = las_files::points(format, 3_000);
+        for (index, point) in points.iter_mut().enumerate() {
+            point.extra_bytes = (index as u32).to_le_bytes().into_iter().chain([7]).collect();
+        }
+        let version = if format < 6 { (1, 3) } else { (1, 4) };
+        let vlrs = [("LASF_Spec", 4, extra.clone()), ("somebody", 5, vec![1, 2, 3])];
+        let las = las_file(version, format, &points, &vlrs);
+        let input = folder.path().join("input.las");
+        std::fs::write(&input, &las).unwrap();
+        let output = folder.path().join("output.copc.laz");
+        let summary = write(&[&input], &output, MEMORY);
+        let wave_packets = [4, 5, 9, 10].contains(&format);
+        assert_eq!(
+            (summary.points, summary.warnings.len()),
+            (3_000, usize::from(wave_packets)),
+            "{:?}",
+            summary.warnings
+        );
+
+        check_nodes(&output);
+        let name = format!("format {format}");
+        let expected: Vec<Point> = las_points(&input).into_iter().map(|point| upgraded(point, false)).collect();
+        assert_same_points(&las_points(&output), &expected, &name);
+        assert_same_points(&queried_points(&output), &expected, &name);
+
+        let reader = las::Reader::from_path(&output).unwrap();
+        let header = reader.header();
+        let kept = header.vlrs().iter().find(|vlr| vlr.user_id == "somebody").unwrap();
+        assert_eq!(kept.data, [1, 2, 3]);
+        let range = |of: fn(&Point) -> f64| {
+            let values = expected.iter().map(of);
+            (values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max))
+        };
+        let las::Bounds { min, max } = header.bounds();
+        assert_eq!([(min.x, max.x), (min.y, max.y), (min.z, max.z)], [range(|p| p.x), range(|p| p.y), range(|p| p.z)]);
+        let returns: u64 = (1..=15).filter_map(|number| header.number_of_points_by_return(number)).sum();
+        assert_eq!(returns, 3_000);
+        let (before, after) = (codec::open(&input).unwrap(), codec::open(&output).unwrap());
+        assert_eq!(before.info().attributes.last(), after.info().attributes.last(), "{name}");
+    }
+}
+
+#[test]
+fn scans_come_back_node_by_node_as_they_were() {
+    let names = [
+        "airborne/ign_france_lidarhd_las14_pf8_extrabytes.laz",
+        "airborne/autzen_trim_las12_pf3.las",
+        "copc/lone_star_las14_pf6.copc.laz",
+        "las_matrix/las12_pf2_color.las",
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("output.copc.laz");
+    for name in names {
+        let Some(input) = data(&format!("../{name}")) else { return };
+        let summary = write(&[&input], &output, MEMORY);
+        assert_eq!(summary.warnings, Vec::<String>::new());
+        check_nodes(&output);
+        let expected: Vec<Point> = las_points(&input).into_iter().map(|point| upgraded(point, false)).collect();
+        assert_same_points(&queried_points(&output), &expected, name);
+        let (before, after) = (codec::open(&input).unwrap(), codec::open(&output).unwrap());
+        assert_eq!(before.info().crs, after.info().crs, "{name}");
+        let mut reader = CopcReader::from_path(&output).unwrap();
+        // A level is an even subset: the root has some points, and not all of a large cloud.
+        let root = reader.query(LodSelection::Level(0), BoundsSelection::All).unwrap().len();
+        assert!(root > 0 && (root < 60_000 || expected.len() < 60_000), "{name}: {root}");
+        let info = CopcInfoVlr::try_from(reader.header().vlrs().first().unwrap()).unwrap();
+        let (first, last) = (info.gpstime_minimum, info.gpstime_maximum);
+        assert!(expected.iter().all(|point| point.gps_time.is_some_and(|time| (first..=last).contains(&time))));
+    }
+}
+
+#[test]
+fn a_file_is_the_same_each_time() {
+    let Some(input) = data("../airborne/autzen_trim_las12_pf3.laz") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let outputs = ["a.copc.laz", "b.copc.laz"].map(|name| folder.path().join(name));
+    for output in &outputs {
+        write(&[&input], output, MEMORY);
+    }
+    assert!(std::fs::read(&outputs[0]).unwrap() == std::fs::read(&outputs[1]).unwrap());
+}
+
+#[test]
+fn little_memory_gives_the_same_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("input.las");
+    std::fs::write(&input, terrain(700_000)).unwrap();
+    let expected = las_points(&input);
+    let outputs = [(1, "little.copc.laz"), (1 << 30, "much.copc.laz")].map(|(memory, name)| {
+        let output = folder.path().join(name);
+        write(&[&input], &output, memory);
+        check_nodes(&output);
+        let expected: Vec<Point> = expected.iter().map(|point| upgraded(point.clone(), false)).collect();
+        assert_same_points(&queried_points(&output), &expected, name);
+        output
+    });
+    let levels = outputs.map(|output| codec::open(&output).unwrap().copc().unwrap().nodes.last().unwrap().level);
+    assert!(levels[0] >= 3, "one part for each eighth: {levels:?}");
+}
+
+#[test]
+fn tiles_of_different_formats_and_grids_become_one_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let paths = ["one.las", "three.laz"].map(|name| folder.path().join(name));
+    let (one, three) = (las_files::points(1, 2_000), las_files::points(3, 3_000));
+    std::fs::write(&paths[0], las_file((1, 2), 1, &one, &[])).unwrap();
+    // The same steps, counted from elsewhere.
+    let mut las = las_file((1, 2), 3, &three, &[]);
+    let offset = f64::from_le_bytes(las[155..163].try_into().unwrap()) + 25.0;
+    las[155..163].copy_from_slice(&offset.to_le_bytes());
+    for at in [179, 187] {
+        let bound = f64::from_le_bytes(las[at..at + 8].try_into().unwrap()) + 25.0;
+        las[at..at + 8].copy_from_slice(&bound.to_le_bytes());
+    }
+    std::fs::write(&paths[1], compress(&las, &Chunks::Fixed(700))).unwrap();
+    let output = folder.path().join("both.copc.laz");
+    let summary = write(&[&paths[0], &paths[1]], &output, MEMORY);
+    assert_eq!(summary.warnings, Vec::<String>::new());
+    check_nodes(&output);
+    let mut expected = las_points(&paths[0]);
+    expected.extend(las_points(&paths[1]));
+    let grid = |value: f64| (value * 1000.0).round() / 1000.0;
+    let rounded = |point: Point| {
+        let (x, y, z) = (grid(point.x), grid(point.y), grid(point.z));
+        Point { x, y, z, ..upgraded(point, true) }
+    };
+    let mut expected: Vec<Point> = expected.into_iter().map(rounded).collect();
+    let mut found: Vec<Point> = queried_points(&output).into_iter().map(rounded).collect();
+    expected.sort_by(compare);
+    found.sort_by(compare);
+    assert_same_points(&found, &expected, "both");
+}
+
+#[test]
+fn points_outside_of_the_headers_bounds_are_in_their_nodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("input.las");
+    let mut las = las_file((1, 2), 1, &las_files::points(1, 100_000), &[]);
+    // The largest x of 900 m becomes 10 m.
+    las[179..187].copy_from_slice(&600_010.0_f64.to_le_bytes());
+    std::fs::write(&input, las).unwrap();
+    let output = folder.path().join("output.copc.laz");
+    write(&[&input], &output, MEMORY);
+    check_nodes(&output);
+    assert!(codec::open(&output).unwrap().copc().unwrap().nodes.len() > 4);
+}
+
+#[test]
+fn what_cannot_be_written_is_refused_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let points = las_files::points(1, 500);
+    std::fs::write(path("plain.las"), las_file((1, 2), 1, &points, &[])).unwrap();
+    let mut with_extra = points.clone();
+    with_extra.iter_mut().for_each(|point| point.extra_bytes = vec![1]);
+    let extra = ("LASF_Spec", 4, descriptor("one", 1, None));
+    std::fs::write(path("extra.las"), las_file((1, 2), 1, &with_extra, &[extra])).unwrap();
+    let wkt = ("LASF_Projection", 2112, b"PROJCS[\"elsewhere\"]".to_vec());
+    std::fs::write(path("elsewhere.las"), las_file((1, 4), 1, &points, &[wkt])).unwrap();
+    std::fs::write(path("empty.las"), las_file((1, 2), 1, &[], &[])).unwrap();
+    std::fs::write(
+        path("mesh.ply"),
+        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
+    )
+    .unwrap();
+    let before = std::fs::read_dir(folder.path()).unwrap().count();
+    let cases: [(&[&str], &str, &str); 7] = [
+        (&[], "out.copc.laz", "there are no inputs"),
+        (&["plain.las"], "plain.las", "one of the inputs"),
+        (&["mesh.ply"], "out.copc.laz", "a PLY file"),
+        (&["plain.las", "extra.las"], "out.copc.laz", "other extra dimensions"),
+        (&["plain.las", "elsewhere.las"], "out.copc.laz", "another coordinate system"),
+        (&["empty.las"], "out.copc.laz", "no points"),
+        (&["plain.las"], "nowhere/out.copc.laz", "nowhere"),
+    ];
+    for (inputs, output, expected) in cases {
+        let inputs: Vec<PathBuf> = inputs.iter().map(|name| path(name)).collect();
+        let error = write_copc(&inputs, &path(output), MEMORY, &Progress::default()).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let cancelled = Progress::default();
+    cancelled.cancel();
+    assert!(write_copc(&[path("plain.las")], &path("out.copc.laz"), MEMORY, &cancelled).unwrap().is_none());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), before);
+    assert_eq!(std::fs::read(path("plain.las")).unwrap(), las_file((1, 2), 1, &points, &[]));
+}
+
+#[test]
+fn a_damaged_input_gives_what_is_there_and_says_what_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("input.laz");
+    let laz = compress(&las_file((1, 2), 1, &las_files::points(1, 5_000), &[]), &Chunks::Fixed(1_000));
+    std::fs::write(&input, &laz[..laz.len() / 2]).unwrap();
+    let output = folder.path().join("output.copc.laz");
+    let summary = write(&[&input], &output, MEMORY);
+    assert!((1_000..5_000).contains(&summary.points), "{summary:?}");
+    assert!(summary.warnings.iter().any(|warning| warning.contains("input.laz") && warning.contains("missing")));
+    check_nodes(&output);
 }

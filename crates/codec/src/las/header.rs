@@ -40,6 +40,10 @@ pub struct Header {
     pub laszip: Option<Vec<u8>>,
     /// The COPC info record's data, and where it starts in the file.
     pub copc_info: Option<(u64, Vec<u8>)>,
+    /// GPS time is standard time, not seconds of a week.
+    pub standard_time: bool,
+    /// Where variable length records and extended ones are, heads included.
+    pub records: Vec<(bool, Range<u64>)>,
     /// Bytes of the file that the COPC hierarchy's pages are in.
     pub copc_pages: Option<Range<u64>>,
 }
@@ -172,6 +176,8 @@ impl Header {
             laszip: records.laszip,
             copc_info: records.copc_info,
             copc_pages: records.copc_pages,
+            standard_time: raw.global_encoding & 1 != 0,
+            records: records.places,
         })
     }
 }
@@ -193,6 +199,8 @@ struct Records {
     laszip: Option<Vec<u8>>,
     copc_info: Option<(u64, Vec<u8>)>,
     copc_pages: Option<Range<u64>>,
+    /// Extended or not, and where.
+    places: Vec<(bool, Range<u64>)>,
 }
 
 impl Records {
@@ -241,6 +249,7 @@ impl Records {
                     Err(error) => warnings.push(format!("byte {position}: {kind} {}: {error}", index + 1)),
                 }
             }
+            self.places.push((extended, position..next));
             position = next;
         }
         if count > MOST_RECORDS {

@@ -166,6 +166,16 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// Byte of GPS time in records of a format.
+    pub fn gps_time(point_format: u8) -> Option<usize> {
+        *GPS_TIME.get(usize::from(point_format))?
+    }
+
+    /// Byte of near infrared in records of a format.
+    pub fn near_infrared(point_format: u8) -> Option<usize> {
+        *NEAR_INFRARED.get(usize::from(point_format))?
+    }
+
     /// Bytes a record of `point_format` has at least; `None` for a format that does not exist.
     pub fn base_length(point_format: u8) -> Option<usize> {
         BASE_LENGTHS.get(usize::from(point_format)).copied()

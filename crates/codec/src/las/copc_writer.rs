@@ -1,0 +1,626 @@
+//! LAS and LAZ files to one COPC file (specification 1.0, copc.io), in bounded memory.
+//!
+//! 1. *Distribute*: every input is decoded once, its points become records of the file to write, and these go to buckets: cells
+//!    of one level of the octree, in memory or a temporary file.
+//! 2. *Build*: bucket by bucket, points are dealt to nodes (`tree`). Those that nodes above the buckets keep are put aside.
+//! 3. *Write*: a node's records, by time, are compressed to a chunk of their own.
+
+mod buckets;
+mod file;
+mod records;
+mod tree;
+
+use std::collections::HashSet;
+use std::io;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use cloud::{Bounds, Grid, Progress};
+use glam::DVec3;
+use laz::laszip::LazItemRecordBuilder;
+use laz::record::{LayeredPointRecordCompressor, RecordCompressor as _};
+use laz::{DecompressionSelection, LazVlr, LazVlrBuilder};
+use rayon::iter::{
+    IndexedParallelIterator as _, IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelBridge as _,
+    ParallelIterator as _,
+};
+
+use super::layout::bytes;
+use super::{Block, Copc, LasSource, spread, tile_records};
+use crate::{Error, Result, Selection, Source};
+use buckets::{Buckets, Spill};
+use file::CopcFile;
+use records::{Statistics, Target, Upgrade};
+use tree::{Cube, Filled, Keyed};
+
+/// Points of a bucket, on the average, where memory is enough.
+const BUCKET_POINTS: u64 = 1_000_000;
+/// Deepest level of the first buckets: a surface takes some thousand of the cells there are.
+const DEEPEST_BUCKETS: u32 = 5;
+/// Levels by which a bucket that is too large is divided.
+const DIVIDED_LEVELS: u32 = 3;
+/// Lists of records that are built at once are at least this long, however little memory there may be.
+const LEAST_BUCKET_BYTES: u64 = 8 << 20;
+
+/// What was written.
+#[derive(Clone, Debug, Default)]
+pub struct CopcSummary {
+    pub points: u64,
+    pub nodes: usize,
+    /// What of the inputs the file does not have, and what was wrong with them.
+    pub warnings: Vec<String>,
+}
+
+/// Writes the points of LAS and LAZ files to a COPC file, with all that they say of each point but wave packets.
+///
+/// Point formats 0 to 5 become 6 or 7. Coordinates are on the first file's grid, with the finest steps of any. The other
+/// records of the first file are kept. `memory` in bytes bounds what is held at once as far as the points of one place fit it;
+/// temporary files lie in the folder of `output`. `output` is replaced when all is written; until then it is as it was. Units of
+/// `progress` are points, each counted when it is read and when it is written.
+///
+/// `None` if it was cancelled: nothing is written then.
+///
+/// # Errors
+/// Inputs that cannot be read or cannot be in one file; an output that is an input or cannot be written.
+pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Progress) -> Result<Option<CopcSummary>> {
+    let sources = open(inputs, output)?;
+    let mut warnings = Vec::new();
+    let plan = Plan::new(&sources, &mut warnings)?;
+    let points: u64 = sources.iter().map(|source| source.info.points).sum();
+    progress.set_total(2 * points);
+
+    let io = |error: io::Error| Error::io(output, error);
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let spill = Spill::new(folder, (memory / 4) as usize).map_err(io)?;
+    let mut job =
+        Job { plan, output, memory, progress, spill: &spill, cube: Cube::new(DVec3::ZERO, DVec3::ZERO, NO_GRID) };
+    let mut bounds = header_bounds(&sources, progress)?;
+    let level = bucket_level(points);
+    let (buckets, statistics) = loop {
+        job.cube = Cube::new(bounds.min, bounds.max, job.plan.grid);
+        let buckets = Buckets::new(&spill, 1 << (3 * level));
+        let mut found = Vec::new();
+        let Some(statistics) = job.distribute(&sources, level, &buckets, &mut found)? else { return Ok(None) };
+        let true_bounds = job.plan.bounds(&statistics);
+        if statistics.points == 0 {
+            return Err(Error::unsuitable(output, "not written: the inputs have no points"));
+        }
+        if job.cube.holds(true_bounds.min) && job.cube.holds(true_bounds.max) {
+            warnings.append(&mut found);
+            break (buckets, statistics);
+        }
+        // Points outside of what headers say: with bounds that are known, once more.
+        progress.set_total(2 * points + statistics.points);
+        bounds = true_bounds;
+    };
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    let file = builder.prefix(&format!(".{name}.")).suffix(".unfinished").tempfile_in(folder).map_err(io)?;
+    let mut writer = CopcFile::start(file, &job.plan, &sources).map_err(io)?;
+    if !job.build(level, &buckets, &mut writer).map_err(io)? {
+        return Ok(None);
+    }
+    let nodes = writer.nodes();
+    let file = writer.finish(&job.plan, &sources[0], &job.cube, &statistics).map_err(io)?;
+    file.persist(output).map_err(|error| io(error.error))?;
+    Ok(Some(CopcSummary { points: statistics.points, nodes, warnings }))
+}
+
+const NO_GRID: Grid = Grid { scale: DVec3::ONE, offset: DVec3::ZERO };
+
+fn open(inputs: &[PathBuf], output: &Path) -> Result<Vec<LasSource>> {
+    let same = |input: &Path| match (input.canonicalize(), output.canonicalize()) {
+        (Ok(input), Ok(output)) => input == output,
+        _ => false,
+    };
+    if inputs.is_empty() {
+        return Err(Error::unsuitable(output, "not written: there are no inputs"));
+    }
+    let open = |input: &PathBuf| match crate::open(input)? {
+        _ if same(input) => {
+            Err(Error::unsuitable(output, "this is one of the inputs; choose another name for the output"))
+        }
+        Source::Las(source) => Ok(source),
+        Source::Ply(_) => Err(Error::unsuitable(
+            input,
+            "a PLY file; COPC holds what LAS files have, so convert it to LAS or LAZ first",
+        )),
+    };
+    inputs.iter().map(open).collect()
+}
+
+/// What the headers say, or the points where a header says nothing.
+fn header_bounds(sources: &[LasSource], progress: &Progress) -> Result<Bounds> {
+    let mut bounds = Bounds::EMPTY;
+    for source in sources.iter().filter(|source| source.info.points > 0) {
+        let own = match source.info.bounds {
+            Some(bounds) => Some(bounds),
+            None => {
+                let selection = Selection { positions: true, ..Selection::default() };
+                let own = Progress::default();
+                source
+                    .read(&selection, &own, &|_| {
+                        if progress.is_cancelled() {
+                            own.cancel()
+                        }
+                    })?
+                    .bounds
+            }
+        };
+        bounds = bounds.union(own.unwrap_or(Bounds::EMPTY));
+    }
+    Ok(if bounds.is_empty() { Bounds { min: DVec3::ZERO, max: DVec3::ZERO } } else { bounds })
+}
+
+/// Level of the buckets of so many points: on a surface, four times as many cells are occupied a level further down.
+fn bucket_level(points: u64) -> u32 {
+    (0..DEEPEST_BUCKETS).find(|level| points >> (2 * level) <= BUCKET_POINTS).unwrap_or(DEEPEST_BUCKETS)
+}
+
+/// What the file's points are.
+struct Plan {
+    target: Target,
+    grid: Grid,
+    upgrades: Vec<Upgrade>,
+    vlr: LazVlr,
+}
+
+impl Plan {
+    fn new(sources: &[LasSource], warnings: &mut Vec<String>) -> Result<Self> {
+        let first = &sources[0];
+        for source in sources {
+            warnings.extend(
+                source.info.warnings.iter().map(|warning| format!("{}: {warning}", source.info.path.display())),
+            );
+            let refuse = |problem: &str| {
+                Err(Error::unsuitable(
+                    &source.info.path,
+                    format!("{problem} than {}; files of one kind can become one COPC file", first.info.path.display()),
+                ))
+            };
+            if extra_dimensions(source) != extra_dimensions(first) {
+                return refuse("has other extra dimensions");
+            }
+            if source.info.crs != first.info.crs {
+                return refuse("is in another coordinate system");
+            }
+            if source.has_time() && first.has_time() && source.standard_time != first.standard_time {
+                return refuse("counts GPS time in another way (weeks or standard time)");
+            }
+            if matches!(source.info.point_format, Some(4 | 5 | 9 | 10)) {
+                warnings.push(format!("{}: COPC cannot have wave packets: left out", source.info.path.display()));
+            }
+        }
+        let formats = sources.iter().filter_map(|source| source.info.point_format);
+        let target = Target::new(formats, first.layout.record_length - first.base_length());
+        let grid = common_grid(sources)?;
+        let upgrades: Vec<Upgrade> = sources.iter().map(|source| Upgrade::new(source, target, grid)).collect();
+        for (source, _) in sources.iter().zip(&upgrades).filter(|(_, upgrade)| !upgrade.is_exact()) {
+            warnings.push(format!(
+                "{}: its coordinates lie on another grid than those of {}: rounded to the nearest step",
+                source.info.path.display(),
+                first.info.path.display()
+            ));
+        }
+        let vlr = LazItemRecordBuilder::default_for_point_format_id(target.format(), target.extra as u16)
+            .map(|items| LazVlrBuilder::new(items).with_variable_chunk_size().build())
+            .map_err(|error| Error::unsuitable(&first.info.path, error.to_string()))?;
+        Ok(Self { target, grid, upgrades, vlr })
+    }
+
+    fn bounds(&self, statistics: &Statistics) -> Bounds {
+        let world = |raw: [i32; 3]| DVec3::from(raw.map(f64::from)) * self.grid.scale + self.grid.offset;
+        let (a, b) = (world(statistics.lowest), world(statistics.highest));
+        // A scale may be negative.
+        Bounds { min: a.min(b), max: a.max(b) }
+    }
+}
+
+/// What makes extra dimensions the same: everything but the ranges of their values.
+fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
+    let descriptors = source.descriptors.chunks_exact(192).map(|descriptor| {
+        let mut fixed = descriptor.to_vec();
+        fixed[3] &= !RANGE_OPTIONS;
+        fixed[64..112].fill(0);
+        fixed
+    });
+    (source.layout.record_length - source.base_length(), descriptors.collect())
+}
+
+/// Options of a descriptor that say that it tells the smallest and the largest value.
+const RANGE_OPTIONS: u8 = 2 | 4;
+
+/// The first file's grid with the finest steps of any; moved if points would not fit it.
+fn common_grid(sources: &[LasSource]) -> Result<Grid> {
+    let first = &sources[0];
+    let mut grid = first.grid;
+    let mut bounds = Bounds::EMPTY;
+    for source in sources {
+        let finer = source.grid.scale.abs().cmplt(grid.scale.abs());
+        grid.scale = DVec3::select(finer, source.grid.scale, grid.scale);
+        bounds = bounds.union(source.info.bounds.unwrap_or(Bounds::EMPTY));
+    }
+    if bounds.is_empty() {
+        return Ok(grid);
+    }
+    let fits = |offset: DVec3| {
+        let reach = |corner: DVec3| ((corner - offset) / grid.scale).abs().max_element();
+        reach(bounds.min).max(reach(bounds.max)) < f64::from(i32::MAX)
+    };
+    if !fits(grid.offset) {
+        grid.offset = bounds.center().round();
+        if !fits(grid.offset) {
+            return Err(Error::unsuitable(
+                &first.info.path,
+                format!("the inputs are too far apart for steps of {} in 32 bits", grid.scale),
+            ));
+        }
+    }
+    Ok(grid)
+}
+
+impl LasSource {
+    fn base_length(&self) -> usize {
+        let base = self.info.point_format.and_then(super::layout::Layout::base_length);
+        base.unwrap_or(self.layout.record_length)
+    }
+
+    fn has_time(&self) -> bool {
+        self.info.point_format.and_then(super::layout::Layout::gps_time).is_some()
+    }
+
+    /// Gives whole records to `emit`, from worker threads, some thousand at once; `None` if it was cancelled, else what could
+    /// not be read.
+    ///
+    /// # Errors
+    /// What `emit` returned.
+    fn read_records(
+        &self,
+        progress: &Progress,
+        emit: &(dyn Fn(&[u8]) -> io::Result<()> + Sync),
+    ) -> io::Result<Option<Vec<String>>> {
+        let failures = Mutex::new(Vec::new());
+        let failed: Mutex<Option<io::Error>> = Mutex::new(None);
+        let locked = |error: io::Error| *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+        let stopped = || progress.is_cancelled() || failed.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+        spread(self.blocks.len()).par_bridge().for_each_init(Vec::new, |buffer, index| {
+            if stopped() {
+                return;
+            }
+            let block = &self.blocks[index];
+            let mut give = |records: &[u8]| match emit(records) {
+                Ok(()) => progress.add((records.len() / self.layout.record_length) as u64),
+                Err(error) => locked(error),
+            };
+            let mut fail = |point: u64, problem: String| {
+                failures.lock().unwrap_or_else(PoisonError::into_inner).push((point, problem));
+            };
+            self.read_block(block, buffer, &stopped, &mut give, &mut fail);
+        });
+        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error);
+        }
+        let mut failures = failures.into_inner().unwrap_or_else(PoisonError::into_inner);
+        failures.sort_unstable();
+        let describe =
+            |(point, problem): (u64, String)| format!("{}: record {point}: {problem}", self.info.path.display());
+        Ok((!progress.is_cancelled()).then(|| failures.into_iter().map(describe).collect()))
+    }
+
+    fn read_block(
+        &self,
+        block: &Block,
+        buffer: &mut Vec<u8>,
+        stopped: &dyn Fn() -> bool,
+        give: &mut dyn FnMut(&[u8]),
+        fail: &mut dyn FnMut(u64, String),
+    ) {
+        let length = self.layout.record_length;
+        let Some(compressed) = &self.compressed else {
+            buffer.resize(block.points as usize * length, 0);
+            match self.file.read_at(self.data_start + block.first_point * length as u64, buffer) {
+                Ok(read) => {
+                    give(&buffer[..read - read % length]);
+                    if read < buffer.len() {
+                        fail(block.first_point, "the file has become shorter since it was opened".into());
+                    }
+                }
+                Err(error) => fail(block.first_point, error.to_string()),
+            }
+            return;
+        };
+        let tile = PIECE_TILES * tile_records(length);
+        buffer.resize(tile * length, 0);
+        for chunk in &compressed.chunks[block.chunks.clone()] {
+            let mut stream = match compressed.stream(&self.file, chunk, DecompressionSelection::all()) {
+                Ok(stream) => stream,
+                Err(problem) => {
+                    fail(chunk.first_point, problem);
+                    continue;
+                }
+            };
+            let mut point = chunk.first_point;
+            while stream.left() > 0 && !stopped() {
+                let wanted = stream.left().min(tile as u64) as usize;
+                let (decoded, outcome) = stream.decode(&mut buffer[..wanted * length]);
+                give(&buffer[..decoded * length]);
+                point += decoded as u64;
+                if let Err(problem) = outcome {
+                    fail(point, format!("{problem} (the rest of this compressed chunk is skipped)"));
+                    break;
+                }
+            }
+            if stream.left() == 0 && point < chunk.first_point + chunk.points {
+                fail(point, "the compressed chunk holds fewer points than announced".into());
+            }
+        }
+    }
+}
+
+/// Tiles of records that are handed on at once.
+const PIECE_TILES: usize = 16;
+
+struct Job<'a> {
+    plan: Plan,
+    output: &'a Path,
+    memory: u64,
+    progress: &'a Progress,
+    spill: &'a Spill,
+    cube: Cube,
+}
+
+impl Job<'_> {
+    fn key(&self, record: &[u8]) -> u64 {
+        self.cube.key([0, 4, 8].map(|at| i32::from_le_bytes(bytes(record, at))))
+    }
+
+    /// Puts the records of all inputs into `buckets`, cells of `level`; `None` if it was cancelled.
+    fn distribute(
+        &self,
+        sources: &[LasSource],
+        level: u32,
+        buckets: &Buckets<'_>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Statistics>> {
+        let total = Mutex::new(Statistics::default());
+        for (source, upgrade) in sources.iter().zip(&self.plan.upgrades) {
+            let emit = |records: &[u8]| -> io::Result<()> {
+                let mut own = Statistics::default();
+                let mut upgraded =
+                    Vec::with_capacity(records.len() / upgrade.record_length * self.plan.target.record_length());
+                for record in records.chunks_exact(upgrade.record_length) {
+                    if !upgrade.push(record, &mut upgraded) {
+                        return Err(io::Error::other("a point lies too far outside of what the header says"));
+                    }
+                }
+                let length = self.plan.target.record_length();
+                upgraded.chunks_exact(length).for_each(|record| own.add(record));
+                self.deal(&upgraded, level, 0, buckets)?;
+                total.lock().unwrap_or_else(PoisonError::into_inner).merge(&own);
+                Ok(())
+            };
+            match source.read_records(self.progress, &emit).map_err(|error| Error::io(self.output, error))? {
+                Some(mut found) => warnings.append(&mut found),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(total.into_inner().unwrap_or_else(PoisonError::into_inner)))
+    }
+
+    /// Appends records to the bucket of their cell of `level`; buckets start with that of code `first`.
+    fn deal(&self, records: &[u8], level: u32, first: u64, buckets: &Buckets<'_>) -> io::Result<()> {
+        let length = self.plan.target.record_length();
+        let mut places: Vec<(u64, u32)> = (0_u32..)
+            .zip(records.chunks_exact(length))
+            .map(|(index, record)| (tree::code(self.key(record), level) - first, index))
+            .collect();
+        places.sort_unstable();
+        let mut run = Vec::new();
+        for bucket in places.chunk_by(|a, b| a.0 == b.0) {
+            run.clear();
+            bucket.iter().for_each(|place| run.extend_from_slice(record(records, place.1, length)));
+            buckets.append(bucket[0].0 as usize, &run)?;
+        }
+        Ok(())
+    }
+
+    /// Bytes of records that may be built at once on each thread: they are there twice, with keys and compressed.
+    fn most_bytes(&self) -> u64 {
+        (self.memory / 6 / rayon::current_num_threads() as u64).max(LEAST_BUCKET_BYTES)
+    }
+
+    /// Writes the nodes of all buckets, cells of `level`, and those above; `false` if it was cancelled.
+    fn build(&self, level: u32, buckets: &Buckets<'_>, file: &mut CopcFile) -> io::Result<bool> {
+        let mut above = vec![Above { levels: 0..level, first: 0, lists: Buckets::new(self.spill, lists_of(level)) }];
+        let occupied: Vec<usize> = (0..buckets.len()).filter(|bucket| buckets.bytes(*bucket) > 0).collect();
+        for group in occupied.chunks(rayon::current_num_threads()) {
+            if self.progress.is_cancelled() {
+                return Ok(false);
+            }
+            let (small, large): (Vec<usize>, Vec<usize>) =
+                group.iter().partition(|bucket| buckets.bytes(**bucket) <= self.most_bytes());
+            let built = small.into_par_iter().map(|bucket| self.build_records(&buckets.take(bucket)?, level, None));
+            for built in built.collect::<io::Result<Vec<Built>>>()? {
+                self.write(&built, &above, file)?;
+            }
+            for bucket in large {
+                if !self.build_large((buckets, bucket), level, bucket as u64, &mut above, &mut HashSet::new(), file)? {
+                    return Ok(false);
+                }
+            }
+        }
+        above.pop().map_or(Ok(true), |above| self.write_above(&above, file))
+    }
+
+    /// Builds a list of records of one cell of `level`, part by part where it is too large for memory; `false` if it was
+    /// cancelled.
+    fn build_large<'a>(
+        &'a self,
+        (buckets, bucket): (&Buckets<'_>, usize),
+        level: u32,
+        code: u64,
+        above: &mut Vec<Above<'a>>,
+        claimed: &mut HashSet<(u32, u64)>,
+        file: &mut CopcFile,
+    ) -> io::Result<bool> {
+        let below = level + DIVIDED_LEVELS;
+        // No further than keys go: points at one place are then one node, however many.
+        if buckets.bytes(bucket) <= self.most_bytes() || below + tree::CELL_LEVELS > tree::KEY_LEVELS {
+            let built = self.build_records(&buckets.take(bucket)?, level, Some(claimed))?;
+            self.write(&built, above, file)?;
+            return Ok(!self.progress.is_cancelled());
+        }
+        let first = code << (3 * DIVIDED_LEVELS);
+        let parts = Buckets::new(self.spill, 1 << (3 * DIVIDED_LEVELS));
+        buckets.drain(bucket, |records| self.deal(records, below, first, &parts))?;
+        let lists = Buckets::new(self.spill, lists_of(DIVIDED_LEVELS));
+        above.push(Above { levels: level..below, first: code, lists });
+        for part in (0..parts.len()).filter(|part| parts.bytes(*part) > 0) {
+            if !self.build_large((&parts, part), below, first + part as u64, above, claimed, file)? {
+                return Ok(false);
+            }
+        }
+        above.pop().map_or(Ok(true), |above| self.write_above(&above, file))
+    }
+
+    /// The nodes of records of one cell of `level`. Nodes above get none of the cells in `claimed`, which grows by theirs.
+    fn build_records(
+        &self,
+        records: &[u8],
+        level: u32,
+        mut claimed: Option<&mut HashSet<(u32, u64)>>,
+    ) -> io::Result<Built> {
+        let length = self.plan.target.record_length();
+        let mut points = self.sorted(records);
+        let first_key = points.first().map_or(0, |point| point.0);
+        let above = (0..level).map(|above| {
+            let cells = above + tree::CELL_LEVELS;
+            let taken = tree::take(&mut points, cells, |code| match &mut claimed {
+                // A cell that is no larger than that of the records is in no other list.
+                Some(claimed) if cells < level => claimed.insert((cells, code)),
+                _ => true,
+            });
+            taken.iter().flat_map(|point| record(records, point.1, length)).copied().collect()
+        });
+        let above: Vec<Vec<u8>> = above.collect();
+        let mut nodes = Vec::new();
+        tree::fill(points, level, &mut nodes);
+        let nodes = nodes.into_par_iter().map(|node| self.compress(&node, records)).collect::<io::Result<_>>()?;
+        Ok(Built { nodes, above, first_key })
+    }
+
+    /// Keys of records in order; where they are the same, the records decide, so that a file is the same each time.
+    fn sorted(&self, records: &[u8]) -> Vec<Keyed> {
+        let length = self.plan.target.record_length();
+        let keyed = (0_u32..).zip(records.chunks_exact(length)).map(|(index, record)| (self.key(record), index));
+        let mut points: Vec<Keyed> = keyed.collect();
+        points.sort_unstable_by(|a, b| {
+            a.0.cmp(&b.0).then_with(|| record(records, a.1, length).cmp(record(records, b.1, length)))
+        });
+        points
+    }
+
+    /// A node's chunk: by time, as scanners write them, neighbours have most in common.
+    fn compress(&self, node: &Filled, records: &[u8]) -> io::Result<Compressed> {
+        let length = self.plan.target.record_length();
+        if node.points.len() > Copc::MOST_POINTS as usize {
+            return Err(io::Error::other(format!("more than {} points lie at one place", Copc::MOST_POINTS)));
+        }
+        let mut order: Vec<u32> = node.points.iter().map(|point| point.1).collect();
+        let scanned = |index: u32| {
+            let record = record(records, index, length);
+            (records::time(record), record[14])
+        };
+        order.sort_by(|a, b| {
+            let (a, b) = (scanned(*a), scanned(*b));
+            a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+        });
+        let mut compressor = LayeredPointRecordCompressor::new(Vec::new());
+        compressor.set_fields_from(self.plan.vlr.items()).map_err(io::Error::other)?;
+        for index in order {
+            compressor.compress_next(record(records, index, length))?;
+        }
+        compressor.done()?;
+        let points = node.points.len() as u32;
+        Ok(Compressed { level: node.level, code: node.code, points, chunk: compressor.into_inner() })
+    }
+
+    fn write(&self, built: &Built, above: &[Above<'_>], file: &mut CopcFile) -> io::Result<()> {
+        for (level, records) in (0_u32..).zip(&built.above).filter(|(_, records)| !records.is_empty()) {
+            let code = tree::code(built.first_key, level);
+            if let Some(above) = above.iter().find(|above| above.levels.contains(&level)) {
+                above.lists.append(above.list(level, code), records)?;
+            }
+        }
+        built.nodes.iter().try_for_each(|node| self.write_node(node, file))
+    }
+
+    fn write_above(&self, above: &Above<'_>, file: &mut CopcFile) -> io::Result<bool> {
+        for level in above.levels.clone() {
+            let depth = level - above.levels.start;
+            let first = above.first << (3 * depth);
+            let codes =
+                (first..first + (1 << (3 * depth))).filter(|code| above.lists.bytes(above.list(level, *code)) > 0);
+            for codes in codes.collect::<Vec<u64>>().chunks(rayon::current_num_threads()) {
+                if self.progress.is_cancelled() {
+                    return Ok(false);
+                }
+                let compress = |code: &u64| {
+                    let records = above.lists.take(above.list(level, *code))?;
+                    self.compress(&Filled { level, code: *code, points: self.sorted(&records) }, &records)
+                };
+                let nodes = codes.par_iter().with_max_len(1).map(compress).collect::<io::Result<Vec<Compressed>>>()?;
+                nodes.iter().try_for_each(|node| self.write_node(node, file))?;
+            }
+        }
+        Ok(true)
+    }
+
+    fn write_node(&self, node: &Compressed, file: &mut CopcFile) -> io::Result<()> {
+        self.progress.add(u64::from(node.points));
+        file.push(node)
+    }
+}
+
+/// Records of the nodes above buckets, which come in parts.
+struct Above<'a> {
+    levels: Range<u32>,
+    /// Code of the one node of the first level.
+    first: u64,
+    lists: Buckets<'a>,
+}
+
+impl Above<'_> {
+    /// Its lists are level by level.
+    fn list(&self, level: u32, code: u64) -> usize {
+        let depth = level - self.levels.start;
+        lists_of(depth) + (code - (self.first << (3 * depth))) as usize
+    }
+}
+
+/// Nodes of an octree of so many levels.
+fn lists_of(levels: u32) -> usize {
+    ((1 << (3 * levels)) - 1) / 7
+}
+
+fn record(records: &[u8], index: u32, length: usize) -> &[u8] {
+    &records[index as usize * length..][..length]
+}
+
+/// What a list of records becomes: nodes, and records of the nodes above, by level.
+struct Built {
+    nodes: Vec<Compressed>,
+    above: Vec<Vec<u8>>,
+    first_key: u64,
+}
+
+/// A node as it is written.
+struct Compressed {
+    level: u32,
+    code: u64,
+    points: u32,
+    chunk: Vec<u8>,
+}

@@ -1,0 +1,271 @@
+//! The file as it is written: header, records, chunks in the order they come, chunk table, hierarchy.
+
+use std::collections::BTreeSet;
+use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom, Write};
+
+use ::las::raw;
+use laz::laszip::{ChunkTable, ChunkTableEntry};
+use tempfile::NamedTempFile;
+
+use super::records::Statistics;
+use super::tree::{self, Cube};
+use super::{Compressed, Plan, RANGE_OPTIONS};
+use crate::las::LasSource;
+use crate::las::layout::{bytes, text};
+
+const HEADER_LENGTH: u16 = 375;
+const INFO_LENGTH: usize = 160;
+/// Bytes of a record's head, and of an extended one's.
+const HEAD_LENGTH: usize = 54;
+const EXTENDED_HEAD_LENGTH: u64 = 60;
+/// Bits of the header that tell where wave packets are, and that the coordinate system is WKT.
+const WAVE_PACKETS: u16 = 2 | 4;
+const WKT: u16 = 16;
+/// Cells along a node's edge that it keeps a point of.
+const SPACINGS: f64 = (1 << tree::CELL_LEVELS) as f64;
+
+pub struct CopcFile {
+    out: BufWriter<NamedTempFile>,
+    /// Bytes written, which is where the next ones go.
+    end: u64,
+    data_start: u32,
+    records: u32,
+    wkt: bool,
+    table: ChunkTable,
+    nodes: Vec<Entry>,
+}
+
+struct Entry {
+    level: u32,
+    code: u64,
+    offset: u64,
+    bytes: i32,
+    points: i32,
+}
+
+impl CopcFile {
+    /// Writes what comes before the points. Header and info record are written last.
+    pub fn start(file: NamedTempFile, plan: &Plan, sources: &[LasSource]) -> io::Result<Self> {
+        let mut head = vec![0; usize::from(HEADER_LENGTH) + HEAD_LENGTH + INFO_LENGTH];
+        let mut laszip = Vec::new();
+        plan.vlr.write_to(&mut laszip).map_err(io::Error::other)?;
+        write_record(&mut head, ("laszip encoded", 22204, "http://laszip.org"), &laszip);
+        let mut records = 2;
+        let mut wkt = false;
+        let first = &sources[0];
+        for (extended, place) in &first.records {
+            let (kept, is_wkt) = is_kept(first, place.start)?;
+            wkt |= is_wkt;
+            if *extended || !kept {
+                continue;
+            }
+            let start = head.len();
+            first.file.section(place.start, place.end).read_to_end(&mut head)?;
+            if sources.len() > 1 && is_extra_bytes(&head[start..]) {
+                // The ranges of the first file's values are not those of all.
+                head[start + HEAD_LENGTH..]
+                    .chunks_exact_mut(192)
+                    .for_each(|descriptor| descriptor[3] &= !RANGE_OPTIONS);
+            }
+            records += 1;
+        }
+        let data_start = u32::try_from(head.len()).map_err(io::Error::other)?;
+        // The chunk table's place.
+        head.extend([0; 8]);
+        let mut out = BufWriter::with_capacity(1 << 20, file);
+        out.write_all(&head)?;
+        Ok(Self {
+            out,
+            end: head.len() as u64,
+            data_start,
+            records,
+            wkt,
+            table: ChunkTable::default(),
+            nodes: Vec::new(),
+        })
+    }
+
+    /// Nodes written.
+    pub fn nodes(&self) -> usize {
+        self.nodes.len()
+    }
+
+    pub fn push(&mut self, node: &Compressed) -> io::Result<()> {
+        let (offset, length) = (self.end, node.chunk.len());
+        let (bytes, points) = (i32::try_from(length), i32::try_from(node.points));
+        let (bytes, points) = (bytes.map_err(io::Error::other)?, points.map_err(io::Error::other)?);
+        self.out.write_all(&node.chunk)?;
+        self.end += length as u64;
+        self.table.push(ChunkTableEntry { point_count: u64::from(node.points), byte_count: length as u64 });
+        self.nodes.push(Entry { level: node.level, code: node.code, offset, bytes, points });
+        Ok(())
+    }
+
+    /// Writes what is left; the file is whole then.
+    pub fn finish(
+        mut self,
+        plan: &Plan,
+        first: &LasSource,
+        cube: &Cube,
+        statistics: &Statistics,
+    ) -> io::Result<NamedTempFile> {
+        let table_start = self.end;
+        let mut table = Vec::new();
+        self.table.write_to(&mut table, &plan.vlr)?;
+        self.out.write_all(&table)?;
+        let extended_start = table_start + table.len() as u64;
+        let pages = self.hierarchy();
+        let mut extended = Vec::new();
+        extended.extend([0; 2]);
+        extended.extend(padded::<16>("copc"));
+        extended.extend(1000_u16.to_le_bytes());
+        extended.extend((pages.len() as u64).to_le_bytes());
+        extended.extend(padded::<32>("EPT hierarchy"));
+        self.out.write_all(&extended)?;
+        self.out.write_all(&pages)?;
+        let mut extended_records = 1;
+        for (_, place) in first.records.iter().filter(|(extended, _)| *extended) {
+            if is_kept(first, place.start)?.0 {
+                io::copy(&mut first.file.section(place.start, place.end), &mut self.out)?;
+                extended_records += 1;
+            }
+        }
+
+        let evlr = raw::header::Evlr { start_of_first_evlr: extended_start, number_of_evlrs: extended_records };
+        let header = self.header(plan, first, statistics, evlr)?;
+        let pages_start = extended_start + EXTENDED_HEAD_LENGTH;
+        let info = info(cube, statistics, pages_start, pages.len() as u64);
+        self.out.seek(SeekFrom::Start(0))?;
+        header.write_to(&mut self.out).map_err(io::Error::other)?;
+        let mut record = Vec::new();
+        write_record(&mut record, ("copc", 1, "COPC info VLR"), &info);
+        self.out.write_all(&record)?;
+        self.out.seek(SeekFrom::Start(u64::from(self.data_start)))?;
+        self.out.write_all(&table_start.to_le_bytes())?;
+        let file = self.out.into_inner().map_err(io::IntoInnerError::into_error)?;
+        file.as_file().sync_data()?;
+        Ok(file)
+    }
+
+    /// One page of all nodes, level by level. Those that only have nodes below them are listed without points.
+    fn hierarchy(&mut self) -> Vec<u8> {
+        let mut listed: BTreeSet<(u32, u64)> = self.nodes.iter().map(|node| (node.level, node.code)).collect();
+        for index in 0..self.nodes.len() {
+            let Entry { mut level, mut code, .. } = self.nodes[index];
+            while level > 0 {
+                (level, code) = (level - 1, code >> 3);
+                if !listed.insert((level, code)) {
+                    break;
+                }
+                self.nodes.push(Entry { level, code, offset: 0, bytes: 0, points: 0 });
+            }
+        }
+        self.nodes.sort_unstable_by_key(|node| (node.level, node.code));
+        let mut page = Vec::with_capacity(32 * self.nodes.len());
+        for node in &self.nodes {
+            let [x, y, z] = tree::cell(node.code);
+            for number in [node.level, x, y, z] {
+                page.extend((number as i32).to_le_bytes());
+            }
+            page.extend(node.offset.to_le_bytes());
+            page.extend(node.bytes.to_le_bytes());
+            page.extend(node.points.to_le_bytes());
+        }
+        page
+    }
+
+    /// The first file's header with what is different now.
+    fn header(
+        &self,
+        plan: &Plan,
+        first: &LasSource,
+        statistics: &Statistics,
+        evlr: raw::header::Evlr,
+    ) -> io::Result<raw::Header> {
+        let of_first = raw::Header::read_from(BufReader::new(first.file.section(0, first.file.length())));
+        let bounds = plan.bounds(statistics);
+        let global_encoding = |old: u16| old & !(WAVE_PACKETS | WKT) | if self.wkt { WKT } else { 0 };
+        let header = of_first.map_err(io::Error::other)?;
+        Ok(raw::Header {
+            global_encoding: global_encoding(header.global_encoding),
+            version: ::las::Version::new(1, 4),
+            generating_software: padded(concat!("glint ", env!("CARGO_PKG_VERSION"))),
+            header_size: HEADER_LENGTH,
+            offset_to_point_data: self.data_start,
+            number_of_variable_length_records: self.records,
+            point_data_record_format: plan.target.format() | 0x80,
+            point_data_record_length: u16::try_from(plan.target.record_length()).map_err(io::Error::other)?,
+            number_of_point_records: 0,
+            number_of_points_by_return: [0; 5],
+            x_scale_factor: plan.grid.scale.x,
+            y_scale_factor: plan.grid.scale.y,
+            z_scale_factor: plan.grid.scale.z,
+            x_offset: plan.grid.offset.x,
+            y_offset: plan.grid.offset.y,
+            z_offset: plan.grid.offset.z,
+            max_x: bounds.max.x,
+            min_x: bounds.min.x,
+            max_y: bounds.max.y,
+            min_y: bounds.min.y,
+            max_z: bounds.max.z,
+            min_z: bounds.min.z,
+            start_of_waveform_data_packet_record: Some(0),
+            evlr: Some(evlr),
+            large_file: Some(raw::header::LargeFile {
+                number_of_point_records: statistics.points,
+                number_of_points_by_return: statistics.by_return,
+            }),
+            padding: Vec::new(),
+            ..header
+        })
+    }
+}
+
+fn info(cube: &Cube, statistics: &Statistics, pages_start: u64, pages_length: u64) -> Vec<u8> {
+    let half = cube.width / 2.0;
+    let center = cube.corner + half;
+    let mut info = Vec::with_capacity(INFO_LENGTH);
+    for number in [center.x, center.y, center.z, half, cube.width / SPACINGS] {
+        info.extend(number.to_le_bytes());
+    }
+    info.extend(pages_start.to_le_bytes());
+    info.extend(pages_length.to_le_bytes());
+    for time in [statistics.first_time, statistics.last_time] {
+        info.extend(time.to_le_bytes());
+    }
+    info.resize(INFO_LENGTH, 0);
+    info
+}
+
+/// Whether the record at byte `start` goes on to the file, and whether it is a coordinate system as WKT. Not kept is what
+/// describes how points were stored: compression, wave packets, indices of their order.
+fn is_kept(source: &LasSource, start: u64) -> io::Result<(bool, bool)> {
+    let head: [u8; 20] = source.file.bytes_at(start)?.unwrap_or([0; 20]);
+    let (user, identifier) = (text(&head[2..18]), u16::from_le_bytes(bytes(&head, 18)));
+    let dropped = matches!(
+        (user.as_str(), identifier),
+        ("copc", _) | ("laszip encoded", _) | ("LASF_Spec", 100..=354 | 65535) | ("LAStools", 10 | 30)
+    );
+    Ok((!dropped, (user.as_str(), identifier) == ("LASF_Projection", 2112)))
+}
+
+fn is_extra_bytes(record: &[u8]) -> bool {
+    text(&record[2..18]) == "LASF_Spec" && record[18..20] == [4, 0]
+}
+
+/// A variable length record: user, identifier and description, then data.
+fn write_record(out: &mut Vec<u8>, (user, identifier, description): (&str, u16, &str), data: &[u8]) {
+    out.extend([0; 2]);
+    out.extend(padded::<16>(user));
+    out.extend(identifier.to_le_bytes());
+    out.extend((data.len() as u16).to_le_bytes());
+    out.extend(padded::<32>(description));
+    out.extend_from_slice(data);
+}
+
+fn padded<const N: usize>(text: &str) -> [u8; N] {
+    let mut field = [0; N];
+    let length = text.len().min(N);
+    field[..length].copy_from_slice(&text.as_bytes()[..length]);
+    field
+}
