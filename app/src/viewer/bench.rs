@@ -98,11 +98,15 @@ impl Bench {
             }
             Effect::Load { inputs } => {
                 let job = loading::start(inputs.clone(), &self.state.settings);
-                let id = self.state.add_job(&inputs, job.progress.clone(), job.surfel_progress.clone());
+                let id =
+                    self.state.add_job(&inputs, job.progress.clone(), job.surfel_progress.clone(), job.lookout.clone());
                 job.events.iter().for_each(|event| self.state.on_loading(id, event));
             }
-            Effect::FindFigures { key, cloud, basis, up } => {
-                let figures = Box::new(Figures::of(&cloud, &basis.color, up));
+            Effect::FindFigures { key, cloud, basis, up, kept } => {
+                let figures = Box::new(match kept {
+                    Some(kept) => kept.recounted(&cloud, up),
+                    None => Figures::of(&cloud, &basis.color, up),
+                });
                 self.state.on_found(Found::Figures { key, basis, figures });
             }
             Effect::SampleMirror { id, mirror, area_per_point } => {

@@ -33,7 +33,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                     });
                 });
             });
-            let points = if entry.is_read || entry.points >= entry.expected_points {
+            let points = if entry.streamed.is_some() {
+                format!("{} of {} points shown", grouped(entry.points), grouped(entry.total()))
+            } else if entry.is_read || entry.points >= entry.expected_points {
                 format!("{} points", grouped(entry.points))
             } else {
                 format!("{} of {} points", grouped(entry.points), grouped(entry.expected_points))
@@ -48,7 +50,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 let point_format = info.point_format.map_or(String::new(), |number| format!(", format {number}"));
                 format!(" · {format} {}{point_format}", info.version)
             });
-            let line = points + &format.unwrap_or_default();
+            let streamed = if entry.streamed.is_some() { " · streamed" } else { "" };
+            let line = points + &format.unwrap_or_default() + streamed;
             ui.label(RichText::new(line).small().color(theme::WEAK));
         });
     }

@@ -13,6 +13,8 @@ pub struct Basis {
     pub is_read: bool,
     /// Columns that were read later.
     pub late_columns: usize,
+    /// Times that all of a streamed cloud was there that a look needs.
+    pub rests: u32,
 }
 
 #[derive(Clone, Debug)]
@@ -40,6 +42,12 @@ impl Figures {
         let bounds = cloud::robust_bounds(&cloud.chunks);
         let outline = cloud::robust_outline(&cloud.chunks);
         Self { plan, warning, histogram, classes: classes(cloud), bounds, outline }
+    }
+
+    /// Counts anew what is there of a cloud; colours and bounds stay.
+    pub fn recounted(self, cloud: &Cloud, up: DVec3) -> Self {
+        let histogram = self.plan.histogram(cloud, up, HISTOGRAM_BINS);
+        Self { histogram, classes: classes(cloud), ..self }
     }
 }
 

@@ -13,12 +13,12 @@ use super::state::{JobEntry, State, short_name};
 use super::theme::{self, grouped};
 use super::{
     clouds_panel, colors_panel, gizmo, light_panel, mirrors_panel, navigation, overlay, panel, pick_panel, presets,
-    sweep, timings_panel, truth_panel, tuning,
+    streaming_panel, sweep, timings_panel, truth_panel, tuning,
 };
 use crate::loading;
 
 /// Groups of parameters that a panel of their own shows.
-const SHOWN_ELSEWHERE: [&str; 7] = ["color", "light", "sun", "gi", "tone", "edl", "trace"];
+const SHOWN_ELSEWHERE: [&str; 8] = ["color", "light", "sun", "gi", "tone", "edl", "trace", "stream"];
 
 /// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
 const SECTIONS: [(&str, &[&str]); 4] = [
@@ -117,6 +117,8 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
         if state.settings.groups().iter().any(|params| !is_named(params.group().name)) {
             section(ui, "More", false, |ui| parameter_groups(ui, state, |name| !is_named(name)));
         }
+        let is_streaming = state.clouds.iter().any(|entry| entry.streamed.is_some());
+        section(ui, "Streaming", is_streaming, |ui| streaming_panel::show(ui, state));
         section(ui, "Truth", true, |ui| truth_panel::show(ui, state));
         section(ui, "Timings", false, |ui| timings_panel::show(ui, state));
     });
@@ -146,7 +148,8 @@ fn parameter_groups(ui: &mut Ui, state: &mut State, wanted: impl Fn(&str) -> boo
             let about = help.split([':', '.', '(']).next().unwrap_or(help).trim();
             ui.label(RichText::new(about).small().color(theme::WEAK)).on_hover_text(help);
         }
-        panel::parameters(ui, params, &[]);
+        // The point budget is one of streaming's.
+        panel::parameters(ui, params, &["point_budget"]);
     }
 }
 
@@ -199,7 +202,7 @@ fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect
     if state.pick_tool && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
-    if state.clouds.is_empty() && state.jobs.is_empty() {
+    if state.clouds.is_empty() && !state.is_loading() {
         empty_state(ui, state, rect);
     }
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
@@ -265,14 +268,16 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             ui.spinner();
             ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
         }
-        if let Some(job) = state.jobs.first() {
+        if let Some(job) = state.jobs.iter().find(|job| !job.is_loaded) {
             if job_progress(ui, job) {
                 state.stop_loading();
             }
             ui.ctx().request_repaint_after(Duration::from_millis(100));
         } else {
-            let points = state.points();
-            if points > 0 {
+            let (points, all) = (state.points(), state.all_points());
+            if all > points {
+                ui.label(format!("{} of {} points", grouped(points), grouped(all)));
+            } else if points > 0 {
                 ui.label(format!("{} points", grouped(points)));
             }
         }
@@ -325,6 +330,7 @@ fn job_progress(ui: &mut Ui, job: &JobEntry) -> bool {
     let (done, total) = (job.progress.done(), job.progress.total());
     let is_reading = job.surfel_progress.total() == 0;
     let (verb, done, total) = match is_reading {
+        true if job.has_streamed => ("indexing", done, total),
         true => ("reading", done, total),
         false => ("normals and spacing of", job.surfel_progress.done(), job.surfel_progress.total()),
     };
@@ -338,7 +344,7 @@ fn job_progress(ui: &mut Ui, job: &JobEntry) -> bool {
 }
 
 /// `1,203,400 of 3,214,786 · 1.2 M/s · 3 s left`.
-fn progress_text(done: u64, total: u64, with_rate: bool, elapsed: Duration) -> String {
+pub fn progress_text(done: u64, total: u64, with_rate: bool, elapsed: Duration) -> String {
     let mut text = if total > 0 { format!("{} of {}", grouped(done), grouped(total)) } else { grouped(done) };
     let rate = done as f64 / elapsed.as_secs_f64().max(1e-3);
     // A rate over less than half a second is noise.
@@ -450,7 +456,7 @@ mod tests {
         let mut harness = harness();
         let (progress, surfel_progress) = (Arc::new(Progress::default()), Arc::new(Progress::default()));
         progress.set_total(100);
-        harness.state_mut().add_job(&[], progress.clone(), surfel_progress.clone());
+        harness.state_mut().add_job(&[], progress.clone(), surfel_progress.clone(), Arc::default());
         harness.run_ok();
         harness.get_by_label("Cancel").click();
         harness.run_ok();

@@ -91,7 +91,7 @@ fn explanation(state: &State) -> &'static str {
         Lighting::Lights => "The lights of the scene.",
         Lighting::Sun if is_auto => "No lights in the scene, and the sky is open.",
         Lighting::Sun => "A sun and a sky.",
-        _ if is_auto && !state.jobs.is_empty() => "A lamp at the eye until everything is read.",
+        _ if is_auto && state.is_loading() => "A lamp at the eye until everything is read.",
         _ if is_auto && state.objects.has_guess() => "A lamp at the eye; in the room, the lamp that is guessed.",
         Lighting::Headlight if is_auto => "No lights in the scene: a lamp at the eye.",
         Lighting::Headlight | Lighting::Auto => "A lamp at the eye.",

@@ -8,6 +8,7 @@ use super::objects::Marking;
 use super::panel::name_label;
 use super::render_thread::CloudKey;
 use super::state::{CloudEntry, Effect, State};
+use super::streams;
 use super::theme::{self, grouped};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -143,8 +144,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     .unwrap_or(state.clouds[0].key);
     choice(ui, "Cloud", &mut key, state.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
     draft.cloud = Some(key);
-    choice(ui, "Points", &mut draft.way, WAYS.into_iter());
     let Some(entry) = state.clouds.iter().find(|entry| entry.key == key) else { return };
+    if entry.streamed.is_some() {
+        ui.label(RichText::new(format!("{} {}.", entry.cloud.name, streams::NOT_MARKED)).color(theme::WEAK));
+        return;
+    }
+    choice(ui, "Points", &mut draft.way, WAYS.into_iter());
     which_points(ui, draft, entry, radius, picked.is_some());
     choice(ui, "Normals", &mut draft.normals, NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, name)))
         .on_hover_text(NORMALS_WAYS.iter().find(|(way, ..)| *way == draft.normals).map_or("", |(.., help)| *help));
@@ -341,7 +346,7 @@ mod tests {
     /// Six points of which two are water, and what a worker thread would have found out about them.
     fn lake() -> State {
         let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default());
+        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default(), Arc::default());
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let opened = loading::Event::Opened {
             cloud: 0,
@@ -363,7 +368,7 @@ mod tests {
         let (key, cloud) = (state.clouds[0].key, state.clouds[0].cloud.clone());
         let color = state.settings.color.clone();
         let figures = Box::new(Figures::of(&cloud, &color, DVec3::Z));
-        let basis = Basis { color, doublings: 0, is_read: true, late_columns: 0 };
+        let basis = Basis { color, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
         state.on_found(Found::Figures { key, basis, figures });
         state.history.watch(&state.settings, &state.objects, false);
         state

@@ -33,6 +33,8 @@ mod presets;
 mod render_thread;
 mod screen;
 mod state;
+mod streaming_panel;
+mod streams;
 mod sweep;
 mod theme;
 mod timings_panel;
@@ -165,7 +167,7 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn user_event(&mut self, _: &ActiveEventLoop, event: Wake) {
-        let is_chunk = matches!(event, Wake::Loading(_, loading::Event::Chunk { .. }));
+        let is_chunk = matches!(event, Wake::Loading(_, loading::Event::Chunk { .. } | loading::Event::Dropped { .. }));
         match event {
             Wake::Loading(job, event) => {
                 let is_end = matches!(event, loading::Event::Finished);
@@ -300,6 +302,8 @@ impl Viewer {
         state.follow_cursor();
         let again = [state.history.watch(&state.settings, &state.objects, is_held), state.request_frame()];
         state.renew_figures();
+        state.look_around();
+        state.sync_levels();
         state.sync_objects();
         state.sync_sweep();
         let truth = state.sync_truth();
@@ -355,11 +359,19 @@ impl Viewer {
                 }
                 Effect::Load { inputs } => {
                     let job = loading::start(inputs.clone(), &self.state.settings);
-                    let id = self.state.add_job(&inputs, job.progress.clone(), job.surfel_progress.clone());
+                    let id = self.state.add_job(
+                        &inputs,
+                        job.progress.clone(),
+                        job.surfel_progress.clone(),
+                        job.lookout.clone(),
+                    );
                     self.work("loading events", move |wake| forward(&job, id, wake));
                 }
-                Effect::FindFigures { key, cloud, basis, up } => self.work("figures", move |wake| {
-                    let figures = Box::new(Figures::of(&cloud, &basis.color, up));
+                Effect::FindFigures { key, cloud, basis, up, kept } => self.work("figures", move |wake| {
+                    let figures = Box::new(match kept {
+                        Some(kept) => kept.recounted(&cloud, up),
+                        None => Figures::of(&cloud, &basis.color, up),
+                    });
                     let _ = wake.send_event(Wake::Found(Found::Figures { key, basis, figures }));
                 }),
                 Effect::ReadColumn { key, source, attribute, progress } => self.work("column", move |wake| {

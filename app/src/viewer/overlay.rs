@@ -1,15 +1,18 @@
 //! What is drawn over the picture: the pivot, picked points, the line between them, handles. Seen through the camera of the picture
 //! that is shown, so that marks stick to their points.
 
+use cloud::Bounds;
 use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::DVec3;
 
 use super::gizmo;
 use super::navigation::Lens;
-use super::state::State;
+use super::state::{CloudEntry, State};
 use super::theme;
 
 const SHADOW: Color32 = Color32::from_black_alpha(160);
+/// Boxes of pages that are drawn; more would be a tangle.
+const MOST_BOXES: usize = 2000;
 
 pub fn paint(painter: &Painter, rect: Rect, state: &State) {
     let Some(shown) = &state.shown else { return };
@@ -22,6 +25,12 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
         Some(rect.min + vec2(x, y))
     };
     let painter = painter.with_clip_rect(rect);
+    if state.settings.stream.overlay {
+        let boxes = state.clouds.iter().filter(|entry| entry.is_visible).flat_map(CloudEntry::shown_boxes);
+        for (bounds, [red, green, blue, _]) in boxes.take(MOST_BOXES) {
+            wire(&painter, &place, bounds, Stroke::new(1.0, Color32::from_rgb(red, green, blue)));
+        }
+    }
     let marked = state.navigation.pivot_mark().and_then(|_| place(shown.request.camera.pivot));
     if let Some(at) = marked {
         pivot(&painter, at);
@@ -36,6 +45,36 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
         cross(&painter, at);
     }
     gizmo::paint(&painter, rect, state);
+}
+
+/// The edges of a box.
+fn wire(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, bounds: Bounds, stroke: Stroke) {
+    let corners = bounds.corners();
+    for (from, axis) in (0..8).flat_map(|corner| (0..3).map(move |axis| (corner, axis))) {
+        // From each corner up along the axes on which it is the lower one.
+        if from >> axis & 1 == 0
+            && let Some(ends) = seen(place, corners[from], corners[from | 1 << axis])
+        {
+            painter.line_segment(ends, stroke);
+        }
+    }
+}
+
+/// What is before the eye of the line between two places.
+fn seen(place: &impl Fn(DVec3) -> Option<Pos2>, a: DVec3, b: DVec3) -> Option<[Pos2; 2]> {
+    let (mut before, mut behind) = match (place(a), place(b)) {
+        (Some(a), Some(b)) => return Some([a, b]),
+        (Some(_), None) => (a, b),
+        (None, Some(_)) => (b, a),
+        (None, None) => return None,
+    };
+    let start = place(before)?;
+    // Halved until the rest is far outside of the picture.
+    for _ in 0..10 {
+        let middle = (before + behind) * 0.5;
+        if place(middle).is_some() { before = middle } else { behind = middle }
+    }
+    Some([start, place(before)?])
 }
 
 fn pivot(painter: &Painter, at: Pos2) {

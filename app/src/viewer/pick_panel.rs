@@ -44,7 +44,9 @@ fn contents(ui: &mut Ui, state: &mut State) {
     let Some(pick) = state.picks.last() else { return };
     ui.horizontal(|ui| {
         ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
-        ui.label(RichText::new(format!("point {}", pick.point.point)).color(theme::WEAK));
+        if !pick.is_streamed {
+            ui.label(RichText::new(format!("point {}", pick.point.point)).color(theme::WEAK));
+        }
     });
     ui.label(RichText::new(coordinates(pick.world)).monospace());
     match &pick.record {
@@ -68,6 +70,10 @@ fn contents(ui: &mut Ui, state: &mut State) {
                 });
             });
         }
+    }
+    if pick.is_streamed {
+        let text = "A streamed cloud: its pages keep these attributes. The file may have others.";
+        ui.label(RichText::new(text).small().color(theme::WEAK));
     }
     let text = as_text(&state.picks);
     ui.horizontal(|ui| {
@@ -98,8 +104,9 @@ fn shortest(value: f64) -> String {
 fn as_text(picks: &[Pick]) -> String {
     let mut text = String::new();
     for pick in picks {
-        text +=
-            &format!("{}\tpoint {}\t{}\n", pick.cloud, pick.point.point, coordinates(pick.world).replace("  ", "\t"));
+        // The number of a point in the pages says nothing outside of them.
+        let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.point.point) };
+        text += &format!("{}{number}\t{}\n", pick.cloud, coordinates(pick.world).replace("  ", "\t"));
         for (name, value) in pick.record.iter().flatten().flatten() {
             text += &format!("{name}\t{value}\n");
         }
@@ -117,7 +124,13 @@ mod tests {
 
     fn pick(world: DVec3) -> Pick {
         let record = Some(Ok(vec![("intensity".into(), "1234".into())]));
-        Pick { point: PickedPoint { key: CloudKey(0), point: 77 }, cloud: "office.laz".into(), world, record }
+        Pick {
+            point: PickedPoint { key: CloudKey(0), point: 77 },
+            cloud: "office.laz".into(),
+            world,
+            record,
+            is_streamed: false,
+        }
     }
 
     #[test]

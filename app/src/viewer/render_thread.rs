@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
-use render::{ChunkId, CloudId, ColorPlan, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
+use render::{ChunkId, CloudId, ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::Drawn;
 
@@ -55,11 +55,26 @@ pub enum Command {
         provisional_radius: f32,
         expected_points: u64,
     },
+    /// No more than so many points of a cloud will be there at once, whatever was expected before.
+    Expect {
+        key: CloudKey,
+        points: u64,
+    },
     /// Adds the chunk, or replaces the one with the same `first_point`. `classes` is the column of that index.
     Chunk {
         key: CloudKey,
         chunk: Chunk,
         classes: Option<usize>,
+    },
+    /// Takes the chunk with this `first_point` out. One that is not there is none.
+    RemoveChunk {
+        key: CloudKey,
+        first_point: u64,
+    },
+    /// Shows chunks, by `first_point`, in one colour each or again in their own.
+    Tint {
+        key: CloudKey,
+        tints: Vec<(u64, Option<[u8; 4]>)>,
     },
     /// `cloud` has the column that the plan shows.
     Color {
@@ -220,6 +235,8 @@ impl RenderThread {
 
 struct Resident {
     id: CloudId,
+    /// As the store was told.
+    expected_points: u64,
     /// By `first_point`.
     chunks: HashMap<u64, ChunkId>,
     /// Points of it that reflect.
@@ -240,7 +257,15 @@ struct Reflecting {
 impl Resident {
     fn new(id: CloudId) -> Self {
         let chunks = HashMap::new();
-        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true, visible_classes: None }
+        Self {
+            id,
+            expected_points: 0,
+            chunks,
+            reflecting: Vec::new(),
+            color: None,
+            is_visible: true,
+            visible_classes: None,
+        }
     }
 
     fn ids(&self) -> impl Iterator<Item = CloudId> {
@@ -350,9 +375,28 @@ impl Worker {
                 self.store.reserve(expected_points);
                 let id = self.store.add_cloud(Material::default());
                 self.store.set_provisional_radius(id, provisional_radius);
-                self.clouds.insert(key, Resident::new(id));
+                self.clouds.insert(key, Resident { expected_points, ..Resident::new(id) });
             }
-            Command::Chunk { key, chunk, classes } => return self.put(key, &chunk, classes),
+            Command::Expect { key, points } => {
+                if let Some(resident) = self.clouds.get_mut(&key) {
+                    self.store.unreserve(std::mem::replace(&mut resident.expected_points, points));
+                    self.store.reserve(points);
+                }
+            }
+            Command::Chunk { key, chunk, classes } => return self.put(key, chunk, classes),
+            Command::RemoveChunk { key, first_point } => {
+                if let Some(id) = self.clouds.get_mut(&key).and_then(|resident| resident.chunks.remove(&first_point)) {
+                    self.store.remove_chunk(id);
+                    self.first_points.remove(&id);
+                    self.is_full = false;
+                }
+            }
+            Command::Tint { key, tints } => {
+                if let Some(resident) = self.clouds.get(&key) {
+                    let known = tints.iter().filter_map(|(first, tint)| Some((*resident.chunks.get(first)?, *tint)));
+                    known.for_each(|(id, tint)| self.store.set_tint(id, tint));
+                }
+            }
             Command::Color { key, cloud, plan, up } => {
                 if let Some(resident) = self.clouds.get_mut(&key) {
                     let (known, ids) = stored(&cloud, &resident.chunks);
@@ -505,19 +549,38 @@ impl Worker {
         Ok(())
     }
 
-    fn put(&mut self, key: CloudKey, chunk: &Chunk, classes: Option<usize>) -> render::Result<()> {
+    fn put(&mut self, key: CloudKey, chunk: Chunk, classes: Option<usize>) -> render::Result<()> {
         let Some(resident) = self.clouds.get_mut(&key) else { return Ok(()) };
-        let classes = classes_of(chunk, classes);
-        if let Some(id) = resident.chunks.get(&chunk.first_point) {
-            return self.store.update_chunk(*id, chunk, classes);
-        }
-        if self.is_full {
+        let classes = classes_of(&chunk, classes);
+        let id = match resident.chunks.get(&chunk.first_point) {
+            Some(&id) => {
+                let result = self.store.update_chunk(id, &chunk, classes);
+                if let Err(error) = result {
+                    // Nothing is left of it, or what is left is not what is wanted.
+                    self.store.remove_chunk(id);
+                    resident.chunks.remove(&chunk.first_point);
+                    self.first_points.remove(&id);
+                    return Err(error);
+                }
+                id
+            }
+            None if self.is_full => return Ok(()),
+            None => {
+                let added = self.store.add_chunk(resident.id, &chunk, classes);
+                let id = added.inspect_err(|_| self.is_full = true)?;
+                resident.chunks.insert(chunk.first_point, id);
+                self.first_points.insert(id, (key, chunk.first_point, None));
+                id
+            }
+        };
+        // What comes late is coloured as the cloud is, at once.
+        let Some((plan, up)) =
+            resident.color.as_ref().filter(|(plan, _)| matches!(plan.source, ColorSource::Column(_)))
+        else {
             return Ok(());
-        }
-        let id = self.store.add_chunk(resident.id, chunk, classes).inspect_err(|_| self.is_full = true)?;
-        resident.chunks.insert(chunk.first_point, id);
-        self.first_points.insert(id, (key, chunk.first_point, None));
-        Ok(())
+        };
+        let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
+        self.store.set_color(resident.id, &cloud, &[id], plan, *up)
     }
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {

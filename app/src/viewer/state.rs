@@ -25,6 +25,7 @@ use super::objects::{Marking, ObjectId, Objects, Origin, Placed, PlacedLight, un
 use super::path_prompt::PathPrompt;
 use super::preferences::Preferences;
 use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
+use super::streams::{Pace, Streamed};
 use super::sweep::{Ask, Sweep};
 use super::theme::grouped;
 use super::timings_panel::FigureHistory;
@@ -33,6 +34,7 @@ use super::truth_tasks::{Answer, Task};
 use super::tuning::Tuning;
 use crate::loading::{self, Input};
 use crate::mirrors::{self, Marked};
+use crate::streaming::{Lookout, StreamStats};
 
 /// What the window is to do.
 pub enum Effect {
@@ -45,6 +47,8 @@ pub enum Effect {
         cloud: Cloud,
         basis: Basis,
         up: DVec3,
+        /// Of a streamed cloud: only what is counted is new.
+        kept: Option<Box<Figures>>,
     },
     ReadColumn {
         key: CloudKey,
@@ -179,7 +183,7 @@ pub struct CloudEntry {
     /// All chunks are there, or will not come.
     pub is_read: bool,
     /// Grows with the chunks; stray points included.
-    bounds: Bounds,
+    pub(super) bounds: Bounds,
     pub figures: Option<Figures>,
     figures_basis: Option<Basis>,
     figures_under_way: bool,
@@ -195,6 +199,15 @@ pub struct CloudEntry {
     pub marks: Arc<Vec<Marked>>,
     /// What is being found out.
     pub marking: Option<(Vec<MirrorPoints>, Arc<Progress>)>,
+    /// Its chunks come and go.
+    pub streamed: Option<Streamed>,
+}
+
+impl CloudEntry {
+    /// Its own points, wherever they are.
+    pub fn total(&self) -> u64 {
+        self.streamed.as_ref().and_then(Streamed::total).unwrap_or(self.expected_points).max(self.points)
+    }
 }
 
 /// Loading under way.
@@ -205,7 +218,15 @@ pub struct JobEntry {
     pub surfel_progress: Arc<Progress>,
     pub started: Instant,
     /// By the job's own numbers.
-    clouds: BTreeMap<usize, CloudKey>,
+    pub clouds: BTreeMap<usize, CloudKey>,
+    /// What is there of its streamed clouds, and where it is told from where they are looked at.
+    pub stream: StreamStats,
+    pub lookout: Arc<Lookout>,
+    /// The number of the last look; 0 before the first one.
+    pub(super) look: u64,
+    pub(super) has_streamed: bool,
+    /// What it opens is shown: streamed clouds are there as far as the first look needs them, and stay under way.
+    pub is_loaded: bool,
 }
 
 impl JobEntry {
@@ -223,6 +244,8 @@ pub struct Pick {
     pub world: DVec3,
     /// Everything the file says of it, once it is looked up.
     pub record: Option<Result<Vec<(String, String)>, String>>,
+    /// What the pages hold is all that is known of it: neither its number in the file nor its other attributes.
+    pub is_streamed: bool,
 }
 
 /// The picture on the screen.
@@ -305,6 +328,9 @@ pub struct State {
     pub wants_to_quit: bool,
     /// Warnings that were given: not twice, though figures are renewed.
     warned: Vec<String>,
+    pub pace: Pace,
+    /// Streamed points are coloured by level.
+    pub(super) levels_are_shown: bool,
 }
 
 /// While points come in, a frame at most this often: each takes time from reading.
@@ -369,6 +395,8 @@ impl State {
             fatal: None,
             wants_to_quit: false,
             warned: Vec::new(),
+            pace: Pace::default(),
+            levels_are_shown: false,
         }
     }
 
@@ -376,7 +404,7 @@ impl State {
         self.clouds.iter().find(|entry| entry.key == key)
     }
 
-    fn cloud_mut(&mut self, key: CloudKey) -> Option<&mut CloudEntry> {
+    pub(super) fn cloud_mut(&mut self, key: CloudKey) -> Option<&mut CloudEntry> {
         self.clouds.iter_mut().find(|entry| entry.key == key)
     }
 
@@ -438,7 +466,13 @@ impl State {
     }
 
     /// The job that the window started for `inputs`; returns its number.
-    pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, surfel_progress: Arc<Progress>) -> u32 {
+    pub fn add_job(
+        &mut self,
+        inputs: &[Input],
+        progress: Arc<Progress>,
+        surfel_progress: Arc<Progress>,
+        lookout: Arc<Lookout>,
+    ) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
         let name = match inputs {
@@ -446,7 +480,19 @@ impl State {
             several => format!("{} inputs", several.len()),
         };
         let started = Instant::now();
-        self.jobs.push(JobEntry { id, name, progress, surfel_progress, started, clouds: BTreeMap::new() });
+        self.jobs.push(JobEntry {
+            id,
+            name,
+            progress,
+            surfel_progress,
+            started,
+            clouds: BTreeMap::new(),
+            stream: StreamStats::default(),
+            lookout,
+            look: 0,
+            has_streamed: false,
+            is_loaded: false,
+        });
         id
     }
 
@@ -500,6 +546,7 @@ impl State {
                     marked: Vec::new(),
                     marks: Arc::default(),
                     marking: None,
+                    streamed: None,
                 });
                 if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
                     entry.clouds.insert(index, key);
@@ -509,6 +556,9 @@ impl State {
                 }
             }
             loading::Event::Chunk { cloud, chunk } => self.add_chunk(job, cloud, chunk),
+            loading::Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages),
+            loading::Event::Dropped { cloud, first_point } => self.drop_chunk(job, cloud, first_point),
+            loading::Event::Stream(stats) => self.on_stream(job, stats),
             loading::Event::Mirror { input, mirror, samples } => {
                 let id = self.bring_mirror(mirror.clone(), Some(input));
                 self.put_samples(id, mirror, None, samples);
@@ -521,33 +571,60 @@ impl State {
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
                 self.say(Level::Error, text);
             }
-            loading::Event::Pages { .. } | loading::Event::Dropped { .. } | loading::Event::Stream(_) => {}
             loading::Event::Finished => self.finish_job(job),
         }
     }
 
-    fn key_of(&self, job: u32, cloud: usize) -> Option<CloudKey> {
+    pub(super) fn key_of(&self, job: u32, cloud: usize) -> Option<CloudKey> {
         self.jobs.iter().find(|entry| entry.id == job)?.clouds.get(&cloud).copied()
     }
 
+    /// Adds a chunk, or puts it in the place of the one with the same first point.
     fn add_chunk(&mut self, job: u32, cloud: usize, mut chunk: Chunk) {
         let key = self.key_of(job, cloud);
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         for (attribute, columns) in &entry.late_columns {
             put_column(&mut chunk, *attribute, columns);
         }
-        entry.points += chunk.len() as u64;
         let chunk_bounds = chunk.bounds();
-        entry.chunk_bounds.insert(chunk.first_point, chunk_bounds);
+        let first_point = chunk.first_point;
+        entry.points += chunk.len() as u64;
+        match entry.chunk_bounds.insert(first_point, chunk_bounds) {
+            Some(_) => {
+                let same = entry.cloud.chunks.iter_mut().find(|same| same.first_point == first_point);
+                if let Some(same) = same {
+                    entry.points -= same.len() as u64;
+                    *same = chunk.clone();
+                }
+            }
+            None => entry.cloud.chunks.push(chunk.clone()),
+        }
         entry.bounds = entry.bounds.union(chunk_bounds);
-        entry.cloud.chunks.push(chunk.clone());
         let (key, classes, bounds) = (entry.key, class_column(&entry.cloud), entry.bounds);
         let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
         self.render(Command::Chunk { key, chunk, classes });
+        self.tint_chunk(key, first_point);
         self.revision += 1;
         if !has_header_bounds && self.shown.is_none() {
             self.frame_while_unplaced(bounds);
         }
+    }
+
+    /// Forgets a chunk of a streamed cloud.
+    fn drop_chunk(&mut self, job: u32, cloud: usize, first_point: u64) {
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        let Some(index) = entry.cloud.chunks.iter().position(|chunk| chunk.first_point == first_point) else { return };
+        let gone = entry.cloud.chunks.swap_remove(index);
+        entry.points -= gone.len() as u64;
+        entry.chunk_bounds.remove(&first_point);
+        // Those of the index hold whatever comes.
+        if entry.streamed.as_ref().and_then(Streamed::bounds).is_none() {
+            entry.bounds = entry.chunk_bounds.values().fold(Bounds::EMPTY, |all, bounds| all.union(*bounds));
+        }
+        let key = entry.key;
+        self.render(Command::RemoveChunk { key, first_point });
+        self.revision += 1;
     }
 
     fn on_read(&mut self, job: u32, cloud: usize, summary: &codec::Summary) {
@@ -564,6 +641,13 @@ impl State {
             self.say(Level::Note, format!("{name}: stopped; the {} points read so far stay", grouped(points)));
         }
         self.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
+        // Streamed clouds stay under way: what the first look needs is there.
+        let Some(index) = self.jobs.iter().position(|entry| entry.id == job && !entry.is_loaded) else { return };
+        let of_job = || self.clouds.iter().filter(|entry| self.jobs[index].owns(entry.key));
+        if of_job().any(|entry| entry.streamed.is_some()) && of_job().all(|entry| entry.is_read) {
+            self.jobs[index].is_loaded = true;
+            self.on_loaded();
+        }
     }
 
     fn add_surfels(&mut self, job: u32, cloud: usize, surfels: Vec<Surfels>) {
@@ -607,6 +691,13 @@ impl State {
                 self.say(Level::Warning, format!("{name}: has no points"));
             }
         }
+        if !job.is_loaded {
+            self.on_loaded();
+        }
+    }
+
+    /// The points of a job are there, or as many as the first look needs.
+    fn on_loaded(&mut self) {
         self.area_per_point = None;
         self.place_awaited_markings();
         self.ask_surroundings();
@@ -614,16 +705,27 @@ impl State {
         self.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
     }
 
-    /// Of all clouds, and of the mirrors of built-in scenes.
+    /// Whether points are still to come, whatever is looked at.
+    pub fn is_loading(&self) -> bool {
+        self.jobs.iter().any(|job| !job.is_loaded)
+    }
+
+    /// Of all clouds, as far as they are there, and of the mirrors of built-in scenes.
     pub fn points(&self) -> u64 {
         let brought = self.samples.values().filter(|sample| sample.area_per_point.is_none());
         let of_mirrors = brought.flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64).sum::<u64>();
         self.clouds.iter().map(|entry| entry.points).sum::<u64>() + of_mirrors
     }
 
+    /// The same, with those of streamed clouds that are not there.
+    pub fn all_points(&self) -> u64 {
+        let elsewhere = self.clouds.iter().filter(|entry| entry.streamed.is_some());
+        self.points() + elsewhere.map(|entry| entry.total() - entry.points).sum::<u64>()
+    }
+
     /// What has been read stays.
     pub fn stop_loading(&mut self) {
-        for job in &self.jobs {
+        for job in self.jobs.iter().filter(|job| !job.is_loaded) {
             job.progress.cancel();
             job.surfel_progress.cancel();
         }
@@ -649,6 +751,9 @@ impl State {
         self.revision += 1;
         // The job of a cloud that is gone need not go on.
         for job in &self.jobs {
+            if let Some((index, _)) = job.clouds.iter().find(|(_, cloud)| **cloud == key) {
+                job.lookout.close(*index);
+            }
             if !job.clouds.is_empty() && !self.clouds.iter().any(|entry| job.owns(entry.key)) {
                 job.progress.cancel();
                 job.surfel_progress.cancel();
@@ -695,11 +800,16 @@ impl State {
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
                 late_columns: entry.late_columns.len(),
+                rests: entry.streamed.as_ref().map_or(0, |streamed| streamed.rests),
             };
             if entry.figures_basis.as_ref() != Some(&basis) {
                 entry.figures_under_way = true;
                 let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
-                self.effects.push(Effect::FindFigures { key, cloud, basis, up });
+                let same_color = entry.figures_basis.as_ref().is_some_and(|old| old.color == basis.color);
+                // Ramps of a streamed cloud must not change with what of it is there.
+                let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
+                let kept = kept.cloned().map(Box::new);
+                self.effects.push(Effect::FindFigures { key, cloud, basis, up, kept });
             }
         }
     }
@@ -761,7 +871,7 @@ impl State {
     }
 
     /// Changes the objects in a way that is no step of undo: something came or went with a file.
-    fn rewrite_objects(&mut self, change: impl Fn(&mut Objects)) {
+    pub(super) fn rewrite_objects(&mut self, change: impl Fn(&mut Objects)) {
         self.history.settle(&self.settings, &self.objects);
         change(&mut self.objects);
         self.history.rewrite(change);
@@ -806,7 +916,7 @@ impl State {
     fn ask_surroundings(&mut self) {
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
         let chunks: Vec<Chunk> = visible.flat_map(|entry| entry.cloud.chunks.iter().cloned()).collect();
-        if self.jobs.is_empty() && !chunks.is_empty() {
+        if !self.is_loading() && !chunks.is_empty() {
             self.surroundings_asked += 1;
             let (asked, up) = (self.surroundings_asked, self.up());
             self.effects.push(Effect::FindSurroundings { asked, chunks, up });
@@ -905,9 +1015,10 @@ impl State {
             self.selected = None;
         }
         // The spacing of the points is known when they are all there.
-        if !self.jobs.is_empty() || self.clouds.is_empty() {
+        if self.is_loading() || self.clouds.is_empty() {
             return;
         }
+        self.refuse_marking_streamed();
         let clouds = &self.clouds;
         let area_per_point = *self
             .area_per_point
@@ -999,7 +1110,8 @@ impl State {
     fn on_figures(&mut self, key: CloudKey, basis: Basis, figures: Figures) {
         let Some(entry) = self.cloud_mut(key) else { return };
         entry.figures_under_way = false;
-        if let (Some(attribute), Some(source)) = (figures.plan.missing_column(&entry.cloud), entry.source.clone()) {
+        let source = entry.source.clone().filter(|_| entry.streamed.is_none());
+        if let (Some(attribute), Some(source)) = (figures.plan.missing_column(&entry.cloud), source) {
             // What is shown stays until the column has come.
             entry.figures_basis = Some(basis);
             if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
@@ -1013,6 +1125,8 @@ impl State {
         let same_points = entry.figures_basis.as_ref().is_some_and(|old| {
             old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
         });
+        // Chunks of streamed clouds are coloured as they come.
+        let same_points = same_points || entry.is_indexed();
         entry.figures_basis = Some(basis);
         let outline_changed = entry.figures.as_ref().is_none_or(|old| old.outline != figures.outline);
         let (cloud, up, plan) = (entry.cloud.clone(), entry.up, figures.plan.clone());
@@ -1112,7 +1226,7 @@ impl State {
     }
 
     /// Shows everything unless someone has chosen the camera: the clouds' outlines, or `bounds` while none is known.
-    fn frame_while_unplaced(&mut self, bounds: Bounds) {
+    pub(super) fn frame_while_unplaced(&mut self, bounds: Bounds) {
         if self.camera_is_placed {
             return;
         }
@@ -1189,7 +1303,7 @@ impl State {
             return rest;
         }
         let only_points_changed = self.requested.as_ref().is_some_and(|requested| {
-            FrameRequest { revision: wanted.revision, ..requested.clone() } == wanted && !self.jobs.is_empty()
+            FrameRequest { revision: wanted.revision, ..requested.clone() } == wanted && self.points_come()
         });
         if only_points_changed {
             if self.frames_under_way > 0 {
@@ -1217,7 +1331,7 @@ impl State {
     /// The frame on the screen, if it is the final one and nothing is under way that would change it.
     pub fn still_frame(&self) -> Option<&FrameRequest> {
         let is_busy = |entry: &CloudEntry| entry.marking.is_some() || entry.figures_under_way;
-        let is_still = self.is_at_rest && self.jobs.is_empty() && self.sampling.is_none() && self.inspection.is_none();
+        let is_still = self.is_at_rest && !self.points_come() && self.sampling.is_none() && self.inspection.is_none();
         let shown = self.shown.as_ref().filter(|_| is_still && !self.clouds.iter().any(is_busy))?;
         (self.requested.as_ref() == Some(&shown.request) && !shown.request.hurried).then_some(&shown.request)
     }
@@ -1226,7 +1340,7 @@ impl State {
     fn note_rest(&mut self, is_hurried: bool) {
         let is_known = self.surroundings_known == self.surroundings_asked;
         let is_shown = self.frames_under_way == 0 && self.shown.is_some() && !is_hurried;
-        if !self.is_at_rest && is_shown && is_known && self.jobs.is_empty() {
+        if !self.is_at_rest && is_shown && is_known && !self.points_come() {
             self.is_at_rest = true;
             self.log(json!({ "event": "settled" }));
         }
@@ -1247,6 +1361,7 @@ impl State {
                 if !frame.request.hurried {
                     self.careful_milliseconds = frame.total_milliseconds;
                 }
+                self.keep_pace(frame.total_milliseconds);
                 self.log(json!({
                     "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
                 }));
@@ -1351,13 +1466,15 @@ impl State {
 
     fn select(&mut self, point: PickedPoint, world: DVec3) {
         let Some(entry) = self.cloud(point.key) else { return };
-        let (cloud, source) = (entry.cloud.name.clone(), entry.source.clone());
+        let is_streamed = entry.streamed.is_some();
+        let source = entry.source.clone().filter(|_| !is_streamed);
+        let cloud = entry.cloud.name.clone();
         let record = source.is_none().then(|| Ok(loaded_attributes(&entry.cloud, point.point)));
         if self.picks.len() == 2 {
             self.picks.remove(0);
         }
         self.log(json!({ "event": "picked", "cloud": cloud, "point": point.point, "world": world.to_array() }));
-        self.picks.push(Pick { point, cloud, world, record });
+        self.picks.push(Pick { point, cloud, world, record, is_streamed });
         if let Some(source) = source {
             self.effects.push(Effect::ReadRecord { picked: point, source });
         }
@@ -1381,7 +1498,7 @@ impl State {
     // ---- words for the outside ----
 
     pub fn title(&self) -> String {
-        let points = self.points();
+        let points = self.all_points();
         match self.inputs().as_slice() {
             [] => "glint".into(),
             [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
@@ -1454,7 +1571,7 @@ impl State {
     pub fn with_two_points() -> Self {
         use super::preferences::Preferences;
         let mut state = Self::new(Preferences::default());
-        let job = state.add_job(&[], Arc::<cloud::Progress>::default(), Arc::default());
+        let job = state.add_job(&[], Arc::<cloud::Progress>::default(), Arc::default(), Arc::default());
         state.on_loading(
             job,
             loading::Event::Opened {
@@ -1485,7 +1602,7 @@ mod tests {
     /// A cloud with one attribute whose header has been read, by job 0.
     fn opened() -> (State, CloudKey) {
         let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::default(), Arc::default());
+        let job = state.add_job(&[], Arc::default(), Arc::default(), Arc::default());
         let event = loading::Event::Opened {
             cloud: 0,
             name: "cloud.ply".into(),

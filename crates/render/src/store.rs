@@ -255,6 +255,11 @@ impl PointStore {
         self.reserved = (u64::from(self.reserved).max(self.points()) + points).min(u64::from(u32::MAX)) as u32;
     }
 
+    /// Takes back what was announced and will not come.
+    pub fn unreserve(&mut self, points: u64) {
+        self.reserved = self.reserved.saturating_sub(u32::try_from(points).unwrap_or(u32::MAX));
+    }
+
     pub fn add_cloud(&mut self, material: Material) -> CloudId {
         self.change();
         let id = CloudId(self.next_cloud);
@@ -469,7 +474,7 @@ impl PointStore {
         let gone: Vec<ChunkId> =
             self.chunks.iter().filter(|(_, chunk)| chunk.cloud == cloud).map(|(id, _)| *id).collect();
         let points: u64 = gone.iter().map(|id| self.take_out(*id) as u64).sum();
-        self.reserved = self.reserved.saturating_sub(u32::try_from(points).unwrap_or(u32::MAX));
+        self.unreserve(points);
         if self.clouds.is_empty() {
             self.reserved = 0;
         }

@@ -1,0 +1,515 @@
+//! Streamed clouds in the window: how far their pages are, where they are told that they are looked at from, how many of their
+//! points a moving picture can afford, and what they cannot do.
+
+use std::sync::Arc;
+
+use cloud::Bounds;
+use scene::Ramp;
+use serde_json::json;
+use stream::{Node, Octree};
+
+use super::messages::Level;
+use super::render_thread::{CloudKey, Command};
+use super::state::{CloudEntry, JobEntry, State};
+use crate::streaming::{Paged, StreamStats, Viewpoint};
+
+/// What makes a cloud a streamed one: its chunks are those of its points that the last look needs.
+pub struct Streamed {
+    pub pages: Paged,
+    /// Times that all was there that a look needs.
+    pub rests: u32,
+    deepest_level: u8,
+}
+
+impl Streamed {
+    fn new(pages: Paged, rests: u32) -> Self {
+        let mut streamed = Self { pages, rests, deepest_level: 0 };
+        let levels = streamed.octree().and_then(|octree| octree.nodes.iter().map(|node| node.level).max());
+        streamed.deepest_level = levels.unwrap_or(0);
+        streamed
+    }
+
+    pub fn octree(&self) -> Option<&Arc<Octree>> {
+        match &self.pages {
+            Paged::Indexing => None,
+            Paged::Indexed { octree, .. } => Some(octree),
+        }
+    }
+
+    /// All of its points, once they are counted.
+    pub fn total(&self) -> Option<u64> {
+        self.octree().map(|octree| octree.points())
+    }
+
+    pub fn bounds(&self) -> Option<Bounds> {
+        self.octree()?.nodes.first().map(|root| root.bounds)
+    }
+
+    /// The node whose points begin with that one.
+    pub fn node(&self, first_point: u64) -> Option<&Node> {
+        let nodes = &self.octree()?.nodes;
+        // Of nodes without points of their own the last begins where the one with points does.
+        let after = nodes.partition_point(|node| node.first_point <= first_point);
+        nodes.get(after.checked_sub(1)?).filter(|node| node.first_point == first_point)
+    }
+
+    /// sRGB, from the root's colour to that of the deepest level.
+    fn level_color(&self, level: u8) -> [u8; 4] {
+        // The ends of the ramp are too dark to be told apart.
+        let place = 24 + usize::from(level) * 207 / usize::from(self.deepest_level.max(1));
+        render::ramp_colors(Ramp::Turbo)[place.min(255)]
+    }
+}
+
+impl CloudEntry {
+    /// Streamed, and its index is there.
+    pub fn is_indexed(&self) -> bool {
+        self.streamed.as_ref().is_some_and(|streamed| streamed.octree().is_some())
+    }
+
+    /// The color of the level of one of its chunks, sRGB.
+    fn level_color(&self, first_point: u64) -> Option<[u8; 4]> {
+        let streamed = self.streamed.as_ref()?;
+        Some(streamed.level_color(streamed.node(first_point)?.level))
+    }
+
+    /// Boxes of the nodes that are there, as far as none below them is, with the colours of their levels.
+    pub fn shown_boxes(&self) -> Vec<(Bounds, [u8; 4])> {
+        let Some(streamed) = &self.streamed else { return Vec::new() };
+        let Some(octree) = streamed.octree() else { return Vec::new() };
+        let is_there = |node: &Node| node.points > 0 && self.chunk_bounds.contains_key(&node.first_point);
+        let is_last = |node: &&Node| !node.children.iter().flatten().any(|child| is_there(octree.node(*child)));
+        let there = self.chunk_bounds.keys().filter_map(|first_point| streamed.node(*first_point));
+        let bounds = |node: &Node| Some((self.chunk_bounds.get(&node.first_point).copied()?, node.level));
+        let boxes = there.filter(is_last).filter_map(bounds);
+        boxes.map(|(bounds, level)| (bounds, streamed.level_color(level))).collect()
+    }
+}
+
+impl JobEntry {
+    /// What its streamed clouds need for the last look is not all there.
+    fn is_streaming(&self) -> bool {
+        self.has_streamed && !(self.stream.is_settled && self.stream.look == self.look)
+    }
+}
+
+/// How many points a frame can afford while the camera moves.
+pub struct Pace {
+    /// Of the point budget.
+    share: f64,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self { share: 1.0 }
+    }
+}
+
+impl Pace {
+    /// Below this share of the budget a frame takes its time for other things than points: sparing more would only coarsen it.
+    const LEAST: f64 = 0.125;
+
+    /// Learns from a frame of the moving camera that was to take `wanted` milliseconds. Near enough is right: each change of the
+    /// budget makes points come or go.
+    pub fn learn(&mut self, milliseconds: f64, wanted: f64) {
+        let ratio = wanted / milliseconds.max(0.1);
+        if !(0.9..1.4).contains(&ratio) {
+            // Growing slowly keeps it from swinging.
+            self.share = (self.share * ratio.clamp(0.5, 1.15)).clamp(Self::LEAST, 1.0);
+        }
+    }
+
+    /// Points that a frame may have of a budget.
+    pub fn budget(&self, points: u32) -> u32 {
+        (f64::from(points) * self.share) as u32
+    }
+}
+
+impl State {
+    pub(super) fn on_pages(&mut self, job: u32, cloud: usize, pages: Paged) {
+        if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
+            entry.has_streamed = true;
+        }
+        let key = self.key_of(job, cloud);
+        let budget = u64::from(self.settings.view.point_budget);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        let rests = entry.streamed.as_ref().map_or(0, |streamed| streamed.rests);
+        let was_indexed = entry.is_indexed();
+        let streamed = Streamed::new(pages, rests);
+        let (key, name) = (entry.key, entry.cloud.name.clone());
+        // Never more than these are on the GPU.
+        let points = streamed.total().unwrap_or(entry.expected_points).min(budget);
+        if let Some(bounds) = streamed.bounds() {
+            entry.bounds = bounds;
+        }
+        let bounds = entry.bounds;
+        let has_surfels = matches!(streamed.pages, Paged::Indexed { has_surfels: true, .. });
+        entry.streamed = Some(streamed);
+        self.render(Command::Expect { key, points });
+        if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
+            let total = self.cloud(key).map_or(0, CloudEntry::total);
+            self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
+            if !was_indexed {
+                self.frame_while_unplaced(bounds);
+            }
+        } else {
+            self.log(json!({ "event": "indexing", "name": name }));
+        }
+    }
+
+    pub(super) fn on_stream(&mut self, job: u32, stats: StreamStats) {
+        let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) else { return };
+        let comes_to_rest = stats.is_settled && entry.is_streaming();
+        entry.stream = stats;
+        if !comes_to_rest || entry.is_streaming() {
+            return;
+        }
+        let keys: Vec<CloudKey> = entry.clouds.values().copied().collect();
+        for entry in self.clouds.iter_mut().filter(|entry| keys.contains(&entry.key)) {
+            if let Some(streamed) = &mut entry.streamed {
+                streamed.rests += 1;
+            }
+        }
+        self.log(json!({
+            "event": "streamed", "points": stats.points_resident, "nodes": stats.nodes, "host_bytes": stats.host_bytes,
+        }));
+    }
+
+    /// Whether points are on their way that the picture wants.
+    pub fn points_come(&self) -> bool {
+        self.is_loading() || self.jobs.iter().any(JobEntry::is_streaming)
+    }
+
+    /// Tells streamed clouds where they are looked at from, if that has changed. Called every frame of the window.
+    pub fn look_around(&mut self) {
+        let mut view = self.settings.view.clone();
+        if self.navigation.time_to_rest().is_some() && self.settings.stream.frame_ms > 0.0 {
+            view.point_budget = self.pace.budget(view.point_budget);
+        }
+        let stream = self.settings.stream.clone();
+        let viewpoint = Viewpoint { camera: self.camera, size: self.view_size, view, stream };
+        for job in self.jobs.iter_mut().filter(|job| job.has_streamed) {
+            job.look = job.lookout.look(viewpoint.clone());
+        }
+    }
+
+    /// Learns from a frame what a moving picture can afford.
+    pub(super) fn keep_pace(&mut self, milliseconds: f64) {
+        let wanted = f64::from(self.settings.stream.frame_ms);
+        let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
+        if is_streamed && wanted > 0.0 && self.navigation.time_to_rest().is_some() {
+            self.pace.learn(milliseconds, wanted);
+        }
+    }
+
+    // ---- levels ----
+
+    /// Colours a chunk that has come by its level, if these are shown.
+    pub(super) fn tint_chunk(&mut self, key: CloudKey, first_point: u64) {
+        if self.levels_are_shown
+            && let Some(color) = self.cloud(key).and_then(|entry| entry.level_color(first_point))
+        {
+            self.render(Command::Tint { key, tints: vec![(first_point, Some(color))] });
+        }
+    }
+
+    /// Shows levels or ends it. Called every frame of the window.
+    pub fn sync_levels(&mut self) {
+        if self.levels_are_shown == self.settings.stream.overlay {
+            return;
+        }
+        self.levels_are_shown = self.settings.stream.overlay;
+        let is_shown = self.levels_are_shown;
+        let tints = |entry: &CloudEntry| {
+            let chunks = entry.chunk_bounds.keys();
+            chunks.map(|first| (*first, entry.level_color(*first).filter(|_| is_shown))).collect()
+        };
+        let streamed = self.clouds.iter().filter(|entry| entry.streamed.is_some());
+        let all: Vec<(CloudKey, Vec<_>)> = streamed.map(|entry| (entry.key, tints(entry))).collect();
+        for (key, tints) in all {
+            self.render(Command::Tint { key, tints });
+            self.revision += 1;
+        }
+    }
+
+    // ---- what they cannot do ----
+
+    /// Points that come and go cannot be parted into mirror and rest once for all.
+    pub(super) fn refuse_marking_streamed(&mut self) {
+        let is_marked = |entry: &&CloudEntry| {
+            entry.streamed.is_some() && self.objects.markings.iter().any(|marking| marking.key == entry.key)
+        };
+        let refused: Vec<(CloudKey, String)> =
+            self.clouds.iter().filter(is_marked).map(|entry| (entry.key, entry.cloud.name.clone())).collect();
+        for (key, name) in refused {
+            self.rewrite_objects(|objects| objects.markings.retain(|marking| marking.key != key));
+            self.say(Level::Error, format!("{name}: {NOT_MARKED}"));
+        }
+    }
+}
+
+/// Why no points of a streamed cloud can be turned into a mirror, and what can be done.
+pub const NOT_MARKED: &str = "is streamed, so its points come and go and cannot be turned into a mirror; \
+    with stream.pages set to never it is held in memory";
+
+#[cfg(test)]
+mod tests {
+    use cloud::{Attribute, Chunk, Column, ColumnType};
+    use glam::DVec3;
+    use scene::MirrorPoints;
+    use stream::NodeId;
+
+    use super::super::objects::Marking;
+    use super::super::preferences::Preferences;
+    use super::super::render_thread::{PickPurpose, PickedPoint, Report};
+    use super::super::state::{Effect, Found};
+    use super::*;
+    use crate::loading::Event;
+
+    /// A root of two points over two children of three, the first of them without points of its own, and one below that.
+    fn octree() -> Octree {
+        let bounds = Bounds { min: DVec3::ZERO, max: DVec3::splat(8.0) };
+        let node = |level, points, total, first_point, parent: Option<u32>| stream::Node {
+            level,
+            bounds,
+            points,
+            total,
+            first_point,
+            parent: parent.map(NodeId),
+            children: [None; 8],
+        };
+        let mut nodes = vec![
+            node(0, 2, 8, 0, None),
+            node(1, 0, 3, 2, Some(0)),
+            node(2, 3, 3, 2, Some(1)),
+            node(1, 3, 3, 5, Some(0)),
+        ];
+        (nodes[0].children[0], nodes[0].children[7], nodes[1].children[0]) =
+            (Some(NodeId(1)), Some(NodeId(3)), Some(NodeId(2)));
+        Octree { corner: DVec3::ZERO, width: 8.0, spacing: 1.0, nodes }
+    }
+
+    fn chunk(first_point: u64, places: &[f32]) -> Chunk {
+        let mut chunk = Chunk::new(first_point, DVec3::ZERO, places.iter().map(|at| [*at; 3]).collect());
+        chunk.columns = vec![Some(Arc::new(Column::U8(places.iter().map(|at| *at as u8).collect())))];
+        chunk
+    }
+
+    fn put(state: &mut State, first_point: u64, places: &[f32]) {
+        state.on_loading(0, Event::Chunk { cloud: 0, chunk: chunk(first_point, places) });
+    }
+
+    fn drop_chunk(state: &mut State, first_point: u64) {
+        state.on_loading(0, Event::Dropped { cloud: 0, first_point });
+    }
+
+    /// A streamed cloud whose index is there, by job 0, with the chunk of its root.
+    fn streamed() -> State {
+        let mut state = State::new(Preferences::default());
+        state.add_job(&[], Arc::default(), Arc::default(), Arc::default());
+        let opened = Event::Opened {
+            cloud: 0,
+            name: "survey".into(),
+            input: "survey".into(),
+            source: None,
+            attributes: vec![Attribute { name: "intensity".into(), column_type: ColumnType::U8 }],
+            grid: None,
+            expected_points: 9,
+            up: DVec3::Z,
+            provisional_radius: 0.0,
+            warnings: Vec::new(),
+        };
+        state.on_loading(0, opened);
+        let pages = Paged::Indexed { octree: Arc::new(octree()), was_built: false, has_surfels: true };
+        state.on_loading(0, Event::Pages { cloud: 0, pages });
+        put(&mut state, 0, &[1.0, 7.0]);
+        state.history.watch(&state.settings, &state.objects, false);
+        state
+    }
+
+    /// All that the last look needs is there.
+    fn settle(state: &mut State) {
+        state.look_around();
+        let stats = StreamStats { look: state.jobs[0].look, is_settled: true, ..StreamStats::default() };
+        state.on_loading(0, Event::Stream(stats));
+    }
+
+    fn commands(state: &mut State) -> Vec<Command> {
+        let effects = std::mem::take(&mut state.effects).into_iter();
+        effects.filter_map(|effect| if let Effect::Render(command) = effect { Some(command) } else { None }).collect()
+    }
+
+    #[test]
+    fn points_and_bounds_are_counted_right_while_chunks_come_change_and_go() {
+        let mut state = State::new(Preferences::default());
+        state.add_job(&[], Arc::default(), Arc::default(), Arc::default());
+        let opened = Event::Opened {
+            cloud: 0,
+            name: "survey".into(),
+            input: "survey".into(),
+            source: None,
+            attributes: Vec::new(),
+            grid: None,
+            expected_points: 9,
+            up: DVec3::Z,
+            provisional_radius: 0.0,
+            warnings: Vec::new(),
+        };
+        state.on_loading(0, opened);
+        state.on_loading(0, Event::Pages { cloud: 0, pages: Paged::Indexing });
+        put(&mut state, 0, &[1.0]);
+        put(&mut state, 5, &[2.0, 6.0, 8.0]);
+        put(&mut state, 0, &[1.0, 3.0]);
+        let revision = state.revision;
+        assert_eq!((state.clouds[0].points, state.points(), state.clouds[0].cloud.len()), (5, 5, 5));
+        assert_eq!(state.bounds().max, DVec3::splat(8.0));
+        drop_chunk(&mut state, 5);
+        assert_eq!((state.clouds[0].points, state.clouds[0].cloud.len()), (2, 2));
+        assert_eq!((state.bounds().min, state.bounds().max), (DVec3::ONE, DVec3::splat(3.0)));
+        assert!(state.revision > revision && state.clouds[0].chunk_bounds.len() == 1);
+        let removed = |command: &Command| matches!(command, Command::RemoveChunk { first_point: 5, .. });
+        assert_eq!(commands(&mut state).iter().filter(|command| removed(command)).count(), 1);
+        let revision = state.revision;
+        drop_chunk(&mut state, 5);
+        assert!(commands(&mut state).is_empty() && state.revision == revision, "it has gone already");
+    }
+
+    #[test]
+    fn bounds_and_number_of_a_streamed_cloud_are_those_of_its_index() {
+        let mut state = streamed();
+        assert_eq!(state.bounds(), octree().nodes[0].bounds);
+        put(&mut state, 5, &[2.0, 3.0, 4.0]);
+        drop_chunk(&mut state, 0);
+        assert_eq!(state.bounds(), octree().nodes[0].bounds);
+        assert_eq!((state.points(), state.all_points(), state.clouds[0].total()), (3, 8, 8));
+        assert_eq!(state.title(), "survey - 8 points - glint");
+        let expected = |command: &Command| matches!(command, Command::Expect { points: 8, .. });
+        assert!(commands(&mut state).iter().any(expected), "no more room is made than all points take");
+    }
+
+    #[test]
+    fn a_streamed_cloud_is_loaded_with_its_first_look_and_at_rest_with_its_last() {
+        let mut state = streamed();
+        assert!(state.is_loading() && state.points_come());
+        settle(&mut state);
+        state.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
+        assert!(!state.is_loading() && !state.points_come());
+        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::FindSurroundings { .. })));
+        state.camera.eye += DVec3::ONE;
+        state.look_around();
+        assert!(!state.is_loading() && state.points_come());
+        let late = StreamStats { look: state.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
+        state.on_loading(0, Event::Stream(late));
+        assert!(state.points_come(), "that is about an earlier look");
+        settle(&mut state);
+        assert!(!state.points_come());
+        assert_eq!(state.clouds[0].streamed.as_ref().unwrap().rests, 2);
+        state.on_loading(0, Event::Finished);
+        assert!(state.jobs.is_empty() && state.clouds.len() == 1);
+    }
+
+    #[test]
+    fn a_streamed_point_is_picked_with_all_that_its_page_holds_and_no_record_is_looked_up() {
+        let mut state = streamed();
+        put(&mut state, 5, &[2.0, 3.0, 4.0]);
+        commands(&mut state);
+        let point = Some(PickedPoint { key: state.clouds[0].key, point: 6 });
+        state.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
+        let pick = &state.picks[0];
+        assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.0), true));
+        assert_eq!(pick.record, Some(Ok(vec![("intensity".to_string(), "3".to_string())])));
+        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::ReadRecord { .. })));
+    }
+
+    #[test]
+    fn a_ramp_stays_while_chunks_come_and_go_and_the_histogram_counts_what_is_there() {
+        let mut state = streamed();
+        state.settings.color.by = scene::ColorBy::Height;
+        let found = |state: &mut State| {
+            state.renew_figures();
+            let effects = std::mem::take(&mut state.effects);
+            let asked = effects.into_iter().find_map(|effect| match effect {
+                Effect::FindFigures { key, cloud, basis, up, kept } => Some((key, cloud, basis, up, kept)),
+                _ => None,
+            });
+            let Some((key, cloud, basis, up, kept)) = asked else { return false };
+            let figures = match kept {
+                Some(kept) => kept.recounted(&cloud, up),
+                None => super::super::figures::Figures::of(&cloud, &basis.color, up),
+            };
+            state.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
+            true
+        };
+        assert!(found(&mut state));
+        let counted = |state: &State| state.clouds[0].figures.as_ref().unwrap().histogram.iter().sum::<u32>();
+        let plan = state.clouds[0].figures.as_ref().unwrap().plan.clone();
+        assert_eq!(counted(&state), 2);
+        put(&mut state, 5, &[2.0, 3.0, 4.0]);
+        drop_chunk(&mut state, 0);
+        put(&mut state, 2, &[6.0]);
+        settle(&mut state);
+        commands(&mut state);
+        assert!(found(&mut state), "what is there is counted when it is complete");
+        assert_eq!(state.clouds[0].figures.as_ref().unwrap().plan, plan);
+        assert_eq!(counted(&state), 4);
+        assert!(!commands(&mut state).iter().any(|command| matches!(command, Command::Color { .. })));
+        state.settings.color.high = 0.5;
+        assert!(found(&mut state) && state.clouds[0].figures.as_ref().unwrap().plan != plan);
+    }
+
+    #[test]
+    fn levels_are_shown_of_what_is_there_and_of_what_comes_and_end() {
+        let mut state = streamed();
+        state.settings.stream.overlay = true;
+        commands(&mut state);
+        state.sync_levels();
+        put(&mut state, 2, &[6.0, 6.5, 7.0]);
+        let tints: Vec<_> = commands(&mut state)
+            .into_iter()
+            .filter_map(|command| if let Command::Tint { tints, .. } = command { Some(tints) } else { None })
+            .flatten()
+            .collect();
+        assert_eq!(tints.iter().map(|(first, _)| *first).collect::<Vec<_>>(), [0, 2]);
+        assert!(tints[0].1.is_some() && tints[1].1.is_some() && tints[0].1 != tints[1].1, "{tints:?}");
+        let boxes = state.clouds[0].shown_boxes();
+        assert_eq!(boxes.len(), 2, "the node between them is not there, so the root is the last above");
+        state.settings.stream.overlay = false;
+        state.sync_levels();
+        let ends = |command: &Command| matches!(command, Command::Tint { tints, .. } if tints.len() == 2 && tints.iter().all(|(_, tint)| tint.is_none()));
+        assert!(commands(&mut state).iter().any(ends));
+    }
+
+    #[test]
+    fn points_of_a_streamed_cloud_are_no_mirror_and_that_is_said() {
+        let mut state = streamed();
+        settle(&mut state);
+        state.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
+        let key = state.clouds[0].key;
+        state.edit_objects(|objects| {
+            objects.markings.push(Marking { key, points: MirrorPoints::whole("survey".into()) })
+        });
+        state.sync_objects();
+        assert!(state.objects.markings.is_empty());
+        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::MarkPoints { .. })));
+        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
+    }
+
+    #[test]
+    fn a_moving_picture_has_as_many_points_as_its_time_allows() {
+        // A millisecond for 50 thousand points, and 5 for everything else.
+        let milliseconds = |points: u32| 5.0 + f64::from(points) / 50_000.0;
+        let mut pace = Pace::default();
+        for _ in 0..30 {
+            pace.learn(milliseconds(pace.budget(5_000_000)), 40.0);
+        }
+        let time = milliseconds(pace.budget(5_000_000));
+        assert!((28.0..45.0).contains(&time), "{time}");
+        let budget = pace.budget(5_000_000);
+        pace.learn(time, 40.0);
+        assert_eq!(pace.budget(5_000_000), budget, "near enough is left alone");
+        (0..30).for_each(|_| pace.learn(1.0, 40.0));
+        assert_eq!(pace.budget(5_000_000), 5_000_000);
+        (0..30).for_each(|_| pace.learn(1e9, 40.0));
+        assert_eq!(pace.budget(800), 100, "never so few that nothing is left to see");
+    }
+}
