@@ -142,7 +142,10 @@ impl Streamer {
 
     /// Forgets a cloud. No change of it follows: the caller drops what it has of it.
     pub fn remove(&self, cloud: usize) {
-        self.shared.lock().remove(cloud);
+        let mut state = self.shared.lock();
+        state.asked.retain(|wanted| wanted.cloud != cloud);
+        state.remove(cloud);
+        drop(state);
         self.shared.work.notify_all();
     }
 
@@ -163,7 +166,9 @@ impl Streamer {
         self.shared.work.notify_all();
     }
 
-    /// What has changed since the last call.
+    /// What has changed since the last call. To be called after each wake, and after a new cut or budget: what is in memory
+    /// already comes at once. Where a chunk shares its `positions` with the one that it takes the place of, only its radii are
+    /// other ones.
     pub fn changes(&self) -> Vec<Change> {
         let changes = self.shared.lock().changes();
         if !changes.is_empty() {

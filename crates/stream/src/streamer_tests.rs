@@ -329,6 +329,48 @@ fn a_root_alone_is_drawn_with_larger_splats() {
 }
 
 #[test]
+fn what_has_settled_does_not_depend_on_the_order_that_it_came_in() {
+    let octree = Arc::new(terrain(4));
+    let settled = |workers: usize, salt: u64| {
+        let streamer = Streamer::new(workers, Budget { points: 33_000, bytes: u64::MAX }, || {}).unwrap();
+        let slowly = move |octree: &Octree, node: NodeId| {
+            std::thread::sleep(Duration::from_micros(cloud::hash(u64::from(node.0) ^ salt) % 700));
+            Ok(terrain_page(octree, node))
+        };
+        streamer.add(0, paged(&octree, slowly));
+        streamer.want(cut_from(&octree, DVec3::new(300.0, 200.0, 80.0), 33_000));
+        let mut drawer = Drawer::default();
+        drawer.settle(&streamer);
+        drawer.chunks
+    };
+    let first = settled(1, 0);
+    assert!(first.len() > 100);
+    for salt in 1..4 {
+        let other = settled(5, salt << 32);
+        assert!(first.keys().eq(other.keys()));
+        for (a, b) in first.values().zip(other.values()) {
+            assert_eq!((&a.positions, &a.radii), (&b.positions, &b.radii));
+        }
+    }
+}
+
+#[test]
+fn a_chunk_with_other_radii_shares_its_positions_with_the_one_before() {
+    let octree = Arc::new(terrain(1));
+    let streamer = Streamer::new(1, PLENTY, || {}).unwrap();
+    streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+    let mut drawer = Drawer::default();
+    let mut root = |nodes: usize| {
+        streamer.want(everything(0, &octree)[..nodes].to_vec());
+        drawer.settle(&streamer);
+        drawer.chunks[&(0, 0)].clone()
+    };
+    let (alone, among) = (root(1), root(5));
+    assert_ne!(alone.radii, among.radii);
+    assert!(Arc::ptr_eq(&alone.positions, &among.positions));
+}
+
+#[test]
 fn a_slow_disk_holds_nobody_up() {
     let octree = Arc::new(random(5, 60));
     let (paged, open, begun) = gated(&octree);
