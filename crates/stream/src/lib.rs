@@ -20,6 +20,7 @@ mod records;
 mod selection;
 mod storage;
 mod streamer;
+mod surfels;
 #[cfg(test)]
 mod test_trees;
 mod tree;
@@ -32,3 +33,4 @@ pub use error::{Error, Result};
 pub use octree::{Node, NodeId, Octree};
 pub use pages::Pages;
 pub use streamer::{Change, Missing, Page, PagedCloud, StreamStats, Streamer};
+pub use surfels::{coarsest, estimate_surfels};

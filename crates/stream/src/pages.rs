@@ -8,14 +8,16 @@
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid};
+use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid, SurfelOptions, Surfels};
 use glam::DVec3;
 
 use crate::lattice::{Cell, Lattice};
 use crate::page::{self, Coding, Place};
 use crate::records::Layout;
 use crate::storage::Storage;
+use crate::surfels::SurfelFile;
 use crate::{Error, Node, NodeId, Octree, Result};
 
 pub(crate) const NODES: &str = "nodes";
@@ -39,6 +41,7 @@ pub struct Pages {
     octree: Octree,
     places: Vec<Page>,
     pages: Storage,
+    surfels: Option<SurfelFile>,
     /// Shared as long as the index is open, so that nobody clears it away.
     _lock: Option<File>,
 }
@@ -89,7 +92,9 @@ impl Pages {
         let pages = Storage::open(&entry.join(PAGES))?;
         let damaged = |problem: String| Error::damaged(&path, problem);
         let (summary, octree, places) = parse(&bytes, pages.length()).map_err(damaged)?;
-        Ok(Self { folder: entry.to_owned(), summary, octree, places, pages, _lock: lock })
+        // Whatever is wrong with them, they are estimated again.
+        let surfels = SurfelFile::open(entry, summary.key, &octree).ok();
+        Ok(Self { folder: entry.to_owned(), summary, octree, places, pages, surfels, _lock: lock })
     }
 
     /// Where it is.
@@ -125,6 +130,16 @@ impl Pages {
         self.summary.layout.normals
     }
 
+    /// Normals and radii of all points are known.
+    pub fn has_surfels(&self) -> bool {
+        self.surfels.is_some()
+    }
+
+    /// How normals and radii were estimated, if they are known.
+    pub fn surfel_options(&self) -> Option<&SurfelOptions> {
+        self.surfels.as_ref().map(SurfelFile::options)
+    }
+
     /// Points of the files that are in no node because they are not finite.
     pub fn skipped_points(&self) -> u64 {
         self.summary.skipped
@@ -147,6 +162,16 @@ impl Pages {
     /// # Errors
     /// `Damaged` if the page is not what was written, `Io` if it cannot be read.
     pub fn read(&self, node: NodeId) -> Result<Chunk> {
+        let mut chunk = self.read_page(node)?;
+        if let Some(surfels) = &self.surfels {
+            let Surfels { normals, radii } = surfels.read(&self.octree, node)?;
+            (chunk.normals, chunk.radii) = (Some(Arc::new(normals)), Some(Arc::new(radii)));
+        }
+        Ok(chunk)
+    }
+
+    /// As the files had it, without estimates.
+    pub(crate) fn read_page(&self, node: NodeId) -> Result<Chunk> {
         let index = node.0 as usize;
         let Page { place, offset, checksum } = &self.places[index];
         let Node { points, first_point, .. } = self.octree.nodes[index];

@@ -33,6 +33,13 @@ impl Storage {
         Ok(Self::new(path, file, length, length))
     }
 
+    /// A file of `length` bytes, as it is or of zeros where it is shorter, that is written anywhere.
+    pub fn sized(path: &Path, length: u64) -> Result<Self> {
+        let file = File::options().read(true).write(true).create(true).truncate(false).open(path);
+        let file = file.and_then(|file| file.set_len(length).map(|()| file));
+        Ok(Self::new(path, file.map_err(|error| Error::io(path, error))?, length, length))
+    }
+
     fn new(path: &Path, file: File, end: u64, limit: u64) -> Self {
         #[cfg(not(unix))]
         let file = std::sync::Mutex::new(file);
@@ -58,6 +65,11 @@ impl Storage {
         };
         written.map_err(|error| Error::io(&self.path, error))?;
         Ok(offset)
+    }
+
+    /// Writes `bytes` from byte `offset` on, within the file.
+    pub fn write(&self, offset: u64, bytes: &[u8]) -> Result<()> {
+        self.write_at(offset, bytes).map_err(|error| Error::io(&self.path, error))
     }
 
     /// Fills `buffer` from byte `offset` on.

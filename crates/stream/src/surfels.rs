@@ -1,0 +1,865 @@
+//! Normals and radii of all points of an index, estimated after it is complete.
+//!
+//! A neighbourhood must be seen at full density, and a place's points are spread over a node, all nodes below it and its
+//! ancestors. So the tree is divided into *groups*: octants whose nodes hold a bounded number of points together. A group is
+//! read whole, with the points of its ancestors that lie in it and a margin of its neighbours' points, goes through
+//! `cloud::estimate_part`, and its part of the file is written. Ancestors fill up group by group.
+//!
+//! The file `surfels` holds six bytes a point, node after node: packed normals, then packed radii, in the page's order. It
+//! grows under another name beside a list of the groups that are done, from which a build that was killed goes on; its head
+//! with the checksums is written last.
+
+use std::fs::File;
+use std::io::{Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use cloud::{Bounds, Chunk, Orientation, Progress, RadiusCount, SurfelOptions, Surfels};
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::lattice::Cell;
+use crate::storage::Storage;
+use crate::{Error, Node, NodeId, Octree, Pages, Result};
+
+const SURFELS: &str = "surfels";
+const UNFINISHED: &str = "surfels.unfinished";
+const DONE: &str = "surfels.done";
+const LOCK: &str = "surfels.lock";
+const MAGIC: [u8; 8] = *b"glintsrf";
+const VERSION: u32 = 1;
+/// Bytes of the head before the checksums: magic, version, checksum of what follows, identity, largest radius.
+const HEAD_BYTES: usize = 16 + IDENTITY_BYTES + 2;
+/// Key of the index, nodes, points, neighbours, orientation.
+const IDENTITY_BYTES: usize = 16 + 4 + 8 + 4 + 1 + 24;
+/// Bytes of an entry of the list of groups: group, points, checksum of both.
+const DONE_BYTES: usize = 4 + 8 + 4;
+/// Bytes of a packed normal and a packed radius.
+const POINT_BYTES: u64 = 6;
+/// Memory a point takes while it is estimated: position, order, boxes, results twice (measured: 35).
+const WORKING_BYTES: u64 = 40;
+/// Points of a group however much memory there is: half a minute of one core, the most that a cancel waits or a kill loses.
+const MOST_POINTS: u64 = 1 << 24;
+/// Points below which a group is not worth its margin.
+const FEWEST_POINTS: u64 = 1 << 16;
+/// Cells are not divided further: what is deeper lies in one place.
+const DEEPEST: u8 = 21;
+/// Width of the margin in distances between neighbours, if the group's points lie evenly on its largest face. Sixteen
+/// neighbours are within 2.3 distances, so a place may be a hundred times sparser than its group and still be exact.
+const MARGIN: f64 = 22.0;
+
+/// The complete file of an index.
+pub(crate) struct SurfelFile {
+    storage: Storage,
+    options: SurfelOptions,
+    /// Packed; larger ones count as this.
+    largest: u16,
+    checksums: Vec<u32>,
+}
+
+impl SurfelFile {
+    /// `Damaged` if it is not of this index.
+    pub fn open(folder: &Path, key: u128, octree: &Octree) -> Result<Self> {
+        let storage = Storage::open(&folder.join(SURFELS))?;
+        let damaged = |problem: &str| Error::damaged(storage.path(), problem);
+        let nodes = octree.nodes.len();
+        // Sizes are believed only if the file has them.
+        if storage.length() != data_start(nodes) + POINT_BYTES * octree.points() {
+            return Err(damaged("not as large as the index says"));
+        }
+        let mut head = vec![0; data_start(nodes) as usize];
+        storage.read(0, &mut head)?;
+        let body = &head[16..];
+        if head[..8] != MAGIC
+            || head[8..12] != VERSION.to_le_bytes()
+            || head[12..16] != crc32fast::hash(body).to_le_bytes()
+        {
+            return Err(damaged("not complete, or has changed"));
+        }
+        let options =
+            read_options(&body[28..IDENTITY_BYTES]).filter(|options| body.starts_with(&identity(key, octree, options)));
+        let options = options.ok_or_else(|| damaged("of another index"))?;
+        let largest = u16::from_le_bytes([body[IDENTITY_BYTES], body[IDENTITY_BYTES + 1]]);
+        let checksums =
+            body[IDENTITY_BYTES + 2..].as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
+        Ok(Self { storage, options, largest, checksums })
+    }
+
+    /// How they were estimated.
+    pub fn options(&self) -> &SurfelOptions {
+        &self.options
+    }
+
+    /// Packed normals and radii of a node, in the order of its page.
+    pub fn read(&self, octree: &Octree, node: NodeId) -> Result<Surfels> {
+        let bytes = read_block(&self.storage, octree, node)?;
+        if crc32fast::hash(&bytes) != self.checksums[node.0 as usize] {
+            return Err(Error::damaged(self.storage.path(), format!("the surfels of node {} have changed", node.0)));
+        }
+        let mut surfels = unpack(&bytes);
+        surfels.radii.iter_mut().for_each(|radius| *radius = self.largest.min(*radius));
+        Ok(surfels)
+    }
+}
+
+/// Byte of the first node's surfels.
+fn data_start(nodes: usize) -> u64 {
+    HEAD_BYTES as u64 + 4 * nodes as u64
+}
+
+fn block_start(octree: &Octree, node: NodeId) -> u64 {
+    data_start(octree.nodes.len()) + POINT_BYTES * octree.node(node).first_point
+}
+
+fn read_block(storage: &Storage, octree: &Octree, node: NodeId) -> Result<Vec<u8>> {
+    let mut bytes = vec![0; POINT_BYTES as usize * octree.node(node).points as usize];
+    storage.read(block_start(octree, node), &mut bytes)?;
+    Ok(bytes)
+}
+
+fn unpack(bytes: &[u8]) -> Surfels {
+    let (normals, radii) = bytes.split_at(bytes.len() / POINT_BYTES as usize * 4);
+    Surfels {
+        normals: normals.as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect(),
+        radii: radii.as_chunks::<2>().0.iter().map(|bytes| u16::from_le_bytes(*bytes)).collect(),
+    }
+}
+
+fn pack(surfels: &Surfels) -> Vec<u8> {
+    let normals = surfels.normals.iter().flat_map(|normal| normal.to_le_bytes());
+    normals.chain(surfels.radii.iter().flat_map(|radius| radius.to_le_bytes())).collect()
+}
+
+/// What surfels depend on.
+fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
+    let (kind, direction) = match options.orientation {
+        Orientation::Up(up) => (0, up.as_dvec3()),
+        Orientation::Toward(viewer) => (1, viewer),
+        Orientation::AwayFrom(centre) => (2, centre),
+    };
+    let mut bytes = key.to_le_bytes().to_vec();
+    bytes.extend((octree.nodes.len() as u32).to_le_bytes());
+    bytes.extend(octree.points().to_le_bytes());
+    bytes.extend((options.neighbours as u32).to_le_bytes());
+    bytes.push(kind);
+    direction.to_array().into_iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+    bytes
+}
+
+/// Of neighbours and orientation as `identity` writes them.
+fn read_options(bytes: &[u8]) -> Option<SurfelOptions> {
+    let (neighbours, rest) = bytes.split_first_chunk::<4>()?;
+    let (kind, rest) = rest.split_first()?;
+    let numbers: Vec<f64> = rest.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+    let direction = DVec3::from_slice(numbers.get(..3)?);
+    let orientation = match kind {
+        0 => Orientation::Up(direction.as_vec3()),
+        1 => Orientation::Toward(direction),
+        2 => Orientation::AwayFrom(direction),
+        _ => return None,
+    };
+    Some(SurfelOptions { neighbours: u32::from_le_bytes(*neighbours) as usize, orientation })
+}
+
+/// The levels nearest to the root that hold up to `points` points together: enough of a cloud to guess from
+/// (`cloud::guess_orientation`). Always the root.
+pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
+    let nodes = &pages.octree().nodes;
+    let mut per_level = vec![0_u64; 1 + usize::from(u8::MAX)];
+    nodes.iter().for_each(|node| per_level[usize::from(node.level)] += u64::from(node.points));
+    let mut total = 0;
+    let levels = per_level.iter().take_while(|count| {
+        total += **count;
+        total <= points
+    });
+    let levels = levels.count().max(1);
+    let wanted: Vec<NodeId> =
+        pages.octree().ids().filter(|(_, node)| usize::from(node.level) < levels).map(|(id, _)| id).collect();
+    wanted.into_par_iter().map(|node| pages.read(node)).collect()
+}
+
+/// Estimates normals and radii of all points; opened anew, `pages` has them. Those that the files brought are kept. What is
+/// there already, with the same options, is not made again. Uses about `memory` bytes; `progress` counts points, those in
+/// margins as well. One estimates at a time: others wait and find it done.
+///
+/// The result is that of `cloud::estimate` over the whole cloud, but for ties between neighbours equally far and for points
+/// whose nearest neighbours are further than the margin beyond the limits of their group (docs/scale.md says how many).
+///
+/// # Errors
+/// `Cancelled`; what is done is kept for the next time. `Io` with the file's name, a full disk among them: then nothing is kept.
+pub fn estimate_surfels(pages: &Pages, options: &SurfelOptions, memory: u64, progress: &Progress) -> Result<()> {
+    let most = (memory / WORKING_BYTES).clamp(FEWEST_POINTS, MOST_POINTS);
+    estimate_in_groups(pages, options, most, progress)
+}
+
+/// With groups of up to `most` points.
+fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progress: &Progress) -> Result<()> {
+    let folder = pages.folder();
+    let _lock = lock(&folder.join(LOCK), progress)?;
+    let octree = pages.octree();
+    progress.set_total(octree.points());
+    let identity = identity(pages.key(), octree, options);
+    let made = SurfelFile::open(folder, pages.key(), octree);
+    if made.is_ok_and(|made| self::identity(pages.key(), octree, made.options()) == identity) {
+        progress.add(octree.points());
+        return Ok(());
+    }
+    let mut build = Build::start(pages, options, most, &identity)?;
+    let result = build.run(progress).and_then(|()| build.finish(&identity));
+    let full =
+        |error: &Error| matches!(error, Error::Io { source, .. } if source.kind() == std::io::ErrorKind::StorageFull);
+    if result.as_ref().is_err_and(|error| full(error) || matches!(error, Error::Damaged { .. })) {
+        clear(folder)?;
+    }
+    result
+}
+
+/// Removes what a build left that did not finish.
+fn clear(folder: &Path) -> Result<()> {
+    for name in [DONE, UNFINISHED] {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(&path, error)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn lock(path: &Path, progress: &Progress) -> Result<File> {
+    let file = File::options().create(true).truncate(false).write(true).open(path);
+    let file = file.map_err(|error| Error::io(path, error))?;
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(file),
+            Err(std::fs::TryLockError::WouldBlock) if progress.is_cancelled() => return Err(Error::Cancelled),
+            Err(std::fs::TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(50)),
+            Err(std::fs::TryLockError::Error(error)) => return Err(Error::io(path, error)),
+        }
+    }
+}
+
+/// Octants of a node that are estimated together, or all of the tree.
+#[derive(Debug, Default, PartialEq)]
+struct Group {
+    cells: Vec<Cell>,
+    /// The nodes of the cells; a cell without one has points of its ancestors only.
+    nodes: Vec<NodeId>,
+    /// Ancestors of the cells, root first.
+    above: Vec<NodeId>,
+}
+
+/// Parts of space that hold every point once, each with `most` points at most beside those of its ancestors.
+fn groups(octree: &Octree, most: u64) -> Vec<Group> {
+    fn divide(octree: &Octree, most: u64, node: NodeId, cell: Cell, above: &[NodeId], groups: &mut Vec<Group>) {
+        let Some(parent) = octree.nodes.get(node.0 as usize) else { return };
+        if parent.total <= most || cell.level >= DEEPEST {
+            groups.push(Group { cells: vec![cell], nodes: vec![node], above: above.to_vec() });
+            return;
+        }
+        let above = [above, &[node]].concat();
+        let mut group = Group::default();
+        let mut points = 0;
+        for (octant, child) in parent.children.iter().enumerate() {
+            let total = child.map_or(0, |child| octree.node(child).total);
+            if let Some(child) = child.filter(|_| total > most) {
+                divide(octree, most, child, cell.child(octant), &above, groups);
+                continue;
+            }
+            if points + total > most {
+                groups.push(Group { above: above.clone(), ..std::mem::take(&mut group) });
+                points = 0;
+            }
+            points += total;
+            group.cells.push(cell.child(octant));
+            group.nodes.extend(child);
+        }
+        if !group.cells.is_empty() {
+            groups.push(Group { above, ..group });
+        }
+    }
+    let mut groups = Vec::new();
+    divide(octree, most, NodeId(0), Cell::ROOT, &[], &mut groups);
+    groups
+}
+
+/// A cell in the world, upper sides excluded. Neighbours share their sides to the bit, and sides that are also sides of
+/// `within` are open: each position is in exactly one cell of a division of `within`, even one that rounding has moved out.
+fn space(octree: &Octree, cell: Cell, within: Cell) -> Bounds {
+    let width = octree.width / f64::from(cell.level).exp2();
+    let below = cell.level - within.level.min(cell.level);
+    let side = |axis: usize, at: u64| octree.corner[axis] + at as f64 * width;
+    let low = |axis: usize| {
+        if cell.at[axis] == within.at[axis] << below { f64::NEG_INFINITY } else { side(axis, cell.at[axis]) }
+    };
+    let high = |axis: usize| {
+        let end = cell.at[axis] + 1;
+        if end == (within.at[axis] + 1) << below { f64::INFINITY } else { side(axis, end) }
+    };
+    Bounds { min: DVec3::new(low(0), low(1), low(2)), max: DVec3::new(high(0), high(1), high(2)) }
+}
+
+fn holds(space: &Bounds, position: DVec3) -> bool {
+    position.cmpge(space.min).all() && position.cmplt(space.max).all()
+}
+
+/// Points of one node that a group sees.
+struct Part {
+    node: NodeId,
+    chunk: Chunk,
+    own: Own,
+}
+
+/// Which points of a part are the group's own: what it writes.
+enum Own {
+    All,
+    /// Index in the part's chunk, index in the node.
+    Some(Vec<(u32, u32)>),
+}
+
+struct Build<'a> {
+    pages: &'a Pages,
+    options: &'a SurfelOptions,
+    groups: Vec<Group>,
+    most: u64,
+    unfinished: Storage,
+    /// Groups that are done, and where more are noted.
+    is_done: Vec<bool>,
+    done: File,
+    done_path: PathBuf,
+    /// Own points of the groups that are done.
+    points: u64,
+}
+
+impl<'a> Build<'a> {
+    /// Goes on from what is there if it was made in the same way.
+    fn start(pages: &'a Pages, options: &'a SurfelOptions, most: u64, identity: &[u8]) -> Result<Self> {
+        let octree = pages.octree();
+        let groups = groups(octree, most);
+        let title = [&MAGIC, &VERSION.to_le_bytes()[..], identity, &most.to_le_bytes()].concat();
+        let (path, done_path) = (pages.folder().join(UNFINISHED), pages.folder().join(DONE));
+        let length = data_start(octree.nodes.len()) + POINT_BYTES * octree.points();
+        let mut list = Vec::new();
+        let noted = File::open(&done_path).and_then(|mut file| file.read_to_end(&mut list));
+        let same = noted.is_ok() && list.starts_with(&title) && path.metadata().is_ok_and(|file| file.len() == length);
+        if !same {
+            clear(pages.folder())?;
+            list = title.clone();
+        }
+        // An entry that was cut short is written over.
+        let (entries, _) = list[title.len()..].as_chunks::<DONE_BYTES>();
+        let (mut is_done, mut points, mut valid) = (vec![false; groups.len()], 0, title.len());
+        for entry in entries {
+            let Some((group, own)) = read_entry(entry).filter(|(group, _)| is_done.get(*group) == Some(&false)) else {
+                break;
+            };
+            is_done[group] = true;
+            points += own;
+            valid += DONE_BYTES;
+        }
+        list.truncate(valid);
+        let unfinished = Storage::sized(&path, length)?;
+        let done = File::create(&done_path).and_then(|mut file| file.write_all(&list).map(|()| file));
+        let done = done.map_err(|error| Error::io(&done_path, error))?;
+        Ok(Self { pages, options, groups, most, unfinished, is_done, done, done_path, points })
+    }
+
+    fn run(&mut self, progress: &Progress) -> Result<()> {
+        progress.add(self.points);
+        for index in 0..self.groups.len() {
+            if progress.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            if self.is_done[index] {
+                continue;
+            }
+            let own = self.estimate(&self.groups[index], progress)?;
+            // The list must not name what is not on the disk.
+            self.unfinished.sync()?;
+            let noted = self.done.write_all(&write_entry(index, own)).and_then(|()| self.done.sync_data());
+            noted.map_err(|error| Error::io(&self.done_path, error))?;
+            self.points += own;
+        }
+        Ok(())
+    }
+
+    /// Returns the group's own points.
+    fn estimate(&self, group: &Group, progress: &Progress) -> Result<u64> {
+        let parts = self.load(group)?;
+        let own_points = |part: &Part| match &part.own {
+            Own::All => part.chunk.len() as u64,
+            Own::Some(own) => own.len() as u64,
+        };
+        let own = parts.iter().map(own_points).sum();
+        let (kept, chunks): (Vec<(NodeId, Own)>, Vec<Chunk>) =
+            parts.into_iter().map(|Part { node, chunk, own }| ((node, own), chunk)).unzip();
+        let seen: u64 = chunks.iter().map(|chunk| chunk.len() as u64).sum();
+        progress.set_total(progress.total() + seen - own);
+        let surfels = cloud::estimate_part(&chunks, self.options, progress).ok_or(Error::Cancelled)?;
+        drop(chunks);
+        kept.par_iter().zip(&surfels).try_for_each(|((node, own), surfels)| self.store(*node, own, surfels))?;
+        Ok(own)
+    }
+
+    /// The points a group sees. Its margin becomes narrower until what is in it are not more than half as many points as a
+    /// group may have.
+    fn load(&self, group: &Group) -> Result<Vec<Part>> {
+        let octree = self.pages.octree();
+        let points: u64 = group.nodes.iter().map(|node| octree.node(*node).total).sum();
+        let width = group.cells.first().map_or(0.0, |cell| octree.width / f64::from(cell.level).exp2());
+        let area = width * width * group.cells.len() as f64;
+        let mut margin = (MARGIN * (area / (points + 1) as f64).sqrt()).min(width / 8.0);
+        loop {
+            let others = AtomicU64::new(0);
+            let view = View { pages: self.pages, group, margin, others: &others, most: self.most / 2 };
+            let mut wanted = Vec::new();
+            view.find(NodeId(0), &mut wanted);
+            // Sums are rounded the same way in every run.
+            wanted.sort_unstable_by_key(|(node, _)| *node);
+            let parts: Option<Vec<Part>> = wanted
+                .into_par_iter()
+                .map(|(node, role)| view.read(node, role).transpose())
+                .collect::<Option<Result<_>>>()
+                .transpose()?;
+            match parts {
+                Some(parts) => return Ok(parts),
+                None => margin *= 0.5,
+            }
+            if margin < width / 1e6 {
+                margin = 0.0;
+            }
+        }
+    }
+
+    fn store(&self, node: NodeId, own: &Own, surfels: &Surfels) -> Result<()> {
+        let octree = self.pages.octree();
+        let bytes = match own {
+            Own::All => pack(surfels),
+            Own::Some(own) if own.is_empty() => return Ok(()),
+            Own::Some(own) => {
+                let mut block = unpack(&read_block(&self.unfinished, octree, node)?);
+                for (index, place) in own {
+                    block.normals[*place as usize] = surfels.normals[*index as usize];
+                    block.radii[*place as usize] = surfels.radii[*index as usize];
+                }
+                pack(&block)
+            }
+        };
+        self.unfinished.write(block_start(octree, node), &bytes)
+    }
+
+    /// Writes the head and gives the file its name.
+    fn finish(&self, identity: &[u8]) -> Result<()> {
+        let octree = self.pages.octree();
+        let path = self.unfinished.path();
+        if self.points != octree.points() {
+            let problem = format!("surfels of {} points of {}", self.points, octree.points());
+            return Err(Error::damaged(path, problem));
+        }
+        let mut radii = RadiusCount::default();
+        let mut checksums = Vec::with_capacity(4 * octree.nodes.len());
+        for (node, _) in octree.ids() {
+            let bytes = read_block(&self.unfinished, octree, node)?;
+            checksums.extend(crc32fast::hash(&bytes).to_le_bytes());
+            radii.add(&unpack(&bytes).radii);
+        }
+        let body = [identity, &radii.largest().to_le_bytes(), &checksums].concat();
+        let head = [&MAGIC[..], &VERSION.to_le_bytes(), &crc32fast::hash(&body).to_le_bytes(), &body].concat();
+        self.unfinished.write(0, &head)?;
+        self.unfinished.sync()?;
+        let complete = self.pages.folder().join(SURFELS);
+        std::fs::rename(path, &complete).map_err(|error| Error::io(&complete, error))?;
+        clear(self.pages.folder())
+    }
+}
+
+fn write_entry(group: usize, points: u64) -> Vec<u8> {
+    let mut entry = (group as u32).to_le_bytes().to_vec();
+    entry.extend(points.to_le_bytes());
+    entry.extend(crc32fast::hash(&entry).to_le_bytes());
+    entry
+}
+
+/// Group and points; `None` if it was not written whole.
+fn read_entry(entry: &[u8; DONE_BYTES]) -> Option<(usize, u64)> {
+    let (group, points) = (entry.first_chunk::<4>()?, entry[4..].first_chunk::<8>()?);
+    let (group, points) = (u32::from_le_bytes(*group) as usize, u64::from_le_bytes(*points));
+    (write_entry(group, points) == entry).then_some((group, points))
+}
+
+/// What a node is to a group.
+#[derive(Clone, Copy, PartialEq)]
+enum Role {
+    /// All of its points are the group's.
+    Below,
+    /// Those of its points that lie in the group are the group's.
+    Above,
+    /// Holds neighbours.
+    Beside,
+}
+
+/// What a group sees with a margin of some width.
+struct View<'a> {
+    pages: &'a Pages,
+    group: &'a Group,
+    /// World units.
+    margin: f64,
+    /// Points in the margin so far, and how many it may be. A margin of 0 has no limit.
+    others: &'a AtomicU64,
+    most: u64,
+}
+
+impl View<'_> {
+    /// Nodes that hold some of it.
+    fn find(&self, node: NodeId, found: &mut Vec<(NodeId, Role)>) {
+        let octree = self.pages.octree();
+        let Some(Node { bounds, children, .. }) = octree.nodes.get(node.0 as usize) else { return };
+        let role = if self.group.nodes.contains(&node) {
+            return self.find_below(node, found);
+        } else if self.group.above.contains(&node) {
+            Role::Above
+        } else {
+            Role::Beside
+        };
+        let touches = self.group.cells.iter().any(|cell| {
+            let seen = self.widened(*cell);
+            bounds.min.cmplt(seen.max).all() && bounds.max.cmpge(seen.min).all()
+        });
+        if role == Role::Above || touches {
+            found.push((node, role));
+            children.iter().flatten().for_each(|child| self.find(*child, found));
+        }
+    }
+
+    fn find_below(&self, node: NodeId, found: &mut Vec<(NodeId, Role)>) {
+        // A chain of nodes may be deep where points lie in one place.
+        let mut open = vec![node];
+        while let Some(node) = open.pop() {
+            found.push((node, Role::Below));
+            open.extend(self.pages.octree().node(node).children.iter().flatten());
+        }
+    }
+
+    fn widened(&self, cell: Cell) -> Bounds {
+        let Bounds { min, max } = space(self.pages.octree(), cell, Cell::ROOT);
+        Bounds { min: min - self.margin, max: max + self.margin }
+    }
+
+    /// `None` if the margin holds too many points.
+    fn read(&self, node: NodeId, role: Role) -> Result<Option<Part>> {
+        let mut chunk = self.pages.read_page(node)?;
+        chunk.colors = None;
+        chunk.columns = Vec::new();
+        if role == Role::Below {
+            return Ok(Some(Part { node, chunk, own: Own::All }));
+        }
+        let octree = self.pages.octree();
+        let level = octree.node(node).level;
+        let cells = self.group.cells.iter();
+        let cells = cells.map(|cell| (space(octree, *cell, cell.ancestor(level)), self.widened(*cell)));
+        let cells: Vec<(Bounds, Bounds)> = cells.collect();
+        let (mut kept, mut own) = (Vec::new(), Vec::new());
+        for index in 0..chunk.len() {
+            let position = chunk.position(index);
+            if role == Role::Above && cells.iter().any(|(space, _)| holds(space, position)) {
+                own.push((kept.len() as u32, index as u32));
+                kept.push(index as u32);
+            } else if cells.iter().any(|(_, seen)| holds(seen, position)) {
+                kept.push(index as u32);
+            }
+        }
+        let others = (kept.len() - own.len()) as u64;
+        if self.others.fetch_add(others, Ordering::Relaxed) + others > self.most && self.margin > 0.0 {
+            return Ok(None);
+        }
+        Ok(Some(Part { node, chunk: chunk.select(&kept), own: Own::Some(own) }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+    use std::sync::{Arc, Mutex};
+
+    use cloud::{NO_RADIUS, unpack_normal, unpack_radius};
+    use glam::Vec3;
+
+    use super::*;
+    use crate::{BuildOptions, Cache, build};
+
+    const OPTIONS: SurfelOptions = SurfelOptions { neighbours: 16, orientation: Orientation::Up(Vec3::Z) };
+
+    /// Hills on a millimetre grid, 5 points a square metre, and a sparse corner.
+    fn hills(points: u64) -> Vec<[i32; 3]> {
+        let size = (points as f64 / 5.0).sqrt();
+        let unit = |seed: u64| (cloud::hash(seed) >> 11) as f64 / (1_u64 << 53) as f64;
+        let place = |i: u64| {
+            let (mut x, mut y) = (unit(2 * i) * size, unit(2 * i + 1) * size);
+            if i.is_multiple_of(20) {
+                (x, y) = (x * 0.5 + 1.1 * size, y * 0.5 + 1.1 * size);
+            }
+            let z = 9.0 * (x / 40.0).sin() * (y / 30.0).cos();
+            [x, y, z].map(|metres| (metres * 1000.0).round() as i32)
+        };
+        (0..points).map(place).collect()
+    }
+
+    fn write_las(path: &Path, points: &[[i32; 3]]) {
+        let mut builder = las::Builder::from((1, 4));
+        builder.point_format = las::point::Format::new(7).unwrap();
+        let transform = |offset| las::Transform { scale: 0.001, offset };
+        builder.transforms = las::Vector { x: transform(431_000.0), y: transform(5_412_000.0), z: transform(0.0) };
+        let mut writer = las::Writer::from_path(path, builder.into_header().unwrap()).unwrap();
+        for [x, y, z] in points {
+            let point = las::Point {
+                x: f64::from(*x) * 0.001 + 431_000.0,
+                y: f64::from(*y) * 0.001 + 5_412_000.0,
+                z: f64::from(*z) * 0.001,
+                color: Some(las::Color::new(1, 2, 3)),
+                gps_time: Some(0.0),
+                ..Default::default()
+            };
+            writer.write_point(point).unwrap();
+        }
+        writer.close().unwrap();
+    }
+
+    /// A folder with an index of hills.
+    fn indexed(points: u64) -> (tempfile::TempDir, Arc<codec::Source>, Pages) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hills.las");
+        write_las(&path, &hills(points));
+        let source = Arc::new(codec::open(&path).unwrap());
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let options = BuildOptions { memory: 64 << 20, ..Default::default() };
+        let pages = build(std::slice::from_ref(&source), &cache, &options, &Progress::default(), &|_| {}).unwrap();
+        (folder, source, pages)
+    }
+
+    fn all(pages: &Pages) -> Vec<Chunk> {
+        pages.octree().ids().map(|(node, _)| pages.read(node).unwrap()).collect()
+    }
+
+    fn reopened(pages: &Pages) -> Pages {
+        Pages::open(pages.folder()).unwrap()
+    }
+
+    /// Packed normal and radius by place, in millimetres.
+    fn by_place<'a>(chunks: impl Iterator<Item = (&'a Chunk, &'a [u32], &'a [u16])>) -> HashMap<[i64; 3], (u32, u16)> {
+        let mut found = HashMap::new();
+        for (chunk, normals, radii) in chunks {
+            for index in 0..chunk.len() {
+                let place = (chunk.position(index) * 1000.0).round().to_array().map(|value| value as i64);
+                found.insert(place, (normals[index], radii[index]));
+            }
+        }
+        found
+    }
+
+    fn paged(chunks: &[Chunk]) -> HashMap<[i64; 3], (u32, u16)> {
+        by_place(
+            chunks
+                .iter()
+                .map(|chunk| (chunk, &chunk.normals.as_ref().unwrap()[..], &chunk.radii.as_ref().unwrap()[..])),
+        )
+    }
+
+    /// What `cloud::estimate` makes of the whole file in memory.
+    fn in_memory(source: &codec::Source) -> HashMap<[i64; 3], (u32, u16)> {
+        let chunks = Mutex::new(Vec::new());
+        let selection = codec::Selection { positions: true, ..Default::default() };
+        source.read(&selection, &Progress::default(), &|chunk| chunks.lock().unwrap().push(chunk)).unwrap();
+        let chunks = chunks.into_inner().unwrap();
+        let surfels = cloud::estimate(&chunks, &OPTIONS, &Progress::default()).unwrap();
+        by_place(chunks.iter().zip(&surfels).map(|(chunk, surfels)| (chunk, &surfels.normals[..], &surfels.radii[..])))
+    }
+
+    /// Share of the points whose normal is more than half a degree off, or whose radius is more than a thousandth.
+    fn differing(paged: &HashMap<[i64; 3], (u32, u16)>, memory: &HashMap<[i64; 3], (u32, u16)>) -> f64 {
+        assert_eq!(paged.len(), memory.len());
+        let differs = |(place, (normal, radius)): &(&[i64; 3], &(u32, u16))| {
+            let (expected_normal, expected_radius) = memory[*place];
+            let turned = match (unpack_normal(*normal), unpack_normal(expected_normal)) {
+                (Some(a), Some(b)) => a.dot(b) < 0.99996,
+                (a, b) => a != b,
+            };
+            turned || radius.abs_diff(expected_radius) > 3
+        };
+        paged.iter().filter(differs).count() as f64 / paged.len() as f64
+    }
+
+    #[test]
+    fn surfels_of_one_group_are_those_of_the_cloud_in_memory() {
+        let (_folder, source, pages) = indexed(60_000);
+        assert!(!pages.has_surfels());
+        assert!(all(&pages).iter().all(|chunk| chunk.normals.is_none() && chunk.radii.is_none()));
+        let progress = Progress::default();
+        estimate_surfels(&pages, &OPTIONS, 1 << 30, &progress).unwrap();
+        assert_eq!((progress.done(), progress.total()), (60_000, 60_000));
+        let pages = reopened(&pages);
+        assert!(pages.has_surfels());
+        let chunks = all(&pages);
+        // The same chunks: the same to the bit.
+        let mut bare = chunks.clone();
+        bare.iter_mut().for_each(|chunk| (chunk.normals, chunk.radii) = (None, None));
+        let expected = cloud::estimate(&bare, &OPTIONS, &Progress::default()).unwrap();
+        for (chunk, expected) in chunks.iter().zip(&expected) {
+            assert_eq!(chunk.normals.as_deref(), Some(&expected.normals));
+            assert_eq!(chunk.radii.as_deref(), Some(&expected.radii));
+        }
+        // The file's chunks have other origins and another order: the same but for rounding and ties.
+        let share = differing(&paged(&chunks), &in_memory(&source));
+        assert!(share < 1e-3, "{share}");
+    }
+
+    #[test]
+    fn seams_between_groups_do_not_show() {
+        let (_folder, source, pages) = indexed(200_000);
+        let count = groups(pages.octree(), 20_000).len();
+        assert!(count >= 8, "{count}");
+        estimate_in_groups(&pages, &OPTIONS, 20_000, &Progress::default()).unwrap();
+        let share = differing(&paged(&all(&reopened(&pages))), &in_memory(&source));
+        assert!(share < 1e-3, "{share}");
+    }
+
+    #[test]
+    fn groups_hold_every_place_once_and_keep_their_limit() {
+        let (_folder, _, pages) = indexed(200_000);
+        let octree = pages.octree();
+        let groups = groups(octree, 30_000);
+        for group in &groups {
+            let points: u64 = group.nodes.iter().map(|node| octree.node(*node).total).sum();
+            assert!(points <= 30_000, "{points}");
+        }
+        for chunk in all(&pages) {
+            for index in (0..chunk.len()).step_by(50) {
+                let position = chunk.position(index);
+                let holding = groups
+                    .iter()
+                    .flat_map(|group| &group.cells)
+                    .filter(|cell| holds(&space(octree, **cell, Cell::ROOT), position));
+                assert_eq!(holding.count(), 1, "{position}");
+            }
+        }
+        for stray in [DVec3::splat(1e9), DVec3::splat(-1e9), octree.corner, octree.corner + octree.width / 2.0] {
+            let holding = groups
+                .iter()
+                .flat_map(|group| &group.cells)
+                .filter(|cell| holds(&space(octree, **cell, Cell::ROOT), stray));
+            assert_eq!(holding.count(), 1, "{stray}");
+        }
+    }
+
+    #[test]
+    fn an_estimate_that_was_killed_goes_on_from_the_groups_that_are_done() {
+        let (_folder, _, pages) = indexed(100_000);
+        let identity = identity(pages.key(), pages.octree(), &OPTIONS);
+        let mut build = Build::start(&pages, &OPTIONS, 20_000, &identity).unwrap();
+        for index in 0..3 {
+            let own = build.estimate(&build.groups[index], &Progress::default()).unwrap();
+            build.done.write_all(&write_entry(index, own)).unwrap();
+        }
+        // Killed amid an entry.
+        build.done.write_all(&write_entry(3, 17)[..9]).unwrap();
+        drop(build);
+        assert!(!reopened(&pages).has_surfels(), "what is not complete is not there");
+        let again = Build::start(&pages, &OPTIONS, 20_000, &identity).unwrap();
+        assert_eq!(again.is_done.iter().filter(|done| **done).count(), 3);
+        drop(again);
+        estimate_in_groups(&pages, &OPTIONS, 20_000, &Progress::default()).unwrap();
+        let resumed = all(&reopened(&pages));
+
+        let other = SurfelOptions { neighbours: 8, ..OPTIONS };
+        let fresh =
+            Build::start(&pages, &other, 20_000, &super::identity(pages.key(), pages.octree(), &other)).unwrap();
+        assert!(fresh.is_done.iter().all(|done| !done), "other options are another estimate");
+        drop(fresh);
+        clear(pages.folder()).unwrap();
+        std::fs::remove_file(pages.folder().join(SURFELS)).unwrap();
+        estimate_in_groups(&pages, &OPTIONS, 20_000, &Progress::default()).unwrap();
+        for (resumed, whole) in resumed.iter().zip(all(&reopened(&pages))) {
+            assert_eq!((&resumed.normals, &resumed.radii), (&whole.normals, &whole.radii));
+        }
+    }
+
+    #[test]
+    fn other_options_replace_what_is_there_and_the_same_do_not() {
+        let (_folder, _, pages) = indexed(30_000);
+        let estimate = |options: &SurfelOptions| {
+            estimate_surfels(&reopened(&pages), options, 1 << 30, &Progress::default()).unwrap();
+            std::fs::metadata(pages.folder().join(SURFELS)).unwrap().modified().unwrap()
+        };
+        let first = estimate(&OPTIONS);
+        assert_eq!(estimate(&OPTIONS), first);
+        let down =
+            SurfelOptions { neighbours: 8, orientation: Orientation::Toward(DVec3::new(431_000.0, 5_412_000.0, -1e6)) };
+        assert_ne!(estimate(&down), first);
+        let pages = reopened(&pages);
+        assert_eq!(pages.surfel_options().map(|options| options.orientation), Some(down.orientation));
+        let normals = all(&pages).into_iter().flat_map(|chunk| chunk.normals.unwrap().to_vec());
+        assert!(normals.filter_map(unpack_normal).all(|normal| normal.z < 0.0));
+        let leftovers = [UNFINISHED, DONE].map(|name| pages.folder().join(name).exists());
+        assert_eq!(leftovers, [false; 2]);
+    }
+
+    #[test]
+    fn a_cancelled_estimate_leaves_no_surfels_and_can_be_made_again() {
+        let (_folder, _, pages) = indexed(30_000);
+        let progress = Progress::default();
+        progress.cancel();
+        assert!(matches!(estimate_surfels(&pages, &OPTIONS, 1 << 30, &progress), Err(Error::Cancelled)));
+        assert!(!reopened(&pages).has_surfels());
+        estimate_surfels(&pages, &OPTIONS, 1 << 30, &Progress::default()).unwrap();
+        assert!(reopened(&pages).has_surfels());
+    }
+
+    #[test]
+    fn damaged_surfels_are_an_error_or_as_if_they_were_not_there() {
+        let (_folder, _, pages) = indexed(30_000);
+        estimate_surfels(&pages, &OPTIONS, 1 << 30, &Progress::default()).unwrap();
+        let path = pages.folder().join(SURFELS);
+        let good = std::fs::read(&path).unwrap();
+        let with = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            reopened(&pages)
+        };
+        for place in [0, 9, 13, 20, 40, HEAD_BYTES - 1, HEAD_BYTES + 1] {
+            let mut bytes = good.clone();
+            bytes[place] ^= 0x40;
+            assert!(!with(&bytes).has_surfels(), "byte {place}");
+        }
+        assert!(!with(&good[..good.len() - 1]).has_surfels());
+        assert!(!with(&[]).has_surfels());
+        let mut bytes = good.clone();
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+        let pages = with(&bytes);
+        let reads: Vec<bool> = pages.octree().ids().map(|(node, _)| pages.read(node).is_ok()).collect();
+        assert_eq!(reads.iter().filter(|good| !**good).count(), 1, "the last node's");
+        assert!(!reads[reads.len() - 1]);
+    }
+
+    #[test]
+    fn radii_are_limited_by_the_median_of_all_groups() {
+        let (_folder, _, pages) = indexed(100_000);
+        estimate_in_groups(&pages, &OPTIONS, 10_000, &Progress::default()).unwrap();
+        let radii: Vec<u16> =
+            all(&reopened(&pages)).iter().flat_map(|chunk| chunk.radii.as_ref().unwrap().to_vec()).collect();
+        let mut known: Vec<f32> =
+            radii.iter().filter(|radius| **radius != NO_RADIUS).filter_map(|radius| unpack_radius(*radius)).collect();
+        known.sort_by(f32::total_cmp);
+        assert_eq!(known.len(), 100_000);
+        let (median, largest) = (known[known.len() / 2], known[known.len() - 1]);
+        assert!(largest <= 5.01 * median, "{largest} against a median of {median}");
+    }
+
+    #[test]
+    fn the_coarsest_levels_tell_the_orientation() {
+        let (_folder, _, pages) = indexed(200_000);
+        let coarse = coarsest(&pages, 0).unwrap();
+        assert_eq!(coarse.len(), 1);
+        assert_eq!(cloud::guess_orientation(&coarse, Vec3::Z), Orientation::Up(Vec3::Z));
+        assert_eq!(coarsest(&pages, u64::MAX).unwrap().len(), pages.octree().nodes.len());
+    }
+}
