@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use cloud::{Chunk, Cloud};
+use cloud::{Bounds, Chunk, Cloud};
 use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
@@ -38,6 +38,8 @@ pub struct FrameRequest {
     pub revision: u64,
     /// Drawn fast because the camera moves; a better one follows.
     pub hurried: bool,
+    /// Indirect light may be that of the points before: they come and go.
+    pub light_may_lag: bool,
 }
 
 /// What a picked point is for.
@@ -55,10 +57,12 @@ pub enum Command {
         provisional_radius: f32,
         expected_points: u64,
     },
-    /// No more than so many points of a cloud will be there at once, whatever was expected before.
+    /// No more than so many points of a cloud will be there at once, whatever was expected before, and all of it lies in
+    /// these bounds.
     Expect {
         key: CloudKey,
         points: u64,
+        bounds: Bounds,
     },
     /// Adds the chunk, or replaces the one with the same `first_point`. `classes` is the column of that index.
     Chunk {
@@ -377,10 +381,11 @@ impl Worker {
                 self.store.set_provisional_radius(id, provisional_radius);
                 self.clouds.insert(key, Resident { expected_points, ..Resident::new(id) });
             }
-            Command::Expect { key, points } => {
+            Command::Expect { key, points, bounds } => {
                 if let Some(resident) = self.clouds.get_mut(&key) {
                     self.store.unreserve(std::mem::replace(&mut resident.expected_points, points));
                     self.store.reserve(points);
+                    self.store.set_bounds(resident.id, bounds);
                 }
             }
             Command::Chunk { key, chunk, classes } => return self.put(key, chunk, classes),
@@ -507,6 +512,7 @@ impl Worker {
         let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
         let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
         self.held = None;
+        self.renderer.let_light_lag(request.light_may_lag);
         let stats = self.renderer.render(&self.store, &request.camera, &request.settings, objects, request.size)?;
         self.held = Some((request.clone(), true));
         Ok(stats)
@@ -618,7 +624,7 @@ fn is_fatal(error: &render::Error) -> bool {
 impl FrameRequest {
     /// The same picture with nothing spared.
     pub fn unhurried(&self, settings: &Settings) -> Self {
-        Self { settings: settings.clone(), hurried: false, ..self.clone() }
+        Self { settings: settings.clone(), hurried: false, light_may_lag: false, ..self.clone() }
     }
 }
 

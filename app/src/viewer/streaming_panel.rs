@@ -90,3 +90,81 @@ fn figures(ui: &mut Ui, stats: &StreamStats, host_bytes: u64) {
         }
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::Progress;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::super::preferences::Preferences;
+    use super::*;
+    use crate::loading::Event;
+
+    /// A cloud whose index is being made, by job 0, and how far it is.
+    fn indexing() -> (State, Arc<Progress>) {
+        let mut state = State::new(Preferences::default());
+        let progress = Arc::<Progress>::default();
+        progress.set_total(200);
+        progress.add(86);
+        state.add_job(&[], progress.clone(), Arc::default(), Arc::default());
+        let opened = Event::Opened {
+            cloud: 0,
+            name: "survey.laz".into(),
+            input: "survey.laz".into(),
+            source: None,
+            attributes: Vec::new(),
+            grid: None,
+            expected_points: 200,
+            up: glam::DVec3::Z,
+            provisional_radius: 0.0,
+            warnings: Vec::new(),
+        };
+        state.on_loading(0, opened);
+        state.on_loading(0, Event::Pages { cloud: 0, pages: Paged::Indexing });
+        (state, progress)
+    }
+
+    fn harness(state: State) -> Harness<'static, State> {
+        Harness::builder().with_size([360.0, 700.0]).build_ui_state(show, state)
+    }
+
+    #[test]
+    fn an_index_that_is_made_tells_how_far_it_is_and_can_be_stopped() {
+        let (state, progress) = indexing();
+        let mut harness = harness(state);
+        harness.run_ok();
+        assert!(harness.query_by_label("indexing 43 %").is_some());
+        harness.get_by_label("Stop").click();
+        harness.run_ok();
+        assert!(progress.is_cancelled());
+        assert!(harness.query_by_label_contains("preview").is_some(), "what is left is said");
+    }
+
+    #[test]
+    fn what_is_there_of_a_streamed_cloud_is_told_beside_its_budgets() {
+        let (mut state, _) = indexing();
+        let node = stream::Node {
+            level: 0,
+            bounds: cloud::Bounds::EMPTY,
+            points: 200,
+            total: 12_345,
+            first_point: 0,
+            parent: None,
+            children: [None; 8],
+        };
+        let octree = stream::Octree { corner: glam::DVec3::ZERO, width: 1.0, spacing: 1.0, nodes: vec![node] };
+        let pages = Paged::Indexed { octree: Arc::new(octree), was_built: true, has_surfels: true };
+        state.on_loading(0, Event::Pages { cloud: 0, pages });
+        let stats = StreamStats { nodes: 3, points_resident: 2_000, nodes_waiting: 7, ..StreamStats::default() };
+        state.on_loading(0, Event::Stream(stats));
+        let mut harness = harness(state);
+        harness.run_ok();
+        for text in ["2,000 points in 3 nodes", "7 nodes", "Host bytes", "Point budget"] {
+            assert!(harness.query_all_by_label(text).next().is_some(), "{text}");
+        }
+        assert!(harness.query_by_label_contains("0 of 12,345 points").is_some());
+    }
+}

@@ -139,13 +139,11 @@ impl State {
         let (key, name) = (entry.key, entry.cloud.name.clone());
         // Never more than these are on the GPU.
         let points = streamed.total().unwrap_or(entry.expected_points).min(budget);
-        if let Some(bounds) = streamed.bounds() {
-            entry.bounds = bounds;
-        }
-        let bounds = entry.bounds;
+        let bounds = streamed.bounds().unwrap_or(Bounds::EMPTY);
+        entry.bounds = entry.bounds.union(bounds);
         let has_surfels = matches!(streamed.pages, Paged::Indexed { has_surfels: true, .. });
         entry.streamed = Some(streamed);
-        self.render(Command::Expect { key, points });
+        self.render(Command::Expect { key, points, bounds });
         if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
             let total = self.cloud(key).map_or(0, CloudEntry::total);
             self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));

@@ -440,6 +440,7 @@ impl FrameRequest {
             size: [8, 6],
             revision: 1,
             hurried: false,
+            light_may_lag: false,
         }
     }
 }

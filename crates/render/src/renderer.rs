@@ -156,6 +156,12 @@ impl Renderer {
         self.gi.forget();
     }
 
+    /// Whether the frames that follow may be lit by the virtual lights at hand although points have come or gone since: all
+    /// points are looked through to place them, which is for pictures that stay.
+    pub fn let_light_lag(&mut self, may_lag: bool) {
+        self.gi.may_lag = may_lag;
+    }
+
     /// Renders a frame and waits for it.
     ///
     /// # Errors

@@ -85,6 +85,8 @@ impl PageBuffers {
 
 struct StoredCloud {
     material: Material,
+    /// Of all that may come of it, as far as that is known.
+    bounds: Bounds,
     visible: bool,
     provisional_radius: f32,
     class_mask: [u32; 8],
@@ -268,6 +270,7 @@ impl PointStore {
             id,
             StoredCloud {
                 material,
+                bounds: Bounds::EMPTY,
                 visible: true,
                 provisional_radius: 0.0,
                 class_mask: [u32::MAX; 8],
@@ -459,6 +462,15 @@ impl PointStore {
         }
     }
 
+    /// Tells where all of a cloud lies of which only some chunks are here, so that what follows from the scene's bounds does not
+    /// change with them.
+    pub fn set_bounds(&mut self, cloud: CloudId, bounds: Bounds) {
+        self.change();
+        if let Some(cloud) = self.clouds.get_mut(&cloud) {
+            cloud.bounds = bounds;
+        }
+    }
+
     /// Which classes of a cloud are drawn.
     pub fn set_visible_classes(&mut self, cloud: CloudId, visible: &[bool; 256]) {
         self.change();
@@ -599,7 +611,8 @@ impl PointStore {
     pub fn bounds(&self) -> Bounds {
         let shown =
             self.chunks.values().filter(|chunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible));
-        shown.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds))
+        let told = self.clouds.values().filter(|cloud| cloud.visible).map(|cloud| cloud.bounds);
+        told.chain(shown.map(|chunk| chunk.bounds)).fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// The ramp's colours, then those of the classes.

@@ -325,6 +325,41 @@ fn brightness_and_colours_change_the_light_but_not_the_shadow_maps() {
 }
 
 #[test]
+fn light_may_lag_behind_points_that_come_and_is_right_when_it_may_not() {
+    let mut stage = stage_or_skip!();
+    let floor = wall(DVec3::new(-1.0, -1.0, 0.0), [DVec3::X * 2.0, DVec3::Y * 2.0]);
+    let beside = wall(DVec3::new(-1.0, 1.0, 0.0), [DVec3::X * 2.0, DVec3::Z]);
+    let mut store = store_of(&stage, vec![floor.clone()], Material::default());
+    let camera = Camera { eye: DVec3::new(0.0, -3.0, 1.5), pivot: DVec3::new(0.0, 0.5, 0.3), up: DVec3::Z };
+    let lamp = SpotLight {
+        position: DVec3::new(0.0, 0.0, 2.0),
+        target: DVec3::ZERO,
+        intensity: [10.0; 3],
+        inner_degrees: 15.0,
+        outer_degrees: 40.0,
+    };
+    let settings = settings(&[("gi.vpls", "64")]);
+    let drew_maps = |stats: &FrameStats| stats.passes.iter().any(|pass| pass.name == "vpl_shadow_splat");
+    stage.renderer.forget();
+    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
+    let other = store.add_cloud(Material::default());
+    store.add_chunk(other, &beside, None).unwrap();
+    stage.renderer.let_light_lag(true);
+    assert!(!drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
+    assert!(mean(&read(&stage, Aov::Indirect)) > 1e-4, "what has come is lit");
+    let moved = SpotLight { position: DVec3::new(0.2, 0.0, 2.0), ..lamp };
+    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[moved])), "only the points may lag");
+    stage.renderer.let_light_lag(false);
+    store.set_provisional_radius(other, 0.0);
+    assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
+    let late = read(&stage, Aov::Indirect);
+    stage.renderer.forget();
+    render(&mut stage, &store, &camera, &settings, &[lamp]);
+    let anew = read(&stage, Aov::Indirect);
+    assert!(mean(&late) == mean(&anew));
+}
+
+#[test]
 fn light_that_was_off_comes_back_as_it_is_where_the_camera_is_now() {
     let mut stage = stage_or_skip!();
     let store = five_mirrors_store(&stage, Variant::Sphere, 50_000);

@@ -191,6 +191,8 @@ pub(crate) struct GlobalIllumination {
     lights: Option<Lights>,
     surfaces: Vec<SurfaceLight>,
     generations: u64,
+    /// Virtual lights stay while nothing but the points changes.
+    pub may_lag: bool,
 }
 
 /// A surface that indirect light falls on.
@@ -268,6 +270,16 @@ impl GlobalIllumination {
             gloss: [settings.light.gloss, settings.light.gloss_power],
             tint: settings.mirror.tint,
         };
+        let is_same = |lights: &Lights| {
+            let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
+            Asked { revision, ..asked.clone() } == lights.asked
+        };
+        if let (Some(ground), Some(lights)) = (&self.ground, self.lights.as_mut().filter(|lights| is_same(lights))) {
+            let eye = (camera.eye - ground.origin).as_vec3();
+            lights.uniform.eye_radius = eye.extend(lights.uniform.eye_radius.w);
+            recorder.gpu.queue.write_buffer(&lights.constants, 0, bytemuck::bytes_of(&lights.uniform));
+            return Ok(());
+        }
         let gi = &settings.gi;
         let ground = match self.ground.take() {
             Some(kept) if kept.geometry_revision == store.geometry_revision() && kept.per_map == gi.shadow_points => {
@@ -278,13 +290,7 @@ impl GlobalIllumination {
         let (origin, radius) = (ground.origin, ground.radius);
         let ground = &*self.ground.insert(ground);
         let eye = (camera.eye - origin).as_vec3();
-        let mut kept = self.lights.take();
-        if let Some(lights) = kept.as_mut().filter(|lights| lights.asked == asked) {
-            lights.uniform.eye_radius = eye.extend(lights.uniform.eye_radius.w);
-            recorder.gpu.queue.write_buffer(&lights.constants, 0, bytemuck::bytes_of(&lights.uniform));
-            self.lights = kept;
-            return Ok(());
-        }
+        let kept = self.lights.take();
         let places = Places {
             geometry_revision: store.geometry_revision(),
             splat,
