@@ -8,6 +8,7 @@ mod batches;
 mod buckets;
 mod build;
 mod cache;
+mod copc;
 mod cut;
 mod error;
 mod lattice;

@@ -1,4 +1,4 @@
-//! An index that can be read: the octree of a cloud and the points of each of its nodes.
+//! An index that can be read: the octree of a cloud and the points of each of its nodes. A COPC file is one; all others are made:
 //!
 //! A folder holds two files. `pages` is the points, one page per node. `nodes` says what they are: the lattice, the
 //! attributes and, for each node, where its page lies and what its checksum is. `nodes` is written last and put in place
@@ -11,14 +11,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid, SurfelOptions, Surfels};
+use codec::Source;
 use glam::DVec3;
 
+use crate::copc::{self, CopcPages};
 use crate::lattice::{Cell, Lattice};
 use crate::page::{self, Coding, Place};
 use crate::records::Layout;
 use crate::storage::Storage;
 use crate::surfels::SurfelFile;
-use crate::{Error, Node, NodeId, Octree, Result};
+use crate::{Error, Node, NodeId, Octree, Result, plan};
 
 pub(crate) const NODES: &str = "nodes";
 pub(crate) const PAGES: &str = "pages";
@@ -39,11 +41,16 @@ pub struct Pages {
     folder: PathBuf,
     summary: Summary,
     octree: Octree,
-    places: Vec<Page>,
-    pages: Storage,
+    points: Points,
     surfels: Option<SurfelFile>,
     /// Shared as long as the index is open, so that nobody clears it away.
     _lock: Option<File>,
+}
+
+/// Where its points are read from.
+enum Points {
+    Own { places: Vec<Page>, pages: Storage },
+    Copc(CopcPages),
 }
 
 /// What an index says of itself besides its nodes.
@@ -94,15 +101,44 @@ impl Pages {
         let (summary, octree, places) = parse(&bytes, pages.length()).map_err(damaged)?;
         // Whatever is wrong with them, they are estimated again.
         let surfels = SurfelFile::open(entry, summary.key, &octree).ok();
-        Ok(Self { folder: entry.to_owned(), summary, octree, places, pages, surfels, _lock: lock })
+        let points = Points::Own { places, pages };
+        Ok(Self { folder: entry.to_owned(), summary, octree, points, surfels, _lock: lock })
     }
 
-    /// Where it is.
+    /// The index that a COPC file brings; `None` for other files. Nodes may have no points of their own, or more than a chunk has
+    /// elsewhere, up to `codec::Copc::MOST_POINTS`.
+    pub fn copc(source: &Arc<Source>) -> Option<Self> {
+        let copc = source.copc()?;
+        let info = source.info();
+        let octree = copc::octree(copc, info.bounds);
+        let attributes = plan::kept_attributes([info.attributes.as_slice()].into_iter());
+        let column = |kept: &Attribute| info.attributes.iter().position(|attribute| attribute.name == kept.name);
+        let columns = attributes.iter().filter_map(column).collect();
+        let color_bytes = if info.has_colors { 3 } else { 0 };
+        let lattice = Lattice { grid: info.grid?, corner: octree.corner, width: octree.width };
+        let summary = Summary {
+            key: 0,
+            on_grid: true,
+            lattice,
+            layout: Layout { wide: false, color_bytes, normals: false, attributes },
+            skipped: 0,
+            warnings: info.warnings.clone(),
+        };
+        let points = Points::Copc(CopcPages::new(source.clone(), copc.nodes.clone(), columns));
+        Some(Self { folder: info.path.clone(), summary, octree, points, surfels: None, _lock: None })
+    }
+
+    /// The file itself is the index.
+    pub fn is_copc(&self) -> bool {
+        matches!(self.points, Points::Copc(_))
+    }
+
+    /// Where it is: a folder, or the COPC file.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Tells what it was made from: the same for the same files, unchanged.
+    /// Tells what it was made from: the same for the same files, unchanged. Of a COPC file 0.
     pub fn key(&self) -> u128 {
         self.summary.key
     }
@@ -153,14 +189,21 @@ impl Pages {
     /// Bytes of a page on disk.
     pub fn page_bytes(&self, node: NodeId) -> usize {
         let index = node.0 as usize;
-        page::length(&self.summary.layout, self.places[index].place.coding, self.octree.nodes[index].points as usize)
+        match &self.points {
+            Points::Own { places, .. } => self.own_page_bytes(index, &places[index]),
+            Points::Copc(copc) => copc.page_bytes(index),
+        }
+    }
+
+    fn own_page_bytes(&self, index: usize, page: &Page) -> usize {
+        page::length(&self.summary.layout, page.place.coding, self.octree.nodes[index].points as usize)
     }
 
     /// All points of a node in batch order, with all that the index has of them. The first `prefix` of them are an even
     /// subset.
     ///
     /// # Errors
-    /// `Damaged` if the page is not what was written, `Io` if it cannot be read.
+    /// `Damaged` if the page is not what was written, `Io` if it cannot be read; of a COPC file `Input`.
     pub fn read(&self, node: NodeId) -> Result<Chunk> {
         let mut chunk = self.read_page(node)?;
         if let Some(surfels) = &self.surfels {
@@ -173,12 +216,16 @@ impl Pages {
     /// As the files had it, without estimates.
     pub(crate) fn read_page(&self, node: NodeId) -> Result<Chunk> {
         let index = node.0 as usize;
-        let Page { place, offset, checksum } = &self.places[index];
+        let (places, pages) = match &self.points {
+            Points::Own { places, pages } => (places, pages),
+            Points::Copc(copc) => return copc.read(index, &self.octree),
+        };
+        let page @ Page { place, offset, checksum } = &places[index];
         let Node { points, first_point, .. } = self.octree.nodes[index];
-        let mut bytes = vec![0; self.page_bytes(node)];
-        self.pages.read(*offset, &mut bytes)?;
+        let mut bytes = vec![0; self.own_page_bytes(index, page)];
+        pages.read(*offset, &mut bytes)?;
         if crc32fast::hash(&bytes) != *checksum {
-            return Err(Error::damaged(self.pages.path(), format!("the page of node {index} has changed")));
+            return Err(Error::damaged(pages.path(), format!("the page of node {index} has changed")));
         }
         let Summary { layout, lattice, .. } = &self.summary;
         Ok(page::decode(layout, lattice, place, points as usize, first_point, &bytes))

@@ -90,7 +90,8 @@ fn lattice_for(extent: &Extent) -> Grid {
     Grid { scale: DVec3::splat(step), offset: extent.bulk.center() }
 }
 
-fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
+/// Of what files offer, the attributes that pages have.
+pub fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
     let find = |name: &&str| offered.clone().flatten().find(|attribute| attribute.name == **name).cloned();
     KEPT.iter().filter_map(find).collect()
 }

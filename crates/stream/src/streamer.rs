@@ -381,6 +381,12 @@ impl Shown {
         Change::Put { cloud, chunk: scaled(&self.loaded.chunk, self.loaded.center, &self.quarters) }
     }
 
+    /// Nothing for a node without points: its `first_point` is the next node's.
+    fn leave(&self, cloud: usize) -> Option<Change> {
+        let chunk = &self.loaded.chunk;
+        (!chunk.is_empty()).then_some(Change::Drop { cloud, first_point: chunk.first_point })
+    }
+
     /// Puts it anew with these radii, if they are other ones.
     fn rescale(&mut self, cloud: usize, quarters: Quarters, changes: &mut Vec<Change>) {
         if quarters != self.quarters {
@@ -485,7 +491,7 @@ impl State {
                 self.bytes -= shown.loaded.bytes();
                 self.shown_points -= shown.points();
                 self.shown_nodes -= 1;
-                drops.push(Change::Drop { cloud, first_point: shown.loaded.chunk.first_point });
+                drops.extend(shown.leave(cloud));
             }
         }
         self.pending.retain(|change| match change {
@@ -640,6 +646,8 @@ impl State {
         self.show(&plan, &quarters, &mut changes);
         self.shrink_radii(&quarters, &mut changes);
         self.evict(0);
+        // A node without points is shown so that those below it can be, but there is nothing to draw.
+        changes.retain(|change| !matches!(change, Change::Put { chunk, .. } if chunk.is_empty()));
         changes
     }
 
@@ -804,7 +812,7 @@ impl State {
             let Some(shown) = entry.shown.take() else { continue };
             self.shown_points -= shown.points();
             self.shown_nodes -= 1;
-            changes.push(Change::Drop { cloud: *cloud, first_point: shown.loaded.chunk.first_point });
+            changes.extend(shown.leave(*cloud));
             let is_whole = shown.points() == u64::from(held.paged.octree.node(*id).points);
             if is_whole && shown.generation == held.generation && entry.loaded.is_none() {
                 entry.loaded = Some(shown.loaded);

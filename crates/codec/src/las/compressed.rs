@@ -31,7 +31,7 @@ pub struct CompressedChunk {
     /// Byte of the file.
     pub offset: u64,
     /// Bytes at most.
-    length: u64,
+    pub length: u64,
 }
 
 /// The compressed part of a file.

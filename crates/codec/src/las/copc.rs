@@ -31,7 +31,7 @@ pub struct Copc {
     pub width: f64,
     /// Distance between neighbouring points of the root, world units; half of it a level further down.
     pub spacing: f64,
-    /// Level by level, the root first; the parent of every node is there.
+    /// Level by level, the root first, sorted by cell within a level; the parent of every node is there.
     pub nodes: Vec<CopcNode>,
 }
 
@@ -43,6 +43,8 @@ pub struct CopcNode {
     /// Cubes of its level that lie before it in x, y and z; below `2^level`.
     pub cell: [u32; 3],
     pub points: u32,
+    /// In the file.
+    pub bytes: u64,
     /// In the list of the file's compressed chunks.
     pub(super) chunk: Option<usize>,
 }
@@ -163,17 +165,17 @@ fn read_entry(
     if points > Copc::MOST_POINTS {
         return Err(format!("{name}: {points} points, at most {} are read at once", Copc::MOST_POINTS));
     }
-    let chunk = match points {
-        0 => None,
+    let (chunk, bytes) = match points {
+        0 => (None, 0),
         _ => {
             let chunk = chunk_at
                 .remove(&offset)
                 .filter(|chunk| chunks[*chunk].points == u64::from(points))
                 .ok_or_else(|| format!("{name}: no compressed chunk of {points} points is at byte {offset}"))?;
-            Some(chunk)
+            (Some(chunk), chunks[chunk].length)
         }
     };
-    match nodes.insert((level, cell), CopcNode { level, cell, points, chunk }) {
+    match nodes.insert((level, cell), CopcNode { level, cell, points, bytes, chunk }) {
         None => Ok(None),
         Some(_) => Err(format!("{name} is there twice")),
     }
@@ -185,7 +187,7 @@ fn add_parents(nodes: &mut HashMap<Key, CopcNode>) -> Result<(), String> {
     keys.push((0, [0; 3]));
     for (mut level, mut cell) in keys {
         loop {
-            nodes.entry((level, cell)).or_insert(CopcNode { level, cell, points: 0, chunk: None });
+            nodes.entry((level, cell)).or_insert(CopcNode { level, cell, points: 0, bytes: 0, chunk: None });
             if nodes.len() > MOST_NODES {
                 return Err(format!("more than {MOST_NODES} nodes"));
             }
