@@ -1289,8 +1289,7 @@ impl State {
             size: self.view_size,
             revision: self.revision,
             hurried: false,
-            // At first there is no light that would fit.
-            light_may_lag: !self.is_loading() && self.points_come(),
+            light_may_lag: self.light_may_lag(),
         };
         let rest = self.navigation.time_to_rest();
         let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());

@@ -87,7 +87,12 @@ impl CloudEntry {
 }
 
 impl JobEntry {
-    /// What its streamed clouds need for the last look is not all there.
+    /// Points are on their way that the last look needs.
+    fn is_fetching(&self) -> bool {
+        self.has_streamed && (self.stream.look != self.look || self.stream.nodes_waiting > 0)
+    }
+
+    /// What its streamed clouds need for the last look is not all there, or their pages are not complete.
     fn is_streaming(&self) -> bool {
         self.has_streamed && !(self.stream.is_settled && self.stream.look == self.look)
     }
@@ -176,6 +181,11 @@ impl State {
     /// Whether points are on their way that the picture wants.
     pub fn points_come(&self) -> bool {
         self.is_loading() || self.jobs.iter().any(JobEntry::is_streaming)
+    }
+
+    /// Whether indirect light need not follow the points, which come and go. At first there is none that could stay.
+    pub(super) fn light_may_lag(&self) -> bool {
+        !self.is_loading() && self.jobs.iter().any(JobEntry::is_fetching)
     }
 
     /// Tells streamed clouds where they are looked at from, if that has changed. Called every frame of the window.
