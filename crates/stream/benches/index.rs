@@ -1,5 +1,6 @@
 //! Makes the index of `GLINT_BENCH_CLOUD` (files, separated by colons) with `GLINT_BENCH_MEMORY` MiB (1024), in a fresh
-//! cache folder below `GLINT_BENCH_FOLDER` (the system's temporary folder), and says what it took. Linux only: the figures
+//! cache folder below `GLINT_BENCH_FOLDER` (the system's temporary folder), and says what it took; with `GLINT_BENCH_SURFELS` normals and
+//! radii, too. Linux only: the figures
 //! are from /proc.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed bench")]
 
@@ -7,7 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use cloud::Progress;
-use stream::{BuildOptions, Cache, build};
+use stream::{BuildOptions, Cache, build, coarsest, estimate_surfels};
 
 /// CPU seconds of this process so far; ticks are hundredths of a second.
 fn cpu_seconds() -> f64 {
@@ -56,4 +57,19 @@ fn main() {
     let read: usize = octree.ids().map(|(id, _)| pages.read(id).unwrap().len()).sum();
     assert_eq!(read as f64, points);
     println!("read back at {:.1} M points per CPU second", points / 1e6 / (cpu_seconds() - start));
+    if std::env::var_os("GLINT_BENCH_SURFELS").is_some() {
+        // The peak from here on.
+        std::fs::write("/proc/self/clear_refs", "5").unwrap();
+        let (start, cpu) = (Instant::now(), cpu_seconds());
+        let orientation = cloud::guess_orientation(&coarsest(&pages, 500_000).unwrap(), glam::Vec3::Z);
+        let options = cloud::SurfelOptions::new(orientation);
+        estimate_surfels(&pages, &options, memory, &Progress::default()).unwrap();
+        let (wall, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu);
+        println!(
+            "surfels ({orientation:?}): {wall:.2} s, {cpu:.2} CPU s: {:.2} M points per CPU second; {:.1} bytes a point in all; peak {:.0} MiB",
+            points / 1e6 / cpu,
+            cache.size() as f64 / points,
+            peak_mib(),
+        );
+    }
 }
