@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use cloud::{Chunk, Progress};
 use codec::Source;
@@ -17,10 +18,14 @@ use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
 use crate::{Error, Result};
 
+/// Between two looks at an entry that somebody else has locked.
+const LOCK_WAIT: Duration = Duration::from_millis(30);
 /// Where an index is made, within its entry.
 const BUILDING: &str = "building";
-/// Points a bucket has at most when there is memory enough, and at least when there is not.
-const BUCKET_POINTS: (u64, u64) = (20_000, 1_500_000);
+/// Points of a bucket: at least, however little memory there is; as many as are fast to sort; at most.
+const BUCKET_POINTS: [u64; 3] = [20_000, 400_000, 1_500_000];
+/// Buckets of a cloud so large that they would be more become larger instead.
+const MOST_BUCKETS: u64 = 1000;
 /// Cells of the first distribution per bucket that comes of it: clouds are not even, and joining cells is free.
 const CELLS_PER_BUCKET: u64 = 6;
 
@@ -43,7 +48,8 @@ impl Default for BuildOptions {
 /// read and as it gets its node. `preview` gets a thinned share of each chunk that is read, from many threads at once;
 /// its `first_point` counts through all files.
 ///
-/// A file that cannot be read is left out with a warning, if others can.
+/// A file that cannot be read is left out with a warning, if others can. An index that was found to be damaged must be
+/// dropped before it can be made again: this waits until nobody has it open.
 ///
 /// # Errors
 /// `Cancelled`; `Changed` if a file is not the same at the end; `Full`; `Empty`; `Io`; `Input` if no file can be read.
@@ -73,8 +79,15 @@ fn build_on_disk(
         if let Some(pages) = cache.open_known(&identity)? {
             return Ok(pages);
         }
-        let lock = cache.lock(&entry, progress)?;
-        // Somebody else may have made it while this waited.
+        let Some(lock) = cache.try_lock(&entry)? else {
+            // Somebody else makes it.
+            if progress.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            std::thread::sleep(LOCK_WAIT);
+            continue;
+        };
+        // It may have been made since this looked.
         if !Pages::open_locked(&entry, None).is_ok_and(|pages| pages.key() == identity.key) {
             let build = Build { inputs, options, progress, preview, disk };
             make_entry(&build, cache, &entry, &identity)?;
@@ -207,11 +220,13 @@ impl Build<'_> {
         self.inputs.iter().find_map(error).map_or(Error::Empty { path }, Error::Input)
     }
 
-    /// Points a bucket may have.
+    /// Points a bucket should have, and may have.
     fn bucket_points(&self, plan: &Plan) -> (u64, u64) {
         let bytes = BYTES_PER_POINT + plan.layout.stride() as u64;
-        let (least, most) = BUCKET_POINTS;
-        ((self.options.memory / 8 / bytes).clamp(least, most), (self.options.memory / 4 / bytes).max(2 * least))
+        let total: u64 = self.inputs.iter().map(|input| input.info().points).sum();
+        let [least, usual, most] = BUCKET_POINTS;
+        let target = (total / MOST_BUCKETS).clamp(usual, most).min(self.options.memory / 8 / bytes).max(least);
+        (target, (self.options.memory / 4 / bytes).max(2 * least))
     }
 
     /// Reads all files and sorts their points into buckets. `trusting`: stop at the first point that is not where the
@@ -328,5 +343,34 @@ impl Build<'_> {
         let nodes = tree.build(&buckets, self.options.memory * 3 / 4)?;
         pages.sync()?;
         Ok(nodes)
+    }
+}
+
+#[cfg(test)]
+#[path = "../tests/made_up/mod.rs"]
+mod made_up;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_told_by_its_folder_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        made_up::write_las(&path, &made_up::terrain(200_000));
+        let inputs = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let options = BuildOptions { memory: 1 << 20, preview_points: 0 };
+        let index = |disk| build_on_disk(&inputs, &cache, &options, &Progress::default(), &|_| (), disk);
+        // Too small for the records; large enough for these (which stay in memory as far as they may), not for pages.
+        for disk in [10_000, 1_000_000, 2_500_000] {
+            let error = index(disk).err().unwrap();
+            assert!(matches!(&error, Error::Full { folder, .. } if folder == cache.folder()), "{error}");
+            let message = error.to_string();
+            assert!(message.contains("cache") && message.contains("9 MB"), "{message}");
+            assert_eq!(cache.size(), 0);
+        }
+        assert_eq!(index(u64::MAX).unwrap().octree().points(), 200_000);
     }
 }

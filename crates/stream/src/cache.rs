@@ -8,9 +8,7 @@ use std::fs::{File, TryLockError};
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
-
-use cloud::Progress;
+use std::time::SystemTime;
 
 use crate::pages::{self, Pages};
 use crate::{Error, Result};
@@ -18,8 +16,6 @@ use crate::{Error, Result};
 /// Bytes of a sample of a file's content, and how many lie between its ends.
 const SAMPLE_BYTES: usize = 64 << 10;
 const INNER_SAMPLES: u64 = 4;
-/// Between two looks at a lock that somebody else has.
-const LOCK_WAIT: Duration = Duration::from_millis(30);
 
 /// Where indexes are kept.
 #[derive(Clone, Debug)]
@@ -165,16 +161,13 @@ impl Cache {
         file.map_err(|error| Error::io(&path, error))
     }
 
-    /// Has the entry alone, as soon as nobody else has it.
-    pub(crate) fn lock(&self, entry: &Path, progress: &Progress) -> Result<File> {
+    /// Has the entry alone; `None` if somebody else has it.
+    pub(crate) fn try_lock(&self, entry: &Path) -> Result<Option<File>> {
         let file = self.lock_file(entry)?;
-        loop {
-            match file.try_lock() {
-                Ok(()) => return Ok(file),
-                Err(TryLockError::Error(error)) => return Err(Error::io(&lock_path(entry), error)),
-                Err(TryLockError::WouldBlock) if progress.is_cancelled() => return Err(Error::Cancelled),
-                Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_WAIT),
-            }
+        match file.try_lock() {
+            Ok(()) => Ok(Some(file)),
+            Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(error)) => Err(Error::io(&lock_path(entry), error)),
         }
     }
 

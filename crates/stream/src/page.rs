@@ -1,159 +1,210 @@
 //! The bytes of a page: one column after the other, points in batch order.
 //!
-//! Positions are lattice integers relative to the page's own corner, in as few bytes as its extent needs: a page of a
-//! survey on a millimetre grid that is up to 65 m wide takes 6 bytes a point, a coarser one 8.
+//! Positions are lattice integers relative to the page's own corner, with as many bits per axis as its extent needs,
+//! joined to whole bytes: 32 m by 32 m by 8 m on a millimetre grid take 6 bytes a point.
 
 use std::sync::Arc;
 
 use cloud::{Chunk, Column};
-use glam::DVec3;
 
 use crate::batches;
 use crate::lattice::Lattice;
 use crate::records::{Layout, each_type};
 
-/// Bits per axis of positions that share a 64-bit word.
-const WORD_BITS: u32 = 21;
+/// Steps of a lattice along which f32 offsets tell all of its points apart.
+const F32_STEPS: u64 = 1 << 23;
+/// Points that decide where the origin of a page is that is larger than that.
+const MEDIAN_POINTS: usize = 99;
+/// Bytes of a position that is written as it is, three 64-bit integers, because it needs more than 128 bits.
+const WIDE: usize = 24;
 
-/// How positions are written: bytes a point takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Coding {
-    /// 3 x u16.
-    Short = 6,
-    /// 3 x 21 bits of one u64, x lowest.
-    Word = 8,
-    /// 3 x u32.
-    Long = 12,
-    /// 3 x i64.
-    Wide = 24,
-}
-
-impl Coding {
-    pub fn from_byte(byte: u8) -> Option<Self> {
-        [Self::Short, Self::Word, Self::Long, Self::Wide].into_iter().find(|coding| *coding as u8 == byte)
-    }
-
-    fn for_extent(extent: u64) -> Self {
-        match extent {
-            0..=0xffff => Self::Short,
-            0x1_0000..=0x1f_ffff => Self::Word,
-            0x20_0000..=0xffff_ffff => Self::Long,
-            _ => Self::Wide,
-        }
-    }
-}
-
-/// What is needed to read a page besides its bytes.
+/// Where the points of a page lie; tells how positions are written, too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    pub coding: Coding,
     /// Least lattice integers.
     pub corner: [i64; 3],
-    /// Greatest lattice integers.
+    /// Greatest lattice integers; none is less than that of the corner.
     pub far: [i64; 3],
 }
 
-/// Bytes of a page.
-pub fn length(layout: &Layout, coding: Coding, points: usize) -> usize {
-    points * (coding as usize + layout.widths().sum::<usize>())
+impl Place {
+    fn extent(&self, axis: usize) -> u64 {
+        self.far[axis].abs_diff(self.corner[axis])
+    }
+
+    /// Of each axis, x lowest.
+    fn bits(&self) -> [u32; 3] {
+        std::array::from_fn(|axis| u64::BITS - self.extent(axis).leading_zeros())
+    }
+
+    /// A point takes.
+    fn position_bytes(&self) -> usize {
+        match self.bits().iter().sum::<u32>() {
+            bits @ 0..=128 => bits.div_ceil(8) as usize,
+            _ => WIDE,
+        }
+    }
+
+    /// Bytes of a page.
+    pub fn length(&self, layout: &Layout, points: usize) -> usize {
+        points * (self.position_bytes() + layout.widths().sum::<usize>())
+    }
+
+    fn at_steps(&self, steps: [u64; 3]) -> [i64; 3] {
+        std::array::from_fn(|axis| self.corner[axis].wrapping_add_unsigned(steps[axis]))
+    }
+
+    fn write(&self, at: impl Iterator<Item = [i64; 3]>, bytes: &mut Vec<u8>) {
+        let [x, y, _] = self.bits();
+        let steps = |at: [i64; 3]| -> [u64; 3] { std::array::from_fn(|axis| at[axis].abs_diff(self.corner[axis])) };
+        match self.position_bytes() {
+            0 => {}
+            // Fixed lengths are much faster to copy.
+            length @ 1..=8 => at.map(steps).for_each(|[a, b, c]| {
+                let word = (shifted(b, x) | shifted(c, x + y) | a).to_le_bytes();
+                match length {
+                    5 => bytes.extend_from_slice(&word[..5]),
+                    6 => bytes.extend_from_slice(&word[..6]),
+                    7 => bytes.extend_from_slice(&word[..7]),
+                    8 => bytes.extend_from_slice(&word),
+                    _ => bytes.extend_from_slice(&word[..length]),
+                }
+            }),
+            WIDE => at.for_each(|at| at.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()))),
+            length => at.map(steps).for_each(|[a, b, c]| {
+                let wide = |value: u64, bits: u32| u128::from(value).checked_shl(bits).unwrap_or(0);
+                let word = (wide(b, x) | wide(c, x + y) | u128::from(a)).to_le_bytes();
+                bytes.extend_from_slice(&word[..length]);
+            }),
+        }
+    }
+
+    /// Gives the lattice integers of all points, in order.
+    fn read(&self, points: usize, bytes: &[u8], mut give: impl FnMut([i64; 3])) {
+        let [x, y, z] = self.bits();
+        match self.position_bytes() {
+            0 => (0..points).for_each(|_| give(self.corner)),
+            length @ 1..=8 => {
+                let mut unpack = |word: [u8; 8]| {
+                    let word = u64::from_le_bytes(word);
+                    let part = |skip: u32, bits: u32| word.checked_shr(skip).unwrap_or(0) & ones(bits);
+                    give(self.at_steps([part(0, x), part(x, y), part(x + y, z)]));
+                };
+                // Eight bytes at once, of which the last belong to the next point; the last points have none.
+                let whole = points.saturating_sub(8usize.div_ceil(length));
+                for index in 0..whole {
+                    let mut word = [0; 8];
+                    word.copy_from_slice(&bytes[index * length..index * length + 8]);
+                    unpack(word);
+                }
+                for bytes in bytes[whole * length..].chunks_exact(length) {
+                    let mut word = [0; 8];
+                    word[..length].copy_from_slice(bytes);
+                    unpack(word);
+                }
+            }
+            WIDE => bytes.as_chunks::<8>().0.as_chunks::<3>().0.iter().for_each(|at| give(at.map(i64::from_le_bytes))),
+            length => bytes.chunks_exact(length).for_each(|bytes| {
+                let mut word = [0; 16];
+                word[..length].copy_from_slice(bytes);
+                let word = u128::from_le_bytes(word);
+                let part = |skip: u32, bits: u32| word.checked_shr(skip).unwrap_or(0) as u64 & ones(bits);
+                give(self.at_steps([part(0, x), part(x, y), part(x + y, z)]));
+            }),
+        }
+    }
+
+    /// What offsets are relative to: half-way, so that they are short; in a page too large for that, where most points are.
+    fn origin(&self, points: usize, bytes: &[u8]) -> [i64; 3] {
+        if self.fits_f32() {
+            return self.at_steps([0, 1, 2].map(|axis| self.extent(axis) / 2));
+        }
+        let (mut some, mut index) = (Vec::new(), 0);
+        let step = points.div_ceil(MEDIAN_POINTS).max(1);
+        self.read(points, bytes, |at| {
+            if index % step == 0 {
+                some.push(at);
+            }
+            index += 1;
+        });
+        std::array::from_fn(|axis| {
+            let mut values: Vec<i64> = some.iter().map(|at| at[axis]).collect();
+            values.sort_unstable();
+            values.get(values.len() / 2).copied().unwrap_or_default()
+        })
+    }
+
+    /// F32 offsets from the middle lose nothing.
+    fn fits_f32(&self) -> bool {
+        (0..3).all(|axis| self.extent(axis) < F32_STEPS)
+    }
+}
+
+fn shifted(value: u64, bits: u32) -> u64 {
+    value.checked_shl(bits).unwrap_or(0)
+}
+
+fn ones(bits: u32) -> u64 {
+    u64::MAX.checked_shr(u64::BITS - bits).unwrap_or(0)
 }
 
 /// A page of `records`, which are in the order of the Morton curve.
 pub fn encode(layout: &Layout, records: &[u8]) -> (Place, Vec<u8>) {
     let stride = layout.stride();
     let points = records.len() / stride;
-    let (mut corner, mut far) = ([i64::MAX; 3], [i64::MIN; 3]);
+    let mut place = Place { corner: [i64::MAX; 3], far: [i64::MIN; 3] };
     for record in records.chunks_exact(stride) {
         let at = layout.at(record);
         for axis in 0..3 {
-            corner[axis] = corner[axis].min(at[axis]);
-            far[axis] = far[axis].max(at[axis]);
+            place.corner[axis] = place.corner[axis].min(at[axis]);
+            place.far[axis] = place.far[axis].max(at[axis]);
         }
     }
-    let extent = (0..3).map(|axis| far[axis].abs_diff(corner[axis])).max().unwrap_or(0);
-    let coding = Coding::for_extent(extent);
-    let mut bytes = Vec::with_capacity(length(layout, coding, points));
+    let mut bytes = Vec::with_capacity(place.length(layout, points));
     let ordered = || batches::order(points).map(|rank| &records[rank * stride..(rank + 1) * stride]);
-    for record in ordered() {
-        let at = layout.at(record);
-        let offset: [u64; 3] = std::array::from_fn(|axis| at[axis].abs_diff(corner[axis]));
-        match coding {
-            Coding::Short => {
-                let mut six = [0; 6];
-                for axis in 0..3 {
-                    six[axis * 2..axis * 2 + 2].copy_from_slice(&(offset[axis] as u16).to_le_bytes());
-                }
-                bytes.extend_from_slice(&six);
-            }
-            Coding::Word => {
-                let word = offset[0] | offset[1] << WORD_BITS | offset[2] << (2 * WORD_BITS);
-                bytes.extend_from_slice(&word.to_le_bytes());
-            }
-            Coding::Long => offset.iter().for_each(|value| bytes.extend_from_slice(&(*value as u32).to_le_bytes())),
-            Coding::Wide => at.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes())),
-        }
-    }
+    place.write(ordered().map(|record| layout.at(record)), &mut bytes);
     let mut start = layout.position_bytes();
     for width in layout.widths() {
         let end = start + width;
         match width {
-            // Known widths make each copy one instruction.
+            // Fixed lengths are much faster to copy.
+            0 => {}
             1 => bytes.extend(ordered().map(|record| record[start])),
             2 => ordered().for_each(|record| bytes.extend_from_slice(&[record[start], record[start + 1]])),
             3 => ordered()
                 .for_each(|record| bytes.extend_from_slice(&[record[start], record[start + 1], record[start + 2]])),
-            0 => {}
             _ => ordered().for_each(|record| bytes.extend_from_slice(&record[start..end])),
         }
         start = end;
     }
-    (Place { coding, corner, far }, bytes)
+    (place, bytes)
 }
 
-/// The points of a page of `length` bytes.
+/// The points of a page. `bytes` are as many as `Place::length` says. `exact`: the lattice is the files' own, so what f32
+/// offsets lose of it is kept beside them.
 pub fn decode(
     layout: &Layout,
     lattice: &Lattice,
     place: &Place,
     points: usize,
     first_point: u64,
+    exact: bool,
     bytes: &[u8],
 ) -> Chunk {
-    // Half-way, rounded to the lattice, so that offsets are short and the origin is in the page.
-    let middle: [i64; 3] = std::array::from_fn(|axis| {
-        place.corner[axis].wrapping_add_unsigned(place.far[axis].abs_diff(place.corner[axis]) / 2)
+    let (positions, mut rest) = bytes.split_at(points * place.position_bytes());
+    let scale = lattice.grid.scale.to_array();
+    let origin = place.origin(points, positions);
+    let mut offsets = Vec::with_capacity(points);
+    place.read(points, positions, |at| {
+        offsets.push(std::array::from_fn(|axis| (at[axis].wrapping_sub(origin[axis]) as f64 * scale[axis]) as f32));
     });
-    let (positions, rest) = bytes.split_at(points * place.coding as usize);
-    let scale = lattice.grid.scale;
-    let offset = |at: [i64; 3]| {
-        let steps: [f64; 3] = std::array::from_fn(|axis| at[axis].wrapping_sub(middle[axis]) as f64);
-        (DVec3::from(steps) * scale).as_vec3().to_array()
-    };
-    let from_corner =
-        |steps: [u64; 3]| std::array::from_fn(|axis| place.corner[axis].wrapping_add_unsigned(steps[axis]));
-    let positions: Vec<[f32; 3]> = match place.coding {
-        Coding::Short => triples::<2>(positions)
-            .map(|triple| offset(from_corner(triple.map(|bytes| u64::from(u16::from_le_bytes(bytes))))))
-            .collect(),
-        Coding::Word => positions
-            .as_chunks::<8>()
-            .0
-            .iter()
-            .map(|bytes| {
-                let word = u64::from_le_bytes(*bytes);
-                let mask = (1 << WORD_BITS) - 1;
-                offset(from_corner([word & mask, word >> WORD_BITS & mask, word >> (2 * WORD_BITS)]))
-            })
-            .collect(),
-        Coding::Long => triples::<4>(positions)
-            .map(|triple| offset(from_corner(triple.map(|bytes| u64::from(u32::from_le_bytes(bytes))))))
-            .collect(),
-        Coding::Wide => triples::<8>(positions).map(|triple| offset(triple.map(i64::from_le_bytes))).collect(),
-    };
-    let mut chunk = Chunk::new(first_point, lattice.world(middle), positions);
+    let mut chunk = Chunk::new(first_point, lattice.world(origin), offsets);
+    if exact && !place.fits_f32() {
+        let mut all = Vec::with_capacity(points);
+        place.read(points, positions, |at| all.push(lattice.world(at).to_array()));
+        chunk.exact_positions = Some(Arc::new(all));
+    }
 
-    let mut rest = rest;
     let mut take = |width: usize| {
         let (column, after) = rest.split_at(points * width);
         rest = after;
@@ -184,7 +235,29 @@ pub fn decode(
     chunk
 }
 
-/// Three numbers of `N` bytes each, and three again.
-fn triples<const N: usize>(bytes: &[u8]) -> impl Iterator<Item = [[u8; N]; 3]> {
-    bytes.as_chunks::<N>().0.as_chunks::<3>().0.iter().copied()
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_of_any_extent_come_back() {
+        for bits in 0..=63 {
+            for (x, y, z) in [(bits, bits, bits), (bits, 0, 1), (0, bits, 63 - bits), (bits, 63, 63)] {
+                let far = |bits: u32| ((1_u64 << bits) - 1) as i64;
+                let place = Place { corner: [-5, 7, i64::MIN], far: [0; 3] };
+                let far = [far(x), far(y), far(z)];
+                let place = Place { far: std::array::from_fn(|a| place.corner[a].saturating_add(far[a])), ..place };
+                let middle: [i64; 3] = place.at_steps([0, 1, 2].map(|axis| place.extent(axis) / 3));
+                for points in [1, 2, 9, 20] {
+                    let all: Vec<[i64; 3]> = (0..points).map(|i| [place.corner, place.far, middle][i % 3]).collect();
+                    let mut bytes = Vec::new();
+                    place.write(all.iter().copied(), &mut bytes);
+                    assert_eq!(bytes.len(), points * place.position_bytes());
+                    let mut back = Vec::new();
+                    place.read(points, &bytes, |at| back.push(at));
+                    assert_eq!(back, all, "{x} {y} {z} bits");
+                }
+            }
+        }
+    }
 }

@@ -16,7 +16,7 @@ use glam::DVec3;
 
 use crate::copc::{self, CopcPages};
 use crate::lattice::{Cell, Lattice};
-use crate::page::{self, Coding, Place};
+use crate::page::{self, Place};
 use crate::records::Layout;
 use crate::storage::Storage;
 use crate::surfels::SurfelFile;
@@ -196,7 +196,7 @@ impl Pages {
     }
 
     fn own_page_bytes(&self, index: usize, page: &Page) -> usize {
-        page::length(&self.summary.layout, page.place.coding, self.octree.nodes[index].points as usize)
+        page.place.length(&self.summary.layout, self.octree.nodes[index].points as usize)
     }
 
     /// All points of a node in batch order, with all that the index has of them. The first `prefix` of them are an even
@@ -227,8 +227,8 @@ impl Pages {
         if crc32fast::hash(&bytes) != *checksum {
             return Err(Error::damaged(pages.path(), format!("the page of node {index} has changed")));
         }
-        let Summary { layout, lattice, .. } = &self.summary;
-        Ok(page::decode(layout, lattice, place, points as usize, first_point, &bytes))
+        let Summary { layout, lattice, on_grid, .. } = &self.summary;
+        Ok(page::decode(layout, lattice, place, points as usize, first_point, *on_grid, &bytes))
     }
 }
 
@@ -285,7 +285,7 @@ fn write_nodes(body: &mut Vec<u8>, mut nodes: Vec<Written>) {
             .map_or(Ok(0), |parent| nodes.binary_search_by_key(&order(&parent), |node| order(&node.cell)));
         debug_assert!(parent.is_ok(), "{:?} has no parent", node.cell);
         let Page { place, offset, checksum } = node.page;
-        body.extend([node.cell.level, node.cell.octant() as u8, place.coding as u8, 0]);
+        body.extend([node.cell.level, node.cell.octant() as u8, 0, 0]);
         body.extend((parent.unwrap_or(0) as u32).to_le_bytes());
         body.extend(node.points.to_le_bytes());
         body.extend(offset.to_le_bytes());
@@ -397,7 +397,7 @@ fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) ->
     let mut first_point = 0;
     for index in 0..count {
         let wrong = |what: &str| format!("node {index} {what}");
-        let [level, octant, coding, _] = reader.array()?;
+        let [level, octant, _, _] = reader.array()?;
         let parent = reader.u32()? as usize;
         let points = reader.u32()?;
         let (offset, checksum) = (reader.u64()?, reader.u32()?);
@@ -405,11 +405,14 @@ fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) ->
         let corner = [integers()?, integers()?, integers()?];
         let far = [integers()?, integers()?, integers()?];
 
-        let coding = Coding::from_byte(coding).ok_or_else(|| wrong("is written in an unknown way"))?;
+        let place = Place { corner, far };
+        if (0..3).any(|axis| corner[axis] > far[axis]) {
+            return Err(wrong("ends before it starts"));
+        }
         if points == 0 || points as usize > cloud::CHUNK_POINTS {
             return Err(wrong(&format!("has {points} points")));
         }
-        let length = page::length(&summary.layout, coding, points as usize) as u64;
+        let length = place.length(&summary.layout, points as usize) as u64;
         if offset.checked_add(length).is_none_or(|end| end > pages_length) {
             return Err(wrong("lies outside of the pages"));
         }
@@ -436,7 +439,7 @@ fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) ->
             parent: parent.map(|parent| NodeId(parent as u32)),
             children: [None; 8],
         });
-        places.push(Page { place: Place { coding, corner, far }, offset, checksum });
+        places.push(Page { place, offset, checksum });
         first_point += u64::from(points);
     }
     for index in (1..count).rev() {
@@ -449,4 +452,60 @@ fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) ->
     }
     let Lattice { corner, width, .. } = summary.lattice;
     Ok((Octree { corner, width, spacing: width / SPACINGS_PER_WIDTH, nodes }, places))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(cell: Cell) -> Written {
+        let place = Place { corner: [0; 3], far: [100; 3] };
+        Written { cell, points: 10, page: Page { place, offset: 0, checksum: 0 } }
+    }
+
+    /// A table of three nodes, without its head.
+    fn table() -> Vec<u8> {
+        let grid = Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO };
+        let attributes = vec![Attribute { name: "intensity".into(), column_type: ColumnType::U16 }];
+        let summary = Summary {
+            key: 7,
+            on_grid: true,
+            lattice: Lattice { grid, corner: DVec3::ZERO, width: 1.0 },
+            layout: Layout { wide: false, color_bytes: 3, normals: true, attributes },
+            skipped: 1,
+            warnings: vec!["one".into()],
+        };
+        let mut body = Vec::new();
+        write_summary(&mut body, &summary);
+        let child = Cell::ROOT.child(5);
+        write_nodes(&mut body, vec![node(child.child(2)), node(child), node(Cell::ROOT)]);
+        body
+    }
+
+    fn parse_body(body: &[u8]) -> Result<Parsed, String> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(VERSION.to_le_bytes());
+        bytes.extend(crc32fast::hash(body).to_le_bytes());
+        bytes.extend(body);
+        parse(&bytes, 1_000)
+    }
+
+    #[test]
+    fn tables_that_lie_with_a_good_checksum_are_refused_or_harmless() {
+        let body = table();
+        let (_, octree, _) = parse_body(&body).unwrap();
+        assert_eq!((octree.nodes.len(), octree.points()), (3, 30));
+        assert_eq!(octree.nodes[0].children[5], Some(NodeId(1)));
+        assert_eq!((octree.nodes[1].children[2], octree.nodes[2].parent), (Some(NodeId(2)), Some(NodeId(1))));
+        for at in 0..body.len() {
+            for value in [0, 1, 0x7f, 0x80, 0xff, body[at].wrapping_add(1)] {
+                let mut body = body.clone();
+                body[at] = value;
+                if let Ok((_, octree, _)) = parse_body(&body) {
+                    assert!(octree.nodes.iter().all(|node| node.points as usize <= cloud::CHUNK_POINTS));
+                }
+            }
+            assert!(parse_body(&body[..at]).is_err());
+        }
+    }
 }

@@ -32,14 +32,34 @@ pub struct Point {
 pub const SCALE: f64 = 0.001;
 pub const OFFSET: [f64; 3] = [600_000.0, 5_000_000.0, 100.0];
 
-/// LAS 1.2 with a header that says what is true.
-pub fn write_las(path: &Path, points: &[Point]) {
-    write_las_with(path, points, OFFSET, |_, _| ());
+/// A hilly square kilometre.
+pub fn terrain(count: usize) -> Vec<Point> {
+    let mut noise = Noise(3);
+    let mut coordinate = || noise.below(1_000_000) as i32;
+    let height = |x: i32, y: i32| {
+        ((f64::from(x) * 3e-5).sin() * 20_000.0 + (f64::from(y) * 5e-5).cos() * 9_000.0) as i32 + 40_000
+    };
+    let point = |index: usize| {
+        let (x, y) = (coordinate(), coordinate());
+        Point { at: [x, y, height(x, y)], intensity: index as u16, class: (index % 7) as u8, color: [index as u16; 3] }
+    };
+    (0..count).map(point).collect()
 }
 
-/// With offsets of its own and a header that may say anything: the closure gets the least and greatest coordinates.
-pub fn write_las_with(path: &Path, points: &[Point], offset: [f64; 3], lie: impl Fn(&mut [f64; 3], &mut [f64; 3])) {
-    let axis = |axis: usize| points.iter().map(move |point| f64::from(point.at[axis]) * SCALE + offset[axis]);
+/// LAS 1.2 with a header that says what is true.
+pub fn write_las(path: &Path, points: &[Point]) {
+    write_las_with(path, points, SCALE, OFFSET, |_, _| ());
+}
+
+/// With a grid of its own and a header that may say anything: the closure gets the least and greatest coordinates.
+pub fn write_las_with(
+    path: &Path,
+    points: &[Point],
+    scale: f64,
+    offset: [f64; 3],
+    lie: impl Fn(&mut [f64; 3], &mut [f64; 3]),
+) {
+    let axis = |axis: usize| points.iter().map(move |point| f64::from(point.at[axis]) * scale + offset[axis]);
     let mut least = [0, 1, 2].map(|a| axis(a).fold(f64::INFINITY, f64::min));
     let mut greatest = [0, 1, 2].map(|a| axis(a).fold(f64::NEG_INFINITY, f64::max));
     lie(&mut least, &mut greatest);
@@ -53,7 +73,7 @@ pub fn write_las_with(path: &Path, points: &[Point], offset: [f64; 3], lie: impl
     put(105, &34_u16.to_le_bytes());
     put(107, &(points.len() as u32).to_le_bytes());
     for a in 0..3 {
-        put(131 + a * 8, &SCALE.to_le_bytes());
+        put(131 + a * 8, &scale.to_le_bytes());
         put(155 + a * 8, &offset[a].to_le_bytes());
         put(179 + a * 16, &greatest[a].to_le_bytes());
         put(187 + a * 16, &least[a].to_le_bytes());
