@@ -22,6 +22,8 @@ pub enum Command {
     Info(InfoArguments),
     /// Write the picture the viewer would show
     Render(RenderArguments),
+    /// Make the index that large clouds are streamed from ahead of time, or write it as COPC; the viewer makes it by itself
+    Index(IndexArguments),
     /// List the reflection methods and every parameter
     Methods(ListingArguments),
     /// List the built-in scenes
@@ -103,6 +105,19 @@ pub struct RenderArguments {
     pub seed: Option<u32>,
     #[command(flatten)]
     pub gpu: GpuArgument,
+}
+
+#[derive(Debug, Args)]
+pub struct IndexArguments {
+    /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// Write all inputs as one cloud that can be streamed as it is (COPC); without, each gets its place in the cache folder
+    #[arg(short, long, value_name = "OUT.copc.laz")]
+    pub output: Option<PathBuf>,
+    /// Set a parameter, as in `--set stream.host_bytes=1GiB`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
 }
 
 #[derive(Debug, Args)]
@@ -257,6 +272,7 @@ mod tests {
             &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
             &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
             &["glint", "info"],
+            &["glint", "index"],
             &["glint", "study"],
             &["glint", "study", "methods"],
             &["glint", "study", "methods", "-o", "a", "--shard", "3/2"],

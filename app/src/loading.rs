@@ -4,21 +4,23 @@
 //! come: first every header, then chunks, and when all clouds are in, the normals and radii that were missing. The channel
 //! is bounded, so a slow receiver holds the readers back and memory stays what the receiver keeps.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use cloud::{Attribute, Chunk, Column, Grid, Orientation, Progress, SurfelOptions, Surfels};
+use cloud::{Attribute, Bounds, Chunk, Column, Grid, Orientation, Progress, SurfelOptions, Surfels};
 use glam::DVec3;
 use scene::{
     ColorBy, Mirror, MirrorPoints, SceneFile, SceneSettings, Settings, SpotLight, SurfaceOrientation, UpAxis, View,
     five_mirrors,
 };
+use stream::{BuildOptions, Pages};
 
 use crate::failure::usage;
-use crate::streaming::{Lookout, Paged, StreamStats};
+use crate::streaming::{self, Arrival, Director, Lookout, Paged, StreamStats, cache, half_of};
 
 /// Chunks on their way from the readers to the receiver: enough that neither waits for the other, and at 65 thousand
 /// points of some 30 bytes each no more than 32 MB.
@@ -235,7 +237,6 @@ pub fn built_in_names() -> Vec<String> {
     five_mirrors::Variant::ALL.into_iter().map(built_in_name).collect()
 }
 
-#[allow(dead_code, reason = "the thread that streams comes next")]
 /// A cloud on its way in. `cloud` counts from 0 within the job.
 pub enum Event {
     /// A header was read, or a built-in scene begun.
@@ -298,12 +299,23 @@ impl Drop for Job {
 /// Loads `inputs` on a background thread. Of `settings` the groups `view` (up axis), `color` (which attribute to read),
 /// `surface` and `scene` matter.
 pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
+    start_with(inputs, settings, true)
+}
+
+/// The same without a preview of clouds whose index is being made, where nobody would see it.
+pub fn start_unseen(inputs: Vec<Input>, settings: &Settings) -> Job {
+    start_with(inputs, settings, false)
+}
+
+fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool) -> Job {
     let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
     let progress = Arc::new(Progress::default());
     let surfel_progress = Arc::new(Progress::default());
     let lookout = Arc::new(Lookout::default());
-    let job = Job { events, progress: progress.clone(), surfel_progress: surfel_progress.clone(), lookout };
-    let loader = Loader { sender: sender.clone(), progress, surfel_progress, settings: settings.clone() };
+    let job =
+        Job { events, progress: progress.clone(), surfel_progress: surfel_progress.clone(), lookout: lookout.clone() };
+    let settings = settings.clone();
+    let loader = Loader { sender: sender.clone(), progress, surfel_progress, lookout, settings, has_preview };
     // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
     let started = rayon::ThreadPoolBuilder::new()
         .thread_name(|index| format!("loader {index}"))
@@ -347,16 +359,40 @@ struct Loader {
     sender: SyncSender<Event>,
     progress: Arc<Progress>,
     surfel_progress: Arc<Progress>,
+    lookout: Arc<Lookout>,
     settings: Settings,
+    has_preview: bool,
 }
 
 /// A cloud between its events. `chunks` share their columns with those that were sent.
 struct Loading {
     cloud: usize,
-    source: Option<Arc<codec::Source>>,
+    source: Arc<codec::Source>,
     up: DVec3,
     chunks: Vec<Chunk>,
 }
+
+/// A streamed cloud while its pages are found or made.
+struct Paging {
+    cloud: usize,
+    input: String,
+    sources: Vec<Arc<codec::Source>>,
+    up: DVec3,
+    /// Found in the file or in the cache; handed on.
+    found: Option<Pages>,
+    is_native: bool,
+}
+
+/// From here on chunks of previews are counted: no file has as many points.
+const PREVIEW_POINTS: u64 = 1 << 62;
+
+/// Points that are read to see what kind of cloud it is.
+const KIND_POINTS: u64 = 500_000;
+
+/// Part of the memory for building that goes into a preview, and bytes that a point of it takes: as a chunk and on the GPU, which
+/// may have no memory of its own.
+const PREVIEW_SHARE: u64 = 8;
+const PREVIEW_POINT_BYTES: u64 = 80;
 
 impl Loader {
     fn load(&self, inputs: &[Input]) {
@@ -365,22 +401,53 @@ impl Loader {
     }
 
     fn load_all(&self, inputs: &[Input]) -> Option<()> {
-        let mut opened = Vec::new();
+        let (mut opened, mut paged) = (Vec::new(), Vec::new());
+        // Clouds so far, and bytes of those that are to be held in memory.
+        let (mut clouds, mut held) = (0, 0);
         for input in inputs {
             match input {
                 Input::File(_) | Input::Tiles { .. } => {
-                    for path in input.files() {
-                        opened.extend(self.open(path, opened.len())?);
+                    let sources = self.open(input)?;
+                    if self.is_streamed(&sources, &mut held) {
+                        for (sources, native) in parts(sources) {
+                            paged.push(self.begin_paging(input, sources, native, clouds)?);
+                            clouds += 1;
+                        }
+                    } else {
+                        for source in sources {
+                            opened.push(self.begin(source, clouds)?);
+                            clouds += 1;
+                        }
                     }
                 }
-                Input::BuiltIn { variant, without } => self.sample(*variant, without, &mut opened)?,
+                Input::BuiltIn { variant, without } => self.sample(*variant, without, &mut clouds)?,
                 Input::Unknown { name, error } => {
                     self.send(Event::Failed { input: name.clone(), error: error.clone() })?;
                 }
             }
         }
-        let expected = opened.iter().filter_map(|loading| loading.source.as_ref()).map(|source| source.info().points);
+        let expected = opened.iter().map(|loading| loading.source.info().points);
         self.progress.set_total(self.progress.done() + expected.sum::<u64>());
+        if paged.is_empty() {
+            return self.read_all(opened);
+        }
+        let stopped = |error: std::io::Error| Event::Failed { input: "streaming".into(), error: error.to_string() };
+        let director = match Director::new(self.lookout.clone(), self.sender.clone(), &self.settings) {
+            Ok(director) => director,
+            Err(error) => return self.send(stopped(error)),
+        };
+        std::thread::scope(|scope| {
+            let thread = std::thread::Builder::new().name("streaming".into());
+            if let Err(error) = thread.spawn_scoped(scope, || director.run()) {
+                return self.send(stopped(error));
+            }
+            let done = self.page_all(paged, opened);
+            self.lookout.end();
+            done
+        })
+    }
+
+    fn read_all(&self, mut opened: Vec<Loading>) -> Option<()> {
         for loading in &mut opened {
             self.read(loading)?;
         }
@@ -390,23 +457,105 @@ impl Loader {
         Some(())
     }
 
-    /// The cloud, if the file can be opened; `None` outside if nobody listens any more.
-    fn open(&self, path: &Path, cloud: usize) -> Option<Option<Loading>> {
-        let source = match codec::open(path) {
-            Ok(source) => Arc::new(source),
-            Err(error) => {
-                let error = error.to_string();
-                self.send(Event::Failed { input: path.display().to_string(), error })?;
-                return Some(None);
+    /// Streams what is there at once, reads what is held in memory, makes indexes that are missing, and stays to make those again
+    /// that turn out to be damaged.
+    fn page_all(&self, mut paged: Vec<Paging>, opened: Vec<Loading>) -> Option<()> {
+        let mut there: Vec<&Paging> = Vec::new();
+        let mut missing: Vec<&Paging> = Vec::new();
+        let found: Vec<Option<Pages>> = paged.iter_mut().map(|paging| paging.found.take()).collect();
+        for (paging, found) in paged.iter().zip(found) {
+            match found {
+                Some(pages) => {
+                    self.stream(paging, pages, false, Vec::new());
+                    there.push(paging);
+                }
+                None => missing.push(paging),
+            }
+        }
+        self.read_all(opened)?;
+        for paging in missing {
+            if self.index(paging)? {
+                there.push(paging);
+            }
+        }
+        for paging in &there {
+            self.refine(paging)?;
+        }
+        let mut again = HashSet::new();
+        while !there.is_empty() {
+            for cloud in self.lookout.rest()? {
+                let Some(paging) = there.iter().find(|paging| paging.cloud == cloud) else { continue };
+                // Once: a disk that damages what is written to it would keep this going for ever.
+                if again.insert(cloud) {
+                    self.discard(paging);
+                    if self.index(paging)? {
+                        self.refine(paging)?;
+                        continue;
+                    }
+                } else {
+                    let error = format!("{}: its pages were damaged again after they had been made anew", paging.input);
+                    self.send(Event::Failed { input: paging.input.clone(), error })?;
+                }
+                self.lookout.close(cloud);
+                there.retain(|paging| paging.cloud != cloud);
+            }
+        }
+        Some(())
+    }
+
+    /// The files of an input that can be opened; `None` if nobody listens any more.
+    fn open(&self, input: &Input) -> Option<Vec<Arc<codec::Source>>> {
+        let mut sources = Vec::new();
+        for path in input.files() {
+            match codec::open(path) {
+                Ok(source) => sources.push(Arc::new(source)),
+                Err(error) => {
+                    self.send(Event::Failed { input: path.display().to_string(), error: error.to_string() })?;
+                }
+            }
+        }
+        Some(sources)
+    }
+
+    /// Whether the files of an input are streamed. `held`: bytes of what is held in memory, which grow if they are not.
+    fn is_streamed(&self, sources: &[Arc<codec::Source>], held: &mut u64) -> bool {
+        if sources.iter().all(|source| source.info().points == 0) {
+            return false;
+        }
+        let bytes: u64 = sources.iter().map(|source| self.memory_of(source.info())).sum();
+        let is_streamed = match self.settings.stream.pages {
+            scene::Paging::Always => true,
+            scene::Paging::Never => false,
+            scene::Paging::Auto => {
+                sources.len() > 1 || held.saturating_add(bytes) > half_of(self.settings.stream.host_bytes)
             }
         };
+        if !is_streamed {
+            *held = held.saturating_add(bytes);
+        }
+        is_streamed
+    }
+
+    /// Bytes that the points of a file take in memory.
+    fn memory_of(&self, info: &codec::Info) -> u64 {
+        let selection = selection(info, &self.settings);
+        let columns = info.attributes.iter().zip(selection.attributes).filter(|(_, is_read)| *is_read);
+        let columns: usize = columns.map(|(attribute, _)| attribute.column_type.size()).sum();
+        let is_double = |property: &Attribute| property.name == "x" && property.column_type == cloud::ColumnType::F64;
+        let is_exact = info.format == codec::Format::Ply && info.properties.iter().any(is_double);
+        // Position, normal and radius; colour; the file's own coordinates where they are kept.
+        let point = 12 + 4 + 2 + 4 * usize::from(info.has_colors) + 24 * usize::from(is_exact) + columns;
+        info.points.saturating_mul(point as u64)
+    }
+
+    /// A file that is read into memory.
+    fn begin(&self, source: Arc<codec::Source>, cloud: usize) -> Option<Loading> {
         let info = source.info();
-        // Scanners and surveys have z up; the tools that make meshes mostly y.
-        let is_mesh = info.format == codec::Format::Ply && info.faces > 0;
-        let up = self.up(if is_mesh { DVec3::Y } else { DVec3::Z });
+        let path = &info.path;
+        let up = up_of(info, &self.settings);
         self.send(Event::Opened {
             cloud,
-            name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+            name: file_name(path),
             input: path.display().to_string(),
             source: Some(source.clone()),
             attributes: info.attributes.clone(),
@@ -416,13 +565,139 @@ impl Loader {
             provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),
             warnings: info.warnings.clone(),
         })?;
-        Some(Some(Loading { cloud, source: Some(source), up, chunks: Vec::new() }))
+        Some(Loading { cloud, source, up, chunks: Vec::new() })
+    }
+
+    /// Files that are streamed as one cloud.
+    fn begin_paging(
+        &self,
+        input: &Input,
+        sources: Vec<Arc<codec::Source>>,
+        native: Option<Pages>,
+        cloud: usize,
+    ) -> Option<Paging> {
+        let infos = || sources.iter().map(|source| source.info());
+        let path = match (input, sources.as_slice()) {
+            (Input::Tiles { folder, .. }, [_, _, ..]) => folder.clone(),
+            _ => infos().next().map(|info| info.path.clone()).unwrap_or_default(),
+        };
+        let is_native = native.is_some();
+        let found = native.or_else(|| match cache(&self.settings.stream).map(|cache| cache.open(&sources)) {
+            Ok(Ok(found)) => found,
+            // What is wrong with the folder is said when an index is to be written there.
+            Ok(Err(_)) | Err(_) => None,
+        });
+        let (attributes, grid) = match &found {
+            Some(pages) => (pages.attributes().to_vec(), pages.grid()),
+            None => (stream::index_attributes(&sources), None),
+        };
+        let points = infos().map(|info| info.points).sum();
+        let bounds = infos().filter_map(|info| info.bounds).fold(Bounds::EMPTY, Bounds::union);
+        let up = infos().next().map_or(DVec3::Z, |info| up_of(info, &self.settings));
+        self.send(Event::Opened {
+            cloud,
+            name: file_name(&path),
+            input: path.display().to_string(),
+            // Points come in the order of pages: what is looked up in a file by a point's number would be another's.
+            source: None,
+            attributes,
+            grid,
+            expected_points: points,
+            up,
+            provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },
+            warnings: infos().flat_map(|info| info.warnings.iter().cloned()).collect(),
+        })?;
+        Some(Paging { cloud, input: path.display().to_string(), sources, up, found, is_native })
+    }
+
+    /// Has pages streamed. Where they lack normals and radii and will not get them, each node's are estimated from its own points.
+    fn stream(&self, paging: &Paging, pages: Pages, was_built: bool, previews: Vec<u64>) {
+        let estimate = paging.is_native.then(|| self.surfel_options(paging, &pages)).flatten();
+        let (cloud, input, pages) = (paging.cloud, paging.input.clone(), Arc::new(pages));
+        self.lookout.arrive(Arrival { cloud, input, pages, is_own: !paging.is_native, was_built, estimate, previews });
+    }
+
+    /// Makes the index of a cloud and has it streamed; whether there is one now.
+    fn index(&self, paging: &Paging) -> Option<bool> {
+        let cloud = paging.cloud;
+        self.send(Event::Pages { cloud, pages: Paged::Indexing })?;
+        let stream = &self.settings.stream;
+        let memory = half_of(stream.host_bytes);
+        let most = if self.has_preview { memory / PREVIEW_SHARE / PREVIEW_POINT_BYTES } else { 0 };
+        let preview_points = u64::from(self.settings.view.point_budget).min(most);
+        let previews = Mutex::new(Vec::new());
+        let counted = AtomicU64::new(PREVIEW_POINTS);
+        let preview = |mut chunk: Chunk| {
+            chunk.first_point = counted.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+            previews.lock().unwrap_or_else(PoisonError::into_inner).push(chunk.first_point);
+            if self.send(Event::Chunk { cloud, chunk }).is_none() {
+                self.progress.cancel();
+            }
+        };
+        let start = Instant::now();
+        let options = BuildOptions { memory, preview_points };
+        let built = cache(stream)
+            .and_then(|cache| Ok(streaming::build(&paging.sources, &cache, &options, &self.progress, &preview)?));
+        tracing::debug!(input = paging.input, seconds = start.elapsed().as_secs_f64(), "indexed");
+        match built {
+            Ok(pages) => {
+                let previews = previews.into_inner().unwrap_or_else(PoisonError::into_inner);
+                self.stream(paging, pages, true, previews);
+                Some(true)
+            }
+            Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Cancelled)) => {
+                let points = counted.into_inner() - PREVIEW_POINTS;
+                let summary = codec::Summary { points, cancelled: true, ..Default::default() };
+                self.send(Event::Read { cloud, summary }).map(|()| false)
+            }
+            Err(error) => {
+                let (input, error) = (paging.input.clone(), format!("{error:#}"));
+                self.send(Event::Failed { input, error }).map(|()| false)
+            }
+        }
+    }
+
+    /// Normals and radii of all points of an index of ours, from all of them; then they are streamed with it.
+    fn refine(&self, paging: &Paging) -> Option<()> {
+        if paging.is_native || self.surfel_progress.is_cancelled() {
+            return Some(());
+        }
+        let Ok(cache) = cache(&self.settings.stream) else { return Some(()) };
+        let Ok(Some(pages)) = cache.open(&paging.sources) else { return Some(()) };
+        let Some(options) = self.surfel_options(paging, &pages) else { return Some(()) };
+        if pages.surfel_options() == Some(&options) {
+            return Some(());
+        }
+        let start = Instant::now();
+        let memory = half_of(self.settings.stream.host_bytes);
+        let estimated = stream::estimate_surfels(&pages, &options, memory, &self.surfel_progress);
+        tracing::debug!(cloud = paging.cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
+        drop(pages);
+        match estimated.and_then(|()| cache.open(&paging.sources)) {
+            Ok(Some(pages)) => self.stream(paging, pages, false, Vec::new()),
+            Ok(None) | Err(stream::Error::Cancelled) => {}
+            Err(error) => self.send(Event::Failed { input: paging.input.clone(), error: error.to_string() })?,
+        }
+        Some(())
+    }
+
+    fn discard(&self, paging: &Paging) {
+        if let Ok(cache) = cache(&self.settings.stream)
+            && let Ok(Some(pages)) = cache.open(&paging.sources)
+        {
+            cache.discard(pages);
+        }
+    }
+
+    fn surfel_options(&self, paging: &Paging, pages: &Pages) -> Option<SurfelOptions> {
+        let options = surfel_options(pages, paging.up, &self.settings);
+        options.map_err(|error| tracing::warn!(input = paging.input, %error, "pages cannot be read")).ok()
     }
 
     /// A built-in scene, all of it at once: its walls as a cloud and its mirrors, complete with normals and radii.
-    fn sample(&self, variant: five_mirrors::Variant, without: &[String], opened: &mut Vec<Loading>) -> Option<()> {
+    fn sample(&self, variant: five_mirrors::Variant, without: &[String], clouds: &mut usize) -> Option<()> {
         let SceneSettings { points, seed } = self.settings.scene;
-        let up = self.up(DVec3::Y);
+        let up = up(DVec3::Y, &self.settings);
         let input = built_in_name(variant);
         for part in five_mirrors::sample(variant, u64::from(points), u64::from(seed)) {
             let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
@@ -433,7 +708,8 @@ impl Loader {
                 }
                 continue;
             }
-            let cloud = opened.len();
+            let cloud = *clouds;
+            *clouds += 1;
             self.send(Event::Opened {
                 cloud,
                 name: format!("{input}, walls"),
@@ -452,14 +728,12 @@ impl Loader {
             }
             let summary = codec::Summary { points, ..Default::default() };
             self.send(Event::Read { cloud, summary })?;
-            opened.push(Loading { cloud, source: None, up, chunks: Vec::new() });
         }
         Some(())
     }
 
     fn read(&self, loading: &mut Loading) -> Option<()> {
-        let Some(source) = &loading.source else { return Some(()) };
-        let cloud = loading.cloud;
+        let (source, cloud) = (&loading.source, loading.cloud);
         let kept = Mutex::new(Vec::new());
         let total = self.progress.total();
         let emit = |chunk: Chunk| {
@@ -490,44 +764,79 @@ impl Loader {
         if chunks.iter().all(complete) || self.surfel_progress.is_cancelled() {
             return Some(());
         }
-        if let Some(source) = source.filter(|source| source.info().faces > 0 && !source.info().has_normals) {
-            // A face list that cannot be parsed is a warning of the read; the normals are then estimated.
-            if let Ok(triangles) = source.triangles() {
-                let mesh = cloud::normals_from_triangles(&chunks, &triangles);
-                for (chunk, normals) in chunks.iter_mut().zip(mesh.normals) {
-                    chunk.normals = Some(Arc::new(normals));
-                }
+        // A face list that cannot be parsed is a warning of the read; the normals are then estimated.
+        if source.info().faces > 0
+            && !source.info().has_normals
+            && let Ok(triangles) = source.triangles()
+        {
+            let mesh = cloud::normals_from_triangles(&chunks, &triangles);
+            for (chunk, normals) in chunks.iter_mut().zip(mesh.normals) {
+                chunk.normals = Some(Arc::new(normals));
             }
         }
-        let center = || cloud::robust_bounds(&chunks).center();
-        let orientation = match self.settings.surface.orientation {
-            SurfaceOrientation::Auto => cloud::guess_orientation(&chunks, up.as_vec3()),
-            SurfaceOrientation::Up => Orientation::Up(up.as_vec3()),
-            SurfaceOrientation::Inward => Orientation::Toward(center()),
-            SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
-        };
-        let options = SurfelOptions { neighbours: self.settings.surface.neighbours as usize, orientation };
+        let options = options_for(&chunks, up, &self.settings);
         let start = Instant::now();
         let estimated = cloud::estimate(&chunks, &options, &self.surfel_progress);
-        tracing::debug!(cloud, ?orientation, seconds = start.elapsed().as_secs_f64(), "normals and radii");
+        tracing::debug!(cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
         match estimated {
             Some(surfels) => self.send(Event::Surfels { cloud, surfels }),
             None => Some(()),
         }
     }
 
-    /// The axis that points up: what the setting says, or what fits the data.
-    fn up(&self, fitting: DVec3) -> DVec3 {
-        match self.settings.view.up {
-            UpAxis::Auto => fitting,
-            UpAxis::Y => DVec3::Y,
-            UpAxis::Z => DVec3::Z,
-        }
-    }
-
     fn send(&self, event: Event) -> Option<()> {
         self.sender.send(event).ok()
     }
+}
+
+/// Files that are streamed, as the clouds that they make: those that are COPC, if all of them are, one each; else all together.
+pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {
+    let native = |source: &Arc<codec::Source>| Pages::copc(source);
+    match sources.iter().map(native).collect::<Option<Vec<Pages>>>() {
+        Some(native) => sources.into_iter().zip(native).map(|(source, pages)| (vec![source], Some(pages))).collect(),
+        None => vec![(sources, None)],
+    }
+}
+
+/// The axis that points up: what the setting says, or what fits the data.
+fn up(fitting: DVec3, settings: &Settings) -> DVec3 {
+    match settings.view.up {
+        UpAxis::Auto => fitting,
+        UpAxis::Y => DVec3::Y,
+        UpAxis::Z => DVec3::Z,
+    }
+}
+
+/// The axis that points up in a file.
+pub fn up_of(info: &codec::Info, settings: &Settings) -> DVec3 {
+    // Scanners and surveys have z up; the tools that make meshes mostly y.
+    let is_mesh = info.format == codec::Format::Ply && info.faces > 0;
+    up(if is_mesh { DVec3::Y } else { DVec3::Z }, settings)
+}
+
+/// How the normals of such points are estimated.
+fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
+    let center = || cloud::robust_bounds(chunks).center();
+    let orientation = match settings.surface.orientation {
+        SurfaceOrientation::Auto => cloud::guess_orientation(chunks, up.as_vec3()),
+        SurfaceOrientation::Up => Orientation::Up(up.as_vec3()),
+        SurfaceOrientation::Inward => Orientation::Toward(center()),
+        SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
+    };
+    SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation }
+}
+
+/// The same for an index, from its coarse pages.
+///
+/// # Errors
+/// If they cannot be read.
+pub fn surfel_options(pages: &Pages, up: DVec3, settings: &Settings) -> stream::Result<SurfelOptions> {
+    Ok(options_for(&stream::coarsest(pages, KIND_POINTS)?, up, settings))
+}
+
+/// The last part of a path, as a cloud is called.
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 /// What is read at once: all that most pictures need, and the attribute that `color.by` asks for. Others come on demand

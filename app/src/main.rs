@@ -3,6 +3,7 @@
 
 mod command_line;
 mod failure;
+mod index_command;
 mod info;
 mod listing;
 mod loading;
@@ -10,7 +11,6 @@ mod mirrors;
 mod picture_file;
 mod progress_bar;
 mod render_command;
-#[allow(dead_code, reason = "the thread that streams comes next")]
 mod streaming;
 mod study_command;
 mod subject;
@@ -76,6 +76,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         }
         Command::Info(arguments) => info::run(&arguments),
         Command::Render(arguments) => render_command::run(&arguments),
+        Command::Index(arguments) => index_command::run(&arguments),
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),
         Command::Study(arguments) => study_command::run(&arguments),

@@ -56,7 +56,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
 
     let camera = |outline: &[DVec3], up| viewpoint.camera(outline, up, &settings, arguments.size);
-    let Opened { subject, failures } = match subject::open(&gpu, request, &settings, camera)? {
+    let Opened { subject, failures, stream } = match subject::open(&gpu, request, &settings, arguments.size, camera)? {
         Some(opened) => opened,
         // All that is to be said has been said.
         None => return Ok(2),
@@ -87,7 +87,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         picture_file::write_exr(path, image)?;
     }
     if let Some(path) = &arguments.stats {
-        let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?).with(traced);
+        let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?);
+        let stats = Stats { stream, ..stats.with(traced) };
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(if failures > 0 { 2 } else { 0 })
@@ -263,6 +264,8 @@ struct Stats {
     uncertain: Option<f64>,
     bounces: u32,
     memory: MemoryStats,
+    /// Null where all clouds are held in memory.
+    stream: Option<subject::StreamReport>,
     accuracy: Option<study::Accuracy>,
 }
 
@@ -343,6 +346,7 @@ impl Stats {
                 gpu_bytes: last.map_or(0, |frame| frame.gpu_bytes),
                 host_peak_bytes: host_peak_bytes(),
             },
+            stream: None,
             accuracy: None,
         }
     }

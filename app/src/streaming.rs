@@ -3,12 +3,31 @@
 //! A job of `loading` tells the window or the headless command about streamed clouds by the same events as about any cloud.
 //! The other way it is told where they look from: the [`Lookout`].
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
+use std::path::PathBuf;
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use scene::{Camera, Stream, ViewSettings};
-use stream::Octree;
+use cloud::{Bounds, Chunk, Progress, SurfelOptions};
+use glam::DVec2;
+use scene::{Camera, Projection, Settings, Stream, ViewSettings};
+use stream::{
+    Budget, BuildOptions, Cache, Change, Missing, Node, Octree, Page, PagedCloud, Pages, Streamer, Tree, ViewMeasure,
+    choose,
+};
+
+use crate::loading::Event;
+
+/// Bytes that a point takes on the GPU: what splatting reads, what only visible points are asked for, the attribute shown, and
+/// the trees that reflections are traced through.
+const GPU_POINT_BYTES: u64 = 48;
+/// Share of the memory of decoded points that a cut may ask for: the rest is for what is being read and what may be wanted again.
+const CUT_SHARE: f64 = 0.75;
+/// Between two reports of what is there.
+const REPORT_INTERVAL: Duration = Duration::from_millis(200);
+/// Pixels that all clouds are wide as long as nobody has said from where they are looked at.
+const WIDTH_UNSEEN: f64 = 1000.0;
 
 /// From where streamed clouds are looked at, and with which budgets.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,7 +76,7 @@ pub struct StreamStats {
     pub points_per_second: f64,
 }
 
-/// Tells the streaming thread of a job where its clouds are looked at from. The latest look counts.
+/// Tells the streaming thread of a job where its clouds are looked at from, the latest look counts, and what there is to stream.
 #[derive(Default)]
 pub struct Lookout {
     told: Mutex<Told>,
@@ -69,8 +88,28 @@ struct Told {
     looks: u64,
     viewpoint: Option<Viewpoint>,
     closed: HashSet<usize>,
+    arrived: Vec<Arrival>,
+    /// Nothing more is on its way.
+    is_complete: bool,
     is_over: bool,
+    /// Clouds whose pages turned out to be damaged.
+    damaged: Vec<usize>,
     is_news: bool,
+}
+
+/// A cloud whose index is there, or is there with more.
+pub struct Arrival {
+    pub cloud: usize,
+    /// As a person named it.
+    pub input: String,
+    pub pages: Arc<Pages>,
+    /// Of the cache: they can be made again.
+    pub is_own: bool,
+    pub was_built: bool,
+    /// For nodes whose normals and radii are not known; `None` for even provisional ones until they are.
+    pub estimate: Option<SurfelOptions>,
+    /// First points of chunks that go as soon as the cut is there.
+    pub previews: Vec<u64>,
 }
 
 impl Lookout {
@@ -99,8 +138,35 @@ impl Lookout {
         self.notify(&mut told);
     }
 
-    /// Wakes who waits.
-    pub fn wake(&self) {
+    pub fn arrive(&self, arrival: Arrival) {
+        let mut told = self.told();
+        told.arrived.push(arrival);
+        self.notify(&mut told);
+    }
+
+    /// Says that nothing more is on its way, and waits until there is: clouds whose pages were found to be damaged. `None` when
+    /// the streaming has ended.
+    pub fn rest(&self) -> Option<Vec<usize>> {
+        let mut told = self.told();
+        told.is_complete = true;
+        self.notify(&mut told);
+        let waits = |told: &mut Told| !told.is_over && told.damaged.is_empty();
+        let mut told = self.changed.wait_while(told, waits).unwrap_or_else(PoisonError::into_inner);
+        told.is_complete = false;
+        if told.is_over { None } else { Some(std::mem::take(&mut told.damaged)) }
+    }
+
+    fn report_damage(&self, cloud: usize) {
+        let mut told = self.told();
+        if !told.damaged.contains(&cloud) {
+            told.damaged.push(cloud);
+        }
+        // At once: who looks for the end of it must not see it between two states.
+        told.is_complete = false;
+        self.notify(&mut told);
+    }
+
+    fn wake(&self) {
         self.notify(&mut self.told());
     }
 
@@ -119,5 +185,319 @@ impl Lookout {
 
     fn told(&self) -> MutexGuard<'_, Told> {
         self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Where indexes are kept: `GLINT_CACHE_DIR`, else the platform's place.
+pub fn cache(settings: &Stream) -> anyhow::Result<Cache> {
+    let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.cache_dir().join("pages"));
+    let folder = std::env::var_os("GLINT_CACHE_DIR").map(PathBuf::from).or_else(platform);
+    let folder = folder.ok_or_else(|| anyhow::anyhow!("no home folder for pages; GLINT_CACHE_DIR can name one"))?;
+    Ok(Cache::new(folder, settings.cache_bytes.0))
+}
+
+/// Bytes that building an index may take, and as many that decoded points may take: half of the whole each.
+pub fn half_of(host_bytes: param::Bytes) -> u64 {
+    host_bytes.0 / 2
+}
+
+/// Between two looks at a count.
+const COUNT_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Makes the index of files that are one cloud, or finds it; see `stream::build`. `progress` counts each point once.
+pub fn build(
+    sources: &[Arc<codec::Source>],
+    cache: &Cache,
+    options: &BuildOptions,
+    progress: &Progress,
+    preview: &(dyn Fn(Chunk) + Sync),
+) -> stream::Result<Pages> {
+    let points: u64 = sources.iter().map(|source| source.info().points).sum();
+    let before = progress.done();
+    progress.set_total(before + points);
+    // That of the builder counts a point when it is read and when it has its place.
+    let steps = &Progress::default();
+    let (done, is_done) = channel::<()>();
+    std::thread::scope(|scope| {
+        let count = scope.spawn(move || {
+            let mut counted = 0;
+            loop {
+                let is_over = is_done.recv_timeout(COUNT_INTERVAL) != Err(RecvTimeoutError::Timeout);
+                let now = (steps.done() / 2).min(points);
+                progress.add(now.saturating_sub(counted));
+                counted = now.max(counted);
+                if progress.is_cancelled() {
+                    steps.cancel();
+                }
+                if is_over {
+                    return;
+                }
+            }
+        });
+        let pages = stream::build(sources, cache, options, steps, preview);
+        drop(done);
+        let _ = count.join();
+        pages
+    })
+}
+
+/// The thread that streams the clouds of a job.
+pub struct Director {
+    lookout: Arc<Lookout>,
+    events: SyncSender<Event>,
+    streamer: Streamer,
+    clouds: BTreeMap<usize, Streamed>,
+    look: u64,
+    viewpoint: Option<Viewpoint>,
+    /// Until somebody looks.
+    settings: Settings,
+    is_complete: bool,
+    reported: (Instant, StreamStats),
+}
+
+/// A cloud that is streamed.
+struct Streamed {
+    /// As a person named it.
+    input: String,
+    octree: Arc<Octree>,
+    /// Its pages can be made again.
+    is_own: bool,
+    point_bytes: u64,
+    /// Of chunks that the receiver has.
+    resident: HashSet<u64>,
+    /// Those of them that go when the next cut is there, unless they come again with it.
+    stale: HashSet<u64>,
+    /// What the receiver is to be told when the first cut is there.
+    summary: Option<codec::Summary>,
+    /// Something of it could not be read.
+    is_damaged: bool,
+}
+
+impl Streamed {
+    /// Its pages are being made again.
+    fn is_awaited(&self) -> bool {
+        self.is_own && self.is_damaged
+    }
+}
+
+impl Director {
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn new(lookout: Arc<Lookout>, events: SyncSender<Event>, settings: &Settings) -> std::io::Result<Self> {
+        let workers = std::thread::available_parallelism().map_or(2, usize::from);
+        let waker = lookout.clone();
+        let streamer = Streamer::new(workers, budget(&settings.view, &settings.stream, 1.0), move || waker.wake())?;
+        let reported = (Instant::now(), StreamStats::default());
+        Ok(Self {
+            lookout,
+            events,
+            streamer,
+            clouds: BTreeMap::new(),
+            look: 0,
+            viewpoint: None,
+            settings: settings.clone(),
+            is_complete: false,
+            reported,
+        })
+    }
+
+    /// Streams until the lookout ends it, or nobody listens any more.
+    pub fn run(mut self) {
+        while self.step().is_some() {}
+        self.lookout.end();
+    }
+
+    fn step(&mut self) -> Option<()> {
+        let lookout = self.lookout.clone();
+        let mut told = lookout.wait(REPORT_INTERVAL);
+        if told.is_over {
+            return None;
+        }
+        let arrived = std::mem::take(&mut told.arrived);
+        let closed = std::mem::take(&mut told.closed);
+        let has_moved = told.looks != self.look;
+        if has_moved {
+            self.look = told.looks;
+            self.viewpoint = told.viewpoint.clone();
+        }
+        self.is_complete = told.is_complete && arrived.is_empty();
+        drop(told);
+        let is_other = has_moved || !arrived.is_empty() || !closed.is_empty();
+        for cloud in closed {
+            self.clouds.remove(&cloud);
+            self.streamer.remove(cloud);
+        }
+        for arrival in arrived {
+            self.take_in(arrival)?;
+        }
+        if is_other {
+            self.choose();
+        }
+        let changes = self.streamer.changes();
+        let is_quiet = changes.is_empty();
+        for change in changes {
+            self.pass_on(change)?;
+        }
+        self.report(is_quiet && !is_other)
+    }
+
+    fn take_in(&mut self, arrival: Arrival) -> Option<()> {
+        let Arrival { cloud, input, pages, is_own, was_built, estimate, previews } = arrival;
+        let octree = Arc::new(pages.octree().clone());
+        let has_surfels = pages.has_surfels();
+        let columns: usize = pages.attributes().iter().map(|attribute| attribute.column_type.size()).sum();
+        // Position, normal and radius; colour; attributes.
+        let point_bytes = (12 + 4 + 2 + 4 * usize::from(pages.has_colors()) + columns) as u64;
+        let summary = codec::Summary {
+            points: octree.points(),
+            bounds: octree.nodes.first().map(|root| root.bounds),
+            warnings: pages.warnings().to_vec(),
+            cancelled: false,
+        };
+        let before = self.clouds.remove(&cloud);
+        let is_again = before.as_ref().is_some_and(|before| before.summary.is_none());
+        // The streamer has forgotten what it had of damaged pages: that comes again, or goes.
+        let forgotten = before.as_ref().filter(|before| before.is_damaged).map(|before| before.resident.clone());
+        let stale = forgotten.into_iter().flatten().chain(previews).collect();
+        let resident = before.map(|before| before.resident).unwrap_or_default();
+        let read = move |node| {
+            let chunk = pages.read(node)?;
+            Ok(Page { chunk, disk_bytes: pages.page_bytes(node) as u64 })
+        };
+        let missing = estimate.map_or(Missing::Provisional, Missing::Estimate);
+        let paged = PagedCloud { octree: octree.clone(), point_bytes, missing, read: Arc::new(read) };
+        self.streamer.replace(cloud, paged);
+        let summary = (!is_again).then_some(summary);
+        let octree_shown = octree.clone();
+        let streamed = Streamed { input, octree, is_own, point_bytes, resident, stale, summary, is_damaged: false };
+        self.clouds.insert(cloud, streamed);
+        self.send(Event::Pages { cloud, pages: Paged::Indexed { octree: octree_shown, was_built, has_surfels } })
+    }
+
+    /// Asks for the cut of the latest look.
+    fn choose(&mut self) {
+        let (view, stream) = match &self.viewpoint {
+            Some(viewpoint) => (&viewpoint.view, &viewpoint.stream),
+            None => (&self.settings.view, &self.settings.stream),
+        };
+        self.streamer.set_budget(budget(view, stream, 1.0));
+        let trees: Vec<Tree> = self
+            .clouds
+            .iter()
+            .filter(|(_, streamed)| !streamed.is_awaited())
+            .map(|(cloud, streamed)| Tree {
+                cloud: *cloud,
+                octree: &streamed.octree,
+                point_bytes: streamed.point_bytes,
+            })
+            .collect();
+        let budget = budget(view, stream, CUT_SHARE);
+        let detail = f64::from(stream.detail);
+        let wanted = match self.viewpoint.as_ref().map(measure) {
+            Some(measure) => {
+                choose(&trees, |_, octree: &Octree, node: &Node| measure.pixels(octree, node), budget, detail)
+            }
+            None => {
+                let all = trees.iter().filter_map(|tree| tree.octree.nodes.first());
+                let all = all.fold(Bounds::EMPTY, |all, root| all.union(root.bounds));
+                let scale = WIDTH_UNSEEN / all.size().max_element().max(f64::MIN_POSITIVE);
+                choose(&trees, |_, octree, node| octree.spacing_at(node.level) * scale, budget, detail)
+            }
+        };
+        self.streamer.want(wanted);
+    }
+
+    fn pass_on(&mut self, change: Change) -> Option<()> {
+        match change {
+            Change::Put { cloud, chunk } => {
+                let streamed = self.clouds.get_mut(&cloud)?;
+                streamed.resident.insert(chunk.first_point);
+                streamed.stale.remove(&chunk.first_point);
+                self.send(Event::Chunk { cloud, chunk })
+            }
+            Change::Drop { cloud, first_point } => {
+                if let Some(streamed) = self.clouds.get_mut(&cloud) {
+                    streamed.resident.remove(&first_point);
+                    streamed.stale.remove(&first_point);
+                }
+                self.send(Event::Dropped { cloud, first_point })
+            }
+            Change::Failed { cloud, error, .. } => {
+                let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
+                if std::mem::replace(&mut streamed.is_damaged, true) {
+                    return Some(());
+                }
+                if !streamed.is_own {
+                    let (input, error) = (streamed.input.clone(), error.to_string());
+                    return self.send(Event::Failed { input, error });
+                }
+                tracing::warn!(cloud, %error, "pages are made again");
+                // What is shown stays until then. They cannot be made while somebody has them open.
+                self.streamer.remove(cloud);
+                self.lookout.report_damage(cloud);
+                self.send(Event::Pages { cloud, pages: Paged::Indexing })
+            }
+        }
+    }
+
+    /// Tells what is there, if that has changed, and what goes with a cut that has come in full.
+    fn report(&mut self, is_quiet: bool) -> Option<()> {
+        let shown = self.streamer.stats();
+        let is_there = is_quiet && shown.settled && !self.clouds.values().any(Streamed::is_awaited);
+        if is_there {
+            let mut leaving = Vec::new();
+            for (cloud, streamed) in &mut self.clouds {
+                leaving.extend(streamed.stale.drain().map(|first_point| Event::Dropped { cloud: *cloud, first_point }));
+                leaving.extend(streamed.summary.take().map(|summary| Event::Read { cloud: *cloud, summary }));
+            }
+            for event in leaving {
+                if let Event::Dropped { cloud, first_point } = event {
+                    self.clouds.get_mut(&cloud)?.resident.remove(&first_point);
+                }
+                self.send(event)?;
+            }
+        }
+        let stats = StreamStats {
+            look: self.look,
+            is_settled: is_there && self.is_complete,
+            nodes: shown.shown_nodes,
+            points_resident: shown.shown_points,
+            points_total: self.clouds.values().map(|streamed| streamed.octree.points()).sum(),
+            host_bytes: shown.bytes,
+            nodes_waiting: shown.waiting_nodes,
+            disk_bytes_per_second: shown.disk_bytes_per_second,
+            points_per_second: shown.points_per_second,
+        };
+        let (when, last) = &self.reported;
+        let is_due = stats.is_settled || when.elapsed() >= REPORT_INTERVAL;
+        if stats != *last && is_due {
+            self.reported = (Instant::now(), stats);
+            self.send(Event::Stream(stats))?;
+        }
+        Some(())
+    }
+
+    fn send(&self, event: Event) -> Option<()> {
+        self.events.send(event).ok()
+    }
+}
+
+/// What may be resident; `share` of the memory that decoded points may take.
+fn budget(view: &ViewSettings, stream: &Stream, share: f64) -> Budget {
+    let points = u64::from(view.point_budget).min(stream.gpu_bytes.0 / GPU_POINT_BYTES);
+    Budget { points, bytes: (half_of(stream.host_bytes) as f64 * share) as u64 }
+}
+
+/// How large places appear.
+fn measure(viewpoint: &Viewpoint) -> ViewMeasure {
+    let Viewpoint { camera, size: [width, height], view, stream } = viewpoint;
+    let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
+    let (height, unseen) = (f64::from(*height), f64::from(stream.unseen));
+    let half = DVec2::new(tangent * f64::from(*width) / height.max(1.0), tangent);
+    match view.projection {
+        Projection::Perspective => ViewMeasure::perspective(camera.eye, camera.view_from_world(), half, height, unseen),
+        Projection::Orthographic => {
+            ViewMeasure::parallel(camera.eye, camera.view_from_world(), half * camera.distance(), height, unseen)
+        }
     }
 }

@@ -183,6 +183,9 @@ struct Inputs;
 /// Clouds without a camera are framed for a picture of this shape, whatever its size: it must not change with what is swept.
 const ASPECT: f64 = 4.0 / 3.0;
 
+/// What is drawn of clouds that are streamed suffices for a picture of this size, pixels.
+const STREAMED_FOR: [u32; 2] = [1600, 1200];
+
 impl Scenes for Inputs {
     fn settings(&self, scene: &str) -> anyhow::Result<Settings> {
         if stability::is_case(scene) {
@@ -203,7 +206,8 @@ impl Scenes for Inputs {
         let field_of_view = settings.view.field_of_view;
         let framing =
             |outline: &[glam::DVec3], up| Camera::framing(outline, StandardView::Isometric, up, field_of_view, ASPECT);
-        let opened = subject::open(gpu, request, settings, |outline, up| own.unwrap_or_else(|| framing(outline, up)))?;
+        let camera = |outline: &[glam::DVec3], up| own.unwrap_or_else(|| framing(outline, up));
+        let opened = subject::open(gpu, request, settings, STREAMED_FOR, camera)?;
         match opened {
             Some(opened) if opened.failures == 0 => Ok(opened.subject),
             _ => Err(anyhow!("{scene}: cannot be read in full")),

@@ -2,6 +2,7 @@
 //!
 //! Chunks are put in the order of the file, so that a picture does not depend on which thread was faster.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
@@ -11,10 +12,12 @@ use cloud::{Chunk, Cloud, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS, PointStore};
 use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings, SpotLight, Surroundings};
+use serde::Serialize;
 use study::{Exact, Part, Subject};
 
 use crate::failure::usage;
-use crate::loading::{self, Event, Input, Request};
+use crate::loading::{self, Event, Input, Job, Request};
+use crate::streaming::{Paged, StreamStats, Viewpoint};
 use crate::{mirrors, progress_bar};
 
 /// A scene that was opened.
@@ -22,10 +25,27 @@ pub struct Opened {
     pub subject: Subject,
     /// Inputs that could not be read; they have been reported.
     pub failures: usize,
+    /// Where clouds are streamed.
+    pub stream: Option<StreamReport>,
 }
 
-/// Reads what is asked for and puts it on the GPU; `camera` is told the outline of it all and which way is up. `None` if none
-/// of the inputs can be read, which has been reported then.
+/// What was drawn of clouds that are streamed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct StreamReport {
+    /// All that the view needs was there, as far as the budgets go.
+    pub settled: bool,
+    pub nodes: usize,
+    pub points_resident: u64,
+    pub points_total: u64,
+    /// Memory of decoded points.
+    pub host_bytes: u64,
+    /// An index was made and not found.
+    pub built_index: bool,
+}
+
+/// Reads what is asked for and puts it on the GPU; `camera` is told the outline of it all and which way is up. Of clouds that are
+/// streamed it is what a picture of `size` pixels from there needs. `None` if none of the inputs can be read, which has been
+/// reported then.
 ///
 /// # Errors
 /// Inputs without points, no memory on the GPU.
@@ -33,6 +53,7 @@ pub fn open(
     gpu: &Arc<Gpu>,
     mut request: Request,
     settings: &Settings,
+    size: [u32; 2],
     camera: impl FnOnce(&[DVec3], DVec3) -> Camera,
 ) -> anyhow::Result<Option<Opened>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
@@ -41,18 +62,28 @@ pub fn open(
     if request.lights.len() > MOST_LIGHTS {
         crate::complain(&format!("warning: only the first {MOST_LIGHTS} lights shine"));
     }
-    let Loads { mut clouds, mirrors: mut placed, failures } = load(std::mem::take(&mut request.inputs), settings)?;
-    if clouds.is_empty() && failures > 0 {
+    let job = loading::start_unseen(std::mem::take(&mut request.inputs), settings);
+    let mut loads = Loads::default();
+    loads.receive(&job, 0)?;
+    if loads.is_empty() && loads.failures > 0 {
         return Ok(None);
     }
-    let area = mirrors::area_per_point(clouds.iter().flat_map(|loaded| &loaded.cloud.chunks));
-    placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
-    let outline = clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks));
-    let outline: Vec<DVec3> = outline.chain(placed.iter().flat_map(|(mirror, _)| mirrors::outline(mirror))).collect();
-    let Some(up) = clouds.iter().find(|loaded| !loaded.cloud.is_empty()).map(|loaded| loaded.up) else {
+    let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
+    let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks));
+    let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();
+    let Some(up) = loads.clouds.iter().find(|loaded| !loaded.cloud.is_empty()).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", names.join(", "))));
     };
     let camera = camera(&outline, up);
+    if loads.stream.is_some() {
+        let (view, stream) = (settings.view.clone(), settings.stream.clone());
+        let look = job.lookout.look(Viewpoint { camera, size, view, stream });
+        loads.receive(&job, look)?;
+    }
+    drop(job);
+    let Loads { mut clouds, mirrors: mut placed, failures, stream, .. } = loads;
+    let area = mirrors::area_per_point(clouds.iter().flat_map(|loaded| &loaded.cloud.chunks));
+    placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
     let sky_is_open = find_light(&clouds, up, camera.eye, settings, &mut request.lights);
     let mut store = PointStore::new(gpu.clone());
     store.reserve(clouds.iter().map(|loaded| loaded.cloud.len()).sum());
@@ -74,7 +105,7 @@ pub fn open(
     }
     let mirrors = placed.into_iter().map(|(mirror, _)| mirror).collect();
     let subject = Subject { parts, store, mirrors, lights: request.lights, sky_is_open, camera, exact };
-    Ok(Some(Opened { subject, failures }))
+    Ok(Some(Opened { subject, failures, stream }))
 }
 
 /// Whether the sky is open above the points, as far as that matters for their light. A room without a light gets a lamp, which
@@ -101,6 +132,8 @@ struct Loaded {
     source: Option<Arc<codec::Source>>,
     up: DVec3,
     provisional_radius: f32,
+    /// Of a streamed cloud: its chunks by their first point, as they come and go.
+    paged: Option<BTreeMap<u64, Chunk>>,
 }
 
 /// How long the receiver waits before it looks at the progress again.
@@ -109,66 +142,137 @@ const INTERVAL: Duration = Duration::from_millis(100);
 /// All inputs in memory.
 #[derive(Default)]
 struct Loads {
-    /// Chunks in the order of the file, with normals and radii.
+    /// Chunks in the order of the file or of the pages, with normals and radii.
     clouds: Vec<Loaded>,
     /// Of built-in scenes, and the points that stand for them.
     mirrors: Vec<(Mirror, Vec<Chunk>)>,
     /// Inputs that failed; they are reported as they fail.
     failures: usize,
+    stream: Option<StreamReport>,
 }
 
-fn load(inputs: Vec<Input>, settings: &Settings) -> anyhow::Result<Loads> {
-    let job = loading::start(inputs, settings);
-    let Loads { mut clouds, mut mirrors, mut failures } = Loads::default();
-    let bar = progress_bar::points("reading");
-    let warn = |name: &str, warnings: &[String]| {
-        for warning in warnings {
-            bar.suspend(|| crate::complain(&format!("warning: {name}: {warning}")));
+/// What the progress bar tells of.
+#[derive(Clone, Copy, PartialEq)]
+enum Phase {
+    Reading,
+    Normals,
+    Pages,
+}
+
+impl Loads {
+    fn is_empty(&self) -> bool {
+        self.clouds.is_empty() || self.clouds.iter().all(|loaded| loaded.paged.as_ref().is_some_and(BTreeMap::is_empty))
+    }
+
+    /// Takes in what comes until all is there: all of what is held in memory, and what that look needs of what is streamed.
+    fn receive(&mut self, job: &Job, look: u64) -> anyhow::Result<()> {
+        let bar = progress_bar::points("reading");
+        let mut shown = Phase::Reading;
+        let mut waiting = StreamStats::default();
+        loop {
+            let phase = match () {
+                () if look > 0 => Phase::Pages,
+                () if job.surfel_progress.total() > 0 => Phase::Normals,
+                () => Phase::Reading,
+            };
+            if phase != shown {
+                shown = phase;
+                bar.reset();
+                bar.set_message(if phase == Phase::Normals { "normals" } else { "pages" });
+            }
+            match phase {
+                Phase::Reading => progress_bar::update(&bar, &job.progress),
+                Phase::Normals => progress_bar::update(&bar, &job.surfel_progress),
+                Phase::Pages => bar.set_position(waiting.points_resident),
+            }
+            match job.events.recv_timeout(INTERVAL) {
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Err(anyhow!("loading ended before it was done")),
+                Ok(Event::Finished) => break,
+                Ok(Event::Stream(stats)) => {
+                    waiting = stats;
+                    if self.note(stats) && stats.look == look {
+                        break;
+                    }
+                }
+                Ok(event) => self.take(event, &bar),
+            }
         }
-    };
-    let mut surfels_begun = false;
-    loop {
-        if !surfels_begun && job.surfel_progress.total() > 0 {
-            surfels_begun = true;
-            bar.reset();
-            bar.set_message("normals");
+        bar.finish_and_clear();
+        for loaded in &mut self.clouds {
+            if let Some(paged) = &loaded.paged {
+                loaded.cloud.chunks = paged.values().cloned().collect();
+            }
         }
-        progress_bar::update(&bar, if surfels_begun { &job.surfel_progress } else { &job.progress });
-        match job.events.recv_timeout(INTERVAL) {
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Err(anyhow!("loading ended before it was done")),
-            Ok(Event::Opened { name, input, source, attributes, grid, up, provisional_radius, warnings, .. }) => {
+        Ok(())
+    }
+
+    /// Keeps what is there of what is streamed; whether that is all.
+    fn note(&mut self, stats: StreamStats) -> bool {
+        let built_index = self.stream.is_some_and(|stream| stream.built_index);
+        self.stream = Some(StreamReport {
+            settled: stats.is_settled,
+            nodes: stats.nodes,
+            points_resident: stats.points_resident,
+            points_total: stats.points_total,
+            host_bytes: stats.host_bytes,
+            built_index,
+        });
+        stats.is_settled
+    }
+
+    fn take(&mut self, event: Event, bar: &indicatif::ProgressBar) {
+        let warn = |name: &str, warnings: &[String]| {
+            for warning in warnings {
+                bar.suspend(|| crate::complain(&format!("warning: {name}: {warning}")));
+            }
+        };
+        match event {
+            Event::Opened { name, input, source, attributes, grid, up, provisional_radius, warnings, .. } => {
                 warn(&name, &warnings);
                 let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
-                clouds.push(Loaded { cloud, input, source, up, provisional_radius });
+                self.clouds.push(Loaded { cloud, input, source, up, provisional_radius, paged: None });
             }
-            Ok(Event::Mirror { mirror, samples, .. }) => mirrors.push((mirror, samples)),
-            Ok(Event::Chunk { cloud, chunk }) => clouds[cloud].cloud.chunks.push(chunk),
-            Ok(Event::Read { cloud, summary }) => {
-                let opened = clouds[cloud].source.as_ref().map(|source| source.info().warnings.clone());
-                let opened = opened.unwrap_or_default();
+            Event::Mirror { mirror, samples, .. } => self.mirrors.push((mirror, samples)),
+            Event::Chunk { cloud, chunk } => {
+                let Loaded { cloud, paged, .. } = &mut self.clouds[cloud];
+                match paged {
+                    Some(paged) => drop(paged.insert(chunk.first_point, chunk)),
+                    None => cloud.chunks.push(chunk),
+                }
+            }
+            Event::Pages { cloud, pages } => {
+                self.clouds[cloud].paged.get_or_insert_default();
+                let built = matches!(pages, Paged::Indexed { was_built: true, .. });
+                let stream = self.stream.get_or_insert_default();
+                stream.built_index |= built;
+            }
+            Event::Dropped { cloud, first_point } => {
+                self.clouds[cloud].paged.iter_mut().for_each(|paged| drop(paged.remove(&first_point)));
+            }
+            Event::Read { cloud, summary } => {
+                let Loaded { cloud, source, paged, .. } = &mut self.clouds[cloud];
+                let opened = source.as_ref().map(|source| source.info().warnings.clone()).unwrap_or_default();
                 let new: Vec<String> =
                     summary.warnings.into_iter().filter(|warning| !opened.contains(warning)).collect();
-                let cloud = &mut clouds[cloud].cloud;
-                cloud.chunks.sort_by_key(|chunk| chunk.first_point);
+                if paged.is_none() {
+                    cloud.chunks.sort_by_key(|chunk| chunk.first_point);
+                }
                 warn(&cloud.name, &new);
             }
-            Ok(Event::Surfels { cloud, surfels }) => {
-                for (chunk, surfels) in clouds[cloud].cloud.chunks.iter_mut().zip(surfels) {
+            Event::Surfels { cloud, surfels } => {
+                for (chunk, surfels) in self.clouds[cloud].cloud.chunks.iter_mut().zip(surfels) {
                     chunk.normals = Some(Arc::new(surfels.normals));
                     chunk.radii = Some(Arc::new(surfels.radii));
                 }
             }
-            Ok(Event::Failed { error, .. }) => {
-                failures += 1;
+            Event::Failed { error, .. } => {
+                self.failures += 1;
                 bar.suspend(|| crate::complain(&error));
             }
-            Ok(Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_)) => {}
-            Ok(Event::Finished) => break,
+            Event::Stream(_) | Event::Finished => {}
         }
     }
-    bar.finish_and_clear();
-    Ok(Loads { clouds, mirrors, failures })
 }
 
 /// Puts a cloud on the GPU in the colours that the settings ask for, and those of its points that reflect as clouds of their
@@ -254,7 +358,7 @@ mod tests {
             match event {
                 Event::Opened { name, input, source, attributes, grid, up, provisional_radius, .. } => {
                     let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
-                    loaded = Some(Loaded { cloud, input, source, up, provisional_radius });
+                    loaded = Some(Loaded { cloud, input, source, up, provisional_radius, paged: None });
                 }
                 Event::Chunk { chunk, .. } => {
                     loaded.iter_mut().for_each(|loaded| loaded.cloud.chunks.push(chunk.clone()))

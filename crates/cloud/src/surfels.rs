@@ -39,7 +39,7 @@ pub enum Orientation {
 }
 
 /// How normals and radii are estimated.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfelOptions {
     /// Neighbours of a point, itself not counted; held within 3 ..= 64.
     pub neighbours: usize,

@@ -171,6 +171,12 @@ impl Cache {
         }
     }
 
+    /// Forgets an index that turned out to be damaged: the next one who asks for it makes it anew.
+    pub fn discard(&self, pages: Pages) {
+        // The rest goes when it is made anew: others may still read it.
+        let _ = std::fs::remove_file(pages.folder().join(pages::NODES));
+    }
+
     /// Bytes of all entries.
     pub fn size(&self) -> u64 {
         self.entries().iter().map(|entry| entry.bytes).sum()

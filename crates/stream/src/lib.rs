@@ -33,5 +33,6 @@ pub use cut::{Budget, Tree, ViewMeasure, Wanted, choose};
 pub use error::{Error, Result};
 pub use octree::{Node, NodeId, Octree};
 pub use pages::Pages;
+pub use plan::index_attributes;
 pub use streamer::{Change, Missing, Page, PagedCloud, StreamStats, Streamer};
 pub use surfels::{coarsest, estimate_surfels};

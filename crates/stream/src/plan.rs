@@ -90,6 +90,12 @@ fn lattice_for(extent: &Extent) -> Grid {
     Grid { scale: DVec3::splat(step), offset: extent.bulk.center() }
 }
 
+/// Attributes that the index of some files has: what the columns of its chunks will be.
+pub fn index_attributes(inputs: &[Arc<Source>]) -> Vec<Attribute> {
+    let infos = inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
+    kept_attributes(infos.map(|info| info.attributes.as_slice()))
+}
+
 /// Of what files offer, the attributes that pages have.
 pub fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
     let find = |name: &&str| offered.clone().flatten().find(|attribute| attribute.name == **name).cloned();
