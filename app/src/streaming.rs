@@ -9,7 +9,7 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Chunk, Progress, SurfelOptions};
+use cloud::{Bounds, Chunk, Grid, Progress, SurfelOptions};
 use glam::DVec2;
 use scene::{Camera, Projection, Settings, Stream, ViewSettings};
 use stream::{
@@ -47,6 +47,8 @@ pub enum Paged {
     /// The index is there. Comes again when normals and radii have been worked out (`Job::surfel_progress`).
     Indexed {
         octree: Arc<Octree>,
+        /// Of the points' coordinates, where the file has one.
+        grid: Option<Grid>,
         /// Made by this job, not found in the cache or in the file.
         was_built: bool,
         /// Whether normals and radii are those of all points; until then each node's are estimated from its own.
@@ -344,7 +346,7 @@ impl Director {
     fn take_in(&mut self, arrival: Arrival) -> Option<()> {
         let Arrival { cloud, input, pages, is_own, was_built, estimate, previews } = arrival;
         let octree = Arc::new(pages.octree().clone());
-        let has_surfels = pages.has_surfels();
+        let (grid, has_surfels) = (pages.grid(), pages.has_surfels());
         let columns: usize = pages.attributes().iter().map(|attribute| attribute.column_type.size()).sum();
         // Position, normal and radius; colour; attributes.
         let point_bytes = (12 + 4 + 2 + 4 * usize::from(pages.has_colors()) + columns) as u64;
@@ -371,7 +373,7 @@ impl Director {
         let octree_shown = octree.clone();
         let streamed = Streamed { input, octree, is_own, point_bytes, resident, stale, summary, is_damaged: false };
         self.clouds.insert(cloud, streamed);
-        self.send(Event::Pages { cloud, pages: Paged::Indexed { octree: octree_shown, was_built, has_surfels } })
+        self.send(Event::Pages { cloud, pages: Paged::Indexed { octree: octree_shown, grid, was_built, has_surfels } })
     }
 
     /// Asks for the cut of the latest look.

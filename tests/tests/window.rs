@@ -39,6 +39,23 @@ fn large_las(session: &Session, points: u32) {
     file.set_len(227 + 20 * u64::from(points)).expect("a sparse file");
 }
 
+/// A hilly square of coloured points, as binary PLY.
+fn hills(points: u32) -> Vec<u8> {
+    let mut file = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {points}\nproperty float x\nproperty float y\n\
+         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    .into_bytes();
+    // Steps of the golden ratio and of the plastic number fill a square evenly.
+    for i in 0..points {
+        let [x, y] = [0.754_877_666, 0.569_840_29].map(|step: f64| (f64::from(i) * step).fract() * 100.0);
+        let z = 4.0 * (x / 9.0).sin() * (y / 14.0).cos();
+        file.extend([x, y, z].iter().flat_map(|value| (*value as f32).to_le_bytes()));
+        file.extend([x * 2.5, 40.0 + z * 20.0 + 100.0, y * 2.5].map(|value| value as u8));
+    }
+    file
+}
+
 /// Waits until everything is loaded and the final picture is on the screen, later than the first `skipped` events.
 fn settled(window: &Window, skipped: usize) -> RgbaImage {
     window.wait_for_event("settled", skipped, |_| true);
@@ -329,4 +346,44 @@ fn the_truth_is_in_the_picture_while_its_key_is_down() {
 fn differing(a: &RgbaImage, b: &RgbaImage) -> f64 {
     let count = a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count();
     count as f64 / f64::from(a.width() * a.height())
+}
+
+#[test]
+fn a_streamed_cloud_is_shown_and_stays_in_the_picture_while_the_camera_flies() {
+    const BUDGET: f64 = 100_000.0;
+    let session = Session::start();
+    session.folder.write("hills.ply", hills(600_000));
+    let scene = "clouds = [\"hills.ply\"]\n[parameters]\n\"stream.pages\" = \"always\"\n\
+                 \"view.point_budget\" = 100000\n\"light.by\" = \"headlight\"\n";
+    session.folder.write("hills.toml", scene);
+    let window = session.open(["hills.toml"]);
+    let pages = window.wait_for_event("pages", 0, |_| true);
+    assert_eq!(number(&pages, "/points"), 600_000.0);
+    let first = view(&settled(&window, 0));
+    assert!(colors(&first) > 100, "{} colours", colors(&first));
+    // From above, so that the middle of the picture is the middle of the hills.
+    let before = window.events().len();
+    window.press("KP_7");
+    settled(&window, before);
+    let is_frame = |event: &&Value| event["event"] == "frame" && number(event, "/points") > 0.0;
+    let shown = window.events().iter().position(|event| is_frame(&event)).expect("a frame");
+    let seen = window.events().len();
+    // Nearer, about, and away again.
+    for (button, way) in [(4, 60), (4, -90), (5, 40)] {
+        (0..4).for_each(|_| window.click(button, MIDDLE));
+        window.drag(1, MIDDLE, [MIDDLE[0] + way, MIDDLE[1]]);
+        assert!(colors(&view(&window.screenshot())) > 50, "nothing is left in the picture");
+    }
+    settled(&window, seen);
+    let events = window.events();
+    let frames: Vec<&Value> = events[shown..].iter().filter(|event| event["event"] == "frame").collect();
+    assert!(frames.len() > 10, "{}", frames.len());
+    assert!(frames.iter().all(|frame| number(frame, "/points") > 0.0), "a frame without points: {frames:?}");
+    let rests: Vec<&Value> = events.iter().filter(|event| event["event"] == "streamed").collect();
+    assert!(rests.len() > 1 && rests.iter().all(|rest| number(rest, "/points") <= BUDGET), "{rests:?}");
+    // What is picked has its own attributes, and the file is not asked.
+    window.click(1, MIDDLE);
+    let record = window.wait_for_event("picked", seen, |_| true);
+    assert!((0.0..=100.0).contains(&number(&record, "/world/0")), "{record}");
+    assert!(window.is_open(), "{}", window.messages());
 }

@@ -156,7 +156,7 @@ mod tests {
             children: [None; 8],
         };
         let octree = stream::Octree { corner: glam::DVec3::ZERO, width: 1.0, spacing: 1.0, nodes: vec![node] };
-        let pages = Paged::Indexed { octree: Arc::new(octree), was_built: true, has_surfels: true };
+        let pages = Paged::Indexed { octree: Arc::new(octree), grid: None, was_built: true, has_surfels: true };
         state.on_loading(0, Event::Pages { cloud: 0, pages });
         let stats = StreamStats { nodes: 3, points_resident: 2_000, nodes_waiting: 7, ..StreamStats::default() };
         state.on_loading(0, Event::Stream(stats));

@@ -145,6 +145,9 @@ impl State {
         // Never more than these are on the GPU.
         let points = streamed.total().unwrap_or(entry.expected_points).min(budget);
         let bounds = streamed.bounds().unwrap_or(Bounds::EMPTY);
+        if let Paged::Indexed { grid, .. } = &streamed.pages {
+            entry.cloud.grid = *grid;
+        }
         entry.bounds = entry.bounds.union(bounds);
         let has_surfels = matches!(streamed.pages, Paged::Indexed { has_surfels: true, .. });
         entry.streamed = Some(streamed);
@@ -262,7 +265,7 @@ pub const NOT_MARKED: &str = "is streamed, so its points come and go and cannot 
 
 #[cfg(test)]
 mod tests {
-    use cloud::{Attribute, Chunk, Column, ColumnType};
+    use cloud::{Attribute, Chunk, Column, ColumnType, Grid};
     use glam::DVec3;
     use scene::MirrorPoints;
     use stream::NodeId;
@@ -273,6 +276,8 @@ mod tests {
     use super::super::state::{Effect, Found};
     use super::*;
     use crate::loading::Event;
+
+    const GRID: Option<Grid> = Some(Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
 
     /// A root of two points over two children of three, the first of them without points of its own, and one below that.
     fn octree() -> Octree {
@@ -328,7 +333,7 @@ mod tests {
             warnings: Vec::new(),
         };
         state.on_loading(0, opened);
-        let pages = Paged::Indexed { octree: Arc::new(octree()), was_built: false, has_surfels: true };
+        let pages = Paged::Indexed { octree: Arc::new(octree()), grid: GRID, was_built: false, has_surfels: true };
         state.on_loading(0, Event::Pages { cloud: 0, pages });
         put(&mut state, 0, &[1.0, 7.0]);
         state.history.watch(&state.settings, &state.objects, false);
@@ -419,12 +424,12 @@ mod tests {
     #[test]
     fn a_streamed_point_is_picked_with_all_that_its_page_holds_and_no_record_is_looked_up() {
         let mut state = streamed();
-        put(&mut state, 5, &[2.0, 3.0, 4.0]);
+        put(&mut state, 5, &[2.0, 3.251, 4.0]);
         commands(&mut state);
         let point = Some(PickedPoint { key: state.clouds[0].key, point: 6 });
         state.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
         let pick = &state.picks[0];
-        assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.0), true));
+        assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.25), true));
         assert_eq!(pick.record, Some(Ok(vec![("intensity".to_string(), "3".to_string())])));
         assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::ReadRecord { .. })));
     }
