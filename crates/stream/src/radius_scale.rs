@@ -4,11 +4,14 @@
 //! the same surface with fewer splats, each of which stands for a larger share of area. Per octant of a node the share grows by
 //! (all points) / (points drawn), the radius by its square root. Packed radii are logarithms, so that is a sum; it goes in
 //! quarters of an octave, rounded up, so that few chunks change as others come and go. Where all is drawn nothing changes.
+//!
+//! Trees and facades have more points than the surface that is seen of them, and a scanner's surroundings more than the rest of
+//! their octant. What a node shows is spaced evenly all the same, so no radius grows beyond [`LARGEST_SPACINGS`].
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{Chunk, NO_RADIUS};
+use cloud::{Chunk, NO_RADIUS, pack_radius};
 use glam::{DVec3, Vec3};
 
 use crate::{NodeId, Octree};
@@ -17,6 +20,10 @@ use crate::{NodeId, Octree};
 const STEPS_PER_OCTAVE: u16 = 2048;
 /// A quarter of an octave: 19 % larger.
 const QUARTER: u16 = STEPS_PER_OCTAVE / 4;
+
+/// Radius of the largest splats that scaling makes, in distances between the node's points. 1.13 gives splats the overlap that those of
+/// full density have (`cloud::SPLAT_OVERLAP`); nodes of crowded places are thinner than their spacing says.
+const LARGEST_SPACINGS: f64 = 1.4;
 
 /// A node's own points by octant.
 pub type Octants = [u32; 8];
@@ -107,8 +114,16 @@ fn quarters_of(total: u64, drawn: u64) -> u8 {
         .unwrap_or(127) as u8
 }
 
-/// The chunk with larger radii; the same one where nothing changes. Points without a radius stay so.
-pub fn scaled(chunk: &Chunk, center: DVec3, quarters: &Quarters) -> Chunk {
+/// The radius up to which [`scaled`] makes those of a node larger whose points are so far apart, world units, if `drawn` of its
+/// `own` points are drawn.
+pub fn largest_radius(spacing: f64, own: u64, drawn: usize) -> u16 {
+    let thinned = (own as f64 / (drawn as f64).max(1.0)).sqrt();
+    pack_radius((LARGEST_SPACINGS * spacing * thinned) as f32)
+}
+
+/// The chunk with larger radii, none of them made larger than `largest`; the same one where nothing changes. Points without a
+/// radius stay so.
+pub fn scaled(chunk: &Chunk, center: DVec3, quarters: &Quarters, largest: u16) -> Chunk {
     let mut chunk = chunk.clone();
     if let Some(radii) = &chunk.radii
         && *quarters != [0; 8]
@@ -116,7 +131,7 @@ pub fn scaled(chunk: &Chunk, center: DVec3, quarters: &Quarters) -> Chunk {
         let steps = quarters.map(|quarters| u16::from(quarters) * QUARTER);
         let grown = radii.iter().zip(octants(&chunk, center)).map(|(radius, octant)| match *radius {
             NO_RADIUS => NO_RADIUS,
-            radius => radius.saturating_add(steps[octant]),
+            radius => radius.saturating_add(steps[octant]).min(radius.max(largest)),
         });
         chunk.radii = Some(Arc::new(grown.collect()));
     }

@@ -50,7 +50,7 @@ fn radii_are_as_they_were_where_all_is_drawn() {
     }
     let octree = random(1, 10);
     let (id, chunk) = (NodeId(0), page(&octree, NodeId(0)));
-    let same = scaled(&chunk, cube_center(&octree, id), &[0; 8]);
+    let same = scaled(&chunk, cube_center(&octree, id), &[0; 8], u16::MAX);
     assert!(Arc::ptr_eq(chunk.radii.as_ref().unwrap(), same.radii.as_ref().unwrap()));
 }
 
@@ -142,11 +142,25 @@ fn scaled_radii_are_larger_by_so_many_quarters_of_an_octave() {
         Chunk::new(0, DVec3::new(5.0, 0.0, 0.0), vec![[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0], [1.0; 3], [1.0; 3]]);
     let radius = cloud::pack_radius(0.5);
     chunk.radii = Some(Arc::new(vec![radius, radius, NO_RADIUS, u16::MAX]));
-    let scaled = scaled(&chunk, DVec3::new(5.0, 0.0, 0.0), &[4, 8, 0, 0, 0, 0, 0, 4]);
+    let scaled = scaled(&chunk, DVec3::new(5.0, 0.0, 0.0), &[4, 8, 0, 0, 0, 0, 0, 4], u16::MAX);
     let radii = scaled.radii.unwrap();
     assert_eq!(cloud::unpack_radius(radii[0]), Some(1.0));
     assert_eq!(cloud::unpack_radius(radii[1]), Some(2.0));
     assert_eq!(radii[2..], [NO_RADIUS, u16::MAX]);
+}
+
+#[test]
+fn no_radius_grows_beyond_the_spacing_and_none_shrinks() {
+    let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[-1.0; 3]; 3]);
+    let packed = [0.1, 1.5, 30.0].map(cloud::pack_radius);
+    chunk.radii = Some(Arc::new(packed.to_vec()));
+    // Of 400 points 100 are drawn, twice as far apart as all: 1.4 spacings, doubled.
+    let largest = largest_radius(2.0, 400, 100);
+    let radii = scaled(&chunk, DVec3::ZERO, &[16; 8], largest).radii.unwrap();
+    let radii: Vec<f32> = radii.iter().map(|radius| cloud::unpack_radius(*radius).unwrap()).collect();
+    for (radius, expected) in radii.iter().zip([1.6, 5.6, 30.0]) {
+        assert!((radius / expected - 1.0).abs() < 1e-3, "{radii:?}");
+    }
 }
 
 #[test]
@@ -161,7 +175,7 @@ fn estimated_radii_come_back_when_the_node_is_alone() {
     let center = cube_center(&octree, id);
     let own = count_octants(&chunk, center);
     let quarters = radius_quarters(&octree, &BTreeMap::from([(id, Drawn { own, drawn: own })]))[&id];
-    let radii = scaled(&chunk, center, &quarters).radii.unwrap();
+    let radii = scaled(&chunk, center, &quarters, u16::MAX).radii.unwrap();
     assert_eq!(radii[7], NO_RADIUS);
     for radius in radii.iter().filter(|radius| **radius != NO_RADIUS) {
         assert!((i32::from(*radius) - i32::from(estimated)).unsigned_abs() <= u32::from(QUARTER), "{radius}");

@@ -22,7 +22,7 @@ use cloud::{Chunk, Progress, SurfelOptions, pack_radius, provisional_radius};
 use glam::DVec3;
 
 use crate::radius_scale::{
-    Drawn, Octants, Quarters, count_octants, cube_center, radius_quarters, scaled, to_full_density,
+    Drawn, Octants, Quarters, count_octants, cube_center, largest_radius, radius_quarters, scaled, to_full_density,
 };
 use crate::{BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
 
@@ -256,6 +256,8 @@ struct Loaded {
     center: DVec3,
     /// Of all of the node's points.
     own: Octants,
+    /// Between the node's points, world units; `None` where their radii tell it.
+    spacing: Option<f64>,
     disk_bytes: u64,
 }
 
@@ -322,9 +324,11 @@ impl Job {
             return Err(Error::PageSize { found: chunk.len() as u64, expected: u64::from(node.points) });
         }
         chunk.first_point = node.first_point;
+        let is_estimated = chunk.radii.is_none() && matches!(self.paged.missing, Missing::Estimate(_));
         self.paged.missing.fill(&mut chunk, octree, self.node);
         let center = cube_center(octree, self.node);
-        Ok(Loaded { own: count_octants(&chunk, center), center, chunk, disk_bytes })
+        let spacing = (!is_estimated).then(|| octree.spacing_at(node.level));
+        Ok(Loaded { own: count_octants(&chunk, center), center, spacing, chunk, disk_bytes })
     }
 }
 
@@ -378,7 +382,10 @@ impl Shown {
     }
 
     fn put(&self, cloud: usize) -> Change {
-        Change::Put { cloud, chunk: scaled(&self.loaded.chunk, self.loaded.center, &self.quarters) }
+        let Loaded { chunk, center, own, spacing, .. } = &self.loaded;
+        let own = own.iter().map(|count| u64::from(*count)).sum();
+        let largest = spacing.map_or(u16::MAX, |spacing| largest_radius(spacing, own, chunk.len()));
+        Change::Put { cloud, chunk: scaled(chunk, *center, &self.quarters, largest) }
     }
 
     /// Nothing for a node without points: its `first_point` is the next node's.
