@@ -1,16 +1,18 @@
-//! Analytic surfaces, hit in f64: what a cloud of points stands for.
+//! Analytic surfaces and triangles, hit in f64: what a cloud of points stands for.
 //!
 //! Rectangle, sphere and paraboloid have closed forms. Torus and star-shaped surfaces are zeros of a function f along the ray:
 //! marching brackets the first change of sign with steps of |f| over a bound of its slope (sphere tracing; Hart 1996),
 //! which cannot skip one, and bisection refines it to the last digit.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use cloud::sampling::{Placement, StarShape, Surface};
 use glam::{DVec2, DVec3};
+use scene::Mirror;
 use scene::five_mirrors::{Variant, walls};
 
-use crate::{Geometry, Hit, Ray};
+use crate::{Geometry, Hit, Mesh, Ray};
 
 /// A surface in the world and what it is made of.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +53,14 @@ impl Object {
         Self { surface, placement, albedo, specular_intensity, specular_power: 0.0, reach }
     }
 
+    /// By its formula.
+    pub fn of_mirror(mirror: &Mirror) -> Self {
+        let (surface, placement) = mirror.surface();
+        let albedo = Albedo::Even(mirror.color.map(f64::from));
+        Self::new(surface, placement, albedo, f64::from(mirror.specular_intensity))
+            .with_specular_power(f64::from(mirror.specular_power))
+    }
+
     /// With highlights of this exponent, if it is a mirror.
     pub fn with_specular_power(self, specular_power: f64) -> Self {
         Self { specular_power, ..self }
@@ -76,32 +86,41 @@ impl Object {
     }
 }
 
-/// Objects to trace rays in.
+/// Objects and meshes to trace rays in.
 #[derive(Clone, Debug)]
 pub struct Exact {
     objects: Vec<Object>,
+    meshes: Vec<Arc<Mesh>>,
+    /// What rays and hits are from, world coordinates. Objects have been moved there.
+    origin: DVec3,
 }
 
 impl Exact {
     pub fn new(objects: Vec<Object>) -> Self {
-        Self { objects }
+        Self { objects, meshes: Vec::new(), origin: DVec3::ZERO }
+    }
+
+    /// With the triangles of meshes, none of which is a mirror.
+    pub fn with_meshes(self, meshes: Vec<Mesh>) -> Self {
+        Self { meshes: meshes.into_iter().map(Arc::new).collect(), ..self }
+    }
+
+    /// The same for rays in coordinates from `origin`, where it was the world's before.
+    pub fn seen_from(mut self, origin: DVec3) -> Self {
+        for object in &mut self.objects {
+            object.placement.translation -= origin - self.origin;
+        }
+        Self { origin, ..self }
     }
 
     /// The reference scene: walls first, then the mirrors from left to right.
     pub fn five_mirrors(variant: Variant) -> Self {
         let wall = |(surface, albedo)| Object::new(surface, Placement::ORIGIN, Albedo::At(albedo), 0.0);
-        let mirrors = variant.mirrors().into_iter().map(|mirror| {
-            let (surface, placement) = mirror.surface();
-            let albedo = Albedo::Even(mirror.color.map(f64::from));
-            Object::new(surface, placement, albedo, f64::from(mirror.specular_intensity))
-                .with_specular_power(f64::from(mirror.specular_power))
-        });
-        Self::new(walls().into_iter().map(wall).chain(mirrors).collect())
+        let mirrors = variant.mirrors();
+        Self::new(walls().into_iter().map(wall).chain(mirrors.iter().map(Object::of_mirror)).collect())
     }
-}
 
-impl Geometry for Exact {
-    fn nearest(&self, ray: &Ray) -> Option<Hit> {
+    fn nearest_object(&self, ray: &Ray) -> Option<Hit> {
         let hits = self.objects.iter().enumerate().filter_map(|(index, object)| {
             object.nearest(ray).map(|(distance, normal)| (distance, normal, index, object))
         });
@@ -109,7 +128,7 @@ impl Geometry for Exact {
         let position = ray.at(distance);
         let albedo = match object.albedo {
             Albedo::Even(albedo) => albedo,
-            Albedo::At(albedo) => albedo(position),
+            Albedo::At(albedo) => albedo(position + self.origin),
         };
         Some(Hit {
             distance,
@@ -123,8 +142,35 @@ impl Geometry for Exact {
         })
     }
 
+    fn nearest_triangle(&self, ray: &Ray) -> Option<Hit> {
+        let hits =
+            self.meshes.iter().enumerate().filter_map(|(index, mesh)| Some((index, mesh.nearest(ray, self.origin)?)));
+        let (index, hit) = hits.min_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance))?;
+        Some(Hit {
+            distance: hit.distance,
+            position: ray.at(hit.distance),
+            normal: hit.normal,
+            albedo: hit.albedo,
+            specular_intensity: 0.0,
+            specular_power: 0.0,
+            surface: (self.objects.len() + index) as u32,
+            point: hit.triangle,
+        })
+    }
+}
+
+impl Geometry for Exact {
+    fn nearest(&self, ray: &Ray) -> Option<Hit> {
+        match (self.nearest_object(ray), self.nearest_triangle(ray)) {
+            (Some(object), Some(triangle)) => Some(if triangle.distance < object.distance { triangle } else { object }),
+            (one, other) => one.or(other),
+        }
+    }
+
     fn is_blocked(&self, ray: &Ray, distance: f64) -> bool {
-        self.objects.iter().any(|object| object.nearest(ray).is_some_and(|(hit, _)| hit < distance))
+        let is_in_front = |object: &Object| object.nearest(ray).is_some_and(|(hit, _)| hit < distance);
+        self.objects.iter().any(is_in_front)
+            || self.meshes.iter().any(|mesh| mesh.is_blocked(ray, self.origin, distance))
     }
 }
 

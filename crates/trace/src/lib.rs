@@ -1,4 +1,4 @@
-//! The truth: a CPU ray tracer over the same surfels the renderer draws, and over exact analytic surfaces.
+//! The truth: a CPU ray tracer over the same surfels the renderer draws, and over exact surfaces: formulas and triangles.
 //!
 //! It judges the renderer and therefore shares no code with it. Everything that decides where a ray ends is f64, every
 //! picture is computed on all cores and is the same for any number of them.
@@ -11,15 +11,18 @@ mod camera;
 pub mod exact;
 mod indirect;
 mod light;
+mod mesh;
 mod ray;
 mod reflectance;
 mod reflection;
 mod surfels;
+mod tree;
 
 pub use camera::{PixelRays, Viewpoint};
 pub use exact::Exact;
 pub use indirect::{Indirect, indirect, indirect_picture};
 pub use light::{Illumination, Source, Sunlight, direct, picture, radiance, reflected_picture};
+pub use mesh::{Mesh, Vertex};
 pub use ray::{Geometry, Hit, Ray, SELF_DISTANCE};
 pub use reflectance::Gloss;
 pub use reflection::{MirrorPoint, Reflection, mirrored, primary, reflected};

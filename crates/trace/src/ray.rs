@@ -45,9 +45,9 @@ pub struct Hit {
     pub specular_intensity: f64,
     /// Exponent of the highlight that a mirror shows of lights; 0 for none, and where there is no mirror.
     pub specular_power: f64,
-    /// Running number of the chunk (`Surfels`) or of the object (`Exact`).
+    /// Running number of the chunk (`Surfels`), or of the object or after these the mesh (`Exact`).
     pub surface: u32,
-    /// Index of the point in its chunk (`Surfels`); 0 in `Exact`.
+    /// Index of the point in its chunk (`Surfels`), or of the triangle in its mesh (`Exact`, where objects have 0).
     pub point: u32,
 }
 

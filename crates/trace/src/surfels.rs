@@ -1,21 +1,18 @@
 //! Points as oriented discs in a bounding volume hierarchy: the surface that the renderer splats.
 //!
-//! The hierarchy (eight-wide, boxes in 8 bits; Ylitie et al. 2017) comes from `obvhs`. It only proposes discs, in f32; whether
-//! and where a disc is hit is decided in f64, and among equal distances the first point wins. So the hits do not
-//! depend on the shape of the tree.
+//! Among equal distances the first point wins. So the hits do not depend on the shape of the tree.
 //!
 //! Splats of scattered points leave gaps (a hundredth of the reference scene's walls), which the renderer closes. A ray that
 //! meets no disc is in a gap, not in the open, if surfaces are all around it.
 
 use cloud::{Bounds, Chunk, Progress, provisional_radius, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh;
 use obvhs::ray::RayHit;
 use rayon::prelude::*;
 
+use crate::tree::{self, BOX_MARGIN, round_up};
 use crate::{Geometry, Hit, Ray, SELF_DISTANCE};
 
 /// Points of one material.
@@ -67,13 +64,6 @@ struct Surface {
     plain: DVec3,
 }
 
-/// Boxes grow by this share of the scene's radius (and discs by it of their own), so that rounding in f32 (2^-24, a dozen
-/// operations) never hides a disc.
-const BOX_MARGIN: f32 = 4e-6;
-
-/// A ray along an axis may be off it by this in the tree's boxes: far less than their margin.
-const LEAST_SLOPE: f32 = 1e-12;
-
 impl Surfels {
     /// `splat_size` scales all radii, as `splat.size` does. Points whose radius is not known yet get that of points
     /// spread evenly over their part's bounds. `progress` is asked between steps only. `None` when cancelled.
@@ -119,11 +109,7 @@ impl Surfels {
         }
         let scene_margin = BOX_MARGIN * bounds.radius() as f32;
         let boxes: Vec<Aabb> = discs.par_iter().map(|disc| disc.bounds(scene_margin)).collect();
-        let tree = if boxes.is_empty() {
-            CwBvh::default()
-        } else {
-            build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut std::time::Duration::default())
-        };
+        let tree = tree::build(&boxes);
         let discs: Vec<Disc> = tree.primitive_indices.iter().map(|&index| discs[index as usize]).collect();
         let mut radii: Vec<f32> = discs.iter().map(|disc| disc.radius).collect();
         radii.sort_unstable_by(f32::total_cmp);
@@ -208,19 +194,10 @@ impl Surfels {
 
     /// The ray as the tree sees it; none if it cannot be traced.
     fn tree_ray(&self, ray: &Ray, most: f64) -> Option<obvhs::ray::Ray> {
-        let (origin, direction) = (self.centered_origin(ray), ray.direction.as_vec3a());
-        if !(origin.is_finite() && direction.is_finite()) || self.is_empty() {
+        if self.is_empty() {
             return None;
         }
-        // The tree needs slopes that are finite and have the sign that the direction compares as, which -0 has not.
-        let direction = direction.map(|along| if along.abs() < LEAST_SLOPE { LEAST_SLOPE } else { along });
-        Some(obvhs::ray::Ray {
-            origin: Vec3A::from(origin.as_vec3()),
-            direction,
-            inv_direction: direction.recip(),
-            tmin: 0.0,
-            tmax: round_up(most),
-        })
+        tree::ray(self.centered_origin(ray), ray.direction, most)
     }
 
     fn centered_origin(&self, ray: &Ray) -> DVec3 {
@@ -246,22 +223,14 @@ impl Geometry for Surfels {
     }
 }
 
-/// The f32 that is not below, with room for the direction's rounding in the tree's boxes.
-fn round_up(distance: f64) -> f32 {
-    distance as f32 * (1.0 + 4.0 * f32::EPSILON)
-}
-
 impl Disc {
     fn bounds(&self, scene_margin: f32) -> Aabb {
+        // Large discs round by a share of their own radius.
         let margin = scene_margin + self.radius * BOX_MARGIN;
         // A disc with the unit normal n reaches r sqrt(1 - n_x^2) along x; without one it may face any way.
         let reach = self.radius * (Vec3::ONE - self.normal * self.normal).max(Vec3::ZERO).map(f32::sqrt);
         let reach = Vec3A::from(reach * (1.0 + BOX_MARGIN)) + margin;
-        // Points in the same place would make a tree as deep as they are many: their boxes are moved apart by the margin.
-        let shift = self.point.wrapping_mul(0x9e37_79b1);
-        let shift =
-            Vec3A::from(Vec3::new((shift >> 22) as f32, (shift >> 12 & 0x3ff) as f32, (shift >> 2 & 0x3ff) as f32));
-        let position = Vec3A::from(self.position) + (shift / 511.5 - 1.0) * margin;
+        let position = Vec3A::from(self.position) + tree::apart(self.point) * margin;
         Aabb::new(position - reach - margin, position + reach + margin)
     }
 
