@@ -93,8 +93,8 @@ pub struct RenderArguments {
     /// Write times, counts and memory as JSON
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
-    /// Measure how accurate the reflections in --stats are, by rays through the same points (same_input), or through the
-    /// formulas of a built-in scene (exact)
+    /// Measure how accurate the picture's reflections are, for --stats, by rays through the same points (same_input), or through
+    /// the surfaces behind them (exact): the formulas of a built-in scene, or the triangles of PLY meshes
     #[arg(long, value_name = "same_input|exact", value_parser = parse_truth, requires = "stats")]
     pub truth: Option<study::Truth>,
     /// Frames whose times --stats takes the median of, after one to warm up; 1 if not given

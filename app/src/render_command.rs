@@ -56,11 +56,14 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
 
     let camera = |outline: &[DVec3], up| viewpoint.camera(outline, up, &settings, arguments.size);
-    let Opened { subject, failures, stream } = match subject::open(&gpu, request, &settings, arguments.size, camera)? {
-        Some(opened) => opened,
-        // All that is to be said has been said.
-        None => return Ok(2),
-    };
+    let Opened { mut subject, failures, stream, sources } =
+        match subject::open(&gpu, request, &settings, arguments.size, camera)? {
+            Some(opened) => opened,
+            // All that is to be said has been said.
+            None => return Ok(2),
+        };
+
+    asked.find_surfaces(&mut subject, &sources)?;
 
     let mut renderer = Renderer::new(gpu.clone())?;
     let mut draw = || {

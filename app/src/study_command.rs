@@ -13,7 +13,8 @@ use study::{Folder, FolderError, Plan, Scenes, Shard, Subject, stability};
 
 use crate::command_line::{MergeArguments, StudyArguments, StudyCommand};
 use crate::failure::usage;
-use crate::{loading, subject};
+use crate::subject::{self, Opened};
+use crate::{loading, truth};
 
 /// Runs what is asked for; the exit status is 1 if settings failed, which the table tells.
 ///
@@ -209,7 +210,12 @@ impl Scenes for Inputs {
         let camera = |outline: &[glam::DVec3], up| own.unwrap_or_else(|| framing(outline, up));
         let opened = subject::open(gpu, request, settings, STREAMED_FOR, camera)?;
         match opened {
-            Some(opened) if opened.failures == 0 => Ok(opened.subject),
+            Some(Opened { mut subject, failures: 0, sources, .. }) => {
+                if let Err(error) = truth::find_surfaces(&mut subject, &sources) {
+                    crate::complain(&format!("warning: {scene}: no exact truth: {error:#}"));
+                }
+                Ok(subject)
+            }
             _ => Err(anyhow!("{scene}: cannot be read in full")),
         }
     }

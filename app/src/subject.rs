@@ -27,6 +27,8 @@ pub struct Opened {
     pub failures: usize,
     /// Where clouds are streamed.
     pub stream: Option<StreamReport>,
+    /// Of each cloud the file whose points are all in memory, if that is so.
+    pub sources: Vec<Option<Arc<codec::Source>>>,
 }
 
 /// What was drawn of clouds that are streamed.
@@ -105,7 +107,8 @@ pub fn open(
     }
     let mirrors = placed.into_iter().map(|(mirror, _)| mirror).collect();
     let subject = Subject { parts, store, mirrors, lights: request.lights, sky_is_open, camera, exact };
-    Ok(Some(Opened { subject, failures, stream }))
+    let whole = |loaded: &Loaded| loaded.source.clone().filter(|_| loaded.paged.is_none());
+    Ok(Some(Opened { subject, failures, stream, sources: clouds.iter().map(whole).collect() }))
 }
 
 /// Whether the sky is open above the points, as far as that matters for their light. A room without a light gets a lamp, which

@@ -2,18 +2,19 @@
 //! `reference_position`, `reference_color` and `reference_indirect`, the accuracy figures of `--stats`, and the method `ray_trace`.
 //!
 //! All of it starts from the frame's own surface (positions, normals, colours of its pixels) and from the points that it was
-//! drawn from, as discs: the same input as the methods have. Only `--truth exact` asks the built-in scene's formulas, for the
-//! figures and for the images of light.
+//! drawn from, as discs: the same input as the methods have. Only `--truth exact` asks the surfaces behind the points, which are
+//! a built-in scene's formulas or the triangles of meshes, for the figures and for the images of light.
 //! docs/accuracy.md tells what each figure means.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use cloud::Progress;
 use param::Choice as _;
 use render::{Aov, AovImage, Renderer};
 use scene::{ColorBy, Settings};
 pub use study::RAY_TRACE;
-use study::{Accuracy, Subject, TracedScene, Tracer, Truth, View, light_error, mirrors_of};
+use study::{Accuracy, Faces, Subject, TracedScene, Tracer, Truth, View, light_error, mirrors_of};
 
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
@@ -51,11 +52,14 @@ pub struct Asked {
     references: Vec<(Reference, PathBuf)>,
     /// What the figures of `--stats` are measured by.
     truth: Option<Truth>,
+    /// Points are drawn in colours that the truth does not know.
+    has_other_colors: bool,
 }
 
 impl Asked {
     /// # Errors
-    /// The exact truth of something else than a built-in scene as it is, or the light of one in other colours than its own.
+    /// The exact truth of something else than a built-in scene as it is or meshes, or the light of a built-in scene in other
+    /// colours than its own.
     pub fn new(
         arguments: &RenderArguments,
         references: Vec<(Reference, PathBuf)>,
@@ -63,16 +67,14 @@ impl Asked {
         settings: &Settings,
     ) -> anyhow::Result<Self> {
         let is_exact = arguments.truth == Some(Truth::Exact);
-        if is_exact && request.built_in().is_none() {
+        let is_built_in = request.built_in().is_some();
+        if is_exact && !is_built_in && !is_of_meshes(request) {
             let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
-            return Err(usage(format!(
-                "--truth exact: only a built-in scene alone, with its own mirrors, has formulas to trace; this is {}\n\
-                 --truth same_input judges any scene by the points that it is drawn from",
-                names.join(", ")
-            )));
+            return Err(no_surfaces(&format!("this is {}", names.join(", "))));
         }
+        let has_other_colors = is_exact && is_built_in && !has_own_colors(settings);
         let lit = references.iter().find(|(reference, _)| *reference != Reference::Position);
-        if let (Some((lit, _)), true, false) = (lit, is_exact, has_own_colors(settings)) {
+        if let (Some((lit, _)), true) = (lit, has_other_colors) {
             return Err(usage(format!(
                 "--truth exact: the formulas behind `{}` have the scene's own colours, color.by is {}\n\
                  --truth same_input traces points in the colours that they are drawn in",
@@ -82,7 +84,22 @@ impl Asked {
         }
         let unnamed = (!references.is_empty() && arguments.stats.is_some()).then_some(Truth::SameInput);
         let is_method = arguments.method.as_deref() == Some(RAY_TRACE);
-        Ok(Self { is_method, references, truth: arguments.truth.or(unnamed) })
+        Ok(Self { is_method, references, truth: arguments.truth.or(unnamed), has_other_colors })
+    }
+
+    /// Gives a scene of meshes its triangles, if the truth is to know them.
+    ///
+    /// # Errors
+    /// Faces that cannot be read, or of which there is nothing to see.
+    pub fn find_surfaces(&self, subject: &mut Subject, sources: &[Option<Arc<codec::Source>>]) -> anyhow::Result<()> {
+        if self.truth != Some(Truth::Exact) {
+            return Ok(());
+        }
+        find_surfaces(subject, sources)?;
+        match subject.exact {
+            Some(_) => Ok(()),
+            None => Err(no_surfaces("no face of this has an area and all its points in memory")),
+        }
     }
 
     /// Whether the method makes this image.
@@ -97,6 +114,36 @@ impl Asked {
     fn is_anything(&self) -> bool {
         self.is_method || !self.references.is_empty() || self.truth.is_some()
     }
+}
+
+fn no_surfaces(what: &str) -> anyhow::Error {
+    usage(format!(
+        "--truth exact: only a built-in scene alone, with its own mirrors, and meshes (PLY files with faces) have surfaces to trace; \
+         {what}\n\
+         --truth same_input judges any scene by the points that it is drawn from"
+    ))
+}
+
+/// Whether all clouds are meshes, none of whose points are mirrors.
+fn is_of_meshes(request: &Request) -> bool {
+    let is_mesh = |input: &Input| match input {
+        Input::File(path) => codec::open(path).is_ok_and(|source| source.is_mesh()),
+        _ => false,
+    };
+    !request.inputs.is_empty() && request.mirror_points.is_empty() && request.inputs.iter().all(is_mesh)
+}
+
+/// Gives a scene of meshes its triangles as the surfaces behind its points; `sources` as in `Opened`.
+///
+/// # Errors
+/// Faces that cannot be read.
+pub fn find_surfaces(subject: &mut Subject, sources: &[Option<Arc<codec::Source>>]) -> anyhow::Result<()> {
+    let meshes: Option<Vec<_>> = sources.iter().map(|source| source.as_deref().filter(|file| file.is_mesh())).collect();
+    let (Some(meshes), None) = (meshes, &subject.exact) else { return Ok(()) };
+    let faces = |file: &codec::Source| Ok(Faces { triangles: file.triangles()?, has_normals: file.info().has_normals });
+    let faces: Vec<Faces> = meshes.into_iter().map(faces).collect::<codec::Result<_>>()?;
+    subject.exact = subject.surfaces_of_meshes(&faces);
+    Ok(())
 }
 
 /// Whether points show the colours of the built-in scenes' formulas.
@@ -199,7 +246,7 @@ pub fn trace(
     if asked.truth.is_some() {
         let progress = Progress::default();
         let mut accuracy = progress_bar::watch("judging", &progress, || tracer.judge(truth, &drawn, &progress))?;
-        if truth == Truth::SameInput || has_own_colors(settings) {
+        if !asked.has_other_colors {
             accuracy.image = Some(tracer.image_error(&drawn, seen, &color));
         }
         if asked.asks_for(Reference::Indirect) {

@@ -248,10 +248,112 @@ fn the_exact_truth_of_a_file_is_refused() {
     let cloud = cloud.display().to_string();
     let outcome = folder.glint(["render", &cloud, "-o", "a.png", "--truth", "exact", "--stats", "a.json"]);
     assert_eq!(outcome.status, Some(2), "{outcome}");
-    for word in ["--truth exact", "built-in scene", "cloud.ply", "same_input"] {
+    for word in ["--truth exact", "built-in scene", "meshes", "cloud.ply", "same_input"] {
         assert!(outcome.messages.contains(word), "`{word}` is not mentioned: {outcome}");
     }
     assert_eq!(outcome.messages.trim().lines().count(), 2, "{outcome}");
+}
+
+/// Points on one side of a wall of the box.
+const ROWS: usize = 60;
+
+/// The places of a grid of `rows` x `rows` on each wall of the box |x|, |y| <= 1, |z| <= 2, in rows, and the wall's normal.
+fn walls(rows: usize) -> Vec<(Vector, Vector)> {
+    let mut points = Vec::new();
+    let half = [1.0, 1.0, 2.0];
+    for (axis, side) in [(0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0), (2, -1.0), (2, 1.0)] {
+        let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+        let mut normal = [0.0; 3];
+        normal[axis] = -side;
+        for place in 0..rows * rows {
+            let mut point = half.map(|half| half * side);
+            point[u] = half[u] * (2.0 * (place % rows) as f64 / (rows - 1) as f64 - 1.0);
+            point[v] = half[v] * (2.0 * (place / rows) as f64 / (rows - 1) as f64 - 1.0);
+            points.push((point, normal));
+        }
+    }
+    points
+}
+
+/// The two triangles of each cell of such grids, whose points follow `first`.
+fn cells(rows: usize, first: usize) -> Vec<[usize; 3]> {
+    let corners = (0..6 * rows * rows).filter(|point| point % rows < rows - 1 && point / rows % rows < rows - 1);
+    corners
+        .flat_map(|point| [[point, point + 1, point + rows + 1], [point, point + rows + 1, point + rows]])
+        .map(|triangle| triangle.map(|corner| corner + first))
+        .collect()
+}
+
+/// A mesh whose vertices have the colours of three waves; normals where `has_normals`.
+fn write_mesh(folder: &Folder, points: &[(Vector, Vector)], triangles: &[[usize; 3]], has_normals: bool) {
+    let normals = if has_normals { "property float nx\nproperty float ny\nproperty float nz\n" } else { "" };
+    let mut mesh = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n{normals}\
+         property uchar red\nproperty uchar green\nproperty uchar blue\nelement face {}\n\
+         property list uchar int vertex_indices\nend_header\n",
+        points.len(),
+        triangles.len()
+    );
+    let words = |vector: Vector| vector.map(|value| value.to_string()).join(" ");
+    for (point, normal) in points {
+        let normal = if has_normals { words(*normal) + " " } else { String::new() };
+        let color = point.map(|value| ((128.0 + 100.0 * (value * 6.0).sin()) as u8).to_string()).join(" ");
+        mesh.push_str(&format!("{} {normal}{color}\n", words(*point)));
+    }
+    for [a, b, c] in triangles {
+        mesh.push_str(&format!("3 {a} {b} {c}\n"));
+    }
+    folder.write("room.ply", mesh);
+}
+
+/// The mesh with a sphere in its middle, by the exact truth.
+fn judge_mesh(folder: &Folder, arguments: &str) -> Option<Value> {
+    folder.write(
+        "scene.toml",
+        "clouds = [\"room.ply\"]\n[camera]\neye = [0, 0, 1.9]\npivot = [0, 0, 0]\nup = [0, 1, 0]\n\
+         [[mirrors]]\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 0.43\n",
+    );
+    let words = "scene.toml --method surfel_trace --truth exact --stats stats.json --set light.by=colors";
+    render(folder, words.split_whitespace().chain(arguments.split_whitespace())).map(|_| accuracy(folder))
+}
+
+#[test]
+fn the_exact_truth_of_a_mesh_is_its_triangles() {
+    let folder = Folder::new();
+    write_mesh(&folder, &walls(ROWS), &cells(ROWS, 0), false);
+    for arguments in ["", "--set color.by=height"] {
+        let Some(found) = judge_mesh(&folder, arguments) else { return };
+        assert_eq!(found["truth"], "exact");
+        assert!(number(&found["mirror_pixels"]) > 1700.0, "{found}");
+        assert!(number(&found["closed_coverage"]) > 0.99 && number(&found["false_fill"]) == 0.0, "{found}");
+        assert!(number(&found["pixel_error"]["median"]) < 0.5 && number(&found["pixel_error"]["p95"]) < 2.0, "{found}");
+        assert!(number(&found["occlusion_error"]) < 0.02, "{found}");
+        assert!(number(&found["image"]["delta_e"]) < 5.0, "{found}");
+        // The room's half width is 1.
+        let surface = &found["surface"];
+        assert!(number(&surface["position_error"]["median"]) < 1e-3, "{found}");
+        assert!(number(&surface["missing"]) < 0.01 && number(&surface["false_fill"]) == 0.0, "{found}");
+    }
+}
+
+#[test]
+fn points_that_do_not_lie_on_their_triangles_are_caught() {
+    let folder = Folder::new();
+    let judged = |scale: f64| {
+        // Points that are drawn and no corners of triangles, and two triangles a wall.
+        let mut points = walls(ROWS);
+        points.iter_mut().for_each(|(point, _)| *point = point.map(|value| value * scale));
+        let first = points.len();
+        points.extend(walls(2));
+        write_mesh(&folder, &points, &cells(2, first), true);
+        judge_mesh(&folder, "")
+    };
+    let (Some(right), Some(wrong)) = (judged(1.0), judged(1.05)) else { return };
+    assert!(number(&right["pixel_error"]["median"]) < 0.5 && number(&right["occlusion_error"]) < 0.02, "{right}");
+    assert!(number(&right["surface"]["position_error"]["median"]) < 1e-3, "{right}");
+    // Beside the sphere, of the radius 0.43, a wall that is moved from 1 to 1.05 is more than 5 % farther away.
+    assert!(number(&wrong["occlusion_error"]) > 0.5, "{wrong}");
+    assert!(number(&wrong["surface"]["position_error"]["median"]) > 0.03, "{wrong}");
 }
 
 #[test]

@@ -167,6 +167,14 @@ impl Source {
         }
     }
 
+    /// Whether the file says that it has faces.
+    pub fn is_mesh(&self) -> bool {
+        match self {
+            Self::Las(_) => false,
+            Self::Ply(source) => source.is_mesh(),
+        }
+    }
+
     /// Triangles of a mesh (polygons as fans), indices of vertices; empty for a file without faces.
     ///
     /// # Errors

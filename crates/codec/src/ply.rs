@@ -180,6 +180,10 @@ impl PlySource {
         record.map_err(io_error)?.ok_or_else(|| fail("the file was changed since it was opened".into()))
     }
 
+    pub fn is_mesh(&self) -> bool {
+        self.header.elements.iter().any(|element| faces::is_surface(element) && element.count > 0)
+    }
+
     pub fn triangles(&self) -> Result<Vec<[u32; 3]>> {
         let triangles = faces::read(&self.file, &self.header, self.vertex, &self.rows);
         triangles.map_err(|error| match error {

@@ -6,15 +6,15 @@ use cloud::Progress;
 use glam::{DVec3, Vec3};
 use trace::{Exact, Geometry, Hit, MirrorPoint, PixelRays, Reflection, Surfels, Viewpoint, primary, reflected};
 
-use crate::metrics::{Accuracy, MirrorPixel, PixelError, Truth, accuracy, pixel_error};
+use crate::metrics::{Accuracy, MirrorPixel, PixelError, Truth, accuracy, pixel_error, surface_error};
 
 /// Why nothing could be judged.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error("image {name} holds {found} values, expected {expected} for {width} x {height} pixels")]
     ImageSize { name: &'static str, found: usize, expected: usize, width: u32, height: u32 },
-    #[error("no formulas are behind these points; only built-in scenes have an exact truth")]
-    NoFormulas,
+    #[error("no surfaces are known behind these points; only built-in scenes and meshes have an exact truth")]
+    NoSurfaces,
     #[error("the comparison was cancelled")]
     Cancelled,
 }
@@ -154,7 +154,11 @@ pub fn accuracy_exact(image: &MirrorImage, rays: &PixelRays, exact: &Exact, prog
         Some(MirrorPoint { position: hit.position, normal: hit.normal, incoming })
     };
     let points: Vec<_> = drawn.iter().zip(&seen).enumerate().map(point).collect();
-    image.judge(Truth::Exact, &points, exact, progress)
+    let positions: Vec<DVec3> =
+        image.position.as_chunks::<3>().0.iter().map(|position| Vec3::from(*position).as_dvec3()).collect();
+    let truly: Vec<DVec3> = seen.iter().map(|hit| hit.map_or(DVec3::NAN, |hit| hit.position)).collect();
+    let surface = Some(surface_error(&positions, &truly));
+    Ok(Accuracy { surface, ..image.judge(Truth::Exact, &points, exact, progress)? })
 }
 
 /// Share of the points truly visible by reflection that were found. Truly visible are those whose disc is the first that
@@ -265,6 +269,28 @@ mod tests {
         // f32 of the images: 1e-7 of a direction is some 1e-5 degrees.
         assert!(figures.angle_error.p99 < 1e-4 && figures.pixel_error.p99 < 1e-3, "{figures:?}");
         assert_eq!(figures.occlusion_error, 0.0);
+        let surface = figures.surface.expect("what the eye sees");
+        assert_eq!((surface.missing, surface.false_fill), (0.0, 0.0));
+        assert!(surface.position_error.p99 < 1e-6, "{surface:?}");
+    }
+
+    #[test]
+    fn surfaces_that_are_missing_added_or_elsewhere_are_told() {
+        let mut frame = sphere();
+        let pixels = frame.mirror.len();
+        // A tenth is missing, the rest five thousandths too far to the right.
+        for (pixel, position) in frame.position.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            if pixel % 10 == 0 { position.fill(f32::NAN) } else { position[0] += 0.005 }
+        }
+        let surface = frame.exact().surface.expect("what the eye sees");
+        assert!((surface.missing - 0.1).abs() < 1.0 / pixels as f64 && surface.false_fill == 0.0, "{surface:?}");
+        assert!((surface.position_error.median - 0.005).abs() < 1e-6, "{surface:?}");
+        // The truth sees nothing of a world without surfaces.
+        let nothing = Exact::new(Vec::new());
+        let figures = accuracy_exact(&sphere().image(), &rays(), &nothing, &Progress::default()).unwrap();
+        let surface = figures.surface.expect("what the eye sees");
+        assert!(surface.missing.is_nan() && surface.false_fill == 1.0, "{surface:?}");
+        assert!(surface.position_error.median.is_nan());
     }
 
     #[test]

@@ -32,12 +32,14 @@ pub use builtin::{names as plan_names, plan as built_in_plan};
 pub use flicker::{Flicker, flicker};
 pub use journal::{Folder, FolderError};
 pub use light::{LightError, light_error};
-pub use metrics::{Accuracy, ImageError, Percentiles, PixelError, Truth, delta_e, image_error};
+pub use metrics::{
+    Accuracy, ImageError, Percentiles, PixelError, SurfaceError, Truth, delta_e, image_error, surface_error,
+};
 pub use plan::{Bound, Case, Group, Plan, PlanError, RAY_TRACE};
 pub use refine::Refinement;
 pub use results::{Figure, Row};
 pub use runner::{Scenes, Shard};
 pub use stage::{IndirectTruth, JudgedLight, Stage, TracedLight};
-pub use subject::{Part, Subject};
+pub use subject::{Faces, Part, Subject};
 pub use trace::Exact;
 pub use truth::{Drawn, RayTraced, Seen, Surface, TracedScene, Tracer, View, mirrors_of};

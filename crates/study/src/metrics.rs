@@ -47,6 +47,9 @@ pub struct Accuracy {
     pub image: Option<ImageError>,
     /// Of all that is seen, not of mirrors alone.
     pub indirect: Option<LightError>,
+    /// Of all that is seen; against exact surfaces only.
+    #[serde(default)]
+    pub surface: Option<SurfaceError>,
 }
 
 /// Values that half, 95 and 99 of a hundred do not exceed.
@@ -112,6 +115,34 @@ pub fn accuracy(truth: Truth, width: usize, pixels: &[Option<MirrorPixel>]) -> A
         recall: None,
         image: None,
         indirect: None,
+        surface: None,
+    }
+}
+
+/// How far what the eye sees is from where it is, mirrors and all. NaN (`null` in JSON) where nothing could be measured.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceError {
+    /// Share of the pixels in which the truth sees something and the picture nothing.
+    pub missing: f64,
+    /// Share of the pixels in which the picture shows something and the truth nothing.
+    pub false_fill: f64,
+    /// Between what the picture shows and what the ray through the pixel's centre meets, world units, where there are both.
+    pub position_error: Percentiles,
+}
+
+/// Compares what pixels show with what they truly see, both as positions; NaN where that is nothing.
+pub fn surface_error(drawn: &[DVec3], truth: &[DVec3]) -> SurfaceError {
+    let is_something = |position: &&DVec3| position.is_finite();
+    let pairs = || drawn.iter().zip(truth);
+    let lacking = |of: &[DVec3], in_other: &[DVec3]| {
+        let alone = of.iter().zip(in_other).filter(|(one, other)| one.is_finite() && !other.is_finite());
+        alone.count() as f64 / of.iter().filter(is_something).count() as f64
+    };
+    let both = pairs().filter(|(drawn, truth)| drawn.is_finite() && truth.is_finite());
+    SurfaceError {
+        missing: lacking(truth, drawn),
+        false_fill: lacking(drawn, truth),
+        position_error: Percentiles::of(both.map(|(drawn, truth)| drawn.distance(*truth)).collect()),
     }
 }
 

@@ -101,7 +101,7 @@ pub struct Plan {
     /// Timed frames of each setting.
     #[serde(default = "default_repeats")]
     pub repeats: u32,
-    /// What pictures are judged by. The exact truth is left out for scenes that have no formulas.
+    /// What pictures are judged by. The exact truth is left out for scenes whose surfaces nobody knows.
     #[serde(default = "default_truths")]
     pub truths: Vec<Truth>,
     /// Paths per pixel of the truth's indirect light.

@@ -7,7 +7,8 @@ use glam::{DVec3, Vec3};
 use render::{ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, ColorBy, Mirror, Settings, SpotLight};
-use trace::Exact;
+use trace::exact::Object;
+use trace::{Exact, Mesh, Vertex, linear_from_srgb};
 
 /// A scene that is loaded.
 pub struct Subject {
@@ -19,8 +20,16 @@ pub struct Subject {
     /// As in [`Objects`].
     pub sky_is_open: bool,
     pub camera: Camera,
-    /// The formulas behind the points, if there are any.
+    /// The surfaces behind the points, if they are known.
     pub exact: Option<Exact>,
+}
+
+/// What a file says of a mesh beside its vertices.
+pub struct Faces {
+    /// By the vertices' places in the file.
+    pub triangles: Vec<[u32; 3]>,
+    /// The vertices' normals are the file's own.
+    pub has_normals: bool,
 }
 
 /// Points of one material.
@@ -88,6 +97,18 @@ impl Subject {
         Ok(Self { parts: kept, store, mirrors, lights, sky_is_open: false, camera, exact })
     }
 
+    /// The surfaces behind clouds whose points are the vertices of meshes: their triangles, in the colours that the vertices are
+    /// drawn in, and the formulas of the mirrors. `faces`: of each cloud, in order. `None` where points of the clouds are
+    /// mirrors, or where there is no triangle to see.
+    pub fn surfaces_of_meshes(&self, faces: &[Faces]) -> Option<Exact> {
+        if faces.is_empty() || self.parts.len() != faces.len() + self.mirrors.len() {
+            return None;
+        }
+        let meshes: Vec<Mesh> = self.parts.iter().zip(faces).map(|(part, faces)| part.mesh(faces)).collect();
+        let is_seen = meshes.iter().any(|mesh| !mesh.is_empty());
+        is_seen.then(|| Exact::new(self.mirrors.iter().map(Object::of_mirror).collect()).with_meshes(meshes))
+    }
+
     pub fn objects(&self) -> Objects<'_> {
         Objects { mirrors: &self.mirrors, lights: &self.lights, sky_is_open: self.sky_is_open }
     }
@@ -114,6 +135,39 @@ impl Part {
     /// The colour of points that have none of their own, sRGB.
     pub(crate) fn plain(&self) -> [u8; 4] {
         if self.plan.source == ColorSource::Rgb { [u8::MAX; 4] } else { self.plan.plain }
+    }
+
+    /// The points as the vertices of these triangles.
+    fn mesh(&self, faces: &Faces) -> Mesh {
+        let linear = |[red, green, blue, _]: [u8; 4]| {
+            let [red, green, blue] = [red, green, blue].map(|value| linear_from_srgb(value) as f32);
+            Vec3::new(red, green, blue)
+        };
+        let plain = linear(self.plain());
+        let (mut vertices, mut starts) = (Vec::new(), Vec::new());
+        let chunks = self.painted(DVec3::ZERO);
+        for chunk in &chunks {
+            starts.push((chunk.first_point, vertices.len()));
+            vertices.extend((0..chunk.len()).map(|point| {
+                let normal = chunk.normals.as_ref().filter(|_| faces.has_normals);
+                Vertex {
+                    position: chunk.position(point),
+                    albedo: chunk.colors.as_ref().map_or(plain, |colors| linear(colors[point])),
+                    normal: normal.and_then(|normals| cloud::unpack_normal(normals[point])).unwrap_or(Vec3::ZERO),
+                }
+            }));
+        }
+        // What could not be read of the file has left a gap; a vertex in it is none.
+        let there = |corner: u32| {
+            let next = starts.partition_point(|(first, _)| *first <= u64::from(corner));
+            let (first, start) = starts.get(next.checked_sub(1)?)?;
+            let end = starts.get(next).map_or(vertices.len(), |(_, start)| *start);
+            let index = start + usize::try_from(u64::from(corner) - first).ok()?;
+            u32::try_from(index).ok().filter(|_| index < end)
+        };
+        let triangles: Vec<[u32; 3]> =
+            faces.triangles.iter().map(|corners| corners.map(|corner| there(corner).unwrap_or(u32::MAX))).collect();
+        Mesh::new(&vertices, &triangles)
     }
 
     /// The points in the colours that they are drawn in, with places from `origin`.
@@ -159,5 +213,43 @@ impl Part {
                 Chunk { origin: chunk.origin - origin, colors, columns: Vec::new(), ..chunk.clone() }
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use trace::{Geometry as _, Ray};
+
+    use super::*;
+
+    /// Vertices 0 to 2 and 10 to 12 of a file whose other vertices could not be read.
+    fn mesh(triangles: &[[u32; 3]], has_normals: bool) -> Exact {
+        let chunk = |first_point: u64, height: f32, color: [u8; 3]| {
+            let [red, green, blue] = color;
+            let positions = vec![[0.0, 0.0, height], [1.0, 0.0, height], [0.0, 1.0, height]];
+            Chunk {
+                colors: Some(Arc::new(vec![[red, green, blue, u8::MAX]; 3])),
+                normals: Some(Arc::new(vec![cloud::pack_normal(Vec3::new(0.6, 0.0, 0.8)); 3])),
+                ..Chunk::new(first_point, DVec3::new(5e5, 5e6, 0.0), positions)
+            }
+        };
+        let chunks = vec![chunk(0, 0.0, [255, 0, 0]), chunk(10, 1.0, [0, 188, 0])];
+        let cloud = Cloud { chunks, ..Cloud::default() };
+        let (plan, _) = ColorPlan::new(&cloud, &scene::Color::default(), DVec3::Z);
+        let part = Part { cloud, specular_intensity: 0.0, specular_power: 0.0, plan, up: DVec3::Z };
+        let faces = Faces { triangles: triangles.to_vec(), has_normals };
+        Exact::new(Vec::new()).with_meshes(vec![part.mesh(&faces)])
+    }
+
+    #[test]
+    fn triangles_find_their_vertices_beside_a_gap_in_the_file() {
+        let down = Ray::from_eye(DVec3::new(5e5 + 0.25, 5e6 + 0.25, 3.0), DVec3::NEG_Z);
+        let upper = mesh(&[[0, 1, 2], [10, 11, 12]], false).nearest(&down).expect("the upper triangle");
+        assert_eq!((upper.distance, upper.normal, upper.point), (2.0, DVec3::Z, 1));
+        assert!(upper.albedo.distance(DVec3::new(0.0, 0.503, 0.0)) < 0.001, "{upper:?}");
+        let lower = mesh(&[[0, 1, 2], [3, 11, 12], [9, 11, 12], [13, 11, 12]], true).nearest(&down);
+        let lower = lower.expect("the lower triangle: the others' vertices are not there");
+        assert_eq!((lower.distance, lower.albedo), (3.0, DVec3::X));
+        assert!(lower.normal.distance(DVec3::new(0.6, 0.0, 0.8)) < 1e-3, "the file's own: {lower:?}");
     }
 }

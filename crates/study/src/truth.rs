@@ -1,6 +1,6 @@
 //! A frame that was drawn beside what the ray tracer sees in its place.
 //!
-//! [`TracedScene`] is the points as discs, and the formulas behind them; making it is the costly part, and it serves all pictures
+//! [`TracedScene`] is the points as discs, and the exact surfaces behind them; making it is the costly part, and it serves all pictures
 //! of a scene. [`Tracer`] looks at it as one frame does. By [`Truth::SameInput`] all starts from the frame's own surface
 //! (positions, normals, colours of its pixels), by [`Truth::Exact`] from the rays through the pixels' centres.
 
@@ -23,9 +23,9 @@ use crate::subject::Part;
 /// A scene as the ray tracer has it.
 pub struct TracedScene {
     pub surfels: Surfels,
+    /// For rays in coordinates from `origin`.
     pub exact: Option<Exact>,
-    /// What all places are from: near the scene, so that images of 32-bit positions hold them finely; the world's own for
-    /// formulas.
+    /// What all places are from: near the scene, so that images of 32-bit positions hold them finely.
     pub origin: DVec3,
     /// World coordinates.
     bounds: Bounds,
@@ -39,7 +39,7 @@ impl TracedScene {
     pub fn new(parts: &[Part], exact: Option<Exact>, splat_size: f32, progress: &Progress) -> Result<Self> {
         let chunks = parts.iter().flat_map(|part| &part.cloud.chunks);
         let bounds = chunks.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
-        let origin = if exact.is_some() || bounds.is_empty() { DVec3::ZERO } else { bounds.center().round() };
+        let origin = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().round() };
         let painted: Vec<Vec<Chunk>> = parts.iter().map(|part| part.painted(origin)).collect();
         let parts = parts.iter().zip(&painted).map(|(part, chunks)| {
             let [red, green, blue, _] = part.plain().map(|value| linear_from_srgb(value) as f32);
@@ -47,7 +47,7 @@ impl TracedScene {
             trace::Part { chunks, specular_intensity, specular_power, plain: [red, green, blue] }
         });
         let surfels = Surfels::new(&parts.collect::<Vec<_>>(), splat_size, progress).ok_or(Error::Cancelled)?;
-        Ok(Self { surfels, exact, origin, bounds })
+        Ok(Self { surfels, exact: exact.map(|exact| exact.seen_from(origin)), origin, bounds })
     }
 }
 
@@ -230,14 +230,14 @@ impl<'a> Tracer<'a> {
     /// What the rays through the pixels' centres meet of exact surfaces.
     ///
     /// # Errors
-    /// No formulas, or cancelled.
+    /// No exact surfaces, or cancelled.
     pub fn exactly_seen(&self, progress: &Progress) -> Result<Seen> {
         let seen = primary(self.exact()?, &self.rays, progress).ok_or(Error::Cancelled)?.into_iter().enumerate();
         Ok(seen.map(|(pixel, hit)| Some((hit?, self.rays.ray(pixel).direction))).collect())
     }
 
     fn exact(&self) -> Result<&Exact> {
-        self.scene.exact.as_ref().ok_or(Error::NoFormulas)
+        self.scene.exact.as_ref().ok_or(Error::NoSurfaces)
     }
 
     /// Puts what the ray tracer sees in the mirrors into the frame: the method `ray_trace`.
@@ -321,7 +321,7 @@ impl<'a> Tracer<'a> {
     /// Radiance of what is seen, linear red, green and blue; NaN where that is nothing.
     ///
     /// # Errors
-    /// No formulas, or cancelled.
+    /// No exact surfaces, or cancelled.
     pub fn colors(&self, truth: Truth, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<[f32; 3]>> {
         let illumination = self.illumination();
         match truth {
@@ -369,7 +369,7 @@ impl<'a> Tracer<'a> {
     /// where nothing is seen.
     ///
     /// # Errors
-    /// No formulas, or cancelled.
+    /// No exact surfaces, or cancelled.
     pub fn indirect(&self, truth: Truth, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<[f32; 3]>> {
         // As the renderer's own: a mirror is diffuse if nobody looks for what it reflects.
         let bounces = if has_reflections(self.view.settings) { self.view.settings.reflection.bounces } else { 0 };
@@ -385,7 +385,7 @@ impl<'a> Tracer<'a> {
     /// Judges what was found in the mirrors; the colours are left to [`Tracer::image_error`].
     ///
     /// # Errors
-    /// No formulas, or cancelled.
+    /// No exact surfaces, or cancelled.
     pub fn judge(&self, truth: Truth, drawn: &Drawn, progress: &Progress) -> Result<Accuracy> {
         let image = self.image_of(drawn);
         match truth {
