@@ -18,6 +18,9 @@ pub enum Error {
     /// A decoder that cannot cope with what it was given.
     #[error("reading a page came to an unexpected end: {0}")]
     Panicked(String),
+    /// Whole nodes are read, and this one does not fit.
+    #[error("a node takes {} MiB, half of the memory for points is {} MiB: stream.host_bytes is too small for it", bytes >> 20, budget >> 21)]
+    TooLarge { bytes: u64, budget: u64 },
     /// Nothing to make pages of.
     #[error("{path}: no points")]
     Empty { path: PathBuf },

@@ -160,8 +160,7 @@ impl Streamer {
     /// Points that are shown and bytes of decoded chunks, at most.
     pub fn set_budget(&self, budget: Budget) {
         let mut state = self.shared.lock();
-        state.budget = budget;
-        state.accept();
+        state.set_budget(budget);
         drop(state);
         self.shared.work.notify_all();
     }
@@ -286,8 +285,6 @@ struct Held {
     paged: PagedCloud,
     /// Counts replacements.
     generation: u64,
-    /// Of its largest node in memory.
-    largest_cost: u64,
     /// Some radii are larger than need be.
     is_loose: bool,
     entries: BTreeMap<NodeId, Entry>,
@@ -483,9 +480,7 @@ impl State {
             (entry.in_flight, entry.failed) = (false, false);
             self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
         }
-        let costs = (0..paged.octree.nodes.len()).map(|node| paged.cost(NodeId(node as u32)));
-        let largest_cost = costs.max().unwrap_or(0);
-        self.clouds.insert(cloud, Held { paged, generation, largest_cost, is_loose: false, entries });
+        self.clouds.insert(cloud, Held { paged, generation, is_loose: false, entries });
         self.accept();
     }
 
@@ -516,6 +511,16 @@ impl State {
         self.accept();
     }
 
+    fn set_budget(&mut self, budget: Budget) {
+        if budget.bytes > self.budget.bytes {
+            // What was too large may be no more.
+            let entries = self.clouds.values_mut().flat_map(|held| held.entries.values_mut());
+            entries.for_each(|entry| entry.failed = false);
+        }
+        self.budget = budget;
+        self.accept();
+    }
+
     /// Takes over the last cut as far as the budget goes.
     fn accept(&mut self) {
         for held in self.clouds.values_mut() {
@@ -523,7 +528,12 @@ impl State {
         }
         let mut points = self.budget.points;
         // One node more than is wanted must find room: it may have to be read to take the place of what is shown of it.
-        let reserve = self.clouds.values().map(|held| held.largest_cost).max().unwrap_or(0);
+        let most = self.budget.bytes / 2;
+        let cost_of = |wanted: &Wanted| {
+            let paged = &self.clouds.get(&wanted.cloud)?.paged;
+            paged.octree.nodes.get(wanted.node.0 as usize).map(|_| paged.cost(wanted.node))
+        };
+        let reserve = self.asked.iter().filter_map(cost_of).filter(|cost| *cost <= most).max().unwrap_or(0);
         let mut bytes = self.budget.bytes.saturating_sub(reserve);
         self.wanted.clear();
         for Wanted { cloud, node: id, batches } in &self.asked {
@@ -534,6 +544,15 @@ impl State {
                 continue;
             }
             let cost = held.paged.cost(*id);
+            if cost > most {
+                let entry = held.entries.entry(*id).or_default();
+                (entry.wanted, entry.wanted_at) = (*batches, self.cuts);
+                if !std::mem::replace(&mut entry.failed, true) {
+                    let error = Error::TooLarge { bytes: cost, budget: self.budget.bytes };
+                    self.pending.push(Change::Failed { cloud: *cloud, node: *id, error });
+                }
+                continue;
+            }
             let fits = |batches: &usize| prefix(node.points as usize, *batches) as u64 <= points;
             let asked = (*batches).min(BATCHES);
             let batches = (1..=asked).rev().find(fits).filter(|_| cost <= bytes).unwrap_or(0);

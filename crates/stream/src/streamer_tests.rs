@@ -462,6 +462,27 @@ fn a_node_that_cannot_be_read_is_told_once_and_stops_no_other() {
 }
 
 #[test]
+fn a_node_too_large_for_the_memory_hides_neither_what_is_below_it_nor_other_clouds() {
+    let mut octree = terrain(2);
+    let large = octree.nodes[0].children[1].unwrap();
+    octree.nodes[large.0 as usize].points = 1_000_000;
+    let (crowded, even) = (Arc::new(octree), Arc::new(terrain(1)));
+    let budget = Budget { points: u64::MAX, bytes: 4 << 20 };
+    let streamer = Streamer::new(2, budget, || {}).unwrap();
+    streamer.add(0, readable(&crowded));
+    streamer.add(1, readable(&even));
+    streamer.want(everything(0, &crowded).into_iter().chain(everything(1, &even)).collect());
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    assert_eq!(drawer.failed.len(), 1, "{:?}", drawer.failed);
+    assert_eq!(drawer.points(), 256 * (crowded.nodes.len() - 1 + even.nodes.len()) as u64);
+    // With room for it, it comes.
+    streamer.set_budget(Budget { points: u64::MAX, bytes: 1 << 30 });
+    drawer.settle(&streamer);
+    assert_eq!(drawer.points(), 256 * (crowded.nodes.len() - 1 + even.nodes.len()) as u64 + 1_000_000);
+}
+
+#[test]
 fn a_cloud_that_goes_while_it_is_read_leaves_nothing() {
     let octree = Arc::new(random(5, 60));
     let (paged, open, begun) = gated(&octree);
