@@ -169,7 +169,8 @@ fn an_index_that_does_not_fit_the_file_is_not_used_and_the_file_is_read_as_laz()
     circle[16..24].copy_from_slice(&(root as u64).to_le_bytes());
     circle[24..28].copy_from_slice(&(32 * entries as i32).to_le_bytes());
     let twice: [u8; 32] = file[entry(1)..entry(2)].try_into().unwrap();
-    let cases: [(&str, Vec<u8>, &str); 14] = [
+    let (half, header_max) = (info_field(&file, 24) as u64, 179);
+    let cases: [(&str, Vec<u8>, &str); 21] = [
         ("a circle of pages", patch(page + 32, &circle), "a page that is named twice"),
         ("a page outside", patch(link + 16, &(file.len() as u64).to_le_bytes()), "outside the record of pages"),
         ("a page before", patch(link + 16, &375_u64.to_le_bytes()), "outside the record of pages"),
@@ -184,6 +185,13 @@ fn an_index_that_does_not_fit_the_file_is_not_used_and_the_file_is_read_as_laz()
         ("a node outside", patch(entry(1) + 4, &2_i32.to_le_bytes()), "outside of the root's cube"),
         ("a node twice", patch(entry(2), &twice), "no compressed chunk of"),
         ("no cube", patch(429 + 24, &f64::NAN.to_le_bytes()), "no cube"),
+        ("a cube without end", patch(429 + 24, &1e308_f64.to_le_bytes()), "no cube"),
+        ("a cube of nothing", patch(429 + 24, &1e-300_f64.to_le_bytes()), "no cube"),
+        ("too small a cube", patch(429 + 24, &(0.4 * f64::from_bits(half)).to_le_bytes()), "does not hold the points"),
+        ("a cube elsewhere", patch(429, &0_f64.to_le_bytes()), "does not hold the points"),
+        ("no spacing", patch(429 + 32, &1e-300_f64.to_le_bytes()), "no cube"),
+        ("a huge spacing", patch(429 + 32, &1e300_f64.to_le_bytes()), "no cube"),
+        ("points elsewhere", patch(header_max, &1e6_f64.to_le_bytes()), "does not hold the points"),
     ];
     for (name, bytes, expected) in cases {
         let warnings = without_index(&bytes, 1065);
@@ -192,6 +200,38 @@ fn an_index_that_does_not_fit_the_file_is_not_used_and_the_file_is_read_as_laz()
     // Nodes that are left out would hide their points.
     let warnings = without_index(&patch(429 + 48, &64_u64.to_le_bytes()), 1065);
     assert!(warnings.contains("belong to no node"), "{warnings}");
+}
+
+#[test]
+fn nodes_without_points_make_none_above_them() {
+    let Some(path) = data("simple_with_hierarchy_page.copc.laz") else { return };
+    let file = std::fs::read(&path).unwrap();
+    let copc = codec::open(&path).unwrap().copc().unwrap().clone();
+    let (root, length) = (info_field(&file, 40), info_field(&file, 48));
+    // At the end of the file, and the root page in place of the one before: its record goes to the end.
+    let with = |empty: usize| {
+        let mut bytes = file.clone();
+        let at = bytes.len() as u64;
+        bytes.extend_from_slice(&file[root..root + length]);
+        for index in 0..empty as i32 {
+            // 30 levels down, each on a way of its own.
+            bytes.extend([30, index << 18, index, 0].iter().flat_map(|number: &i32| number.to_le_bytes()));
+            bytes.extend([0; 16]);
+        }
+        bytes[429 + 40..429 + 48].copy_from_slice(&at.to_le_bytes());
+        bytes[429 + 48..429 + 56].copy_from_slice(&((length + 32 * empty) as u64).to_le_bytes());
+        let record = u64::from_le_bytes(bytes[235..243].try_into().unwrap()) as usize;
+        let new_length = bytes.len() - record - 60;
+        bytes[record + 20..record + 28].copy_from_slice(&(new_length as u64).to_le_bytes());
+        bytes
+    };
+    let some = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(some.path(), with(1_000)).unwrap();
+    let source = codec::open(some.path()).unwrap();
+    let places = |copc: &Copc| copc.nodes.iter().map(|node| (node.level, node.cell, node.points)).collect::<Vec<_>>();
+    assert_eq!(source.copc().map(places), Some(places(&copc)), "{:?}", source.info().warnings);
+    let warnings = without_index(&with(100_000), 1065);
+    assert!(warnings.contains("compressed chunks"), "{warnings}");
 }
 
 #[test]
@@ -492,4 +532,32 @@ fn a_damaged_input_gives_what_is_there_and_says_what_is_not() {
     assert!((1_000..5_000).contains(&summary.points), "{summary:?}");
     assert!(summary.warnings.iter().any(|warning| warning.contains("input.laz") && warning.contains("missing")));
     check_nodes(&output);
+}
+
+/// Points at places of a thousandth, with an offset in x and y, and what the header says of their bounds there.
+fn far_away(offset: f64, header_bounds: [f64; 2]) -> Vec<u8> {
+    let mut file = las_file((1, 2), 0, &las_files::points(0, 100), &[]);
+    let numbers = [1e-3, 1e-3, 1e-3, offset, offset, 0.0];
+    let [least, most] = header_bounds;
+    let numbers = numbers.into_iter().chain([most, least, most, least, 0.0, 0.0]);
+    for (place, number) in numbers.enumerate() {
+        file[131 + 8 * place..139 + 8 * place].copy_from_slice(&number.to_le_bytes());
+    }
+    file
+}
+
+#[test]
+fn coordinates_that_numbers_hardly_tell_apart_are_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("input.las");
+    let output = folder.path().join("output.copc.laz");
+    for offset in [1e9, 1e14, 1e15, 1e17] {
+        // Of one point, where there are others.
+        std::fs::write(&input, far_away(offset, [offset; 2])).unwrap();
+        let summary = write_copc(std::slice::from_ref(&input), &output, MEMORY, &Progress::default()).unwrap().unwrap();
+        assert_eq!(summary.points, 100, "{offset}");
+        let source = codec::open(&output).unwrap();
+        assert!(source.copc().is_some(), "{offset}: {:?}", source.info().warnings);
+        assert_eq!(read_whole(&source).len(), 100);
+    }
 }

@@ -3,9 +3,11 @@
 //! The list is believed only where it agrees with the chunk table that plain LAZ is read by: every chunk belongs to exactly
 //! one node, and to one of as many points. So what is read node by node is what is read as LAZ, or the list is not used.
 
+use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
+use cloud::Bounds;
 use glam::DVec3;
 
 use super::compressed::CompressedChunk;
@@ -21,6 +23,14 @@ const ENTRY_LENGTH: usize = 32;
 const DEEPEST: u32 = 30;
 /// 5,000,000,000 points have some 200,000 nodes.
 const MOST_NODES: usize = 1 << 22;
+/// Entries of the list, at most, for each compressed chunk: those above it without points, and some next to them; and as many
+/// more, for lists of next to nothing.
+const ENTRIES_PER_CHUNK: usize = 64;
+const SPARE_ENTRIES: usize = 1 << 10;
+/// Part of the width by which the points' bounds may stand out of the cube.
+const TOLERANCE: f64 = 0.01;
+/// The spacing is at least this part of the width: nodes of a surface then have fewer points than are read at once.
+const LEAST_SPACING: f64 = 1.0 / 65_536.0;
 
 /// An octree of nodes that hold the points of a file, each point once.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,19 +82,17 @@ impl Copc {
         let number = |at: usize| f64::from_le_bytes(bytes(info, at));
         let center = DVec3::new(number(0), number(8), number(16));
         let (half, spacing) = (number(24), number(32));
-        if !(center.is_finite() && half.is_finite() && half > 0.0 && spacing.is_finite() && spacing > 0.0) {
-            return Err(format!("byte {INFO_START}: no cube: centre {center}, half width {half}, spacing {spacing}"));
-        }
+        check_cube(center, half, spacing, header.bounds).map_err(|problem| format!("byte {INFO_START}: {problem}"))?;
         let root = page(u64::from_le_bytes(bytes(info, 40)), u64::from_le_bytes(bytes(info, 48)));
         let pages = header.copc_pages.clone().ok_or("the record of its pages is missing")?;
         let mut nodes = Self::read_pages(file, pages, root, chunks)?;
-        add_parents(&mut nodes)?;
+        add_parents(&mut nodes);
         let mut nodes: Vec<CopcNode> = nodes.into_values().collect();
         nodes.sort_unstable_by_key(|node| (node.level, node.cell));
         Ok(Some(Self { corner: center - half, width: 2.0 * half, spacing, nodes }))
     }
 
-    /// The nodes of all pages.
+    /// The nodes of all pages that have points.
     fn read_pages(
         file: &PositionedFile,
         pages: Range<u64>,
@@ -97,6 +105,8 @@ impl Copc {
         let mut seen = HashSet::new();
         let mut waiting = vec![root];
         let mut bytes_left = pages.end - pages.start;
+        let most_entries = (chunks.len().saturating_mul(ENTRIES_PER_CHUNK) + SPARE_ENTRIES).min(MOST_NODES);
+        let mut entries_left = most_entries;
         while let Some(page) = waiting.pop() {
             if !seen.insert(page.start) {
                 return Err(format!("byte {}: a page that is named twice", page.start));
@@ -112,9 +122,9 @@ impl Copc {
                 .checked_sub(page.end - page.start)
                 .ok_or_else(|| format!("byte {}: pages that overlap", page.start))?;
             let entries = (page.end - page.start) as usize / ENTRY_LENGTH;
-            if nodes.len() + entries > MOST_NODES {
-                return Err(format!("more than {MOST_NODES} nodes"));
-            }
+            entries_left = entries_left
+                .checked_sub(entries)
+                .ok_or_else(|| format!("more than {most_entries} nodes for {} compressed chunks", chunks.len()))?;
             let mut buffer = vec![0; entries * ENTRY_LENGTH];
             if file.read_at(page.start, &mut buffer).map_err(|error| error.to_string())? < buffer.len() {
                 return Err("the file has become shorter".into());
@@ -139,7 +149,26 @@ fn page(offset: u64, length: u64) -> Range<u64> {
     offset..offset.saturating_add(length)
 }
 
-/// Adds the entry's node to `nodes`, or returns the page that it names.
+/// Whether a cube with points within `bounds` can be so; the error says what is wrong with it.
+fn check_cube(center: DVec3, half: f64, spacing: f64, bounds: Option<Bounds>) -> Result<(), String> {
+    let (corner, width) = (center - half, 2.0 * half);
+    let most = center + half;
+    let is_cube = corner.is_finite() && most.is_finite() && width.is_finite() && most.cmpgt(corner).all();
+    // Of a spacing that is not a number this is not true either.
+    if !(is_cube && (LEAST_SPACING * width..=width).contains(&spacing)) {
+        return Err(format!("no cube: centre {center}, half width {half}, spacing {spacing}"));
+    }
+    let cube = Bounds { min: corner - TOLERANCE * width, max: most + TOLERANCE * width };
+    match bounds {
+        Some(bounds) if !(cube.contains(bounds.min) && cube.contains(bounds.max)) => Err(format!(
+            "the cube from {corner} to {most} does not hold the points, which lie from {} to {}",
+            bounds.min, bounds.max
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Adds the entry's node to `nodes` if it has points, or returns the page that it names.
 fn read_entry(
     entry: &[u8],
     chunk_at: &mut HashMap<u64, usize>,
@@ -165,40 +194,32 @@ fn read_entry(
     if points > Copc::MOST_POINTS {
         return Err(format!("{name}: {points} points, at most {} are read at once", Copc::MOST_POINTS));
     }
-    let (chunk, bytes) = match points {
-        0 => (None, 0),
-        _ => {
-            let chunk = chunk_at
-                .remove(&offset)
-                .filter(|chunk| chunks[*chunk].points == u64::from(points))
-                .ok_or_else(|| format!("{name}: no compressed chunk of {points} points is at byte {offset}"))?;
-            (Some(chunk), chunks[chunk].length)
-        }
-    };
-    match nodes.insert((level, cell), CopcNode { level, cell, points, bytes, chunk }) {
+    // What is above nodes with points comes without being listed.
+    if points == 0 {
+        return Ok(None);
+    }
+    let chunk = chunk_at
+        .remove(&offset)
+        .filter(|chunk| chunks[*chunk].points == u64::from(points))
+        .ok_or_else(|| format!("{name}: no compressed chunk of {points} points is at byte {offset}"))?;
+    let bytes = chunks[chunk].length;
+    match nodes.insert((level, cell), CopcNode { level, cell, points, bytes, chunk: Some(chunk) }) {
         None => Ok(None),
         Some(_) => Err(format!("{name} is there twice")),
     }
 }
 
-/// Nodes without points where a parent is not listed.
-fn add_parents(nodes: &mut HashMap<Key, CopcNode>) -> Result<(), String> {
-    let mut keys: Vec<Key> = nodes.keys().copied().collect();
-    keys.push((0, [0; 3]));
+/// Nodes without points above those that have some; so there are at most `DEEPEST` for each.
+fn add_parents(nodes: &mut HashMap<Key, CopcNode>) {
+    let keys: Vec<Key> = nodes.keys().copied().collect();
+    let empty = |(level, cell): Key| CopcNode { level, cell, points: 0, bytes: 0, chunk: None };
+    let root = (0, [0; 3]);
+    nodes.entry(root).or_insert_with(|| empty(root));
     for (mut level, mut cell) in keys {
-        loop {
-            nodes.entry((level, cell)).or_insert(CopcNode { level, cell, points: 0, bytes: 0, chunk: None });
-            if nodes.len() > MOST_NODES {
-                return Err(format!("more than {MOST_NODES} nodes"));
-            }
-            if level == 0 {
-                break;
-            }
+        while level > 0 {
             (level, cell) = (level - 1, cell.map(|cell| cell / 2));
-            if nodes.contains_key(&(level, cell)) {
-                break;
-            }
+            let Entry::Vacant(place) = nodes.entry((level, cell)) else { break };
+            place.insert(empty((level, cell)));
         }
     }
-    Ok(())
 }

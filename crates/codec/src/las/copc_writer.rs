@@ -77,6 +77,7 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
         Job { plan, output, memory, progress, spill: &spill, cube: Cube::new(DVec3::ZERO, DVec3::ZERO, NO_GRID) };
     let mut bounds = header_bounds(&sources, progress)?;
     let level = bucket_level(points);
+    let mut is_again = false;
     let (buckets, statistics) = loop {
         job.cube = Cube::new(bounds.min, bounds.max, job.plan.grid);
         let buckets = Buckets::new(&spill, 1 << (3 * level));
@@ -90,6 +91,13 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
             warnings.append(&mut found);
             break (buckets, statistics);
         }
+        if is_again || !(true_bounds.max - true_bounds.min).is_finite() {
+            return Err(Error::unsuitable(
+                output,
+                format!("not written: no cube holds coordinates from {} to {}", true_bounds.min, true_bounds.max),
+            ));
+        }
+        is_again = true;
         // Points outside of what headers say: with bounds that are known, once more.
         progress.set_total(2 * points + statistics.points);
         bounds = true_bounds;

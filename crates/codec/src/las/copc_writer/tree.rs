@@ -29,9 +29,11 @@ pub struct Cube {
 impl Cube {
     /// A cube that holds what lies between two corners, both included.
     pub fn new(lowest: DVec3, highest: DVec3, grid: Grid) -> Self {
-        let step = grid.scale.abs();
-        let width = (highest - lowest + 2.0 * step).max_element();
-        Self { corner: lowest - step, width, grid }
+        // Far from the origin a step of the grid may be less than what numbers tell apart.
+        let largest = lowest.abs().max(highest.abs()).max_element();
+        let margin = grid.scale.abs().max(DVec3::splat(4.0 * f64::EPSILON * largest));
+        let width = (highest - lowest + 2.0 * margin).max_element();
+        Self { corner: lowest - margin, width, grid }
     }
 
     pub fn holds(&self, point: DVec3) -> bool {
