@@ -20,6 +20,8 @@ use crate::{Error, Result};
 
 /// Between two looks at an entry that somebody else has locked.
 const LOCK_WAIT: Duration = Duration::from_millis(30);
+/// Bytes that a point takes on the disk while an index is made: a record, and most of a page.
+const WORKING_DISK_BYTES: u64 = 33;
 /// Where an index is made, within its entry.
 const BUILDING: &str = "building";
 /// Points of a bucket: at least, however little memory there is; as many as are fast to sort; at most.
@@ -28,6 +30,9 @@ const BUCKET_POINTS: [u64; 3] = [20_000, 400_000, 1_500_000];
 const MOST_BUCKETS: u64 = 1000;
 /// Cells of the first distribution per bucket that comes of it: clouds are not even, and joining cells is free.
 const CELLS_PER_BUCKET: u64 = 6;
+
+/// Levels of these cells at most, whatever a header says.
+const MOST_DEPTH: f64 = 12.0;
 
 /// How an index is made.
 #[derive(Clone, Debug)]
@@ -48,7 +53,7 @@ impl Default for BuildOptions {
 /// read and as it gets its node. `preview` gets a thinned share of each chunk that is read, from many threads at once;
 /// its `first_point` counts through all files.
 ///
-/// A file that cannot be read is left out with a warning, if others can. An index that was found to be damaged must be
+/// A file that cannot be read, or not to its end, is left out from there on with a warning, if others can. An index that was found to be damaged must be
 /// dropped before it can be made again: this waits until nobody has it open.
 ///
 /// # Errors
@@ -75,6 +80,7 @@ fn build_on_disk(
 ) -> Result<Pages> {
     let identity = Identity::of(inputs)?;
     let entry = cache.entry(&identity);
+    let mut is_made = false;
     loop {
         if let Some(pages) = cache.open_known(&identity)? {
             return Ok(pages);
@@ -88,9 +94,15 @@ fn build_on_disk(
             continue;
         };
         // It may have been made since this looked.
-        if !Pages::open_locked(&entry, None).is_ok_and(|pages| pages.key() == identity.key) {
-            let build = Build { inputs, options, progress, preview, disk };
-            make_entry(&build, cache, &entry, &identity)?;
+        match Pages::open_locked(&entry, None) {
+            Ok(pages) if pages.key() == identity.key => {}
+            // It was whole a moment ago: once is enough.
+            Err(error) if is_made => return Err(error),
+            Ok(_) | Err(_) => {
+                let build = Build { inputs, options, progress, preview, disk };
+                make_entry(&build, cache, &entry, &identity)?;
+                is_made = true;
+            }
         }
         drop(lock);
     }
@@ -114,23 +126,21 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
         // Damaged, or of a builder that was killed.
         std::fs::remove_dir_all(entry).map_err(io)?;
     }
-    let points: u64 = build.inputs.iter().map(|input| input.info().points).sum();
-    cache.make_room(points * 18);
+    let points = header_points(build.inputs);
+    cache.make_room(points.saturating_mul(WORKING_DISK_BYTES));
     let mut unfinished = Unfinished(entry, false);
     let building = entry.join(BUILDING);
-    std::fs::create_dir_all(&building).map_err(|error| full_or(error, entry, cache, points))?;
+    std::fs::create_dir_all(&building).map_err(|error| full_or(io(error), cache, points))?;
     let outcome = build.run(&building, identity).and_then(|(summary, nodes)| {
         if let Some(path) = identity.changed() {
             return Err(Error::Changed { path: path.to_owned() });
         }
         std::fs::rename(building.join(pages::PAGES), entry.join(pages::PAGES)).map_err(io)?;
         std::fs::remove_dir_all(&building).map_err(io)?;
-        pages::write(entry, &summary, nodes)
+        pages::write(entry, &summary, nodes)?;
+        Pages::open_locked(entry, None).map(drop)
     });
-    outcome.map_err(|error| match error {
-        Error::Io { source, path } if path.starts_with(entry) => full_or(source, &path, cache, points),
-        error => error,
-    })?;
+    outcome.map_err(|error| full_or(error, cache, points))?;
     unfinished.1 = true;
     drop(unfinished);
     cache.make_room(0);
@@ -138,14 +148,17 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
 }
 
 /// Says what to do about a full disk.
-fn full_or(error: std::io::Error, path: &Path, cache: &Cache, points: u64) -> Error {
-    match error.kind() {
-        // Records in the temporary file and then in pages.
-        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
-            Error::Full { folder: cache.folder().to_owned(), needed: points * 2 * 20 }
-        }
-        _ => Error::io(path, error),
+fn full_or(error: Error, cache: &Cache, points: u64) -> Error {
+    if error.is_full() {
+        Error::Full { folder: cache.folder().to_owned(), needed: points.saturating_mul(40) }
+    } else {
+        error
     }
+}
+
+/// Points of all files, as far as their headers are to be believed.
+fn header_points(inputs: &[Arc<Source>]) -> u64 {
+    inputs.iter().fold(0, |sum, input| sum.saturating_add(input.info().points))
 }
 
 /// One run of the builder.
@@ -170,9 +183,9 @@ struct Counts {
 
 impl Build<'_> {
     fn run(&self, folder: &Path, identity: &Identity) -> Result<(Summary, Vec<Written>)> {
-        let total: u64 = self.inputs.iter().map(|input| input.info().points).sum();
+        let total: u64 = header_points(self.inputs);
         let first_path = || identity.paths().next().map(Path::to_owned).unwrap_or_default();
-        self.progress.set_total(2 * total);
+        self.progress.set_total(total.saturating_mul(2));
         let mut extent: Option<Extent> = None;
         let mut wide = false;
         loop {
@@ -223,7 +236,7 @@ impl Build<'_> {
     /// Points a bucket should have, and may have.
     fn bucket_points(&self, plan: &Plan) -> (u64, u64) {
         let bytes = BYTES_PER_POINT + plan.layout.stride() as u64;
-        let total: u64 = self.inputs.iter().map(|input| input.info().points).sum();
+        let total: u64 = header_points(self.inputs);
         let [least, usual, most] = BUCKET_POINTS;
         let target = (total / MOST_BUCKETS).clamp(usual, most).min(self.options.memory / 8 / bytes).max(least);
         (target, (self.options.memory / 4 / bytes).max(2 * least))
@@ -238,11 +251,11 @@ impl Build<'_> {
         counts: &Counts,
         trusting: bool,
     ) -> Result<(Vec<Bucket>, Vec<String>)> {
-        let total: u64 = self.inputs.iter().map(|input| input.info().points).sum();
+        let total: u64 = header_points(self.inputs);
         let (target, _) = self.bucket_points(plan);
-        let cells = if total > target { total * CELLS_PER_BUCKET / target } else { 1 };
+        let cells = if total > target { total.saturating_mul(CELLS_PER_BUCKET) / target } else { 1 };
         // Surfaces: four cells below each.
-        let depth = (cells as f64).log(4.0).round() as u8;
+        let depth = (cells as f64).log(4.0).round().min(MOST_DEPTH) as u8;
         let placing = plan.lattice.placing();
         let memory = self.options.memory / 4;
         let distribution =
@@ -252,6 +265,7 @@ impl Build<'_> {
         let mut errors = Vec::new();
         let mut first_point = 0;
         for (input, (selection, columns)) in self.inputs.iter().zip(&plan.inputs) {
+            let before = counts.points.load(Ordering::Relaxed);
             let reading = Progress::default();
             let add = |chunk: Chunk| {
                 let encoded = plan.layout.encode(&chunk, &plan.lattice, columns);
@@ -283,19 +297,22 @@ impl Build<'_> {
             let path = input.info().path.display();
             match summary {
                 Ok(summary) => warnings.extend(summary.warnings.iter().map(|warning| format!("{path}: {warning}"))),
-                Err(error) => errors.push(error),
+                Err(error) => {
+                    let has_some = counts.points.load(Ordering::Relaxed) > before;
+                    errors.push((if has_some { "read only in part" } else { "left out" }, error));
+                }
             }
             if reading.is_cancelled() {
                 break;
             }
-            first_point += input.info().points;
+            first_point = first_point.saturating_add(input.info().points);
         }
         if errors.len() == self.inputs.len()
-            && let Some(error) = errors.pop()
+            && let Some((_, error)) = errors.pop()
         {
             return Err(error.into());
         }
-        warnings.extend(errors.into_iter().map(|error| format!("left out: {error}")));
+        warnings.extend(errors.into_iter().map(|(what, error)| format!("{what}: {error}")));
         Ok((distribution.finish(), warnings))
     }
 
@@ -307,7 +324,7 @@ impl Build<'_> {
             return;
         }
         let mut some = chunk.select(&spread(chunk.len(), count));
-        some.first_point += first_point;
+        some.first_point = some.first_point.saturating_add(first_point);
         let column = |(attribute, column): (&cloud::Attribute, &Option<usize>)| {
             let column = column.and_then(|column| some.columns.get(column)?.clone())?;
             let same = column.column_type() == attribute.column_type;
@@ -372,5 +389,121 @@ mod tests {
             assert_eq!(cache.size(), 0);
         }
         assert_eq!(index(u64::MAX).unwrap().octree().points(), 200_000);
+    }
+
+    fn ply(path: &Path, points: &[[f64; 3]]) -> [Arc<Source>; 1] {
+        let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
+        text += "property double x\nproperty double y\nproperty double z\nend_header\n";
+        points.iter().for_each(|[x, y, z]| text += &format!("{x:e} {y:e} {z:e}\n"));
+        std::fs::write(path, text).unwrap();
+        [Arc::new(codec::open(path).unwrap())]
+    }
+
+    #[test]
+    fn points_too_far_away_to_be_true_are_left_out_and_the_others_kept_as_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let usual = |index: u32| [f64::from(index % 40) * 0.25, f64::from(index / 40) * 0.25, 0.5];
+        let strays: [&[[f64; 3]]; 6] = [
+            &[[1.7e308, 0.0, 0.0], [-1.7e308, 0.0, 0.0]],
+            &[[1e300, 0.0, 0.0]],
+            &[[0.0, -1e300, 1e300]],
+            &[[3.4e38, -3.4e38, 3.4e38]],
+            &[[0.0, 1e25, 0.0]],
+            &[[0.0, 1e18, 0.0], [0.0, -1e18, 0.0]],
+        ];
+        for (number, strays) in strays.into_iter().enumerate() {
+            for first in [false, true] {
+                let mut points: Vec<[f64; 3]> = (0..1000).map(usual).collect();
+                let at = if first { 0 } else { points.len() };
+                points.splice(at..at, strays.iter().copied());
+                let inputs = ply(&folder.path().join(format!("{number}{first}.ply")), &points);
+                let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+                let options = BuildOptions::default();
+                let pages = build(&inputs, &cache, &options, &Progress::default(), &|_| ()).unwrap();
+                let case = format!("{strays:?} {first}");
+                assert_eq!((pages.octree().points(), pages.skipped_points()), (1000, strays.len() as u64), "{case}");
+                let mut places = Vec::new();
+                for (node, _) in pages.octree().ids() {
+                    let chunk = pages.read(node).unwrap();
+                    places.extend((0..chunk.len()).map(|index| chunk.position(index)));
+                }
+                let is_there = |place: [f64; 3]| places.iter().any(|at| at.distance(place.into()) < 1e-6);
+                assert!((0..1000).map(usual).all(is_there), "{case}");
+            }
+        }
+    }
+
+    #[test]
+    fn extreme_extents_give_an_index_or_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let line = |scale: f64| (0..1000).map(|index| [f64::from(index) * scale, 0.0, 0.0]).collect::<Vec<_>>();
+        let far = (0..1000).map(|index| [1e15 + f64::from(index), 0.0, 0.0]).collect();
+        let cases: [(Vec<[f64; 3]>, bool); 9] = [
+            (line(1e-310), true),
+            (line(5e-324), true),
+            (line(1e-35), true),
+            (line(1e20), true),
+            (line(1e304), false),
+            (far, true),
+            (vec![[1.0, 2.0, 3.0]], true),
+            (vec![[1e-310; 3]], true),
+            (vec![[1.7e308; 3], [-1.7e308; 3]], false),
+        ];
+        for (number, (points, is_held)) in cases.into_iter().enumerate() {
+            let inputs = ply(&folder.path().join(format!("{number}.ply")), &points);
+            let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+            match build(&inputs, &cache, &BuildOptions::default(), &Progress::default(), &|_| ()) {
+                Ok(pages) => {
+                    let kept = pages.octree().points();
+                    assert_eq!(kept + pages.skipped_points(), points.len() as u64, "{number}");
+                    assert!(!is_held || kept == points.len() as u64, "{number}: {kept}");
+                    assert!(pages.octree().ids().all(|(node, _)| pages.read(node).is_ok()), "{number}");
+                }
+                Err(error) => assert!(!is_held && matches!(error, Error::Empty { .. }), "{number}: {error}"),
+            }
+        }
+    }
+
+    #[test]
+    fn damaged_surfels_are_forgotten_without_the_points() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        made_up::write_las(&path, &made_up::terrain(60_000));
+        let inputs = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let index = || build(&inputs, &cache, &BuildOptions::default(), &Progress::default(), &|_| ()).unwrap();
+        let options = cloud::SurfelOptions { neighbours: 8, orientation: cloud::Orientation::Up(glam::Vec3::Z) };
+        let flip_last = |name: &str| {
+            let path = cache.entry(&Identity::of(&inputs).unwrap()).join(name);
+            let mut bytes = std::fs::read(&path).unwrap();
+            *bytes.last_mut().unwrap() ^= 1;
+            std::fs::write(&path, bytes).unwrap();
+        };
+        crate::estimate_surfels(&index(), &options, 1 << 30, &Progress::default()).unwrap();
+        assert!(index().has_surfels());
+        flip_last("surfels");
+        cache.discard(cache.open(&inputs).unwrap().unwrap());
+        assert!(!cache.open(&inputs).unwrap().unwrap().has_surfels());
+        crate::estimate_surfels(&index(), &options, 1 << 30, &Progress::default()).unwrap();
+        assert!(index().has_surfels());
+        // Not when the points are damaged as well.
+        flip_last("surfels");
+        flip_last("pages");
+        cache.discard(cache.open(&inputs).unwrap().unwrap());
+        assert!(cache.open(&inputs).unwrap().is_none());
+    }
+
+    #[test]
+    fn an_index_whose_lock_file_cannot_be_written_is_read_all_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        made_up::write_las(&path, &made_up::terrain(1000));
+        let inputs = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let index = || build(&inputs, &cache, &BuildOptions::default(), &Progress::default(), &|_| ());
+        let lock = crate::cache::lock_path(index().unwrap().folder());
+        std::fs::remove_file(&lock).unwrap();
+        std::fs::create_dir(&lock).unwrap();
+        assert_eq!(index().unwrap().octree().points(), 1000);
     }
 }

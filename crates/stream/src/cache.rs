@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use crate::pages::{self, Pages};
-use crate::{Error, Result};
+use crate::{Error, Result, surfels};
 
 /// Bytes of a sample of a file's content, and how many lie between its ends.
 const SAMPLE_BYTES: usize = 64 << 10;
@@ -137,19 +137,20 @@ impl Cache {
         if !entry.join(pages::NODES).exists() {
             return Ok(None);
         }
-        let lock = self.lock_file(&entry)?;
-        match lock.try_lock_shared() {
-            Ok(()) => {}
-            // Somebody builds or clears it.
-            Err(TryLockError::WouldBlock) => return Ok(None),
-            Err(TryLockError::Error(error)) => return Err(Error::io(&lock_path(&entry), error)),
+        // A folder that cannot be written to, or without locks, can be read all the same: nobody clears it then.
+        let lock = self.lock_file(&entry).or_else(|_| File::open(lock_path(&entry))).ok();
+        if let Some(lock) = &lock {
+            if let Err(TryLockError::WouldBlock) = lock.try_lock_shared() {
+                // Somebody builds or clears it.
+                return Ok(None);
+            }
+            // When it was last used; a clock that cannot be set only makes the order of clearing worse.
+            let _ = lock.set_modified(SystemTime::now());
         }
-        // When it was last used; a clock that cannot be set only makes the order of clearing worse.
-        let _ = lock.set_modified(SystemTime::now());
-        match Pages::open_locked(&entry, Some(lock)) {
-            Ok(pages) if pages.key() == identity.key => Ok(Some(pages)),
+        match Pages::open_locked(&entry, lock) {
+            Ok(pages) if pages.key() == identity.key => Ok(Some(pages.kept_in(self))),
             Ok(_) | Err(Error::Damaged { .. }) => Ok(None),
-            Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(Error::Io { reason, .. }) if reason.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),
         }
     }
@@ -161,18 +162,26 @@ impl Cache {
         file.map_err(|error| Error::io(&path, error))
     }
 
-    /// Has the entry alone; `None` if somebody else has it.
+    /// Has the entry alone; `None` if somebody else has it. Where files cannot be locked everybody has it: two who build
+    /// the same then disturb each other, and one of them says so.
     pub(crate) fn try_lock(&self, entry: &Path) -> Result<Option<File>> {
         let file = self.lock_file(entry)?;
         match file.try_lock() {
             Ok(()) => Ok(Some(file)),
             Err(TryLockError::WouldBlock) => Ok(None),
-            Err(TryLockError::Error(error)) => Err(Error::io(&lock_path(entry), error)),
+            Err(TryLockError::Error(_)) => Ok(Some(file)),
         }
     }
 
-    /// Forgets an index that turned out to be damaged: the next one who asks for it makes it anew.
+    /// Forgets an index that turned out to be damaged: the next one who asks for it makes it anew. If only its normals and
+    /// radii are damaged, only they are forgotten.
     pub fn discard(&self, pages: Pages) {
+        if pages.has_bad_surfels_only() {
+            let path = pages.folder().join(surfels::SURFELS);
+            drop(pages);
+            let _ = std::fs::remove_file(path);
+            return;
+        }
         // The rest goes when it is made anew: others may still read it.
         let _ = std::fs::remove_file(pages.folder().join(pages::NODES));
     }

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 /// What is wrong and where. Messages are for people: one or two lines.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    #[error("{path}: {source}")]
-    Io { path: PathBuf, source: std::io::Error },
+    /// The message has the reason, so that is not a source: it would be told twice.
+    #[error("{path}: {reason}")]
+    Io { path: PathBuf, reason: std::io::Error },
     /// Pages that are not what was written: they are made again, never trusted.
     #[error("{path}: {problem}")]
     Damaged { path: PathBuf, problem: String },
@@ -36,11 +37,30 @@ pub enum Error {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    pub fn io(path: &Path, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_owned(), source }
+    pub fn io(path: &Path, reason: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), reason }
+    }
+
+    /// There is no more room for what was to be written.
+    pub(crate) fn is_full(&self) -> bool {
+        use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+        matches!(self, Self::Io { reason, .. } if matches!(reason.kind(), StorageFull | QuotaExceeded))
     }
 
     pub fn damaged(path: &Path, problem: impl Into<String>) -> Self {
         Self::Damaged { path: path.to_owned(), problem: problem.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reason_is_told_once_also_with_all_sources() {
+        use std::error::Error as _;
+        let error = Error::io(Path::new("a"), std::io::Error::other("broken"));
+        assert_eq!(error.to_string(), "a: broken");
+        assert!(error.source().is_none());
     }
 }

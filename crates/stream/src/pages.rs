@@ -13,7 +13,9 @@ use std::sync::Arc;
 use cloud::{Attribute, Bounds, Chunk, ColumnType, Grid, SurfelOptions, Surfels};
 use codec::Source;
 use glam::DVec3;
+use rayon::prelude::*;
 
+use crate::cache::Cache;
 use crate::copc::{self, CopcPages};
 use crate::lattice::{Cell, Lattice};
 use crate::page::{self, Place};
@@ -43,6 +45,8 @@ pub struct Pages {
     octree: Octree,
     points: Points,
     surfels: Option<SurfelFile>,
+    /// What it is kept in, if it was opened there.
+    cache: Option<Cache>,
     /// Shared as long as the index is open, so that nobody clears it away.
     _lock: Option<File>,
 }
@@ -102,7 +106,27 @@ impl Pages {
         // Whatever is wrong with them, they are estimated again.
         let surfels = SurfelFile::open(entry, summary.key, &octree).ok();
         let points = Points::Own { places, pages };
-        Ok(Self { folder: entry.to_owned(), summary, octree, points, surfels, _lock: lock })
+        Ok(Self { folder: entry.to_owned(), summary, octree, points, surfels, cache: None, _lock: lock })
+    }
+
+    pub(crate) fn kept_in(self, cache: &Cache) -> Self {
+        Self { cache: Some(cache.clone()), ..self }
+    }
+
+    /// Clears others from the cache if this one has grown.
+    pub(crate) fn keep_limit(&self) {
+        if let Some(cache) = &self.cache {
+            cache.make_room(0);
+        }
+    }
+
+    /// The points are what was written, normals and radii are not. Reads all of them.
+    pub(crate) fn has_bad_surfels_only(&self) -> bool {
+        let Some(surfels) = &self.surfels else { return false };
+        let nodes = || (0..self.octree.nodes.len() as u32).into_par_iter().map(NodeId);
+        let bad = |error: Option<Error>| matches!(error, Some(Error::Damaged { .. }));
+        nodes().any(|node| bad(surfels.read(&self.octree, node).err()))
+            && nodes().all(|node| self.read_page(node).is_ok())
     }
 
     /// The index that a COPC file brings; `None` for other files. Nodes may have no points of their own, or more than a chunk has
@@ -125,7 +149,7 @@ impl Pages {
             warnings: info.warnings.clone(),
         };
         let points = Points::Copc(CopcPages::new(source.clone(), copc.nodes.clone(), columns));
-        Some(Self { folder: info.path.clone(), summary, octree, points, surfels: None, _lock: None })
+        Some(Self { folder: info.path.clone(), summary, octree, points, surfels: None, cache: None, _lock: None })
     }
 
     /// The file itself is the index.

@@ -7,7 +7,7 @@ use codec::{Format, Selection, Source};
 use glam::DVec3;
 
 use crate::lattice::Lattice;
-use crate::records::Layout;
+use crate::records::{Layout, is_believable};
 use crate::{Error, Result};
 
 /// Attributes that are kept, if a file has them.
@@ -17,6 +17,13 @@ const KEPT: [&str; 3] = ["intensity", "classification", "return_number"];
 const STEPS: f64 = (1_u64 << 30) as f64;
 /// Room about the bounds, as a part of them: headers round.
 const MARGIN: f64 = 1e-3;
+/// World units: narrower, numbers lose their precision.
+const LEAST_WIDTH: f64 = 1e-30;
+/// World units from the bulk of the points within which all are kept. Beyond, a point that is also further than `STEPS`
+/// times the bulk's size would make the lattice too coarse for all others: it is left out.
+const FARTHEST: f64 = 1e12;
+/// Points of a sample of which the farthest one at each end may be a stray.
+const FEWEST_SAMPLES: usize = 16;
 /// Points of a chunk that are looked at to see where the bulk lies.
 const SAMPLES_PER_CHUNK: usize = 64;
 
@@ -43,11 +50,12 @@ impl Plan {
         let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
         let header_bounds =
             || infos().map(|info| info.bounds).try_fold(Bounds::EMPTY, |all, bounds| Some(all.union(bounds?)));
-        let grid = common_grid(infos().map(|info| info.grid));
-        let bounds = extent.map(|extent| extent.bounds).or_else(header_bounds).filter(|bounds| !bounds.is_empty())?;
+        let grid = common_grid(infos().map(|info| info.grid)).filter(is_sane);
+        let is_known = |bounds: &Bounds| !bounds.is_empty() && is_believable(bounds.min) && is_believable(bounds.max);
+        let bounds = extent.map(|extent| extent.bounds).or_else(header_bounds).filter(is_known)?;
         let step = grid.map_or(0.0, |grid| grid.scale.abs().max_element());
         let width = (bounds.size().max_element() * (1.0 + 2.0 * MARGIN)).max(256.0 * step);
-        let width = if width > 0.0 { width } else { 1.0 };
+        let width = if width > 0.0 { width.max(LEAST_WIDTH) } else { 1.0 };
         // Without a grid the bulk must be known, too.
         let lattice_grid = match (grid, extent) {
             (Some(grid), _) => grid,
@@ -84,9 +92,9 @@ fn common_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
 
 fn lattice_for(extent: &Extent) -> Grid {
     let bulk = [extent.bulk, extent.bounds].map(|bounds| bounds.size().max_element());
-    let size = bulk.into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0);
-    // Integers of the farthest points have 62 bits.
-    let step = (size.log2().floor().exp2() / STEPS).max(extent.bounds.size().max_element() / 62_f64.exp2());
+    let size = bulk.into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0).max(LEAST_WIDTH);
+    // Integers of the farthest points have 61 bits.
+    let step = (size.log2().floor().exp2() / STEPS).max(extent.bounds.size().max_element() / 61_f64.exp2());
     Grid { scale: DVec3::splat(step), offset: extent.bulk.center() }
 }
 
@@ -122,17 +130,12 @@ pub fn measure(inputs: &[Arc<Source>], progress: &Progress) -> Result<Extent> {
             if progress.is_cancelled() {
                 reading.cancel();
             }
-            let some = chunk.select(&spread(chunk.len(), SAMPLES_PER_CHUNK));
-            let chunk_bounds = match &chunk.exact_positions {
-                Some(exact) => exact.iter().fold(Bounds::EMPTY, |mut bounds, at| {
-                    bounds.include(DVec3::from(*at));
-                    bounds
-                }),
-                None => chunk.bounds(),
-            };
+            let some = spread(chunk.len(), SAMPLES_PER_CHUNK);
+            let chunk_bounds = bounds_of(&chunk);
             let mut bounds = bounds.lock().unwrap_or_else(PoisonError::into_inner);
             *bounds = bounds.union(chunk_bounds);
-            let places = (0..some.len()).map(|index| some.position(index)).filter(|place| place.is_finite());
+            let places =
+                some.iter().map(|index| place_of(&chunk, *index as usize)).filter(|place| is_believable(*place));
             sample.lock().unwrap_or_else(PoisonError::into_inner).extend(places);
         };
         // What cannot be read is said when it is read for good.
@@ -143,7 +146,30 @@ pub fn measure(inputs: &[Arc<Source>], progress: &Progress) -> Result<Extent> {
     }
     let bounds = bounds.into_inner().unwrap_or_else(PoisonError::into_inner);
     let sample = sample.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(Extent { bounds, bulk: bulk(&sample) })
+    let bulk = bulk(&sample);
+    let reach = FARTHEST.max(bulk.size().max_element() * STEPS);
+    let near = Bounds { min: bulk.min - reach, max: bulk.max + reach };
+    Ok(Extent { bounds: Bounds { min: bounds.min.max(near.min), max: bounds.max.min(near.max) }, bulk })
+}
+
+/// Where the file says that a point is.
+fn place_of(chunk: &Chunk, index: usize) -> DVec3 {
+    chunk.exact_positions.as_ref().map_or_else(|| chunk.position(index), |exact| DVec3::from(exact[index]))
+}
+
+/// Of the points that may be true.
+fn bounds_of(chunk: &Chunk) -> Bounds {
+    let places = (0..chunk.len()).map(|index| place_of(chunk, index));
+    places.filter(|place| is_believable(*place)).fold(Bounds::EMPTY, |mut bounds, place| {
+        bounds.include(place);
+        bounds
+    })
+}
+
+/// Numbers that can be computed with.
+fn is_sane(grid: &Grid) -> bool {
+    let scale = grid.scale.abs();
+    scale.min_element() >= LEAST_WIDTH && is_believable(scale) && is_believable(grid.offset)
 }
 
 /// Indices spread evenly over `count`, at most `most` or so.
@@ -154,7 +180,7 @@ pub fn spread(count: usize, most: usize) -> Vec<u32> {
 
 /// Bounds without the hundredth part of the points at either end of each axis.
 fn bulk(sample: &[DVec3]) -> Bounds {
-    let stray = sample.len() / 100;
+    let stray = if sample.len() < FEWEST_SAMPLES { 0 } else { (sample.len() / 100).max(1) };
     let axis = |axis: usize| {
         let mut values: Vec<f64> = sample.iter().map(|place| place[axis]).collect();
         values.sort_unstable_by(f64::total_cmp);

@@ -1,7 +1,7 @@
 //! Points on their way through the builder: records of a few bytes that are sorted, sampled and cut into pages.
 
 use cloud::{Attribute, Chunk, Column, ColumnType, NO_NORMAL};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use crate::lattice::Lattice;
 
@@ -39,10 +39,20 @@ macro_rules! each_type {
 }
 pub(crate) use each_type;
 
+/// Coordinates beyond this, in world units, are damage: no measure of anything is so large, and f32 ends soon after.
+pub const MOST_COORDINATE: f64 = 1e30;
+/// Lattice integers of a point: the distance of two is an i64.
+const MOST_STEPS: f64 = (3_u64 << 60) as f64;
+
+/// Where a point may be.
+pub fn is_believable(place: DVec3) -> bool {
+    place.abs().cmple(DVec3::splat(MOST_COORDINATE)).all()
+}
+
 /// Records of a chunk.
 pub struct Encoded {
     pub records: Vec<u8>,
-    /// Points left out because they are not finite.
+    /// Points left out because they are not finite, or too far away to be true.
     pub skipped: u64,
     /// Points whose integers do not fit 32 bits although the layout says so: their records are wrong.
     pub misfits: u64,
@@ -161,14 +171,14 @@ impl Layout {
         let mut misfits = 0;
         for (index, record) in records.chunks_exact_mut(self.stride()).enumerate() {
             let world = match &chunk.exact_positions {
-                Some(exact) => glam::DVec3::from(exact[index]) - lattice.grid.offset,
+                Some(exact) => DVec3::from(exact[index]) - lattice.grid.offset,
                 None => Vec3::from(chunk.positions[index]).as_dvec3() + origin,
             };
-            if !world.is_finite() {
+            let at = (world * inverse).to_array().map(f64::round_ties_even);
+            if !(is_believable(world) && at.iter().all(|value| value.abs() <= MOST_STEPS)) {
                 unfit.push(index);
                 continue;
             }
-            let at = (world * inverse).to_array().map(f64::round_ties_even);
             for axis in 0..3 {
                 least[axis] = least[axis].min(at[axis]);
                 greatest[axis] = greatest[axis].max(at[axis]);

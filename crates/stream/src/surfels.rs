@@ -23,7 +23,7 @@ use crate::lattice::Cell;
 use crate::storage::Storage;
 use crate::{Error, Node, NodeId, Octree, Pages, Result};
 
-const SURFELS: &str = "surfels";
+pub(crate) const SURFELS: &str = "surfels";
 const UNFINISHED: &str = "surfels.unfinished";
 const DONE: &str = "surfels.done";
 const LOCK: &str = "surfels.lock";
@@ -212,12 +212,12 @@ fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progres
     }
     let mut build = Build::start(pages, options, most, &identity)?;
     let result = build.run(progress).and_then(|()| build.finish(&identity));
-    let full =
-        |error: &Error| matches!(error, Error::Io { source, .. } if source.kind() == std::io::ErrorKind::StorageFull);
-    if result.as_ref().is_err_and(|error| full(error) || matches!(error, Error::Damaged { .. })) {
+    if result.as_ref().is_err_and(|error| error.is_full() || matches!(error, Error::Damaged { .. })) {
         clear(folder)?;
     }
-    result
+    result?;
+    pages.keep_limit();
+    Ok(())
 }
 
 /// Removes what a build left that did not finish.
