@@ -589,7 +589,10 @@ impl Loader {
         });
         let (attributes, grid) = match &found {
             Some(pages) => (pages.attributes().to_vec(), pages.grid()),
-            None => (stream::index_attributes(&sources), None),
+            None => {
+                let grid = infos().next().and_then(|info| info.grid);
+                (stream::index_attributes(&sources), grid.filter(|grid| infos().all(|info| info.grid == Some(*grid))))
+            }
         };
         let points = infos().map(|info| info.points).sum();
         let bounds = infos().filter_map(|info| info.bounds).fold(Bounds::EMPTY, Bounds::union);

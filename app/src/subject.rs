@@ -245,7 +245,11 @@ impl Loads {
                 }
             }
             Event::Pages { cloud, pages } => {
-                self.clouds[cloud].paged.get_or_insert_default();
+                let loaded = &mut self.clouds[cloud];
+                loaded.paged.get_or_insert_default();
+                if let Paged::Indexed { grid, .. } = &pages {
+                    loaded.cloud.grid = *grid;
+                }
                 let built = matches!(pages, Paged::Indexed { was_built: true, .. });
                 let stream = self.stream.get_or_insert_default();
                 stream.built_index |= built;
@@ -371,6 +375,31 @@ mod tests {
             }
         }
         loaded
+    }
+
+    #[test]
+    fn the_grid_of_an_index_that_was_just_made_is_that_of_its_cloud() {
+        let mut loads = Loads::default();
+        let bar = indicatif::ProgressBar::hidden();
+        let grid = Some(cloud::Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
+        let opened = Event::Opened {
+            cloud: 0,
+            name: "tiles".into(),
+            input: "tiles".into(),
+            source: None,
+            attributes: Vec::new(),
+            grid: None,
+            expected_points: 1,
+            up: DVec3::Z,
+            provisional_radius: 0.0,
+            warnings: Vec::new(),
+        };
+        loads.take(opened, &bar);
+        let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
+        let pages = Paged::Indexed { octree, grid, was_built: true, has_surfels: false };
+        loads.take(Event::Pages { cloud: 0, pages }, &bar);
+        // Without one the cloud is no survey, and is coloured otherwise than when its index is found.
+        assert_eq!(loads.clouds[0].cloud.grid, grid);
     }
 
     #[test]

@@ -21,9 +21,9 @@ const STEPS_PER_OCTAVE: u16 = 2048;
 /// A quarter of an octave: 19 % larger.
 const QUARTER: u16 = STEPS_PER_OCTAVE / 4;
 
-/// Radius of the largest splats that scaling makes, in distances between the node's points. 1.13 gives splats the overlap that those of
-/// full density have (`cloud::SPLAT_OVERLAP`); nodes of crowded places are thinner than their spacing says.
-const LARGEST_SPACINGS: f64 = 1.4;
+/// Radius of the largest splats that scaling makes, in distances between the node's points: 1.13 gives splats of an even surface the
+/// overlap that those of full density have (`cloud::SPLAT_OVERLAP`).
+const LARGEST_SPACINGS: f64 = 1.15;
 
 /// A node's own points by octant.
 pub type Octants = [u32; 8];
