@@ -1,19 +1,20 @@
 //! Makes the index of some files: distribution to buckets, then nodes, in a folder of the cache.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use cloud::{Chunk, Progress};
-use codec::Source;
+use codec::{Selection, Source};
 
 use crate::buckets::{self, Bucket, Distribution};
 use crate::cache::{Cache, Identity};
 use crate::lattice::Cell;
 use crate::pages::{self, Pages, Summary, Written};
-use crate::plan::{Extent, Plan, measure, spread};
-use crate::records::convert;
+use crate::plan::{self, Extent, Plan, spread};
+use crate::records::{Layout, convert};
 use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
 use crate::{Error, Result};
@@ -50,11 +51,11 @@ impl Default for BuildOptions {
 }
 
 /// The index of some files as one cloud: the one in the cache, or made now. `progress` counts each point twice, as it is
-/// read and as it gets its node. `preview` gets a thinned share of each chunk that is read, from many threads at once;
+/// read and as it gets its node; once more where headers do not tell, or not truly, where the points are. `preview` gets a thinned share of each chunk that is read, from many threads at once;
 /// its `first_point` counts through all files.
 ///
-/// A file that cannot be read, or not to its end, is left out from there on with a warning, if others can. An index that was found to be damaged must be
-/// dropped before it can be made again: this waits until nobody has it open.
+/// A file that cannot be read, or not to its end, is left out from there on with a warning, if others can. An index that was found to be
+/// damaged is made again although somebody may still have it open.
 ///
 /// # Errors
 /// `Cancelled`; `Changed` if a file is not the same at the end; `Full`; `Empty`; `Io`; `Input` if no file can be read.
@@ -86,7 +87,8 @@ fn build_on_disk(
             return Ok(pages);
         }
         let Some(lock) = cache.try_lock(&entry)? else {
-            // Somebody else makes it.
+            // Somebody else makes it, or reads what is left of it.
+            cache.set_aside(&entry, &identity);
             if progress.is_cancelled() {
                 return Err(Error::Cancelled);
             }
@@ -99,7 +101,8 @@ fn build_on_disk(
             // It was whole a moment ago: once is enough.
             Err(error) if is_made => return Err(error),
             Ok(_) | Err(_) => {
-                let build = Build { inputs, options, progress, preview, disk };
+                let shown = Mutex::default();
+                let build = Build { inputs, options, progress, preview, shown, disk };
                 make_entry(&build, cache, &entry, &identity)?;
                 is_made = true;
             }
@@ -167,6 +170,8 @@ struct Build<'a> {
     options: &'a BuildOptions,
     progress: &'a Progress,
     preview: &'a (dyn Fn(Chunk) + Sync),
+    /// Chunks that were in the preview, by their first point among all files.
+    shown: Mutex<HashSet<u64>>,
     disk: u64,
 }
 
@@ -183,9 +188,7 @@ struct Counts {
 
 impl Build<'_> {
     fn run(&self, folder: &Path, identity: &Identity) -> Result<(Summary, Vec<Written>)> {
-        let total: u64 = header_points(self.inputs);
         let first_path = || identity.paths().next().map(Path::to_owned).unwrap_or_default();
-        self.progress.set_total(total.saturating_mul(2));
         let mut extent: Option<Extent> = None;
         let mut wide = false;
         loop {
@@ -193,9 +196,10 @@ impl Build<'_> {
                 if extent.is_some() {
                     return Err(self.why_empty(first_path()));
                 }
-                extent = Some(measure(self.inputs, self.progress)?);
+                extent = Some(self.measure()?);
                 continue;
             };
+            self.expect(2);
             let path = folder.join("records");
             let temporary = Storage::create(&path, self.disk)?;
             let counts = Counts::default();
@@ -204,7 +208,7 @@ impl Build<'_> {
             if outside || (!plan.layout.wide && counts.misfits.load(Ordering::Relaxed) > 0) {
                 // The headers are wrong: again, with what the points say.
                 wide |= counts.misfits.load(Ordering::Relaxed) > 0;
-                extent = Some(measure(self.inputs, self.progress)?);
+                extent = Some(self.measure()?);
                 drop(temporary);
                 std::fs::remove_file(&path).map_err(|error| Error::io(&path, error))?;
                 continue;
@@ -227,6 +231,29 @@ impl Build<'_> {
         }
     }
 
+    /// So many passes over all points are still to come.
+    fn expect(&self, passes: u64) {
+        let points = header_points(self.inputs).saturating_mul(passes);
+        self.progress.set_total(self.progress.done().saturating_add(points));
+    }
+
+    /// Where the points are, when headers do not tell. They are shown as soon as that.
+    fn measure(&self) -> Result<Extent> {
+        self.expect(3);
+        let layout = plan::layout(self.inputs, true);
+        let (mut selections, columns): (Vec<Selection>, Vec<_>) =
+            self.inputs.iter().map(|input| plan::selection(input, &layout)).unzip();
+        if self.options.preview_points == 0 {
+            selections.fill(Selection { positions: true, ..Selection::default() });
+        }
+        let total = header_points(self.inputs);
+        let starts: Vec<u64> = (0..self.inputs.len()).map(|file| header_points(&self.inputs[..file])).collect();
+        plan::measure(self.inputs, &selections, self.progress, &|file, chunk| {
+            self.progress.add(chunk.len() as u64);
+            self.show(&layout, chunk, &columns[file], starts[file], total);
+        })
+    }
+
     /// The error of the first file that cannot be read, or that there are no points.
     fn why_empty(&self, path: PathBuf) -> Error {
         let error = |input: &Arc<Source>| input.read(&codec::Selection::default(), &Progress::default(), &|_| ()).err();
@@ -236,7 +263,7 @@ impl Build<'_> {
     /// Points a bucket should have, and may have.
     fn bucket_points(&self, plan: &Plan) -> (u64, u64) {
         let bytes = BYTES_PER_POINT + plan.layout.stride() as u64;
-        let total: u64 = header_points(self.inputs);
+        let total = header_points(self.inputs);
         let [least, usual, most] = BUCKET_POINTS;
         let target = (total / MOST_BUCKETS).clamp(usual, most).min(self.options.memory / 8 / bytes).max(least);
         (target, (self.options.memory / 4 / bytes).max(2 * least))
@@ -251,7 +278,7 @@ impl Build<'_> {
         counts: &Counts,
         trusting: bool,
     ) -> Result<(Vec<Bucket>, Vec<String>)> {
-        let total: u64 = header_points(self.inputs);
+        let total = header_points(self.inputs);
         let (target, _) = self.bucket_points(plan);
         let cells = if total > target { total.saturating_mul(CELLS_PER_BUCKET) / target } else { 1 };
         // Surfaces: four cells below each.
@@ -285,7 +312,7 @@ impl Build<'_> {
                 }
                 self.progress.add(chunk.len() as u64);
                 drop(encoded);
-                self.show(plan, chunk, columns, first_point, total);
+                self.show(&plan.layout, chunk, columns, first_point, total);
             };
             let summary = input.read(selection, &reading, &add);
             if let Some(error) = failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
@@ -316,11 +343,15 @@ impl Build<'_> {
         Ok((distribution.finish(), warnings))
     }
 
-    /// Gives a share of a chunk to be seen.
-    fn show(&self, plan: &Plan, chunk: Chunk, columns: &[Option<usize>], first_point: u64, total: u64) {
+    /// Gives a share of a chunk to be seen, once however often it is read.
+    fn show(&self, layout: &Layout, chunk: Chunk, columns: &[Option<usize>], first_point: u64, total: u64) {
         let share = self.options.preview_points as f64 / total.max(1) as f64;
         let count = (chunk.len() as f64 * share.min(1.0)).ceil() as usize;
         if self.options.preview_points == 0 || count == 0 {
+            return;
+        }
+        let first = first_point.saturating_add(chunk.first_point);
+        if !self.shown.lock().unwrap_or_else(PoisonError::into_inner).insert(first) {
             return;
         }
         let mut some = chunk.select(&spread(chunk.len(), count));
@@ -330,7 +361,7 @@ impl Build<'_> {
             let same = column.column_type() == attribute.column_type;
             Some(if same { column } else { Arc::new(convert(&column, attribute.column_type)) })
         };
-        some.columns = plan.layout.attributes.iter().zip(columns).map(column).collect();
+        some.columns = layout.attributes.iter().zip(columns).map(column).collect();
         (self.preview)(some);
     }
 
@@ -462,6 +493,45 @@ mod tests {
                 Err(error) => assert!(!is_held && matches!(error, Error::Empty { .. }), "{number}: {error}"),
             }
         }
+    }
+
+    #[test]
+    fn a_cloud_without_bounds_in_its_header_is_shown_once_and_counted_as_often_as_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let points: Vec<[f64; 3]> = (0..1000).map(|index| [f64::from(index), 1.0, 2.0]).collect();
+        let inputs = ply(&folder.path().join("a.ply"), &points);
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let progress = Progress::default();
+        let shown = Mutex::new(Vec::new());
+        let show = |chunk: Chunk| shown.lock().unwrap().push((progress.done(), chunk.len()));
+        build(&inputs, &cache, &BuildOptions::default(), &progress, &show).unwrap();
+        assert_eq!(shown.into_inner().unwrap(), [(1000, 1000)], "before it is read again");
+        assert_eq!((progress.done(), progress.total()), (3000, 3000));
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_damaged_index_is_made_anew_while_somebody_has_it_open_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        made_up::write_las(&path, &made_up::terrain(1000));
+        let inputs = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let index = || build(&inputs, &cache, &BuildOptions::default(), &Progress::default(), &|_| ()).unwrap();
+        let names = || std::fs::read_dir(cache.folder()).unwrap().flatten().count();
+        let open = index();
+        cache.discard(cache.open(&inputs).unwrap().unwrap());
+        let anew = index();
+        assert!(open.read(crate::NodeId(0)).is_ok() && anew.read(crate::NodeId(0)).is_ok());
+        cache.make_room(0);
+        assert_eq!(names(), 5, "two entries with their locks");
+        drop(open);
+        cache.make_room(0);
+        assert_eq!(names(), 3, "one is left");
+        assert!(cache.open(&inputs).unwrap().is_some());
+        drop(anew);
+        cache.clear();
+        assert_eq!(names(), 1);
     }
 
     #[test]

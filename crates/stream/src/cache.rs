@@ -1,8 +1,9 @@
 //! The folder that keeps indexes: one entry per set of files, named after what they are; the least recently opened goes
 //! first when there are too many.
 //!
-//! An entry is a folder; beside it lies a lock file that stays, so that nobody ever waits for a file that is gone. Whoever
-//! builds an entry has its lock alone, whoever reads one shares it.
+//! An entry is a folder; beside it lies its lock file. Whoever builds an entry has its lock alone, whoever reads one shares
+//! it. A lock file is only removed, or renamed with its entry, by somebody who has it locked; and whoever has locked one looks
+//! whether it is still there under its name (`is_current`), so that nobody trusts the lock of a file that is gone.
 
 use std::fs::{File, TryLockError};
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -110,6 +111,22 @@ pub(crate) fn lock_path(entry: &Path) -> PathBuf {
     entry.with_extension("lock")
 }
 
+/// The file under this name is still the open one. Elsewhere than on Unix lock files stay, so it always is.
+#[cfg(unix)]
+fn is_current(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    let id = |metadata: std::fs::Metadata| (metadata.dev(), metadata.ino());
+    match (file.metadata(), std::fs::metadata(path)) {
+        (Ok(open), Ok(named)) => id(open) == id(named),
+        _ => false,
+    }
+}
+
+#[cfg(not(unix))]
+fn is_current(_: &File, _: &Path) -> bool {
+    true
+}
+
 impl Cache {
     /// Keeps up to `limit` bytes in a folder, which is made when it is needed.
     pub fn new(folder: PathBuf, limit: u64) -> Self {
@@ -147,7 +164,12 @@ impl Cache {
             // When it was last used; a clock that cannot be set only makes the order of clearing worse.
             let _ = lock.set_modified(SystemTime::now());
         }
-        match Pages::open_locked(&entry, lock) {
+        let opened = Pages::open_locked(&entry, None);
+        // Renamed meanwhile: what was opened may be another's.
+        if lock.as_ref().is_some_and(|lock| !is_current(lock, &lock_path(&entry))) {
+            return Ok(None);
+        }
+        match opened.map(|pages| pages.locked_by(lock)) {
             Ok(pages) if pages.key() == identity.key => Ok(Some(pages.kept_in(self))),
             Ok(_) | Err(Error::Damaged { .. }) => Ok(None),
             Err(Error::Io { reason, .. }) if reason.kind() == std::io::ErrorKind::NotFound => Ok(None),
@@ -167,9 +189,48 @@ impl Cache {
     pub(crate) fn try_lock(&self, entry: &Path) -> Result<Option<File>> {
         let file = self.lock_file(entry)?;
         match file.try_lock() {
-            Ok(()) => Ok(Some(file)),
+            Ok(()) => Ok(is_current(&file, &lock_path(entry)).then_some(file)),
             Err(TryLockError::WouldBlock) => Ok(None),
             Err(TryLockError::Error(_)) => Ok(Some(file)),
+        }
+    }
+
+    /// Renames an entry that is damaged but still open somewhere, so that it can be made anew at once; it is cleared when
+    /// nobody has it open any more. Where open files cannot be renamed a builder waits for that instead.
+    pub(crate) fn set_aside(&self, entry: &Path, identity: &Identity) {
+        if !cfg!(unix) {
+            return;
+        }
+        // One at a time: what one has set aside, the next must not look at as if it were still there.
+        let turn = File::options().create(true).truncate(false).write(true).open(self.folder.join("aside.lock"));
+        let Some(_turn) = turn.ok().filter(|turn| turn.lock().is_ok()) else { return };
+        // Nobody builds it.
+        let lock = File::open(lock_path(entry)).ok().filter(|lock| lock.try_lock_shared().is_ok());
+        if let Some(lock) = lock.filter(|lock| is_current(lock, &lock_path(entry))) {
+            self.set_locked_aside(entry, identity, &lock);
+        }
+    }
+
+    /// While its lock is shared.
+    fn set_locked_aside(&self, entry: &Path, identity: &Identity, _lock: &File) {
+        let is_missing = |error: &Error| match error {
+            Error::Io { reason, .. } => reason.kind() == std::io::ErrorKind::NotFound,
+            error => matches!(error, Error::Damaged { .. }),
+        };
+        let is_useless = match Pages::open_locked(entry, None) {
+            Ok(pages) => pages.key() != identity.key,
+            Err(error) => is_missing(&error),
+        };
+        let mut name = Fnv::new();
+        name.add(entry.as_os_str().as_encoded_bytes());
+        name.add(&std::process::id().to_le_bytes());
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        name.add(&now.as_nanos().to_le_bytes());
+        let aside = self.folder.join(format!("{:032x}", name.0));
+        // The lock goes last: until then nobody else can have the entry alone.
+        if is_useless && !aside.exists() && std::fs::rename(entry, &aside).is_ok() {
+            let _ = std::fs::remove_file(aside.join(pages::NODES));
+            let _ = std::fs::rename(lock_path(entry), lock_path(&aside));
         }
     }
 
@@ -193,6 +254,7 @@ impl Cache {
 
     /// Clears entries, least recently opened first, until `bytes` more find room. Leaves those that are open.
     pub(crate) fn make_room(&self, bytes: u64) {
+        self.clear_remains();
         let mut entries = self.entries();
         entries.sort_by_key(|entry| entry.used);
         let mut size: u64 = entries.iter().map(|entry| entry.bytes).sum();
@@ -211,30 +273,55 @@ impl Cache {
         for entry in self.entries() {
             self.clear_entry(&entry.path);
         }
+        self.clear_remains();
+    }
+
+    /// Clears what is no index and will be none: of builders that were killed, set aside, and lock files of nothing.
+    fn clear_remains(&self) {
+        for entry in self.entries() {
+            if !entry.path.join(pages::NODES).exists() {
+                self.clear_entry(&entry.path);
+            }
+        }
+        let Ok(folder) = std::fs::read_dir(&self.folder) else { return };
+        for path in folder.flatten().map(|item| item.path()) {
+            let entry = path.with_extension("");
+            if path.extension().is_some_and(|extension| extension == "lock") && has_key(&entry) && !entry.exists() {
+                self.clear_entry(&entry);
+            }
+        }
     }
 
     fn clear_entry(&self, entry: &Path) -> bool {
         let Ok(lock) = self.lock_file(entry) else { return false };
-        // `nodes` goes first: what is left of an entry that cannot be cleared whole must not look like one.
-        lock.try_lock().is_ok() && {
-            let _ = std::fs::remove_file(entry.join(pages::NODES));
-            std::fs::remove_dir_all(entry).is_ok()
+        if lock.try_lock().is_err() || !is_current(&lock, &lock_path(entry)) {
+            return false;
         }
+        // `nodes` goes first: what is left of an entry that cannot be cleared whole must not look like one.
+        let _ = std::fs::remove_file(entry.join(pages::NODES));
+        let is_gone = !entry.exists() || std::fs::remove_dir_all(entry).is_ok();
+        if is_gone && cfg!(unix) {
+            let _ = std::fs::remove_file(lock_path(entry));
+        }
+        is_gone
     }
 
     /// What cannot be read counts as not there.
     fn entries(&self) -> Vec<Entry> {
         let Ok(folder) = std::fs::read_dir(&self.folder) else { return Vec::new() };
-        let is_entry = |path: &PathBuf| {
-            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-            name.len() == 32 && name.bytes().all(|byte| byte.is_ascii_hexdigit()) && path.is_dir()
-        };
+        let is_entry = |path: &PathBuf| has_key(path) && path.is_dir();
         let entry = |path: PathBuf| {
             let used = std::fs::metadata(lock_path(&path)).and_then(|metadata| metadata.modified());
             Entry { bytes: bytes_in(&path), used: used.unwrap_or(SystemTime::UNIX_EPOCH), path }
         };
         folder.flatten().map(|item| item.path()).filter(is_entry).map(entry).collect()
     }
+}
+
+/// Named like an entry.
+fn has_key(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    name.len() == 32 && name.bytes().all(|byte| byte.is_ascii_hexdigit())
 }
 
 struct Entry {

@@ -109,6 +109,10 @@ impl Pages {
         Ok(Self { folder: entry.to_owned(), summary, octree, points, surfels, cache: None, _lock: lock })
     }
 
+    pub(crate) fn locked_by(self, lock: Option<File>) -> Self {
+        Self { _lock: lock, ..self }
+    }
+
     pub(crate) fn kept_in(self, cache: &Cache) -> Self {
         Self { cache: Some(cache.clone()), ..self }
     }

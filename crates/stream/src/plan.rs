@@ -65,18 +65,23 @@ impl Plan {
         let corner = bounds.center() - DVec3::splat(width / 2.0);
         // Height is mostly the least extent: then the ground is in the lower half, not cut by the middle of the cube.
         let corner = corner.with_z(bounds.min.z - width * MARGIN);
-        let attributes = kept_attributes(infos().map(|info| info.attributes.as_slice()));
-        let has_colors = infos().any(|info| info.has_colors);
-        let opacity = infos().any(|info| info.has_colors && info.format == Format::Ply);
-        let layout = Layout {
-            wide: wide || grid.is_none(),
-            color_bytes: if opacity { 4 } else { 3 * usize::from(has_colors) },
-            normals: infos().any(|info| info.has_normals),
-            attributes,
-        };
+        let layout = layout(inputs, wide || grid.is_none());
         let inputs = inputs.iter().map(|input| selection(input, &layout)).collect();
         let lattice = Lattice { grid: lattice_grid, corner, width };
         Some(Self { layout, lattice, on_grid: grid.is_some(), inputs })
+    }
+}
+
+/// What records of some files hold.
+pub fn layout(inputs: &[Arc<Source>], wide: bool) -> Layout {
+    let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
+    let has_colors = infos().any(|info| info.has_colors);
+    let opacity = infos().any(|info| info.has_colors && info.format == Format::Ply);
+    Layout {
+        wide,
+        color_bytes: if opacity { 4 } else { 3 * usize::from(has_colors) },
+        normals: infos().any(|info| info.has_normals),
+        attributes: kept_attributes(infos().map(|info| info.attributes.as_slice())),
     }
 }
 
@@ -110,7 +115,8 @@ pub fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clon
     KEPT.iter().filter_map(find).collect()
 }
 
-fn selection(input: &Source, layout: &Layout) -> (Selection, Vec<Option<usize>>) {
+/// What is read of a file, and which of its columns is which of the layout's attributes.
+pub fn selection(input: &Source, layout: &Layout) -> (Selection, Vec<Option<usize>>) {
     let offered = &input.info().attributes;
     let column = |kept: &Attribute| offered.iter().position(|attribute| attribute.name == kept.name);
     let columns: Vec<Option<usize>> = layout.attributes.iter().map(column).collect();
@@ -119,12 +125,17 @@ fn selection(input: &Source, layout: &Layout) -> (Selection, Vec<Option<usize>>)
     (selection, columns)
 }
 
-/// Reads the positions of all files.
-pub fn measure(inputs: &[Arc<Source>], progress: &Progress) -> Result<Extent> {
+/// Reads the positions of all files, and what else `selections` ask for. `seen` gets all chunks, each with the number of its
+/// file.
+pub fn measure(
+    inputs: &[Arc<Source>],
+    selections: &[Selection],
+    progress: &Progress,
+    seen: &(dyn Fn(usize, Chunk) + Sync),
+) -> Result<Extent> {
     let bounds = Mutex::new(Bounds::EMPTY);
     let sample = Mutex::new(Vec::new());
-    let selection = Selection { positions: true, ..Selection::default() };
-    for input in inputs {
+    for (file, (input, selection)) in inputs.iter().zip(selections).enumerate() {
         let reading = Progress::default();
         let look = |chunk: Chunk| {
             if progress.is_cancelled() {
@@ -137,9 +148,11 @@ pub fn measure(inputs: &[Arc<Source>], progress: &Progress) -> Result<Extent> {
             let places =
                 some.iter().map(|index| place_of(&chunk, *index as usize)).filter(|place| is_believable(*place));
             sample.lock().unwrap_or_else(PoisonError::into_inner).extend(places);
+            drop(bounds);
+            seen(file, chunk);
         };
         // What cannot be read is said when it is read for good.
-        let _ = input.read(&selection, &reading, &look);
+        let _ = input.read(selection, &reading, &look);
         if progress.is_cancelled() {
             return Err(Error::Cancelled);
         }
