@@ -82,9 +82,9 @@ fn open(input: &Input, failures: &mut usize) -> Vec<Arc<codec::Source>> {
         crate::complain(&error);
     };
     for path in input.files() {
-        match codec::open(path) {
-            Ok(source) => sources.push(Arc::new(source)),
-            Err(error) => fail(error.to_string()),
+        match loading::open_file(path) {
+            Ok(source) => sources.push(source),
+            Err(error) => fail(error),
         }
     }
     match input {
@@ -155,18 +155,22 @@ fn index(
     settings: &Settings,
     stopper: &Stopper,
 ) -> anyhow::Result<()> {
+    let of_files: Vec<String> = sources.iter().flat_map(|source| loading::file_warnings(source.info())).collect();
+    of_files.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
     let parts = loading::parts(sources.to_vec());
     if parts.iter().all(|(_, native)| native.is_some()) {
         return crate::print(&format!("{name}: COPC, which needs no index\n"));
     }
-    let was_there = cache.open(sources)?.is_some();
     let memory = half_of(settings.stream.host_bytes);
     let options = BuildOptions { memory, preview_points: 0 };
     let progress = stopper.begin();
     let (effort, pages) =
         Effort::of("indexing", &progress, || streaming::build(sources, cache, &options, &progress, &|_| {}));
     let pages = pages?;
-    pages.warnings().iter().for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
+    let further = pages.warnings().iter().filter(|warning| !of_files.contains(warning));
+    further.for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
+    // It may have been made by another program while this one waited.
+    let was_there = progress.done() == 0;
     let up = sources.first().map_or(glam::DVec3::Z, |source| loading::up_of(source.info(), settings));
     let options = loading::surfel_options(&pages, up, settings)?;
     let progress = stopper.begin();

@@ -507,11 +507,9 @@ impl Loader {
     fn open(&self, input: &Input) -> Option<Vec<Arc<codec::Source>>> {
         let mut sources = Vec::new();
         for path in input.files() {
-            match codec::open(path) {
-                Ok(source) => sources.push(Arc::new(source)),
-                Err(error) => {
-                    self.send(Event::Failed { input: path.display().to_string(), error: error.to_string() })?;
-                }
+            match open_file(path) {
+                Ok(source) => sources.push(source),
+                Err(error) => self.send(Event::Failed { input: path.display().to_string(), error })?,
             }
         }
         Some(sources)
@@ -608,7 +606,10 @@ impl Loader {
             expected_points: points,
             up,
             provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },
-            warnings: infos().flat_map(|info| info.warnings.iter().cloned()).collect(),
+            warnings: match sources.as_slice() {
+                [one] => one.info().warnings.clone(),
+                several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
+            },
         })?;
         Some(Paging { cloud, input: path.display().to_string(), sources, up, found, is_native })
     }
@@ -790,6 +791,22 @@ impl Loader {
     fn send(&self, event: Event) -> Option<()> {
         self.sender.send(event).ok()
     }
+}
+
+/// Opens a file; the error says why nothing of it can be shown.
+pub fn open_file(path: &Path) -> Result<Arc<codec::Source>, String> {
+    let source = codec::open(path).map_err(|error| error.to_string())?;
+    let codec::Info { points, warnings, .. } = source.info();
+    // A file that is as empty as it says is none of anybody's concern.
+    if *points == 0 && !warnings.is_empty() {
+        return Err(format!("{}: no points can be read: {}", path.display(), warnings.join("; ")));
+    }
+    Ok(Arc::new(source))
+}
+
+/// What is wrong with a file, each with its name.
+pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
+    info.warnings.iter().map(|warning| format!("{}: {warning}", info.path.display()))
 }
 
 /// Files that are streamed, as the clouds that they make: those that are COPC, if all of them are, one each; else all together.

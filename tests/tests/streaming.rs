@@ -238,11 +238,16 @@ fn a_build_that_was_killed_is_made_anew_by_the_next() {
 fn two_who_build_at_once_end_with_one_index() {
     let folder = folder();
     folder.write("scan.las", scan(500_000, 0.0, 1.0));
-    let spawn = || folder.command(["index", "scan.las"]).spawn().expect("the program starts");
-    let mut both = [spawn(), spawn()];
-    for program in &mut both {
-        assert!(program.wait().expect("a child can be waited for").success());
-    }
+    let spawn = || {
+        let mut command = folder.command(["index", "scan.las"]);
+        command.stdout(std::process::Stdio::piped()).spawn().expect("the program starts")
+    };
+    let said = [spawn(), spawn()].map(|program| {
+        let output = program.wait_with_output().expect("a child can be waited for");
+        assert!(output.status.success());
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    });
+    assert_eq!(said.iter().filter(|said| said.contains("was there")).count(), 1, "{said:?}");
     assert!(the_entry(&folder).join("nodes").exists());
     let outcome = folder.glint(["index", "scan.las"]);
     assert!(outcome.text().contains("was there"), "{outcome}");
@@ -292,4 +297,68 @@ fn a_cache_folder_that_cannot_be_written_is_named() {
     let outcome = folder.command(["index", "scan.las"]).env("GLINT_CACHE_DIR", &cache).output().expect("it starts");
     let messages = String::from_utf8_lossy(&outcome.stderr);
     assert!(!outcome.status.success() && messages.contains(&*Path::new(&cache).to_string_lossy()), "{messages}");
+}
+
+#[test]
+fn what_is_missing_of_a_folder_of_tiles_is_said_when_it_is_indexed_and_drawn() {
+    let folder = folder();
+    std::fs::create_dir(folder.path("tiles")).expect("a folder");
+    let whole = scan(20_000, 0.0, 1.0);
+    // A header, and nothing of what it promises; half of what it promises.
+    folder.write("tiles/a_empty.las", &whole[..227]);
+    folder.write("tiles/b_half.las", &whole[..227 + 10_000 * 26]);
+    folder.write("tiles/c.las", &whole);
+    let check = |outcome: &Outcome| {
+        assert_eq!(outcome.status, Some(2), "{outcome}");
+        let said = |name: &str, what: &str| {
+            let mut lines = outcome.messages.lines();
+            assert!(lines.any(|line| line.contains(name) && line.contains(what)), "{name}, {what}: {outcome}");
+        };
+        said("a_empty.las", "no points can be read");
+        said("b_half.las", "20000");
+        assert_eq!(outcome.messages.matches("b_half.las").count(), 1, "{outcome}");
+        assert!(!outcome.messages.contains("c.las"), "{outcome}");
+    };
+    let outcome = folder.glint(["index", "tiles"]);
+    check(&outcome);
+    assert!(outcome.text().contains("30000 points"), "{outcome}");
+    check(&folder.glint(["index", "tiles"]));
+    if let Some(outcome) = run(&folder, "picture.png", &["tiles"]) {
+        check(&outcome);
+        assert_eq!(stats(&folder)["built_index"], false, "what is drawn is what was indexed");
+    }
+    let nothing = folder.glint(["index", "tiles/a_empty.las"]);
+    assert_eq!(nothing.status, Some(2), "{nothing}");
+    assert!(nothing.messages.contains("no points can be read"), "{nothing}");
+}
+
+#[test]
+fn a_copc_file_that_was_written_is_streamed_without_an_index() {
+    let folder = folder();
+    folder.write("scan.las", scan(300_000, 0.0, 1.0));
+    let outcome = folder.glint(["index", "scan.las", "-o", "scan.copc.laz"]);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    assert!(outcome.text().contains("scan.copc.laz: 300000 points") && outcome.messages.is_empty(), "{outcome}");
+    let info = |name: &str| {
+        let outcome = folder.glint(["info", "--json", "--scan", name]);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        outcome.json()["inputs"][0].clone()
+    };
+    let (before, after) = (info("scan.las"), info("scan.copc.laz"));
+    assert_eq!(after["points"], 300_000);
+    assert_eq!(after["bounds"], before["bounds"]);
+    assert_eq!(after["warnings"], Value::Array(Vec::new()), "{after}");
+    let outcome = folder.glint(["index", "scan.copc.laz"]);
+    assert!(outcome.status == Some(0) && outcome.text().contains("needs no index"), "{outcome}");
+
+    let everything = ["--set", "stream.detail=0.25", "--set", "stream.unseen=1", "--set", "light.by=headlight"];
+    let with = |first: &[&'static str]| [first, &everything].concat();
+    let Some((memory, _)) = render(&folder, &with(&["scan.las", "--set", "stream.pages=never"])) else { return };
+    let Some((pages, stats)) = render(&folder, &with(&["scan.copc.laz", "--set", ALWAYS])) else { return };
+    assert_eq!((&stats["built_index"], &stats["settled"]), (&false.into(), &true.into()), "{stats}");
+    assert_eq!(stats["points_resident"], 300_000, "{stats}");
+    assert_eq!(entries(&folder), Vec::<PathBuf>::new());
+    let seen = flip(&memory, &pages);
+    println!("FLIP {seen}");
+    assert!(seen < 0.05, "{seen}");
 }
