@@ -217,7 +217,7 @@ pub fn build(
     let points: u64 = sources.iter().map(|source| source.info().points).sum();
     let before = progress.done();
     progress.set_total(before + points);
-    // That of the builder counts a point when it is read and when it has its place.
+    // That of the builder counts a point in each of its passes.
     let steps = &Progress::default();
     let (done, is_done) = channel::<()>();
     std::thread::scope(|scope| {
@@ -225,7 +225,9 @@ pub fn build(
             let mut counted = 0;
             loop {
                 let is_over = is_done.recv_timeout(COUNT_INTERVAL) != Err(RecvTimeoutError::Timeout);
-                let now = (steps.done() / 2).min(points);
+                // In how many passes, only the builder knows.
+                let share = steps.done() as f64 / steps.total().max(1) as f64;
+                let now = ((points as f64 * share) as u64).min(points);
                 progress.add(now.saturating_sub(counted));
                 counted = now.max(counted);
                 if progress.is_cancelled() {
