@@ -147,8 +147,27 @@ impl Effort {
     }
 }
 
-/// Makes the index of a cloud in the cache, with normals and radii.
+/// Makes the index of a cloud in the cache, with normals and radii; once more if what is there turns out to be damaged.
 fn index(
+    name: &str,
+    sources: &[Arc<codec::Source>],
+    cache: &Cache,
+    settings: &Settings,
+    stopper: &Stopper,
+) -> anyhow::Result<()> {
+    match index_once(name, sources, cache, settings, stopper) {
+        Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Damaged { .. })) => {
+            crate::complain(&format!("warning: {error}: its index is made again"));
+            if let Some(pages) = cache.open(sources)? {
+                cache.discard(pages);
+            }
+            index_once(name, sources, cache, settings, stopper)
+        }
+        result => result,
+    }
+}
+
+fn index_once(
     name: &str,
     sources: &[Arc<codec::Source>],
     cache: &Cache,

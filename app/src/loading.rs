@@ -474,7 +474,7 @@ impl Loader {
         }
         self.read_all(opened)?;
         for paging in missing {
-            if self.index(paging)? {
+            if !self.lookout.is_closed(paging.cloud) && self.index(paging)? {
                 there.push(paging);
             }
         }
@@ -655,15 +655,19 @@ impl Loader {
                 self.send(Event::Read { cloud, summary }).map(|()| false)
             }
             Err(error) => {
-                let (input, error) = (paging.input.clone(), format!("{error:#}"));
-                self.send(Event::Failed { input, error }).map(|()| false)
+                let (input, error) = (paging.input.clone(), error.to_string());
+                self.send(Event::Failed { input, error })?;
+                for first_point in previews.into_inner().unwrap_or_else(PoisonError::into_inner) {
+                    self.send(Event::Dropped { cloud, first_point })?;
+                }
+                self.send(Event::Read { cloud, summary: codec::Summary::default() }).map(|()| false)
             }
         }
     }
 
     /// Normals and radii of all points of an index of ours, from all of them; then they are streamed with it.
     fn refine(&self, paging: &Paging) -> Option<()> {
-        if paging.is_native || self.surfel_progress.is_cancelled() {
+        if paging.is_native || self.surfel_progress.is_cancelled() || self.lookout.is_closed(paging.cloud) {
             return Some(());
         }
         let Ok(cache) = cache(&self.settings.stream) else { return Some(()) };
@@ -680,6 +684,7 @@ impl Loader {
         match estimated.and_then(|()| cache.open(&paging.sources)) {
             Ok(Some(pages)) => self.stream(paging, pages, false, Vec::new()),
             Ok(None) | Err(stream::Error::Cancelled) => {}
+            Err(stream::Error::Damaged { .. }) => self.lookout.report_damage(paging.cloud),
             Err(error) => self.send(Event::Failed { input: paging.input.clone(), error: error.to_string() })?,
         }
         Some(())

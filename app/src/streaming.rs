@@ -90,6 +90,8 @@ struct Told {
     looks: u64,
     viewpoint: Option<Viewpoint>,
     closed: HashSet<usize>,
+    /// All that were ever closed: what is still made for them is not shown.
+    gone: HashSet<usize>,
     arrived: Vec<Arrival>,
     /// Nothing more is on its way.
     is_complete: bool,
@@ -130,7 +132,12 @@ impl Lookout {
     pub fn close(&self, cloud: usize) {
         let mut told = self.told();
         told.closed.insert(cloud);
+        told.gone.insert(cloud);
         self.notify(&mut told);
+    }
+
+    pub fn is_closed(&self, cloud: usize) -> bool {
+        self.told().gone.contains(&cloud)
     }
 
     /// Ends the streaming.
@@ -142,8 +149,10 @@ impl Lookout {
 
     pub fn arrive(&self, arrival: Arrival) {
         let mut told = self.told();
-        told.arrived.push(arrival);
-        self.notify(&mut told);
+        if !told.gone.contains(&arrival.cloud) {
+            told.arrived.push(arrival);
+            self.notify(&mut told);
+        }
     }
 
     /// Says that nothing more is on its way, and waits until there is: clouds whose pages were found to be damaged. `None` when
@@ -158,7 +167,8 @@ impl Lookout {
         if told.is_over { None } else { Some(std::mem::take(&mut told.damaged)) }
     }
 
-    fn report_damage(&self, cloud: usize) {
+    /// Says that the pages of a cloud are to be made again.
+    pub fn report_damage(&self, cloud: usize) {
         let mut told = self.told();
         if !told.damaged.contains(&cloud) {
             told.damaged.push(cloud);
@@ -273,8 +283,10 @@ struct Streamed {
     stale: HashSet<u64>,
     /// What the receiver is to be told when the first cut is there.
     summary: Option<codec::Summary>,
-    /// Something of it could not be read.
+    /// Something of it could not be read, and its pages are made again.
     is_damaged: bool,
+    /// It was said that something of it cannot be shown.
+    is_reported: bool,
 }
 
 impl Streamed {
@@ -373,7 +385,17 @@ impl Director {
         self.streamer.replace(cloud, paged);
         let summary = (!is_again).then_some(summary);
         let octree_shown = octree.clone();
-        let streamed = Streamed { input, octree, is_own, point_bytes, resident, stale, summary, is_damaged: false };
+        let streamed = Streamed {
+            input,
+            octree,
+            is_own,
+            point_bytes,
+            resident,
+            stale,
+            summary,
+            is_damaged: false,
+            is_reported: false,
+        };
         self.clouds.insert(cloud, streamed);
         self.send(Event::Pages { cloud, pages: Paged::Indexed { octree: octree_shown, grid, was_built, has_surfels } })
     }
@@ -414,7 +436,7 @@ impl Director {
     fn pass_on(&mut self, change: Change) -> Option<()> {
         match change {
             Change::Put { cloud, chunk } => {
-                let streamed = self.clouds.get_mut(&cloud)?;
+                let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
                 streamed.resident.insert(chunk.first_point);
                 streamed.stale.remove(&chunk.first_point);
                 self.send(Event::Chunk { cloud, chunk })
@@ -428,10 +450,16 @@ impl Director {
             }
             Change::Failed { cloud, error, .. } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
-                if std::mem::replace(&mut streamed.is_damaged, true) {
+                let is_damage = matches!(
+                    error,
+                    stream::Error::Damaged { .. } | stream::Error::PageSize { .. } | stream::Error::Io { .. }
+                );
+                let is_mendable = is_damage && streamed.is_own;
+                let is_told = if is_mendable { &mut streamed.is_damaged } else { &mut streamed.is_reported };
+                if std::mem::replace(is_told, true) {
                     return Some(());
                 }
-                if !streamed.is_own {
+                if !is_mendable {
                     let (input, error) = (streamed.input.clone(), error.to_string());
                     return self.send(Event::Failed { input, error });
                 }

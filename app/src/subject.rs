@@ -66,7 +66,7 @@ pub fn open(
     }
     let job = loading::start_unseen(std::mem::take(&mut request.inputs), settings);
     let mut loads = Loads::default();
-    loads.receive(&job, 0)?;
+    let is_over = loads.receive(&job, 0)?;
     if loads.is_empty() && loads.failures > 0 {
         return Ok(None);
     }
@@ -77,7 +77,7 @@ pub fn open(
         return Err(usage(format!("{}: no points to show", names.join(", "))));
     };
     let camera = camera(&outline, up);
-    if loads.stream.is_some() {
+    if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
         let look = job.lookout.look(Viewpoint { camera, size, view, stream });
         loads.receive(&job, look)?;
@@ -168,7 +168,8 @@ impl Loads {
     }
 
     /// Takes in what comes until all is there: all of what is held in memory, and what that look needs of what is streamed.
-    fn receive(&mut self, job: &Job, look: u64) -> anyhow::Result<()> {
+    fn receive(&mut self, job: &Job, look: u64) -> anyhow::Result<bool> {
+        let mut is_over = false;
         let bar = progress_bar::points("reading");
         let mut shown = Phase::Reading;
         let mut waiting = StreamStats::default();
@@ -191,7 +192,10 @@ impl Loads {
             match job.events.recv_timeout(INTERVAL) {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Err(anyhow!("loading ended before it was done")),
-                Ok(Event::Finished) => break,
+                Ok(Event::Finished) => {
+                    is_over = true;
+                    break;
+                }
                 Ok(Event::Stream(stats)) => {
                     waiting = stats;
                     if self.note(stats) && stats.look == look {
@@ -207,7 +211,7 @@ impl Loads {
                 loaded.cloud.chunks = paged.values().cloned().collect();
             }
         }
-        Ok(())
+        Ok(is_over)
     }
 
     /// Keeps what is there of what is streamed; whether that is all.
@@ -250,9 +254,9 @@ impl Loads {
                 if let Paged::Indexed { grid, .. } = &pages {
                     loaded.cloud.grid = *grid;
                 }
-                let built = matches!(pages, Paged::Indexed { was_built: true, .. });
-                let stream = self.stream.get_or_insert_default();
-                stream.built_index |= built;
+                if let Paged::Indexed { was_built, .. } = pages {
+                    self.stream.get_or_insert_default().built_index |= was_built;
+                }
             }
             Event::Dropped { cloud, first_point } => {
                 self.clouds[cloud].paged.iter_mut().for_each(|paged| drop(paged.remove(&first_point)));

@@ -144,7 +144,7 @@ impl Folder {
         for display in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "DBUS_SESSION_BUS_ADDRESS"] {
             command.env_remove(display);
         }
-        for home in ["XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME"] {
+        for home in ["XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME", "GLINT_CACHE_DIR"] {
             command.env_remove(home);
         }
         command.env("HOME", self.folder.path()).env("XDG_RUNTIME_DIR", self.path("runtime"));

@@ -81,7 +81,12 @@ fn a_study_writes_its_results_goes_on_where_it_was_cut_and_comes_in_shards() {
         assert!(folder.path(&format!("whole/{chart}.png")).metadata().is_ok_and(|file| file.len() > 5000), "{chart}");
     }
     let page = read(&folder, "whole/index.html");
-    assert!(page.contains("<svg") && page.contains("id=\"bounds\"") && page.contains("id=\"pictures\""), "{page}");
+    assert!(
+        page.contains("src=\"time-same-input-delta-e.svg\"")
+            && page.contains("id=\"bounds\"")
+            && page.contains("id=\"pictures\""),
+        "{page}"
+    );
     let pictures = std::fs::read_dir(folder.path("whole/pictures")).expect("pictures").count();
     assert_eq!(pictures, 2, "one a method");
 

@@ -24,7 +24,7 @@ const SHOWN_ELSEWHERE: [&str; 8] = ["color", "light", "sun", "gi", "tone", "edl"
 const SECTIONS: [(&str, &[&str]); 4] = [
     ("Splats and view", &["splat", "view"]),
     ("Reflections", &["mirror", "reflection", "environment_map", "sscr"]),
-    ("Streaming", &["stream"]),
+    ("When streaming", &["stream"]),
     ("When loading", &["surface", "scene"]),
 ];
 
@@ -101,11 +101,18 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
                 ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
             }
         });
+        let is_streaming = state.clouds.iter().any(|entry| entry.streamed.is_some());
+        if is_streaming {
+            section(ui, "Streaming", true, |ui| streaming_panel::show(ui, state));
+        }
         section(ui, "Colour", true, |ui| colors_panel::show(ui, state));
         state.light_panel_is_open = section(ui, "Light", true, |ui| light_panel::show(ui, state));
         section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state));
         for (title, groups) in SECTIONS {
-            section(ui, title, !["Streaming", "When loading"].contains(&title), |ui| {
+            if title == "When streaming" && is_streaming {
+                continue;
+            }
+            section(ui, title, !["When streaming", "When loading"].contains(&title), |ui| {
                 if groups.contains(&"sscr") {
                     presets::show(ui, &mut state.settings);
                 }
@@ -117,8 +124,6 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
         if state.settings.groups().iter().any(|params| !is_named(params.group().name)) {
             section(ui, "More", false, |ui| parameter_groups(ui, state, |name| !is_named(name)));
         }
-        let is_streaming = state.clouds.iter().any(|entry| entry.streamed.is_some());
-        section(ui, "Streaming", is_streaming, |ui| streaming_panel::show(ui, state));
         section(ui, "Truth", true, |ui| truth_panel::show(ui, state));
         section(ui, "Timings", false, |ui| timings_panel::show(ui, state));
     });
@@ -268,7 +273,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             ui.spinner();
             ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
         }
-        if let Some(job) = state.jobs.iter().find(|job| !job.is_loaded) {
+        if let Some(job) = state.jobs.iter().find(|job| job.is_at_work()) {
             if job_progress(ui, job) {
                 state.stop_loading();
             }

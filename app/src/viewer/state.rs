@@ -204,6 +204,11 @@ pub struct CloudEntry {
 }
 
 impl CloudEntry {
+    /// Made by the program: there is no file.
+    fn is_built_in(&self) -> bool {
+        self.source.is_none() && self.streamed.is_none()
+    }
+
     /// Its own points, wherever they are.
     pub fn total(&self) -> u64 {
         self.streamed.as_ref().and_then(Streamed::total).unwrap_or(self.expected_points).max(self.points)
@@ -232,6 +237,12 @@ pub struct JobEntry {
 impl JobEntry {
     fn owns(&self, key: CloudKey) -> bool {
         self.clouds.values().any(|cloud| *cloud == key)
+    }
+
+    /// Whether it shows how far it is: it loads, or works out normals of points that are shown.
+    pub fn is_at_work(&self) -> bool {
+        let normals = &self.surfel_progress;
+        !self.is_loaded || (normals.done() < normals.total() && !normals.is_cancelled())
     }
 }
 
@@ -522,7 +533,8 @@ impl State {
                     self.say(Level::Warning, format!("{}: {warning}", cloud.name));
                 }
                 self.log(json!({ "event": "opened", "name": cloud.name, "expected_points": expected_points }));
-                if source.is_some() {
+                // Streamed clouds have no source to look records up in; built-in scenes have no file.
+                if source.is_some() || std::path::Path::new(&input).exists() {
                     self.preferences.remember_file(&input);
                 }
                 let bounds = source.as_ref().and_then(|source| source.info().bounds);
@@ -641,12 +653,17 @@ impl State {
             self.say(Level::Note, format!("{name}: stopped; the {} points read so far stay", grouped(points)));
         }
         self.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
-        // Streamed clouds stay under way: what the first look needs is there.
-        let Some(index) = self.jobs.iter().position(|entry| entry.id == job && !entry.is_loaded) else { return };
-        let of_job = || self.clouds.iter().filter(|entry| self.jobs[index].owns(entry.key));
-        if of_job().any(|entry| entry.streamed.is_some()) && of_job().all(|entry| entry.is_read) {
-            self.jobs[index].is_loaded = true;
-            self.on_loaded();
+        self.note_loaded();
+    }
+
+    /// Jobs with streamed clouds stay under way; loaded is what their first look needs.
+    fn note_loaded(&mut self) {
+        for index in 0..self.jobs.len() {
+            let of_job = || self.clouds.iter().filter(|entry| self.jobs[index].owns(entry.key));
+            let is_loaded = of_job().any(|entry| entry.streamed.is_some()) && of_job().all(|entry| entry.is_read);
+            if is_loaded && !std::mem::replace(&mut self.jobs[index].is_loaded, true) {
+                self.on_loaded();
+            }
         }
     }
 
@@ -725,7 +742,7 @@ impl State {
 
     /// What has been read stays.
     pub fn stop_loading(&mut self) {
-        for job in self.jobs.iter().filter(|job| !job.is_loaded) {
+        for job in self.jobs.iter().filter(|job| job.is_at_work()) {
             job.progress.cancel();
             job.surfel_progress.cancel();
         }
@@ -738,7 +755,7 @@ impl State {
         self.area_per_point = None;
         let is_last = self.clouds.is_empty();
         // Built-in scenes have no file.
-        let is_built_in_left = self.clouds.iter().any(|entry| entry.source.is_none());
+        let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
         // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them.
         self.rewrite_objects(|objects| {
             objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
@@ -757,8 +774,10 @@ impl State {
             if !job.clouds.is_empty() && !self.clouds.iter().any(|entry| job.owns(entry.key)) {
                 job.progress.cancel();
                 job.surfel_progress.cancel();
+                job.lookout.end();
             }
         }
+        self.note_loaded();
         if is_last {
             self.camera_is_placed = false;
             self.shown = None;
@@ -941,7 +960,7 @@ impl State {
     /// Whether a light would come of itself if what is open were opened anew.
     pub fn lacks_light(&self) -> bool {
         let is_room = matches!(self.surroundings, Some(Surroundings::Room(_)));
-        is_room || self.clouds.iter().any(|entry| entry.source.is_none())
+        is_room || self.clouds.iter().any(CloudEntry::is_built_in)
     }
 
     pub fn sky_is_open(&self) -> bool {

@@ -197,7 +197,12 @@ impl State {
         if self.navigation.time_to_rest().is_some() && self.settings.stream.frame_ms > 0.0 {
             view.point_budget = self.pace.budget(view.point_budget);
         }
-        let stream = self.settings.stream.clone();
+        let mut stream = self.settings.stream.clone();
+        // What was opened one after the other shares the budgets evenly.
+        let jobs = self.jobs.iter().filter(|job| job.has_streamed).count().max(1);
+        view.point_budget /= jobs as u32;
+        stream.host_bytes.0 /= jobs as u64;
+        stream.gpu_bytes.0 /= jobs as u64;
         let viewpoint = Viewpoint { camera: self.camera, size: self.view_size, view, stream };
         for job in self.jobs.iter_mut().filter(|job| job.has_streamed) {
             job.look = job.lookout.look(viewpoint.clone());
