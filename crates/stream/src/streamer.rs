@@ -911,8 +911,8 @@ impl State {
             shown_points: self.shown_points,
             bytes: self.bytes,
             waiting_nodes,
-            disk_bytes_per_second: self.reads.iter().map(|(_, bytes, _)| *bytes as f64).sum::<f64>() / seconds,
-            points_per_second: self.reads.iter().map(|(.., points)| *points as f64).sum::<f64>() / seconds,
+            disk_bytes_per_second: self.reads.iter().map(|(_, bytes, _)| *bytes).sum::<u64>() as f64 / seconds,
+            points_per_second: self.reads.iter().map(|(.., points)| *points).sum::<u64>() as f64 / seconds,
             settled: waiting_nodes == 0
                 && self.pending.is_empty()
                 && !self.clouds.values().any(|held| held.is_loose)
