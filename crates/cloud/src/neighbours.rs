@@ -8,13 +8,14 @@
 //! A library's k-d tree over everything would hold all positions a second time, and one per tile would need that halo;
 //! `benches/normals.rs` runs `kiddo` beside this search.
 
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::{Bounds, Chunk, Progress};
+use crate::{Bounds, Chunk, Progress, hash};
 
 /// Points a tile holds at most when planes through the medians of a sample divide evenly: its copy stays in a core's
 /// second-level cache.
@@ -23,6 +24,8 @@ const TILE_POINTS: usize = 65_536;
 const SAMPLE_PER_TILE: usize = 256;
 /// Points of a brick at most. Fewer cost more boxes, more cost more distances; 16 and 24 were slower.
 const BRICK_POINTS: usize = 32;
+/// Points of a tile that tell how exact offsets are there.
+const REACH_SAMPLE: usize = 99;
 
 /// The points of a list of chunks under one running index.
 pub struct Points<'a> {
@@ -56,6 +59,21 @@ impl<'a> Points<'a> {
     fn position(&self, index: u32) -> DVec3 {
         let (chunk, local) = self.locate(index);
         self.chunks[chunk].position(local)
+    }
+
+    /// Median of the largest components of the offsets of some of these points.
+    fn usual_reach(&self, indices: &[u32]) -> f64 {
+        let step = indices.len().div_ceil(REACH_SAMPLE).max(1);
+        let mut reaches: Vec<f32> = indices
+            .iter()
+            .step_by(step)
+            .map(|&index| {
+                let (chunk, local) = self.locate(index);
+                Vec3::from(self.chunks[chunk].positions[local]).abs().max_element()
+            })
+            .collect();
+        let middle = reaches.len() / 2;
+        f64::from(*reaches.select_nth_unstable_by(middle, f32::total_cmp).1)
     }
 }
 
@@ -151,20 +169,30 @@ struct Tile {
     origin: DVec3,
     /// Other tiles' points lie outside it.
     cell: Bounds,
-    /// Its points in `Tiles::order`.
+    /// Its points in `Tiles::order`: one of each place, brick by brick, then the others.
     range: Range<usize>,
+    places: Places,
+}
+
+/// The places of a tile's points.
+#[derive(Default)]
+struct Places {
+    count: usize,
     /// The tree of boxes, in heap order from index 1; the second half are the bricks. Empty if the tile is.
     boxes: Vec<Box3>,
+    /// Of each point that is not the first of its place: which place that is. Ascending.
+    of_others: Vec<u32>,
 }
 
 impl Tile {
     fn bricks(&self) -> usize {
-        self.boxes.len() / 2
+        self.places.boxes.len() / 2
     }
 
-    /// Points of a brick, counted from the tile's first.
+    /// Places of a brick.
     fn brick(&self, brick: usize) -> Range<usize> {
-        brick_start(self.range.len(), self.bricks(), brick)..brick_start(self.range.len(), self.bricks(), brick + 1)
+        let start = |brick| brick_start(self.places.count, self.bricks(), brick);
+        start(brick)..start(brick + 1)
     }
 
     /// A box of this tile in the coordinates of another, wider by more than coordinates are rounded: half a unit in the
@@ -208,8 +236,8 @@ impl<'a> Tiles<'a> {
             .into_par_iter()
             .zip(planes.cells.par_iter().zip(&planes.middles))
             .map(|((range, slice), (&cell, &origin))| {
-                let boxes = if progress.is_cancelled() { Vec::new() } else { arrange(points, slice, origin) };
-                Tile { origin, cell, range, boxes }
+                let places = if progress.is_cancelled() { Places::default() } else { arrange(points, slice, origin) };
+                Tile { origin, cell, range, places }
             })
             .collect();
         (!progress.is_cancelled()).then_some(Self { points, order, tiles })
@@ -232,16 +260,23 @@ impl<'a> Tiles<'a> {
         mut visit: impl FnMut(u32, &Neighbourhood),
         progress: &Progress,
     ) {
-        if self.tiles[tile].boxes.is_empty() {
+        let Tile { range, places, .. } = &self.tiles[tile];
+        if places.count == 0 {
             return;
         }
+        let (firsts, others) = self.order[range.clone()].split_at(places.count);
+        let mut others = places.of_others.iter().zip(others).peekable();
         let mut search = Search::<LANES>::new(self, tile, count);
         for brick in 0..self.tiles[tile].bricks() {
             if progress.is_cancelled() {
                 return;
             }
-            for local in self.tiles[tile].brick(brick) {
-                visit(self.order[self.tiles[tile].range.start + local], search.run(brick, local));
+            for place in self.tiles[tile].brick(brick) {
+                let neighbourhood = search.run(brick, place);
+                visit(firsts[place], neighbourhood);
+                while let Some((_, other)) = others.next_if(|(of, _)| **of as usize == place) {
+                    visit(*other, neighbourhood);
+                }
             }
         }
     }
@@ -305,20 +340,53 @@ fn for_each_cell(
     }
 }
 
-/// Sorts a tile's indices into bricks and gives their tree of boxes.
-fn arrange(points: &Points, order: &mut [u32], origin: DVec3) -> Vec<Box3> {
+/// Sorts a tile's indices: one of each place into bricks, then the others in the order of their places.
+fn arrange(points: &Points, order: &mut [u32], origin: DVec3) -> Places {
     if order.is_empty() {
-        return Vec::new();
+        return Places::default();
     }
-    let bricks = order.len().div_ceil(BRICK_POINTS).next_power_of_two();
-    let mut located: Vec<(Vec3, u32)> =
-        order.iter().map(|&index| ((points.position(index) - origin).as_vec3(), index)).collect();
+    let local = |index: u32| (points.position(index) - origin).as_vec3();
+    let firsts = firsts_of_places(points, order, local);
+    let (firsts, others): (Vec<_>, Vec<_>) =
+        order.iter().copied().zip(firsts).partition(|(index, first)| index == first);
+    let mut located: Vec<(Vec3, u32)> = firsts.into_iter().map(|(index, _)| (local(index), index)).collect();
+    let count = located.len();
+    let bricks = count.div_ceil(BRICK_POINTS).next_power_of_two();
     let mut boxes = vec![Box3::of(&[]); 2 * bricks];
-    halve(&mut located, order.len(), 1, 0..bricks, &mut boxes);
-    for (slot, (_, index)) in order.iter_mut().zip(located) {
-        *slot = index;
+    halve(&mut located, count, 1, 0..bricks, &mut boxes);
+    for (slot, (_, index)) in order.iter_mut().zip(&located) {
+        *slot = *index;
     }
-    boxes
+    if others.is_empty() {
+        return Places { count, boxes, of_others: Vec::new() };
+    }
+    let place_of: HashMap<u32, u32> = located.iter().zip(0..).map(|((_, first), place)| (*first, place)).collect();
+    let mut others: Vec<(u32, u32)> = others.into_iter().map(|(index, first)| (place_of[&first], index)).collect();
+    others.sort_unstable();
+    for (slot, (_, index)) in order[count..].iter_mut().zip(&others) {
+        *slot = *index;
+    }
+    Places { count, boxes, of_others: others.into_iter().map(|(place, _)| place).collect() }
+}
+
+/// For each point the first of those at its place. Points nearer to one another than four steps of the offsets in their
+/// chunks are at one place: a point that a file has twice may be that much off in another chunk.
+fn firsts_of_places(points: &Points, order: &[u32], local: impl Fn(u32) -> Vec3) -> Vec<u32> {
+    let step = points.usual_reach(order).log2().ceil().exp2() * 2.0_f64.powi(-22);
+    let place = |index: u32| {
+        let local = local(index).as_dvec3();
+        let cell = if step > 0.0 { (local / step).round() } else { local };
+        // Adding zero makes the two zeros one.
+        (cell + DVec3::ZERO).to_array().into_iter().fold(0, |mixed, value| hash(mixed ^ value.to_bits()))
+    };
+    let mut places: Vec<(u64, u32)> = order.iter().zip(0..).map(|(&index, at)| (place(index), at)).collect();
+    places.sort_unstable();
+    let mut firsts = order.to_vec();
+    for same in places.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+        let first = order[same[0].1 as usize];
+        same.iter().for_each(|(_, at)| firsts[*at as usize] = first);
+    }
+    firsts
 }
 
 /// Splits the points of a node, which `covered` bricks are to hold, at the median of the longest side of their box.
@@ -340,8 +408,8 @@ fn halve(located: &mut [(Vec3, u32)], total: usize, node: usize, covered: Range<
 }
 
 /// The neighbours of one point: as many as were asked for, all others as near as the last of them (so that ties do not
-/// depend on the order of the points), and fewer only where the cloud has no more. Points at the very same place count
-/// as the point itself, so a place stored many times has the neighbours it would have if stored once.
+/// depend on the order of the points), and fewer only where the cloud has no more. Of many points at one place one counts:
+/// a cloud whose points are all stored many times has the neighbours it would have if they were stored once.
 pub struct Neighbourhood {
     /// Offset from the point and squared distance; those beyond `distance_squared` are not neighbours.
     candidates: Vec<(Vec3, f32)>,
@@ -445,10 +513,11 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
     fn new(tiles: &'a Tiles<'a>, home: usize, count: usize) -> Self {
         let tile = &tiles.tiles[home];
         let mut others: Vec<Other> = (0..tiles.tiles.len())
-            .filter(|&other| other != home && !tiles.tiles[other].boxes.is_empty())
+            .filter(|&other| other != home && !tiles.tiles[other].places.boxes.is_empty())
             .map(|other| {
-                let bounds = tiles.tiles[other].box_seen_from(tile, &tiles.tiles[other].boxes[1]);
-                let apart = (bounds.min - tile.boxes[1].max).max(tile.boxes[1].min - bounds.max).max(Vec3::ZERO);
+                let bounds = tiles.tiles[other].box_seen_from(tile, &tiles.tiles[other].places.boxes[1]);
+                let apart =
+                    (bounds.min - tile.places.boxes[1].max).max(tile.places.boxes[1].min - bounds.max).max(Vec3::ZERO);
                 Other { tile: other, bounds, distance_squared: apart.length_squared(), view: None }
             })
             .collect();
@@ -461,14 +530,14 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
             x: Vec::new(),
             y: Vec::new(),
             z: Vec::new(),
-            home_view: View { tile: home, boxes: tile.boxes.clone(), starts },
+            home_view: View { tile: home, boxes: tile.places.boxes.clone(), starts },
             cell: Box3 { min: (tile.cell.min - tile.origin).as_vec3(), max: (tile.cell.max - tile.origin).as_vec3() },
             others,
             pending: Vec::new(),
             previous: None,
             neighbourhood: Neighbourhood { candidates: Vec::new(), distance_squared: f32::INFINITY, count: 0 },
         };
-        copy(tiles, home, 0..tile.range.len(), tile.origin, &mut search.x, &mut search.y, &mut search.z);
+        copy(tiles, home, 0..tile.places.count, tile.origin, &mut search.x, &mut search.y, &mut search.z);
         search
     }
 
@@ -483,7 +552,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         }
         let radius = self.neighbourhood.distance_squared.sqrt();
         match self.previous {
-            // Thousands of points at one place cost one search.
+            // So near that f32 cannot square how far: thousands of them cost one search.
             Some(previous) if previous.distance_squared(point) == 0.0 => return &self.neighbourhood,
             // The ball about this point that contains the ball about the previous one contains as many points, unless
             // some of them are this very place; the margin is far above the rounding of an f32.
@@ -568,9 +637,9 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
     fn reach(&mut self, other: usize) {
         let home = &self.tiles.tiles[self.home];
         // Stray points may reach far into the cloud; what they brought must not pile up.
-        if self.x.len() > 8 * TILE_POINTS.max(home.range.len()) {
+        if self.x.len() > 8 * TILE_POINTS.max(home.places.count) {
             for values in [&mut self.x, &mut self.y, &mut self.z] {
-                values.truncate(home.range.len());
+                values.truncate(home.places.count);
             }
             self.others.iter_mut().for_each(|other| other.view = None);
         }
@@ -578,13 +647,13 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         let there = &self.tiles.tiles[*tile];
         view.get_or_insert_with(|| View {
             tile: *tile,
-            boxes: there.boxes.iter().map(|local| there.box_seen_from(home, local)).collect(),
+            boxes: there.places.boxes.iter().map(|local| there.box_seen_from(home, local)).collect(),
             starts: vec![ABSENT; there.bricks()],
         });
     }
 }
 
-/// Appends points of a tile, relative to `origin`.
+/// Appends the points of some places of a tile, relative to `origin`.
 fn copy(
     tiles: &Tiles,
     tile: usize,

@@ -447,3 +447,42 @@ fn provisional_radius_of_a_plane_is_the_estimated_one() {
     assert!(provisional_radius(line, 100) > 0.05);
     assert_eq!(provisional_radius(Bounds::EMPTY, 0), 0.0);
 }
+
+#[test]
+fn a_cloud_stored_many_times_has_the_surfels_of_one_stored_once() {
+    let cloud = hills(20_000);
+    let expected = run(&chunked(&cloud, 5000), Orientation::Up(Vec3::Z));
+    for copies in [2, 30] {
+        let many: Vec<[f32; 3]> = (0..copies * cloud.len()).map(|i| cloud[i * 7 % cloud.len()]).collect();
+        let surfels = run(&chunked(&many, 65_536), Orientation::Up(Vec3::Z));
+        for index in 0..many.len() {
+            assert_eq!(surfels.radii[index], expected.radii[index * 7 % cloud.len()]);
+            let [one, other] = [surfels.normals[index], expected.normals[index * 7 % cloud.len()]]
+                .map(|normal| unpack_normal(normal).expect("a normal"));
+            assert!(degrees_between(one, other) < 0.05, "{copies} times: {one} and {other}");
+        }
+    }
+}
+
+#[test]
+fn points_that_another_chunk_rounds_otherwise_are_at_one_place() {
+    // Each copy of the hills is in chunks with origins of its own, all of them some hundred metres off: the same places, but
+    // for the last digits.
+    let cloud = hills(5_000);
+    let copy = |number: u32| {
+        let origin = DVec3::new(300.1, 150.3, 70.7) * f64::from(number + 1) / 10.0;
+        let offset = |p: &[f32; 3]| (Vec3::from(*p).as_dvec3() - origin).as_vec3().to_array();
+        Chunk::new(0, origin, cloud.iter().map(offset).collect())
+    };
+    let chunks: Vec<Chunk> = (0..40).map(copy).collect();
+    let expected = run(&chunks[..1], Orientation::Up(Vec3::Z));
+    let surfels = run(&chunks, Orientation::Up(Vec3::Z));
+    let mut angles: Vec<f32> = (0..surfels.normals.len())
+        .map(|index| {
+            let [one, other] = [surfels.normals[index], expected.normals[index % cloud.len()]].map(unpack_normal);
+            one.zip(other).map_or(90.0, |(one, other)| degrees_between(one, other))
+        })
+        .collect();
+    angles.sort_by(f32::total_cmp);
+    assert!(angles[angles.len() * 9 / 10] < 5.0, "{} degrees", angles[angles.len() * 9 / 10]);
+}
