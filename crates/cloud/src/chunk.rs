@@ -19,7 +19,7 @@ pub struct Chunk {
     pub origin: DVec3,
     /// Offsets from `origin`, world units.
     pub positions: Arc<Vec<[f32; 3]>>,
-    /// The file's own coordinates where f32 offsets cannot give them back (PLY doubles).
+    /// The file's own coordinates where f32 offsets cannot give them back (PLY doubles, LAS points millions of steps apart).
     pub exact_positions: Option<Arc<Vec<[f64; 3]>>>,
     /// sRGB red, green, blue; the fourth byte is opacity (255 where the file has none).
     pub colors: Option<Arc<Vec<[u8; 4]>>>,
@@ -137,7 +137,7 @@ impl Cloud {
     }
 
     /// The file's own coordinates of a point: exact doubles where kept, else snapped to the file's grid, which undoes the
-    /// rounding of the f32 offset as long as the chunk is narrower than 8 million grid steps.
+    /// rounding of the f32 offset: chunks wider than 8 million grid steps keep doubles.
     pub fn world_position(&self, chunk: &Chunk, index: usize) -> DVec3 {
         if let Some(exact) = &chunk.exact_positions {
             return DVec3::from(exact[index]);

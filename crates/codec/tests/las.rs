@@ -583,3 +583,21 @@ fn no_damaged_byte_brings_the_reader_down() {
     }
     assert!(opened > 1_000 && refused > 100, "{opened} opened, {refused} refused: the damage proves nothing");
 }
+
+#[test]
+fn points_far_away_cost_the_others_no_precision_wherever_they_come() {
+    for strays in [vec![0], vec![40_000], vec![0, 1, 5_000, 65_536, 79_999]] {
+        let mut points = points(0, 80_000);
+        strays.iter().for_each(|&stray| points[stray].x += 1_500_000.0);
+        let (_, cloud, _) = read_bytes(&las_file((1, 2), 0, &points, &[]));
+        let exact = positions(&cloud);
+        let offsets = cloud.chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|index| chunk.position(index)));
+        for (index, (offset, point)) in offsets.zip(&points).enumerate() {
+            let place = DVec3::new(point.x, point.y, point.z);
+            assert!(exact[index].distance(place) < 1e-6, "point {index}: {} instead of {place}", exact[index]);
+            assert!(strays.contains(&index) || offset.distance(place) < 1e-4, "point {index}: {offset}, not {place}");
+        }
+        let kept = cloud.chunks.iter().filter(|chunk| chunk.exact_positions.is_some()).count();
+        assert!((1..=strays.len()).contains(&kept), "chunks with doubles: {kept}");
+    }
+}

@@ -4,12 +4,16 @@
 use std::sync::Arc;
 
 use cloud::{Bounds, Chunk, Column, Grid};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::layout::{Layout, bytes};
 
 /// Records per tile: 36 KiB of point format 7, and few enough that a decoder's calls per tile cost nothing.
 pub const TILE_RECORDS: usize = 1024;
+/// Grid steps from the origin within which f32 offsets tell all points apart.
+const F32_STEPS: f64 = (1_u64 << 23) as f64;
+/// Records of which one is where most points are.
+const MEDIAN_RECORDS: usize = 99;
 
 /// How 16-bit colour fields become 8 bits, one rule for a whole file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +43,8 @@ pub struct ChunkBuilder<'a> {
     lowest: [i32; 3],
     highest: [i32; 3],
     positions: Vec<[f32; 3]>,
+    /// From where on a point lies too far from the others for f32 offsets to tell its grid step.
+    exact_positions: Option<Vec<[f64; 3]>>,
     colors: Vec<[u8; 4]>,
     columns: Vec<Option<Column>>,
 }
@@ -53,13 +59,21 @@ struct Anchor {
 }
 
 impl Anchor {
-    fn new(first_raw: [i32; 3], grid: &Grid) -> Self {
-        let first_raw = DVec3::from(first_raw.map(f64::from));
+    fn new(records: impl Iterator<Item = [i32; 3]> + Clone, grid: &Grid) -> Option<Self> {
+        let first = records.clone().next()?;
+        let usual: [i32; 3] = std::array::from_fn(|axis| {
+            let mut values: Vec<i32> = records.clone().take(MEDIAN_RECORDS).map(|raw| raw[axis]).collect();
+            values.sort_unstable();
+            values[values.len() / 2]
+        });
+        let [first, usual] = [first, usual].map(|raw| DVec3::from(raw.map(f64::from)));
+        // A first point far away would take the precision of all others.
+        let first_raw = if (first - usual).abs().max_element() < F32_STEPS { first } else { usual };
         let world = first_raw * grid.scale + grid.offset;
         // Whole units keep origins short; where a unit has more than a million grid steps (degrees), that would use up
         // the 24 bits of an f32 offset, and the origin is the point itself.
         let origin = DVec3::select(grid.scale.abs().cmpge(DVec3::splat(1e-6)), world.round(), world);
-        Self { origin, first_raw, rest: world - origin }
+        Some(Self { origin, first_raw, rest: world - origin })
     }
 }
 
@@ -76,6 +90,7 @@ impl<'a> ChunkBuilder<'a> {
             lowest: [i32::MAX; 3],
             highest: [i32::MIN; 3],
             positions: Vec::with_capacity(if plan.positions { capacity } else { 0 }),
+            exact_positions: None,
             colors: Vec::with_capacity(if plan.colors.is_some() { capacity } else { 0 }),
             columns: plan.attributes.iter().zip(&plan.layout.attributes).map(column).collect(),
         }
@@ -128,12 +143,13 @@ impl<'a> ChunkBuilder<'a> {
             [0, 4, 8].map(|at| i32::from_le_bytes([field[at], field[at + 1], field[at + 2], field[at + 3]]))
         };
         let records = tile.chunks_exact(self.plan.layout.record_length).map(raw);
-        let Some(first) = records.clone().next() else { return };
         let grid = &self.plan.grid;
-        let Anchor { first_raw, rest, .. } = *self.anchor.get_or_insert_with(|| Anchor::new(first, grid));
-        let (first_raw, scale, rest) = (first_raw.to_array(), grid.scale.to_array(), rest.to_array());
+        let Some(anchor) = self.anchor.or_else(|| Anchor::new(records.clone(), grid)) else { return };
+        self.anchor = Some(anchor);
+        let (first_raw, scale, rest) = (anchor.first_raw.to_array(), grid.scale.to_array(), anchor.rest.to_array());
         let (mut lowest, mut highest) = (self.lowest, self.highest);
-        self.positions.extend(records.map(|raw| {
+        let before = self.positions.len();
+        self.positions.extend(records.clone().map(|raw| {
             let mut position = [0.0; 3];
             for axis in 0..3 {
                 lowest[axis] = lowest[axis].min(raw[axis]);
@@ -143,6 +159,17 @@ impl<'a> ChunkBuilder<'a> {
             position
         }));
         (self.lowest, self.highest) = (lowest, highest);
+        let world = |raw: DVec3| (raw * grid.scale + grid.offset).to_array();
+        let reach = |corner: [i32; 3]| (DVec3::from(corner.map(f64::from)) - anchor.first_raw).abs().max_element();
+        if self.exact_positions.is_none() && reach(lowest).max(reach(highest)) >= F32_STEPS {
+            let raw = |offset: &[f32; 3]| {
+                ((Vec3::from(*offset).as_dvec3() - anchor.rest) / grid.scale).round() + anchor.first_raw
+            };
+            self.exact_positions = Some(self.positions[..before].iter().map(|offset| world(raw(offset))).collect());
+        }
+        if let Some(exact) = &mut self.exact_positions {
+            exact.extend(records.map(|raw| world(DVec3::from(raw.map(f64::from)))));
+        }
     }
 
     /// The chunk, its number of points (which a chunk without positions cannot tell), and the file's own bounds of it.
@@ -155,6 +182,7 @@ impl<'a> ChunkBuilder<'a> {
         }
         let origin = self.anchor.map_or(DVec3::ZERO, |anchor| anchor.origin);
         let mut chunk = Chunk::new(self.first_point, origin, self.positions);
+        chunk.exact_positions = self.exact_positions.map(Arc::new);
         chunk.colors = self.plan.colors.map(|_| Arc::new(self.colors));
         chunk.columns = self.columns.into_iter().map(|column| column.map(Arc::new)).collect();
         (chunk, self.points as u64, bounds)
