@@ -295,6 +295,7 @@ impl Build<'_> {
             let before = counts.points.load(Ordering::Relaxed);
             let reading = Progress::default();
             let add = |chunk: Chunk| {
+                let chunk = plan.exact(chunk, input.info().grid);
                 let encoded = plan.layout.encode(&chunk, &plan.lattice, columns);
                 counts.skipped.fetch_add(encoded.skipped, Ordering::Relaxed);
                 counts.misfits.fetch_add(encoded.misfits, Ordering::Relaxed);

@@ -62,7 +62,7 @@ enum Points {
 pub(crate) struct Summary {
     /// Tells what it was made from.
     pub key: u128,
-    /// The lattice is the files' own.
+    /// The lattice is the finest of the files' own grids.
     pub on_grid: bool,
     pub lattice: Lattice,
     pub layout: Layout,
@@ -180,7 +180,7 @@ impl Pages {
         &self.summary.layout.attributes
     }
 
-    /// The files' own grid; `None` if they have none, or not the same one.
+    /// The files' own grid, the finest if they have several; `None` if a file has none.
     pub fn grid(&self) -> Option<Grid> {
         self.summary.on_grid.then_some(self.summary.lattice.grid)
     }

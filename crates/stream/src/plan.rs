@@ -2,12 +2,12 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
+use cloud::{Attribute, Bounds, Chunk, Cloud, Grid, Progress};
 use codec::{Format, Selection, Source};
 use glam::DVec3;
 
 use crate::lattice::Lattice;
-use crate::records::{Layout, is_believable};
+use crate::records::{Layout, MOST_STEPS, is_believable};
 use crate::{Error, Result};
 
 /// Attributes that are kept, if a file has them.
@@ -31,7 +31,7 @@ const SAMPLES_PER_CHUNK: usize = 64;
 pub struct Plan {
     pub layout: Layout,
     pub lattice: Lattice,
-    /// The lattice is the files' own.
+    /// The lattice is the finest of the files' own grids.
     pub on_grid: bool,
     /// Per file: what is read, and which of its columns is which of the layout's attributes.
     pub inputs: Vec<(Selection, Vec<Option<usize>>)>,
@@ -50,9 +50,10 @@ impl Plan {
         let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
         let header_bounds =
             || infos().map(|info| info.bounds).try_fold(Bounds::EMPTY, |all, bounds| Some(all.union(bounds?)));
-        let grid = common_grid(infos().map(|info| info.grid)).filter(is_sane);
         let is_known = |bounds: &Bounds| !bounds.is_empty() && is_believable(bounds.min) && is_believable(bounds.max);
         let bounds = extent.map(|extent| extent.bounds).or_else(header_bounds).filter(is_known)?;
+        let grid = finest_grid(infos().map(|info| info.grid))
+            .filter(|grid| is_sane(grid) && is_within(&bounds, grid, MOST_STEPS));
         let step = grid.map_or(0.0, |grid| grid.scale.abs().max_element());
         let width = (bounds.size().max_element() * (1.0 + 2.0 * MARGIN)).max(256.0 * step);
         let width = if width > 0.0 { width.max(LEAST_WIDTH) } else { 1.0 };
@@ -65,10 +66,22 @@ impl Plan {
         let corner = bounds.center() - DVec3::splat(width / 2.0);
         // Height is mostly the least extent: then the ground is in the lower half, not cut by the middle of the cube.
         let corner = corner.with_z(bounds.min.z - width * MARGIN);
-        let layout = layout(inputs, wide || grid.is_none());
+        let is_narrow = grid.is_some_and(|grid| is_within(&bounds, &grid, f64::from(i32::MAX)));
+        let layout = layout(inputs, wide || !is_narrow);
         let inputs = inputs.iter().map(|input| selection(input, &layout)).collect();
         let lattice = Lattice { grid: lattice_grid, corner, width };
         Some(Self { layout, lattice, on_grid: grid.is_some(), inputs })
+    }
+
+    /// A chunk of a file with this grid as it can be put on the lattice: where that is another grid, what f32 offsets have lost
+    /// comes back first.
+    pub fn exact(&self, chunk: Chunk, grid: Option<Grid>) -> Chunk {
+        let Some(grid) = grid.filter(|grid| self.on_grid && !is_one_grid(grid, &self.lattice.grid)) else {
+            return chunk;
+        };
+        let file = Cloud { grid: Some(grid), ..Cloud::default() };
+        let places = (0..chunk.len()).map(|index| file.world_position(&chunk, index).to_array());
+        Chunk { exact_positions: Some(Arc::new(places.collect())), ..chunk }
     }
 }
 
@@ -85,14 +98,28 @@ pub fn layout(inputs: &[Arc<Source>], wide: bool) -> Layout {
     }
 }
 
-/// The grid all coordinates lie on, if there is one: the same steps, and offsets whole steps apart.
-fn common_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
+/// On each axis the finest grid of any file, if all have one: coordinates on it, and on coarser ones of which it is a part, are
+/// kept as they are, all others to half of its step.
+fn finest_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
     let first = grids.next()??;
-    let agrees = |grid: Grid| {
-        let shift = (grid.offset - first.offset) / first.scale;
-        grid.scale == first.scale && (shift - shift.round()).abs().max_element() < 1e-3
-    };
-    grids.all(|grid| grid.is_some_and(agrees)).then_some(first)
+    grids.try_fold(first, |finest, grid| {
+        let grid = grid?;
+        let finer = grid.scale.abs().cmplt(finest.scale.abs());
+        let pick = |a: DVec3, b: DVec3| DVec3::select(finer, a, b);
+        Some(Grid { scale: pick(grid.scale, finest.scale), offset: pick(grid.offset, finest.offset) })
+    })
+}
+
+/// What lies on one of these grids lies on the other: the same steps, and offsets whole steps apart.
+fn is_one_grid(a: &Grid, b: &Grid) -> bool {
+    let shift = (a.offset - b.offset) / b.scale;
+    a.scale == b.scale && (shift - shift.round()).abs().max_element() < 1e-3
+}
+
+/// All of these places are so few steps from the grid's offset.
+fn is_within(bounds: &Bounds, grid: &Grid, steps: f64) -> bool {
+    let reach = |corner: DVec3| ((corner - grid.offset) / grid.scale).abs().max_element();
+    reach(bounds.min).max(reach(bounds.max)) < steps
 }
 
 fn lattice_for(extent: &Extent) -> Grid {

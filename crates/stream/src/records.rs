@@ -42,7 +42,7 @@ pub(crate) use each_type;
 /// Coordinates beyond this, in world units, are damage: no measure of anything is so large, and f32 ends soon after.
 pub const MOST_COORDINATE: f64 = 1e30;
 /// Lattice integers of a point: the distance of two is an i64.
-const MOST_STEPS: f64 = (3_u64 << 60) as f64;
+pub const MOST_STEPS: f64 = (3_u64 << 60) as f64;
 
 /// Where a point may be.
 pub fn is_believable(place: DVec3) -> bool {

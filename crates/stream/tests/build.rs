@@ -405,11 +405,6 @@ fn several_files_are_one_cloud() {
         assert!(pages.grid().is_some());
         assert_holds_all(&inputs, &pages);
     }
-    // Half a step off: no common grid.
-    let inputs = [file("three.las", 0.0), file("four.las", 1_000.000_5)];
-    let pages = index(&inputs, folder.path());
-    assert!(pages.grid().is_none());
-    assert_same_places(&inputs, &pages, 1e-4);
 }
 
 #[test]
