@@ -22,15 +22,12 @@ use cloud::{Chunk, Progress, SurfelOptions, pack_radius, provisional_radius};
 use glam::DVec3;
 
 use crate::radius_scale::{
-    Drawn, Octants, Quarters, count_octants, cube_center, largest_radius, radius_quarters, scaled, to_full_density,
+    Drawn, Growth, Growths, Octants, count_octants, cube_center, growths, scaled, to_full_density,
 };
 use crate::{BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
 
 /// Rates are taken over this long.
 const RATE_TIME: Duration = Duration::from_secs(1);
-/// While nodes are on their way, radii may be larger than need be by less than so many quarters of an octave: 41 %. Most chunks
-/// would otherwise be put again with every few that come.
-const LOOSE_QUARTERS: u8 = 2;
 /// A chunk's radii are held twice where they are scaled.
 const SCALED_RADIUS_BYTES: u64 = 2;
 
@@ -255,8 +252,8 @@ struct Loaded {
     center: DVec3,
     /// Of all of the node's points.
     own: Octants,
-    /// Between the node's points, world units; `None` where their radii tell it.
-    spacing: Option<f64>,
+    /// Radii are those of the node's own points, made those of full density.
+    is_estimated: bool,
     disk_bytes: u64,
 }
 
@@ -265,7 +262,7 @@ struct Shown {
     loaded: Loaded,
     generation: u64,
     drawn: Octants,
-    quarters: Quarters,
+    growths: Growths,
 }
 
 #[derive(Default)]
@@ -324,8 +321,7 @@ impl Job {
         let is_estimated = chunk.radii.is_none() && matches!(self.paged.missing, Missing::Estimate(_));
         self.paged.missing.fill(&mut chunk, octree, self.node);
         let center = cube_center(octree, self.node);
-        let spacing = (!is_estimated).then(|| octree.spacing_at(node.level));
-        Ok(Loaded { own: count_octants(&chunk, center), center, spacing, chunk, disk_bytes })
+        Ok(Loaded { own: count_octants(&chunk, center), center, is_estimated, chunk, disk_bytes })
     }
 }
 
@@ -369,9 +365,9 @@ impl Loaded {
 }
 
 impl Shown {
-    fn new(loaded: Loaded, generation: u64, quarters: Quarters) -> Self {
+    fn new(loaded: Loaded, generation: u64, growths: Growths) -> Self {
         let drawn = count_octants(&loaded.chunk, loaded.center);
-        Self { loaded, generation, drawn, quarters }
+        Self { loaded, generation, drawn, growths }
     }
 
     fn points(&self) -> u64 {
@@ -379,10 +375,9 @@ impl Shown {
     }
 
     fn put(&self, cloud: usize) -> Change {
-        let Loaded { chunk, center, own, spacing, .. } = &self.loaded;
-        let own = own.iter().map(|count| u64::from(*count)).sum();
-        let largest = spacing.map_or(u16::MAX, |spacing| largest_radius(spacing, own, chunk.len()));
-        Change::Put { cloud, chunk: scaled(chunk, *center, &self.quarters, largest) }
+        let Loaded { chunk, center, is_estimated, .. } = &self.loaded;
+        let growths = if *is_estimated { self.growths.map(Growth::unbounded) } else { self.growths };
+        Change::Put { cloud, chunk: scaled(chunk, *center, &growths) }
     }
 
     /// Nothing for a node without points: its `first_point` is the next node's.
@@ -392,9 +387,9 @@ impl Shown {
     }
 
     /// Puts it anew with these radii, if they are other ones.
-    fn rescale(&mut self, cloud: usize, quarters: Quarters, changes: &mut Vec<Change>) {
-        if quarters != self.quarters {
-            self.quarters = quarters;
+    fn rescale(&mut self, cloud: usize, growths: Growths, changes: &mut Vec<Change>) {
+        if growths != self.growths {
+            self.growths = growths;
             changes.push(self.put(cloud));
         }
     }
@@ -665,12 +660,12 @@ impl State {
             .chain(plan.shrinks.keys().map(|(cloud, _)| *cloud))
             .chain(plan.arrivals.iter().map(|(cloud, ..)| *cloud))
             .collect();
-        let quarters: BTreeMap<usize, BTreeMap<NodeId, Quarters>> =
-            touched.into_iter().map(|cloud| (cloud, self.quarters_after(cloud, &plan))).collect();
-        self.grow_radii(&plan, &quarters, &mut changes);
-        self.drop_and_shrink(&plan, &quarters, &mut changes);
-        self.show(&plan, &quarters, &mut changes);
-        self.shrink_radii(&quarters, &mut changes);
+        let growths: BTreeMap<usize, BTreeMap<NodeId, Growths>> =
+            touched.into_iter().map(|cloud| (cloud, self.growths_after(cloud, &plan))).collect();
+        self.grow_radii(&plan, &growths, &mut changes);
+        self.drop_and_shrink(&plan, &growths, &mut changes);
+        self.show(&plan, &growths, &mut changes);
+        self.shrink_radii(&growths, &mut changes);
         self.evict(0);
         // A node without points is shown so that those below it can be, but there is nothing to draw.
         changes.retain(|change| !matches!(change, Change::Put { chunk, .. } if chunk.is_empty()));
@@ -767,7 +762,7 @@ impl State {
     }
 
     /// How much the radii of all nodes grow that are shown when the plan is done.
-    fn quarters_after(&self, cloud: usize, plan: &Plan) -> BTreeMap<NodeId, Quarters> {
+    fn growths_after(&self, cloud: usize, plan: &Plan) -> BTreeMap<NodeId, Growths> {
         let Some(held) = self.clouds.get(&cloud) else { return BTreeMap::new() };
         let mut drawn = BTreeMap::new();
         let prefix_of = |loaded: &Loaded, points: usize| {
@@ -792,22 +787,22 @@ impl State {
                 drawn.insert(*id, Drawn { own: loaded.own, drawn: prefix_of(loaded, *points) });
             }
         }
-        radius_quarters(&held.paged.octree, &drawn)
+        growths(&held.paged.octree, &drawn)
     }
 
     /// Of nodes that stay, where more must be covered than before.
     fn grow_radii(
         &mut self,
         plan: &Plan,
-        quarters: &BTreeMap<usize, BTreeMap<NodeId, Quarters>>,
+        growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>,
         changes: &mut Vec<Change>,
     ) {
-        for (cloud, nodes) in quarters {
-            for (id, quarters) in nodes {
+        for (cloud, nodes) in growths {
+            for (id, growths) in nodes {
                 if let Some(shown) = self.shown_mut(*cloud, *id)
                     && !plan.shrinks.contains_key(&(*cloud, *id))
                 {
-                    shown.rescale(*cloud, larger(shown.quarters, *quarters), changes);
+                    shown.rescale(*cloud, larger(shown.growths, *growths), changes);
                 }
             }
         }
@@ -816,7 +811,7 @@ impl State {
     fn drop_and_shrink(
         &mut self,
         plan: &Plan,
-        quarters: &BTreeMap<usize, BTreeMap<NodeId, Quarters>>,
+        growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>,
         changes: &mut Vec<Change>,
     ) {
         for ((cloud, id), points) in &plan.shrinks {
@@ -824,7 +819,7 @@ impl State {
             let Some(shown) = entry.shown.take() else { continue };
             self.bytes -= shown.loaded.bytes();
             self.shown_points -= shown.points();
-            let larger = larger(shown.quarters, quarters[cloud].get(id).copied().unwrap_or_default());
+            let larger = larger(shown.growths, growths[cloud].get(id).copied().unwrap_or_default());
             let shown = Shown::new(shown.loaded.first(*points), shown.generation, larger);
             self.bytes += shown.loaded.bytes();
             self.shown_points += shown.points();
@@ -848,20 +843,20 @@ impl State {
         }
     }
 
-    fn show(&mut self, plan: &Plan, quarters: &BTreeMap<usize, BTreeMap<NodeId, Quarters>>, changes: &mut Vec<Change>) {
+    fn show(&mut self, plan: &Plan, growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>, changes: &mut Vec<Change>) {
         for (cloud, id, points) in &plan.arrivals {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
             let generation = held.generation;
             let Some(entry) = held.entries.get_mut(id) else { continue };
             let Some(loaded) = entry.loaded.take() else { continue };
             self.bytes -= loaded.bytes();
-            let mut scale = quarters[cloud].get(id).copied().unwrap_or_default();
+            let mut scale = growths[cloud].get(id).copied().unwrap_or_default();
             match entry.shown.take() {
                 Some(old) => {
                     self.bytes -= old.loaded.bytes();
                     self.shown_points -= old.points();
                     // Its radii shrink after its children have come.
-                    scale = larger(scale, old.quarters);
+                    scale = larger(scale, old.growths);
                 }
                 None => self.shown_nodes += 1,
             }
@@ -874,17 +869,18 @@ impl State {
     }
 
     /// Of nodes that have less to cover than before: exactly when all has come.
-    fn shrink_radii(&mut self, quarters: &BTreeMap<usize, BTreeMap<NodeId, Quarters>>, changes: &mut Vec<Change>) {
+    fn shrink_radii(&mut self, growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>, changes: &mut Vec<Change>) {
         let is_all = self.waiting_nodes() == 0;
-        for (cloud, nodes) in quarters {
+        for (cloud, nodes) in growths {
             let mut is_loose = false;
-            for (id, quarters) in nodes.iter().rev() {
+            for (id, growths) in nodes.iter().rev() {
                 let Some(shown) = self.shown_mut(*cloud, *id) else { continue };
-                let excess = (0..8).map(|octant| shown.quarters[octant].saturating_sub(quarters[octant])).max();
-                if is_all || excess >= Some(LOOSE_QUARTERS) {
-                    shown.rescale(*cloud, *quarters, changes);
+                // Most chunks would otherwise be put again with every few that come.
+                let is_near = shown.growths.iter().zip(growths).all(|(now, then)| now.is_near(*then));
+                if is_all || !is_near {
+                    shown.rescale(*cloud, *growths, changes);
                 }
-                is_loose |= shown.quarters != *quarters;
+                is_loose |= shown.growths != *growths;
             }
             if let Some(held) = self.clouds.get_mut(cloud) {
                 held.is_loose = is_loose;
@@ -922,8 +918,8 @@ impl State {
     }
 }
 
-fn larger(a: Quarters, b: Quarters) -> Quarters {
-    std::array::from_fn(|octant| a[octant].max(b[octant]))
+fn larger(a: Growths, b: Growths) -> Growths {
+    std::array::from_fn(|octant| a[octant].larger(b[octant]))
 }
 
 #[cfg(test)]

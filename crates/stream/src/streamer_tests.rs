@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use glam::{DMat3, DVec2, Vec3};
 
 use super::*;
+use crate::radius_scale::LARGEST_SPACINGS;
 use crate::test_trees::{page, random, terrain, terrain_page};
 use crate::{Tree, ViewMeasure, choose};
 
@@ -320,19 +321,11 @@ fn a_root_alone_is_drawn_with_larger_splats() {
     streamer.want(everything(0, &octree));
     let mut drawer = Drawer::default();
     drawer.settle(&streamer);
-    // 1 + 4 + 16 + 64 nodes of equal size: a root of 85 is between 12 and 13 quarters of an octave.
+    // Of 1 + 4 + 16 + 64 nodes of equal size the first: scaled by the root of 85 they would have 1.13 spacings.
     let (root, full) = (&drawer.chunks[&(0, 0)], terrain_page(&octree, NodeId(0)));
-    let grown = (4.0 * 85.0_f64.sqrt().log2()).ceil() as u16 * 512;
-    // Rounded up, they would overlap by more than their spacing asks for.
-    let largest = largest_radius(octree.spacing, 256, 256);
-    let expected: Vec<u16> = full.radii.unwrap().iter().map(|radius| (radius + grown).min(largest)).collect();
-    assert!(
-        expected
-            .iter()
-            .zip(terrain_page(&octree, NodeId(0)).radii.unwrap().iter())
-            .all(|(grown, radius)| grown > radius)
-    );
-    assert_eq!(**root.radii.as_ref().unwrap(), expected);
+    let largest = pack_radius((LARGEST_SPACINGS * octree.spacing) as f32);
+    assert!(full.radii.unwrap().iter().all(|radius| *radius < largest - 2048));
+    assert!(root.radii.as_ref().unwrap().iter().all(|radius| *radius == largest));
     assert_eq!((&root.positions, &root.normals), (&full.positions, &full.normals));
 }
 
