@@ -113,7 +113,7 @@ pub(crate) fn lock_path(entry: &Path) -> PathBuf {
 
 /// The file under this name is still the open one. Elsewhere than on Unix lock files stay, so it always is.
 #[cfg(unix)]
-fn is_current(file: &File, path: &Path) -> bool {
+pub(crate) fn is_current(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     let id = |metadata: std::fs::Metadata| (metadata.dev(), metadata.ino());
     match (file.metadata(), std::fs::metadata(path)) {
@@ -123,7 +123,7 @@ fn is_current(file: &File, path: &Path) -> bool {
 }
 
 #[cfg(not(unix))]
-fn is_current(_: &File, _: &Path) -> bool {
+pub(crate) fn is_current(_: &File, _: &Path) -> bool {
     true
 }
 
@@ -202,13 +202,18 @@ impl Cache {
             return;
         }
         // One at a time: what one has set aside, the next must not look at as if it were still there.
-        let turn = File::options().create(true).truncate(false).write(true).open(self.folder.join("aside.lock"));
-        let Some(_turn) = turn.ok().filter(|turn| turn.lock().is_ok()) else { return };
+        let Some(_turn) = self.no_setting_aside() else { return };
         // Nobody builds it.
         let lock = File::open(lock_path(entry)).ok().filter(|lock| lock.try_lock_shared().is_ok());
         if let Some(lock) = lock.filter(|lock| is_current(lock, &lock_path(entry))) {
             self.set_locked_aside(entry, identity, &lock);
         }
+    }
+
+    /// While the file is kept, no entry is set aside. `None` where that cannot be had.
+    pub(crate) fn no_setting_aside(&self) -> Option<File> {
+        let turn = File::options().create(true).truncate(false).write(true).open(self.folder.join("aside.lock"));
+        turn.ok().filter(|turn| turn.lock().is_ok())
     }
 
     /// While its lock is shared.

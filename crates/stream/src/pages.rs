@@ -124,6 +124,21 @@ impl Pages {
         }
     }
 
+    /// Does something in the folder, if it is still this index's own.
+    ///
+    /// # Errors
+    /// `Damaged` if the index was set aside, made anew or deleted since it was opened.
+    pub(crate) fn in_place<T>(&self, change: impl FnOnce() -> Result<T>) -> Result<T> {
+        let _turn = self.cache.as_ref().and_then(Cache::no_setting_aside);
+        match &self.points {
+            Points::Own { pages, .. } if !pages.is_in_place() => Err(Error::damaged(
+                &self.folder,
+                "the index was replaced or deleted while it was in use; open it again",
+            )),
+            _ => change(),
+        }
+    }
+
     /// The points are what was written, normals and radii are not. Reads all of them.
     pub(crate) fn has_bad_surfels_only(&self) -> bool {
         let Some(surfels) = &self.surfels else { return false };

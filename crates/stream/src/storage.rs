@@ -50,6 +50,15 @@ impl Storage {
         &self.path
     }
 
+    /// It is still the file under its name.
+    pub fn is_in_place(&self) -> bool {
+        #[cfg(unix)]
+        let file = &self.file;
+        #[cfg(not(unix))]
+        let file = &self.locked();
+        crate::cache::is_current(file, &self.path)
+    }
+
     /// Bytes in it.
     pub fn length(&self) -> u64 {
         self.end.load(Ordering::Relaxed)

@@ -188,7 +188,8 @@ pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
 /// whose nearest neighbours are further than the margin beyond the limits of their group (docs/scale.md says how many).
 ///
 /// # Errors
-/// `Cancelled`; what is done is kept for the next time. `Io` for a COPC file, which is not an index of ours. `Io` with the file's name, a full disk among them: then nothing is kept.
+/// `Cancelled`; what is done is kept for the next time. `Damaged` if points are, or if the index was replaced or deleted meanwhile:
+/// what is there instead of it is not touched. `Io` for a COPC file, which is not an index of ours. `Io` with the file's name, a full disk among them: then nothing is kept.
 pub fn estimate_surfels(pages: &Pages, options: &SurfelOptions, memory: u64, progress: &Progress) -> Result<()> {
     let most = (memory / WORKING_BYTES).clamp(FEWEST_POINTS, MOST_POINTS);
     estimate_in_groups(pages, options, most, progress)
@@ -201,7 +202,7 @@ fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progres
         let problem = "a COPC file has no place for normals and radii; they are estimated node by node";
         return Err(Error::io(folder, std::io::Error::new(std::io::ErrorKind::Unsupported, problem)));
     }
-    let _lock = lock(&folder.join(LOCK), progress)?;
+    let _lock = lock(pages, progress)?;
     let octree = pages.octree();
     progress.set_total(octree.points());
     let identity = identity(pages.key(), octree, options);
@@ -213,7 +214,7 @@ fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progres
     let mut build = Build::start(pages, options, most, &identity)?;
     let result = build.run(progress).and_then(|()| build.finish(&identity));
     if result.as_ref().is_err_and(|error| error.is_full() || matches!(error, Error::Damaged { .. })) {
-        clear(folder)?;
+        pages.in_place(|| clear(folder))?;
     }
     result?;
     pages.keep_limit();
@@ -232,9 +233,12 @@ fn clear(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn lock(path: &Path, progress: &Progress) -> Result<File> {
-    let file = File::options().create(true).truncate(false).write(true).open(path);
-    let file = file.map_err(|error| Error::io(path, error))?;
+fn lock(pages: &Pages, progress: &Progress) -> Result<File> {
+    let path = &pages.folder().join(LOCK);
+    let file = pages.in_place(|| {
+        let file = File::options().create(true).truncate(false).write(true).open(path);
+        file.map_err(|error| Error::io(path, error))
+    })?;
     loop {
         match file.try_lock() {
             Ok(()) => return Ok(file),
@@ -375,29 +379,33 @@ impl<'a> Build<'a> {
         let title = [&MAGIC, &VERSION.to_le_bytes()[..], identity, &most.to_le_bytes()].concat();
         let (path, done_path) = (pages.folder().join(UNFINISHED), pages.folder().join(DONE));
         let length = data_start(octree.nodes.len()) + POINT_BYTES * octree.points();
-        let mut list = Vec::new();
-        let noted = File::open(&done_path).and_then(|mut file| file.read_to_end(&mut list));
-        let same = noted.is_ok() && list.starts_with(&title) && path.metadata().is_ok_and(|file| file.len() == length);
-        if !same {
-            clear(pages.folder())?;
-            list = title.clone();
-        }
-        // An entry that was cut short is written over.
-        let (entries, _) = list[title.len()..].as_chunks::<DONE_BYTES>();
-        let (mut is_done, mut points, mut valid) = (vec![false; groups.len()], 0, title.len());
-        for entry in entries {
-            let Some((group, own)) = read_entry(entry).filter(|(group, _)| is_done.get(*group) == Some(&false)) else {
-                break;
-            };
-            is_done[group] = true;
-            points += own;
-            valid += DONE_BYTES;
-        }
-        list.truncate(valid);
-        let unfinished = Storage::sized(&path, length)?;
-        let done = File::create(&done_path).and_then(|mut file| file.write_all(&list).map(|()| file));
-        let done = done.map_err(|error| Error::io(&done_path, error))?;
-        Ok(Self { pages, options, weights, groups, most, unfinished, is_done, done, done_path, points })
+        pages.in_place(|| {
+            let mut list = Vec::new();
+            let noted = File::open(&done_path).and_then(|mut file| file.read_to_end(&mut list));
+            let same =
+                noted.is_ok() && list.starts_with(&title) && path.metadata().is_ok_and(|file| file.len() == length);
+            if !same {
+                clear(pages.folder())?;
+                list = title.clone();
+            }
+            // An entry that was cut short is written over.
+            let (entries, _) = list[title.len()..].as_chunks::<DONE_BYTES>();
+            let (mut is_done, mut points, mut valid) = (vec![false; groups.len()], 0, title.len());
+            for entry in entries {
+                let Some((group, own)) = read_entry(entry).filter(|(group, _)| is_done.get(*group) == Some(&false))
+                else {
+                    break;
+                };
+                is_done[group] = true;
+                points += own;
+                valid += DONE_BYTES;
+            }
+            list.truncate(valid);
+            let unfinished = Storage::sized(&path, length)?;
+            let done = File::create(&done_path).and_then(|mut file| file.write_all(&list).map(|()| file));
+            let done = done.map_err(|error| Error::io(&done_path, error))?;
+            Ok(Self { pages, options, weights, groups, most, unfinished, is_done, done, done_path, points })
+        })
     }
 
     fn run(&mut self, progress: &Progress) -> Result<()> {
@@ -511,8 +519,10 @@ impl<'a> Build<'a> {
         self.unfinished.write(0, &head)?;
         self.unfinished.sync()?;
         let complete = self.pages.folder().join(SURFELS);
-        std::fs::rename(path, &complete).map_err(|error| Error::io(&complete, error))?;
-        clear(self.pages.folder())
+        self.pages.in_place(|| {
+            std::fs::rename(path, &complete).map_err(|error| Error::io(&complete, error))?;
+            clear(self.pages.folder())
+        })
     }
 }
 

@@ -310,3 +310,41 @@ fn a_hundred_thousand_points_at_one_place_are_one_in_memory() {
     let share = differing(&paged, &memory);
     assert!(share < 1e-3, "{share}");
 }
+
+#[cfg(unix)]
+#[test]
+fn an_estimate_whose_index_is_replaced_or_deleted_touches_nothing_else() {
+    let is_replaced = |result: Result<()>| match result {
+        Err(Error::Damaged { problem, .. }) => problem.contains("replaced or deleted"),
+        _ => false,
+    };
+    for replaced in [true, false] {
+        let (_folder, _, pages) = indexed(60_000);
+        let folder = pages.folder().to_owned();
+        let identity = identity(pages.key(), pages.octree(), &OPTIONS);
+        let mut build = Build::start(&pages, &OPTIONS, 20_000, &identity).unwrap();
+        let aside = folder.with_extension("aside");
+        std::fs::rename(&folder, &aside).unwrap();
+        let theirs = ["nodes", "pages", UNFINISHED, DONE];
+        if replaced {
+            // The same index, made by somebody who estimates, too.
+            std::fs::create_dir(&folder).unwrap();
+            for name in &theirs[..2] {
+                std::fs::copy(aside.join(name), folder.join(name)).unwrap();
+            }
+            theirs[2..].iter().for_each(|name| std::fs::write(folder.join(name), "theirs").unwrap());
+        } else {
+            std::fs::remove_dir_all(&aside).unwrap();
+        }
+        let progress = Progress::default();
+        assert!(is_replaced(build.run(&progress).and_then(|()| build.finish(&identity))));
+        drop(build);
+        assert!(is_replaced(estimate_surfels(&pages, &OPTIONS, 1 << 30, &progress)));
+        if replaced {
+            assert_eq!(std::fs::read_dir(&folder).unwrap().count(), theirs.len());
+            assert!(theirs[2..].iter().all(|name| std::fs::read(folder.join(name)).unwrap() == b"theirs"));
+        } else {
+            assert!(!folder.exists());
+        }
+    }
+}
