@@ -15,8 +15,10 @@ pub const KNOWN_LEVELS: u8 = 6;
 const KNOWN_BYTES: usize = 1 << (3 * KNOWN_LEVELS as usize - 3);
 /// Most levels one distribution goes down.
 const MOST_DEPTH: u8 = KEY_LEVELS - KNOWN_LEVELS;
-/// Cells that a distribution goes down to at most, as far as a sample tells.
-const MOST_CELLS: usize = 4096;
+/// Cells that a bucket is cut into at most, as far as a sample tells.
+const MOST_CELLS: u64 = 4096;
+/// Cells of a distribution that are worth its pass however little memory there is.
+const FEWEST_CELLS: u64 = 64;
 /// A bucket of this level is not cut any further: a node of it could not tell enough cells apart.
 pub const LAST_LEVEL: u8 = DEPTH - 7;
 /// Bytes a bucket is written in.
@@ -30,27 +32,21 @@ pub struct Bucket {
     extents: Vec<(u64, u32)>,
     /// Records that are not written yet.
     buffer: Vec<u8>,
-    occupied: Box<[u8; KNOWN_BYTES]>,
+    /// Cells with points in them, by levels below it.
+    occupied: [u32; KNOWN_LEVELS as usize + 1],
     /// Cannot be cut: its points are in one place.
     pub heap: bool,
 }
 
 impl Bucket {
     fn new(cell: Cell) -> Self {
-        let occupied = Box::new([0; KNOWN_BYTES]);
+        let occupied = [1, 0, 0, 0, 0, 0, 0];
         Self { cell, points: 0, extents: Vec::new(), buffer: Vec::new(), occupied, heap: false }
     }
 
     /// Cells `depth` levels below it that have points in them; `depth` up to `KNOWN_LEVELS`.
     pub fn occupied(&self, depth: u8) -> u64 {
-        if self.heap {
-            return 1;
-        }
-        let any = |bytes: &[u8]| bytes.iter().any(|byte| *byte != 0);
-        match KNOWN_LEVELS - depth {
-            0 => self.occupied.iter().map(|byte| u64::from(byte.count_ones())).sum(),
-            up => self.occupied.chunks(1 << (3 * up - 3)).filter(|bytes| any(bytes)).count() as u64,
-        }
+        if self.heap { 1 } else { u64::from(self.occupied[usize::from(depth)]) }
     }
 
     fn flush(&mut self, storage: &Storage) -> Result<()> {
@@ -95,16 +91,39 @@ impl Bucket {
     }
 
     /// Makes it one of its parent's, with that of a neighbour.
-    fn merge(&mut self, octant: usize, child: Self) {
+    fn merge(&mut self, child: Self) {
         self.points += child.points;
         self.extents.extend(child.extents);
         self.buffer.extend(child.buffer);
         self.heap |= child.heap;
-        for (byte, cells) in child.occupied.iter().enumerate() {
-            let bit = octant * KNOWN_BYTES + byte;
-            self.occupied[bit / 8] |= u8::from(*cells != 0) << (bit % 8);
+        for (all, own) in self.occupied[1..].iter_mut().zip(child.occupied) {
+            *all += own;
         }
     }
+}
+
+/// A bucket that points are still added to.
+struct Open {
+    bucket: Bucket,
+    /// Which of the cells `KNOWN_LEVELS` below it have points.
+    occupied: Box<[u8; KNOWN_BYTES]>,
+}
+
+impl Open {
+    fn close(self) -> Bucket {
+        let Self { mut bucket, occupied } = self;
+        let any = |bytes: &&[u8]| bytes.iter().any(|byte| *byte != 0);
+        bucket.occupied = std::array::from_fn(|depth| match usize::from(KNOWN_LEVELS) - depth {
+            0 => occupied.iter().map(|byte| byte.count_ones()).sum(),
+            up => occupied.chunks(1 << (3 * up - 3)).filter(any).count() as u32,
+        });
+        bucket
+    }
+}
+
+/// Cells that points can be sorted into with `memory` bytes, half of it for the records that are not written yet.
+pub fn most_cells(memory: u64) -> u64 {
+    (memory / (2 * KNOWN_BYTES as u64)).max(FEWEST_CELLS)
 }
 
 /// Sorts records into the buckets of one level below a cell. Used by many threads at once.
@@ -116,7 +135,7 @@ pub struct Distribution<'a> {
     depth: u8,
     /// Bytes a bucket keeps in memory.
     block: usize,
-    buckets: RwLock<HashMap<u64, Arc<Mutex<Bucket>>>>,
+    buckets: RwLock<HashMap<u64, Arc<Mutex<Open>>>>,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -183,21 +202,24 @@ impl<'a> Distribution<'a> {
         Ok(())
     }
 
-    fn bucket(&self, cell: u64) -> Arc<Mutex<Bucket>> {
+    fn bucket(&self, cell: u64) -> Arc<Mutex<Open>> {
         if let Some(bucket) = self.buckets.read().unwrap_or_else(PoisonError::into_inner).get(&cell) {
             return bucket.clone();
         }
         let mut buckets = self.buckets.write().unwrap_or_else(PoisonError::into_inner);
-        let new = || Arc::new(Mutex::new(Bucket::new(self.base.descendant(self.depth, cell))));
-        buckets.entry(cell).or_insert_with(new).clone()
+        let new = || Open {
+            bucket: Bucket::new(self.base.descendant(self.depth, cell)),
+            occupied: Box::new([0; KNOWN_BYTES]),
+        };
+        buckets.entry(cell).or_insert_with(|| Arc::new(Mutex::new(new()))).clone()
     }
 
     fn add_to(&self, cell: u64, records: &[u8], bits: &[u32]) -> Result<()> {
-        let bucket = self.bucket(cell);
-        let mut bucket = locked(&bucket);
+        let open = self.bucket(cell);
+        let Open { bucket, occupied } = &mut *locked(&open);
         bucket.points += bits.len() as u64;
         for bit in bits {
-            bucket.occupied[(bit / 8) as usize] |= 1 << (bit % 8);
+            occupied[(bit / 8) as usize] |= 1 << (bit % 8);
         }
         if bucket.buffer.len() + records.len() >= self.block {
             bucket.flush(self.storage)?;
@@ -213,11 +235,12 @@ impl<'a> Distribution<'a> {
 
     pub fn finish(self) -> Vec<Bucket> {
         let buckets = self.buckets.into_inner().unwrap_or_else(PoisonError::into_inner).into_values();
-        buckets.filter_map(Arc::into_inner).map(|b| b.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
+        let open = buckets.filter_map(Arc::into_inner);
+        open.map(|open| open.into_inner().unwrap_or_else(PoisonError::into_inner).close()).collect()
     }
 }
 
-/// Cuts a bucket that is too large for memory: distributed again, further down.
+/// Cuts a bucket that is too large for memory: distributed again, further down, and all of it on the disk.
 pub fn split(
     bucket: &Bucket,
     layout: &Layout,
@@ -226,11 +249,17 @@ pub fn split(
     most_points: u64,
     memory: u64,
 ) -> Result<Vec<Bucket>> {
-    let (depth, cells) = split_depth(bucket, layout, placing, storage, most_points)?;
+    let (depth, cells) =
+        split_depth(bucket, layout, placing, storage, most_points, most_cells(memory).min(MOST_CELLS))?;
     let depth = depth.min(LAST_LEVEL - bucket.cell.level);
     let distribution = Distribution::new(layout, placing, storage, bucket.cell, depth, cells, memory);
     bucket.read(storage, (memory / 4) as usize, |records| distribution.add(records))?;
-    Ok(distribution.finish())
+    let mut parts = distribution.finish();
+    for part in &mut parts {
+        part.flush(storage)?;
+        part.buffer.shrink_to_fit();
+    }
+    Ok(parts)
 }
 
 /// Levels to go down so that no part is too large, as far as a sample of it tells; and the parts this makes.
@@ -240,6 +269,7 @@ fn split_depth(
     placing: Placing,
     storage: &Storage,
     most_points: u64,
+    most_cells: u64,
 ) -> Result<(u8, u64)> {
     const BLOCKS: usize = 64;
     let stride = layout.stride();
@@ -257,11 +287,11 @@ fn split_depth(
     for depth in 1..=MOST_DEPTH {
         let shift = 3 * u32::from(KEY_LEVELS - depth);
         let runs = || keys.chunk_by(|a, b| a >> shift == b >> shift);
-        let count = runs().count();
-        if count > MOST_CELLS {
+        let count = runs().count() as u64;
+        if count > most_cells {
             return Ok(((depth - 1).max(1), parts));
         }
-        parts = count as u64;
+        parts = count;
         if runs().all(|run| run.len() as u64 <= most.max(1)) {
             return Ok((depth, parts));
         }
@@ -300,7 +330,7 @@ pub fn merge(buckets: Vec<Bucket>, most_points: u64) -> Vec<Bucket> {
             }
             children.sort_by_key(|child| child.cell.octant());
             let mut bucket = Bucket::new(parent);
-            children.into_iter().for_each(|child| bucket.merge(child.cell.octant(), child));
+            children.into_iter().for_each(|child| bucket.merge(child));
             levels[level - 1].push(bucket);
         }
     }

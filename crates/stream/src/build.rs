@@ -32,8 +32,11 @@ const MOST_BUCKETS: u64 = 1000;
 /// Cells of the first distribution per bucket that comes of it: clouds are not even, and joining cells is free.
 const CELLS_PER_BUCKET: u64 = 6;
 
-/// Levels of these cells at most, whatever a header says.
-const MOST_DEPTH: f64 = 12.0;
+/// Points for each byte of what is kept of all of them: where each block of records is (16 bytes for 32 KiB), and the nodes (some
+/// 330 bytes for 17,700 points).
+const POINTS_PER_TABLE_BYTE: u64 = 25;
+/// No file has more, whatever its header says.
+const MOST_POINTS_PER_BYTE: u64 = 64;
 
 /// How an index is made.
 #[derive(Clone, Debug)]
@@ -58,7 +61,7 @@ impl Default for BuildOptions {
 /// damaged is made again although somebody may still have it open.
 ///
 /// # Errors
-/// `Cancelled`; `Changed` if a file is not the same at the end; `Full`; `Empty`; `Io`; `Input` if no file can be read.
+/// `Cancelled`; `Changed` if a file is not the same at the end; `TooMany`; `Full`; `Empty`; `Io`; `Input` if no file can be read.
 /// Nothing is left behind then.
 pub fn build(
     inputs: &[Arc<Source>],
@@ -129,6 +132,7 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
         // Damaged, or of a builder that was killed.
         std::fs::remove_dir_all(entry).map_err(io)?;
     }
+    check_memory(build.inputs, build.options.memory)?;
     let points = header_points(build.inputs);
     cache.make_room(points.saturating_mul(WORKING_DISK_BYTES));
     let mut unfinished = Unfinished(entry, false);
@@ -150,6 +154,14 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
     Ok(())
 }
 
+/// Levels of the first distribution, of which buckets of `target` points are joined or cut.
+fn first_depth(points: u64, target: u64, memory: u64) -> u8 {
+    let cells = if points > target { points.saturating_mul(CELLS_PER_BUCKET) / target } else { 1 };
+    // Surfaces: four cells below each.
+    let levels = |cells: u64| (cells as f64).log(4.0);
+    levels(cells).round().min(levels(buckets::most_cells(memory)).floor()) as u8
+}
+
 /// Says what to do about a full disk.
 fn full_or(error: Error, cache: &Cache, points: u64) -> Error {
     if error.is_full() {
@@ -157,6 +169,15 @@ fn full_or(error: Error, cache: &Cache, points: u64) -> Error {
     } else {
         error
     }
+}
+
+/// What is known of all nodes and of all blocks of records must fit, too.
+fn check_memory(inputs: &[Arc<Source>], budget: u64) -> Result<()> {
+    let length = |input: &Arc<Source>| std::fs::metadata(&input.info().path).map_or(0, |file| file.len());
+    let believable = inputs.iter().map(length).sum::<u64>().saturating_mul(MOST_POINTS_PER_BYTE);
+    let points = header_points(inputs).min(believable);
+    let needed = points / POINTS_PER_TABLE_BYTE;
+    if needed > budget { Err(Error::TooMany { points, needed, budget }) } else { Ok(()) }
 }
 
 /// Points of all files, as far as their headers are to be believed.
@@ -280,11 +301,9 @@ impl Build<'_> {
     ) -> Result<(Vec<Bucket>, Vec<String>)> {
         let total = header_points(self.inputs);
         let (target, _) = self.bucket_points(plan);
-        let cells = if total > target { total.saturating_mul(CELLS_PER_BUCKET) / target } else { 1 };
-        // Surfaces: four cells below each.
-        let depth = (cells as f64).log(4.0).round().min(MOST_DEPTH) as u8;
         let placing = plan.lattice.placing();
         let memory = self.options.memory / 4;
+        let depth = first_depth(total, target, memory);
         let distribution =
             Distribution::new(&plan.layout, placing, temporary, Cell::ROOT, depth, 2 << (2 * depth), memory);
         let failure: Mutex<Option<Error>> = Mutex::new(None);
@@ -402,6 +421,33 @@ mod made_up;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_first_distribution_keeps_to_its_memory_however_many_points_there_are() {
+        for memory in [64_u64 << 20, 256 << 20, 1 << 30, 16 << 30].map(|bytes| bytes / 4) {
+            let depths: Vec<u8> = (3..18).map(|digits| first_depth(10_u64.pow(digits), 400_000, memory)).collect();
+            assert!(depths.is_sorted() && depths[0] == 0, "{depths:?}");
+            // Of 32 KiB each, and as much for records.
+            assert!((1_u64 << (2 * depths[depths.len() - 1])) << 16 <= memory, "{depths:?}");
+        }
+        assert_eq!(first_depth(100_000_000, 400_000, 1 << 28), 5);
+    }
+
+    #[test]
+    fn more_points_than_memory_has_tables_for_are_told_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        made_up::write_las(&path, &made_up::terrain(200_000));
+        let inputs = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let index =
+            |memory| build(&inputs, &cache, &BuildOptions { memory, preview_points: 0 }, &Progress::default(), &|_| ());
+        let error = index(7_999).err().unwrap();
+        assert!(matches!(error, Error::TooMany { points: 200_000, needed: 8_000, .. }), "{error}");
+        assert!(error.to_string().contains("stream.host_bytes"));
+        assert_eq!(cache.size(), 0);
+        assert_eq!(index(8_000).unwrap().octree().points(), 200_000);
+    }
 
     #[test]
     fn a_full_disk_is_told_by_its_folder_and_leaves_nothing() {

@@ -22,6 +22,9 @@ pub enum Error {
     /// Whole nodes are read, and this one does not fit.
     #[error("a node takes {} MiB, half of the memory for points is {} MiB: stream.host_bytes is too small for it", bytes >> 20, budget >> 21)]
     TooLarge { bytes: u64, budget: u64 },
+    /// What is kept of all nodes while an index is made grows with the points.
+    #[error("an index of {points} points takes {} MiB besides the points at hand, the memory for making it is {} MiB: stream.host_bytes is too small for it", needed >> 20, budget >> 20)]
+    TooMany { points: u64, needed: u64, budget: u64 },
     /// Nothing to make pages of.
     #[error("{path}: no points")]
     Empty { path: PathBuf },
