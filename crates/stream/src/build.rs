@@ -1,6 +1,5 @@
 //! Makes the index of some files: distribution to buckets, then nodes, in a folder of the cache.
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,8 +12,8 @@ use crate::buckets::{self, Bucket, Distribution};
 use crate::cache::{Cache, Identity};
 use crate::lattice::Cell;
 use crate::pages::{self, Pages, Summary, Written};
-use crate::plan::{self, Extent, Plan, spread};
-use crate::records::{Layout, convert};
+use crate::plan::{self, Extent, Plan};
+use crate::preview::Preview;
 use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
 use crate::{Error, Result};
@@ -43,7 +42,7 @@ const MOST_POINTS_PER_BYTE: u64 = 64;
 pub struct BuildOptions {
     /// Bytes to work in, besides what decoding takes (some 20 MB a core).
     pub memory: u64,
-    /// Points that are shown meanwhile.
+    /// Points that are shown meanwhile, at most.
     pub preview_points: u64,
 }
 
@@ -54,8 +53,8 @@ impl Default for BuildOptions {
 }
 
 /// The index of some files as one cloud: the one in the cache, or made now. `progress` counts each point twice, as it is
-/// read and as it gets its node; once more where headers do not tell, or not truly, where the points are. `preview` gets a thinned share of each chunk that is read, from many threads at once;
-/// its `first_point` counts through all files.
+/// read and as it gets its node; once more where headers do not tell, or not truly, where the points are. `preview` gets an
+/// even share of the points, from many threads at once; its `first_point` counts through all files.
 ///
 /// A file that cannot be read, or not to its end, is left out from there on with a warning, if others can. An index that was found to be
 /// damaged is made again although somebody may still have it open.
@@ -104,8 +103,8 @@ fn build_on_disk(
             // It was whole a moment ago: once is enough.
             Err(error) if is_made => return Err(error),
             Ok(_) | Err(_) => {
-                let shown = Mutex::default();
-                let build = Build { inputs, options, progress, preview, shown, disk };
+                let preview = Preview::new(options.preview_points, header_points(inputs), preview);
+                let build = Build { inputs, options, progress, preview, disk };
                 make_entry(&build, cache, &entry, &identity)?;
                 is_made = true;
             }
@@ -190,9 +189,7 @@ struct Build<'a> {
     inputs: &'a [Arc<Source>],
     options: &'a BuildOptions,
     progress: &'a Progress,
-    preview: &'a (dyn Fn(Chunk) + Sync),
-    /// Chunks that were in the preview, by their first point among all files.
-    shown: Mutex<HashSet<u64>>,
+    preview: Preview<'a>,
     disk: u64,
 }
 
@@ -264,15 +261,16 @@ impl Build<'_> {
         let layout = plan::layout(self.inputs, true);
         let (mut selections, columns): (Vec<Selection>, Vec<_>) =
             self.inputs.iter().map(|input| plan::selection(input, &layout)).unzip();
-        if self.options.preview_points == 0 {
+        if !self.preview.is_wanted() {
             selections.fill(Selection { positions: true, ..Selection::default() });
         }
-        let total = header_points(self.inputs);
         let starts: Vec<u64> = (0..self.inputs.len()).map(|file| header_points(&self.inputs[..file])).collect();
-        plan::measure(self.inputs, &selections, self.progress, &|file, chunk| {
+        let extent = plan::measure(self.inputs, &selections, self.progress, &|file, chunk| {
             self.progress.add(chunk.len() as u64);
-            self.show(&layout, chunk, &columns[file], starts[file], total);
-        })
+            self.preview.add(&layout, &chunk, &columns[file], starts[file]);
+        });
+        self.preview.finish(&layout);
+        extent
     }
 
     /// The error of the first file that cannot be read, or that there are no points.
@@ -332,7 +330,7 @@ impl Build<'_> {
                 }
                 self.progress.add(chunk.len() as u64);
                 drop(encoded);
-                self.show(&plan.layout, chunk, columns, first_point, total);
+                self.preview.add(&plan.layout, &chunk, columns, first_point);
             };
             let summary = input.read(selection, &reading, &add);
             if let Some(error) = failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
@@ -354,6 +352,7 @@ impl Build<'_> {
             }
             first_point = first_point.saturating_add(input.info().points);
         }
+        self.preview.finish(&plan.layout);
         if errors.len() == self.inputs.len()
             && let Some((_, error)) = errors.pop()
         {
@@ -361,28 +360,6 @@ impl Build<'_> {
         }
         warnings.extend(errors.into_iter().map(|(what, error)| format!("{what}: {error}")));
         Ok((distribution.finish(), warnings))
-    }
-
-    /// Gives a share of a chunk to be seen, once however often it is read.
-    fn show(&self, layout: &Layout, chunk: Chunk, columns: &[Option<usize>], first_point: u64, total: u64) {
-        let share = self.options.preview_points as f64 / total.max(1) as f64;
-        let count = (chunk.len() as f64 * share.min(1.0)).ceil() as usize;
-        if self.options.preview_points == 0 || count == 0 {
-            return;
-        }
-        let first = first_point.saturating_add(chunk.first_point);
-        if !self.shown.lock().unwrap_or_else(PoisonError::into_inner).insert(first) {
-            return;
-        }
-        let mut some = chunk.select(&spread(chunk.len(), count));
-        some.first_point = some.first_point.saturating_add(first_point);
-        let column = |(attribute, column): (&cloud::Attribute, &Option<usize>)| {
-            let column = column.and_then(|column| some.columns.get(column)?.clone())?;
-            let same = column.column_type() == attribute.column_type;
-            Some(if same { column } else { Arc::new(convert(&column, attribute.column_type)) })
-        };
-        some.columns = layout.attributes.iter().zip(columns).map(column).collect();
-        (self.preview)(some);
     }
 
     /// Buckets that fit memory, and nodes of them.

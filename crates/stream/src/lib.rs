@@ -16,6 +16,7 @@ mod octree;
 mod page;
 mod pages;
 mod plan;
+mod preview;
 mod radius_scale;
 mod records;
 mod selection;

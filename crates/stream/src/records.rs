@@ -130,7 +130,7 @@ impl Layout {
                 let column = if column.column_type() == attribute.column_type {
                     column
                 } else {
-                    converted = convert(column, attribute.column_type);
+                    converted = joined(&[column], attribute.column_type);
                     &converted
                 };
                 each_type!(column, Number, values => {
@@ -199,11 +199,13 @@ impl Layout {
     }
 }
 
-/// A column in another type, as near as that can be.
-pub fn convert(column: &Column, column_type: ColumnType) -> Column {
-    let mut converted = Column::with_capacity(column_type, column.len());
-    each_type!(&mut converted, Number, values => {
-        values.extend((0..column.len()).map(|index| column.value(index) as Number));
+/// Columns one after the other in another type, as near as that can be.
+pub fn joined(columns: &[&Column], column_type: ColumnType) -> Column {
+    let mut joined = Column::with_capacity(column_type, columns.iter().map(|column| column.len()).sum());
+    each_type!(&mut joined, Number, values => {
+        for column in columns {
+            values.extend((0..column.len()).map(|index| column.value(index) as Number));
+        }
     });
-    converted
+    joined
 }
