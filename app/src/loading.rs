@@ -4,7 +4,7 @@
 //! come: first every header, then chunks, and when all clouds are in, the normals and radii that were missing. The channel
 //! is bounded, so a slow receiver holds the readers back and memory stays what the receiver keeps.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -17,10 +17,10 @@ use scene::{
     ColorBy, Mirror, MirrorPoints, SceneFile, SceneSettings, Settings, SpotLight, SurfaceOrientation, UpAxis, View,
     five_mirrors,
 };
-use stream::{BuildOptions, Pages};
+use stream::{BuildOptions, Cache, Pages};
 
 use crate::failure::usage;
-use crate::streaming::{self, Arrival, Director, Lookout, Paged, StreamStats, cache, half_of};
+use crate::streaming::{self, Arrival, Director, Lookout, Paged, StreamStats, cache, half_of, most_preview_points};
 
 /// Chunks on their way from the readers to the receiver: enough that neither waits for the other, and at 65 thousand
 /// points of some 30 bytes each no more than 32 MB.
@@ -267,7 +267,7 @@ pub enum Event {
     Stream(StreamStats),
     /// A mirror of a built-in scene, and the points that stand for it.
     Mirror { input: String, mirror: Mirror, samples: Vec<Chunk> },
-    /// All chunks of the cloud have been sent; of a streamed one, all that the first look needs.
+    /// All chunks of the cloud that will come have been sent; of a streamed one, all that the first look needs.
     Read { cloud: usize, summary: codec::Summary },
     /// Normals and radii that the file lacks, one per chunk in the order of `first_point`.
     Surfels { cloud: usize, surfels: Vec<Surfels> },
@@ -299,23 +299,25 @@ impl Drop for Job {
 /// Loads `inputs` on a background thread. Of `settings` the groups `view` (up axis), `color` (which attribute to read),
 /// `surface` and `scene` matter.
 pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
-    start_with(inputs, settings, true)
+    start_with(inputs, settings, true, cache(&settings.stream))
 }
 
 /// The same without a preview of clouds whose index is being made, where nobody would see it.
 pub fn start_unseen(inputs: Vec<Input>, settings: &Settings) -> Job {
-    start_with(inputs, settings, false)
+    start_with(inputs, settings, false, cache(&settings.stream))
 }
 
-fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool) -> Job {
+/// `cache`: where indexes are kept.
+fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache: anyhow::Result<Cache>) -> Job {
     let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
     let progress = Arc::new(Progress::default());
     let surfel_progress = Arc::new(Progress::default());
     let lookout = Arc::new(Lookout::default());
     let job =
         Job { events, progress: progress.clone(), surfel_progress: surfel_progress.clone(), lookout: lookout.clone() };
-    let settings = settings.clone();
-    let loader = Loader { sender: sender.clone(), progress, surfel_progress, lookout, settings, has_preview };
+    let (sender_of_loader, settings) = (sender.clone(), settings.clone());
+    let cache = cache.map_err(|error| error.to_string());
+    let loader = Loader { sender: sender_of_loader, progress, surfel_progress, lookout, settings, has_preview, cache };
     // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
     let started = rayon::ThreadPoolBuilder::new()
         .thread_name(|index| format!("loader {index}"))
@@ -362,6 +364,8 @@ struct Loader {
     lookout: Arc<Lookout>,
     settings: Settings,
     has_preview: bool,
+    /// Or why there is none.
+    cache: Result<Cache, String>,
 }
 
 /// A cloud between its events. `chunks` share their columns with those that were sent.
@@ -460,21 +464,26 @@ impl Loader {
     /// Streams what is there at once, reads what is held in memory, makes indexes that are missing, and stays to make those again
     /// that turn out to be damaged.
     fn page_all(&self, mut paged: Vec<Paging>, opened: Vec<Loading>) -> Option<()> {
-        let mut there: Vec<&Paging> = Vec::new();
+        let mut there: Vec<(&Paging, Pages)> = Vec::new();
         let mut missing: Vec<&Paging> = Vec::new();
         let found: Vec<Option<Pages>> = paged.iter_mut().map(|paging| paging.found.take()).collect();
         for (paging, found) in paged.iter().zip(found) {
             match found {
-                Some(pages) => {
-                    self.stream(paging, pages, false, Vec::new());
-                    there.push(paging);
-                }
+                Some(pages) => there.push((paging, pages)),
                 None => missing.push(paging),
             }
         }
+        // Before anything of what is there takes the place of the previews.
+        let preview_points = self.preview_points() / missing.len().max(1) as u64;
+        missing.iter().for_each(|paging| self.lookout.keep_room(paging.cloud, preview_points));
+        let stream = |(paging, pages)| {
+            self.stream(paging, pages, false, HashMap::new());
+            paging
+        };
+        let mut there: Vec<&Paging> = there.into_iter().map(stream).collect();
         self.read_all(opened)?;
         for paging in missing {
-            if !self.lookout.is_closed(paging.cloud) && self.index(paging)? {
+            if !self.lookout.is_closed(paging.cloud) && self.index(paging, preview_points)? {
                 there.push(paging);
             }
         }
@@ -488,7 +497,8 @@ impl Loader {
                 // Once: a disk that damages what is written to it would keep this going for ever.
                 if again.insert(cloud) {
                     self.discard(paging);
-                    if self.index(paging)? {
+                    // What is shown stays meanwhile.
+                    if self.index(paging, 0)? {
                         self.refine(paging)?;
                         continue;
                     }
@@ -580,7 +590,7 @@ impl Loader {
             _ => infos().next().map(|info| info.path.clone()).unwrap_or_default(),
         };
         let is_native = native.is_some();
-        let found = native.or_else(|| match cache(&self.settings.stream).map(|cache| cache.open(&sources)) {
+        let found = native.or_else(|| match self.cache.as_ref().map(|cache| cache.open(&sources)) {
             Ok(Ok(found)) => found,
             // What is wrong with the folder is said when an index is to be written there.
             Ok(Err(_)) | Err(_) => None,
@@ -615,33 +625,42 @@ impl Loader {
     }
 
     /// Has pages streamed. Where they lack normals and radii and will not get them, each node's are estimated from its own points.
-    fn stream(&self, paging: &Paging, pages: Pages, was_built: bool, previews: Vec<u64>) {
+    fn stream(&self, paging: &Paging, pages: Pages, was_built: bool, previews: HashMap<u64, u64>) {
         let estimate = paging.is_native.then(|| self.surfel_options(paging, &pages)).flatten();
         let (cloud, input, pages) = (paging.cloud, paging.input.clone(), Arc::new(pages));
         self.lookout.arrive(Arrival { cloud, input, pages, is_own: !paging.is_native, was_built, estimate, previews });
     }
 
+    /// Points of all previews of the job.
+    fn preview_points(&self) -> u64 {
+        if !self.has_preview {
+            return 0;
+        }
+        let memory = half_of(self.settings.stream.host_bytes);
+        most_preview_points(&self.settings).min(memory / PREVIEW_SHARE / PREVIEW_POINT_BYTES)
+    }
+
     /// Makes the index of a cloud and has it streamed; whether there is one now.
-    fn index(&self, paging: &Paging) -> Option<bool> {
+    fn index(&self, paging: &Paging, preview_points: u64) -> Option<bool> {
         let cloud = paging.cloud;
         self.send(Event::Pages { cloud, pages: Paged::Indexing })?;
-        let stream = &self.settings.stream;
-        let memory = half_of(stream.host_bytes);
-        let most = if self.has_preview { memory / PREVIEW_SHARE / PREVIEW_POINT_BYTES } else { 0 };
-        let preview_points = u64::from(self.settings.view.point_budget).min(most);
-        let previews = Mutex::new(Vec::new());
+        let memory = half_of(self.settings.stream.host_bytes);
+        let previews = Mutex::new(HashMap::new());
         let counted = AtomicU64::new(PREVIEW_POINTS);
         let preview = |mut chunk: Chunk| {
-            chunk.first_point = counted.fetch_add(chunk.len() as u64, Ordering::Relaxed);
-            previews.lock().unwrap_or_else(PoisonError::into_inner).push(chunk.first_point);
+            self.lookout.give_way();
+            let points = chunk.len() as u64;
+            chunk.first_point = counted.fetch_add(points, Ordering::Relaxed);
+            previews.lock().unwrap_or_else(PoisonError::into_inner).insert(chunk.first_point, points);
             if self.send(Event::Chunk { cloud, chunk }).is_none() {
                 self.progress.cancel();
             }
         };
         let start = Instant::now();
         let options = BuildOptions { memory, preview_points };
-        let built = cache(stream)
-            .and_then(|cache| Ok(streaming::build(&paging.sources, &cache, &options, &self.progress, &preview)?));
+        let build = |cache| streaming::build(&paging.sources, cache, &options, &self.progress, &preview);
+        let cache = self.cache.as_ref().map_err(|error| anyhow::Error::msg(error.clone()));
+        let built = cache.and_then(|cache| Ok(build(cache)?));
         tracing::debug!(input = paging.input, seconds = start.elapsed().as_secs_f64(), "indexed");
         match built {
             Ok(pages) => {
@@ -657,9 +676,10 @@ impl Loader {
             Err(error) => {
                 let (input, error) = (paging.input.clone(), error.to_string());
                 self.send(Event::Failed { input, error })?;
-                for first_point in previews.into_inner().unwrap_or_else(PoisonError::into_inner) {
+                for first_point in previews.into_inner().unwrap_or_else(PoisonError::into_inner).into_keys() {
                     self.send(Event::Dropped { cloud, first_point })?;
                 }
+                self.lookout.keep_room(cloud, 0);
                 self.send(Event::Read { cloud, summary: codec::Summary::default() }).map(|()| false)
             }
         }
@@ -670,7 +690,7 @@ impl Loader {
         if paging.is_native || self.surfel_progress.is_cancelled() || self.lookout.is_closed(paging.cloud) {
             return Some(());
         }
-        let Ok(cache) = cache(&self.settings.stream) else { return Some(()) };
+        let Ok(cache) = &self.cache else { return Some(()) };
         let Ok(Some(pages)) = cache.open(&paging.sources) else { return Some(()) };
         let Some(options) = self.surfel_options(paging, &pages) else { return Some(()) };
         if pages.surfel_options() == Some(&options) {
@@ -682,7 +702,7 @@ impl Loader {
         tracing::debug!(cloud = paging.cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
         drop(pages);
         match estimated.and_then(|()| cache.open(&paging.sources)) {
-            Ok(Some(pages)) => self.stream(paging, pages, false, Vec::new()),
+            Ok(Some(pages)) => self.stream(paging, pages, false, HashMap::new()),
             Ok(None) | Err(stream::Error::Cancelled) => {}
             Err(stream::Error::Damaged { .. }) => self.lookout.report_damage(paging.cloud),
             Err(error) => self.send(Event::Failed { input: paging.input.clone(), error: error.to_string() })?,
@@ -691,7 +711,7 @@ impl Loader {
     }
 
     fn discard(&self, paging: &Paging) {
-        if let Ok(cache) = cache(&self.settings.stream)
+        if let Ok(cache) = &self.cache
             && let Ok(Some(pages)) = cache.open(&paging.sources)
         {
             cache.discard(pages);
@@ -758,10 +778,19 @@ impl Loader {
         tracing::debug!(path = %source.info().path.display(), seconds = start.elapsed().as_secs_f64(), "read");
         loading.chunks = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
         loading.chunks.sort_by_key(|chunk| chunk.first_point);
+        self.end(loading, read)
+    }
+
+    /// Says how the reading of a file ended; what came of it stays.
+    fn end(&self, loading: &Loading, read: codec::Result<codec::Summary>) -> Option<()> {
+        let cloud = loading.cloud;
         match read {
             Ok(summary) => self.send(Event::Read { cloud, summary }),
             Err(error) => {
-                self.send(Event::Failed { input: source.info().path.display().to_string(), error: error.to_string() })
+                let input = loading.source.info().path.display().to_string();
+                self.send(Event::Failed { input, error: error.to_string() })?;
+                let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+                self.send(Event::Read { cloud, summary: codec::Summary { points, ..Default::default() } })
             }
         }
     }
@@ -876,6 +905,10 @@ fn selection(info: &codec::Info, settings: &Settings) -> codec::Selection {
     let attributes = info.attributes.iter().map(|attribute| wanted(&attribute.name)).collect();
     codec::Selection { positions: true, colors: true, normals: true, attributes }
 }
+
+#[cfg(test)]
+#[path = "loading_streamed_tests.rs"]
+mod streamed_tests;
 
 #[cfg(test)]
 mod tests {

@@ -3,7 +3,7 @@
 //! A job of `loading` tells the window or the headless command about streamed clouds by the same events as about any cloud.
 //! The other way it is told where they look from: the [`Lookout`].
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -19,13 +19,17 @@ use stream::{
 
 use crate::loading::Event;
 
-/// Bytes that a point takes on the GPU: what splatting reads, what only visible points are asked for, the attribute shown, and
-/// the trees that reflections are traced through.
-const GPU_POINT_BYTES: u64 = 48;
+/// Bytes that a point takes on the GPU: 24 of the point itself, 4 of the attribute shown, 20 of the tree that reflections are traced
+/// through, and a sixteenth more, since chunks begin at whole blocks.
+const GPU_POINT_BYTES: u64 = 51;
+/// Part of the points that may be resident that stays for the first cut while others are shown in its place.
+const CUT_PART: u64 = 2;
 /// Share of the memory of decoded points that a cut may ask for: the rest is for what is being read and what may be wanted again.
 const CUT_SHARE: f64 = 0.75;
 /// Between two reports of what is there.
 const REPORT_INTERVAL: Duration = Duration::from_millis(200);
+/// Nothing gives way to a picture for longer than this.
+const LONGEST_FRAME: Duration = Duration::from_secs(2);
 /// Pixels that all clouds are wide as long as nobody has said from where they are looked at.
 const WIDTH_UNSEEN: f64 = 1000.0;
 
@@ -98,6 +102,10 @@ struct Told {
     is_over: bool,
     /// Clouds whose pages turned out to be damaged.
     damaged: Vec<usize>,
+    /// Points of the previews of clouds whose index is still to be made.
+    previews: BTreeMap<usize, u64>,
+    /// Since when the first picture is being drawn.
+    drawing_since: Option<Instant>,
     is_news: bool,
 }
 
@@ -112,8 +120,8 @@ pub struct Arrival {
     pub was_built: bool,
     /// For nodes whose normals and radii are not known; `None` for even provisional ones until they are.
     pub estimate: Option<SurfelOptions>,
-    /// First points of chunks that go as soon as the cut is there.
-    pub previews: Vec<u64>,
+    /// Chunks that go as soon as the cut is there: their points, by the first of them.
+    pub previews: HashMap<u64, u64>,
 }
 
 impl Lookout {
@@ -133,6 +141,7 @@ impl Lookout {
         let mut told = self.told();
         told.closed.insert(cloud);
         told.gone.insert(cloud);
+        told.previews.remove(&cloud);
         self.notify(&mut told);
     }
 
@@ -147,8 +156,36 @@ impl Lookout {
         self.notify(&mut told);
     }
 
+    /// Keeps so many points of the budget for the preview of a cloud, until its index arrives.
+    pub fn keep_room(&self, cloud: usize, points: u64) {
+        let mut told = self.told();
+        if told.gone.contains(&cloud) || points == 0 {
+            told.previews.remove(&cloud);
+        } else {
+            told.previews.insert(cloud, points);
+        }
+        self.notify(&mut told);
+    }
+
+    /// The first picture begins or ends to be drawn: reading gives way to it.
+    pub fn draw_first(&self, begins: bool) {
+        let mut told = self.told();
+        told.drawing_since = begins.then(|| told.drawing_since.unwrap_or_else(Instant::now));
+        self.changed.notify_all();
+    }
+
+    /// Waits while the first picture is being drawn.
+    pub fn give_way(&self) {
+        let mut told = self.told();
+        while let Some(since) = told.drawing_since.filter(|_| !told.is_over) {
+            let Some(left) = LONGEST_FRAME.checked_sub(since.elapsed()) else { return };
+            told = self.changed.wait_timeout(told, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
     pub fn arrive(&self, arrival: Arrival) {
         let mut told = self.told();
+        told.previews.remove(&arrival.cloud);
         if !told.gone.contains(&arrival.cloud) {
             told.arrived.push(arrival);
             self.notify(&mut told);
@@ -201,6 +238,9 @@ impl Lookout {
 }
 
 /// Where indexes are kept: `GLINT_CACHE_DIR`, else the platform's place.
+///
+/// # Errors
+/// If there is none.
 pub fn cache(settings: &Stream) -> anyhow::Result<Cache> {
     let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.cache_dir().join("pages"));
     let folder = std::env::var_os("GLINT_CACHE_DIR").map(PathBuf::from).or_else(platform);
@@ -266,6 +306,10 @@ pub struct Director {
     /// Until somebody looks.
     settings: Settings,
     is_complete: bool,
+    /// Points of previews of clouds whose index is still to be made.
+    previews: u64,
+    /// Points that were resident beside the last cut.
+    held: u64,
     reported: (Instant, StreamStats),
 }
 
@@ -277,10 +321,10 @@ struct Streamed {
     /// Its pages can be made again.
     is_own: bool,
     point_bytes: u64,
-    /// Of chunks that the receiver has.
-    resident: HashSet<u64>,
-    /// Those of them that go when the next cut is there, unless they come again with it.
-    stale: HashSet<u64>,
+    /// Chunks that the receiver has: their points, by the first of them.
+    resident: HashMap<u64, u64>,
+    /// Those of them that the streamer does not know of. They go when the next cut is there, unless they come again with it.
+    stale: HashMap<u64, u64>,
     /// What the receiver is to be told when the first cut is there.
     summary: Option<codec::Summary>,
     /// Something of it could not be read, and its pages are made again.
@@ -302,7 +346,8 @@ impl Director {
     pub fn new(lookout: Arc<Lookout>, events: SyncSender<Event>, settings: &Settings) -> std::io::Result<Self> {
         let workers = std::thread::available_parallelism().map_or(2, usize::from);
         let waker = lookout.clone();
-        let streamer = Streamer::new(workers, budget(&settings.view, &settings.stream, 1.0), move || waker.wake())?;
+        let nothing = Budget { points: 0, bytes: 0 };
+        let streamer = Streamer::new(workers, nothing, move || waker.wake())?;
         let reported = (Instant::now(), StreamStats::default());
         Ok(Self {
             lookout,
@@ -313,6 +358,8 @@ impl Director {
             viewpoint: None,
             settings: settings.clone(),
             is_complete: false,
+            previews: 0,
+            held: 0,
             reported,
         })
     }
@@ -337,8 +384,9 @@ impl Director {
             self.viewpoint = told.viewpoint.clone();
         }
         self.is_complete = told.is_complete && arrived.is_empty();
+        self.previews = told.previews.values().sum();
         drop(told);
-        let is_other = has_moved || !arrived.is_empty() || !closed.is_empty();
+        let mut is_other = has_moved || !arrived.is_empty() || !closed.is_empty();
         for cloud in closed {
             self.clouds.remove(&cloud);
             self.streamer.remove(cloud);
@@ -346,8 +394,9 @@ impl Director {
         for arrival in arrived {
             self.take_in(arrival)?;
         }
+        is_other |= self.held() != self.held;
         if is_other {
-            self.choose();
+            self.choose()?;
         }
         let changes = self.streamer.changes();
         let is_quiet = changes.is_empty();
@@ -372,10 +421,9 @@ impl Director {
         };
         let before = self.clouds.remove(&cloud);
         let is_again = before.as_ref().is_some_and(|before| before.summary.is_none());
-        // The streamer has forgotten what it had of damaged pages: that comes again, or goes.
-        let forgotten = before.as_ref().filter(|before| before.is_damaged).map(|before| before.resident.clone());
-        let stale = forgotten.into_iter().flatten().chain(previews).collect();
-        let resident = before.map(|before| before.resident).unwrap_or_default();
+        let (mut resident, mut stale) = before.map(|before| (before.resident, before.stale)).unwrap_or_default();
+        resident.extend(&previews);
+        stale.extend(previews);
         let read = move |node| {
             let chunk = pages.read(node)?;
             Ok(Page { chunk, disk_bytes: pages.page_bytes(node) as u64 })
@@ -400,13 +448,47 @@ impl Director {
         self.send(Event::Pages { cloud, pages: Paged::Indexed { octree: octree_shown, grid, was_built, has_surfels } })
     }
 
-    /// Asks for the cut of the latest look.
-    fn choose(&mut self) {
+    /// Points that are resident and of no cut: they take their part of the budget.
+    fn held(&self) -> u64 {
+        let stale = self.clouds.values().flat_map(|streamed| streamed.stale.values());
+        self.previews + stale.sum::<u64>()
+    }
+
+    /// Lets go of stale chunks until no more than so many points are held; the finest first, of which others are left.
+    fn let_go(&mut self, most: u64) -> Option<()> {
+        let mut excess = self.held().saturating_sub(most);
+        while excess > 0 {
+            let level = |streamed: &Streamed, first_point: u64| {
+                let nodes = &streamed.octree.nodes;
+                let node = nodes.partition_point(|node| node.first_point <= first_point).checked_sub(1);
+                node.filter(|_| first_point < streamed.octree.points()).map_or(u8::MAX, |node| nodes[node].level)
+            };
+            let stale = self.clouds.iter().flat_map(|(cloud, streamed)| {
+                streamed.stale.keys().map(|first| (level(streamed, *first), *first, *cloud))
+            });
+            let Some((_, first_point, cloud)) = stale.max() else { break };
+            let streamed = self.clouds.get_mut(&cloud)?;
+            excess = excess.saturating_sub(streamed.stale.remove(&first_point).unwrap_or(0));
+            streamed.resident.remove(&first_point);
+            self.send(Event::Dropped { cloud, first_point })?;
+        }
+        Some(())
+    }
+
+    /// Asks for the cut of the latest look, beside what is held.
+    fn choose(&mut self) -> Option<()> {
         let (view, stream) = match &self.viewpoint {
-            Some(viewpoint) => (&viewpoint.view, &viewpoint.stream),
-            None => (&self.settings.view, &self.settings.stream),
+            Some(viewpoint) => (viewpoint.view.clone(), viewpoint.stream.clone()),
+            None => (self.settings.view.clone(), self.settings.stream.clone()),
         };
-        self.streamer.set_budget(budget(view, stream, 1.0));
+        let points = most_points(&view, &stream);
+        self.let_go(points / CUT_PART)?;
+        self.held = self.held();
+        let budget = |share| {
+            let bytes = (half_of(stream.host_bytes) as f64 * share) as u64;
+            Budget { points: points.saturating_sub(self.held).max(points / CUT_PART), bytes }
+        };
+        self.streamer.set_budget(budget(1.0));
         let trees: Vec<Tree> = self
             .clouds
             .iter()
@@ -417,7 +499,7 @@ impl Director {
                 point_bytes: streamed.point_bytes,
             })
             .collect();
-        let budget = budget(view, stream, CUT_SHARE);
+        let budget = budget(CUT_SHARE);
         let detail = f64::from(stream.detail);
         let wanted = match self.viewpoint.as_ref().map(measure) {
             Some(measure) => {
@@ -431,14 +513,20 @@ impl Director {
             }
         };
         self.streamer.want(wanted);
+        Some(())
     }
 
     fn pass_on(&mut self, change: Change) -> Option<()> {
         match change {
             Change::Put { cloud, chunk } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
-                streamed.resident.insert(chunk.first_point);
-                streamed.stale.remove(&chunk.first_point);
+                let points = chunk.len() as u64;
+                streamed.resident.insert(chunk.first_point, points);
+                if streamed.is_awaited() {
+                    streamed.stale.insert(chunk.first_point, points);
+                } else {
+                    streamed.stale.remove(&chunk.first_point);
+                }
                 self.send(Event::Chunk { cloud, chunk })
             }
             Change::Drop { cloud, first_point } => {
@@ -465,6 +553,7 @@ impl Director {
                 }
                 tracing::warn!(cloud, %error, "pages are made again");
                 // What is shown stays until then. They cannot be made while somebody has them open.
+                streamed.stale = streamed.resident.clone();
                 self.streamer.remove(cloud);
                 self.lookout.report_damage(cloud);
                 self.send(Event::Pages { cloud, pages: Paged::Indexing })
@@ -475,18 +564,18 @@ impl Director {
     /// Tells what is there, if that has changed, and what goes with a cut that has come in full.
     fn report(&mut self, is_quiet: bool) -> Option<()> {
         let shown = self.streamer.stats();
-        let is_there = is_quiet && shown.settled && !self.clouds.values().any(Streamed::is_awaited);
+        let mut is_there = is_quiet && shown.settled && !self.clouds.values().any(Streamed::is_awaited);
+        if is_there && self.clouds.values().any(|streamed| !streamed.stale.is_empty()) {
+            // The cut takes their place.
+            is_there = false;
+            self.let_go(self.previews)?;
+            self.lookout.wake();
+        }
         if is_there {
-            let mut leaving = Vec::new();
-            for (cloud, streamed) in &mut self.clouds {
-                leaving.extend(streamed.stale.drain().map(|first_point| Event::Dropped { cloud: *cloud, first_point }));
-                leaving.extend(streamed.summary.take().map(|summary| Event::Read { cloud: *cloud, summary }));
-            }
-            for event in leaving {
-                if let Event::Dropped { cloud, first_point } = event {
-                    self.clouds.get_mut(&cloud)?.resident.remove(&first_point);
-                }
-                self.send(event)?;
+            let read = |(cloud, streamed): (&usize, &mut Streamed)| Some((*cloud, streamed.summary.take()?));
+            let read: Vec<_> = self.clouds.iter_mut().filter_map(read).collect();
+            for (cloud, summary) in read {
+                self.send(Event::Read { cloud, summary })?;
             }
         }
         let stats = StreamStats {
@@ -514,10 +603,15 @@ impl Director {
     }
 }
 
-/// What may be resident; `share` of the memory that decoded points may take.
-fn budget(view: &ViewSettings, stream: &Stream, share: f64) -> Budget {
-    let points = u64::from(view.point_budget).min(stream.gpu_bytes.0 / GPU_POINT_BYTES);
-    Budget { points, bytes: (half_of(stream.host_bytes) as f64 * share) as u64 }
+/// Points that may be resident at once.
+pub fn most_points(view: &ViewSettings, stream: &Stream) -> u64 {
+    u64::from(view.point_budget).min(stream.gpu_bytes.0 / GPU_POINT_BYTES)
+}
+
+/// Points that previews may have: the first cut must find room beside them.
+pub fn most_preview_points(settings: &Settings) -> u64 {
+    let held = most_points(&settings.view, &settings.stream);
+    held - held.div_ceil(CUT_PART)
 }
 
 /// How large places appear.

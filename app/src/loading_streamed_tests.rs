@@ -1,0 +1,178 @@
+//! Jobs with streamed clouds, by their events.
+
+use std::time::Duration;
+
+use scene::Camera;
+
+use super::*;
+use crate::streaming::Viewpoint;
+
+/// Longer than any job here takes on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A wavy square of coloured points from `corner` on, one unit wide, as binary PLY.
+fn hills(path: &Path, points: u32, corner: [f32; 2]) -> Input {
+    let mut file = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {points}\nproperty float x\nproperty float y\n\
+         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    .into_bytes();
+    // Steps of the golden ratio and of the plastic number fill a square evenly.
+    for index in 0..points {
+        let [x, y] = [0.754_877_666, 0.569_840_29].map(|step: f64| (f64::from(index) * step).fract() as f32);
+        let position = [corner[0] + x, corner[1] + y, 0.05 * (9.0 * x).sin()];
+        file.extend(position.iter().flat_map(|value| value.to_le_bytes()));
+        file.extend([200, 150, 100]);
+    }
+    std::fs::write(path, file).unwrap();
+    Input::File(path.to_owned())
+}
+
+fn settings(pages: scene::Paging, point_budget: u32) -> Settings {
+    let mut settings = Settings::default();
+    settings.stream.pages = pages;
+    settings.stream.detail = 0.01;
+    settings.view.point_budget = point_budget;
+    settings
+}
+
+fn viewpoint(settings: &Settings) -> Viewpoint {
+    let camera = Camera::looking(DVec3::new(1.0, 0.5, 0.0), DVec3::Z, 2.0, DVec3::Y);
+    Viewpoint { camera, size: [400, 300], view: settings.view.clone(), stream: settings.stream.clone() }
+}
+
+/// What a receiver has: points by cloud and first point.
+#[derive(Default)]
+struct Received {
+    chunks: BTreeMap<(usize, u64), u64>,
+    most: u64,
+    most_preview: u64,
+    read: Vec<usize>,
+    failed: usize,
+}
+
+impl Received {
+    fn points(&self) -> u64 {
+        self.chunks.values().sum()
+    }
+
+    fn take(&mut self, event: Event) {
+        match event {
+            Event::Chunk { cloud, chunk } => {
+                self.chunks.insert((cloud, chunk.first_point), chunk.len() as u64);
+            }
+            Event::Dropped { cloud, first_point } => {
+                assert!(self.chunks.remove(&(cloud, first_point)).is_some(), "what is not there cannot go");
+            }
+            Event::Read { cloud, .. } => self.read.push(cloud),
+            Event::Failed { .. } => self.failed += 1,
+            _ => {}
+        }
+        let previews = self.chunks.iter().filter(|((_, first), _)| *first >= PREVIEW_POINTS);
+        self.most_preview = self.most_preview.max(previews.map(|(_, points)| points).sum());
+        self.most = self.most.max(self.points());
+    }
+
+    /// Until all that a look needs is there.
+    fn settle(&mut self, job: &Job, look: u64) {
+        loop {
+            let event = job.events.recv_timeout(PATIENCE).expect("the look is settled");
+            if matches!(event, Event::Stream(stats) if stats.is_settled && stats.look == look) {
+                return;
+            }
+            self.take(event);
+        }
+    }
+}
+
+#[test]
+fn previews_and_cuts_of_all_clouds_together_keep_the_budget() {
+    const BUDGET: u32 = 60_000;
+    let folder = tempfile::tempdir().unwrap();
+    let inputs: Vec<Input> = (0..3_u8)
+        .map(|index| hills(&folder.path().join(format!("{index}.ply")), 150_000, [f32::from(index), 0.0]))
+        .collect();
+    let settings = settings(scene::Paging::Always, BUDGET);
+    let cache = || Ok(Cache::new(folder.path().join("cache"), u64::MAX));
+    // One of them has an index already.
+    let first = start_with(inputs[..1].to_vec(), &settings, true, cache());
+    let look = first.lookout.look(viewpoint(&settings));
+    Received::default().settle(&first, look);
+    drop(first);
+
+    let job = start_with(inputs, &settings, true, cache());
+    let look = job.lookout.look(viewpoint(&settings));
+    let mut received = Received::default();
+    received.settle(&job, look);
+    assert!(received.most_preview > 0, "there was none: the test would prove nothing");
+    assert!(received.most <= u64::from(BUDGET), "{} points at once", received.most);
+    let points = received.points();
+    assert!((55_000..=60_000).contains(&points), "{points}: in the end the cut has all of the budget");
+    assert!(received.chunks.keys().all(|(_, first)| *first < PREVIEW_POINTS), "a preview stays");
+    received.read.sort();
+    assert_eq!(received.read, [0, 1, 2]);
+}
+
+#[test]
+fn a_preview_keeps_what_the_gpu_may_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = hills(&folder.path().join("a.ply"), 150_000, [0.0; 2]);
+    let mut settings = settings(scene::Paging::Always, 5_000_000);
+    // Some forty thousand points.
+    settings.stream.gpu_bytes.0 = 2 << 20;
+    let most = streaming::most_points(&settings.view, &settings.stream);
+    let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
+    let look = job.lookout.look(viewpoint(&settings));
+    let mut received = Received::default();
+    received.settle(&job, look);
+    assert!((1..=most / 2).contains(&received.most_preview), "{}", received.most_preview);
+    assert!(received.most <= most, "{} points at once, at most {most}", received.most);
+}
+
+#[test]
+fn a_file_that_fails_on_the_way_comes_to_its_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    hills(&path, 10, [0.0; 2]);
+    let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
+    let loader = Loader {
+        sender,
+        progress: Arc::default(),
+        surfel_progress: Arc::default(),
+        lookout: Arc::default(),
+        settings: Settings::default(),
+        has_preview: true,
+        cache: Err("none".into()),
+    };
+    let chunks = vec![Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4])];
+    let loading = Loading { cloud: 7, source: open_file(&path).unwrap(), up: DVec3::Z, chunks };
+    loader.end(&loading, Err(codec::Error::unsuitable(&path, "the disk is broken"))).unwrap();
+    drop(loader);
+    // Beside streamed clouds the job goes on: that one cloud is complete is all that the window can go by.
+    let Ok(Event::Failed { input, error }) = events.recv() else { panic!("it is not said") };
+    assert!(input.ends_with("a.ply") && error.contains("broken"), "{error}");
+    let Ok(Event::Read { cloud: 7, summary }) = events.recv() else { panic!("there is no end to it") };
+    assert_eq!((summary.points, summary.cancelled), (4, false));
+}
+
+#[test]
+fn reading_gives_way_to_the_first_picture() {
+    let lookout = Lookout::default();
+    let order = Mutex::new(Vec::new());
+    lookout.draw_first(true);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            lookout.give_way();
+            order.lock().unwrap().push("read");
+        });
+        std::thread::sleep(Duration::from_millis(50));
+        order.lock().unwrap().push("drawn");
+        lookout.draw_first(false);
+    });
+    assert_eq!(order.into_inner().unwrap(), ["drawn", "read"]);
+    // At other times, and at the end, nothing waits.
+    lookout.give_way();
+    lookout.draw_first(true);
+    lookout.end();
+    lookout.give_way();
+}
