@@ -42,6 +42,7 @@ mod truth;
 mod truth_panel;
 mod truth_tasks;
 mod tuning;
+mod under_way;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -55,12 +56,13 @@ use figures::Figures;
 use messages::Level;
 use path_prompt::PathPrompt;
 use preferences::Preferences;
-use render_thread::{RenderThread, Report};
+use render_thread::{Command, RenderThread, Report};
 use scene::{MirrorNormals, MirrorPoints, Surroundings};
 use screen::{Painted, Screen};
 use serde_json::json;
 use state::{Effect, Found, State};
 use truth_tasks::Answer;
+use under_way::{Pass, UnderWay};
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
@@ -73,7 +75,8 @@ use crate::{mirrors, picture_file};
 
 /// What other threads tell the window.
 enum Wake {
-    Loading(u32, loading::Event),
+    /// An event of a job, and with a chunk its pass to the render thread.
+    Loading(u32, loading::Event, Option<Pass>),
     Report(Report),
     Found(Found),
     /// Files chosen in the system's dialog, and how long it took.
@@ -98,6 +101,7 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
         wanted_gpu: gpu,
         screen: None,
         render_thread: None,
+        under_way: Arc::default(),
         log: EventLog::from_environment()?,
         next_paint: None,
         title: String::new(),
@@ -132,6 +136,7 @@ struct Viewer {
     wanted_gpu: Option<String>,
     screen: Option<Screen>,
     render_thread: Option<RenderThread>,
+    under_way: Arc<UnderWay>,
     log: EventLog,
     next_paint: Option<Instant>,
     title: String,
@@ -167,11 +172,15 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn user_event(&mut self, _: &ActiveEventLoop, event: Wake) {
-        let is_chunk = matches!(event, Wake::Loading(_, loading::Event::Chunk { .. } | loading::Event::Dropped { .. }));
+        let is_chunk =
+            matches!(event, Wake::Loading(_, loading::Event::Chunk { .. } | loading::Event::Dropped { .. }, _));
         match event {
-            Wake::Loading(job, event) => {
+            Wake::Loading(job, event, pass) => {
                 let is_end = matches!(event, loading::Event::Finished);
                 self.state.on_loading(job, event);
+                if let Some(pass) = pass {
+                    self.state.render(Command::Arrived(pass));
+                }
                 if is_end {
                     self.keep_preferences();
                 }
@@ -358,14 +367,15 @@ impl Viewer {
                     }
                 }
                 Effect::Load { inputs } => {
-                    let job = loading::start(inputs.clone(), &self.state.settings);
+                    let job = loading::start(inputs.clone(), &self.state.settings_of_next_job());
                     let id = self.state.add_job(
                         &inputs,
                         job.progress.clone(),
                         job.surfel_progress.clone(),
                         job.lookout.clone(),
                     );
-                    self.work("loading events", move |wake| forward(&job, id, wake));
+                    let under_way = self.under_way.clone();
+                    self.work("loading events", move |wake| forward(&job, id, &under_way, wake));
                 }
                 Effect::FindFigures { key, cloud, basis, up, kept } => self.work("figures", move |wake| {
                     let figures = Box::new(match kept {
@@ -474,16 +484,20 @@ impl Viewer {
 }
 
 /// Hands the events of a job on until it ends; a loading thread that dies ends it, too.
-fn forward(job: &loading::Job, id: u32, wake: &EventLoopProxy<Wake>) {
+fn forward(job: &loading::Job, id: u32, under_way: &Arc<UnderWay>, wake: &EventLoopProxy<Wake>) {
     for event in &job.events {
         let is_end = matches!(event, loading::Event::Finished);
-        if wake.send_event(Wake::Loading(id, event)).is_err() || is_end {
+        let pass = match &event {
+            loading::Event::Chunk { chunk, .. } => Some(under_way.enter(chunk.size_in_bytes() as u64)),
+            _ => None,
+        };
+        if wake.send_event(Wake::Loading(id, event, pass)).is_err() || is_end {
             return;
         }
     }
     let error = "loading stopped unexpectedly".to_string();
-    let _ = wake.send_event(Wake::Loading(id, loading::Event::Failed { input: String::new(), error }));
-    let _ = wake.send_event(Wake::Loading(id, loading::Event::Finished));
+    let _ = wake.send_event(Wake::Loading(id, loading::Event::Failed { input: String::new(), error }, None));
+    let _ = wake.send_event(Wake::Loading(id, loading::Event::Finished, None));
 }
 
 /// Says that nothing can be drawn any more; the program ends when it is acknowledged.

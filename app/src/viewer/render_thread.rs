@@ -17,6 +17,7 @@ use render::{ChunkId, CloudId, ColorPlan, ColorSource, FrameStats, Gpu, Material
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::Drawn;
 
+use super::under_way::Pass;
 use crate::mirrors::{self, Marked};
 use crate::picture_file;
 
@@ -55,13 +56,14 @@ pub enum Command {
     AddCloud {
         key: CloudKey,
         provisional_radius: f32,
-        expected_points: u64,
     },
-    /// No more than so many points of a cloud will be there at once, whatever was expected before, and all of it lies in
-    /// these bounds.
+    /// So many points will be there at once, of all clouds together, whatever was expected before.
     Expect {
-        key: CloudKey,
         points: u64,
+    },
+    /// All of a cloud lies in these bounds.
+    SetBounds {
+        key: CloudKey,
         bounds: Bounds,
     },
     /// Adds the chunk, or replaces the one with the same `first_point`. `classes` is the column of that index.
@@ -70,6 +72,8 @@ pub enum Command {
         chunk: Chunk,
         classes: Option<usize>,
     },
+    /// The commands of a chunk that was under way have been sent.
+    Arrived(Pass),
     /// Takes the chunk with this `first_point` out. One that is not there is none.
     RemoveChunk {
         key: CloudKey,
@@ -239,8 +243,6 @@ impl RenderThread {
 
 struct Resident {
     id: CloudId,
-    /// As the store was told.
-    expected_points: u64,
     /// By `first_point`.
     chunks: HashMap<u64, ChunkId>,
     /// Points of it that reflect.
@@ -261,15 +263,7 @@ struct Reflecting {
 impl Resident {
     fn new(id: CloudId) -> Self {
         let chunks = HashMap::new();
-        Self {
-            id,
-            expected_points: 0,
-            chunks,
-            reflecting: Vec::new(),
-            color: None,
-            is_visible: true,
-            visible_classes: None,
-        }
+        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true, visible_classes: None }
     }
 
     fn ids(&self) -> impl Iterator<Item = CloudId> {
@@ -375,16 +369,14 @@ impl Worker {
 
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
-            Command::AddCloud { key, provisional_radius, expected_points } => {
-                self.store.reserve(expected_points);
+            Command::AddCloud { key, provisional_radius } => {
                 let id = self.store.add_cloud(Material::default());
                 self.store.set_provisional_radius(id, provisional_radius);
-                self.clouds.insert(key, Resident { expected_points, ..Resident::new(id) });
+                self.clouds.insert(key, Resident::new(id));
             }
-            Command::Expect { key, points, bounds } => {
-                if let Some(resident) = self.clouds.get_mut(&key) {
-                    self.store.unreserve(std::mem::replace(&mut resident.expected_points, points));
-                    self.store.reserve(points);
+            Command::Expect { points } => self.store.reserve(points),
+            Command::SetBounds { key, bounds } => {
+                if let Some(resident) = self.clouds.get(&key) {
                     self.store.set_bounds(resident.id, bounds);
                 }
             }
@@ -460,6 +452,7 @@ impl Worker {
                     result => return result,
                 }
             }
+            Command::Arrived(pass) => drop(pass),
             Command::Frame(_) => {}
         }
         Ok(())
@@ -592,6 +585,7 @@ impl Worker {
     fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
         let started = Instant::now();
         let stats = self.render(&request)?;
+        tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         let pixels = self.renderer.read_picture()?;
         let [width, height] = request.size;
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };

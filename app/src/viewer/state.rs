@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use cloud::{Bounds, Chunk, Cloud, Column, Progress, Surfels};
 use glam::DVec3;
-use render::FrameStats;
+use render::{ColorPlan, FrameStats};
 use scene::{Camera, Lighting, Mirror, MirrorPoints, MirrorSurface, Settings, SpotLight, StandardView, Surroundings};
 use serde_json::json;
 
@@ -342,6 +342,8 @@ pub struct State {
     pub pace: Pace,
     /// Streamed points are coloured by level.
     pub(super) levels_are_shown: bool,
+    /// As the render thread was told.
+    pub(super) expected_points: u64,
 }
 
 /// While points come in, a frame at most this often: each takes time from reading.
@@ -408,6 +410,7 @@ impl State {
             warned: Vec::new(),
             pace: Pace::default(),
             levels_are_shown: false,
+            expected_points: 0,
         }
     }
 
@@ -524,7 +527,7 @@ impl State {
                 let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
                 let key = CloudKey(self.next_cloud);
                 self.next_cloud += 1;
-                self.render(Command::AddCloud { key, provisional_radius, expected_points });
+                self.render(Command::AddCloud { key, provisional_radius });
                 if self.visible_classes.contains(&false) {
                     let visible = Box::new(self.visible_classes);
                     self.render(Command::SetVisibleClasses { key, visible });
@@ -563,6 +566,7 @@ impl State {
                 if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
                     entry.clouds.insert(index, key);
                 }
+                self.make_room();
                 if let Some(bounds) = bounds {
                     self.frame_while_unplaced(bounds);
                 }
@@ -613,8 +617,17 @@ impl State {
         }
         entry.bounds = entry.bounds.union(chunk_bounds);
         let (key, classes, bounds) = (entry.key, class_column(&entry.cloud), entry.bounds);
+        let is_first = entry.figures.is_none() && entry.cloud.chunks.len() == 1;
+        let uncolored = is_first.then(|| (entry.cloud.clone(), entry.up));
         let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
         self.render(Command::Chunk { key, chunk, classes });
+        if let Some((cloud, up)) = uncolored {
+            // What is drawn before the figures are known has colours, too.
+            let (plan, _) = ColorPlan::new(&cloud, &self.settings.color, up);
+            if plan.missing_column(&cloud).is_none() {
+                self.render(Command::Color { key, cloud, plan, up });
+            }
+        }
         self.tint_chunk(key, first_point);
         self.revision += 1;
         if !has_header_bounds && self.shown.is_none() {
@@ -1290,7 +1303,9 @@ impl State {
 
     /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
     pub fn request_frame(&mut self) -> Option<Duration> {
-        if self.adapter.is_none() || self.view_size.contains(&0) || self.clouds.is_empty() {
+        let is_first = self.shown.is_none();
+        let is_empty = self.clouds.is_empty() || is_first && self.points() == 0;
+        if self.adapter.is_none() || self.view_size.contains(&0) || is_empty {
             return None;
         }
         let mut settings = self.settings.clone();
@@ -1313,7 +1328,9 @@ impl State {
         let rest = self.navigation.time_to_rest();
         let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
         let is_dragged = is_mirror && self.gizmo.is_dragging();
-        let hurried = rest.filter(|_| self.is_slow()).map(|_| render_thread::hurried(&wanted.settings, is_dragged));
+        // The first picture comes soon, and a better one after it.
+        let is_hurried = is_first || rest.is_some() && self.is_slow();
+        let hurried = is_hurried.then(|| render_thread::hurried(&wanted.settings, is_dragged));
         if let Some(settings) = hurried.filter(|hurried| *hurried != wanted.settings) {
             wanted.settings = settings;
             wanted.hurried = true;
@@ -1339,6 +1356,9 @@ impl State {
         self.requested = Some(wanted.clone());
         self.requested_at = Some(Instant::now());
         self.frames_under_way += 1;
+        if is_first {
+            self.jobs.iter().for_each(|job| job.lookout.draw_first(true));
+        }
         self.render(Command::Frame(Box::new(wanted)));
         rest
     }
@@ -1368,6 +1388,9 @@ impl State {
 
     /// What the render thread says, except the picture itself, which the window has taken.
     pub fn on_report(&mut self, report: Report) {
+        if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
+            self.jobs.iter().for_each(|job| job.lookout.draw_first(false));
+        }
         match report {
             Report::Ready { adapter } => {
                 self.log(json!({ "event": "ready", "adapter": adapter }));
@@ -1684,7 +1707,12 @@ mod tests {
         let (mut state, _) = opened();
         state.on_report(Report::Ready { adapter: "any".into() });
         state.request_frame();
+        assert_eq!(state.frames_under_way, 0, "there is nothing to show yet");
+        let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
+        state.on_loading(0, loading::Event::Chunk { cloud: 0, chunk });
+        state.request_frame();
         assert_eq!(state.frames_under_way, 1);
+        assert!(state.requested.as_ref().is_some_and(|request| request.hurried), "the first picture comes soon");
         state.on_report(Report::NotDrawn("too large".into()));
         assert_eq!((state.frames_under_way, state.fatal.as_deref()), (0, None));
     }

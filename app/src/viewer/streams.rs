@@ -4,14 +4,14 @@
 use std::sync::Arc;
 
 use cloud::Bounds;
-use scene::Ramp;
+use scene::{Ramp, Settings};
 use serde_json::json;
 use stream::{Node, Octree};
 
 use super::messages::Level;
 use super::render_thread::{CloudKey, Command};
 use super::state::{CloudEntry, JobEntry, State};
-use crate::streaming::{Paged, StreamStats, Viewpoint};
+use crate::streaming::{Paged, StreamStats, Viewpoint, most_points};
 
 /// What makes a cloud a streamed one: its chunks are those of its points that the last look needs.
 pub struct Streamed {
@@ -136,14 +136,11 @@ impl State {
             entry.has_streamed = true;
         }
         let key = self.key_of(job, cloud);
-        let budget = u64::from(self.settings.view.point_budget);
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let rests = entry.streamed.as_ref().map_or(0, |streamed| streamed.rests);
         let was_indexed = entry.is_indexed();
         let streamed = Streamed::new(pages, rests);
         let (key, name) = (entry.key, entry.cloud.name.clone());
-        // Never more than these are on the GPU.
-        let points = streamed.total().unwrap_or(entry.expected_points).min(budget);
         let bounds = streamed.bounds().unwrap_or(Bounds::EMPTY);
         if let Paged::Indexed { grid, .. } = &streamed.pages {
             entry.cloud.grid = *grid;
@@ -151,7 +148,8 @@ impl State {
         entry.bounds = entry.bounds.union(bounds);
         let has_surfels = matches!(streamed.pages, Paged::Indexed { has_surfels: true, .. });
         entry.streamed = Some(streamed);
-        self.render(Command::Expect { key, points, bounds });
+        self.render(Command::SetBounds { key, bounds });
+        self.make_room();
         if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
             let total = self.cloud(key).map_or(0, CloudEntry::total);
             self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
@@ -161,6 +159,35 @@ impl State {
         } else {
             self.log(json!({ "event": "indexing", "name": name }));
         }
+    }
+
+    /// Tells the render thread how many points will be there at once, if that has changed: all of those that are held in memory,
+    /// and of streamed ones as many as the budgets allow.
+    pub(super) fn make_room(&mut self) {
+        let total = |is_streamed: bool| -> u64 {
+            let clouds = self.clouds.iter().filter(|entry| entry.streamed.is_some() == is_streamed);
+            clouds.map(CloudEntry::total).sum()
+        };
+        let chunks = self.samples.values().flat_map(|sample| &sample.chunks);
+        let samples: u64 = chunks.map(|(chunk, _)| chunk.len() as u64).sum();
+        let most = most_points(&self.settings.view, &self.settings.stream);
+        let points = total(false) + samples + total(true).min(most);
+        if std::mem::replace(&mut self.expected_points, points) != points {
+            self.render(Command::Expect { points });
+        }
+    }
+
+    fn streaming_jobs(&self) -> usize {
+        self.jobs.iter().filter(|job| job.has_streamed).count()
+    }
+
+    /// Settings for what is opened next: its preview has its share of the budgets.
+    pub fn settings_of_next_job(&self) -> Settings {
+        let mut settings = self.settings.clone();
+        let jobs = self.streaming_jobs() + 1;
+        settings.view.point_budget /= jobs as u32;
+        settings.stream.gpu_bytes.0 /= jobs as u64;
+        settings
     }
 
     pub(super) fn on_stream(&mut self, job: u32, stats: StreamStats) {
@@ -193,13 +220,14 @@ impl State {
 
     /// Tells streamed clouds where they are looked at from, if that has changed. Called every frame of the window.
     pub fn look_around(&mut self) {
+        self.make_room();
         let mut view = self.settings.view.clone();
         if self.navigation.time_to_rest().is_some() && self.settings.stream.frame_ms > 0.0 {
             view.point_budget = self.pace.budget(view.point_budget);
         }
         let mut stream = self.settings.stream.clone();
         // What was opened one after the other shares the budgets evenly.
-        let jobs = self.jobs.iter().filter(|job| job.has_streamed).count().max(1);
+        let jobs = self.streaming_jobs().max(1);
         view.point_budget /= jobs as u32;
         stream.host_bytes.0 /= jobs as u64;
         stream.gpu_bytes.0 /= jobs as u64;
@@ -393,6 +421,45 @@ mod tests {
     }
 
     #[test]
+    fn what_is_drawn_first_has_its_colours() {
+        let mut state = streamed();
+        let sent = commands(&mut state);
+        let chunk = sent.iter().position(|command| matches!(command, Command::Chunk { .. }));
+        let color = sent.iter().position(
+            |command| matches!(command, Command::Color { plan, .. } if plan.source == render::ColorSource::Column(0)),
+        );
+        assert!(chunk.is_some() && color > chunk, "{chunk:?}, {color:?}");
+        put(&mut state, 5, &[2.0, 3.0, 4.0]);
+        assert!(!commands(&mut state).iter().any(|command| matches!(command, Command::Color { .. })));
+    }
+
+    #[test]
+    fn points_take_no_more_of_the_gpu_than_they_may() {
+        let gpu = match render::Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return eprintln!("skipped: {error}"),
+        };
+        let mut settings = Settings::default();
+        settings.stream.gpu_bytes.0 = 96 << 20;
+        let points = most_points(&settings.view, &settings.stream);
+        let mut store = render::PointStore::new(gpu);
+        store.reserve(points);
+        let cloud = store.add_cloud(render::Material::default());
+        // As large as small nodes.
+        let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 10_001]);
+        for _ in 0..points / chunk.len() as u64 {
+            store.add_chunk(cloud, &chunk, None).unwrap();
+        }
+        // Of the 48 bytes of a point these are the 24 that are there without an attribute and without mirrors.
+        let bytes = store.gpu_bytes() * 2;
+        // Room is given in grains of so many points.
+        let grain = 48 << 18;
+        assert!(bytes <= settings.stream.gpu_bytes.0 + grain, "{bytes}");
+        assert!(bytes > settings.stream.gpu_bytes.0 / 2, "{bytes}: much less than it may be");
+    }
+
+    #[test]
     fn bounds_and_number_of_a_streamed_cloud_are_those_of_its_index() {
         let mut state = streamed();
         assert_eq!(state.bounds(), octree().nodes[0].bounds);
@@ -401,8 +468,18 @@ mod tests {
         assert_eq!(state.bounds(), octree().nodes[0].bounds);
         assert_eq!((state.points(), state.all_points(), state.clouds[0].total()), (3, 8, 8));
         assert_eq!(state.title(), "survey - 8 points - glint");
-        let expected = |command: &Command| matches!(command, Command::Expect { points: 8, .. });
-        assert!(commands(&mut state).iter().any(expected), "no more room is made than all points take");
+        let room = |state: &mut State| {
+            let commands = commands(state).into_iter();
+            commands
+                .filter_map(|command| if let Command::Expect { points } = command { Some(points) } else { None })
+                .last()
+        };
+        assert_eq!(room(&mut state), Some(8), "no more room is made than all points take");
+        state.settings.view.point_budget = 4;
+        state.look_around();
+        assert_eq!(room(&mut state), Some(4), "nor than may be there");
+        state.look_around();
+        assert_eq!(room(&mut state), None);
     }
 
     #[test]

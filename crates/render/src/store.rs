@@ -251,15 +251,10 @@ impl PointStore {
         self.geometry_revision = self.revision;
     }
 
-    /// Announces `points` more, so that the next page is as large as they take. Nothing is allocated before points come, and
-    /// never more than one page ahead of them. Of a cloud that is never there as a whole, what is there at a time counts.
+    /// Announces how many points there will be at once, so that the next page is as large as those take that are still to come.
+    /// Nothing is allocated before points come, and never more than one page ahead of them.
     pub fn reserve(&mut self, points: u64) {
-        self.reserved = (u64::from(self.reserved).max(self.points()) + points).min(u64::from(u32::MAX)) as u32;
-    }
-
-    /// Takes back what was announced and will not come.
-    pub fn unreserve(&mut self, points: u64) {
-        self.reserved = self.reserved.saturating_sub(u32::try_from(points).unwrap_or(u32::MAX));
+        self.reserved = points.min(u64::from(u32::MAX)) as u32;
     }
 
     pub fn add_cloud(&mut self, material: Material) -> CloudId {
@@ -485,11 +480,7 @@ impl PointStore {
         self.clouds.remove(&cloud);
         let gone: Vec<ChunkId> =
             self.chunks.iter().filter(|(_, chunk)| chunk.cloud == cloud).map(|(id, _)| *id).collect();
-        let points: u64 = gone.iter().map(|id| self.take_out(*id) as u64).sum();
-        self.unreserve(points);
-        if self.clouds.is_empty() {
-            self.reserved = 0;
-        }
+        gone.into_iter().for_each(|id| self.take_out(id));
         self.free_pages();
     }
 
@@ -502,11 +493,10 @@ impl PointStore {
         }
     }
 
-    /// Returns how many points it had.
-    fn take_out(&mut self, id: ChunkId) -> usize {
-        let Some(chunk) = self.chunks.remove(&id) else { return 0 };
-        self.pages[chunk.page].room.release(chunk.room());
-        chunk.range.len()
+    fn take_out(&mut self, id: ChunkId) {
+        if let Some(chunk) = self.chunks.remove(&id) {
+            self.pages[chunk.page].room.release(chunk.room());
+        }
     }
 
     /// Empty pages at the end give their memory back; earlier ones keep the identities of later ones in place.

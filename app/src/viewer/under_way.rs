@@ -1,0 +1,74 @@
+//! Chunks on their way from the loading threads to the render thread. The window's events and the render thread's commands wait
+//! in queues without an end, and a frame can take long: what is loaded waits before them.
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+/// Bytes of chunks under way, at most: those of some two million points.
+const MOST_BYTES: u64 = 64 << 20;
+
+#[derive(Default)]
+pub struct UnderWay {
+    bytes: Mutex<u64>,
+    has_less: Condvar,
+}
+
+/// Goes the way of a chunk behind it; where it is dropped, the chunk has arrived.
+pub struct Pass {
+    bytes: u64,
+    under_way: Arc<UnderWay>,
+}
+
+impl UnderWay {
+    /// Waits until there is room for so many bytes; for more than there can be, until nothing else is under way.
+    pub fn enter(self: &Arc<Self>, bytes: u64) -> Pass {
+        let is_full = |under_way: &mut u64| *under_way > 0 && *under_way + bytes > MOST_BYTES;
+        let waited = self.has_less.wait_while(self.lock(), is_full);
+        *waited.unwrap_or_else(PoisonError::into_inner) += bytes;
+        Pass { bytes, under_way: self.clone() }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, u64> {
+        self.bytes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Pass {
+    fn drop(&mut self) {
+        *self.under_way.lock() -= self.bytes;
+        self.under_way.has_less.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn no_more_is_under_way_than_may_be_and_all_arrives() {
+        let under_way = Arc::new(UnderWay::default());
+        let (sender, receiver) = channel::<Pass>();
+        let sizes = [MOST_BYTES / 3, MOST_BYTES / 5, 2 * MOST_BYTES, 1000];
+        let all = 40;
+        std::thread::scope(|scope| {
+            let entering = under_way.clone();
+            scope.spawn(move || {
+                for index in 0..all {
+                    let pass = entering.enter(sizes[index % sizes.len()]);
+                    let bytes = *entering.lock();
+                    assert!(bytes <= MOST_BYTES.max(pass.bytes), "{bytes} bytes are under way");
+                    sender.send(pass).unwrap();
+                }
+            });
+            let arrive = |pass| {
+                // Slower than they come.
+                std::thread::sleep(Duration::from_millis(1));
+                drop(pass);
+            };
+            assert_eq!(receiver.into_iter().map(arrive).count(), all);
+        });
+        assert_eq!(*under_way.lock(), 0);
+    }
+}
