@@ -1,12 +1,12 @@
 //! How much larger splats are drawn where only a part of a place's points is.
 //!
-//! Radii of pages are those of all points together. A node of which, with all that lies below it, only a part is drawn covers
-//! the same surface with fewer splats, each of which stands for a larger share of area. Per octant of a node the share grows by
-//! (all points) / (points drawn), the radius by its square root. Packed radii are logarithms, so that is a sum; it goes in eighths
-//! of an octave, so that few chunks change as others come and go. Where all is drawn nothing changes.
+//! Radii of pages are those of all points together. Where only some are drawn, each stands for a larger share of the surface: the
+//! share grows by (all points) / (points drawn), the radius by its square root. A place is an octant of the deepest node that
+//! is drawn there, and points of all levels grow alike in it. Packed radii are logarithms, so growing is a sum; it goes in
+//! eighths of an octave, so that few chunks change as others come and go. Where all is drawn nothing changes.
 //!
 //! That is right on average. Trees and facades have more points than the surface that is seen of them, and a scanner's
-//! surroundings more than the rest of their octant. What is drawn is spaced evenly all the same, so radii that grow stay within
+//! surroundings more than the rest of their place. What is drawn is spaced evenly all the same, so radii that grow stay within
 //! [`LARGEST_SPACINGS`] and [`SMALLEST_SPACINGS`].
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,19 +29,6 @@ const SMALLEST_SPACINGS: f64 = 0.6;
 
 /// A node's own points by octant.
 pub type Octants = [u32; 8];
-/// How radii grow. More of each is more.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Growth {
-    /// Of an octave.
-    eighths: u8,
-    /// Packed: no radius is made larger than this, and none is left smaller.
-    largest: u16,
-    smallest: u16,
-}
-
-/// By octant.
-pub type Growths = [Growth; 8];
-
 /// What is drawn of a node itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Drawn {
@@ -83,122 +70,184 @@ pub fn count_octants(chunk: &Chunk, center: DVec3) -> Octants {
     counts
 }
 
-/// Distances between the points that are drawn at a place, world units.
-#[derive(Clone, Copy, Default)]
-struct Spacings {
-    /// Of all places the largest.
+/// Packed radii of a chunk's points; `None` where they have none.
+pub type Radii = Option<Arc<Vec<u16>>>;
+
+/// How much radii grow, place by place.
+#[derive(Clone, Debug, Default)]
+pub struct Field {
+    /// Parents before children.
+    cells: Vec<Cell>,
+    indices: BTreeMap<NodeId, u32>,
+}
+
+/// The cube of a node that is drawn, or that has one below it.
+#[derive(Clone, Debug)]
+struct Cell {
+    center: DVec3,
+    /// Of the children's cells; 0, which is no child, where there is none.
+    children: [u32; 8],
+    /// In octants without a child's cell.
+    growths: [Growth; 8],
+}
+
+/// How radii grow at a place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Growth {
+    /// Of an octave.
+    eighths: u8,
+    /// Packed: no radius is made larger than this, and none is left smaller.
+    largest: u16,
+    smallest: u16,
+}
+
+/// What is drawn in an octant of a cell by the node and those above it.
+#[derive(Clone, Copy)]
+struct Above {
+    /// Points, as many as there would be if they were spread like those of the nodes below them.
     all: f64,
-    /// Of those where some points are not drawn; 0 where there are none.
-    thinned: f64,
+    /// Those of them that are drawn.
+    drawn: f64,
+    /// Distance between those, world units.
+    spacing: f64,
 }
 
-/// What is drawn in a node's cube.
-struct Inside {
-    points: u64,
-    spacings: Spacings,
-}
-
-/// For each node that is drawn, how much its radii grow. Nodes that are not in `drawn` have no point on the screen.
-pub fn growths(octree: &Octree, drawn: &BTreeMap<NodeId, Drawn>) -> BTreeMap<NodeId, Growths> {
-    // Of all nodes that are drawn or have such a node below them; children come after their parents.
-    let mut inside: BTreeMap<NodeId, Inside> = BTreeMap::new();
-    let mut queue: BTreeSet<NodeId> = drawn.keys().copied().collect();
-    let mut growths = BTreeMap::new();
-    while let Some(id) = queue.pop_last() {
-        let node = octree.node(id);
-        let parts = drawn.get(&id).copied().unwrap_or_default();
-        let points = |octants: &Octants| octants.iter().map(|count| u64::from(*count)).sum::<u64>();
-        let own_spacing =
-            octree.spacing_at(node.level) * (points(&parts.own) as f64 / points(&parts.drawn).max(1) as f64).sqrt();
-        let octants: [Inside; 8] = std::array::from_fn(|octant| {
-            let child = node.children[octant];
-            let below = child.and_then(|child| inside.get(&child));
-            let spacings = match (child, below) {
-                (None, _) => Spacings { all: own_spacing, thinned: 0.0 },
-                (Some(_), None) => Spacings { all: own_spacing, thinned: own_spacing },
-                (Some(_), Some(Inside { spacings: Spacings { all, thinned }, .. })) => {
-                    Spacings { all: all.min(own_spacing), thinned: thinned.min(own_spacing) }
+impl Field {
+    /// `drawn`: all nodes of which something is.
+    pub fn new(octree: &Octree, drawn: &BTreeMap<NodeId, Drawn>) -> Self {
+        let above = |id: NodeId| octree.node(id).parent.filter(|parent| *parent < id);
+        let mut nodes: BTreeSet<NodeId> = BTreeSet::new();
+        for id in drawn.keys() {
+            let path = std::iter::successors(Some(*id), |id| above(*id));
+            for id in path {
+                if !nodes.insert(id) {
+                    break;
                 }
-            };
-            Inside { points: u64::from(parts.drawn[octant]) + below.map_or(0, |below| below.points), spacings }
-        });
-        if drawn.contains_key(&id) {
-            growths.insert(
-                id,
-                std::array::from_fn(|octant| {
-                    let hidden = node.children[octant].map_or(0, |child| octree.node(child).total);
-                    let Inside { points, spacings } = octants[octant];
-                    Growth::new(u64::from(parts.own[octant]) + hidden, points, spacings)
-                }),
-            );
+            }
         }
-        let spacings = if drawn.contains_key(&id) {
-            let occupied = octants.iter().zip(parts.own).filter(|(_, own)| *own > 0).map(|(inside, _)| inside.spacings);
-            occupied
-                .fold(Spacings::default(), |a, b| Spacings { all: a.all.max(b.all), thinned: a.thinned.max(b.thinned) })
-        } else {
-            Spacings { all: f64::INFINITY, thinned: f64::INFINITY }
-        };
-        inside.insert(id, Inside { points: octants.iter().map(|inside| inside.points).sum(), spacings });
-        queue.extend(node.parent.filter(|parent| *parent < id));
+        let mut field = Self::default();
+        let mut inside: Vec<[Above; 8]> = Vec::with_capacity(nodes.len());
+        for id in nodes {
+            let node = octree.node(id);
+            let octant_of = |parent: NodeId| octree.node(parent).children.iter().position(|child| *child == Some(id));
+            let parent = above(id).and_then(|parent| Some((field.indices[&parent], octant_of(parent)?)));
+            let from_above = match parent {
+                Some((parent, octant)) => inside[parent as usize][octant],
+                None => Above { all: 0.0, drawn: 0.0, spacing: f64::INFINITY },
+            };
+            let Drawn { own, drawn } = drawn.get(&id).copied().unwrap_or_default();
+            let sum = |octants: &Octants| octants.iter().map(|count| f64::from(*count)).sum::<f64>();
+            let (own_points, drawn_points) = (sum(&own), sum(&drawn));
+            let spacing = match drawn_points > 0.0 {
+                true => octree.spacing_at(node.level) * (own_points / drawn_points).sqrt(),
+                false => f64::INFINITY,
+            };
+            let octants: [Above; 8] = std::array::from_fn(|octant| {
+                // One more in each, so that what is above never vanishes.
+                let share = (f64::from(own[octant]) + 1.0) / (own_points + 8.0);
+                Above {
+                    all: from_above.all * share + f64::from(own[octant]),
+                    drawn: from_above.drawn * share + f64::from(drawn[octant]),
+                    spacing: from_above.spacing.min(spacing),
+                }
+            });
+            let growths = std::array::from_fn(|octant| {
+                Growth::new(octants[octant], node.children[octant].map(|child| octree.node(child).total))
+            });
+            let index = field.cells.len() as u32;
+            if let Some((parent, octant)) = parent {
+                let parent = &mut field.cells[parent as usize];
+                parent.children[octant] = index;
+                parent.growths[octant] = Growth::default();
+            }
+            field.cells.push(Cell { center: cube_center(octree, id), children: [0; 8], growths });
+            field.indices.insert(id, index);
+            inside.push(octants);
+        }
+        field
     }
-    growths
+
+    /// Nodes whose points lie in places that are other ones in the other field.
+    pub fn changed(&self, other: &Self, octree: &Octree) -> BTreeSet<NodeId> {
+        let mut changed = BTreeSet::new();
+        let nodes: BTreeSet<&NodeId> = self.indices.keys().chain(other.indices.keys()).collect();
+        for id in nodes {
+            let growths = |field: &Self| Some(field.cells[*field.indices.get(id)? as usize].growths);
+            if growths(self) != growths(other) {
+                let above = |id: &NodeId| octree.node(*id).parent.filter(|parent| parent < id);
+                let path = std::iter::successors(Some(*id), above);
+                for id in path {
+                    if !changed.insert(id) {
+                        break;
+                    }
+                }
+            }
+        }
+        changed
+    }
+
+    /// The radii of a node's chunk, none smaller than it is; the same ones where nothing changes. Points without a radius stay so.
+    /// Radii that were estimated at the spacing of what is drawn need no bounds.
+    pub fn radii(&self, id: NodeId, chunk: &Chunk, has_bounds: bool) -> Radii {
+        let radii = chunk.radii.as_ref()?;
+        let Some(&first) = self.indices.get(&id) else { return Some(radii.clone()) };
+        let grow = |index: usize| match radii[index] {
+            NO_RADIUS => NO_RADIUS,
+            radius => self.growth(first, chunk.position(index)).apply(radius, has_bounds),
+        };
+        let grown: Vec<u16> = (0..radii.len()).map(grow).collect();
+        Some(if grown == **radii { radii.clone() } else { Arc::new(grown) })
+    }
+
+    /// At a position in a cell.
+    fn growth(&self, mut cell: u32, position: DVec3) -> Growth {
+        loop {
+            let Cell { center, children, growths } = &self.cells[cell as usize];
+            let octant = position.cmpge(*center).bitmask() as usize;
+            match children[octant] {
+                0 => return growths[octant],
+                child => cell = child,
+            }
+        }
+    }
 }
 
 impl Growth {
-    fn new(total: u64, drawn: u64, spacings: Spacings) -> Self {
-        if drawn == 0 || total <= drawn {
+    /// `hidden`: points of the child that is there, and not drawn.
+    fn new(place: Above, hidden: Option<u64>) -> Self {
+        let total = place.all + hidden.map_or(0.0, |points| points as f64);
+        if total <= place.drawn || place.drawn == 0.0 {
             return Self::default();
         }
-        let packed = |spacings: f64| pack_radius(spacings as f32);
+        let packed = |spacings: f64| pack_radius((spacings * place.spacing) as f32);
         Self {
             // Twice the octaves of the radius are those of the area.
-            eighths: (4.0 * (total as f64 / drawn as f64).log2()).round() as u8,
-            largest: packed(LARGEST_SPACINGS * spacings.all),
-            smallest: packed(SMALLEST_SPACINGS * spacings.thinned),
+            eighths: (4.0 * (total / place.drawn).log2()).round() as u8,
+            largest: packed(LARGEST_SPACINGS),
+            smallest: if hidden.is_some() { packed(SMALLEST_SPACINGS) } else { 0 },
         }
     }
 
-    /// The same whatever the spacing, for radii that were estimated at that spacing.
-    pub fn unbounded(self) -> Self {
-        Self { largest: u16::MAX, smallest: 0, ..self }
-    }
-
-    pub fn larger(self, other: Self) -> Self {
-        Self {
-            eighths: self.eighths.max(other.eighths),
-            largest: self.largest.max(other.largest),
-            smallest: self.smallest.max(other.smallest),
-        }
-    }
-
-    /// Whether radii are larger than `other` makes them by less than a half of an octave: 41 %.
-    pub fn is_near(self, other: Self) -> bool {
-        let less = |a: u16, b: u16| a.saturating_sub(b) < STEPS_PER_OCTAVE / 2;
-        less(u16::from(self.eighths) * EIGHTH, u16::from(other.eighths) * EIGHTH)
-            && less(self.largest, other.largest)
-            && less(self.smallest, other.smallest)
-    }
-
-    fn apply(self, radius: u16) -> u16 {
+    fn apply(self, radius: u16, has_bounds: bool) -> u16 {
         let grown = radius.saturating_add(u16::from(self.eighths) * EIGHTH);
-        grown.max(self.smallest).min(self.largest).max(radius)
+        if has_bounds { grown.max(self.smallest).min(self.largest).max(radius) } else { grown }
     }
 }
 
-/// The chunk with larger radii; the same one where nothing changes. Points without a radius stay so.
-pub fn scaled(chunk: &Chunk, center: DVec3, growths: &Growths) -> Chunk {
-    let mut chunk = chunk.clone();
-    if let Some(radii) = &chunk.radii
-        && *growths != Growths::default()
-    {
-        let grown = radii.iter().zip(octants(&chunk, center)).map(|(radius, octant)| match *radius {
-            NO_RADIUS => NO_RADIUS,
-            radius => growths[octant].apply(radius),
-        });
-        chunk.radii = Some(Arc::new(grown.collect()));
+/// The larger radius of each point of the first; the other may have more or fewer.
+pub fn larger(radii: &Radii, other: &Radii) -> Radii {
+    let (radii, other) = (radii.as_ref()?, other.as_deref().map_or(&[][..], |other| other.as_slice()));
+    if radii.iter().zip(other).all(|(a, b)| a >= b) {
+        return Some(radii.clone());
     }
-    chunk
+    let others = other.iter().copied().chain(std::iter::repeat(0));
+    Some(Arc::new(radii.iter().zip(others).map(|(a, b)| *a.max(&b)).collect()))
+}
+
+/// Whether no radius is larger than in `other` by half an octave, 41 %, or more.
+pub fn is_near(radii: &Radii, other: &Radii) -> bool {
+    let (Some(radii), Some(other)) = (radii, other) else { return true };
+    radii.iter().zip(other.iter()).all(|(radius, other)| radius.saturating_sub(*other) < STEPS_PER_OCTAVE / 2)
 }
 
 /// Radii that were estimated from a node's own points, made those of full density: what [`scaled`] grows by is taken off.

@@ -40,25 +40,45 @@ fn a_point_that_is_not_finite_is_counted_once() {
     assert_eq!(count_octants(&chunk, DVec3::ZERO), [1, 1, 0, 0, 0, 0, 0, 1]);
 }
 
+/// Of a node's octants that no child covers.
+fn growths(octree: &Octree, drawn: &BTreeMap<NodeId, Drawn>, id: NodeId) -> [Growth; 8] {
+    let field = Field::new(octree, drawn);
+    field.cells[field.indices[&id] as usize].growths
+}
+
+/// Of nodes of [`terrain`], all points.
+fn whole(octree: &Octree, ids: impl IntoIterator<Item = NodeId>) -> BTreeMap<NodeId, Drawn> {
+    let whole = |id| {
+        let own = count_octants(&terrain_page(octree, id), cube_center(octree, id));
+        (id, Drawn { own, drawn: own })
+    };
+    ids.into_iter().map(whole).collect()
+}
+
+/// At a position, from the root on.
+fn growth_at(field: &Field, position: DVec3) -> Growth {
+    field.growth(0, position)
+}
+
 #[test]
 fn radii_are_as_they_were_where_all_is_drawn() {
     for seed in 0..20 {
         let octree = random(seed, 100);
-        let growths = growths(&octree, &drawn(&octree, |_| true));
-        assert_eq!(growths.len(), octree.nodes.len());
-        assert!(growths.values().all(|growths| *growths == Growths::default()), "seed {seed}");
+        let field = Field::new(&octree, &drawn(&octree, |_| true));
+        assert_eq!(field.cells.len(), octree.nodes.len());
+        for (id, _) in octree.ids() {
+            let chunk = page(&octree, id);
+            let radii = field.radii(id, &chunk, true);
+            assert!(Arc::ptr_eq(chunk.radii.as_ref().unwrap(), radii.as_ref().unwrap()), "seed {seed}");
+        }
     }
-    let octree = random(1, 10);
-    let (id, chunk) = (NodeId(0), page(&octree, NodeId(0)));
-    let same = scaled(&chunk, cube_center(&octree, id), &Growths::default());
-    assert!(Arc::ptr_eq(chunk.radii.as_ref().unwrap(), same.radii.as_ref().unwrap()));
 }
 
 #[test]
 fn a_root_alone_stands_for_all_points_of_each_octant() {
     let octree = random(4, 200);
     let drawn = drawn(&octree, |id| id.0 == 0);
-    let growths = growths(&octree, &drawn)[&NodeId(0)];
+    let growths = growths(&octree, &drawn, NodeId(0));
     let mut grown = 0;
     for octant in 0..8 {
         let own = f64::from(drawn[&NodeId(0)].own[octant]);
@@ -71,126 +91,136 @@ fn a_root_alone_stands_for_all_points_of_each_octant() {
 }
 
 #[test]
-fn an_octant_counts_all_that_is_drawn_below_it() {
+fn points_of_all_levels_grow_alike_at_a_place() {
     let octree = terrain(2);
-    // The root, one child and one of its children: of the first octant's 256/4 + 256 + 4 * 256 points, 64 + 256 + 256 are drawn.
-    let child = octree.nodes[0].children[0].unwrap();
-    let grandchild = octree.node(child).children[3].unwrap();
-    let mut all = BTreeMap::new();
-    for id in [NodeId(0), child, grandchild] {
-        let own = count_octants(&terrain_page(&octree, id), cube_center(&octree, id));
-        all.insert(id, Drawn { own, drawn: own });
+    let [first, second, third, fourth] = std::array::from_fn(|octant| octree.nodes[0].children[octant].unwrap());
+    // In the first octant of the root all that there is, in the second all but the last level, in the third a quarter of that, in
+    // the fourth nothing.
+    let leaves = octree.node(first).children.into_iter().flatten();
+    let mut drawn = whole(&octree, [NodeId(0), first, second, third].into_iter().chain(leaves));
+    drawn.get_mut(&third).unwrap().drawn = [16, 16, 16, 16, 0, 0, 0, 0];
+    let field = Field::new(&octree, &drawn);
+    let place = |id: NodeId| growth_at(&field, octree.node(id).bounds.center() - DVec3::splat(1e-3));
+    assert_eq!(place(first), Growth::default());
+    // A square of 16 points a side has 5 times as many in it and below it as itself; a quarter of the root's are in it.
+    let spacing = octree.spacing;
+    let expected = |all: f64, drawn: f64, spacing: f64| Growth {
+        eighths: (4.0 * (all / drawn).log2()).round() as u8,
+        largest: pack_radius((LARGEST_SPACINGS * spacing) as f32),
+        smallest: pack_radius((SMALLEST_SPACINGS * spacing) as f32),
+    };
+    assert_eq!(place(second), expected(256.0 * 5.25, 256.0 * 1.25, spacing / 2.0));
+    assert_eq!(place(third), expected(256.0 * 5.25, 256.0 * 0.5, spacing));
+    assert_eq!(place(fourth), expected(256.0 * 5.25, 64.0, spacing));
+    for id in [NodeId(0), second] {
+        let chunk = terrain_page(&octree, id);
+        let (full, radii) = (chunk.radii.as_ref().unwrap(), field.radii(id, &chunk, true).unwrap());
+        for index in 0..chunk.len() {
+            let growth = growth_at(&field, chunk.position(index));
+            assert_eq!(radii[index], growth.apply(full[index], true));
+        }
     }
-    let growths = growths(&octree, &all);
-    let eighths = |id: NodeId| growths[&id].map(|growth| growth.eighths);
-    let of = |total: f64, drawn: f64| (4.0 * (total / drawn).log2()).round() as u8;
-    let nothing_below = of(64.0 + 1280.0, 64.0);
-    assert_eq!(eighths(NodeId(0))[..4], [of(64.0 + 1280.0, 64.0 + 512.0), nothing_below, nothing_below, nothing_below]);
-    let nothing_below = of(64.0 + 256.0, 64.0);
-    assert_eq!(eighths(child)[..4], [nothing_below, nothing_below, nothing_below, 0]);
-    assert_eq!(growths[&grandchild], Growths::default());
 }
 
 #[test]
 fn what_lies_below_a_node_that_is_not_drawn_counts() {
     let octree = terrain(2);
-    let whole = |id| {
-        let own = count_octants(&terrain_page(&octree, id), cube_center(&octree, id));
-        (id, Drawn { own, drawn: own })
-    };
     // As when the page of the node between cannot be read.
-    let grandchild = octree.node(octree.nodes[0].children[0].unwrap()).children[0].unwrap();
-    let with = growths(&octree, &BTreeMap::from([whole(NodeId(0)), whole(grandchild)]));
-    let without = growths(&octree, &BTreeMap::from([whole(NodeId(0))]));
-    assert_eq!(with.len(), 2);
-    let (with_it, without_it) = (with[&NodeId(0)][0], without[&NodeId(0)][0]);
-    assert!(with_it.eighths < without_it.eighths);
-    assert_eq!(with_it.largest, without_it.largest, "in most of the octant nothing else is drawn");
-    assert_eq!(with[&NodeId(0)][1..], without[&NodeId(0)][1..]);
+    let child = octree.nodes[0].children[0].unwrap();
+    let grandchild = octree.node(child).children[0].unwrap();
+    let with = Field::new(&octree, &whole(&octree, [NodeId(0), grandchild]));
+    let without = Field::new(&octree, &whole(&octree, [NodeId(0)]));
+    assert_eq!((with.cells.len(), without.cells.len()), (3, 1));
+    let at = |field: &Field, id: NodeId| growth_at(field, octree.node(id).bounds.center() - DVec3::splat(1e-3));
+    assert_eq!(at(&with, grandchild), Growth::default(), "a leaf, and there is more than enough above it");
+    for other in octree.node(child).children.into_iter().flatten().filter(|other| *other != grandchild) {
+        let (with, without) = (at(&with, other), at(&without, other));
+        assert_eq!((with.largest, with.smallest), (without.largest, without.smallest));
+    }
 }
 
 #[test]
-fn radii_that_grow_stay_within_the_spacing_of_what_is_drawn_there() {
-    let octree = terrain(2);
-    let whole = |id| {
-        let own = count_octants(&terrain_page(&octree, id), cube_center(&octree, id));
-        (id, Drawn { own, drawn: own })
-    };
-    let [first, second, third, _] = std::array::from_fn(|octant| octree.nodes[0].children[octant].unwrap());
-    let leaves = octree.node(first).children.into_iter().flatten();
-    // In the first octant all that there is, in the second all but its last level, in the third a quarter of that, in the fourth nothing.
-    let mut all: BTreeMap<NodeId, Drawn> =
-        [NodeId(0), first, second, third].into_iter().chain(leaves).map(whole).collect();
-    all.get_mut(&third).unwrap().drawn = [16, 16, 16, 16, 0, 0, 0, 0];
-    let growths = growths(&octree, &all)[&NodeId(0)];
-    let spacing = octree.spacing;
-    let expected = [(0.0, 0.0), (spacing / 2.0, spacing / 2.0), (spacing, spacing), (spacing, spacing)];
-    for (octant, (largest, smallest)) in expected.into_iter().enumerate() {
-        let packed = |spacings: f64, share: f64| pack_radius((share * spacings) as f32);
-        let growth = growths[octant];
-        let bounds = (packed(largest, LARGEST_SPACINGS), packed(smallest, SMALLEST_SPACINGS));
-        assert_eq!((growth.largest, growth.smallest), bounds, "octant {octant}");
-    }
+fn a_field_changes_for_the_nodes_that_have_points_in_what_changed() {
+    let octree = terrain(3);
+    let child = octree.nodes[0].children[1].unwrap();
+    let grandchild = octree.node(child).children[2].unwrap();
+    let level = |most: u8| octree.ids().filter(move |(_, node)| node.level <= most).map(|(id, _)| id);
+    let before = Field::new(&octree, &whole(&octree, level(2)));
+    assert!(before.changed(&before, &octree).is_empty());
+    let one_more = octree.node(grandchild).children[0].unwrap();
+    let after = Field::new(&octree, &whole(&octree, level(2).chain([one_more])));
+    let path = BTreeSet::from([NodeId(0), child, grandchild, one_more]);
+    assert_eq!((after.changed(&before, &octree), before.changed(&after, &octree)), (path.clone(), path));
 }
 
 proptest! {
     #[test]
     fn the_scale_is_the_nearest_eighth_of_an_octave(total in 1_u64..1 << 40, share in 0.0..1.0) {
         let drawn = ((total as f64 * share) as u64).clamp(1, total);
-        let growth = Growth::new(total, drawn, Spacings::default());
+        let place = Above { all: drawn as f64, drawn: drawn as f64, spacing: 1.0 };
+        let growth = Growth::new(place, Some(total - drawn));
         let octaves = 0.5 * (total as f64 / drawn as f64).log2();
         prop_assert!((f64::from(growth.eighths) / 8.0 - octaves).abs() <= 0.0625 + 1e-9);
     }
 
     #[test]
-    fn more_drawn_never_makes_radii_larger(seed in 0_u64..200, first in 0_u64..1000, second in 0_u64..1000) {
+    fn fields_of_any_part_of_a_tree_make_nothing_smaller(seed in 0_u64..200, salt in 0_u64..1000) {
         let octree = random(seed, 60);
-        let is_drawn = |salt: u64, id: NodeId| cloud::hash(salt << 32 | u64::from(id.0)).is_multiple_of(3);
-        let few = growths(&octree, &drawn(&octree, |id| is_drawn(first, id)));
-        let many = growths(&octree, &drawn(&octree, |id| is_drawn(first, id) || is_drawn(second, id)));
-        for (id, few) in few {
-            prop_assert!((0..8).all(|octant| many[&id][octant].larger(few[octant]) == few[octant]));
+        let is_drawn = |id: NodeId| cloud::hash(salt << 32 | u64::from(id.0)).is_multiple_of(3);
+        let drawn = drawn(&octree, is_drawn);
+        let field = Field::new(&octree, &drawn);
+        for id in drawn.keys() {
+            let chunk = page(&octree, *id);
+            let radii = field.radii(*id, &chunk, true).unwrap();
+            prop_assert!(radii.iter().zip(chunk.radii.unwrap().iter()).all(|(grown, radius)| grown >= radius));
         }
     }
 }
 
 #[test]
 fn extreme_counts_have_a_scale() {
-    let eighths = |total, drawn| Growth::new(total, drawn, Spacings::default()).eighths;
-    assert_eq!((eighths(0, 0), eighths(5, 0), eighths(3, 5)), (0, 0, 0), "nothing drawn, or too much");
-    assert_eq!(eighths(u64::MAX, u64::MAX), 0);
-    assert_eq!(eighths(u64::MAX, 1), 255);
+    let eighths = |all: f64, drawn: f64, hidden| Growth::new(Above { all, drawn, spacing: 1.0 }, hidden).eighths;
+    assert_eq!((eighths(0.0, 0.0, None), eighths(5.0, 0.0, Some(3)), eighths(3.0, 5.0, None)), (0, 0, 0));
+    assert_eq!(eighths(1.0, 1.0, Some(u64::MAX)), 255);
 }
 
-/// Without bounds.
-fn eighths(eighths: u8) -> Growth {
-    Growth { eighths, ..Growth::default() }.unbounded()
-}
-
-#[test]
-fn scaled_radii_are_larger_by_so_many_eighths_of_an_octave() {
-    let mut chunk =
-        Chunk::new(0, DVec3::new(5.0, 0.0, 0.0), vec![[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0], [1.0; 3], [1.0; 3]]);
-    let radius = cloud::pack_radius(0.5);
-    chunk.radii = Some(Arc::new(vec![radius, radius, NO_RADIUS, u16::MAX]));
-    let growths = [8, 16, 0, 0, 0, 0, 0, 8].map(eighths);
-    let radii = scaled(&chunk, DVec3::new(5.0, 0.0, 0.0), &growths).radii.unwrap();
-    assert_eq!(cloud::unpack_radius(radii[0]), Some(1.0));
-    assert_eq!(cloud::unpack_radius(radii[1]), Some(2.0));
-    assert_eq!(radii[2..], [NO_RADIUS, u16::MAX]);
+/// World units.
+fn apply(growth: Growth, radius: f32) -> f32 {
+    cloud::unpack_radius(growth.apply(pack_radius(radius), true)).unwrap()
 }
 
 #[test]
 fn radii_grow_to_the_bounds_and_none_shrinks() {
-    let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[-1.0; 3]; 4]);
-    let packed = [0.02, 0.4, 1.5, 30.0].map(cloud::pack_radius);
-    chunk.radii = Some(Arc::new(packed.to_vec()));
-    let growth = Growth { eighths: 16, largest: cloud::pack_radius(4.0), smallest: cloud::pack_radius(0.1) };
-    let radii = scaled(&chunk, DVec3::ZERO, &[growth; 8]).radii.unwrap();
-    let radii: Vec<f32> = radii.iter().map(|radius| cloud::unpack_radius(*radius).unwrap()).collect();
-    for (radius, expected) in radii.iter().zip([0.1, 1.6, 4.0, 30.0]) {
-        assert!((radius / expected - 1.0).abs() < 1e-3, "{radii:?}");
+    let growth = Growth { eighths: 16, largest: pack_radius(4.0), smallest: pack_radius(0.1) };
+    for (radius, expected) in [(0.02, 0.1), (0.4, 1.6), (1.5, 4.0), (30.0, 30.0)] {
+        assert!((apply(growth, radius) / expected - 1.0).abs() < 1e-3, "{radius}");
     }
+    let radius = pack_radius(0.5);
+    assert_eq!(cloud::unpack_radius(growth.apply(radius, false)), Some(2.0));
+    assert_eq!(growth.apply(u16::MAX, false), u16::MAX);
+}
+
+#[test]
+fn points_without_a_radius_get_none() {
+    let octree = terrain(1);
+    let mut chunk = terrain_page(&octree, NodeId(0));
+    let mut radii = chunk.radii.take().unwrap().to_vec();
+    let field = Field::new(&octree, &whole(&octree, [NodeId(0)]));
+    assert_eq!(field.radii(NodeId(0), &chunk, true), None);
+    radii[3] = NO_RADIUS;
+    chunk.radii = Some(Arc::new(radii));
+    let grown = field.radii(NodeId(0), &chunk, true).unwrap();
+    assert!(grown[3] == NO_RADIUS && grown[4] > chunk.radii.unwrap()[4]);
+}
+
+#[test]
+fn the_larger_radii_are_those_of_each_point() {
+    let radii = |radii: &[u16]| Some(Arc::new(radii.to_vec()));
+    let first = radii(&[5, 1, 3]);
+    assert_eq!(larger(&first, &radii(&[2, 4])), radii(&[5, 4, 3]));
+    let same = larger(&first, &radii(&[5, 0, 2, 9]));
+    assert!(Arc::ptr_eq(same.as_ref().unwrap(), first.as_ref().unwrap()));
+    assert!(is_near(&radii(&[1023]), &radii(&[0])) && !is_near(&radii(&[0, 1024]), &radii(&[9, 0])));
 }
 
 #[test]
@@ -204,8 +234,8 @@ fn estimated_radii_come_back_when_the_node_is_alone() {
     let chunk = Chunk { radii: Some(Arc::new(radii)), ..chunk };
     let center = cube_center(&octree, id);
     let own = count_octants(&chunk, center);
-    let growths = growths(&octree, &BTreeMap::from([(id, Drawn { own, drawn: own })]))[&id];
-    let radii = scaled(&chunk, center, &growths.map(Growth::unbounded)).radii.unwrap();
+    let field = Field::new(&octree, &BTreeMap::from([(id, Drawn { own, drawn: own })]));
+    let radii = field.radii(id, &chunk, false).unwrap();
     assert_eq!(radii[7], NO_RADIUS);
     for radius in radii.iter().filter(|radius| **radius != NO_RADIUS) {
         assert!((i32::from(*radius) - i32::from(estimated)).unsigned_abs() <= u32::from(EIGHTH / 2 + 1), "{radius}");

@@ -21,9 +21,7 @@ use std::time::{Duration, Instant};
 use cloud::{Chunk, Progress, SurfelOptions, pack_radius, provisional_radius};
 use glam::DVec3;
 
-use crate::radius_scale::{
-    Drawn, Growth, Growths, Octants, count_octants, cube_center, growths, scaled, to_full_density,
-};
+use crate::radius_scale::{Drawn, Field, Octants, Radii, count_octants, cube_center, is_near, larger, to_full_density};
 use crate::{BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
 
 /// Rates are taken over this long.
@@ -262,7 +260,8 @@ struct Shown {
     loaded: Loaded,
     generation: u64,
     drawn: Octants,
-    growths: Growths,
+    /// That it is drawn with.
+    radii: Radii,
 }
 
 #[derive(Default)]
@@ -282,8 +281,10 @@ struct Held {
     paged: PagedCloud,
     /// Counts replacements.
     generation: u64,
-    /// Some radii are larger than need be.
-    is_loose: bool,
+    /// What is shown follows it.
+    field: Field,
+    /// Nodes that are shown with larger radii than need be.
+    loose: BTreeSet<NodeId>,
     entries: BTreeMap<NodeId, Entry>,
 }
 
@@ -354,6 +355,11 @@ impl Loaded {
         self.chunk.size_in_bytes() as u64 + self.chunk.len() as u64 * SCALED_RADIUS_BYTES
     }
 
+    /// The radii that the field gives its points.
+    fn radii(&self, id: NodeId, field: &Field) -> Radii {
+        field.radii(id, &self.chunk, !self.is_estimated)
+    }
+
     /// Its first so many points.
     fn first(self, points: usize) -> Self {
         if points >= self.chunk.len() {
@@ -365,9 +371,9 @@ impl Loaded {
 }
 
 impl Shown {
-    fn new(loaded: Loaded, generation: u64, growths: Growths) -> Self {
+    fn new(loaded: Loaded, generation: u64, radii: Radii) -> Self {
         let drawn = count_octants(&loaded.chunk, loaded.center);
-        Self { loaded, generation, drawn, growths }
+        Self { loaded, generation, drawn, radii }
     }
 
     fn points(&self) -> u64 {
@@ -375,9 +381,7 @@ impl Shown {
     }
 
     fn put(&self, cloud: usize) -> Change {
-        let Loaded { chunk, center, is_estimated, .. } = &self.loaded;
-        let growths = if *is_estimated { self.growths.map(Growth::unbounded) } else { self.growths };
-        Change::Put { cloud, chunk: scaled(chunk, *center, &growths) }
+        Change::Put { cloud, chunk: Chunk { radii: self.radii.clone(), ..self.loaded.chunk.clone() } }
     }
 
     /// Nothing for a node without points: its `first_point` is the next node's.
@@ -387,9 +391,9 @@ impl Shown {
     }
 
     /// Puts it anew with these radii, if they are other ones.
-    fn rescale(&mut self, cloud: usize, growths: Growths, changes: &mut Vec<Change>) {
-        if growths != self.growths {
-            self.growths = growths;
+    fn rescale(&mut self, cloud: usize, radii: Radii, changes: &mut Vec<Change>) {
+        if radii != self.radii {
+            self.radii = radii;
             changes.push(self.put(cloud));
         }
     }
@@ -434,6 +438,24 @@ struct Plan {
     arrivals: Vec<(usize, NodeId, usize)>,
 }
 
+/// Where the radii of a cloud are to lead.
+struct Target {
+    field: Field,
+    /// Whose radii may be other ones than they are.
+    nodes: BTreeSet<NodeId>,
+    /// Those that were worked out.
+    radii: BTreeMap<NodeId, Radii>,
+}
+
+impl Target {
+    /// Of what is to be shown of a node.
+    fn of(&mut self, id: NodeId, loaded: &Loaded) -> Radii {
+        let radii = loaded.radii(id, &self.field);
+        self.radii.insert(id, radii.clone());
+        radii
+    }
+}
+
 /// Where room can be made, the next last.
 enum Victim {
     Drop(usize, NodeId),
@@ -469,13 +491,14 @@ impl State {
         }
         self.generations += 1;
         let generation = self.generations;
-        let mut entries = self.clouds.remove(&cloud).map(|held| held.entries).unwrap_or_default();
+        let before = self.clouds.remove(&cloud).map(|held| (held.entries, held.field, held.loose));
+        let (mut entries, field, loose) = before.unwrap_or_default();
         for entry in entries.values_mut() {
             // What is being read for the old generation will be thrown away.
             (entry.in_flight, entry.failed) = (false, false);
             self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
         }
-        self.clouds.insert(cloud, Held { paged, generation, is_loose: false, entries });
+        self.clouds.insert(cloud, Held { paged, generation, field, loose, entries });
         self.accept();
     }
 
@@ -654,18 +677,11 @@ impl State {
         let mut changes = std::mem::take(&mut self.pending);
         self.asks_for_room = false;
         let plan = self.plan();
-        let loose = self.clouds.iter().filter(|(_, held)| held.is_loose).map(|(cloud, _)| *cloud);
-        let touched: BTreeSet<usize> = loose
-            .chain(plan.drops.iter().map(|(cloud, _)| *cloud))
-            .chain(plan.shrinks.keys().map(|(cloud, _)| *cloud))
-            .chain(plan.arrivals.iter().map(|(cloud, ..)| *cloud))
-            .collect();
-        let growths: BTreeMap<usize, BTreeMap<NodeId, Growths>> =
-            touched.into_iter().map(|cloud| (cloud, self.growths_after(cloud, &plan))).collect();
-        self.grow_radii(&plan, &growths, &mut changes);
-        self.drop_and_shrink(&plan, &growths, &mut changes);
-        self.show(&plan, &growths, &mut changes);
-        self.shrink_radii(&growths, &mut changes);
+        let mut targets = self.targets(&plan);
+        self.grow_radii(&plan, &mut targets, &mut changes);
+        self.drop_and_shrink(&plan, &mut targets, &mut changes);
+        self.show(&plan, &mut targets, &mut changes);
+        self.shrink_radii(targets, &mut changes);
         self.evict(0);
         // A node without points is shown so that those below it can be, but there is nothing to draw.
         changes.retain(|change| !matches!(change, Change::Put { chunk, .. } if chunk.is_empty()));
@@ -761,8 +777,25 @@ impl State {
         entries.filter(|entry| entry.wanted == 0).filter_map(|entry| entry.loaded.as_ref()).map(Loaded::bytes).sum()
     }
 
-    /// How much the radii of all nodes grow that are shown when the plan is done.
-    fn growths_after(&self, cloud: usize, plan: &Plan) -> BTreeMap<NodeId, Growths> {
+    /// Where a plan leads, for the clouds that it changes or whose radii are larger than need be.
+    fn targets(&self, plan: &Plan) -> BTreeMap<usize, Target> {
+        let loose = self.clouds.iter().filter(|(_, held)| !held.loose.is_empty()).map(|(cloud, _)| *cloud);
+        let touched: BTreeSet<usize> = loose
+            .chain(plan.drops.iter().map(|(cloud, _)| *cloud))
+            .chain(plan.shrinks.keys().map(|(cloud, _)| *cloud))
+            .chain(plan.arrivals.iter().map(|(cloud, ..)| *cloud))
+            .collect();
+        let target = |cloud: usize| {
+            let held = self.clouds.get(&cloud)?;
+            let field = Field::new(&held.paged.octree, &self.drawn_after(cloud, plan));
+            let nodes = field.changed(&held.field, &held.paged.octree);
+            Some((cloud, Target { field, nodes, radii: BTreeMap::new() }))
+        };
+        touched.into_iter().filter_map(target).collect()
+    }
+
+    /// What is shown of a cloud when the plan is done.
+    fn drawn_after(&self, cloud: usize, plan: &Plan) -> BTreeMap<NodeId, Drawn> {
         let Some(held) = self.clouds.get(&cloud) else { return BTreeMap::new() };
         let mut drawn = BTreeMap::new();
         let prefix_of = |loaded: &Loaded, points: usize| {
@@ -787,40 +820,33 @@ impl State {
                 drawn.insert(*id, Drawn { own: loaded.own, drawn: prefix_of(loaded, *points) });
             }
         }
-        growths(&held.paged.octree, &drawn)
+        drawn
     }
 
     /// Of nodes that stay, where more must be covered than before.
-    fn grow_radii(
-        &mut self,
-        plan: &Plan,
-        growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>,
-        changes: &mut Vec<Change>,
-    ) {
-        for (cloud, nodes) in growths {
-            for (id, growths) in nodes {
+    fn grow_radii(&mut self, plan: &Plan, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
+        for (cloud, target) in targets {
+            for id in &target.nodes {
                 if let Some(shown) = self.shown_mut(*cloud, *id)
                     && !plan.shrinks.contains_key(&(*cloud, *id))
                 {
-                    shown.rescale(*cloud, larger(shown.growths, *growths), changes);
+                    let radii = shown.loaded.radii(*id, &target.field);
+                    shown.rescale(*cloud, larger(&shown.radii, &radii), changes);
+                    target.radii.insert(*id, radii);
                 }
             }
         }
     }
 
-    fn drop_and_shrink(
-        &mut self,
-        plan: &Plan,
-        growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>,
-        changes: &mut Vec<Change>,
-    ) {
+    fn drop_and_shrink(&mut self, plan: &Plan, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
         for ((cloud, id), points) in &plan.shrinks {
             let Some(entry) = self.clouds.get_mut(cloud).and_then(|held| held.entries.get_mut(id)) else { continue };
             let Some(shown) = entry.shown.take() else { continue };
             self.bytes -= shown.loaded.bytes();
             self.shown_points -= shown.points();
-            let larger = larger(shown.growths, growths[cloud].get(id).copied().unwrap_or_default());
-            let shown = Shown::new(shown.loaded.first(*points), shown.generation, larger);
+            let loaded = shown.loaded.first(*points);
+            let radii = targets.get_mut(cloud).and_then(|target| target.of(*id, &loaded));
+            let shown = Shown::new(loaded, shown.generation, larger(&radii, &shown.radii));
             self.bytes += shown.loaded.bytes();
             self.shown_points += shown.points();
             changes.push(shown.put(*cloud));
@@ -843,24 +869,25 @@ impl State {
         }
     }
 
-    fn show(&mut self, plan: &Plan, growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>, changes: &mut Vec<Change>) {
+    fn show(&mut self, plan: &Plan, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
         for (cloud, id, points) in &plan.arrivals {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
             let generation = held.generation;
             let Some(entry) = held.entries.get_mut(id) else { continue };
             let Some(loaded) = entry.loaded.take() else { continue };
             self.bytes -= loaded.bytes();
-            let mut scale = growths[cloud].get(id).copied().unwrap_or_default();
+            let loaded = loaded.first(*points);
+            let mut radii = targets.get_mut(cloud).and_then(|target| target.of(*id, &loaded));
             match entry.shown.take() {
                 Some(old) => {
                     self.bytes -= old.loaded.bytes();
                     self.shown_points -= old.points();
                     // Its radii shrink after its children have come.
-                    scale = larger(scale, old.growths);
+                    radii = larger(&radii, &old.radii);
                 }
                 None => self.shown_nodes += 1,
             }
-            let shown = Shown::new(loaded.first(*points), generation, scale);
+            let shown = Shown::new(loaded, generation, radii);
             self.bytes += shown.loaded.bytes();
             self.shown_points += shown.points();
             changes.push(shown.put(*cloud));
@@ -869,22 +896,27 @@ impl State {
     }
 
     /// Of nodes that have less to cover than before: exactly when all has come.
-    fn shrink_radii(&mut self, growths: &BTreeMap<usize, BTreeMap<NodeId, Growths>>, changes: &mut Vec<Change>) {
+    fn shrink_radii(&mut self, targets: BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
         let is_all = self.waiting_nodes() == 0;
-        for (cloud, nodes) in growths {
-            let mut is_loose = false;
-            for (id, growths) in nodes.iter().rev() {
-                let Some(shown) = self.shown_mut(*cloud, *id) else { continue };
-                // Most chunks would otherwise be put again with every few that come.
-                let is_near = shown.growths.iter().zip(growths).all(|(now, then)| now.is_near(*then));
-                if is_all || !is_near {
-                    shown.rescale(*cloud, *growths, changes);
+        for (cloud, target) in targets {
+            let Some(held) = self.clouds.get_mut(&cloud) else { continue };
+            // Most chunks would otherwise be put again with every few that come.
+            let mut loose = std::mem::take(&mut held.loose);
+            loose.extend(target.radii.keys());
+            loose.retain(|id| {
+                let Some(shown) = held.entries.get_mut(id).and_then(|entry| entry.shown.as_mut()) else { return false };
+                let radii = match target.radii.get(id) {
+                    Some(radii) => radii.clone(),
+                    None if is_all => shown.loaded.radii(*id, &target.field),
+                    None => return true,
+                };
+                if is_all || !is_near(&shown.radii, &radii) {
+                    shown.rescale(cloud, radii, changes);
+                    return false;
                 }
-                is_loose |= shown.growths != *growths;
-            }
-            if let Some(held) = self.clouds.get_mut(cloud) {
-                held.is_loose = is_loose;
-            }
+                shown.radii != radii
+            });
+            (held.field, held.loose) = (target.field, loose);
         }
     }
 
@@ -911,15 +943,11 @@ impl State {
             points_per_second: self.reads.iter().map(|(.., points)| *points).sum::<u64>() as f64 / seconds,
             settled: waiting_nodes == 0
                 && self.pending.is_empty()
-                && !self.clouds.values().any(|held| held.is_loose)
+                && self.clouds.values().all(|held| held.loose.is_empty())
                 && self.shown_points <= self.budget.points
                 && self.bytes <= self.budget.bytes,
         }
     }
-}
-
-fn larger(a: Growths, b: Growths) -> Growths {
-    std::array::from_fn(|octant| a[octant].larger(b[octant]))
 }
 
 #[cfg(test)]
