@@ -93,7 +93,7 @@ impl Copc {
     }
 
     /// The nodes of all pages that have points.
-    fn read_pages(
+    pub(super) fn read_pages(
         file: &PositionedFile,
         pages: Range<u64>,
         root: Range<u64>,

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom, Write};
+use std::ops::Range;
 
 use ::las::raw;
 use laz::laszip::{ChunkTable, ChunkTableEntry};
@@ -21,6 +22,14 @@ const EXTENDED_HEAD_LENGTH: u64 = 60;
 /// Bits of the header that tell where wave packets are, and that the coordinate system is WKT.
 const WAVE_PACKETS: u16 = 2 | 4;
 const WKT: u16 = 16;
+/// Nodes of a page, at most, that has no pages below it: 128 KiB.
+const PAGE_NODES: usize = 4096;
+/// Levels of a page that has some.
+const PAGE_LEVELS: u32 = 5;
+/// Nodes that are a page of their own, at least.
+const LEAST_PAGE_NODES: usize = 16;
+/// Levels that a code has room for.
+const CODE_LEVELS: u32 = 21;
 /// Cells along a node's edge that it keeps a point of.
 const SPACINGS: f64 = (1 << tree::CELL_LEVELS) as f64;
 
@@ -35,12 +44,21 @@ pub struct CopcFile {
     nodes: Vec<Entry>,
 }
 
+#[derive(Clone, Copy)]
 struct Entry {
     level: u32,
     code: u64,
     offset: u64,
     bytes: i32,
     points: i32,
+}
+
+impl Entry {
+    /// The deepest cells it holds.
+    fn covers(&self) -> Range<u64> {
+        let shift = 3 * (CODE_LEVELS - self.level);
+        self.code << shift..(self.code + 1) << shift
+    }
 }
 
 impl CopcFile {
@@ -114,7 +132,8 @@ impl CopcFile {
         self.table.write_to(&mut table, &plan.vlr)?;
         self.out.write_all(&table)?;
         let extended_start = table_start + table.len() as u64;
-        let pages = self.hierarchy();
+        let pages_start = extended_start + EXTENDED_HEAD_LENGTH;
+        let (pages, root) = self.hierarchy(pages_start)?;
         let mut extended = Vec::new();
         extended.extend([0; 2]);
         extended.extend(padded::<16>("copc"));
@@ -133,8 +152,7 @@ impl CopcFile {
 
         let evlr = raw::header::Evlr { start_of_first_evlr: extended_start, number_of_evlrs: extended_records };
         let header = self.header(plan, first, statistics, evlr)?;
-        let pages_start = extended_start + EXTENDED_HEAD_LENGTH;
-        let info = info(cube, statistics, pages_start, pages.len() as u64);
+        let info = info(cube, statistics, &root);
         self.out.seek(SeekFrom::Start(0))?;
         header.write_to(&mut self.out).map_err(io::Error::other)?;
         let mut record = Vec::new();
@@ -147,8 +165,9 @@ impl CopcFile {
         Ok(file)
     }
 
-    /// One page of all nodes, level by level. Those that only have nodes below them are listed without points.
-    fn hierarchy(&mut self) -> Vec<u8> {
+    /// Pages of all nodes, to be at byte `start` of the file, and where the root's is. Nodes that only have nodes below them are
+    /// listed without points.
+    fn hierarchy(&mut self, start: u64) -> io::Result<(Vec<u8>, Range<u64>)> {
         let mut listed: BTreeSet<(u32, u64)> = self.nodes.iter().map(|node| (node.level, node.code)).collect();
         for index in 0..self.nodes.len() {
             let Entry { mut level, mut code, .. } = self.nodes[index];
@@ -160,18 +179,11 @@ impl CopcFile {
                 self.nodes.push(Entry { level, code, offset: 0, bytes: 0, points: 0 });
             }
         }
-        self.nodes.sort_unstable_by_key(|node| (node.level, node.code));
-        let mut page = Vec::with_capacity(32 * self.nodes.len());
-        for node in &self.nodes {
-            let [x, y, z] = tree::cell(node.code);
-            for number in [node.level, x, y, z] {
-                page.extend((number as i32).to_le_bytes());
-            }
-            page.extend(node.offset.to_le_bytes());
-            page.extend(node.bytes.to_le_bytes());
-            page.extend(node.points.to_le_bytes());
-        }
-        page
+        // Each before those below it, and those before the next of its level.
+        self.nodes.sort_unstable_by_key(|node| (node.covers().start, node.level));
+        let mut pages = Vec::new();
+        let root = write_page(&self.nodes, start, &mut pages)?;
+        Ok((pages, root))
     }
 
     /// The first file's header with what is different now.
@@ -221,15 +233,50 @@ impl CopcFile {
     }
 }
 
-fn info(cube: &Cube, statistics: &Statistics, pages_start: u64, pages_length: u64) -> Vec<u8> {
+/// Writes the page of a node and all below it, then the pages below that one: there are readers that look for the root's first.
+/// Returns where it is.
+fn write_page(nodes: &[Entry], start: u64, pages: &mut Vec<u8>) -> io::Result<Range<u64>> {
+    let mut listed: Vec<(Entry, Option<&[Entry]>)> = Vec::new();
+    let mut rest = nodes;
+    while let Some((node, after)) = rest.split_first() {
+        let below = after.partition_point(|other| other.covers().start < node.covers().end);
+        let is_page =
+            nodes.len() > PAGE_NODES && node.level == nodes[0].level + PAGE_LEVELS && below >= LEAST_PAGE_NODES;
+        let (page, others) = rest.split_at(if is_page { 1 + below } else { 1 });
+        listed.push((*node, is_page.then_some(page)));
+        rest = others;
+    }
+    listed.sort_unstable_by_key(|(node, _)| (node.level, node.code));
+    let place = pages.len()..pages.len() + 32 * listed.len();
+    pages.resize(place.end, 0);
+    let mut entries = Vec::with_capacity(place.len());
+    for (mut node, page) in listed {
+        if let Some(page) = page {
+            let page = write_page(page, start, pages)?;
+            let bytes = i32::try_from(page.end - page.start).map_err(io::Error::other)?;
+            node = Entry { offset: page.start, bytes, points: -1, ..node };
+        }
+        let [x, y, z] = tree::cell(node.code);
+        for number in [node.level, x, y, z] {
+            entries.extend((number as i32).to_le_bytes());
+        }
+        entries.extend(node.offset.to_le_bytes());
+        entries.extend(node.bytes.to_le_bytes());
+        entries.extend(node.points.to_le_bytes());
+    }
+    pages[place.clone()].copy_from_slice(&entries);
+    Ok(start + place.start as u64..start + place.end as u64)
+}
+
+fn info(cube: &Cube, statistics: &Statistics, root: &Range<u64>) -> Vec<u8> {
     let half = cube.width / 2.0;
     let center = cube.corner + half;
     let mut info = Vec::with_capacity(INFO_LENGTH);
     for number in [center.x, center.y, center.z, half, cube.width / SPACINGS] {
         info.extend(number.to_le_bytes());
     }
-    info.extend(pages_start.to_le_bytes());
-    info.extend(pages_length.to_le_bytes());
+    info.extend(root.start.to_le_bytes());
+    info.extend((root.end - root.start).to_le_bytes());
     for time in [statistics.first_time, statistics.last_time] {
         info.extend(time.to_le_bytes());
     }
@@ -268,4 +315,55 @@ fn padded<const N: usize>(text: &str) -> [u8; N] {
     let length = text.len().min(N);
     field[..length].copy_from_slice(&text.as_bytes()[..length]);
     field
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use super::*;
+    use crate::las::Copc;
+    use crate::las::compressed::CompressedChunk;
+    use crate::positioned_file::PositionedFile;
+
+    /// Four nodes below each, for so many levels; one branch in ten goes no further down.
+    fn surface(levels: u32) -> Vec<Entry> {
+        let mut nodes = Vec::new();
+        let mut codes = vec![0_u64];
+        for level in 0..levels {
+            let entry = |code: &u64| Entry { level, code: *code, offset: 0, bytes: 100, points: 7 };
+            nodes.extend(codes.iter().map(entry));
+            let goes_on = |code: &&u64| level < 3 || **code % 10 != 3;
+            codes =
+                codes.iter().filter(goes_on).flat_map(|code| (0..4).map(move |octant| code << 3 | octant)).collect();
+        }
+        nodes.sort_unstable_by_key(|node| (node.covers().start, node.level));
+        nodes.iter_mut().zip(0..).for_each(|(node, index)| node.offset = 1000 + 100 * index);
+        nodes
+    }
+
+    #[test]
+    fn a_hierarchy_of_many_nodes_is_in_pages_of_some_hundreds_and_comes_back() {
+        const START: u64 = 500;
+        for (levels, most_entries) in [(1, 1), (6, PAGE_NODES), (9, PAGE_NODES / 2), (11, PAGE_NODES / 2)] {
+            let nodes = surface(levels);
+            let mut pages = Vec::new();
+            let root = write_page(&nodes, START, &mut pages).unwrap();
+            let entries = (root.end - root.start) as usize / 32;
+            assert_eq!(root.start, START);
+            println!("{} nodes, {entries} entries in the first page, {} in all", nodes.len(), pages.len() / 32);
+            assert!(entries <= most_entries, "{entries}");
+            assert!(pages.len() / 32 <= nodes.len() + nodes.len() / 30, "links cost little");
+            let file = tempfile::NamedTempFile::new().unwrap();
+            std::fs::write(file.path(), [vec![0; START as usize], pages.clone()].concat()).unwrap();
+            let file = PositionedFile::open(file.path()).unwrap();
+            let chunk = |node: &Entry| CompressedChunk { first_point: 0, points: 7, offset: node.offset, length: 100 };
+            let chunks: Vec<CompressedChunk> = nodes.iter().map(chunk).collect();
+            let found = Copc::read_pages(&file, START..START + pages.len() as u64, root, &chunks).unwrap();
+            let expected: HashMap<(u32, [u32; 3]), usize> =
+                nodes.iter().enumerate().map(|(index, node)| ((node.level, tree::cell(node.code)), index)).collect();
+            assert_eq!(found.len(), expected.len());
+            assert!(found.iter().all(|(key, node)| node.chunk == expected.get(key).copied()));
+        }
+    }
 }
