@@ -226,6 +226,8 @@ pub struct PointStore {
     revision: u64,
     /// See `geometry_revision()`.
     geometry_revision: u64,
+    /// See `uploaded_bytes()`.
+    uploaded_bytes: u64,
 }
 
 impl PointStore {
@@ -243,6 +245,7 @@ impl PointStore {
             nothing,
             revision: next_revision(),
             geometry_revision: next_revision(),
+            uploaded_bytes: 0,
         }
     }
 
@@ -311,7 +314,8 @@ impl PointStore {
     }
 
     /// Uploads a chunk's points again, when normals, radii or colours have come, or more or fewer of its points are wanted: then
-    /// it may find another place, and what it shows of an attribute is to be given anew (`set_color`).
+    /// it may find another place, and what it shows of an attribute is to be given anew (`set_color`). Colours and normals that it
+    /// shares with the chunk before are not sent again; positions are, with the radii that lie beside them.
     ///
     /// # Errors
     /// The chunk is not in the store, has more points than a page holds, or there is no more memory: then it is taken out.
@@ -323,10 +327,15 @@ impl PointStore {
         let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
         stored.largest_radius = largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0);
         (stored.origin, stored.bounds) = (chunk.origin, chunk.bounds());
+        // Those that are the same lie where they lay.
+        let has_same_looks = Arc::ptr_eq(&stored.points.positions, &chunk.positions)
+            && is_same(&stored.points.colors, &chunk.colors)
+            && is_same(&stored.points.normals, &chunk.normals);
         stored.points = Chunk { columns: Vec::new(), ..chunk.clone() };
         stored.revision = self.revision;
         stored.lacks_radii = chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS));
         let page = &self.pages[stored.page];
+        let first = u64::from(stored.range.start);
         let points: Vec<[u32; 4]> = (0..chunk.len())
             .map(|i| {
                 let radius = chunk.radii.as_ref().map_or(0, |radii| u32::from(radii[i]));
@@ -335,15 +344,18 @@ impl PointStore {
                 [x, y, z, radius | class << 16]
             })
             .collect();
-        let attributes: Vec<[u32; 2]> = (0..chunk.len())
-            .map(|i| {
-                let color = chunk.colors.as_ref().map_or(u32::MAX, |colors| u32::from_le_bytes(colors[i]));
-                [color, chunk.normals.as_ref().map_or(NO_NORMAL, |normals| normals[i])]
-            })
-            .collect();
-        let first = u64::from(stored.range.start);
         self.gpu.queue.write_buffer(&page.points, first * POINT_BYTES, bytemuck::cast_slice(&points));
-        self.gpu.queue.write_buffer(&page.attributes, first * ATTRIBUTE_BYTES, bytemuck::cast_slice(&attributes));
+        self.uploaded_bytes += points.len() as u64 * POINT_BYTES;
+        if !has_same_looks {
+            let attributes: Vec<[u32; 2]> = (0..chunk.len())
+                .map(|i| {
+                    let color = chunk.colors.as_ref().map_or(u32::MAX, |colors| u32::from_le_bytes(colors[i]));
+                    [color, chunk.normals.as_ref().map_or(NO_NORMAL, |normals| normals[i])]
+                })
+                .collect();
+            self.gpu.queue.write_buffer(&page.attributes, first * ATTRIBUTE_BYTES, bytemuck::cast_slice(&attributes));
+            self.uploaded_bytes += attributes.len() as u64 * ATTRIBUTE_BYTES;
+        }
         // Writes are staged until the next submit; without one, loading a large cloud would hold it twice.
         self.gpu.queue.submit([]);
         Ok(())
@@ -597,6 +609,11 @@ impl PointStore {
         self.pages.iter().map(bytes).sum()
     }
 
+    /// Bytes of points that were sent to the GPU so far, scalars left out.
+    pub fn uploaded_bytes(&self) -> u64 {
+        self.uploaded_bytes
+    }
+
     /// World bounds of the visible clouds.
     pub fn bounds(&self) -> Bounds {
         let shown =
@@ -792,6 +809,14 @@ impl PointStore {
 
     fn too_large(&self, what: &'static str, bytes: u64, limit: u64) -> Error {
         Error::TooLarge { what, bytes, limit, adapter: self.gpu.info.name.clone(), advice: "" }
+    }
+}
+
+/// Whether a column is still the one that it was.
+fn is_same<T>(before: &Option<Arc<Vec<T>>>, now: &Option<Arc<Vec<T>>>) -> bool {
+    match (before, now) {
+        (Some(before), Some(now)) => Arc::ptr_eq(before, now),
+        (before, now) => before.is_none() && now.is_none(),
     }
 }
 

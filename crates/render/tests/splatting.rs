@@ -587,6 +587,36 @@ fn chunks_that_come_and_go_for_long_stay_in_one_page_and_keep_picture_and_picks_
 }
 
 #[test]
+fn colours_and_normals_that_stay_are_not_sent_again() {
+    let mut stage = stage_or_skip!();
+    let points = ball(30_000);
+    let before = chunk(&points, DVec3::ZERO);
+    let larger = Chunk { radii: Some(Arc::new(vec![pack_radius(0.1); points.len()])), ..before.clone() };
+    let green = Chunk { colors: Some(Arc::new(vec![[0, 255, 0, 255]; points.len()])), ..larger.clone() };
+    let bare = Chunk { colors: None, normals: None, ..green.clone() };
+    let gpu = stage.gpu.clone();
+    let mut store = PointStore::new(gpu.clone());
+    let cloud = store.add_cloud(Material::default());
+    let id = store.add_chunk(cloud, &before, None).unwrap();
+    let mut sent = vec![store.uploaded_bytes()];
+    let mut draw = |store: &PointStore| {
+        stage.renderer.render(store, &front_camera(), &settings(&[]), Objects::default(), SIZE).unwrap();
+        [Aov::Albedo, Aov::Normal, Aov::Depth].map(|aov| stage.renderer.read_aov(aov).unwrap().data)
+    };
+    for next in [&larger, &green, &bare, &bare] {
+        store.update_chunk(id, next, None).unwrap();
+        sent.push(store.uploaded_bytes());
+        let mut fresh = PointStore::new(gpu.clone());
+        let alone = fresh.add_cloud(Material::default());
+        fresh.add_chunk(alone, next, None).unwrap();
+        let bits = |images: [Vec<f32>; 3]| images.map(|image| image.into_iter().map(f32::to_bits).collect::<Vec<_>>());
+        assert!(bits(draw(&store)) == bits(draw(&fresh)));
+    }
+    let sent: Vec<u64> = sent.windows(2).map(|sent| (sent[1] - sent[0]) / points.len() as u64).collect();
+    assert_eq!(sent, [16, 24, 24, 16], "bytes a point");
+}
+
+#[test]
 fn a_cloud_is_given_little_more_than_what_was_announced_of_it() {
     let stage = stage_or_skip!();
     let mut store = PointStore::new(stage.gpu.clone());
