@@ -1395,6 +1395,9 @@ impl State {
             Report::Ready { adapter } => {
                 self.log(json!({ "event": "ready", "adapter": adapter }));
                 self.adapter = Some(adapter);
+                // The window is painted before the frame is asked for.
+                let has_points = self.points() > 0;
+                self.jobs.iter().for_each(|job| job.lookout.draw_first(has_points));
             }
             // Of clouds that have been removed since.
             Report::Frame(_) if self.clouds.is_empty() => self.frames_under_way = 0,
