@@ -12,6 +12,7 @@ use stream::{BuildOptions, Cache};
 use crate::command_line::IndexArguments;
 use crate::failure::usage;
 use crate::loading::{self, Input};
+use crate::stage::{Making, Stage};
 use crate::streaming::{self, half_of};
 use crate::{picture_file, progress_bar};
 
@@ -54,9 +55,10 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
             write(&sources, &settings, output, &Stopper::new())?;
         }
         None => {
-            let stopper = Stopper::new();
-            for (name, sources) in &clouds {
-                match index(name, sources, &cache, &settings, &stopper) {
+            let task = Task { cache: &cache, settings: &settings, stopper: &Stopper::new() };
+            for (place, (name, sources)) in clouds.iter().enumerate() {
+                let place = if clouds.len() > 1 { format!(" {}/{}", place + 1, clouds.len()) } else { String::new() };
+                match task.index(name, sources, &place) {
                     Ok(()) => {}
                     Err(error) if clouds.len() == 1 || is_cancelled(&error) => return Err(error),
                     Err(error) => {
@@ -95,19 +97,16 @@ fn open(input: &Input, failures: &mut usize) -> Vec<Arc<codec::Source>> {
     sources
 }
 
-/// Stops what is under way at Ctrl-C, so that it can clear away what it has begun.
+/// Stops what is under way at Ctrl-C and all that comes after it, so that it can clear away what it has begun.
 struct Stopper {
-    current: Arc<Mutex<Option<Arc<Progress>>>>,
+    current: Arc<Mutex<Arc<Progress>>>,
 }
 
 impl Stopper {
     fn new() -> Self {
-        let current: Arc<Mutex<Option<Arc<Progress>>>> = Arc::default();
+        let current: Arc<Mutex<Arc<Progress>>> = Arc::default();
         let stopped = current.clone();
-        let stop = move || {
-            let current = stopped.lock().unwrap_or_else(PoisonError::into_inner);
-            current.iter().for_each(|progress| progress.cancel());
-        };
+        let stop = move || stopped.lock().unwrap_or_else(PoisonError::into_inner).cancel();
         // Where that cannot be caught it ends the program; the next one clears away what was begun.
         if let Err(error) = ctrlc::set_handler(stop) {
             tracing::debug!(%error, "Ctrl-C");
@@ -115,11 +114,13 @@ impl Stopper {
         Self { current }
     }
 
-    /// The progress of what comes next.
-    fn begin(&self) -> Arc<Progress> {
-        let progress = Arc::new(Progress::default());
-        *self.current.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress.clone());
-        progress
+    /// That comes next.
+    fn watch(&self, progress: &Arc<Progress>) {
+        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        if current.is_cancelled() {
+            progress.cancel();
+        }
+        *current = progress.clone();
     }
 }
 
@@ -131,10 +132,9 @@ struct Effort {
 }
 
 impl Effort {
-    /// Does some work on points, and shows how far it is.
-    fn of<Result>(task: &'static str, progress: &Progress, work: impl FnOnce() -> Result) -> (Self, Result) {
+    fn of<Result>(work: impl FnOnce() -> Result) -> (Self, Result) {
         let (start, cpu) = (Instant::now(), cpu_seconds());
-        let result = progress_bar::watch(task, progress, work);
+        let result = work();
         let cpu_seconds = cpu_seconds().zip(cpu).map(|(now, before)| now - before);
         (Self { seconds: start.elapsed().as_secs_f64(), cpu_seconds }, result)
     }
@@ -147,70 +147,78 @@ impl Effort {
     }
 }
 
-/// Makes the index of a cloud in the cache, with normals and radii; once more if what is there turns out to be damaged.
-fn index(
-    name: &str,
-    sources: &[Arc<codec::Source>],
-    cache: &Cache,
-    settings: &Settings,
-    stopper: &Stopper,
-) -> anyhow::Result<()> {
-    match index_once(name, sources, cache, settings, stopper) {
-        Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Damaged { .. })) => {
-            crate::complain(&format!("warning: {error}: its index is made again"));
-            if let Some(pages) = cache.open(sources)? {
-                cache.discard(pages);
-            }
-            index_once(name, sources, cache, settings, stopper)
-        }
-        result => result,
-    }
+/// Indexes are made here.
+struct Task<'a> {
+    cache: &'a Cache,
+    settings: &'a Settings,
+    stopper: &'a Stopper,
 }
 
-fn index_once(
-    name: &str,
-    sources: &[Arc<codec::Source>],
-    cache: &Cache,
-    settings: &Settings,
-    stopper: &Stopper,
-) -> anyhow::Result<()> {
-    let of_files: Vec<String> = sources.iter().flat_map(|source| loading::file_warnings(source.info())).collect();
-    of_files.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
-    let parts = loading::parts(sources.to_vec());
-    if parts.iter().all(|(_, native)| native.is_some()) {
-        return crate::print(&format!("{name}: COPC, which needs no index\n"));
+impl Task<'_> {
+    /// Makes the index of a cloud in the cache, with normals and radii; once more if what is there turns out to be damaged.
+    /// `place` says which of several it is.
+    fn index(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
+        match self.index_once(name, sources, place) {
+            Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Damaged { .. })) => {
+                crate::complain(&format!("warning: {error}: its index is made again"));
+                if let Some(pages) = self.cache.open(sources)? {
+                    self.cache.discard(pages);
+                }
+                self.index_once(name, sources, place)
+            }
+            result => result,
+        }
     }
-    let memory = half_of(settings.stream.host_bytes);
-    let options = BuildOptions { memory, preview_points: 0 };
-    let progress = stopper.begin();
-    let (effort, pages) =
-        Effort::of("indexing", &progress, || streaming::build(sources, cache, &options, &progress, &|_| {}));
-    let pages = pages?;
-    let further = pages.warnings().iter().filter(|warning| !of_files.contains(warning));
-    further.for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
-    // It may have been made by another program while this one waited.
-    let was_there = progress.done() == 0;
-    let up = sources.first().map_or(glam::DVec3::Z, |source| loading::up_of(source.info(), settings));
-    let options = loading::surfel_options(&pages, up, settings)?;
-    let progress = stopper.begin();
-    let estimate = || stream::estimate_surfels(&pages, &options, memory, &progress);
-    let (normals, estimated) = Effort::of("normals", &progress, estimate);
-    estimated?;
-    let points = pages.octree().points();
-    let bytes = folder_bytes(pages.folder());
-    let what = summary(name, points, pages.octree().nodes.len(), bytes);
-    let effort = if was_there { "was there".to_owned() } else { effort.text(points) };
-    let folder = pages.folder().display();
-    crate::print(&format!("{what}, {effort}; normals and radii {:.1} s; {folder}\n", normals.seconds))
+
+    fn index_once(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
+        let of_files: Vec<String> = sources.iter().flat_map(|source| loading::file_warnings(source.info())).collect();
+        of_files.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
+        let parts = loading::parts(sources.to_vec());
+        if parts.iter().all(|(_, native)| native.is_some()) {
+            return crate::print(&format!("{name}: COPC, which needs no index\n"));
+        }
+        let memory = half_of(self.settings.stream.host_bytes);
+        let options = BuildOptions { memory, preview_points: 0 };
+        let expected = sources.iter().map(|source| source.info().points).sum();
+        let build = |progress: &Progress| stream::build(sources, self.cache, &options, progress, &|_| {});
+        let (stage, effort, pages) = self.make(Stage::new(Making::Index, expected), place, build);
+        let pages = pages?;
+        let further = pages.warnings().iter().filter(|warning| !of_files.contains(warning));
+        further.for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
+        let up = sources.first().map_or(glam::DVec3::Z, |source| loading::up_of(source.info(), self.settings));
+        let options = loading::surfel_options(&pages, up, self.settings)?;
+        let points = pages.octree().points();
+        let estimate = |progress: &Progress| stream::estimate_surfels(&pages, &options, memory, progress);
+        let (_, normals, estimated) = self.make(Stage::new(Making::Surfels, points), place, estimate);
+        estimated?;
+        let what = summary(name, points, pages.octree().nodes.len(), pages.bytes());
+        // It may have been made by another program while this one waited.
+        let effort = if stage.progress.done() == 0 { "was there".to_owned() } else { effort.text(points) };
+        let folder = pages.folder().display();
+        crate::print(&format!("{what}, {effort}; normals and radii {:.1} s; {folder}\n", normals.seconds))
+    }
+
+    /// Does the work of a stage, and shows how far it is.
+    fn make<Result>(
+        &self,
+        stage: Stage,
+        place: &str,
+        work: impl FnOnce(&Progress) -> Result,
+    ) -> (Stage, Effort, Result) {
+        self.stopper.watch(&stage.progress);
+        let (effort, result) = Effort::of(|| progress_bar::watch_stage(&stage, place, work));
+        (stage, effort, result)
+    }
 }
 
 /// Writes files as one cloud in the form of COPC.
 fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path, stopper: &Stopper) -> anyhow::Result<()> {
     let paths: Vec<PathBuf> = sources.iter().map(|source| source.info().path.clone()).collect();
     let memory = half_of(settings.stream.host_bytes);
-    let progress = stopper.begin();
+    let progress = Arc::default();
+    stopper.watch(&progress);
     let write = || codec::write_copc(&paths, output, memory, &progress);
-    let (effort, written) = Effort::of("writing", &progress, write);
+    let (effort, written) = Effort::of(|| progress_bar::watch("writing", &progress, write));
     let codec::CopcSummary { points, nodes, warnings } = written?.ok_or(stream::Error::Cancelled)?;
     let name = output.display().to_string();
     warnings.iter().for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
@@ -222,12 +230,6 @@ fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path, sto
 fn summary(name: &str, points: u64, nodes: usize, bytes: u64) -> String {
     let per_point = bytes as f64 / points.max(1) as f64;
     format!("{name}: {points} points in {nodes} nodes, {per_point:.1} bytes a point")
-}
-
-/// Bytes of the files in a folder.
-fn folder_bytes(folder: &Path) -> u64 {
-    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    files.filter_map(|file| file.metadata().ok()).map(|metadata| metadata.len()).sum()
 }
 
 /// Processor time of this process so far, where the system tells (Linux).

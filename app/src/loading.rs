@@ -20,7 +20,8 @@ use scene::{
 use stream::{BuildOptions, Cache, Pages};
 
 use crate::failure::usage;
-use crate::streaming::{self, Arrival, Director, Lookout, Paged, StreamStats, cache, half_of, most_preview_points};
+use crate::stage::{Making, Stage};
+use crate::streaming::{Arrival, Director, Lookout, Paged, StreamStats, Wish, cache, half_of, most_preview_points};
 
 /// Chunks on their way from the readers to the receiver: enough that neither waits for the other, and at 65 thousand
 /// points of some 30 bytes each no more than 32 MB.
@@ -261,6 +262,8 @@ pub enum Event {
     /// The cloud is streamed: its chunks are those of its points that the last look needs, and come and go. Follows `Opened`,
     /// and comes again when more is known.
     Pages { cloud: usize, pages: Paged },
+    /// Something is or will be made for the cloud, in the place of what was made for it before.
+    Stage { cloud: usize, stage: Arc<Stage> },
     /// The chunk with that first point is no more needed.
     Dropped { cloud: usize, first_point: u64 },
     /// What is there of all streamed clouds, whenever that changes, a few times a second at most.
@@ -280,11 +283,10 @@ pub enum Event {
 /// Loading under way. Dropping it stops it.
 pub struct Job {
     pub events: Receiver<Event>,
-    /// Points read, of all inputs. Cancelling it ends the reading; what has been sent stays and gets its surfels.
+    /// Points read, of all inputs that are held in memory. Cancelling it ends the reading; what has been sent stays and gets its
+    /// surfels.
     pub progress: Arc<Progress>,
-    /// Points whose normal and radius have been estimated.
-    pub surfel_progress: Arc<Progress>,
-    /// Where to tell from where streamed clouds are looked at.
+    /// Where to tell from where streamed clouds are looked at, and what is not to be made.
     pub lookout: Arc<Lookout>,
 }
 
@@ -292,7 +294,6 @@ impl Drop for Job {
     fn drop(&mut self) {
         self.lookout.end();
         self.progress.cancel();
-        self.surfel_progress.cancel();
     }
 }
 
@@ -311,13 +312,11 @@ pub fn start_unseen(inputs: Vec<Input>, settings: &Settings) -> Job {
 fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache: anyhow::Result<Cache>) -> Job {
     let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
     let progress = Arc::new(Progress::default());
-    let surfel_progress = Arc::new(Progress::default());
     let lookout = Arc::new(Lookout::default());
-    let job =
-        Job { events, progress: progress.clone(), surfel_progress: surfel_progress.clone(), lookout: lookout.clone() };
+    let job = Job { events, progress: progress.clone(), lookout: lookout.clone() };
     let (sender_of_loader, settings) = (sender.clone(), settings.clone());
     let cache = cache.map_err(|error| error.to_string());
-    let loader = Loader { sender: sender_of_loader, progress, surfel_progress, lookout, settings, has_preview, cache };
+    let loader = Loader { sender: sender_of_loader, progress, lookout, settings, has_preview, cache };
     // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
     let started = rayon::ThreadPoolBuilder::new()
         .thread_name(|index| format!("loader {index}"))
@@ -360,7 +359,6 @@ pub fn read_column(
 struct Loader {
     sender: SyncSender<Event>,
     progress: Arc<Progress>,
-    surfel_progress: Arc<Progress>,
     lookout: Arc<Lookout>,
     settings: Settings,
     has_preview: bool,
@@ -376,6 +374,14 @@ struct Loading {
     chunks: Vec<Chunk>,
 }
 
+impl Loading {
+    /// There are points without a normal or a radius.
+    fn lacks_surfels(&self) -> bool {
+        let is_complete = |chunk: &Chunk| chunk.is_empty() || chunk.normals.is_some() && chunk.radii.is_some();
+        !self.chunks.iter().all(is_complete)
+    }
+}
+
 /// A streamed cloud while its pages are found or made.
 struct Paging {
     cloud: usize,
@@ -385,6 +391,8 @@ struct Paging {
     /// Found in the file or in the cache; handed on.
     found: Option<Pages>,
     is_native: bool,
+    /// Points of chunks that are shown while there is no index, by the first of them.
+    previews: Mutex<HashMap<u64, u64>>,
 }
 
 /// From here on chunks of previews are counted: no file has as many points.
@@ -455,62 +463,91 @@ impl Loader {
         for loading in &mut opened {
             self.read(loading)?;
         }
-        for loading in opened {
-            self.estimate(loading)?;
+        let mut planned = Vec::new();
+        for loading in opened.into_iter().filter(Loading::lacks_surfels) {
+            let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+            planned.push((self.plan(loading.cloud, Making::Surfels, points)?, loading));
+        }
+        for (stage, loading) in planned {
+            self.estimate(loading, &stage)?;
         }
         Some(())
     }
 
+    /// Announces what will be made for a cloud.
+    fn plan(&self, cloud: usize, making: Making, points: u64) -> Option<Arc<Stage>> {
+        let stage = self.lookout.plan(cloud, Stage::new(making, points));
+        self.send(Event::Stage { cloud, stage: stage.clone() })?;
+        Some(stage)
+    }
+
     /// Streams what is there at once, reads what is held in memory, makes indexes that are missing, and stays to make those again
-    /// that turn out to be damaged.
+    /// that turn out to be damaged, and those after all that were stopped.
     fn page_all(&self, mut paged: Vec<Paging>, opened: Vec<Loading>) -> Option<()> {
         let mut there: Vec<(&Paging, Pages)> = Vec::new();
-        let mut missing: Vec<&Paging> = Vec::new();
+        let mut missing = Vec::new();
         let found: Vec<Option<Pages>> = paged.iter_mut().map(|paging| paging.found.take()).collect();
         for (paging, found) in paged.iter().zip(found) {
             match found {
                 Some(pages) => there.push((paging, pages)),
-                None => missing.push(paging),
+                None => missing.push((paging, self.plan_index(paging)?)),
             }
         }
         // Before anything of what is there takes the place of the previews.
         let preview_points = self.preview_points() / missing.len().max(1) as u64;
-        missing.iter().for_each(|paging| self.lookout.keep_room(paging.cloud, preview_points));
+        missing.iter().for_each(|(paging, _)| self.lookout.keep_room(paging.cloud, preview_points));
         let stream = |(paging, pages)| {
             self.stream(paging, pages, false, HashMap::new());
             paging
         };
-        let mut there: Vec<&Paging> = there.into_iter().map(stream).collect();
+        // Clouds that there is an index of, or may still be.
+        let mut open: Vec<&Paging> = there.into_iter().map(stream).collect();
         self.read_all(opened)?;
-        for paging in missing {
-            if !self.lookout.is_closed(paging.cloud) && self.index(paging, preview_points)? {
-                there.push(paging);
+        for (paging, stage) in missing {
+            if self.index(paging, &stage, preview_points)? || stage.progress.is_cancelled() {
+                open.push(paging);
             }
         }
-        for paging in &there {
-            self.refine(paging)?;
-        }
+        self.refine_all(&open)?;
         let mut again = HashSet::new();
-        while !there.is_empty() {
-            for cloud in self.lookout.rest()? {
-                let Some(paging) = there.iter().find(|paging| paging.cloud == cloud) else { continue };
-                // Once: a disk that damages what is written to it would keep this going for ever.
-                if again.insert(cloud) {
-                    self.discard(paging);
-                    // What is shown stays meanwhile.
-                    if self.index(paging, 0)? {
-                        self.refine(paging)?;
-                        continue;
+        while !open.is_empty() {
+            for wish in self.lookout.rest()? {
+                let (Wish::Mend(cloud) | Wish::Resume(cloud)) = wish;
+                let Some(paging) = open.iter().copied().find(|paging| paging.cloud == cloud) else { continue };
+                let is_kept = match wish {
+                    Wish::Resume(_) => self.resume(paging, preview_points)?,
+                    // Once: a disk that damages what is written to it would keep this going for ever.
+                    Wish::Mend(_) if again.insert(cloud) => {
+                        self.discard(paging);
+                        let stage = self.plan_index(paging)?;
+                        // What is shown stays meanwhile.
+                        self.index(paging, &stage, 0)?
                     }
+                    Wish::Mend(_) => {
+                        let problem = "its pages were damaged again after they had been made anew";
+                        let error = format!("{}: {problem}", paging.input);
+                        self.send(Event::Failed { input: paging.input.clone(), error })?;
+                        false
+                    }
+                };
+                if is_kept {
+                    self.refine_all(&[paging])?;
                 } else {
-                    let error = format!("{}: its pages were damaged again after they had been made anew", paging.input);
-                    self.send(Event::Failed { input: paging.input.clone(), error })?;
+                    self.lookout.close(cloud);
+                    open.retain(|paging| paging.cloud != cloud);
                 }
-                self.lookout.close(cloud);
-                there.retain(|paging| paging.cloud != cloud);
             }
         }
         Some(())
+    }
+
+    /// Makes the index of a cloud if that was stopped; false if there will never be one.
+    fn resume(&self, paging: &Paging, preview_points: u64) -> Option<bool> {
+        if self.lookout.stage(paging.cloud).is_none_or(|stopped| stopped.making != Making::Index) {
+            return Some(true);
+        }
+        let stage = self.plan_index(paging)?;
+        Some(self.index(paging, &stage, preview_points)? || stage.progress.is_cancelled())
     }
 
     /// The files of an input that can be opened; `None` if nobody listens any more.
@@ -621,7 +658,8 @@ impl Loader {
                 several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
             },
         })?;
-        Some(Paging { cloud, input: path.display().to_string(), sources, up, found, is_native })
+        let input = path.display().to_string();
+        Some(Paging { cloud, input, sources, up, found, is_native, previews: Mutex::default() })
     }
 
     /// Has pages streamed. Where they lack normals and radii and will not get them, each node's are estimated from its own points.
@@ -640,32 +678,41 @@ impl Loader {
         most_preview_points(&self.settings).min(memory / PREVIEW_SHARE / PREVIEW_POINT_BYTES)
     }
 
+    fn plan_index(&self, paging: &Paging) -> Option<Arc<Stage>> {
+        self.send(Event::Pages { cloud: paging.cloud, pages: Paged::Indexing })?;
+        self.plan(paging.cloud, Making::Index, paging.sources.iter().map(|source| source.info().points).sum())
+    }
+
     /// Makes the index of a cloud and has it streamed; whether there is one now.
-    fn index(&self, paging: &Paging, preview_points: u64) -> Option<bool> {
+    fn index(&self, paging: &Paging, stage: &Stage, preview_points: u64) -> Option<bool> {
         let cloud = paging.cloud;
-        self.send(Event::Pages { cloud, pages: Paged::Indexing })?;
         let memory = half_of(self.settings.stream.host_bytes);
-        let previews = Mutex::new(HashMap::new());
+        let previews = || paging.previews.lock().unwrap_or_else(PoisonError::into_inner);
+        // Where it was stopped before, what was shown then still is.
+        let preview_points = if previews().is_empty() { preview_points } else { 0 };
         let counted = AtomicU64::new(PREVIEW_POINTS);
         let preview = |mut chunk: Chunk| {
             self.lookout.give_way();
             let points = chunk.len() as u64;
             chunk.first_point = counted.fetch_add(points, Ordering::Relaxed);
-            previews.lock().unwrap_or_else(PoisonError::into_inner).insert(chunk.first_point, points);
+            previews().insert(chunk.first_point, points);
             if self.send(Event::Chunk { cloud, chunk }).is_none() {
-                self.progress.cancel();
+                stage.progress.cancel();
             }
         };
         let start = Instant::now();
         let options = BuildOptions { memory, preview_points };
-        let build = |cache| streaming::build(&paging.sources, cache, &options, &self.progress, &preview);
-        let cache = self.cache.as_ref().map_err(|error| anyhow::Error::msg(error.clone()));
-        let built = cache.and_then(|cache| Ok(build(cache)?));
+        let built = self.cache.as_ref().map_err(|error| anyhow::Error::msg(error.clone())).and_then(|cache| {
+            let build = |progress: &Progress| stream::build(&paging.sources, cache, &options, progress, &preview);
+            let is_stopped = stage.progress.is_cancelled();
+            Ok(if is_stopped { Err(stream::Error::Cancelled) } else { stage.run(build) }?)
+        });
         tracing::debug!(input = paging.input, seconds = start.elapsed().as_secs_f64(), "indexed");
         match built {
             Ok(pages) => {
-                let previews = previews.into_inner().unwrap_or_else(PoisonError::into_inner);
-                self.stream(paging, pages, true, previews);
+                // Another program may have made it.
+                let was_built = stage.progress.done() > 0;
+                self.stream(paging, pages, was_built, std::mem::take(&mut *previews()));
                 Some(true)
             }
             Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Cancelled)) => {
@@ -676,7 +723,8 @@ impl Loader {
             Err(error) => {
                 let (input, error) = (paging.input.clone(), error.to_string());
                 self.send(Event::Failed { input, error })?;
-                for first_point in previews.into_inner().unwrap_or_else(PoisonError::into_inner).into_keys() {
+                let gone = std::mem::take(&mut *previews());
+                for first_point in gone.into_keys() {
                     self.send(Event::Dropped { cloud, first_point })?;
                 }
                 self.lookout.keep_room(cloud, 0);
@@ -685,20 +733,37 @@ impl Loader {
         }
     }
 
-    /// Normals and radii of all points of an index of ours, from all of them; then they are streamed with it.
-    fn refine(&self, paging: &Paging) -> Option<()> {
-        if paging.is_native || self.surfel_progress.is_cancelled() || self.lookout.is_closed(paging.cloud) {
+    /// Normals and radii of all points of indexes of ours, where they are missing.
+    fn refine_all(&self, paged: &[&Paging]) -> Option<()> {
+        let mut planned = Vec::new();
+        for paging in paged {
+            if let Some((options, points)) = self.lacking_surfels(paging) {
+                planned.push((paging, options, self.plan(paging.cloud, Making::Surfels, points)?));
+            }
+        }
+        planned.iter().try_for_each(|(paging, options, stage)| self.refine(paging, options, stage))
+    }
+
+    /// How normals and radii of an index of ours are to be estimated, and of how many points, if they are missing.
+    fn lacking_surfels(&self, paging: &Paging) -> Option<(SurfelOptions, u64)> {
+        if paging.is_native || self.lookout.is_closed(paging.cloud) {
+            return None;
+        }
+        let pages = self.cache.as_ref().ok()?.open(&paging.sources).ok()??;
+        let options = self.surfel_options(paging, &pages)?;
+        (pages.surfel_options() != Some(&options)).then(|| (options, pages.octree().points()))
+    }
+
+    /// Estimates normals and radii from all points of an index; then they are streamed with it.
+    fn refine(&self, paging: &Paging, options: &SurfelOptions, stage: &Stage) -> Option<()> {
+        if stage.progress.is_cancelled() {
             return Some(());
         }
         let Ok(cache) = &self.cache else { return Some(()) };
         let Ok(Some(pages)) = cache.open(&paging.sources) else { return Some(()) };
-        let Some(options) = self.surfel_options(paging, &pages) else { return Some(()) };
-        if pages.surfel_options() == Some(&options) {
-            return Some(());
-        }
         let start = Instant::now();
         let memory = half_of(self.settings.stream.host_bytes);
-        let estimated = stream::estimate_surfels(&pages, &options, memory, &self.surfel_progress);
+        let estimated = stage.run(|progress| stream::estimate_surfels(&pages, options, memory, progress));
         tracing::debug!(cloud = paging.cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
         drop(pages);
         match estimated.and_then(|()| cache.open(&paging.sources)) {
@@ -796,10 +861,9 @@ impl Loader {
     }
 
     /// Both normals and radii, wherever one of them is missing; what the file has is kept.
-    fn estimate(&self, loading: Loading) -> Option<()> {
+    fn estimate(&self, loading: Loading, stage: &Stage) -> Option<()> {
         let Loading { cloud, source, up, mut chunks } = loading;
-        let complete = |chunk: &Chunk| chunk.is_empty() || chunk.normals.is_some() && chunk.radii.is_some();
-        if chunks.iter().all(complete) || self.surfel_progress.is_cancelled() {
+        if stage.progress.is_cancelled() {
             return Some(());
         }
         // A face list that cannot be parsed is a warning of the read; the normals are then estimated.
@@ -814,7 +878,7 @@ impl Loader {
         }
         let options = options_for(&chunks, up, &self.settings);
         let start = Instant::now();
-        let estimated = cloud::estimate(&chunks, &options, &self.surfel_progress);
+        let estimated = stage.run(|progress| cloud::estimate(&chunks, &options, progress));
         tracing::debug!(cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
         match estimated {
             Some(surfels) => self.send(Event::Surfels { cloud, surfels }),
@@ -1072,11 +1136,15 @@ mod tests {
                     assert_eq!(surfels.iter().map(|surfels| surfels.normals.len()).collect::<Vec<_>>(), [3]);
                     "surfels"
                 }
+                Event::Stage { cloud, stage } => {
+                    assert_eq!((cloud, stage.making, stage.points()), (0, Making::Surfels, 3));
+                    "stage"
+                }
                 Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => "streamed",
                 Event::Finished => "finished",
             });
         }
-        assert_eq!(seen, ["failed", "opened", "chunk", "read", "surfels", "finished"]);
+        assert_eq!(seen, ["failed", "opened", "chunk", "read", "stage", "surfels", "finished"]);
         assert_eq!((job.progress.done(), job.progress.total()), (3, 3));
     }
 
@@ -1096,7 +1164,9 @@ mod tests {
                     points += samples.iter().map(Chunk::len).sum::<usize>();
                 }
                 Event::Chunk { chunk, .. } => points += chunk.len(),
-                Event::Surfels { .. } | Event::Failed { .. } => panic!("its points are complete"),
+                Event::Stage { .. } | Event::Surfels { .. } | Event::Failed { .. } => {
+                    panic!("its points are complete")
+                }
                 Event::Read { .. } | Event::Finished => {}
                 Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => panic!("nothing is streamed"),
             }

@@ -38,7 +38,8 @@ fn settings(pages: scene::Paging, point_budget: u32) -> Settings {
 
 fn viewpoint(settings: &Settings) -> Viewpoint {
     let camera = Camera::looking(DVec3::new(1.0, 0.5, 0.0), DVec3::Z, 2.0, DVec3::Y);
-    Viewpoint { camera, size: [400, 300], view: settings.view.clone(), stream: settings.stream.clone() }
+    let (view, stream) = (settings.view.clone(), settings.stream.clone());
+    Viewpoint { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0 }
 }
 
 /// What a receiver has: points by cloud and first point.
@@ -120,7 +121,7 @@ fn a_preview_keeps_what_the_gpu_may_hold() {
     let mut settings = settings(scene::Paging::Always, 5_000_000);
     // Some forty thousand points.
     settings.stream.gpu_bytes.0 = 2 << 20;
-    let most = streaming::most_points(&settings.view, &settings.stream);
+    let most = crate::streaming::most_points(&settings.view, &settings.stream);
     let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
     let look = job.lookout.look(viewpoint(&settings));
     let mut received = Received::default();
@@ -138,7 +139,6 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
     let loader = Loader {
         sender,
         progress: Arc::default(),
-        surfel_progress: Arc::default(),
         lookout: Arc::default(),
         settings: Settings::default(),
         has_preview: true,

@@ -11,6 +11,7 @@ mod mirrors;
 mod picture_file;
 mod progress_bar;
 mod render_command;
+mod stage;
 mod streaming;
 mod study_command;
 mod subject;

@@ -3,21 +3,21 @@
 //! A job of `loading` tells the window or the headless command about streamed clouds by the same events as about any cloud.
 //! The other way it is told where they look from: the [`Lookout`].
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::PathBuf;
-use std::sync::mpsc::{RecvTimeoutError, SyncSender, channel};
+use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Chunk, Grid, Progress, SurfelOptions};
+use cloud::{Bounds, Grid, SurfelOptions};
 use glam::DVec2;
 use scene::{Camera, Projection, Settings, Stream, ViewSettings};
 use stream::{
-    Budget, BuildOptions, Cache, Change, Missing, Node, Octree, Page, PagedCloud, Pages, Streamer, Tree, ViewMeasure,
-    choose,
+    Budget, Cache, Change, Missing, Node, Octree, Page, PagedCloud, Pages, Streamer, Tree, ViewMeasure, Wanted, choose,
 };
 
 use crate::loading::Event;
+use crate::stage::Stage;
 
 /// Bytes that a point takes on the GPU: 24 of the point itself, 4 of the attribute shown, 20 of the tree that reflections are traced
 /// through, and a sixteenth more, since chunks begin at whole blocks.
@@ -30,6 +30,8 @@ const CUT_SHARE: f64 = 0.75;
 const REPORT_INTERVAL: Duration = Duration::from_millis(200);
 /// Nothing gives way to a picture for longer than this.
 const LONGEST_FRAME: Duration = Duration::from_secs(2);
+/// What reads or makes an index that is closed ends within this time.
+const CLOSING_TIME: Duration = Duration::from_secs(10);
 /// Pixels that all clouds are wide as long as nobody has said from where they are looked at.
 const WIDTH_UNSEEN: f64 = 1000.0;
 
@@ -41,14 +43,18 @@ pub struct Viewpoint {
     pub size: [u32; 2],
     pub view: ViewSettings,
     pub stream: Stream,
+    /// Clouds that are not looked at, by the job's own numbers.
+    pub hidden: BTreeSet<usize>,
+    /// Of the budgets that the job may have, 0 to 1.
+    pub share: f64,
 }
 
 /// How far the pages of a streamed cloud are.
 #[derive(Clone, Debug)]
 pub enum Paged {
-    /// The index is being made (`Job::progress`). Chunks that come meanwhile are a preview: some points of all places.
+    /// The index is being made, or will be (`Event::Stage`). Chunks that come meanwhile are a preview: some points of all places.
     Indexing,
-    /// The index is there. Comes again when normals and radii have been worked out (`Job::surfel_progress`).
+    /// The index is there. Comes again when normals and radii have been worked out.
     Indexed {
         octree: Arc<Octree>,
         /// Of the points' coordinates, where the file has one.
@@ -57,7 +63,17 @@ pub enum Paged {
         was_built: bool,
         /// Whether normals and radii are those of all points; until then each node's are estimated from its own.
         has_surfels: bool,
+        /// `None` for a COPC file, which is its own index.
+        kept: Option<Kept>,
     },
+}
+
+/// An index in the cache.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    pub folder: PathBuf,
+    /// On the disk.
+    pub bytes: u64,
 }
 
 /// What is there of all streamed clouds of a job.
@@ -76,13 +92,16 @@ pub struct StreamStats {
     pub host_bytes: u64,
     /// Nodes that are wanted and not there yet.
     pub nodes_waiting: usize,
+    /// Share of the whole budgets that the look would take, 0 to 1.
+    pub demand: f64,
     /// Over the last second.
     pub disk_bytes_per_second: f64,
     /// Decoded over the last second.
     pub points_per_second: f64,
 }
 
-/// Tells the streaming thread of a job where its clouds are looked at from, the latest look counts, and what there is to stream.
+/// Tells a job where its streamed clouds are looked at from, the latest look counts, what there is to stream, and what is to be
+/// made or stopped.
 #[derive(Default)]
 pub struct Lookout {
     told: Mutex<Told>,
@@ -100,13 +119,25 @@ struct Told {
     /// Nothing more is on its way.
     is_complete: bool,
     is_over: bool,
-    /// Clouds whose pages turned out to be damaged.
-    damaged: Vec<usize>,
+    wishes: Vec<Wish>,
+    /// The latest of each cloud.
+    stages: BTreeMap<usize, Arc<Stage>>,
+    /// Nothing more is to be made.
+    is_stopped: bool,
     /// Points of the previews of clouds whose index is still to be made.
     previews: BTreeMap<usize, u64>,
     /// Since when the first picture is being drawn.
     drawing_since: Option<Instant>,
     is_news: bool,
+}
+
+/// What is to be made of a cloud while nothing else is on its way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// Its pages turned out to be damaged.
+    Mend(usize),
+    /// What was stopped.
+    Resume(usize),
 }
 
 /// A cloud whose index is there, or is there with more.
@@ -142,6 +173,7 @@ impl Lookout {
         told.closed.insert(cloud);
         told.gone.insert(cloud);
         told.previews.remove(&cloud);
+        told.stop(cloud);
         self.notify(&mut told);
     }
 
@@ -153,6 +185,7 @@ impl Lookout {
     pub fn end(&self) {
         let mut told = self.told();
         told.is_over = true;
+        told.stop_all();
         self.notify(&mut told);
     }
 
@@ -183,6 +216,39 @@ impl Lookout {
         }
     }
 
+    /// Something that will be made for a cloud: already stopped, if that is so of all that is made.
+    pub fn plan(&self, cloud: usize, stage: Stage) -> Arc<Stage> {
+        let mut told = self.told();
+        let stage = Arc::new(stage);
+        told.stages.insert(cloud, stage.clone());
+        if told.is_over || told.is_stopped || told.gone.contains(&cloud) {
+            told.stop(cloud);
+        }
+        stage
+    }
+
+    /// The last thing that was planned for a cloud.
+    pub fn stage(&self, cloud: usize) -> Option<Arc<Stage>> {
+        self.told().stages.get(&cloud).cloned()
+    }
+
+    /// Stops what is made for a cloud.
+    pub fn stop(&self, cloud: usize) {
+        self.told().stop(cloud);
+    }
+
+    /// Stops all that is made.
+    pub fn stop_all(&self) {
+        self.told().stop_all();
+    }
+
+    /// Makes what was stopped of a cloud after all, when nothing else is made.
+    pub fn resume(&self, cloud: usize) {
+        let mut told = self.told();
+        told.is_stopped = false;
+        self.wish(&mut told, Wish::Resume(cloud));
+    }
+
     pub fn arrive(&self, arrival: Arrival) {
         let mut told = self.told();
         told.previews.remove(&arrival.cloud);
@@ -192,27 +258,28 @@ impl Lookout {
         }
     }
 
-    /// Says that nothing more is on its way, and waits until there is: clouds whose pages were found to be damaged. `None` when
-    /// the streaming has ended.
-    pub fn rest(&self) -> Option<Vec<usize>> {
+    /// Says that nothing more is on its way, and waits until something is to be made. `None` when the streaming has ended.
+    pub fn rest(&self) -> Option<Vec<Wish>> {
         let mut told = self.told();
-        told.is_complete = true;
+        told.is_complete = told.wishes.is_empty();
         self.notify(&mut told);
-        let waits = |told: &mut Told| !told.is_over && told.damaged.is_empty();
+        let waits = |told: &mut Told| !told.is_over && told.wishes.is_empty();
         let mut told = self.changed.wait_while(told, waits).unwrap_or_else(PoisonError::into_inner);
-        told.is_complete = false;
-        if told.is_over { None } else { Some(std::mem::take(&mut told.damaged)) }
+        if told.is_over { None } else { Some(std::mem::take(&mut told.wishes)) }
     }
 
     /// Says that the pages of a cloud are to be made again.
     pub fn report_damage(&self, cloud: usize) {
-        let mut told = self.told();
-        if !told.damaged.contains(&cloud) {
-            told.damaged.push(cloud);
+        self.wish(&mut self.told(), Wish::Mend(cloud));
+    }
+
+    fn wish(&self, told: &mut Told, wish: Wish) {
+        if !told.wishes.contains(&wish) {
+            told.wishes.push(wish);
         }
         // At once: who looks for the end of it must not see it between two states.
         told.is_complete = false;
-        self.notify(&mut told);
+        self.notify(told);
     }
 
     fn wake(&self) {
@@ -237,6 +304,17 @@ impl Lookout {
     }
 }
 
+impl Told {
+    fn stop(&self, cloud: usize) {
+        self.stages.get(&cloud).iter().for_each(|stage| stage.progress.cancel());
+    }
+
+    fn stop_all(&mut self) {
+        self.is_stopped = true;
+        self.stages.values().for_each(|stage| stage.progress.cancel());
+    }
+}
+
 /// Where indexes are kept: `GLINT_CACHE_DIR`, else the platform's place.
 ///
 /// # Errors
@@ -248,51 +326,25 @@ pub fn cache(settings: &Stream) -> anyhow::Result<Cache> {
     Ok(Cache::new(folder, settings.cache_bytes.0))
 }
 
+/// Deletes an index of the cache when nobody has it open any more.
+///
+/// # Errors
+/// What to say if somebody still has.
+pub fn delete(settings: &Stream, kept: &Kept) -> Result<(), String> {
+    let cache = cache(settings).map_err(|error| error.to_string())?;
+    let start = Instant::now();
+    while !cache.remove(&kept.folder) {
+        if start.elapsed() > CLOSING_TIME {
+            return Err(format!("{}: in use elsewhere, so the index is kept", kept.folder.display()));
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    Ok(())
+}
+
 /// Bytes that building an index may take, and as many that decoded points may take: half of the whole each.
 pub fn half_of(host_bytes: param::Bytes) -> u64 {
     host_bytes.0 / 2
-}
-
-/// Between two looks at a count.
-const COUNT_INTERVAL: Duration = Duration::from_millis(50);
-
-/// Makes the index of files that are one cloud, or finds it; see `stream::build`. `progress` counts each point once.
-pub fn build(
-    sources: &[Arc<codec::Source>],
-    cache: &Cache,
-    options: &BuildOptions,
-    progress: &Progress,
-    preview: &(dyn Fn(Chunk) + Sync),
-) -> stream::Result<Pages> {
-    let points: u64 = sources.iter().map(|source| source.info().points).sum();
-    let before = progress.done();
-    progress.set_total(before + points);
-    // That of the builder counts a point in each of its passes.
-    let steps = &Progress::default();
-    let (done, is_done) = channel::<()>();
-    std::thread::scope(|scope| {
-        let count = scope.spawn(move || {
-            let mut counted = 0;
-            loop {
-                let is_over = is_done.recv_timeout(COUNT_INTERVAL) != Err(RecvTimeoutError::Timeout);
-                // In how many passes, only the builder knows.
-                let share = steps.done() as f64 / steps.total().max(1) as f64;
-                let now = ((points as f64 * share) as u64).min(points);
-                progress.add(now.saturating_sub(counted));
-                counted = now.max(counted);
-                if progress.is_cancelled() {
-                    steps.cancel();
-                }
-                if is_over {
-                    return;
-                }
-            }
-        });
-        let pages = stream::build(sources, cache, options, steps, preview);
-        drop(done);
-        let _ = count.join();
-        pages
-    })
 }
 
 /// The thread that streams the clouds of a job.
@@ -303,6 +355,7 @@ pub struct Director {
     clouds: BTreeMap<usize, Streamed>,
     look: u64,
     viewpoint: Option<Viewpoint>,
+    demand: f64,
     /// Until somebody looks.
     settings: Settings,
     is_complete: bool,
@@ -356,6 +409,7 @@ impl Director {
             clouds: BTreeMap::new(),
             look: 0,
             viewpoint: None,
+            demand: 0.0,
             settings: settings.clone(),
             is_complete: false,
             previews: 0,
@@ -410,6 +464,7 @@ impl Director {
         let Arrival { cloud, input, pages, is_own, was_built, estimate, previews } = arrival;
         let octree = Arc::new(pages.octree().clone());
         let (grid, has_surfels) = (pages.grid(), pages.has_surfels());
+        let kept = is_own.then(|| Kept { folder: pages.folder().to_owned(), bytes: pages.bytes() });
         let columns: usize = pages.attributes().iter().map(|attribute| attribute.column_type.size()).sum();
         // Position, normal and radius; colour; attributes.
         let point_bytes = (12 + 4 + 2 + 4 * usize::from(pages.has_colors()) + columns) as u64;
@@ -445,7 +500,8 @@ impl Director {
             is_reported: false,
         };
         self.clouds.insert(cloud, streamed);
-        self.send(Event::Pages { cloud, pages: Paged::Indexed { octree: octree_shown, grid, was_built, has_surfels } })
+        let pages = Paged::Indexed { octree: octree_shown, grid, was_built, has_surfels, kept };
+        self.send(Event::Pages { cloud, pages })
     }
 
     /// Points that are resident and of no cut: they take their part of the budget.
@@ -477,31 +533,34 @@ impl Director {
 
     /// Asks for the cut of the latest look, beside what is held.
     fn choose(&mut self) -> Option<()> {
-        let (view, stream) = match &self.viewpoint {
-            Some(viewpoint) => (viewpoint.view.clone(), viewpoint.stream.clone()),
-            None => (self.settings.view.clone(), self.settings.stream.clone()),
+        let (view, stream, share) = match &self.viewpoint {
+            Some(viewpoint) => (viewpoint.view.clone(), viewpoint.stream.clone(), viewpoint.share),
+            None => (self.settings.view.clone(), self.settings.stream.clone(), 1.0),
         };
-        let points = most_points(&view, &stream);
+        let most = most_points(&view, &stream);
+        let points = (most as f64 * share) as u64;
         self.let_go(points / CUT_PART)?;
         self.held = self.held();
-        let budget = |share| {
-            let bytes = (half_of(stream.host_bytes) as f64 * share) as u64;
-            Budget { points: points.saturating_sub(self.held).max(points / CUT_PART), bytes }
+        let bytes = half_of(stream.host_bytes) as f64;
+        let budget = |part: f64| {
+            let points = points.saturating_sub(self.held).max(points / CUT_PART);
+            Budget { points, bytes: (bytes * share * part) as u64 }
         };
         self.streamer.set_budget(budget(1.0));
+        let is_hidden =
+            |cloud: &usize| self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.hidden.contains(cloud));
         let trees: Vec<Tree> = self
             .clouds
             .iter()
-            .filter(|(_, streamed)| !streamed.is_awaited())
+            .filter(|(cloud, streamed)| !streamed.is_awaited() && !is_hidden(cloud))
             .map(|(cloud, streamed)| Tree {
                 cloud: *cloud,
                 octree: &streamed.octree,
                 point_bytes: streamed.point_bytes,
             })
             .collect();
-        let budget = budget(CUT_SHARE);
         let detail = f64::from(stream.detail);
-        let wanted = match self.viewpoint.as_ref().map(measure) {
+        let cut = |budget: Budget| match self.viewpoint.as_ref().map(measure) {
             Some(measure) => {
                 choose(&trees, |_, octree: &Octree, node: &Node| measure.pixels(octree, node), budget, detail)
             }
@@ -512,7 +571,12 @@ impl Director {
                 choose(&trees, |_, octree, node| octree.spacing_at(node.level) * scale, budget, detail)
             }
         };
+        let wanted = cut(budget(CUT_SHARE));
+        let whole = Budget { points: most, bytes: (bytes * CUT_SHARE) as u64 };
+        let demand = if share < 1.0 { demand(&cut(whole), &trees, whole) } else { demand(&wanted, &trees, whole) };
+        let demand = (demand + self.held as f64 / most.max(1) as f64).min(1.0);
         self.streamer.want(wanted);
+        self.demand = demand;
         Some(())
     }
 
@@ -586,6 +650,7 @@ impl Director {
             points_total: self.clouds.values().map(|streamed| streamed.octree.points()).sum(),
             host_bytes: shown.bytes,
             nodes_waiting: shown.waiting_nodes,
+            demand: self.demand,
             disk_bytes_per_second: shown.disk_bytes_per_second,
             points_per_second: shown.points_per_second,
         };
@@ -614,9 +679,26 @@ pub fn most_preview_points(settings: &Settings) -> u64 {
     held - held.div_ceil(CUT_PART)
 }
 
+/// Share of a budget that a cut takes.
+fn demand(cut: &[Wanted], trees: &[Tree], budget: Budget) -> f64 {
+    let trees: BTreeMap<usize, &Tree> = trees.iter().map(|tree| (tree.cloud, tree)).collect();
+    let (mut points, mut bytes, mut largest) = (0, 0, 0);
+    for Wanted { cloud, node, batches } in cut {
+        let Tree { octree, point_bytes, .. } = trees[cloud];
+        let whole = octree.node(*node).points;
+        let taken = stream::prefix(whole as usize, *batches) as u64;
+        points += taken;
+        bytes += taken * point_bytes;
+        largest = largest.max(u64::from(whole) * point_bytes);
+    }
+    // Nodes are read whole, and the streamer wants room for more than one of them.
+    let share = |taken: u64, most: u64| taken as f64 / most.max(1) as f64;
+    share(points, budget.points).max(share(bytes + 2 * largest, budget.bytes)).min(1.0)
+}
+
 /// How large places appear.
 fn measure(viewpoint: &Viewpoint) -> ViewMeasure {
-    let Viewpoint { camera, size: [width, height], view, stream } = viewpoint;
+    let Viewpoint { camera, size: [width, height], view, stream, .. } = viewpoint;
     let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
     let (height, unseen) = (f64::from(*height), f64::from(stream.unseen));
     let half = DVec2::new(tangent * f64::from(*width) / height.max(1.0), tangent);
@@ -625,5 +707,113 @@ fn measure(viewpoint: &Viewpoint) -> ViewMeasure {
         Projection::Orthographic => {
             ViewMeasure::parallel(camera.eye, camera.view_from_world(), half * camera.distance(), height, unseen)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::mpsc::{Receiver, sync_channel};
+
+    use cloud::Progress;
+    use stream::BuildOptions;
+
+    use super::*;
+    use crate::stage::{Making, Standing};
+
+    #[test]
+    fn what_is_made_is_stopped_for_one_cloud_or_for_all() {
+        let lookout = Lookout::default();
+        let plan = |cloud| lookout.plan(cloud, Stage::new(Making::Index, 1));
+        let stages = [0, 1, 2, 3].map(plan);
+        let standings = || stages.each_ref().map(|stage| stage.standing() == Standing::Stopped);
+        lookout.stop(0);
+        lookout.close(1);
+        assert_eq!(standings(), [true, true, false, false]);
+        assert!(plan(0).is_pending() && !plan(1).is_pending(), "nothing is made of what is closed");
+        lookout.stop_all();
+        assert_eq!(standings(), [true; 4]);
+        assert!(!plan(2).is_pending());
+        lookout.resume(2);
+        assert_eq!(lookout.rest(), Some(vec![Wish::Resume(2)]));
+        let stage = plan(2);
+        assert!(stage.is_pending());
+        lookout.end();
+        assert!(!stage.is_pending() && lookout.rest().is_none());
+    }
+
+    /// The index of a square of so many points.
+    fn square(folder: &Path, name: &str, points: u32) -> Arc<Pages> {
+        let path = folder.join(name);
+        let mut text = format!("ply\nformat ascii 1.0\nelement vertex {points}\n");
+        text += "property float x\nproperty float y\nproperty float z\nend_header\n";
+        for index in 0..points {
+            let [x, y] = [0.754_877_67, 0.569_840_3].map(|step: f64| (f64::from(index) * step).fract());
+            text += &format!("{x:.6} {y:.6} 0\n");
+        }
+        std::fs::write(&path, text).unwrap();
+        let sources = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.join("cache"), u64::MAX);
+        let pages = stream::build(&sources, &cache, &BuildOptions::default(), &Progress::default(), &|_| ());
+        Arc::new(pages.unwrap())
+    }
+
+    /// Points of both clouds that are there at the end of a look, and what it would take of the whole budget.
+    fn settled(events: &Receiver<Event>, there: &mut [BTreeMap<u64, usize>; 2], look: u64) -> ([usize; 2], f64) {
+        loop {
+            match events.recv().unwrap() {
+                Event::Chunk { cloud, chunk } => drop(there[cloud].insert(chunk.first_point, chunk.len())),
+                Event::Dropped { cloud, first_point } => drop(there[cloud].remove(&first_point)),
+                Event::Stream(stats) if stats.is_settled && stats.look == look => {
+                    return (there.each_ref().map(|chunks| chunks.values().sum()), stats.demand);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    #[test]
+    fn clouds_that_are_hidden_leave_their_budget_to_the_others_and_come_back() {
+        const BUDGET: usize = 60_000;
+        let folder = tempfile::tempdir().unwrap();
+        let lookout = Arc::<Lookout>::default();
+        let (sender, events) = sync_channel(1000);
+        let mut settings = Settings::default();
+        settings.view.point_budget = BUDGET as u32;
+        settings.stream.detail = 0.01;
+        for cloud in [0, 1] {
+            lookout.arrive(Arrival {
+                cloud,
+                input: String::new(),
+                pages: square(folder.path(), &format!("{cloud}.ply"), 100_000),
+                is_own: true,
+                was_built: true,
+                estimate: None,
+                previews: HashMap::new(),
+            });
+        }
+        let camera =
+            Camera::looking(glam::DVec3::new(0.5, 0.5, 2.0), glam::DVec3::new(0.5, 0.5, 0.0), 2.0, glam::DVec3::Y);
+        let director = Director::new(lookout.clone(), sender, &settings).unwrap();
+        std::thread::scope(|scope| {
+            scope.spawn(|| director.run());
+            scope.spawn(|| lookout.rest());
+            let look = |hidden: &[usize], share: f64| {
+                let (view, stream) = (settings.view.clone(), settings.stream.clone());
+                let hidden = hidden.iter().copied().collect();
+                lookout.look(Viewpoint { camera, size: [800, 600], view, stream, hidden, share })
+            };
+            let mut there = [BTreeMap::new(), BTreeMap::new()];
+            let (both, demand) = settled(&events, &mut there, look(&[], 1.0));
+            assert!(both.iter().all(|points| (20_000..40_000).contains(points)), "{both:?}");
+            assert!(demand > 0.9, "{demand}");
+            let (one, _) = settled(&events, &mut there, look(&[0], 1.0));
+            assert!(one[1] > 50_000 && one[0] + one[1] <= BUDGET, "{one:?}");
+            let (again, _) = settled(&events, &mut there, look(&[], 1.0));
+            assert!(again.iter().all(|points| (20_000..40_000).contains(points)), "{again:?}");
+            let (third, demand) = settled(&events, &mut there, look(&[], 1.0 / 3.0));
+            assert!(third.iter().sum::<usize>() <= BUDGET / 3 && demand > 0.9, "{third:?} {demand}");
+            lookout.end();
+        });
     }
 }

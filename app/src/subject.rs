@@ -2,7 +2,7 @@
 //!
 //! Chunks are put in the order of the file, so that a picture does not depend on which thread was faster.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
@@ -17,6 +17,7 @@ use study::{Exact, Part, Subject};
 
 use crate::failure::usage;
 use crate::loading::{self, Event, Input, Job, Request};
+use crate::stage::Stage;
 use crate::streaming::{Paged, StreamStats, Viewpoint};
 use crate::{mirrors, progress_bar};
 
@@ -79,7 +80,7 @@ pub fn open(
     let camera = camera(&outline, up);
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
-        let look = job.lookout.look(Viewpoint { camera, size, view, stream });
+        let look = job.lookout.look(Viewpoint { camera, size, view, stream, hidden: BTreeSet::new(), share: 1.0 });
         loads.receive(&job, look)?;
     }
     drop(job);
@@ -152,14 +153,8 @@ struct Loads {
     /// Inputs that failed; they are reported as they fail.
     failures: usize,
     stream: Option<StreamReport>,
-}
-
-/// What the progress bar tells of.
-#[derive(Clone, Copy, PartialEq)]
-enum Phase {
-    Reading,
-    Normals,
-    Pages,
+    /// What was planned and may not be over yet, the next first.
+    stages: VecDeque<Arc<Stage>>,
 }
 
 impl Loads {
@@ -171,23 +166,18 @@ impl Loads {
     fn receive(&mut self, job: &Job, look: u64) -> anyhow::Result<bool> {
         let mut is_over = false;
         let bar = progress_bar::points("reading");
-        let mut shown = Phase::Reading;
         let mut waiting = StreamStats::default();
         loop {
-            let phase = match () {
-                () if look > 0 => Phase::Pages,
-                () if job.surfel_progress.total() > 0 => Phase::Normals,
-                () => Phase::Reading,
-            };
-            if phase != shown {
-                shown = phase;
-                bar.reset();
-                bar.set_message(if phase == Phase::Normals { "normals" } else { "pages" });
+            while self.stages.front().is_some_and(|stage| !stage.is_pending()) {
+                self.stages.pop_front();
             }
-            match phase {
-                Phase::Reading => progress_bar::update(&bar, &job.progress),
-                Phase::Normals => progress_bar::update(&bar, &job.surfel_progress),
-                Phase::Pages => bar.set_position(waiting.points_resident),
+            match self.stages.front() {
+                _ if look > 0 => {
+                    bar.set_message("pages");
+                    bar.set_position(waiting.points_resident);
+                }
+                Some(stage) => progress_bar::show(&bar, stage, ""),
+                None => progress_bar::update(&bar, &job.progress),
             }
             match job.events.recv_timeout(INTERVAL) {
                 Err(RecvTimeoutError::Timeout) => {}
@@ -240,6 +230,7 @@ impl Loads {
                 let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
                 self.clouds.push(Loaded { cloud, input, source, up, provisional_radius, paged: None });
             }
+            Event::Stage { stage, .. } => self.stages.push_back(stage),
             Event::Mirror { mirror, samples, .. } => self.mirrors.push((mirror, samples)),
             Event::Chunk { cloud, chunk } => {
                 let Loaded { cloud, paged, .. } = &mut self.clouds[cloud];
@@ -363,7 +354,7 @@ mod tests {
         let input = Input::File(folder.join(name));
         // Without normals and radii, which do not matter here.
         let job = loading::start(vec![input], &Settings::default());
-        job.surfel_progress.cancel();
+        job.lookout.stop_all();
         let mut loaded: Option<Loaded> = None;
         for event in &job.events {
             match event {
@@ -400,7 +391,7 @@ mod tests {
         };
         loads.take(opened, &bar);
         let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
-        let pages = Paged::Indexed { octree, grid, was_built: true, has_surfels: false };
+        let pages = Paged::Indexed { octree, grid, was_built: true, has_surfels: false, kept: None };
         loads.take(Event::Pages { cloud: 0, pages }, &bar);
         // Without one the cloud is no survey, and is coloured otherwise than when its index is found.
         assert_eq!(loads.clouds[0].cloud.grid, grid);

@@ -150,6 +150,19 @@ impl Window<'_> {
         self.wait_for(what, |window| window.session.screenshot(&window.id).filter(&condition))
     }
 
+    /// Has the program end, and waits until it has.
+    pub fn quit(mut self) -> std::process::ExitStatus {
+        self.press("ctrl+q");
+        let start = Instant::now();
+        loop {
+            if let Some(status) = self.program.try_wait().expect("a child can be waited for") {
+                return status;
+            }
+            assert!(start.elapsed() < PATIENCE, "the program does not end");
+            std::thread::sleep(PAUSE);
+        }
+    }
+
     /// Whether the program still runs.
     pub fn is_open(&self) -> bool {
         std::fs::read_to_string(format!("/proc/{}/stat", self.program.id()))

@@ -235,6 +235,24 @@ fn a_build_that_was_killed_is_made_anew_by_the_next() {
 }
 
 #[test]
+#[cfg(unix)]
+fn an_index_that_is_interrupted_clears_away_what_it_has_begun() {
+    let folder = folder();
+    folder.write("scan.las", scan(1_500_000, 0.0, 1.0));
+    folder.write("next.las", scan(1_000, 0.0, 1.0));
+    let mut command = folder.command(["index", "scan.las", "next.las"]);
+    let program = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn();
+    let program = program.expect("the program starts");
+    wait_until("a build begins", || is_building(&folder));
+    let interrupt = std::process::Command::new("kill").args(["-INT", &program.id().to_string()]).status();
+    assert!(interrupt.expect("kill starts").success());
+    let output = program.wait_with_output().expect("a child can be waited for");
+    let messages = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), &*messages), (Some(1), "glint: cancelled\n"));
+    assert_eq!((output.stdout.as_slice(), entries(&folder)), (&b""[..], Vec::new()));
+}
+
+#[test]
 fn two_who_build_at_once_end_with_one_index() {
     let folder = folder();
     folder.write("scan.las", scan(500_000, 0.0, 1.0));

@@ -146,6 +146,7 @@ impl State {
             }
             Action::SavePicture => self.save_picture(),
             Action::StopLoading => self.stop_loading(),
+            Action::Quit => self.wants_to_quit = true,
             Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
         }
     }

@@ -98,8 +98,7 @@ impl Bench {
             }
             Effect::Load { inputs } => {
                 let job = loading::start(inputs.clone(), &self.state.settings);
-                let id =
-                    self.state.add_job(&inputs, job.progress.clone(), job.surfel_progress.clone(), job.lookout.clone());
+                let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
                 job.events.iter().for_each(|event| self.state.on_loading(id, event));
             }
             Effect::FindFigures { key, cloud, basis, up, kept } => {

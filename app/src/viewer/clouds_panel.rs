@@ -34,7 +34,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 });
             });
             let points = if entry.streamed.is_some() {
-                format!("{} of {} points shown", grouped(entry.points), grouped(entry.total()))
+                let what = if entry.is_visible { "shown" } else { "kept" };
+                format!("{} of {} points {what}", grouped(entry.points), grouped(entry.total()))
             } else if entry.is_read || entry.points >= entry.expected_points {
                 format!("{} points", grouped(entry.points))
             } else {

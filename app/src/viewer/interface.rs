@@ -16,6 +16,7 @@ use super::{
     streaming_panel, sweep, timings_panel, truth_panel, tuning,
 };
 use crate::loading;
+use crate::stage::{LEAST_TIME, Making, Stage, Standing};
 
 /// Groups of parameters that a panel of their own shows.
 const SHOWN_ELSEWHERE: [&str; 8] = ["color", "light", "sun", "gi", "tone", "edl", "trace", "stream"];
@@ -273,8 +274,8 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             ui.spinner();
             ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
         }
-        if let Some(job) = state.jobs.iter().find(|job| job.is_at_work()) {
-            if job_progress(ui, job) {
+        if let Some(job) = state.jobs.iter().find(|job| state.is_at_work(job)) {
+            if job_progress(ui, state, job) {
                 state.stop_loading();
             }
             ui.ctx().request_repaint_after(Duration::from_millis(100));
@@ -331,32 +332,57 @@ fn uncertain_reflections(ui: &mut Ui, state: &mut State) {
 }
 
 /// Returns whether Cancel was clicked.
-fn job_progress(ui: &mut Ui, job: &JobEntry) -> bool {
-    let (done, total) = (job.progress.done(), job.progress.total());
-    let is_reading = job.surfel_progress.total() == 0;
-    let (verb, done, total) = match is_reading {
-        true if job.has_streamed => ("indexing", done, total),
-        true => ("reading", done, total),
-        false => ("normals and spacing of", job.surfel_progress.done(), job.surfel_progress.total()),
-    };
-    let share = if total > 0 { (done as f32 / total as f32).clamp(0.0, 1.0) } else { 0.0 };
-    ui.label(format!("{verb} {}", job.name));
-    ui.add(
-        egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0).fill(theme::ACCENT.gamma_multiply(0.7)),
-    );
-    ui.label(RichText::new(progress_text(done, total, is_reading, job.started.elapsed())).small().color(theme::WEAK));
-    ui.small_button("Cancel").on_hover_text("Stop; what is loaded stays").clicked()
+fn job_progress(ui: &mut Ui, state: &State, job: &JobEntry) -> bool {
+    if let Some((entry, stage)) = state.stage_of(job) {
+        stage_progress(ui, stage, &entry.cloud.name);
+    } else {
+        let (done, total) = (job.progress.done(), job.progress.total());
+        ui.label(format!("reading {}", job.name));
+        progress_bar(ui, if total > 0 { (done as f32 / total as f32).min(1.0) } else { 0.0 });
+        let elapsed = job.started.elapsed();
+        let pace = (done > 0 && elapsed > LEAST_TIME).then(|| done as f64 / elapsed.as_secs_f64());
+        ui.label(RichText::new(progress_text(done, total, pace)).small().color(theme::WEAK));
+    }
+    ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays").clicked()
 }
 
-/// `1,203,400 of 3,214,786 · 1.2 M/s · 3 s left`.
-pub fn progress_text(done: u64, total: u64, with_rate: bool, elapsed: Duration) -> String {
+/// How far something is that is made for a cloud.
+pub fn stage_progress(ui: &mut Ui, stage: &Stage, name: &str) {
+    let (verb, noun) = match stage.making {
+        Making::Index => ("indexing", "index"),
+        Making::Surfels => ("normals of", "normals"),
+    };
+    match stage.standing() {
+        Standing::Queued => drop(ui.label(format!("{name}: its {noun} will be made next"))),
+        Standing::Elsewhere => drop(ui.label(format!("{name}: another program is making its {noun}"))),
+        Standing::UnderWay | Standing::Stopped | Standing::Over => {
+            let share = stage.share() as f32;
+            ui.label(format!("{verb} {name}: {:.0} %", share * 100.0));
+            progress_bar(ui, share);
+            let text = progress_text(stage.done(), stage.points(), stage.pace());
+            ui.label(RichText::new(text).small().color(theme::WEAK));
+        }
+    }
+}
+
+pub fn progress_bar(ui: &mut Ui, share: f32) {
+    let bar = egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0);
+    ui.add(bar.fill(theme::ACCENT.gamma_multiply(0.7)));
+}
+
+/// `1,203,400 of 3,214,786 · 1.20 M/s · 3 s left`, with the points a second as far as they are known.
+pub fn progress_text(done: u64, total: u64, pace: Option<f64>) -> String {
     let mut text = if total > 0 { format!("{} of {}", grouped(done), grouped(total)) } else { grouped(done) };
-    let rate = done as f64 / elapsed.as_secs_f64().max(1e-3);
-    // A rate over less than half a second is noise.
-    if with_rate && elapsed > Duration::from_millis(500) && rate > 0.0 {
-        text += &format!(" · {:.2} M/s", rate / 1e6);
+    if let Some(pace) = pace {
+        text += &format!(" · {:.2} M/s", pace / 1e6);
         if total > done {
-            text += &format!(" · {:.0} s left", ((total - done) as f64 / rate).ceil());
+            let seconds = ((total - done) as f64 / pace).ceil();
+            let minutes = (seconds / 60.0).ceil();
+            text += &if seconds < 120.0 {
+                format!(" · {seconds:.0} s left")
+            } else {
+                format!(" · {minutes:.0} min left")
+            };
         }
     }
     text
@@ -383,6 +409,7 @@ mod tests {
     use super::super::preferences::Preferences;
     use super::super::state::Effect;
     use super::*;
+    use crate::streaming::Lookout;
 
     fn harness() -> Harness<'static, State> {
         Harness::builder()
@@ -459,19 +486,23 @@ mod tests {
     #[test]
     fn cancel_stops_reading_and_estimating() {
         let mut harness = harness();
-        let (progress, surfel_progress) = (Arc::new(Progress::default()), Arc::new(Progress::default()));
+        let progress = Arc::<Progress>::default();
         progress.set_total(100);
-        harness.state_mut().add_job(&[], progress.clone(), surfel_progress.clone(), Arc::default());
+        let lookout = Arc::<Lookout>::default();
+        let stage = lookout.plan(0, Stage::new(Making::Surfels, 100));
+        harness.state_mut().add_job(&[], progress.clone(), lookout);
         harness.run_ok();
         harness.get_by_label("Cancel").click();
         harness.run_ok();
-        assert!(progress.is_cancelled() && surfel_progress.is_cancelled());
+        assert!(progress.is_cancelled() && !stage.is_pending());
     }
 
     #[test]
     fn progress_tells_rate_and_time_left() {
-        let text = progress_text(1_000_000, 3_000_000, true, Duration::from_secs(2));
+        let text = progress_text(1_000_000, 3_000_000, Some(500_000.0));
         assert_eq!(text, "1,000,000 of 3,000,000 · 0.50 M/s · 4 s left");
-        assert_eq!(progress_text(5, 0, true, Duration::ZERO), "5");
+        let text = progress_text(1_000_000, 301_000_000, Some(1_000_000.0));
+        assert_eq!(text, "1,000,000 of 301,000,000 · 1.00 M/s · 5 min left");
+        assert_eq!(progress_text(5, 0, None), "5");
     }
 }

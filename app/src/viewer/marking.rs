@@ -346,7 +346,7 @@ mod tests {
     /// Six points of which two are water, and what a worker thread would have found out about them.
     fn lake() -> State {
         let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::<Progress>::default(), Arc::default(), Arc::default());
+        let job = state.add_job(&[], Arc::default(), Arc::default());
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let opened = loading::Event::Opened {
             cloud: 0,

@@ -60,7 +60,7 @@ use render_thread::{Command, RenderThread, Report};
 use scene::{MirrorNormals, MirrorPoints, Surroundings};
 use screen::{Painted, Screen};
 use serde_json::json;
-use state::{Effect, Found, State};
+use state::{Effect, Found, JobEntry, State};
 use truth_tasks::Answer;
 use under_way::{Pass, UnderWay};
 use winit::application::ApplicationHandler;
@@ -71,7 +71,7 @@ use winit::window::WindowId;
 
 use crate::failure::NoScreen;
 use crate::loading::{self, Request};
-use crate::{mirrors, picture_file};
+use crate::{mirrors, picture_file, streaming};
 
 /// What other threads tell the window.
 enum Wake {
@@ -110,6 +110,7 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
         failure: None,
     };
     let ended = event_loop.run_app(&mut viewer);
+    viewer.close();
     if let Err(error) = ended {
         // winit's own text tells where in its source, which helps nobody here.
         tracing::error!("window: {error}");
@@ -150,6 +151,8 @@ struct Viewer {
 
 /// While chunks stream in, the window is painted at most this often.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
+/// The program ends as long after the window at most.
+const CLOSING_TIME: Duration = Duration::from_secs(3);
 /// A dialog that ends sooner was never shown: there is no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);
 
@@ -286,6 +289,20 @@ impl Viewer {
         Ok(())
     }
 
+    /// Ends what is loaded and made. What is half made is cleared away, unless that takes too long.
+    fn close(&mut self) {
+        (self.screen, self.render_thread) = (None, None);
+        for job in &self.state.jobs {
+            job.progress.cancel();
+            job.lookout.end();
+        }
+        let start = Instant::now();
+        let is_over = |job: &JobEntry| Arc::strong_count(&job.lookout) == 1;
+        while !self.state.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
     fn request_paint(&self) {
         if let Some(screen) = &self.screen {
             screen.window.request_redraw();
@@ -368,12 +385,7 @@ impl Viewer {
                 }
                 Effect::Load { inputs } => {
                     let job = loading::start(inputs.clone(), &self.state.settings_of_next_job());
-                    let id = self.state.add_job(
-                        &inputs,
-                        job.progress.clone(),
-                        job.surfel_progress.clone(),
-                        job.lookout.clone(),
-                    );
+                    let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
                     let under_way = self.under_way.clone();
                     self.work("loading events", move |wake| forward(&job, id, &under_way, wake));
                 }
@@ -450,6 +462,21 @@ impl Viewer {
                     let chosen = dialog.pick_files();
                     let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
                 }),
+                Effect::DeleteIndex(kept) => {
+                    let settings = self.state.settings.stream.clone();
+                    self.work("index", move |wake| {
+                        let result = streaming::delete(&settings, &kept);
+                        let _ = wake.send_event(Wake::Found(Found::IndexDeleted { kept, result }));
+                    });
+                }
+                Effect::MeasureCache => {
+                    let settings = self.state.settings.stream.clone();
+                    self.work("cache", move |wake| {
+                        if let Ok(cache) = streaming::cache(&settings) {
+                            let _ = wake.send_event(Wake::Found(Found::CacheSize(cache.size())));
+                        }
+                    });
+                }
                 Effect::Copy(text) => {
                     self.log.write(&json!({ "event": "copied", "text": text }));
                     if let Some(screen) = &mut self.screen {

@@ -34,7 +34,8 @@ use super::truth_tasks::{Answer, Task};
 use super::tuning::Tuning;
 use crate::loading::{self, Input};
 use crate::mirrors::{self, Marked};
-use crate::streaming::{Lookout, StreamStats};
+use crate::stage::{Stage, Standing};
+use crate::streaming::{Kept, Lookout, StreamStats};
 
 /// What the window is to do.
 pub enum Effect {
@@ -102,6 +103,10 @@ pub enum Effect {
         path: PathBuf,
         text: String,
     },
+    /// Deletes an index that is closed.
+    DeleteIndex(Kept),
+    /// Finds out how large all indexes are.
+    MeasureCache,
     Copy(String),
     SetFullScreen(bool),
     /// A line of the event log.
@@ -158,6 +163,11 @@ pub enum Found {
         path: PathBuf,
         result: Result<(), String>,
     },
+    IndexDeleted {
+        kept: Kept,
+        result: Result<(), String>,
+    },
+    CacheSize(u64),
 }
 
 /// The points that stand for a mirror, and what they were made for.
@@ -201,6 +211,8 @@ pub struct CloudEntry {
     pub marking: Option<(Vec<MirrorPoints>, Arc<Progress>)>,
     /// Its chunks come and go.
     pub streamed: Option<Streamed>,
+    /// What was last planned for it: its index, or normals and radii.
+    pub stage: Option<Arc<Stage>>,
 }
 
 impl CloudEntry {
@@ -220,15 +232,15 @@ pub struct JobEntry {
     pub id: u32,
     pub name: String,
     pub progress: Arc<Progress>,
-    pub surfel_progress: Arc<Progress>,
     pub started: Instant,
     /// By the job's own numbers.
     pub clouds: BTreeMap<usize, CloudKey>,
     /// What is there of its streamed clouds, and where it is told from where they are looked at.
     pub stream: StreamStats,
     pub lookout: Arc<Lookout>,
-    /// The number of the last look; 0 before the first one.
+    /// The number of the last look, 0 before the first one, and the share of the budgets that it had.
     pub(super) look: u64,
+    pub share: f64,
     pub(super) has_streamed: bool,
     /// What it opens is shown: streamed clouds are there as far as the first look needs them, and stay under way.
     pub is_loaded: bool,
@@ -237,12 +249,6 @@ pub struct JobEntry {
 impl JobEntry {
     fn owns(&self, key: CloudKey) -> bool {
         self.clouds.values().any(|cloud| *cloud == key)
-    }
-
-    /// Whether it shows how far it is: it loads, or works out normals of points that are shown.
-    pub fn is_at_work(&self) -> bool {
-        let normals = &self.surfel_progress;
-        !self.is_loaded || (normals.done() < normals.total() && !normals.is_cancelled())
     }
 }
 
@@ -340,6 +346,8 @@ pub struct State {
     /// Warnings that were given: not twice, though figures are renewed.
     warned: Vec<String>,
     pub pace: Pace,
+    /// Bytes of all indexes, once they are counted.
+    pub cache_size: Option<u64>,
     /// Streamed points are coloured by level.
     pub(super) levels_are_shown: bool,
     /// As the render thread was told.
@@ -409,6 +417,7 @@ impl State {
             wants_to_quit: false,
             warned: Vec::new(),
             pace: Pace::default(),
+            cache_size: None,
             levels_are_shown: false,
             expected_points: 0,
         }
@@ -480,13 +489,7 @@ impl State {
     }
 
     /// The job that the window started for `inputs`; returns its number.
-    pub fn add_job(
-        &mut self,
-        inputs: &[Input],
-        progress: Arc<Progress>,
-        surfel_progress: Arc<Progress>,
-        lookout: Arc<Lookout>,
-    ) -> u32 {
+    pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, lookout: Arc<Lookout>) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
         let name = match inputs {
@@ -498,12 +501,12 @@ impl State {
             id,
             name,
             progress,
-            surfel_progress,
             started,
             clouds: BTreeMap::new(),
             stream: StreamStats::default(),
             lookout,
             look: 0,
+            share: 1.0,
             has_streamed: false,
             is_loaded: false,
         });
@@ -562,6 +565,7 @@ impl State {
                     marks: Arc::default(),
                     marking: None,
                     streamed: None,
+                    stage: None,
                 });
                 if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
                     entry.clouds.insert(index, key);
@@ -573,6 +577,12 @@ impl State {
             }
             loading::Event::Chunk { cloud, chunk } => self.add_chunk(job, cloud, chunk),
             loading::Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages),
+            loading::Event::Stage { cloud, stage } => {
+                let key = self.key_of(job, cloud);
+                if let Some(entry) = key.and_then(|key| self.cloud_mut(key)) {
+                    entry.stage = Some(stage);
+                }
+            }
             loading::Event::Dropped { cloud, first_point } => self.drop_chunk(job, cloud, first_point),
             loading::Event::Stream(stats) => self.on_stream(job, stats),
             loading::Event::Mirror { input, mirror, samples } => {
@@ -666,6 +676,11 @@ impl State {
             self.say(Level::Note, format!("{name}: stopped; the {} points read so far stay", grouped(points)));
         }
         self.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
+        // Its index could not be made, which was said.
+        let is_lost = |entry: &CloudEntry| entry.streamed.is_some() && !entry.is_indexed() && entry.points == 0;
+        if let Some(key) = key.filter(|key| !summary.cancelled && self.cloud(*key).is_some_and(is_lost)) {
+            self.remove_cloud(key);
+        }
         self.note_loaded();
     }
 
@@ -753,11 +768,24 @@ impl State {
         self.points() + elsewhere.map(|entry| entry.total() - entry.points).sum::<u64>()
     }
 
+    /// What is made for one of a job's clouds now, or comes next.
+    pub fn stage_of(&self, job: &JobEntry) -> Option<(&CloudEntry, &Stage)> {
+        let of_job = self.clouds.iter().filter(|entry| job.owns(entry.key));
+        let pending =
+            of_job.filter_map(|entry| Some((entry, entry.stage.as_deref().filter(|stage| stage.is_pending())?)));
+        pending.min_by_key(|(_, stage)| stage.standing() == Standing::Queued)
+    }
+
+    /// Whether a job shows how far it is: it loads, or makes something of what is shown.
+    pub fn is_at_work(&self, job: &JobEntry) -> bool {
+        !job.is_loaded || self.stage_of(job).is_some()
+    }
+
     /// What has been read stays.
     pub fn stop_loading(&mut self) {
-        for job in self.jobs.iter().filter(|job| job.is_at_work()) {
+        for job in self.jobs.iter().filter(|job| self.is_at_work(job)) {
             job.progress.cancel();
-            job.surfel_progress.cancel();
+            job.lookout.stop_all();
         }
         self.log(json!({ "event": "cancelled" }));
     }
@@ -786,7 +814,6 @@ impl State {
             }
             if !job.clouds.is_empty() && !self.clouds.iter().any(|entry| job.owns(entry.key)) {
                 job.progress.cancel();
-                job.surfel_progress.cancel();
                 job.lookout.end();
             }
         }
@@ -879,6 +906,8 @@ impl State {
                 }
                 Err(error) => self.say(Level::Error, format!("{}: {error}", path.display())),
             },
+            Found::IndexDeleted { kept, result } => self.on_index_deleted(&kept, result),
+            Found::CacheSize(bytes) => self.cache_size = Some(bytes),
         }
     }
 
@@ -1617,7 +1646,7 @@ impl State {
     pub fn with_two_points() -> Self {
         use super::preferences::Preferences;
         let mut state = Self::new(Preferences::default());
-        let job = state.add_job(&[], Arc::<cloud::Progress>::default(), Arc::default(), Arc::default());
+        let job = state.add_job(&[], Arc::default(), Arc::default());
         state.on_loading(
             job,
             loading::Event::Opened {
@@ -1648,7 +1677,7 @@ mod tests {
     /// A cloud with one attribute whose header has been read, by job 0.
     fn opened() -> (State, CloudKey) {
         let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::default(), Arc::default(), Arc::default());
+        let job = state.add_job(&[], Arc::default(), Arc::default());
         let event = loading::Event::Opened {
             cloud: 0,
             name: "cloud.ply".into(),

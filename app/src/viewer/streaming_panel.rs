@@ -2,129 +2,259 @@
 
 use std::time::Duration;
 
-use egui::{RichText, Ui};
+use egui::{Color32, RichText, Ui};
 
-use super::interface::progress_text;
-use super::state::{CloudEntry, JobEntry, State};
+use super::interface::{progress_bar, progress_text};
+use super::render_thread::CloudKey;
+use super::state::{CloudEntry, Effect, State};
 use super::theme::{self, grouped};
 use super::{panel, streams::Streamed};
-use crate::streaming::{Paged, StreamStats};
+use crate::stage::{Making, Stage, Standing};
+use crate::streaming::{Kept, Paged, StreamStats, half_of};
+
+/// What somebody asks for.
+enum Wish {
+    Stop(CloudKey),
+    Resume(CloudKey),
+    DeleteIndex(CloudKey),
+    Copy(String),
+}
 
 pub fn show(ui: &mut Ui, state: &mut State) {
-    for job in state.jobs.iter().filter(|job| job.has_streamed) {
-        let of_job = state.clouds.iter().filter(|entry| job.clouds.values().any(|key| *key == entry.key));
-        for (entry, streamed) in of_job.filter_map(|entry| Some((entry, entry.streamed.as_ref()?))) {
-            ui.push_id(entry.key.0, |ui| cloud(ui, job, entry, streamed));
+    let mut wish = None;
+    for entry in &state.clouds {
+        if let Some(streamed) = &entry.streamed {
+            ui.push_id(entry.key.0, |ui| cloud(ui, state, entry, streamed, &mut wish));
         }
-        figures(ui, &job.stream, state.settings.stream.host_bytes.0);
+    }
+    for job in state.jobs.iter().filter(|job| job.has_streamed) {
+        let points = (f64::from(state.settings.view.point_budget) * job.share) as u64;
+        let bytes = (half_of(state.settings.stream.host_bytes) as f64 * job.share) as u64;
+        ui.push_id(job.id, |ui| figures(ui, &job.stream, points, bytes));
         ui.add_space(4.0);
     }
     panel::parameter(ui, &mut state.settings.view, "point_budget");
     panel::parameters(ui, &mut state.settings.stream, &[]);
-}
-
-/// How far the pages of a cloud are.
-fn cloud(ui: &mut Ui, job: &JobEntry, entry: &CloudEntry, streamed: &Streamed) {
-    ui.add(egui::Label::new(RichText::new(&entry.cloud.name).strong()).truncate());
-    let weak = |ui: &mut Ui, text: String| ui.label(RichText::new(text).small().color(theme::WEAK));
-    match &streamed.pages {
-        Paged::Indexing if job.progress.is_cancelled() => {
-            weak(ui, "no index: what is shown is a preview".into());
-        }
-        Paged::Indexing => {
-            let (done, total) = (job.progress.done(), job.progress.total());
-            let text = progress_text(done, total, true, job.started.elapsed());
-            let help = "Stop; nothing is kept of the index, and the preview stays";
-            if stage(ui, "indexing", done, total, &text, help) {
-                job.progress.cancel();
-                job.surfel_progress.cancel();
-            }
-        }
-        Paged::Indexed { has_surfels, was_built, .. } => {
-            let origin = if *was_built { "indexed now" } else { "the index was there" };
-            weak(ui, format!("{} of {} points · {origin}", grouped(entry.points), grouped(entry.total())));
-            let (done, total) = (job.surfel_progress.done(), job.surfel_progress.total());
-            if *has_surfels {
-                weak(ui, "ready, with normals and radii of all points".into());
-            } else if total > 0 && done < total && !job.surfel_progress.is_cancelled() {
-                let text = progress_text(done, total, false, job.started.elapsed());
-                let help = "Stop; normals and radii stay those of what is there";
-                if stage(ui, "normals", done, total, &text, help) {
-                    job.surfel_progress.cancel();
-                }
-            } else {
-                weak(ui, "ready; normals and radii are those of what is there".into());
-            }
-        }
+    if let Some(size) = state.cache_size {
+        let most = state.settings.stream.cache_bytes;
+        weak(ui, format!("All indexes take {} of {most}", theme::bytes(size)));
+    }
+    match wish {
+        Some(Wish::Stop(key)) => state.stop_making(key),
+        Some(Wish::Resume(key)) => state.resume_making(key),
+        Some(Wish::DeleteIndex(key)) => state.delete_index(key),
+        Some(Wish::Copy(text)) => state.effects.push(Effect::Copy(text)),
+        None => {}
     }
 }
 
-/// A stage that takes its time. Returns whether it is to stop.
-fn stage(ui: &mut Ui, verb: &str, done: u64, total: u64, text: &str, help: &str) -> bool {
-    ui.ctx().request_repaint_after(Duration::from_millis(250));
-    let share = if total > 0 { (done as f32 / total as f32).clamp(0.0, 1.0) } else { 0.0 };
-    let is_stopped = ui.horizontal(|ui| {
-        ui.label(format!("{verb} {:.0} %", share * 100.0));
-        let bar = egui::ProgressBar::new(share).desired_width(110.0).desired_height(12.0);
-        ui.add(bar.fill(theme::ACCENT.gamma_multiply(0.7)));
-        ui.small_button("Stop").on_hover_text(help).clicked()
-    });
+fn weak(ui: &mut Ui, text: impl Into<String>) {
     ui.label(RichText::new(text).small().color(theme::WEAK));
-    is_stopped.inner
+}
+
+/// How far the pages of a cloud are.
+fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, wish: &mut Option<Wish>) {
+    ui.add(egui::Label::new(RichText::new(&entry.cloud.name).strong()).truncate());
+    let stage = entry.stage.as_deref();
+    let made = |making: Making| stage.filter(|stage| stage.making == making);
+    match &streamed.pages {
+        Paged::Indexing => match made(Making::Index).map(|stage| (stage, stage.standing())) {
+            Some((_, Standing::Stopped)) => {
+                let help = "Make the index after all, from its beginning";
+                resume(ui, state, entry.key, "no index: what is shown is a preview", help, wish);
+            }
+            Some((stage, _)) if stage.is_pending() => {
+                let help = "Stop; nothing is kept of the index, and the preview stays";
+                pending(ui, entry.key, stage, help, wish);
+            }
+            Some(_) => weak(ui, "no index"),
+            None => weak(ui, "its index will be made next"),
+        },
+        Paged::Indexed { has_surfels, was_built, kept, .. } => {
+            let origin = match kept {
+                Some(_) if *was_built => "indexed now",
+                Some(_) => "the index was there",
+                None => "brings its own index",
+            };
+            weak(ui, format!("{} of {} points · {origin}", grouped(entry.points), grouped(entry.total())));
+            let ready = match kept {
+                Some(_) => "ready, without normals and radii",
+                None => "ready; normals and radii are those of what is there",
+            };
+            match made(Making::Surfels).map(|stage| (stage, stage.standing())) {
+                _ if *has_surfels => weak(ui, "ready, with normals and radii of all points"),
+                Some((stage, _)) if stage.is_pending() => {
+                    let help = "Stop; what is done is kept for the next time";
+                    pending(ui, entry.key, stage, help, wish);
+                }
+                Some((_, Standing::Stopped)) => {
+                    resume(ui, state, entry.key, ready, "Go on with normals and radii where they were stopped", wish);
+                }
+                _ => weak(ui, ready),
+            }
+            if let Some(kept) = kept {
+                index(ui, entry.key, kept, wish);
+            }
+            if state.settings.stream.overlay {
+                legend(ui, streamed);
+            }
+        }
+    }
+    ui.add_space(4.0);
+}
+
+/// Something that is or will be made, and can be stopped.
+fn pending(ui: &mut Ui, key: CloudKey, stage: &Stage, help: &str, wish: &mut Option<Wish>) {
+    ui.ctx().request_repaint_after(Duration::from_millis(250));
+    let (verb, noun) = match stage.making {
+        Making::Index => ("indexing", "index"),
+        Making::Surfels => ("normals", "normals"),
+    };
+    let standing = stage.standing();
+    ui.horizontal(|ui| {
+        match standing {
+            Standing::Queued => drop(ui.label(format!("its {noun} will be made next"))),
+            Standing::Elsewhere => drop(ui.label(format!("another program is making its {noun}"))),
+            _ => {
+                ui.label(format!("{verb} {:.0} %", stage.share() * 100.0));
+                progress_bar(ui, stage.share() as f32);
+            }
+        }
+        if ui.small_button("Stop").on_hover_text(help).clicked() {
+            *wish = Some(Wish::Stop(key));
+        }
+    });
+    if standing == Standing::UnderWay {
+        weak(ui, progress_text(stage.done(), stage.points(), stage.pace()));
+    }
+}
+
+/// What is left of something that was stopped.
+fn resume(ui: &mut Ui, state: &State, key: CloudKey, text: &str, help: &str, wish: &mut Option<Wish>) {
+    ui.horizontal(|ui| {
+        weak(ui, text);
+        if state.job_of(key).is_some() && ui.small_button("Resume").on_hover_text(help).clicked() {
+            *wish = Some(Wish::Resume(key));
+        }
+    });
+}
+
+/// The index of a cloud in the cache.
+fn index(ui: &mut Ui, key: CloudKey, kept: &Kept, wish: &mut Option<Wish>) {
+    let folder = kept.folder.display().to_string();
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(format!("index: {}", theme::bytes(kept.bytes))).small()).on_hover_text(&folder);
+        if ui.small_button("Copy path").on_hover_text(&folder).clicked() {
+            *wish = Some(Wish::Copy(folder.clone()));
+        }
+        ui.menu_button(RichText::new("Delete…").small(), |ui| {
+            ui.set_max_width(260.0);
+            ui.label(format!(
+                "The cloud is closed and {} are free. Its files stay as they are; when they are opened again, the index is made anew.",
+                theme::bytes(kept.bytes)
+            ));
+            if ui.button("Close cloud and delete index").clicked() {
+                *wish = Some(Wish::DeleteIndex(key));
+                ui.close();
+            }
+        });
+    });
+}
+
+/// The colours of the levels.
+fn legend(ui: &mut Ui, streamed: &Streamed) {
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing.x = 2.0;
+        weak(ui, "level, coarse to fine ");
+        for (level, [red, green, blue, _]) in streamed.levels() {
+            let luminance = 0.3 * f32::from(red) + 0.6 * f32::from(green) + 0.1 * f32::from(blue);
+            let ink = if luminance > 110.0 { Color32::BLACK } else { Color32::WHITE };
+            let text = RichText::new(format!(" {level} ")).small().color(ink);
+            ui.label(text.background_color(Color32::from_rgb(red, green, blue)));
+        }
+    });
 }
 
 /// What is there of the clouds of a job, and what comes.
-fn figures(ui: &mut Ui, stats: &StreamStats, host_bytes: u64) {
+fn figures(ui: &mut Ui, stats: &StreamStats, points: u64, bytes: u64) {
     let lines = [
-        ("Resident", format!("{} points in {} nodes", grouped(stats.points_resident), grouped(stats.nodes as u64))),
-        ("Memory", format!("{} of {}", theme::bytes(stats.host_bytes), theme::bytes(host_bytes))),
+        ("Points", format!("{} of {}", grouped(stats.points_resident), grouped(points))),
+        ("Nodes", grouped(stats.nodes as u64)),
+        ("Memory", format!("{} of {}", theme::bytes(stats.host_bytes), theme::bytes(bytes))),
         ("Waiting", format!("{} nodes", grouped(stats.nodes_waiting as u64))),
         ("Disk", format!("{}/s", theme::bytes(stats.disk_bytes_per_second as u64))),
         ("Decoded", format!("{:.2} M points/s", stats.points_per_second / 1e6)),
     ];
-    egui::Grid::new("streaming").num_columns(2).spacing([16.0, 2.0]).show(ui, |ui| {
+    let help = "What this may have of the budgets; decoded points take half of stream.host_bytes, making indexes the other half";
+    let grid = egui::Grid::new("streaming").num_columns(2).spacing([16.0, 2.0]).show(ui, |ui| {
         for (name, text) in lines {
             ui.label(RichText::new(name).small());
             ui.label(RichText::new(text).small().monospace());
             ui.end_row();
         }
     });
+    grid.response.on_hover_text(help);
 }
 
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
-    use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
     use super::super::preferences::Preferences;
+    use super::super::state::Found;
     use super::*;
     use crate::loading::Event;
+    use crate::streaming::{Lookout, Wish};
 
-    /// A cloud whose index is being made, by job 0, and how far it is.
-    fn indexing() -> (State, Arc<Progress>) {
+    /// Two clouds of job 0: the index of the first is being made, that of the second comes next.
+    fn indexing() -> (State, [Arc<Stage>; 2]) {
         let mut state = State::new(Preferences::default());
-        let progress = Arc::<Progress>::default();
-        progress.set_total(200);
-        progress.add(86);
-        state.add_job(&[], progress.clone(), Arc::default(), Arc::default());
-        let opened = Event::Opened {
-            cloud: 0,
-            name: "survey.laz".into(),
-            input: "survey.laz".into(),
-            source: None,
-            attributes: Vec::new(),
-            grid: None,
-            expected_points: 200,
-            up: glam::DVec3::Z,
-            provisional_radius: 0.0,
-            warnings: Vec::new(),
+        let lookout = Arc::<Lookout>::default();
+        state.add_job(&[], Arc::default(), lookout.clone());
+        let stages = ["survey.laz", "town.laz"].map(|name| {
+            let cloud = state.clouds.len();
+            let opened = Event::Opened {
+                cloud,
+                name: name.into(),
+                input: name.into(),
+                source: None,
+                attributes: Vec::new(),
+                grid: None,
+                expected_points: 200,
+                up: glam::DVec3::Z,
+                provisional_radius: 0.0,
+                warnings: Vec::new(),
+            };
+            state.on_loading(0, opened);
+            state.on_loading(0, Event::Pages { cloud, pages: Paged::Indexing });
+            let stage = lookout.plan(cloud, Stage::new(Making::Index, 200));
+            state.on_loading(0, Event::Stage { cloud, stage: stage.clone() });
+            stage
+        });
+        stages[0].begin();
+        stages[0].progress.set_total(400);
+        stages[0].progress.add(172);
+        (state, stages)
+    }
+
+    /// The index of a cloud of 12,345 points in two levels.
+    fn indexed(has_surfels: bool) -> Paged {
+        let node = |level, parent: Option<u32>| stream::Node {
+            level,
+            bounds: cloud::Bounds::EMPTY,
+            points: 200,
+            total: 12_345,
+            first_point: 200 * u64::from(level),
+            parent: parent.map(stream::NodeId),
+            children: [None; 8],
         };
-        state.on_loading(0, opened);
-        state.on_loading(0, Event::Pages { cloud: 0, pages: Paged::Indexing });
-        (state, progress)
+        let nodes = vec![node(0, None), node(1, Some(0))];
+        let octree = stream::Octree { corner: glam::DVec3::ZERO, width: 1.0, spacing: 1.0, nodes };
+        let kept = Some(Kept { folder: "/cache/0123".into(), bytes: 1_700_000 });
+        Paged::Indexed { octree: Arc::new(octree), grid: None, was_built: true, has_surfels, kept }
     }
 
     fn harness(state: State) -> Harness<'static, State> {
@@ -132,39 +262,80 @@ mod tests {
     }
 
     #[test]
-    fn an_index_that_is_made_tells_how_far_it_is_and_can_be_stopped() {
-        let (state, progress) = indexing();
+    fn each_index_tells_how_far_it_is_and_is_stopped_and_resumed_by_itself() {
+        let (state, stages) = indexing();
         let mut harness = harness(state);
         harness.run_ok();
         assert!(harness.query_by_label("indexing 43 %").is_some());
-        harness.get_by_label("Stop").click();
+        assert!(harness.query_by_label("its index will be made next").is_some());
+        let stop = harness.query_all_by_label("Stop").next().unwrap();
+        stop.click();
         harness.run_ok();
-        assert!(progress.is_cancelled());
-        assert!(harness.query_by_label_contains("preview").is_some(), "what is left is said");
+        assert_eq!(stages.each_ref().map(|stage| stage.standing()), [Standing::Stopped, Standing::Queued]);
+        stages[1].begin();
+        stages[1].progress.set_waiting(true);
+        harness.run_ok();
+        assert!(harness.query_by_label("another program is making its index").is_some());
+        // What is left of the first is said also when nothing is made any more.
+        harness.state_mut().on_loading(0, Event::Finished);
+        let chunk = cloud::Chunk::new(0, glam::DVec3::ZERO, vec![[0.0; 3]]);
+        let (mut state, _) = indexing();
+        state.on_loading(0, Event::Chunk { cloud: 0, chunk });
+        state.stop_loading();
+        state.on_loading(0, Event::Finished);
+        let mut harness = self::harness(state);
+        harness.run_ok();
+        assert!(harness.query_by_label("no index: what is shown is a preview").is_some());
+    }
+
+    #[test]
+    fn what_was_stopped_is_resumed() {
+        let (mut state, _) = indexing();
+        state.stop_loading();
+        let lookout = state.jobs[0].lookout.clone();
+        let mut harness = harness(state);
+        harness.run_ok();
+        harness.query_all_by_label("Resume").nth(1).unwrap().click();
+        harness.run_ok();
+        assert_eq!(lookout.rest(), Some(vec![Wish::Resume(1)]));
+        assert!(harness.query_by_label("its index will be made next").is_some());
+        assert!(lookout.plan(1, Stage::new(Making::Index, 200)).is_pending(), "the stop is over");
     }
 
     #[test]
     fn what_is_there_of_a_streamed_cloud_is_told_beside_its_budgets() {
         let (mut state, _) = indexing();
-        let node = stream::Node {
-            level: 0,
-            bounds: cloud::Bounds::EMPTY,
-            points: 200,
-            total: 12_345,
-            first_point: 0,
-            parent: None,
-            children: [None; 8],
-        };
-        let octree = stream::Octree { corner: glam::DVec3::ZERO, width: 1.0, spacing: 1.0, nodes: vec![node] };
-        let pages = Paged::Indexed { octree: Arc::new(octree), grid: None, was_built: true, has_surfels: true };
-        state.on_loading(0, Event::Pages { cloud: 0, pages });
+        state.settings.stream.overlay = true;
+        state.settings.stream.host_bytes = param::Bytes(500_000_000);
+        state.settings.view.point_budget = 1_000_000;
+        state.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
         let stats = StreamStats { nodes: 3, points_resident: 2_000, nodes_waiting: 7, ..StreamStats::default() };
         state.on_loading(0, Event::Stream(stats));
+        state.on_found(Found::CacheSize(3_000_000_000));
         let mut harness = harness(state);
         harness.run_ok();
-        for text in ["2,000 points in 3 nodes", "7 nodes", "Host bytes", "Point budget"] {
+        let lines = ["2,000 of 1,000,000", "7 nodes", "0 kB of 250 MB", "index: 1 MB", "Host bytes"];
+        for text in lines.into_iter().chain(["Point budget", "All indexes take 3.00 GB of 50GiB", " 0 ", " 1 "]) {
             assert!(harness.query_all_by_label(text).next().is_some(), "{text}");
         }
         assert!(harness.query_by_label_contains("0 of 12,345 points").is_some());
+    }
+
+    #[test]
+    fn an_index_is_deleted_with_its_cloud() {
+        let (mut state, _) = indexing();
+        state.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
+        let key = state.clouds[0].key;
+        let mut harness = harness(state);
+        harness.run_ok();
+        harness.get_by_label("Delete…").click();
+        harness.run_ok();
+        harness.get_by_label("Close cloud and delete index").click();
+        harness.run_ok();
+        let state = harness.state();
+        assert!(state.cloud(key).is_none() && state.clouds.len() == 1);
+        let is_deletion = |effect: &Effect| matches!(effect, Effect::DeleteIndex(kept) if kept.folder.as_path() == std::path::Path::new("/cache/0123"));
+        assert!(state.effects.iter().any(is_deletion));
+        assert!(state.jobs[0].lookout.is_closed(0));
     }
 }

@@ -1,6 +1,7 @@
 //! Streamed clouds in the window: how far their pages are, where they are told that they are looked at from, how many of their
 //! points a moving picture can afford, and what they cannot do.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use cloud::Bounds;
@@ -10,8 +11,9 @@ use stream::{Node, Octree};
 
 use super::messages::Level;
 use super::render_thread::{CloudKey, Command};
-use super::state::{CloudEntry, JobEntry, State};
-use crate::streaming::{Paged, StreamStats, Viewpoint, most_points};
+use super::state::{CloudEntry, Effect, JobEntry, State};
+use super::theme;
+use crate::streaming::{Kept, Paged, StreamStats, Viewpoint, most_points};
 
 /// What makes a cloud a streamed one: its chunks are those of its points that the last look needs.
 pub struct Streamed {
@@ -51,6 +53,19 @@ impl Streamed {
         // Of nodes without points of their own the last begins where the one with points does.
         let after = nodes.partition_point(|node| node.first_point <= first_point);
         nodes.get(after.checked_sub(1)?).filter(|node| node.first_point == first_point)
+    }
+
+    /// Of its index, where that is in the cache.
+    pub fn kept(&self) -> Option<&Kept> {
+        match &self.pages {
+            Paged::Indexed { kept, .. } => kept.as_ref(),
+            Paged::Indexing => None,
+        }
+    }
+
+    /// Levels with their colours, the coarsest first.
+    pub fn levels(&self) -> impl Iterator<Item = (u8, [u8; 4])> {
+        (0..=self.deepest_level).map(|level| (level, self.level_color(level)))
     }
 
     /// sRGB, from the root's colour to that of the deepest level.
@@ -98,6 +113,24 @@ impl JobEntry {
     }
 }
 
+/// Shares of the budgets for what was opened one after the other, by the share that each would take if it had them all. What one
+/// does not need goes to the others; all get the same of what is too little or too much.
+fn shares(demands: &[f64]) -> Vec<f64> {
+    // In steps, so that shares stay while a view moves a little, and enough to read a node of any size.
+    const STEPS: f64 = 16.0;
+    let needs: Vec<f64> = demands.iter().map(|demand| (demand * STEPS).ceil().clamp(1.0, STEPS) / STEPS).collect();
+    let mut shares = vec![0.0; needs.len()];
+    let mut order: Vec<usize> = (0..needs.len()).collect();
+    order.sort_by(|a, b| needs[*a].total_cmp(&needs[*b]));
+    let mut left = 1.0;
+    for (place, index) in order.iter().enumerate() {
+        shares[*index] = needs[*index].min(left / (order.len() - place) as f64);
+        left -= shares[*index];
+    }
+    let more = left / needs.len().max(1) as f64;
+    shares.iter().map(|share| share + more).collect()
+}
+
 /// How many points a frame can afford while the camera moves.
 pub struct Pace {
     /// Of the point budget.
@@ -139,11 +172,16 @@ impl State {
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let rests = entry.streamed.as_ref().map_or(0, |streamed| streamed.rests);
         let was_indexed = entry.is_indexed();
-        let streamed = Streamed::new(pages, rests);
+        let was_built = matches!(&entry.streamed, Some(Streamed { pages: Paged::Indexed { was_built: true, .. }, .. }));
+        let mut streamed = Streamed::new(pages, rests);
+        if streamed.octree().is_none() {
+            entry.stage = None;
+        }
         let (key, name) = (entry.key, entry.cloud.name.clone());
         let bounds = streamed.bounds().unwrap_or(Bounds::EMPTY);
-        if let Paged::Indexed { grid, .. } = &streamed.pages {
+        if let Paged::Indexed { grid, was_built: is_new, .. } = &mut streamed.pages {
             entry.cloud.grid = *grid;
+            *is_new |= was_built;
         }
         entry.bounds = entry.bounds.union(bounds);
         let has_surfels = matches!(streamed.pages, Paged::Indexed { has_surfels: true, .. });
@@ -153,6 +191,7 @@ impl State {
         if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
             let total = self.cloud(key).map_or(0, CloudEntry::total);
             self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
+            self.effects.push(Effect::MeasureCache);
             if !was_indexed {
                 self.frame_while_unplaced(bounds);
             }
@@ -225,16 +264,63 @@ impl State {
         if self.navigation.time_to_rest().is_some() && self.settings.stream.frame_ms > 0.0 {
             view.point_budget = self.pace.budget(view.point_budget);
         }
-        let mut stream = self.settings.stream.clone();
-        // What was opened one after the other shares the budgets evenly.
-        let jobs = self.streaming_jobs().max(1);
-        view.point_budget /= jobs as u32;
-        stream.host_bytes.0 /= jobs as u64;
-        stream.gpu_bytes.0 /= jobs as u64;
-        let viewpoint = Viewpoint { camera: self.camera, size: self.view_size, view, stream };
-        for job in self.jobs.iter_mut().filter(|job| job.has_streamed) {
-            job.look = job.lookout.look(viewpoint.clone());
+        let (camera, size, stream) = (self.camera, self.view_size, self.settings.stream.clone());
+        let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
+        let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
+        let hidden: Vec<BTreeSet<usize>> = streaming().map(|job| self.hidden(job)).collect();
+        let jobs = self.jobs.iter_mut().filter(|job| job.has_streamed);
+        for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
+            let (view, stream) = (view.clone(), stream.clone());
+            job.share = share;
+            job.look = job.lookout.look(Viewpoint { camera, size, view, stream, hidden, share });
         }
+    }
+
+    /// Clouds of a job that are not shown, by its own numbers.
+    fn hidden(&self, job: &JobEntry) -> BTreeSet<usize> {
+        let is_hidden = |key: &CloudKey| self.cloud(*key).is_some_and(|entry| !entry.is_visible);
+        job.clouds.iter().filter(|(_, key)| is_hidden(key)).map(|(cloud, _)| *cloud).collect()
+    }
+
+    /// The job of a cloud that is under way, and the cloud's number there.
+    pub(super) fn job_of(&self, key: CloudKey) -> Option<(&JobEntry, usize)> {
+        self.jobs.iter().find_map(|job| {
+            let (cloud, _) = job.clouds.iter().find(|(_, other)| **other == key)?;
+            Some((job, *cloud))
+        })
+    }
+
+    /// Stops what is made for a cloud.
+    pub fn stop_making(&mut self, key: CloudKey) {
+        if let Some((job, cloud)) = self.job_of(key) {
+            job.lookout.stop(cloud);
+        }
+    }
+
+    /// Makes what was stopped of a cloud after all.
+    pub fn resume_making(&mut self, key: CloudKey) {
+        let Some((job, cloud)) = self.job_of(key) else { return };
+        job.lookout.resume(cloud);
+        if let Some(entry) = self.cloud_mut(key) {
+            entry.stage = None;
+        }
+    }
+
+    /// Closes a cloud and deletes its index.
+    pub fn delete_index(&mut self, key: CloudKey) {
+        let kept = self.cloud(key).and_then(|entry| entry.streamed.as_ref()?.kept().cloned());
+        if let Some(kept) = kept {
+            self.remove_cloud(key);
+            self.effects.push(Effect::DeleteIndex(kept));
+        }
+    }
+
+    pub(super) fn on_index_deleted(&mut self, kept: &Kept, result: Result<(), String>) {
+        match result {
+            Ok(()) => self.say(Level::Note, format!("Index deleted: {} free", theme::bytes(kept.bytes))),
+            Err(error) => self.say(Level::Error, error),
+        }
+        self.effects.push(Effect::MeasureCache);
     }
 
     /// Learns from a frame what a moving picture can afford.
@@ -306,7 +392,7 @@ mod tests {
     use super::super::objects::Marking;
     use super::super::preferences::Preferences;
     use super::super::render_thread::{PickPurpose, PickedPoint, Report};
-    use super::super::state::{Effect, Found};
+    use super::super::state::Found;
     use super::*;
     use crate::loading::Event;
 
@@ -352,7 +438,7 @@ mod tests {
     /// A streamed cloud whose index is there, by job 0, with the chunk of its root.
     fn streamed() -> State {
         let mut state = State::new(Preferences::default());
-        state.add_job(&[], Arc::default(), Arc::default(), Arc::default());
+        state.add_job(&[], Arc::default(), Arc::default());
         let opened = Event::Opened {
             cloud: 0,
             name: "survey".into(),
@@ -366,7 +452,8 @@ mod tests {
             warnings: Vec::new(),
         };
         state.on_loading(0, opened);
-        let pages = Paged::Indexed { octree: Arc::new(octree()), grid: GRID, was_built: false, has_surfels: true };
+        let pages =
+            Paged::Indexed { octree: Arc::new(octree()), grid: GRID, was_built: false, has_surfels: true, kept: None };
         state.on_loading(0, Event::Pages { cloud: 0, pages });
         put(&mut state, 0, &[1.0, 7.0]);
         state.history.watch(&state.settings, &state.objects, false);
@@ -388,7 +475,7 @@ mod tests {
     #[test]
     fn points_and_bounds_are_counted_right_while_chunks_come_change_and_go() {
         let mut state = State::new(Preferences::default());
-        state.add_job(&[], Arc::default(), Arc::default(), Arc::default());
+        state.add_job(&[], Arc::default(), Arc::default());
         let opened = Event::Opened {
             cloud: 0,
             name: "survey".into(),
@@ -587,6 +674,50 @@ mod tests {
         assert!(state.objects.markings.is_empty());
         assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::MarkPoints { .. })));
         assert!(state.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
+    }
+
+    #[test]
+    fn budgets_go_to_who_needs_them() {
+        assert_eq!(shares(&[1.0]), [1.0]);
+        assert_eq!(shares(&[1.0, 1.0]), [0.5, 0.5]);
+        // A small one has what it needs, not half.
+        let uneven = shares(&[0.01, 1.0]);
+        assert!(uneven[0] < 0.1 && uneven[1] > 0.9 && uneven.iter().sum::<f64>() <= 1.0, "{uneven:?}");
+        // In whatever order; those that need too much get the same.
+        let several = shares(&[1.0, 0.1, 0.8, 0.0]);
+        assert!(several[0] == several[2] && several[0] > 0.4 && several[1] >= 0.1 && several[3] > 0.0, "{several:?}");
+        // What nobody needs is shared evenly.
+        assert_eq!(shares(&[0.0, 0.0]), [0.5, 0.5]);
+        assert!(shares(&[1.0; 100]).iter().all(|share| (share - 0.01).abs() < 1e-9));
+        assert!(shares(&[0.0; 100]).iter().all(|share| (share - 0.01).abs() < 1e-9));
+    }
+
+    #[test]
+    fn what_is_opened_later_gets_half_until_it_tells_what_it_needs() {
+        let mut state = streamed();
+        state.add_job(&[], Arc::default(), Arc::default());
+        state.jobs[1].has_streamed = true;
+        settle(&mut state);
+        assert_eq!([state.jobs[0].share, state.jobs[1].share], [0.5, 0.5]);
+        for (job, demand) in [(0, 0.01), (1, 1.0)] {
+            state.on_loading(job, Event::Stream(StreamStats { demand, ..StreamStats::default() }));
+        }
+        state.look_around();
+        assert!(state.jobs[0].share < 0.1 && state.jobs[1].share > 0.9);
+    }
+
+    #[test]
+    fn a_hidden_cloud_is_not_looked_at() {
+        let mut state = streamed();
+        settle(&mut state);
+        let (key, look) = (state.clouds[0].key, state.jobs[0].look);
+        state.set_visible(key, false);
+        state.look_around();
+        assert!(state.jobs[0].look > look, "that is another look");
+        assert_eq!(state.hidden(&state.jobs[0]), BTreeSet::from([0]));
+        state.set_visible(key, true);
+        state.look_around();
+        assert!(state.hidden(&state.jobs[0]).is_empty());
     }
 
     #[test]

@@ -50,6 +50,9 @@ pub fn apply(context: &egui::Context) {
         style.spacing.item_spacing = egui::vec2(8.0, 5.0);
         style.spacing.button_padding = egui::vec2(8.0, 3.0);
         style.spacing.slider_width = 84.0;
+        // As wide as a bar becomes under the pointer: it covers nothing then.
+        style.spacing.scroll.bar_width = 8.0;
+        style.spacing.scroll.floating_allocated_width = 8.0;
         let sizes =
             [(TextStyle::Heading, 15.0), (TextStyle::Body, 13.0), (TextStyle::Button, 13.0), (TextStyle::Small, 11.0)];
         for (text_style, size) in sizes {

@@ -8,6 +8,7 @@ pub struct Progress {
     done: AtomicU64,
     total: AtomicU64,
     cancelled: AtomicBool,
+    waiting: AtomicBool,
 }
 
 impl Progress {
@@ -25,6 +26,15 @@ impl Progress {
 
     pub fn total(&self) -> u64 {
         self.total.load(Ordering::Relaxed)
+    }
+
+    /// Another program has begun the same task, and this one waits for what comes of it.
+    pub fn set_waiting(&self, waiting: bool) {
+        self.waiting.store(waiting, Ordering::Relaxed);
+    }
+
+    pub fn is_waiting(&self) -> bool {
+        self.waiting.load(Ordering::Relaxed)
     }
 
     /// Asks the task to stop at its next chunk; what it has delivered stays.

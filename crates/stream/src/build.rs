@@ -86,6 +86,7 @@ fn build_on_disk(
     let mut is_made = false;
     loop {
         if let Some(pages) = cache.open_known(&identity)? {
+            progress.set_waiting(false);
             return Ok(pages);
         }
         let Some(lock) = cache.try_lock(&entry)? else {
@@ -94,9 +95,11 @@ fn build_on_disk(
             if progress.is_cancelled() {
                 return Err(Error::Cancelled);
             }
+            progress.set_waiting(true);
             std::thread::sleep(LOCK_WAIT);
             continue;
         };
+        progress.set_waiting(false);
         // It may have been made since this looked.
         match Pages::open_locked(&entry, None) {
             Ok(pages) if pages.key() == identity.key => {}
@@ -556,6 +559,43 @@ mod tests {
         drop(anew);
         cache.clear();
         assert_eq!(names(), 1);
+    }
+
+    #[test]
+    fn who_waits_for_another_builder_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        made_up::write_las(&path, &made_up::terrain(1000));
+        let inputs = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let lock = cache.try_lock(&cache.entry(&Identity::of(&inputs).unwrap())).unwrap().unwrap();
+        let progress = Progress::default();
+        std::thread::scope(|scope| {
+            let build = scope.spawn(|| build(&inputs, &cache, &BuildOptions::default(), &progress, &|_| ()).unwrap());
+            while !progress.is_waiting() {
+                assert!(!build.is_finished());
+                std::thread::yield_now();
+            }
+            drop(lock);
+            assert_eq!(build.join().unwrap().octree().points(), 1000);
+        });
+        assert!(!progress.is_waiting());
+    }
+
+    #[test]
+    fn an_index_is_removed_when_nobody_has_it_open() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        made_up::write_las(&path, &made_up::terrain(1000));
+        let inputs = [Arc::new(codec::open(&path).unwrap())];
+        let cache = Cache::new(folder.path().join("cache"), u64::MAX);
+        let pages = build(&inputs, &cache, &BuildOptions::default(), &Progress::default(), &|_| ()).unwrap();
+        let entry = pages.folder().to_owned();
+        assert_eq!((pages.bytes(), cache.size() > 10_000), (cache.size(), true));
+        assert!(!cache.remove(&entry) && cache.open(&inputs).unwrap().is_some());
+        drop(pages);
+        assert!(!cache.remove(folder.path()), "that is no index");
+        assert!(cache.remove(&entry) && cache.open(&inputs).unwrap().is_none() && path.exists());
     }
 
     #[test]

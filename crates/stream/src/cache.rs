@@ -273,6 +273,11 @@ impl Cache {
         }
     }
 
+    /// Clears the entry in that folder; false if it is still there because somebody has it open.
+    pub fn remove(&self, entry: &Path) -> bool {
+        entry.parent() == Some(&self.folder) && has_key(entry) && self.clear_entry(entry)
+    }
+
     /// Clears all entries that are not open.
     pub fn clear(&self) {
         for entry in self.entries() {
@@ -336,7 +341,7 @@ struct Entry {
 }
 
 /// Bytes of the files in a folder and those below it.
-fn bytes_in(folder: &Path) -> u64 {
+pub(crate) fn bytes_in(folder: &Path) -> u64 {
     let Ok(items) = std::fs::read_dir(folder) else { return 0 };
     let bytes = |item: std::fs::DirEntry| match item.metadata() {
         Ok(metadata) if metadata.is_dir() => bytes_in(&item.path()),

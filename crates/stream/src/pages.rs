@@ -181,6 +181,15 @@ impl Pages {
         &self.folder
     }
 
+    /// Bytes of it on the disk.
+    pub fn bytes(&self) -> u64 {
+        if self.is_copc() {
+            std::fs::metadata(&self.folder).map_or(0, |file| file.len())
+        } else {
+            crate::cache::bytes_in(&self.folder)
+        }
+    }
+
     /// Tells what it was made from: the same for the same files, unchanged. Of a COPC file 0.
     pub fn key(&self) -> u128 {
         self.summary.key

@@ -240,7 +240,9 @@ fn lock(pages: &Pages, progress: &Progress) -> Result<File> {
         file.map_err(|error| Error::io(path, error))
     })?;
     loop {
-        match file.try_lock() {
+        let locked = file.try_lock();
+        progress.set_waiting(matches!(locked, Err(std::fs::TryLockError::WouldBlock)));
+        match locked {
             Ok(()) => return Ok(file),
             Err(std::fs::TryLockError::WouldBlock) if progress.is_cancelled() => return Err(Error::Cancelled),
             Err(std::fs::TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(50)),

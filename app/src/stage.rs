@@ -1,0 +1,140 @@
+//! What takes its time for one cloud, its index or its normals and radii: how far it is, how fast it goes, and the wish to stop it.
+
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use cloud::Progress;
+
+/// A rate over less time is noise.
+pub const LEAST_TIME: Duration = Duration::from_millis(500);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Making {
+    Index,
+    /// Normals and radii.
+    Surfels,
+}
+
+/// Shared by who makes it and who watches.
+#[derive(Debug)]
+pub struct Stage {
+    pub making: Making,
+    /// Of the cloud.
+    points: u64,
+    /// In steps of whoever makes it, of which there may be several to a point. Cancelling it stops the stage.
+    pub progress: Arc<Progress>,
+    /// 0: others come first; 1: under way; 2: over.
+    turn: AtomicU8,
+    /// When it was first seen to go on, and how many points were done then.
+    pace_from: Mutex<Option<(Instant, u64)>>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// Others come first.
+    Queued,
+    /// Another program makes the same.
+    Elsewhere,
+    UnderWay,
+    Stopped,
+    /// Made, or failed.
+    Over,
+}
+
+impl Stage {
+    pub fn new(making: Making, points: u64) -> Self {
+        Self { making, points, progress: Arc::default(), turn: AtomicU8::new(0), pace_from: Mutex::default() }
+    }
+
+    /// It is its turn.
+    pub fn begin(&self) {
+        self.turn.store(1, Ordering::Relaxed);
+    }
+
+    /// Does the work that this stage is about.
+    pub fn run<Result>(&self, work: impl FnOnce(&Progress) -> Result) -> Result {
+        self.begin();
+        let result = work(&self.progress);
+        self.turn.store(2, Ordering::Relaxed);
+        result
+    }
+
+    pub fn standing(&self) -> Standing {
+        match self.turn.load(Ordering::Relaxed) {
+            _ if self.progress.is_cancelled() => Standing::Stopped,
+            0 => Standing::Queued,
+            1 if self.progress.is_waiting() => Standing::Elsewhere,
+            1 => Standing::UnderWay,
+            _ => Standing::Over,
+        }
+    }
+
+    /// Whether there is something left to stop.
+    pub fn is_pending(&self) -> bool {
+        matches!(self.standing(), Standing::Queued | Standing::Elsewhere | Standing::UnderWay)
+    }
+
+    /// Of the cloud.
+    pub fn points(&self) -> u64 {
+        self.points
+    }
+
+    /// Share that is done, 0 to 1.
+    pub fn share(&self) -> f64 {
+        let (done, total) = (self.progress.done(), self.progress.total());
+        if total > 0 { (done as f64 / total as f64).min(1.0) } else { 0.0 }
+    }
+
+    /// The same in points.
+    pub fn done(&self) -> u64 {
+        (self.points as f64 * self.share()) as u64
+    }
+
+    /// Points a second since it was first seen to go on: neither what others took before it nor what was there from an earlier
+    /// time counts.
+    pub fn pace(&self) -> Option<f64> {
+        self.pace_at(Instant::now())
+    }
+
+    fn pace_at(&self, now: Instant) -> Option<f64> {
+        if self.standing() != Standing::UnderWay || self.progress.done() == 0 {
+            return None;
+        }
+        let done = self.done();
+        let mut from = self.pace_from.lock().unwrap_or_else(PoisonError::into_inner);
+        let (start, before) = *from.get_or_insert((now, done));
+        let time = now.duration_since(start);
+        (time >= LEAST_TIME && done > before).then(|| (done - before) as f64 / time.as_secs_f64())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pace_is_that_of_the_points_since_it_goes_on() {
+        // Two passes over a million points, of which a quarter is there already.
+        let stage = Stage::new(Making::Index, 1_000_000);
+        assert_eq!(stage.standing(), Standing::Queued);
+        stage.run(|progress| {
+            let start = Instant::now();
+            let after = |seconds: f64| stage.pace_at(start + Duration::from_secs_f64(seconds));
+            progress.set_waiting(true);
+            assert_eq!((stage.standing(), after(50.0)), (Standing::Elsewhere, None));
+            progress.set_waiting(false);
+            progress.set_total(2_000_000);
+            assert_eq!(after(99.0), None, "nothing is done yet");
+            progress.add(500_000);
+            assert_eq!((stage.done(), after(100.0), after(100.1)), (250_000, None, None));
+            progress.add(1_000_000);
+            assert_eq!((stage.share(), after(102.0)), (0.75, Some(250_000.0)));
+        });
+        assert_eq!((stage.standing(), stage.pace()), (Standing::Over, None));
+        let stopped = Stage::new(Making::Surfels, 1);
+        stopped.progress.cancel();
+        stopped.run(|_| ());
+        assert!(stopped.standing() == Standing::Stopped && !stopped.is_pending());
+    }
+}
