@@ -297,8 +297,8 @@ impl Drop for Job {
     }
 }
 
-/// Loads `inputs` on a background thread. Of `settings` the groups `view` (up axis), `color` (which attribute to read),
-/// `surface` and `scene` matter.
+/// Loads `inputs` on a background thread. Of `settings` the groups `view` (up axis, point budget), `color` (which attribute to read),
+/// `stream`, `surface` and `scene` matter.
 pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
     start_with(inputs, settings, true, cache(&settings.stream))
 }
@@ -521,7 +521,7 @@ impl Loader {
                         self.discard(paging);
                         let stage = self.plan_index(paging)?;
                         // What is shown stays meanwhile.
-                        self.index(paging, &stage, 0)?
+                        self.index(paging, &stage, 0)? || stage.progress.is_cancelled()
                     }
                     Wish::Mend(_) => {
                         let problem = "its pages were damaged again after they had been made anew";
@@ -688,15 +688,28 @@ impl Loader {
         let cloud = paging.cloud;
         let memory = half_of(self.settings.stream.host_bytes);
         let previews = || paging.previews.lock().unwrap_or_else(PoisonError::into_inner);
-        // Where it was stopped before, what was shown then still is.
-        let preview_points = if previews().is_empty() { preview_points } else { 0 };
-        let counted = AtomicU64::new(PREVIEW_POINTS);
+        // Where it was stopped before, what was shown then still is: until the new preview is as large.
+        let shown: u64 = previews().values().sum();
+        let preview_points = if shown < preview_points { preview_points } else { 0 };
+        self.lookout.keep_room(cloud, preview_points + shown);
+        let first = previews().iter().map(|(first, points)| first + points).max().unwrap_or(PREVIEW_POINTS);
+        let old: Vec<u64> = if preview_points > 0 { previews().keys().copied().collect() } else { Vec::new() };
+        let old = Mutex::new(old);
+        let counted = AtomicU64::new(first);
         let preview = |mut chunk: Chunk| {
             self.lookout.give_way();
             let points = chunk.len() as u64;
             chunk.first_point = counted.fetch_add(points, Ordering::Relaxed);
             previews().insert(chunk.first_point, points);
-            if self.send(Event::Chunk { cloud, chunk }).is_none() {
+            let is_as_large = chunk.first_point + points - first >= shown;
+            let mut sent = self.send(Event::Chunk { cloud, chunk });
+            if is_as_large {
+                for first_point in std::mem::take(&mut *old.lock().unwrap_or_else(PoisonError::into_inner)) {
+                    previews().remove(&first_point);
+                    sent = sent.and_then(|()| self.send(Event::Dropped { cloud, first_point }));
+                }
+            }
+            if sent.is_none() {
                 stage.progress.cancel();
             }
         };
@@ -716,7 +729,8 @@ impl Loader {
                 Some(true)
             }
             Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Cancelled)) => {
-                let points = counted.into_inner() - PREVIEW_POINTS;
+                let points = previews().values().sum();
+                self.lookout.keep_room(cloud, points);
                 let summary = codec::Summary { points, cancelled: true, ..Default::default() };
                 self.send(Event::Read { cloud, summary }).map(|()| false)
             }

@@ -173,6 +173,7 @@ impl Lookout {
         told.closed.insert(cloud);
         told.gone.insert(cloud);
         told.previews.remove(&cloud);
+        told.arrived.retain(|arrival| arrival.cloud != cloud);
         told.stop(cloud);
         self.notify(&mut told);
     }
@@ -252,6 +253,8 @@ impl Lookout {
     pub fn arrive(&self, arrival: Arrival) {
         let mut told = self.told();
         told.previews.remove(&arrival.cloud);
+        // What was damaged is so no more.
+        told.wishes.retain(|wish| *wish != Wish::Mend(arrival.cloud));
         if !told.gone.contains(&arrival.cloud) {
             told.arrived.push(arrival);
             self.notify(&mut told);
@@ -265,6 +268,8 @@ impl Lookout {
         self.notify(&mut told);
         let waits = |told: &mut Told| !told.is_over && told.wishes.is_empty();
         let mut told = self.changed.wait_while(told, waits).unwrap_or_else(PoisonError::into_inner);
+        // What is wished for now is not what was stopped before.
+        told.is_stopped = told.is_over;
         if told.is_over { None } else { Some(std::mem::take(&mut told.wishes)) }
     }
 
@@ -513,16 +518,21 @@ impl Director {
     /// Lets go of stale chunks until no more than so many points are held; the finest first, of which others are left.
     fn let_go(&mut self, most: u64) -> Option<()> {
         let mut excess = self.held().saturating_sub(most);
-        while excess > 0 {
-            let level = |streamed: &Streamed, first_point: u64| {
-                let nodes = &streamed.octree.nodes;
-                let node = nodes.partition_point(|node| node.first_point <= first_point).checked_sub(1);
-                node.filter(|_| first_point < streamed.octree.points()).map_or(u8::MAX, |node| nodes[node].level)
-            };
-            let stale = self.clouds.iter().flat_map(|(cloud, streamed)| {
-                streamed.stale.keys().map(|first| (level(streamed, *first), *first, *cloud))
-            });
-            let Some((_, first_point, cloud)) = stale.max() else { break };
+        if excess == 0 {
+            return Some(());
+        }
+        let level = |streamed: &Streamed, first_point: u64| {
+            let nodes = &streamed.octree.nodes;
+            let node = nodes.partition_point(|node| node.first_point <= first_point).checked_sub(1);
+            node.filter(|_| first_point < streamed.octree.points()).map_or(u8::MAX, |node| nodes[node].level)
+        };
+        let stale = self
+            .clouds
+            .iter()
+            .flat_map(|(cloud, streamed)| streamed.stale.keys().map(|first| (level(streamed, *first), *first, *cloud)));
+        let mut stale: Vec<_> = stale.collect();
+        stale.sort_unstable();
+        while let Some((_, first_point, cloud)) = stale.pop().filter(|_| excess > 0) {
             let streamed = self.clouds.get_mut(&cloud)?;
             excess = excess.saturating_sub(streamed.stale.remove(&first_point).unwrap_or(0));
             streamed.resident.remove(&first_point);
@@ -619,8 +629,10 @@ impl Director {
                 // What is shown stays until then. They cannot be made while somebody has them open.
                 streamed.stale = streamed.resident.clone();
                 self.streamer.remove(cloud);
+                // Before whoever mends it can say more of it.
+                self.send(Event::Pages { cloud, pages: Paged::Indexing })?;
                 self.lookout.report_damage(cloud);
-                self.send(Event::Pages { cloud, pages: Paged::Indexing })
+                Some(())
             }
         }
     }

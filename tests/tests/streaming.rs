@@ -234,7 +234,7 @@ fn a_build_that_was_killed_is_made_anew_by_the_next() {
 #[cfg(unix)]
 fn an_index_that_is_interrupted_clears_away_what_it_has_begun() {
     let folder = folder();
-    folder.write("scan.las", scan(1_500_000, 0.0, 1.0));
+    folder.write("scan.las", scan(3_000_000, 0.0, 1.0));
     folder.write("next.las", scan(1_000, 0.0, 1.0));
     let mut command = folder.command(["index", "scan.las", "next.las"]);
     let program = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn();

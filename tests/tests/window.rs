@@ -390,7 +390,7 @@ fn a_streamed_cloud_is_shown_and_stays_in_the_picture_while_the_camera_flies() {
 }
 
 #[test]
-fn a_window_that_is_closed_while_an_index_is_made_leaves_none_behind() {
+fn a_window_that_is_closed_while_an_index_is_made_leaves_no_part_of_it_behind() {
     let session = Session::start();
     session.folder.write("hills.ply", hills(3_000_000));
     session.folder.write("hills.toml", "clouds = [\"hills.ply\"]\n[parameters]\n\"stream.pages\" = \"always\"\n");
@@ -398,9 +398,11 @@ fn a_window_that_is_closed_while_an_index_is_made_leaves_none_behind() {
     window.wait_for_event("indexing", 0, |_| true);
     assert!(window.quit().success());
     let cache = session.folder.path(".cache/glint/pages");
-    let left = std::fs::read_dir(cache).into_iter().flatten().flatten().filter(|entry| entry.path().is_dir());
-    assert_eq!(left.map(|entry| entry.path()).collect::<Vec<_>>(), Vec::<std::path::PathBuf>::new());
+    let left = std::fs::read_dir(cache).into_iter().flatten().flatten().map(|entry| entry.path());
+    let left: Vec<_> = left.filter(|path| path.is_dir()).collect();
+    // It may have been complete by then.
+    assert!(left.iter().all(|path| path.join("nodes").exists() && !path.join("building").exists()), "{left:?}");
     let outcome = session.folder.glint(["index", "hills.ply"]);
     assert!(outcome.status == Some(0) && outcome.text().contains("3000000 points"), "{outcome}");
-    assert!(!outcome.text().contains("was there"), "{outcome}");
+    assert_eq!(outcome.text().contains("was there"), !left.is_empty(), "{outcome}");
 }

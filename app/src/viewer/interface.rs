@@ -338,10 +338,13 @@ fn job_progress(ui: &mut Ui, state: &State, job: &JobEntry) -> bool {
     } else {
         let (done, total) = (job.progress.done(), job.progress.total());
         ui.label(format!("reading {}", job.name));
-        progress_bar(ui, if total > 0 { (done as f32 / total as f32).min(1.0) } else { 0.0 });
-        let elapsed = job.started.elapsed();
-        let pace = (done > 0 && elapsed > LEAST_TIME).then(|| done as f64 / elapsed.as_secs_f64());
-        ui.label(RichText::new(progress_text(done, total, pace)).small().color(theme::WEAK));
+        // Of a streamed cloud it is not known how much a view needs.
+        if total > 0 {
+            progress_bar(ui, (done as f32 / total as f32).min(1.0));
+            let elapsed = job.started.elapsed();
+            let pace = (done > 0 && elapsed > LEAST_TIME).then(|| done as f64 / elapsed.as_secs_f64());
+            ui.label(RichText::new(progress_text(done, total, pace)).small().color(theme::WEAK));
+        }
     }
     ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays").clicked()
 }

@@ -29,7 +29,17 @@ impl Default for Preferences {
 const RECENT_FILES: usize = 12;
 
 /// What belongs to the data at hand and not to the person: not kept.
-const NOT_KEPT: [&str; 7] = ["color.", "light.by", "light.show", "scene.", "sun.", "tone.exposure", "view.up"];
+const NOT_KEPT: [&str; 9] = [
+    "color.",
+    "light.by",
+    "light.show",
+    "scene.",
+    "stream.overlay",
+    "stream.pages",
+    "sun.",
+    "tone.exposure",
+    "view.up",
+];
 
 impl Preferences {
     fn path() -> Option<PathBuf> {

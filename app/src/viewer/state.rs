@@ -673,7 +673,9 @@ impl State {
             self.say(Level::Warning, warning);
         }
         if summary.cancelled {
-            self.say(Level::Note, format!("{name}: stopped; the {} points read so far stay", grouped(points)));
+            let rest =
+                if points > 0 { format!("; the {} points read so far stay", grouped(points)) } else { String::new() };
+            self.say(Level::Note, format!("{name}: stopped{rest}"));
         }
         self.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
         // Its index could not be made, which was said.
@@ -1333,7 +1335,7 @@ impl State {
     /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
     pub fn request_frame(&mut self) -> Option<Duration> {
         let is_first = self.shown.is_none();
-        let is_empty = self.clouds.is_empty() || is_first && self.points() == 0;
+        let is_empty = self.clouds.is_empty() || is_first && self.points() == 0 && self.is_loading();
         if self.adapter.is_none() || self.view_size.contains(&0) || is_empty {
             return None;
         }

@@ -10,7 +10,7 @@ use super::state::{CloudEntry, Effect, State};
 use super::theme::{self, grouped};
 use super::{panel, streams::Streamed};
 use crate::stage::{Making, Stage, Standing};
-use crate::streaming::{Kept, Paged, StreamStats, half_of};
+use crate::streaming::{Kept, Paged, StreamStats, half_of, most_points};
 
 /// What somebody asks for.
 enum Wish {
@@ -27,8 +27,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             ui.push_id(entry.key.0, |ui| cloud(ui, state, entry, streamed, &mut wish));
         }
     }
-    for job in state.jobs.iter().filter(|job| job.has_streamed) {
-        let points = (f64::from(state.settings.view.point_budget) * job.share) as u64;
+    // Those of which there is something to tell.
+    let jobs = || state.jobs.iter().filter(|job| job.has_streamed && job.stream.points_total > 0);
+    for job in jobs() {
+        if jobs().count() > 1 {
+            weak(ui, format!("what is there of {}", job.name));
+        }
+        let points = (most_points(&state.settings.view, &state.settings.stream) as f64 * job.share) as u64;
         let bytes = (half_of(state.settings.stream.host_bytes) as f64 * job.share) as u64;
         ui.push_id(job.id, |ui| figures(ui, &job.stream, points, bytes));
         ui.add_space(4.0);
@@ -276,8 +281,7 @@ mod tests {
         stages[1].progress.set_waiting(true);
         harness.run_ok();
         assert!(harness.query_by_label("another program is making its index").is_some());
-        // What is left of the first is said also when nothing is made any more.
-        harness.state_mut().on_loading(0, Event::Finished);
+        // What is left is said also when nothing is made any more.
         let chunk = cloud::Chunk::new(0, glam::DVec3::ZERO, vec![[0.0; 3]]);
         let (mut state, _) = indexing();
         state.on_loading(0, Event::Chunk { cloud: 0, chunk });
@@ -309,7 +313,13 @@ mod tests {
         state.settings.stream.host_bytes = param::Bytes(500_000_000);
         state.settings.view.point_budget = 1_000_000;
         state.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
-        let stats = StreamStats { nodes: 3, points_resident: 2_000, nodes_waiting: 7, ..StreamStats::default() };
+        let stats = StreamStats {
+            nodes: 3,
+            points_total: 12_345,
+            points_resident: 2_000,
+            nodes_waiting: 7,
+            ..StreamStats::default()
+        };
         state.on_loading(0, Event::Stream(stats));
         state.on_found(Found::CacheSize(3_000_000_000));
         let mut harness = harness(state);

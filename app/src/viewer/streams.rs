@@ -185,13 +185,16 @@ impl State {
         }
         entry.bounds = entry.bounds.union(bounds);
         let has_surfels = matches!(streamed.pages, Paged::Indexed { has_surfels: true, .. });
+        let is_kept = streamed.kept().is_some();
         entry.streamed = Some(streamed);
         self.render(Command::SetBounds { key, bounds });
         self.make_room();
         if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
             let total = self.cloud(key).map_or(0, CloudEntry::total);
             self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
-            self.effects.push(Effect::MeasureCache);
+            if is_kept {
+                self.effects.push(Effect::MeasureCache);
+            }
             if !was_indexed {
                 self.frame_while_unplaced(bounds);
             }
@@ -226,6 +229,7 @@ impl State {
         let jobs = self.streaming_jobs() + 1;
         settings.view.point_budget /= jobs as u32;
         settings.stream.gpu_bytes.0 /= jobs as u64;
+        settings.stream.host_bytes.0 /= jobs as u64;
         settings
     }
 
@@ -538,7 +542,7 @@ mod tests {
         for _ in 0..points / chunk.len() as u64 {
             store.add_chunk(cloud, &chunk, None).unwrap();
         }
-        // Of the 48 bytes of a point these are the 24 that are there without an attribute and without mirrors.
+        // Of the 48 bytes of a point beside its share of spare room these are the 24 that are there without an attribute and without mirrors.
         let bytes = store.gpu_bytes() * 2;
         // Room is given in grains of so many points.
         let grain = 48 << 18;

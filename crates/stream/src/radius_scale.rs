@@ -65,8 +65,13 @@ fn octants(chunk: &Chunk, center: DVec3) -> impl Iterator<Item = usize> {
 
 /// How many of a chunk's points lie in which octant of the cube with that middle.
 pub fn count_octants(chunk: &Chunk, center: DVec3) -> Octants {
+    count_first_octants(chunk, center, chunk.len())
+}
+
+/// The same of the chunk's first so many points.
+pub fn count_first_octants(chunk: &Chunk, center: DVec3, points: usize) -> Octants {
     let mut counts = [0; 8];
-    octants(chunk, center).for_each(|octant| counts[octant] += 1);
+    octants(chunk, center).take(points).for_each(|octant| counts[octant] += 1);
     counts
 }
 
@@ -250,7 +255,8 @@ pub fn is_near(radii: &Radii, other: &Radii) -> bool {
     radii.iter().zip(other.iter()).all(|(radius, other)| radius.saturating_sub(*other) < STEPS_PER_OCTAVE / 2)
 }
 
-/// Radii that were estimated from a node's own points, made those of full density: what [`scaled`] grows by is taken off.
+/// Radii that were estimated from a node's own points, made those of full density: what they grow by where only that node is
+/// drawn is taken off.
 pub fn to_full_density(radii: &mut [u16], chunk: &Chunk, octree: &Octree, id: NodeId) {
     let center = cube_center(octree, id);
     let own = count_octants(chunk, center);

@@ -21,7 +21,9 @@ use std::time::{Duration, Instant};
 use cloud::{Chunk, Progress, SurfelOptions, pack_radius, provisional_radius};
 use glam::DVec3;
 
-use crate::radius_scale::{Drawn, Field, Octants, Radii, count_octants, cube_center, is_near, larger, to_full_density};
+use crate::radius_scale::{
+    Drawn, Field, Octants, Radii, count_first_octants, count_octants, cube_center, is_near, larger, to_full_density,
+};
 use crate::{BATCHES, Budget, Error, NodeId, Octree, Result, Wanted, prefix};
 
 /// Rates are taken over this long.
@@ -489,6 +491,8 @@ impl State {
             let drops = self.remove(cloud);
             self.pending.extend(drops);
         }
+        // What was wrong with the pages before is not what these are.
+        self.pending.retain(|change| !matches!(change, Change::Failed { cloud: other, .. } if *other == cloud));
         self.generations += 1;
         let generation = self.generations;
         let before = self.clouds.remove(&cloud).map(|held| (held.entries, held.field, held.loose));
@@ -802,7 +806,7 @@ impl State {
             if points == loaded.chunk.len() {
                 return loaded.own;
             }
-            count_octants(&loaded.clone().first(points).chunk, loaded.center)
+            count_first_octants(&loaded.chunk, loaded.center, points)
         };
         for (id, entry) in &held.entries {
             let Some(shown) = &entry.shown else { continue };

@@ -33,7 +33,7 @@ pub(crate) struct Occluders {
 }
 
 impl Occluders {
-    /// About `per_subset` points in each subset, up to an eighth fewer, placed from `origin`; all of so few.
+    /// About `per_subset` points in each subset, up to an eighth fewer, placed from `origin`; of so few one a cell.
     ///
     /// Cells no wider than samples lie apart each offer one point. Tile by tile of 8 x 8 x 8 cells, those that are taken are a
     /// systematic sample over the summed squares of the splat radii, along the tile's Morton curve.
@@ -114,7 +114,7 @@ fn square(radius: f32) -> f64 {
 const STEP: u64 = 1 << 32;
 /// Cells along a tile, as a power of two.
 const TILE_BITS: u32 = 3;
-/// Cells along an axis that are told apart, as a power of two; those further on start again, in other tiles.
+/// Cells along an axis that are told apart, as a power of two; those further on are taken for those at the beginning.
 const KEY_BITS: u32 = 21;
 const KEY_MASK: u64 = (1 << KEY_BITS) - 1;
 

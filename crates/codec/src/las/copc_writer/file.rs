@@ -351,7 +351,6 @@ mod tests {
             let root = write_page(&nodes, START, &mut pages).unwrap();
             let entries = (root.end - root.start) as usize / 32;
             assert_eq!(root.start, START);
-            println!("{} nodes, {entries} entries in the first page, {} in all", nodes.len(), pages.len() / 32);
             assert!(entries <= most_entries, "{entries}");
             assert!(pages.len() / 32 <= nodes.len() + nodes.len() / 30, "links cost little");
             let file = tempfile::NamedTempFile::new().unwrap();
