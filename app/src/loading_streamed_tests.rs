@@ -131,6 +131,49 @@ fn a_preview_keeps_what_the_gpu_may_hold() {
 }
 
 #[test]
+fn what_was_stopped_is_made_after_all() {
+    const BUDGET: u32 = 400_000;
+    let folder = tempfile::tempdir().unwrap();
+    let input = hills(&folder.path().join("a.ply"), 600_000, [0.0; 2]);
+    let settings = settings(scene::Paging::Always, BUDGET);
+    let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
+    // The preview waits for a picture, and meanwhile the index is stopped.
+    job.lookout.draw_first(true);
+    let mut received = Received::default();
+    while received.read.is_empty() {
+        let event = job.events.recv_timeout(PATIENCE).expect("it ends");
+        if matches!(event, Event::Stage { .. }) {
+            job.lookout.stop_all();
+            job.lookout.draw_first(false);
+        }
+        assert!(!matches!(event, Event::Pages { pages: Paged::Indexed { .. }, .. }), "it was not stopped");
+        received.take(event);
+    }
+    let before: Vec<(usize, u64)> = received.chunks.keys().copied().collect();
+    assert!(
+        !before.is_empty() && received.points() < u64::from(BUDGET) / 2,
+        "{} points of a preview",
+        received.points()
+    );
+    job.lookout.resume(0);
+    let look = job.lookout.look(viewpoint(&settings));
+    received.settle(&job, look);
+    assert!(received.most_preview > u64::from(BUDGET) / 4, "{}: the preview stayed what it was", received.most_preview);
+    assert!(received.chunks.keys().all(|(_, first)| *first < PREVIEW_POINTS), "a preview stays");
+    assert!((360_000..=400_000).contains(&received.points()), "{}", received.points());
+
+    // That all was stopped once does not keep an index from being mended.
+    job.lookout.stop_all();
+    job.lookout.report_damage(0);
+    let mut moved = viewpoint(&settings);
+    moved.camera.eye += DVec3::splat(0.1);
+    let look = job.lookout.look(moved);
+    received.settle(&job, look);
+    assert!((360_000..=400_000).contains(&received.points()) && received.failed == 0, "{}", received.points());
+    assert!(!job.lookout.is_closed(0));
+}
+
+#[test]
 fn a_file_that_fails_on_the_way_comes_to_its_end() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
