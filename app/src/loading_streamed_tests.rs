@@ -143,18 +143,15 @@ fn what_was_stopped_is_made_after_all() {
     while received.read.is_empty() {
         let event = job.events.recv_timeout(PATIENCE).expect("it ends");
         if matches!(event, Event::Stage { .. }) {
+            // By then it mostly waits. Where it does not yet, there is no preview to be made anew.
+            std::thread::sleep(Duration::from_millis(200));
             job.lookout.stop_all();
             job.lookout.draw_first(false);
         }
         assert!(!matches!(event, Event::Pages { pages: Paged::Indexed { .. }, .. }), "it was not stopped");
         received.take(event);
     }
-    let before: Vec<(usize, u64)> = received.chunks.keys().copied().collect();
-    assert!(
-        !before.is_empty() && received.points() < u64::from(BUDGET) / 2,
-        "{} points of a preview",
-        received.points()
-    );
+    assert!(received.points() < u64::from(BUDGET) / 4, "{}: more than the beginning of a preview", received.points());
     job.lookout.resume(0);
     let look = job.lookout.look(viewpoint(&settings));
     received.settle(&job, look);
@@ -165,6 +162,14 @@ fn what_was_stopped_is_made_after_all() {
     // That all was stopped once does not keep an index from being mended.
     job.lookout.stop_all();
     job.lookout.report_damage(0);
+    loop {
+        let event = job.events.recv_timeout(PATIENCE).expect("it is mended");
+        if let Event::Stage { stage, .. } = &event {
+            assert!(!stage.progress.is_cancelled());
+            break;
+        }
+        received.take(event);
+    }
     let mut moved = viewpoint(&settings);
     moved.camera.eye += DVec3::splat(0.1);
     let look = job.lookout.look(moved);
