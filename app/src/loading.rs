@@ -587,7 +587,10 @@ impl Loader {
         let columns = info.attributes.iter().zip(selection.attributes).filter(|(_, is_read)| *is_read);
         let columns: usize = columns.map(|(attribute, _)| attribute.column_type.size()).sum();
         let is_double = |property: &Attribute| property.name == "x" && property.column_type == cloud::ColumnType::F64;
-        let is_exact = info.format == codec::Format::Ply && info.properties.iter().any(is_double);
+        let is_exact = match info.format {
+            codec::Format::Ply => info.properties.iter().any(is_double),
+            _ => info.grid.zip(info.bounds).is_some_and(|(grid, bounds)| !grid.fits_f32(bounds)),
+        };
         // Position, normal and radius; colour; the file's own coordinates where they are kept.
         let point = 12 + 4 + 2 + 4 * usize::from(info.has_colors) + 24 * usize::from(is_exact) + columns;
         info.points.saturating_mul(point as u64)

@@ -470,9 +470,7 @@ impl Director {
         let octree = Arc::new(pages.octree().clone());
         let (grid, has_surfels) = (pages.grid(), pages.has_surfels());
         let kept = is_own.then(|| Kept { folder: pages.folder().to_owned(), bytes: pages.bytes() });
-        let columns: usize = pages.attributes().iter().map(|attribute| attribute.column_type.size()).sum();
-        // Position, normal and radius; colour; attributes.
-        let point_bytes = (12 + 4 + 2 + 4 * usize::from(pages.has_colors()) + columns) as u64;
+        let point_bytes = pages.point_bytes();
         let summary = codec::Summary {
             points: octree.points(),
             bounds: octree.nodes.first().map(|root| root.bounds),
@@ -697,7 +695,8 @@ fn demand(cut: &[Wanted], trees: &[Tree], budget: Budget) -> f64 {
     let (mut points, mut bytes, mut largest) = (0, 0, 0);
     for Wanted { cloud, node, batches } in cut {
         let Tree { octree, point_bytes, .. } = trees[cloud];
-        let whole = octree.node(*node).points;
+        let node = octree.node(*node);
+        let (whole, point_bytes) = (node.points, node.point_bytes(*point_bytes));
         let taken = stream::prefix(whole as usize, *batches) as u64;
         points += taken;
         bytes += taken * point_bytes;

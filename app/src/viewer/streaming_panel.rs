@@ -251,6 +251,7 @@ mod tests {
             level,
             bounds: cloud::Bounds::EMPTY,
             points: 200,
+            is_exact: false,
             total: 12_345,
             first_point: 200 * u64::from(level),
             parent: parent.map(stream::NodeId),

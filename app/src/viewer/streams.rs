@@ -409,6 +409,7 @@ mod tests {
             level,
             bounds,
             points,
+            is_exact: false,
             total,
             first_point,
             parent: parent.map(NodeId),

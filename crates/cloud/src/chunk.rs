@@ -112,6 +112,16 @@ pub struct Grid {
     pub offset: DVec3,
 }
 
+impl Grid {
+    /// Steps from an origin within which f32 offsets tell all points apart.
+    pub const F32_STEPS: u64 = 1 << 23;
+
+    /// F32 offsets lose nothing of points within these bounds, so their chunks need no `exact_positions`.
+    pub fn fits_f32(&self, bounds: Bounds) -> bool {
+        (bounds.size() / self.scale.abs()).max_element() < Self::F32_STEPS as f64
+    }
+}
+
 /// A cloud: chunks in file order, and what their columns mean.
 #[derive(Clone, Debug, Default)]
 pub struct Cloud {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk};
+use cloud::{Bounds, Chunk, Grid};
 use codec::{Copc, CopcNode, Selection, Source};
 use glam::{DVec3, UVec3, Vec3};
 
@@ -47,7 +47,7 @@ impl CopcPages {
 }
 
 /// The octree of a COPC file. Nodes that only have others below them have no points.
-pub fn octree(copc: &Copc, header_bounds: Option<Bounds>) -> Octree {
+pub fn octree(copc: &Copc, grid: &Grid, header_bounds: Option<Bounds>) -> Octree {
     let bounds = |node: &CopcNode| {
         let cube = cube(copc.corner, copc.width, node.level, node.cell);
         let common = header_bounds
@@ -68,10 +68,12 @@ pub fn octree(copc: &Copc, header_bounds: Option<Bounds>) -> Octree {
             let octant = (0..3).map(|axis| ((node.cell[axis] & 1) as usize) << axis).sum::<usize>();
             nodes[parent].children[octant] = Some(NodeId(index as u32));
         }
+        let bounds = bounds(node);
         nodes.push(Node {
             level: node.level as u8,
-            bounds: bounds(node),
+            bounds,
             points: node.points,
+            is_exact: !grid.fits_f32(bounds),
             total: u64::from(node.points),
             first_point,
             parent: parent.map(|parent| NodeId(parent as u32)),

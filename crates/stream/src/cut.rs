@@ -27,7 +27,7 @@ pub struct Tree<'a> {
     /// What the caller calls it.
     pub cloud: usize,
     pub octree: &'a Octree,
-    /// Bytes of one decoded point.
+    /// Bytes of one decoded point, without `exact_positions`.
     pub point_bytes: u64,
 }
 
@@ -105,7 +105,7 @@ pub fn choose(
     let root_batches = root_batches(trees, budget);
     for (tree, Tree { cloud, octree, point_bytes }) in trees.iter().enumerate() {
         let Some(root) = octree.nodes.first() else { continue };
-        let batches = left.take(root.points, root_batches.max(1), *point_bytes);
+        let batches = left.take(root.points, root_batches.max(1), root.point_bytes(*point_bytes));
         if batches == 0 {
             break;
         }
@@ -117,7 +117,7 @@ pub fn choose(
     while let Some(Candidate { pixels, tree, node: id, .. }) = heap.pop() {
         let Tree { cloud, octree, point_bytes } = trees[tree];
         let node = octree.node(id);
-        let batches = left.take(node.points, BATCHES, point_bytes);
+        let batches = left.take(node.points, BATCHES, node.point_bytes(point_bytes));
         if batches > 0 {
             cut.push(Wanted { cloud, node: id, batches });
         }
@@ -134,9 +134,10 @@ fn root_batches(trees: &[Tree], budget: Budget) -> usize {
     let fits = |batches: usize| {
         let (mut points, mut bytes) = (0_u64, 0_u64);
         for tree in trees {
-            let own = tree.octree.nodes.first().map_or(0, |root| prefix(root.points as usize, batches) as u64);
+            let Some(root) = tree.octree.nodes.first() else { continue };
+            let own = prefix(root.points as usize, batches) as u64;
             points = points.saturating_add(own);
-            bytes = bytes.saturating_add(own.saturating_mul(tree.point_bytes));
+            bytes = bytes.saturating_add(own.saturating_mul(root.point_bytes(tree.point_bytes)));
         }
         points <= budget.points && bytes <= budget.bytes
     };

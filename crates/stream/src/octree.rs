@@ -16,6 +16,8 @@ pub struct Node {
     pub bounds: Bounds,
     /// Its own points.
     pub points: u32,
+    /// Its chunk may keep `exact_positions`.
+    pub is_exact: bool,
     /// Its own points and those of all nodes below it.
     pub total: u64,
     /// Points of all nodes before it: tells chunks apart.
@@ -23,6 +25,13 @@ pub struct Node {
     pub parent: Option<NodeId>,
     /// In the octant with bit 0 set for the upper half in x, bit 1 in y, bit 2 in z.
     pub children: [Option<NodeId>; 8],
+}
+
+impl Node {
+    /// Bytes of a decoded point, where one without `exact_positions` takes so many.
+    pub fn point_bytes(&self, usual: u64) -> u64 {
+        usual.saturating_add(if self.is_exact { size_of::<[f64; 3]>() as u64 } else { 0 })
+    }
 }
 
 /// The nodes of a cloud, parents before their children; the first is the root.

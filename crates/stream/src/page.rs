@@ -5,14 +5,12 @@
 
 use std::sync::Arc;
 
-use cloud::{Chunk, Column};
+use cloud::{Chunk, Column, Grid};
 
 use crate::batches;
 use crate::lattice::Lattice;
 use crate::records::{Layout, each_type};
 
-/// Steps of a lattice along which f32 offsets tell all of its points apart.
-const F32_STEPS: u64 = 1 << 23;
 /// Points that decide where the origin of a page is that is larger than that.
 const MEDIAN_POINTS: usize = 99;
 /// Bytes of a position that is written as it is, three 64-bit integers, because it needs more than 128 bits.
@@ -135,8 +133,8 @@ impl Place {
     }
 
     /// F32 offsets from the middle lose nothing.
-    fn fits_f32(&self) -> bool {
-        (0..3).all(|axis| self.extent(axis) < F32_STEPS)
+    pub fn fits_f32(&self) -> bool {
+        (0..3).all(|axis| self.extent(axis) < Grid::F32_STEPS)
     }
 }
 

@@ -153,12 +153,13 @@ impl Pages {
     pub fn copc(source: &Arc<Source>) -> Option<Self> {
         let copc = source.copc()?;
         let info = source.info();
-        let octree = copc::octree(copc, info.bounds);
+        let grid = info.grid?;
+        let octree = copc::octree(copc, &grid, info.bounds);
         let attributes = plan::kept_attributes([info.attributes.as_slice()].into_iter());
         let column = |kept: &Attribute| info.attributes.iter().position(|attribute| attribute.name == kept.name);
         let columns = attributes.iter().filter_map(column).collect();
         let color_bytes = if info.has_colors { 3 } else { 0 };
-        let lattice = Lattice { grid: info.grid?, corner: octree.corner, width: octree.width };
+        let lattice = Lattice { grid, corner: octree.corner, width: octree.width };
         let summary = Summary {
             key: 0,
             on_grid: true,
@@ -236,6 +237,13 @@ impl Pages {
     /// What was wrong with the files when the index was made.
     pub fn warnings(&self) -> &[String] {
         &self.summary.warnings
+    }
+
+    /// Bytes of a decoded point, its normal and radius included; more in a node that [`Node::is_exact`].
+    pub fn point_bytes(&self) -> u64 {
+        let columns: usize = self.attributes().iter().map(|attribute| attribute.column_type.size()).sum();
+        // Position, normal and radius; colour; attributes.
+        (12 + 4 + 2 + 4 * usize::from(self.has_colors()) + columns) as u64
     }
 
     /// Bytes of a page on disk.
@@ -486,6 +494,7 @@ fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) ->
             level,
             bounds,
             points,
+            is_exact: summary.on_grid && !place.fits_f32(),
             total: u64::from(points),
             first_point,
             parent: parent.map(|parent| NodeId(parent as u32)),

@@ -43,7 +43,7 @@ pub struct Page {
 #[derive(Clone)]
 pub struct PagedCloud {
     pub octree: Arc<Octree>,
-    /// Bytes of a decoded point, its normal and radius included.
+    /// Bytes of a decoded point, its normal and radius included, without `exact_positions`.
     pub point_bytes: u64,
     pub missing: Missing,
     /// Called by several threads at a time. Radii that it gives are those of full density.
@@ -53,8 +53,9 @@ pub struct PagedCloud {
 impl PagedCloud {
     /// Bytes of a whole node in memory.
     fn cost(&self, node: NodeId) -> u64 {
-        let point_bytes = self.point_bytes.saturating_add(SCALED_RADIUS_BYTES);
-        u64::from(self.octree.node(node).points).saturating_mul(point_bytes)
+        let node = self.octree.node(node);
+        let point_bytes = node.point_bytes(self.point_bytes).saturating_add(SCALED_RADIUS_BYTES);
+        u64::from(node.points).saturating_mul(point_bytes)
     }
 }
 
@@ -562,13 +563,15 @@ impl State {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
             let Some(node) = held.paged.octree.nodes.get(id.0 as usize) else { continue };
             let is_wanted = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0);
-            if !node.parent.is_none_or(is_wanted) || is_wanted(*id) || *batches == 0 {
+            // What is too large is not wanted itself, so that what is shown of it can go.
+            let may_have_children = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0 || entry.failed);
+            if !node.parent.is_none_or(may_have_children) || is_wanted(*id) || *batches == 0 {
                 continue;
             }
             let cost = held.paged.cost(*id);
             if cost > most {
                 let entry = held.entries.entry(*id).or_default();
-                (entry.wanted, entry.wanted_at) = (*batches, self.cuts);
+                entry.wanted_at = self.cuts;
                 if !std::mem::replace(&mut entry.failed, true) {
                     let error = Error::TooLarge { bytes: cost, budget: self.budget.bytes };
                     self.pending.push(Change::Failed { cloud: *cloud, node: *id, error });
@@ -662,7 +665,14 @@ impl State {
         match loaded {
             Ok(loaded) => {
                 self.bytes += loaded.bytes();
+                let points = loaded.chunk.len() as u64;
+                let excess = loaded.bytes().saturating_sub(held.paged.cost(job.node));
                 entry.loaded = Some(loaded);
+                if excess > 0 {
+                    // The cut was promised for less than its pages take: as much of it as there is room for.
+                    held.paged.point_bytes += excess.div_ceil(points);
+                    self.accept();
+                }
             }
             Err(error) => {
                 entry.failed = true;

@@ -483,6 +483,77 @@ fn a_node_too_large_for_the_memory_hides_neither_what_is_below_it_nor_other_clou
     assert_eq!(drawer.points(), 256 * (crowded.nodes.len() - 1 + even.nodes.len()) as u64 + 1_000_000);
 }
 
+/// Chunks that take more than twice what was said of them.
+fn swollen(octree: &Arc<Octree>) -> PagedCloud {
+    paged(octree, |octree, node| {
+        let chunk = terrain_page(octree, node);
+        let exact = (0..chunk.len()).map(|index| chunk.position(index).to_array()).collect();
+        Ok(Chunk { exact_positions: Some(Arc::new(exact)), ..chunk })
+    })
+}
+
+#[test]
+fn pages_larger_than_was_said_settle_with_as_many_as_there_is_room_for() {
+    let octree = Arc::new(terrain(4));
+    let swollen_bytes = 256 * (HELD_POINT_BYTES + 24);
+    for workers in [1, 4] {
+        for nodes in [30, 100] {
+            let budget = Budget { points: u64::MAX, bytes: nodes * swollen_bytes };
+            let streamer = Streamer::new(workers, budget, || {}).unwrap();
+            streamer.add(0, swollen(&octree));
+            let mut drawer = Drawer::default();
+            for _ in 0..2 {
+                streamer.want(everything(0, &octree));
+                drawer.settle(&streamer);
+                assert!(streamer.stats().bytes <= budget.bytes);
+                // One node is kept free.
+                assert_eq!((drawer.chunks.len() as u64, drawer.failed.len()), (nodes - 1, 0));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_node_that_turns_out_too_large_is_told_and_its_room_given_back() {
+    let mut octree = terrain(2);
+    let large = octree.nodes[0].children[1].unwrap();
+    octree.nodes[large.0 as usize].points = 4096;
+    let octree = Arc::new(octree);
+    let cost = 4096 * HELD_POINT_BYTES;
+    let streamer = Streamer::new(2, Budget { points: u64::MAX, bytes: 3 * cost }, || {}).unwrap();
+    streamer.add(0, swollen(&octree));
+    streamer.want(everything(0, &octree));
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    assert_eq!(drawer.failed.iter().map(|(_, node, _)| *node).collect::<Vec<_>>(), [large]);
+    assert_eq!(drawer.points(), 256 * (octree.nodes.len() as u64 - 1));
+}
+
+#[test]
+fn what_is_shown_goes_when_it_is_too_large_for_a_smaller_budget() {
+    let octree = Arc::new(terrain(2));
+    let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+    streamer.add(0, readable(&octree));
+    streamer.want(everything(0, &octree));
+    let mut drawer = Drawer::default();
+    drawer.settle(&streamer);
+    streamer.set_budget(Budget { points: u64::MAX, bytes: 256 * HELD_POINT_BYTES - 1 });
+    drawer.settle(&streamer);
+    assert_eq!((drawer.points(), streamer.stats().bytes), (0, 0));
+}
+
+#[test]
+fn nodes_that_keep_exact_positions_are_charged_for_them() {
+    let mut octree = terrain(2);
+    octree.nodes.iter_mut().for_each(|node| node.is_exact = node.level < 2);
+    let cut = |bytes| {
+        let trees = [Tree { cloud: 0, octree: &octree, point_bytes: POINT_BYTES }];
+        choose(&trees, |_, _, _| 1.0, Budget { points: u64::MAX, bytes }, 0.0)
+    };
+    let shown = 5 * 256 * (POINT_BYTES + 24);
+    assert_eq!(cut(shown + 3 * 256 * POINT_BYTES).iter().map(|wanted| wanted.batches).sum::<usize>(), 8 * BATCHES);
+}
+
 #[test]
 fn a_cloud_that_goes_while_it_is_read_leaves_nothing() {
     let octree = Arc::new(random(5, 60));

@@ -29,6 +29,7 @@ fn build(is_there: impl Fn(u64, usize) -> bool, levels: u8, points: impl Fn(u64)
         level,
         bounds: Bounds { min: corner, max: corner + width },
         points,
+        is_exact: false,
         total: u64::from(points),
         first_point: 0,
         parent,

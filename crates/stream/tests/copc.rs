@@ -141,7 +141,7 @@ fn a_copc_file_streams_whole_with_nodes_that_are_empty() {
     let reader = pages.clone();
     let paged = PagedCloud {
         octree: octree.clone(),
-        point_bytes: 30,
+        point_bytes: pages.point_bytes(),
         missing: Missing::Estimate(SurfelOptions { neighbours: 8, orientation }),
         read: Arc::new(move |node| Ok(Page { chunk: reader.read(node)?, disk_bytes: reader.page_bytes(node) as u64 })),
     };

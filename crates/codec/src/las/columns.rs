@@ -10,8 +10,7 @@ use super::layout::{Layout, bytes};
 
 /// Records per tile: 36 KiB of point format 7, and few enough that a decoder's calls per tile cost nothing.
 pub const TILE_RECORDS: usize = 1024;
-/// Grid steps from the origin within which f32 offsets tell all points apart.
-const F32_STEPS: f64 = (1_u64 << 23) as f64;
+const F32_STEPS: f64 = Grid::F32_STEPS as f64;
 /// Records of which one is where most points are.
 const MEDIAN_RECORDS: usize = 99;
 
