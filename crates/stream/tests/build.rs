@@ -437,6 +437,25 @@ fn the_same_files_give_the_same_index() {
 }
 
 #[test]
+fn decoded_points_take_as_many_bytes_as_an_index_says() {
+    for (steps, some_exact) in [(1, false), (100, true)] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.las");
+        let wider = |point: Point| Point { at: point.at.map(|value| value * steps), ..point };
+        write_las(&path, &terrain(300_000).into_iter().map(wider).collect::<Vec<_>>());
+        let pages = index(&[open(&path)], folder.path());
+        let mut exact = 0;
+        for (id, node) in pages.octree().ids() {
+            // It has neither normals nor radii yet.
+            let bytes = pages.read(id).unwrap().size_in_bytes() as u64 + 6 * u64::from(node.points);
+            assert_eq!(bytes, u64::from(node.points) * node.point_bytes(pages.point_bytes()));
+            exact += usize::from(node.is_exact);
+        }
+        assert_eq!(exact > 0, some_exact);
+    }
+}
+
+#[test]
 fn a_preview_is_thinned_and_progress_counts_all_points_twice() {
     let (folder, inputs) = cloud_of(200_000);
     let cache = Cache::new(folder.path().join("cache"), u64::MAX);
