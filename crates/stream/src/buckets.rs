@@ -2,7 +2,7 @@
 //! file.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::sync::{Mutex, MutexGuard, PoisonError, RwLock};
 
 use crate::Result;
 use crate::lattice::{Cell, DEPTH, KEY_LEVELS, Placing, below, morton};
@@ -110,6 +110,20 @@ struct Open {
 }
 
 impl Open {
+    fn new(cell: Cell) -> Self {
+        Self { bucket: Bucket::new(cell), occupied: Box::new([0; KNOWN_BYTES]) }
+    }
+
+    /// Makes it one of its parent's, with that of a neighbour.
+    fn merge(&mut self, child: Self) {
+        // Eight cells, a byte, become one.
+        let start = child.bucket.cell.octant() * KNOWN_BYTES / 8;
+        for (index, byte) in child.occupied.iter().enumerate() {
+            self.occupied[start + index / 8] |= u8::from(*byte != 0) << (index % 8);
+        }
+        self.bucket.merge(child.bucket);
+    }
+
     fn close(self) -> Bucket {
         let Self { mut bucket, occupied } = self;
         let any = |bytes: &&[u8]| bytes.iter().any(|byte| *byte != 0);
@@ -126,16 +140,24 @@ pub fn most_cells(memory: u64) -> u64 {
     (memory / (2 * KNOWN_BYTES as u64)).max(FEWEST_CELLS)
 }
 
-/// Sorts records into the buckets of one level below a cell. Used by many threads at once.
+/// Sorts records into the buckets of one level below a cell. Used by many threads at once. Goes on a level further up when there
+/// are more buckets than were expected, as where points fill space rather than lie on surfaces.
 pub struct Distribution<'a> {
     pub layout: &'a Layout,
     pub placing: Placing,
     storage: &'a Storage,
     base: Cell,
-    depth: u8,
+    /// Buckets, at most.
+    most: usize,
     /// Bytes a bucket keeps in memory.
     block: usize,
-    buckets: RwLock<HashMap<u64, Arc<Mutex<Open>>>>,
+    level: RwLock<Level>,
+}
+
+struct Level {
+    /// Levels below the base.
+    depth: u8,
+    buckets: HashMap<u64, Mutex<Open>>,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -143,7 +165,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl<'a> Distribution<'a> {
-    /// Into cells `depth` levels below `base`, with about `memory` bytes for some `expected` buckets.
+    /// Into cells `depth` levels below `base`, or fewer so that no more than the `expected` buckets (eight at least) come of it.
+    /// Their records take about `memory` bytes, and as much what is known of them.
     pub fn new(
         layout: &'a Layout,
         placing: Placing,
@@ -155,14 +178,16 @@ impl<'a> Distribution<'a> {
     ) -> Self {
         let depth = depth.min(MOST_DEPTH);
         let block = (memory / expected.max(1)).clamp(4 << 10, BLOCK_BYTES as u64) as usize;
-        Self { layout, placing, storage, base, depth, block, buckets: RwLock::default() }
+        let level = RwLock::new(Level { depth, buckets: HashMap::new() });
+        Self { layout, placing, storage, base, most: expected as usize, block, level }
     }
 
     /// Adds records that lie in the base.
     pub fn add(&self, records: &[u8]) -> Result<()> {
         let stride = self.layout.stride();
         let known = 3 * u32::from(KNOWN_LEVELS);
-        let shift = 3 * u32::from(KEY_LEVELS - self.depth - KNOWN_LEVELS);
+        let depth = self.level.read().unwrap_or_else(PoisonError::into_inner).depth;
+        let shift = 3 * u32::from(KEY_LEVELS - depth - KNOWN_LEVELS);
         // Neighbours in the file are mostly neighbours in space: few cells per chunk, and the next point is in the same one.
         let mut slots: HashMap<u64, u32> = HashMap::new();
         let mut cells: Vec<(u64, usize)> = Vec::new();
@@ -197,30 +222,33 @@ impl<'a> Distribution<'a> {
         }
         for (&(cell, count), &start) in cells.iter().zip(&starts) {
             let end = start + count;
-            self.add_to(cell, &grouped[start * stride..end * stride], &bits[start..end])?;
+            self.add_to(depth, cell, &grouped[start * stride..end * stride], &bits[start..end])?;
         }
         Ok(())
     }
 
-    fn bucket(&self, cell: u64) -> Arc<Mutex<Open>> {
-        if let Some(bucket) = self.buckets.read().unwrap_or_else(PoisonError::into_inner).get(&cell) {
-            return bucket.clone();
+    /// Adds records of one cell `depth` levels below the base; `bits` say in which cells below that they lie.
+    fn add_to(&self, depth: u8, cell: u64, records: &[u8], bits: &[u32]) -> Result<()> {
+        loop {
+            let level = self.level.read().unwrap_or_else(PoisonError::into_inner);
+            // It may have gone further up since the cell was found.
+            let up = 3 * u32::from(depth - level.depth);
+            if let Some(open) = level.buckets.get(&(cell >> up)) {
+                let Open { bucket, occupied } = &mut *locked(open);
+                for bit in bits {
+                    let known = 3 * u32::from(KNOWN_LEVELS);
+                    let bit = (cell << known | u64::from(*bit)) >> up & ((1 << known) - 1);
+                    occupied[(bit / 8) as usize] |= 1 << (bit % 8);
+                }
+                return self.append(bucket, records, bits.len());
+            }
+            drop(level);
+            self.open(depth, cell)?;
         }
-        let mut buckets = self.buckets.write().unwrap_or_else(PoisonError::into_inner);
-        let new = || Open {
-            bucket: Bucket::new(self.base.descendant(self.depth, cell)),
-            occupied: Box::new([0; KNOWN_BYTES]),
-        };
-        buckets.entry(cell).or_insert_with(|| Arc::new(Mutex::new(new()))).clone()
     }
 
-    fn add_to(&self, cell: u64, records: &[u8], bits: &[u32]) -> Result<()> {
-        let open = self.bucket(cell);
-        let Open { bucket, occupied } = &mut *locked(&open);
-        bucket.points += bits.len() as u64;
-        for bit in bits {
-            occupied[(bit / 8) as usize] |= 1 << (bit % 8);
-        }
+    fn append(&self, bucket: &mut Bucket, records: &[u8], points: usize) -> Result<()> {
+        bucket.points += points as u64;
         if bucket.buffer.len() + records.len() >= self.block {
             bucket.flush(self.storage)?;
         }
@@ -233,10 +261,42 @@ impl<'a> Distribution<'a> {
         Ok(())
     }
 
+    /// A bucket for a cell `depth` levels below the base.
+    fn open(&self, depth: u8, cell: u64) -> Result<()> {
+        let mut level = self.level.write().unwrap_or_else(PoisonError::into_inner);
+        loop {
+            let at = cell >> (3 * u32::from(depth - level.depth));
+            if level.buckets.contains_key(&at) {
+                return Ok(());
+            }
+            if level.buckets.len() < self.most || level.depth <= 1 {
+                let open = Open::new(self.base.descendant(level.depth, at));
+                level.buckets.insert(at, Mutex::new(open));
+                return Ok(());
+            }
+            self.go_up(&mut level)?;
+        }
+    }
+
+    /// Joins all buckets of a parent.
+    fn go_up(&self, level: &mut Level) -> Result<()> {
+        level.depth -= 1;
+        let depth = level.depth;
+        for (cell, child) in std::mem::take(&mut level.buckets) {
+            let parent = || Mutex::new(Open::new(self.base.descendant(depth, cell >> 3)));
+            let parent = level.buckets.entry(cell >> 3).or_insert_with(parent);
+            let parent = parent.get_mut().unwrap_or_else(PoisonError::into_inner);
+            parent.merge(child.into_inner().unwrap_or_else(PoisonError::into_inner));
+            if parent.bucket.buffer.len() >= self.block {
+                parent.bucket.flush(self.storage)?;
+            }
+        }
+        Ok(())
+    }
+
     pub fn finish(self) -> Vec<Bucket> {
-        let buckets = self.buckets.into_inner().unwrap_or_else(PoisonError::into_inner).into_values();
-        let open = buckets.filter_map(Arc::into_inner);
-        open.map(|open| open.into_inner().unwrap_or_else(PoisonError::into_inner).close()).collect()
+        let buckets = self.level.into_inner().unwrap_or_else(PoisonError::into_inner).buckets.into_values();
+        buckets.map(|open| open.into_inner().unwrap_or_else(PoisonError::into_inner).close()).collect()
     }
 }
 
@@ -252,7 +312,7 @@ pub fn split(
     let (depth, cells) =
         split_depth(bucket, layout, placing, storage, most_points, most_cells(memory).min(MOST_CELLS))?;
     let depth = depth.min(LAST_LEVEL - bucket.cell.level);
-    let distribution = Distribution::new(layout, placing, storage, bucket.cell, depth, cells, memory);
+    let distribution = Distribution::new(layout, placing, storage, bucket.cell, depth, 2 * cells, memory);
     bucket.read(storage, (memory / 4) as usize, |records| distribution.add(records))?;
     let mut parts = distribution.finish();
     for part in &mut parts {
@@ -337,4 +397,55 @@ pub fn merge(buckets: Vec<Bucket>, most_points: u64) -> Vec<Bucket> {
     merged.extend(levels.into_iter().next().unwrap_or_default());
     merged.sort_by_key(|bucket| bucket.cell.rank());
     merged
+}
+
+#[cfg(test)]
+mod tests {
+    use cloud::{Chunk, Grid};
+    use glam::DVec3;
+
+    use super::*;
+    use crate::lattice::Lattice;
+
+    #[test]
+    fn points_that_fill_space_come_to_no_more_buckets_than_were_expected() {
+        const SIDE: u32 = 64;
+        let folder = tempfile::tempdir().unwrap();
+        let storage = Storage::create(&folder.path().join("records"), u64::MAX).unwrap();
+        let layout = Layout { wide: false, color_bytes: 0, normals: false, attributes: Vec::new() };
+        let grid = Grid { scale: DVec3::ONE, offset: DVec3::splat(0.5) };
+        let lattice = Lattice { grid, corner: DVec3::ZERO, width: f64::from(SIDE) };
+        let slab = |x: u32| {
+            let place = |index: u32| [x, index / SIDE, index % SIDE].map(|at| at as f32);
+            let chunk = Chunk::new(0, DVec3::splat(0.5), (0..SIDE * SIDE).map(place).collect());
+            layout.encode(&chunk, &lattice, &[]).records
+        };
+        let sorted = |depth: u8, expected: u64| {
+            let distribution =
+                Distribution::new(&layout, lattice.placing(), &storage, Cell::ROOT, depth, expected, 1 << 20);
+            std::thread::scope(|scope| {
+                for first in 0..4 {
+                    let (distribution, slab) = (&distribution, &slab);
+                    scope.spawn(move || (first..SIDE).step_by(4).for_each(|x| distribution.add(&slab(x)).unwrap()));
+                }
+            });
+            let mut buckets = distribution.finish();
+            buckets.sort_by_key(|bucket| bucket.cell.rank());
+            let told = |bucket: &Bucket| {
+                let mut records: Vec<[u8; 12]> = bucket.load(&storage).unwrap().as_chunks().0.to_vec();
+                records.sort_unstable();
+                (bucket.cell, bucket.points, bucket.occupied, records)
+            };
+            buckets.iter().map(told).collect::<Vec<_>>()
+        };
+        let expected = 512;
+        let buckets = sorted(5, expected);
+        assert_eq!(buckets.len() as u64, expected);
+        assert!(buckets == sorted(3, expected), "as if it had started there");
+        assert!(
+            buckets
+                .iter()
+                .all(|(_, points, occupied, _)| *points == 512 && *occupied == [1, 8, 64, 512, 512, 512, 512])
+        );
+    }
 }
