@@ -350,7 +350,7 @@ fn job_progress(ui: &mut Ui, state: &State, job: &JobEntry) -> bool {
 }
 
 /// How far something is that is made for a cloud.
-pub fn stage_progress(ui: &mut Ui, stage: &Stage, name: &str) {
+fn stage_progress(ui: &mut Ui, stage: &Stage, name: &str) {
     let (verb, noun) = match stage.making {
         Making::Index => ("indexing", "index"),
         Making::Surfels => ("normals of", "normals"),

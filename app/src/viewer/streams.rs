@@ -543,7 +543,7 @@ mod tests {
         for _ in 0..points / chunk.len() as u64 {
             store.add_chunk(cloud, &chunk, None).unwrap();
         }
-        // Of the 48 bytes of a point beside its share of spare room these are the 24 that are there without an attribute and without mirrors.
+        // Of the 48 bytes of a point, spare room left out, these are the 24 that are there without an attribute and without mirrors.
         let bytes = store.gpu_bytes() * 2;
         // Room is given in grains of so many points.
         let grain = 48 << 18;

@@ -23,7 +23,7 @@ const EIGHTH: u16 = STEPS_PER_OCTAVE / 8;
 
 /// Radii that grow stay between these, in distances between the points that are drawn at a place. One point of each cell of a
 /// grid is drawn, and a surface meets up to 1.5 cells for each that it would fill. 0.8 leaves no holes; pictures of a tenth of the
-/// points come nearer to those of all than with 0.88, 1 and 1.15 (docs/performance.md).
+/// points come nearer to those of all than with 0.88 and 1 (docs/performance.md).
 pub const LARGEST_SPACINGS: f64 = 0.8;
 const SMALLEST_SPACINGS: f64 = 0.6;
 
