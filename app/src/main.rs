@@ -137,7 +137,15 @@ pub fn settings_folder() -> Option<PathBuf> {
 
 /// Logs to standard error what the environment variable GLINT_LOG selects (`debug`, `codec=trace`); nothing without it.
 fn log_if_asked() {
-    if let Ok(filter) = tracing_subscriber::EnvFilter::try_from_env("GLINT_LOG") {
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    use tracing_subscriber::layer::SubscriberExt as _;
+    use tracing_subscriber::util::SubscriberInitExt as _;
+
+    let Ok(selection) = std::env::var("GLINT_LOG") else { return };
+    match selection.parse::<tracing_subscriber::filter::Targets>() {
+        Ok(targets) => {
+            let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+            tracing_subscriber::registry().with(lines).with(targets).init();
+        }
+        Err(error) => complain(&format!("warning: GLINT_LOG: {error}; nothing is logged")),
     }
 }
