@@ -1,6 +1,7 @@
 //! `cargo xtask run` and `cargo xtask test`: from a fresh clone to a window, and to a tested tree, in one command each.
+//! `cargo xtask baseline` keeps the checksums that pictures are held to.
 //!
-//! Both first look for what the system lacks (`needs`) and install it where that is allowed. Everything else is left to
+//! All first look for what the system lacks (`needs`) and install it where that is allowed. Everything else is left to
 //! cargo, in the one profile the project uses, so that running, checking and testing share what they compile.
 
 mod needs;
@@ -18,9 +19,11 @@ const HELP: &str = "\
 cargo xtask run [INPUT...]   Open the viewer on point clouds (.las, .laz, .ply), scene files (.toml) or built-in scenes.
                              Without INPUT: the built-in scene five-mirrors/sphere. Without a display: renders the same
                              to glint.png in the current folder.
+cargo xtask baseline         Write the checksums of pictures in tests/baseline anew, for this machine's adapter. Only where a
+                             change is meant to change pictures; `cargo xtask test` fails where they differ.
 cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed), build and run all tests.
 
-Both look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
+All look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
 ImageMagick) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
 the line to type and stop.
 
@@ -42,6 +45,7 @@ fn main() -> ExitCode {
         }
         ["run", inputs @ ..] if inputs.iter().all(|input| !input.starts_with('-')) => run(inputs),
         ["test"] => test(),
+        ["baseline"] => baseline(),
         _ => {
             eprintln!("{HELP}");
             return ExitCode::from(2);
@@ -125,6 +129,14 @@ fn test() -> Result<ExitCode> {
     }
     println!("== passed ({})", times.join(", "));
     Ok(ExitCode::SUCCESS)
+}
+
+fn baseline() -> Result<ExitCode> {
+    provide(needs::needs_to_test())?;
+    let mut command = cargo();
+    command.args(["test", "--release", "--workspace", "--locked", "--test", "baseline"]);
+    command.current_dir(root()?).env("UPDATE", "1").env("GLINT_REQUIRE_GPU", "1");
+    Ok(exit_code(status(&mut command)?))
 }
 
 /// Installs what is missing, or says how to. An error when the user has to act first.
