@@ -1,10 +1,11 @@
 //! The list of clouds: show or hide, frame, remove.
 
-use egui::{RichText, Sense, Ui};
+use egui::{RichText, Ui};
 use scene::StandardView;
 
 use super::state::State;
 use super::theme::{self, grouped};
+use super::widgets::eye;
 
 pub fn show(ui: &mut Ui, state: &mut State) {
     enum Wish {
@@ -72,33 +73,4 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             }
         }
     }
-}
-
-/// An open or closed eye that can be clicked. `of` is read out by screen readers.
-pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
-    let (rect, response) = ui.allocate_exact_size(egui::vec2(20.0, 16.0), Sense::click());
-    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}")));
-    let color = match (open, response.hovered()) {
-        (_, true) => egui::Color32::WHITE,
-        (true, false) => ui.visuals().text_color(),
-        (false, false) => theme::WEAK.gamma_multiply(0.6),
-    };
-    let stroke = egui::Stroke::new(1.3, color);
-    let center = rect.center();
-    // Two arcs that meet at the corners of the eye; a closed eye has the lower lid and a lash.
-    let lid = |height: f32| {
-        (0..=12).map(move |i| {
-            let along = i as f32 / 6.0 - 1.0;
-            center + egui::vec2(along * 7.5, height * (1.0 - along * along))
-        })
-    };
-    let painter = ui.painter();
-    painter.add(egui::Shape::line(lid(4.5).collect(), stroke));
-    if open {
-        painter.add(egui::Shape::line(lid(-4.5).collect(), stroke));
-        painter.circle_filled(center, 2.2, color);
-    } else {
-        painter.line_segment([center + egui::vec2(0.0, 4.5), center + egui::vec2(0.0, 7.0)], stroke);
-    }
-    response.on_hover_text(if open { "Hide" } else { "Show" })
 }

@@ -6,7 +6,7 @@ use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::DVec3;
 
 use super::gizmo;
-use super::navigation::Lens;
+use super::lens::Lens;
 use super::state::{CloudEntry, State};
 use super::theme;
 
