@@ -12,6 +12,7 @@ use render::{FrameStats, Gpu, Renderer};
 use scene::{Camera, ColorBy, Settings};
 
 use crate::chart;
+use crate::file_name::file_name;
 use crate::flicker::{Followed, Shown, Steps, flicker, follow};
 use crate::journal::{Folder, FolderError};
 use crate::metrics::Truth;
@@ -272,7 +273,7 @@ fn worst<'a>(plan: &Plan, rows: &'a [Row]) -> Vec<(String, &'a Row)> {
                 let is_of = |row: &&&Row| row.case.scene_pattern == *scene && row.case.method == *method;
                 let rows = of_group.iter().filter(is_of);
                 if let Some(row) = rows.max_by(|a, b| badness(a).total_cmp(&badness(b))) {
-                    let name = format!("pictures/{}-{}.png", chart::file_name(&group.name), row.case.index);
+                    let name = format!("pictures/{}-{}.png", file_name(&group.name), row.case.index);
                     shown.push((name, row));
                 }
             }
