@@ -1,5 +1,6 @@
 //! The shape of the workspace: which crate may know which, and what no file may contain. docs/architecture.md says why.
 
+mod dependencies;
 mod imports;
 
 use std::path::{Path, PathBuf};
