@@ -330,7 +330,11 @@ impl Viewer {
         });
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
         state.follow_cursor();
+        let steps = state.history.steps();
         let again = [state.history.watch(&state.settings, &state.objects, is_held), state.request_frame()];
+        if state.history.steps() != steps {
+            state.log(json!({ "event": "step" }));
+        }
         state.renew_figures();
         state.look_around();
         state.sync_levels();
@@ -339,6 +343,7 @@ impl Viewer {
         let truth = state.sync_truth();
         match painted {
             Painted::Next(delay) => {
+                self.log.on_painted();
                 let delay = again.into_iter().chain([truth]).flatten().fold(delay, Duration::min);
                 self.next_paint = Instant::now().checked_add(delay);
                 if delay.is_zero() {
@@ -495,6 +500,9 @@ impl Viewer {
                 }
                 Effect::Log(event) => self.log.write(&event),
             }
+        }
+        if self.log.has_news() {
+            self.request_paint();
         }
     }
 
