@@ -289,14 +289,10 @@ fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
         order.sort_by(|a, b| a.scene.cmp(&b.scene));
         return order;
     }
-    // SplitMix64 (Steele et al. 2014), and the shuffle of Fisher and Yates.
-    let mut state = u64::from(round);
+    // The shuffle of Fisher and Yates.
+    let mut random = cloud::Random(u64::from(round));
     for last in (1..order.len()).rev() {
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut bits = state;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        order.swap(last, ((bits ^ (bits >> 31)) % (last as u64 + 1)) as usize);
+        order.swap(last, random.below(last as u64 + 1) as usize);
     }
     order
 }
