@@ -3,6 +3,8 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -13,18 +15,13 @@ use glam::DVec3;
 use las::copc::CopcInfoVlr;
 use las::{BoundsSelection, CopcReader, LodSelection, Point};
 use las_files::{Chunks, compress, descriptor, las_file, terrain};
+use real_data::test_data;
 
 const FILES: [&str; 3] =
     ["lone_star_las14_pf6.copc.laz", "ellipsoid_las14_pf7.copc.laz", "simple_with_hierarchy_page.copc.laz"];
 
 fn data(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder.join("copc").join(name));
-    }
-    println!("skipped: no test data");
-    None
+    Some(test_data()?.join("copc").join(name))
 }
 
 fn everything(source: &Source) -> Selection {

@@ -2,8 +2,10 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -12,15 +14,10 @@ use cloud::{Chunk, Cloud, Column, Progress, Random};
 use codec::{Error, Format, Selection, Source, Summary};
 use glam::DVec3;
 use las_files::{Chunks, compress, descriptor, las_file, points, terrain};
+use real_data::test_data;
 
 fn data(path: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder.join(path));
-    }
-    println!("skipped: no test data");
-    None
+    Some(test_data()?.join(path))
 }
 
 /// A file that goes away with the test.
