@@ -338,20 +338,16 @@ fn upload(
 }
 
 #[cfg(test)]
-mod tests {
-    use std::path::{Path, PathBuf};
+#[path = "../../tests/src/real_data.rs"]
+mod real_data;
 
+#[cfg(test)]
+mod tests {
     use super::*;
 
     /// `None`, with a note, where the real files are not.
     fn real(name: &str) -> Option<Loaded> {
-        let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-        let folder = std::env::var_os("GLINT_TEST_DATA").map_or(beside, PathBuf::from);
-        if !folder.is_dir() {
-            eprintln!("skipped: no folder {}", folder.display());
-            return None;
-        }
-        let input = Input::File(folder.join(name));
+        let input = Input::File(real_data::test_data()?.join(name));
         // Without normals and radii, which do not matter here.
         let job = loading::start(vec![input], &Settings::default());
         job.lookout.stop_all();

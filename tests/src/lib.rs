@@ -22,7 +22,9 @@
 //! ```
 
 mod program;
+mod real_data;
 mod session;
 
-pub use program::{Folder, Outcome, test_data};
+pub use program::{Folder, Outcome};
+pub use real_data::test_data;
 pub use session::{Session, Window, colors};

@@ -15,18 +15,6 @@ use tempfile::TempDir;
 /// needs longer hangs.
 const TIME_LIMIT: Duration = Duration::from_secs(180);
 
-/// The folder of real and malformed files: `GLINT_TEST_DATA`, else beside the checkout. None, with a note, where there is
-/// none.
-pub fn test_data() -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    let folder = std::env::var_os("GLINT_TEST_DATA").map_or_else(beside, PathBuf::from);
-    let found = folder.canonicalize().ok();
-    if found.is_none() {
-        println!("skipped: no test data at {}", folder.display());
-    }
-    found
-}
-
 /// The program in the folder this test was built into. A build of the whole workspace has made it already; a test of this
 /// package alone may find an old one or none, and has it built.
 pub(crate) fn binary() -> &'static Path {

@@ -194,6 +194,14 @@ impl Window<'_> {
         })
     }
 
+    /// Waits until the window shows what came of an event: the first of this name, of those after the first `skipped` ones.
+    pub fn wait_until_painted(&self, name: &str, skipped: usize) {
+        self.wait_for(&format!("the window painted after the event `{name}`"), |window| {
+            let events = window.events().into_iter().skip(skipped);
+            events.skip_while(|event| event["event"] != name).find(|event| event["event"] == "painted").map(drop)
+        });
+    }
+
     fn hands(&self, action: &[&str], on: &[&str]) {
         let arguments = [action, on].concat();
         assert!(self.session.xdotool(&arguments).is_some(), "xdotool {} failed", arguments.join(" "));

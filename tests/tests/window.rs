@@ -1,6 +1,8 @@
 //! The window, driven as a person drives it: by mouse and keyboard, in an X session of its own. Judged by its picture and by
 //! its event log.
 
+use std::cell::RefCell;
+
 use image::RgbaImage;
 use serde_json::Value;
 use tests::{Session, Window, colors};
@@ -58,10 +60,13 @@ fn hills(points: u32) -> Vec<u8> {
 
 /// Waits until everything is loaded and the final picture is on the screen, later than the first `skipped` events.
 fn settled(window: &Window, skipped: usize) -> RgbaImage {
-    window.wait_for_event("settled", skipped, |_| true);
-    // The picture follows its event within a frame of the window.
-    std::thread::sleep(std::time::Duration::from_millis(500));
-    window.screenshot()
+    window.wait_until_painted("settled", skipped);
+    // The X server takes a moment to show what was painted: two screenshots in a row are the same once it has.
+    let last = RefCell::new(None);
+    window.wait_for_picture("a picture that stays", |picture| {
+        let now = view(picture);
+        last.replace(Some(now.clone())) == Some(now)
+    })
 }
 
 /// The part of the window that shows the points.
@@ -97,9 +102,8 @@ fn a_path_that_is_typed_is_opened_where_no_dialog_answers() {
     let window = session.open::<[&str; 0]>([]);
     window.wait_for_event("ready", 0, |_| true);
     window.press("ctrl+o");
-    window.wait_for_event("prompt", 0, |_| true);
-    // Until the field has the keyboard.
-    std::thread::sleep(std::time::Duration::from_millis(700));
+    // The field takes the keyboard when it is painted.
+    window.wait_until_painted("prompt", 0);
     window.type_text("latt");
     window.press("Tab Return");
     let loaded = window.wait_for_event("loaded", 0, |_| true);
@@ -126,8 +130,7 @@ fn clicks_give_full_coordinates_attributes_and_the_distance() {
     }
     let (i, j) = ((number(&first, "/world/0") - 5e6) / 2.0, (number(&first, "/world/1") - 6e5) / 2.0);
     assert_eq!(record["attributes"]["intensity"], format!("{}", 100.0 * i + j), "{record} at {first}");
-    // Not the place of the first one, and later than a double-click.
-    std::thread::sleep(std::time::Duration::from_millis(600));
+    // Too far from the first one for a double-click.
     let seen = window.events().len();
     window.click(1, [MIDDLE[0] + 90, MIDDLE[1] + 30]);
     let second = window.wait_for_event("picked", seen, |_| true);
@@ -241,6 +244,7 @@ fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
     let seen = window.events().len();
     window.drag(1, [x - 10, y], [x + 90, y]);
     let moved = window.wait_for_event("mirror_moved", seen, |_| true);
+    window.wait_for_event("step", seen, |_| true);
     let shift = [0, 1, 2].map(|axis| {
         let path = format!("/position/{axis}");
         number(&moved, &path) - number(&added, &path)
@@ -250,8 +254,6 @@ fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
     // The first file is of the scene with the step undone, the second with it done again.
     let mut files = Vec::new();
     for keys in ["ctrl+z", "ctrl+shift+z"] {
-        // Longer than it takes a drag to become a step.
-        std::thread::sleep(std::time::Duration::from_millis(700));
         let seen = window.events().len();
         window.press(keys);
         window.wait_for_event("history", seen, |_| true);
@@ -298,9 +300,11 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
     let seen = window.events().len();
     window.press("u");
     let unlit = view(&settled(&window, seen));
+    window.wait_for_event("step", seen, |_| true);
     let seen = window.events().len();
     window.press("u");
     assert!(view(&settled(&window, seen)) != unlit, "the light came back");
+    window.wait_for_event("step", seen, |_| true);
     let seen = window.events().len();
     window.press("ctrl+s");
     let saved = window.wait_for_event("scene_saved", seen, |_| true);
@@ -309,7 +313,6 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
     assert_eq!(text.matches("[[lights]]").count(), 1, "{text}");
     // The switch to data colours and back are steps of their own.
     for lights in [1, 1, 0] {
-        std::thread::sleep(std::time::Duration::from_millis(700));
         let seen = window.events().len();
         window.press("ctrl+z");
         let history = window.wait_for_event("history", seen, |_| true);

@@ -10,12 +10,11 @@ use render::MOST_LIGHTS;
 use scene::{Camera, ColorBy, Lighting, Mirror, Projection, SceneFile, Settings, Shape, SpotLight, StandardView};
 use serde_json::json;
 
-use super::bindings::{Action, Mode};
-use super::gizmo::Handles;
+use super::bindings::{Action, Handles, Mode};
 use super::inspection::{Inspection, Ray, Surface};
+use super::lens::to_vector;
 use super::light_panel;
 use super::messages::Level;
-use super::navigation::to_vector;
 use super::objects::{Objects, Placed};
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, FrameRequest, PickPurpose};

@@ -6,14 +6,22 @@ use std::collections::HashSet;
 use egui::{Key, PointerButton};
 use scene::{ColorBy, Shape, StandardView};
 
-use super::gizmo::Handles;
-
 /// How the mouse moves the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
     #[default]
     Orbit,
     Fly,
+}
+
+/// Which handles of the gizmo are shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Handles {
+    #[default]
+    All,
+    Move,
+    Turn,
+    Scale,
 }
 
 /// What a person can ask for with one gesture.

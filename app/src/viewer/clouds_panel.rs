@@ -1,10 +1,11 @@
 //! The list of clouds: show or hide, frame, remove.
 
-use egui::{RichText, Sense, Ui};
+use egui::{RichText, Ui};
 use scene::StandardView;
 
 use super::state::State;
 use super::theme::{self, grouped};
+use super::widgets::eye;
 
 pub fn show(ui: &mut Ui, state: &mut State) {
     enum Wish {
@@ -74,31 +75,66 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     }
 }
 
-/// An open or closed eye that can be clicked. `of` is read out by screen readers.
-pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
-    let (rect, response) = ui.allocate_exact_size(egui::vec2(20.0, 16.0), Sense::click());
-    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}")));
-    let color = match (open, response.hovered()) {
-        (_, true) => egui::Color32::WHITE,
-        (true, false) => ui.visuals().text_color(),
-        (false, false) => theme::WEAK.gamma_multiply(0.6),
-    };
-    let stroke = egui::Stroke::new(1.3, color);
-    let center = rect.center();
-    // Two arcs that meet at the corners of the eye; a closed eye has the lower lid and a lash.
-    let lid = |height: f32| {
-        (0..=12).map(move |i| {
-            let along = i as f32 / 6.0 - 1.0;
-            center + egui::vec2(along * 7.5, height * (1.0 - along * along))
-        })
-    };
-    let painter = ui.painter();
-    painter.add(egui::Shape::line(lid(4.5).collect(), stroke));
-    if open {
-        painter.add(egui::Shape::line(lid(-4.5).collect(), stroke));
-        painter.circle_filled(center, 2.2, color);
-    } else {
-        painter.line_segment([center + egui::vec2(0.0, 4.5), center + egui::vec2(0.0, 7.0)], stroke);
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
+    use scene::Camera;
+
+    use super::super::bindings::Action;
+    use super::super::figures::Figures;
+    use super::super::state::{Effect, Found};
+    use super::*;
+
+    /// The panel over a cloud of two points.
+    fn harness() -> Harness<'static, State> {
+        let state = State::with_two_points();
+        let mut harness =
+            Harness::builder().with_size([320.0, 200.0]).build_ui_state(|ui, state: &mut State| show(ui, state), state);
+        harness.run_ok();
+        harness
     }
-    response.on_hover_text(if open { "Hide" } else { "Show" })
+
+    #[test]
+    fn a_cloud_is_hidden_and_shown_by_its_eye_and_removed_by_its_button() {
+        let mut harness = harness();
+        assert!(harness.query_by_label("2 points").is_some());
+        for visible in [false, true] {
+            harness.get_by_label("Show cloud.ply").click();
+            harness.run_ok();
+            assert_eq!(harness.state().clouds[0].is_visible, visible);
+        }
+        harness.get_by_label("Remove cloud.ply").click();
+        harness.run_ok();
+        assert!(harness.state().clouds.is_empty() && harness.query_by_label("2 points").is_none());
+    }
+
+    #[test]
+    fn frame_looks_at_the_whole_cloud_from_where_one_looks_now_and_is_undone() {
+        let mut harness = harness();
+        let state = harness.state_mut();
+        state.renew_figures();
+        for effect in std::mem::take(&mut state.effects) {
+            if let Effect::FindFigures { key, cloud, basis, up, .. } = effect {
+                let figures = Box::new(Figures::of(&cloud, &basis.color, up));
+                state.on_found(Found::Figures { key, basis, figures });
+            }
+        }
+        state.camera = Camera::looking(DVec3::splat(900.0), DVec3::new(1.0, 2.0, -0.5), 3.0, DVec3::Z);
+        let before = state.camera;
+        harness.get_by_label("Frame").click();
+        harness.run_ok();
+        let camera = harness.state().camera;
+        assert!(camera.pivot.distance(DVec3::new(5.0, 5.0, 0.0)) < 1e-6, "{}", camera.pivot);
+        assert!(camera.forward().distance(before.forward()) < 1e-6, "{}", camera.forward());
+        let lens = harness.state().lens();
+        let size = glam::DVec2::from(harness.state().view_size.map(f64::from));
+        for corner in [DVec3::ZERO, DVec3::new(10.0, 10.0, 0.0)] {
+            let pixel = lens.project(corner).expect("a corner before the eye");
+            assert!(pixel.cmpge(glam::DVec2::ZERO).all() && pixel.cmple(size).all(), "{corner} is at {pixel}");
+        }
+        harness.state_mut().act(Action::Undo);
+        assert_eq!(harness.state().camera, before);
+    }
 }

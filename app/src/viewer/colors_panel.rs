@@ -6,11 +6,11 @@ use egui::{Color32, Rect, RichText, Sense, Ui, pos2, vec2};
 use render::{class_color, class_name, ramp_colors};
 use scene::{ColorBy, Ramp};
 
-use super::clouds_panel::eye;
 use super::figures::{Figures, share_below};
-use super::panel::{name_label, parameter};
+use super::panel::parameter;
 use super::state::State;
 use super::theme::{self, grouped};
+use super::widgets::{eye, name_label};
 
 pub fn show(ui: &mut Ui, state: &mut State) {
     parameter(ui, &mut state.settings.color, "by");

@@ -8,20 +8,11 @@ use glam::{DQuat, DVec2, DVec3};
 use scene::{Mirror, SpotLight};
 use serde_json::json;
 
-use super::navigation::Lens;
+use super::bindings::Handles;
+use super::lens::Lens;
 use super::objects::{ObjectId, PlacedLight};
 use super::state::State;
 use super::theme;
-
-/// What of the gizmo is shown.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Handles {
-    #[default]
-    All,
-    Move,
-    Turn,
-    Scale,
-}
 
 /// A part that can be grabbed. Numbers are world axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -53,6 +53,11 @@ impl History {
         Some(QUIET)
     }
 
+    /// How many steps can be undone.
+    pub fn steps(&self) -> usize {
+        self.past.len()
+    }
+
     /// Ends the step under way.
     pub fn settle(&mut self, settings: &Settings, objects: &Objects) {
         self.changed = None;

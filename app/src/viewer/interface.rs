@@ -11,6 +11,7 @@ use super::messages::Level;
 use super::path_prompt::Outcome;
 use super::state::{JobEntry, State, short_name};
 use super::theme::{self, grouped};
+use super::widgets::{progress_bar, progress_text};
 use super::{
     clouds_panel, colors_panel, gizmo, light_panel, mirrors_panel, navigation, overlay, panel, pick_panel, presets,
     streaming_panel, sweep, timings_panel, truth_panel, tuning,
@@ -368,29 +369,6 @@ fn stage_progress(ui: &mut Ui, stage: &Stage, name: &str) {
     }
 }
 
-pub fn progress_bar(ui: &mut Ui, share: f32) {
-    let bar = egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0);
-    ui.add(bar.fill(theme::ACCENT.gamma_multiply(0.7)));
-}
-
-/// `1,203,400 of 3,214,786 · 1.20 M/s · 3 s left`, with the points a second as far as they are known.
-pub fn progress_text(done: u64, total: u64, pace: Option<f64>) -> String {
-    let mut text = if total > 0 { format!("{} of {}", grouped(done), grouped(total)) } else { grouped(done) };
-    if let Some(pace) = pace {
-        text += &format!(" · {:.2} M/s", pace / 1e6);
-        if total > done {
-            let seconds = ((total - done) as f64 / pace).ceil();
-            let minutes = (seconds / 60.0).ceil();
-            text += &if seconds < 120.0 {
-                format!(" · {seconds:.0} s left")
-            } else {
-                format!(" · {minutes:.0} min left")
-            };
-        }
-    }
-    text
-}
-
 fn messages_button(ui: &mut Ui, state: &mut State) {
     let worst = state.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
     let color = worst.filter(|level| *level != Level::Note).map_or(theme::WEAK, Level::color);
@@ -498,14 +476,5 @@ mod tests {
         harness.get_by_label("Cancel").click();
         harness.run_ok();
         assert!(progress.is_cancelled() && !stage.is_pending());
-    }
-
-    #[test]
-    fn progress_tells_rate_and_time_left() {
-        let text = progress_text(1_000_000, 3_000_000, Some(500_000.0));
-        assert_eq!(text, "1,000,000 of 3,000,000 · 0.50 M/s · 4 s left");
-        let text = progress_text(1_000_000, 301_000_000, Some(1_000_000.0));
-        assert_eq!(text, "1,000,000 of 301,000,000 · 1.00 M/s · 5 min left");
-        assert_eq!(progress_text(5, 0, None), "5");
     }
 }

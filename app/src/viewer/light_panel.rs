@@ -7,11 +7,12 @@ use render::MOST_LIGHTS;
 use scene::{Lighting, SpotLight};
 
 use super::bindings::{self, Action};
-use super::mirrors_panel::{object_list, three};
+use super::mirrors_panel::object_list;
 use super::objects::{ObjectId, PlacedLight};
-use super::panel::{name_label, parameter, parameters};
+use super::panel::{parameter, parameters};
 use super::state::State;
 use super::theme;
+use super::widgets::{name_label, three};
 
 const CHOICES: [(Lighting, &str, &str); 5] = [
     (

@@ -5,11 +5,11 @@ use egui::{RichText, Ui};
 use scene::{MirrorNormals, MirrorPoints, PointChoice};
 
 use super::objects::Marking;
-use super::panel::name_label;
 use super::render_thread::CloudKey;
 use super::state::{CloudEntry, Effect, State};
 use super::streams;
 use super::theme::{self, grouped};
+use super::widgets::{choice, length, name_label, slider};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Way {
@@ -283,47 +283,6 @@ fn existing(ui: &mut Ui, state: &mut State) {
         });
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
-}
-
-/// A line with a list to choose from.
-pub fn choice<'a, T: PartialEq + Copy>(
-    ui: &mut Ui,
-    name: &str,
-    chosen: &mut T,
-    options: impl Iterator<Item = (T, &'a str)>,
-) -> egui::Response {
-    let options: Vec<(T, &str)> = options.collect();
-    let shown = options.iter().find(|(option, _)| option == chosen).map_or("none", |(_, text)| *text);
-    ui.horizontal(|ui| {
-        let label = name_label(ui, name);
-        let combo = egui::ComboBox::from_id_salt(name).width(150.0).truncate().selected_text(shown);
-        let list = combo.show_ui(ui, |ui| {
-            for (option, text) in &options {
-                ui.selectable_value(chosen, *option, *text);
-            }
-        });
-        list.response.labelled_by(label.id)
-    })
-    .inner
-}
-
-/// A line with a slider.
-pub fn slider(ui: &mut Ui, name: &str, slider: egui::Slider<'_>) -> egui::Response {
-    ui.horizontal(|ui| {
-        let label = name_label(ui, name);
-        ui.add(slider.max_decimals(3)).labelled_by(label.id)
-    })
-    .inner
-}
-
-/// A line with a length from a ten-thousandth of the largest one up to it.
-fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
-    let largest = largest.max(1e-6);
-    let range = largest * 1e-4..=largest;
-    ui.horizontal(|ui| {
-        let label = name_label(ui, name);
-        ui.add(egui::Slider::new(value, range).logarithmic(true)).labelled_by(label.id);
-    });
 }
 
 #[cfg(test)]

@@ -143,3 +143,57 @@ impl Level {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    fn harness(messages: Messages) -> Harness<'static, Messages> {
+        Harness::builder()
+            .with_size([600.0, 500.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, messages: &mut Messages| messages.show(ui.ctx(), ui.ctx().content_rect()), messages)
+    }
+
+    fn texts(messages: &Messages) -> Vec<&str> {
+        messages.all.iter().map(|message| message.text.as_str()).collect()
+    }
+
+    #[test]
+    fn a_message_that_repeats_while_it_is_shown_is_one_message() {
+        let mut messages = Messages::default();
+        messages.note("a");
+        messages.error("b");
+        messages.note("a");
+        assert_eq!(texts(&messages), ["a", "b"]);
+        // Four others have taken its place on the screen.
+        ["c", "d", "e", "f"].into_iter().for_each(|text| messages.note(text));
+        messages.note("a");
+        assert_eq!(texts(&messages), ["a", "b", "c", "d", "e", "f", "a"]);
+    }
+
+    #[test]
+    fn the_last_four_are_shown_until_a_click_and_the_list_has_all() {
+        let mut messages = Messages::default();
+        ["one", "two", "three", "four", "five"].into_iter().for_each(|text| messages.warning(text));
+        let mut harness = harness(messages);
+        harness.run_ok();
+        let shown = |harness: &Harness<'_, Messages>, text: &str| harness.query_all_by_label(text).count();
+        assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [0, 1, 1]);
+        // A toast that is clicked goes, and makes room for an older one.
+        let pos = harness.get_by_label("five").rect().center();
+        harness.event(egui::Event::PointerMoved(pos));
+        for pressed in [true, false] {
+            let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+        }
+        harness.run_ok();
+        assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [1, 1, 0]);
+        harness.state_mut().list_is_open = true;
+        harness.run_ok();
+        assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [2, 2, 1]);
+    }
+}

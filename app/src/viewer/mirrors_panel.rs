@@ -5,12 +5,12 @@ use glam::{DQuat, DVec3, EulerRot};
 use scene::{Mirror, Shape};
 
 use super::bindings::{self, Action};
-use super::marking::{self, slider};
+use super::marking;
 use super::objects::{ObjectId, unnamed};
-use super::panel::name_label;
 use super::path_prompt::PathPrompt;
 use super::state::State;
 use super::theme;
+use super::widgets::{name_label, slider, three};
 
 pub fn show(ui: &mut Ui, state: &mut State) {
     ui.horizontal(|ui| {
@@ -176,22 +176,6 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut mirror: Mirror) {
             state.navigation.camera_moved();
         }
     }
-}
-
-/// A line of three numbers; those that were edited.
-pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
-    let mut edited = value;
-    let line = |ui: &mut Ui| {
-        let label = name_label(ui, name);
-        ui.spacing_mut().item_spacing.x = 3.0;
-        let width = ((ui.available_width() - 6.0) / 3.0).floor().max(40.0);
-        for axis in 0..3 {
-            let drag = egui::DragValue::new(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
-            ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
-        }
-    };
-    ui.horizontal(line);
-    (edited != value && edited.is_finite()).then_some(edited)
 }
 
 /// Yaw is about the axis that points up, then pitch about the mirror's x axis, then roll; degrees.

@@ -18,6 +18,7 @@ mod gizmo;
 mod history;
 mod inspection;
 mod interface;
+mod lens;
 mod light_panel;
 mod marking;
 mod messages;
@@ -27,9 +28,11 @@ mod objects;
 mod overlay;
 mod panel;
 mod path_prompt;
+mod pick;
 mod pick_panel;
 mod preferences;
 mod presets;
+mod reflection_figures;
 mod render_thread;
 mod screen;
 mod state;
@@ -43,6 +46,7 @@ mod truth_panel;
 mod truth_tasks;
 mod tuning;
 mod under_way;
+mod widgets;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -326,7 +330,11 @@ impl Viewer {
         });
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
         state.follow_cursor();
+        let steps = state.history.steps();
         let again = [state.history.watch(&state.settings, &state.objects, is_held), state.request_frame()];
+        if state.history.steps() != steps {
+            state.log(json!({ "event": "step" }));
+        }
         state.renew_figures();
         state.look_around();
         state.sync_levels();
@@ -335,6 +343,7 @@ impl Viewer {
         let truth = state.sync_truth();
         match painted {
             Painted::Next(delay) => {
+                self.log.on_painted();
                 let delay = again.into_iter().chain([truth]).flatten().fold(delay, Duration::min);
                 self.next_paint = Instant::now().checked_add(delay);
                 if delay.is_zero() {
@@ -491,6 +500,9 @@ impl Viewer {
                 }
                 Effect::Log(event) => self.log.write(&event),
             }
+        }
+        if self.log.has_news() {
+            self.request_paint();
         }
     }
 

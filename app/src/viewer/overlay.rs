@@ -6,7 +6,7 @@ use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::DVec3;
 
 use super::gizmo;
-use super::navigation::Lens;
+use super::lens::Lens;
 use super::state::{CloudEntry, State};
 use super::theme;
 
@@ -99,4 +99,56 @@ fn tag(painter: &Painter, at: Pos2, text: &str) {
     let corner = pos2(at.x - galley.size().x * 0.5, at.y - galley.size().y - 8.0);
     painter.rect_filled(Rect::from_min_size(corner, galley.size()).expand(4.0), 4.0, SHADOW);
     painter.galley(corner, galley, Color32::WHITE);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sees what has a z above 0, where its x and y say.
+    fn place(world: DVec3) -> Option<Pos2> {
+        (world.z > 0.0).then(|| pos2(world.x as f32, world.y as f32))
+    }
+
+    #[test]
+    fn a_line_is_cut_where_it_passes_the_eye() {
+        let (before, behind) = (DVec3::new(0.0, 0.0, 1.0), DVec3::new(8.0, 4.0, -3.0));
+        assert_eq!(seen(&place, before, before + DVec3::X), Some([pos2(0.0, 0.0), pos2(1.0, 0.0)]));
+        assert_eq!(seen(&place, behind, behind + DVec3::X), None);
+        // It passes the eye after a quarter of its way; ten halvings come to within a thousandth of that.
+        for ends in [[before, behind], [behind, before]] {
+            let [from, to] = seen(&place, ends[0], ends[1]).expect("a part of it is before the eye");
+            assert_eq!(from, pos2(0.0, 0.0));
+            assert!(to.x <= 2.0 && to.distance(pos2(2.0, 1.0)) < 0.01, "{to}");
+        }
+    }
+
+    /// The shapes that a closure paints.
+    fn shapes(paint: impl Fn(&Painter)) -> Vec<egui::Shape> {
+        let context = egui::Context::default();
+        let output = context.run_ui(egui::RawInput::default(), |ui| paint(ui.painter()));
+        output.shapes.into_iter().map(|clipped| clipped.shape).collect()
+    }
+
+    #[test]
+    fn a_box_has_twelve_edges_and_those_behind_the_eye_are_left_out() {
+        let count = |bounds: Bounds| {
+            let painted = shapes(|painter| wire(painter, &place, bounds, Stroke::new(1.0, Color32::WHITE)));
+            painted.iter().filter(|shape| matches!(shape, egui::Shape::LineSegment { .. })).count()
+        };
+        let bounds = |low: f64| Bounds { min: DVec3::new(0.0, 0.0, low), max: DVec3::new(9.0, 9.0, low + 2.0) };
+        assert_eq!(count(bounds(1.0)), 12);
+        // Four edges of the near side, and the four that lead there.
+        assert_eq!(count(bounds(-1.0)), 8);
+        assert_eq!(count(bounds(-5.0)), 0);
+    }
+
+    #[test]
+    fn nothing_is_painted_before_there_is_a_picture() {
+        let mut state = State::with_two_points();
+        state.settings.stream.overlay = true;
+        state.navigation.show_pivot();
+        let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
+        assert!(shapes(|painter| paint(painter, rect, &state)).iter().all(|shape| matches!(shape, egui::Shape::Noop)));
+    }
 }

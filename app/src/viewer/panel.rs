@@ -6,9 +6,7 @@ use param::{Field, Kind, Params, Value};
 
 use super::sweep::can_be_swept;
 use super::theme;
-
-/// Points from the left edge to the widgets: the longest name fits.
-const NAME_WIDTH: f32 = 96.0;
+use super::widgets::{NAME_WIDTH, name_label};
 
 /// The parameters of a group, except those named in `skip`.
 pub fn parameters(ui: &mut Ui, params: &mut dyn Params, skip: &[&str]) {
@@ -89,18 +87,6 @@ fn sweep_menu(response: &egui::Response, group: &str, field: &Field) {
 /// The key of a parameter whose sweep was asked for since the last call.
 pub fn take_sweep(context: &egui::Context) -> Option<String> {
     context.data_mut(|data| data.remove_temp(sweep_asked()))
-}
-
-/// The name of a line, as wide as all others, that can be clicked.
-pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Response {
-    let height = ui.spacing().interact_size.y;
-    let layout = egui::Layout::left_to_right(egui::Align::Center);
-    let label = egui::Label::new(text).sense(egui::Sense::click()).selectable(false).truncate();
-    ui.allocate_ui_with_layout(egui::vec2(NAME_WIDTH, height), layout, |ui| {
-        ui.set_min_width(NAME_WIDTH);
-        ui.add(label)
-    })
-    .inner
 }
 
 /// The edited value, if it was edited.

@@ -3,7 +3,8 @@
 use egui::{Align2, RichText, Ui};
 use glam::DVec3;
 
-use super::state::{Effect, Pick, State};
+use super::pick::Pick;
+use super::state::{Effect, State};
 use super::theme;
 
 /// A card in the lower right corner of the picture, if something is picked.

@@ -633,3 +633,7 @@ pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
     }
     hurried
 }
+
+#[cfg(test)]
+#[path = "render_thread_tests.rs"]
+mod tests;

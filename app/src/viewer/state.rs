@@ -18,17 +18,19 @@ use super::figures::{Basis, Figures, class_column};
 use super::gizmo::Gizmo;
 use super::history::History;
 use super::inspection::{self, Inspection};
+use super::lens::Lens;
 use super::marking::Draft;
 use super::messages::{Level, Messages};
-use super::navigation::{Lens, Navigation};
+use super::navigation::Navigation;
 use super::objects::{Marking, ObjectId, Objects, Origin, Placed, PlacedLight, unnamed};
 use super::path_prompt::PathPrompt;
+use super::pick::Pick;
 use super::preferences::Preferences;
+use super::reflection_figures::FigureHistory;
 use super::render_thread::{self, CloudKey, Command, FrameRequest, PickPurpose, PickedPoint, Report};
 use super::streams::{Pace, Streamed};
 use super::sweep::{Ask, Sweep};
 use super::theme::grouped;
-use super::timings_panel::FigureHistory;
 use super::truth::TruthView;
 use super::truth_tasks::{Answer, Task};
 use super::tuning::Tuning;
@@ -250,19 +252,6 @@ impl JobEntry {
     fn owns(&self, key: CloudKey) -> bool {
         self.clouds.values().any(|cloud| *cloud == key)
     }
-}
-
-/// A point someone clicked on.
-#[derive(Clone)]
-pub struct Pick {
-    pub point: PickedPoint,
-    pub cloud: String,
-    /// The file's own coordinates.
-    pub world: DVec3,
-    /// Everything the file says of it, once it is looked up.
-    pub record: Option<Result<Vec<(String, String)>, String>>,
-    /// What the pages hold is all that is known of it: neither its number in the file nor its other attributes.
-    pub is_streamed: bool,
 }
 
 /// The picture on the screen.

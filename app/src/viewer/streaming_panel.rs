@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use egui::{Color32, RichText, Ui};
 
-use super::interface::{progress_bar, progress_text};
 use super::render_thread::CloudKey;
 use super::state::{CloudEntry, Effect, State};
 use super::theme::{self, grouped};
+use super::widgets::{progress_bar, progress_text};
 use super::{panel, streams::Streamed};
 use crate::stage::{Making, Stage, Standing};
 use crate::streaming::{Kept, Paged, StreamStats, half_of, most_points};

@@ -1,6 +1,7 @@
 //! Sweeps: one parameter over a range, in the view at hand, judged by the truth. Frames of a sweep are drawn between those of the
 //! window, whose parameters stay as they are; what comes of it is a contact sheet and a table in a folder of its own.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,7 +11,8 @@ use param::{Field, Kind, Value};
 use render::FrameStats;
 use scene::Settings;
 use serde_json::json;
-use study::Accuracy;
+use study::results::{self, FRAME_MS, Figure, METHOD_MS, Measured};
+use study::{Accuracy, Truth};
 
 use super::contact_sheet::{self, Tile};
 use super::messages::Level;
@@ -162,7 +164,7 @@ impl Sweep {
     }
 
     fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        picture_file::write_text(&folder.join("sweep.csv"), &self.table())?;
+        picture_file::write_text(&folder.join("sweep.csv"), &self.table()?)?;
         let picture = |row: &'_ Row| row.outcome.as_ref().map_or(Vec::new(), |outcome| outcome.picture.clone());
         let tiles = self.rows.iter().map(|row| Tile { rgba: picture(row), lines: self.label(row) }).collect();
         let (size, rgba) = contact_sheet::draw(contact_sheet::tile_size(self.view.size), tiles);
@@ -182,27 +184,38 @@ impl Sweep {
         ]
     }
 
-    /// Comma-separated, a row a value; what was not measured is empty.
-    fn table(&self) -> String {
-        let mut text = "key,value,frame_ms,method_ms,mirror_pixels,coverage,closed_coverage,false_fill,\
-                        pixel_error_median,pixel_error_p95,pixel_error_p99,occlusion_error,recall,rmse,delta_e,flip,ssim\n"
-            .to_string();
+    /// The table as CSV: a row for each value, with the figures' names that studies use. What was not measured is empty.
+    fn table(&self) -> anyhow::Result<String> {
+        let names = || results::figures().iter().filter(|figure| is_listed(figure)).map(|figure| figure.name.as_str());
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        writer.write_record(["key", "value"].into_iter().chain(names()))?;
         for Row { value, outcome } in &self.rows {
-            let Some(Outcome { times: [frame, method], figures, .. }) = outcome else {
-                text += &format!("{},{value}{}\n", self.key, ",".repeat(15));
-                continue;
-            };
-            let Accuracy { pixel_error: error, image, .. } = figures;
-            let image = image.map_or([f64::NAN; 4], |image| [image.rmse, image.delta_e, image.flip, image.ssim]);
-            let numbers = [*frame, *method, figures.mirror_pixels as f64, figures.coverage, figures.closed_coverage];
-            let more = [figures.false_fill, error.median, error.p95, error.p99, figures.occlusion_error];
-            let numbers = numbers.into_iter().chain(more).chain([figures.recall.unwrap_or(f64::NAN)]).chain(image);
-            let cells = numbers.map(|number| if number.is_finite() { number.to_string() } else { String::new() });
-            let cells: Vec<String> = cells.collect();
-            // Keys and values of numbers, switches and choices hold no commas.
-            text += &format!("{},{value},{}\n", self.key, cells.join(","));
+            let figures = outcome.as_ref().map_or(BTreeMap::new(), Outcome::named);
+            let cells = names().map(|name| figures.get(name).map_or(String::new(), f64::to_string));
+            writer.write_record([self.key.clone(), value.clone()].into_iter().chain(cells))?;
         }
-        text
+        Ok(String::from_utf8(writer.into_inner()?)?)
+    }
+}
+
+/// Whether the table of a sweep has a figure: times, how much of the mirrors is filled, and all that the traced truth tells.
+fn is_listed(figure: &Figure) -> bool {
+    const ALWAYS: [&str; 5] = [FRAME_MS, METHOD_MS, "mirror_pixels", "coverage", "closed_coverage"];
+    ALWAYS.contains(&figure.name.as_str()) || figure.truth().is_some_and(|(truth, _)| truth == Truth::SameInput)
+}
+
+impl Outcome {
+    /// The figures by their names in studies; those that could not be measured are left out.
+    fn named(&self) -> BTreeMap<String, f64> {
+        let measured = Measured {
+            mirror_pixels: self.figures.mirror_pixels as f64,
+            coverage: Some(self.figures.coverage),
+            closed_coverage: Some(self.figures.closed_coverage),
+            judged: vec![self.figures.clone()],
+            ..Measured::default()
+        };
+        let times = [FRAME_MS, METHOD_MS].map(str::to_owned).into_iter().zip(self.times);
+        measured.figures().into_iter().chain(times).collect()
     }
 }
 
@@ -503,12 +516,12 @@ mod tests {
         assert!(path.ends_with("sweep-sscr-pull_levels-1"), "{}", path.display());
         let table = std::fs::read_to_string(path.join("sweep.csv")).unwrap();
         let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
-        assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [17; 3], "{table}");
+        assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [20; 3], "{table}");
         let column = |name: &str| rows[0].iter().position(|known| *known == name).unwrap();
         let number = |row: usize, name: &str| rows[row][column(name)].parse::<f64>().unwrap();
         assert_eq!([rows[1][1], rows[2][1]], ["0", "2"]);
         assert!(number(2, "closed_coverage") > number(1, "closed_coverage"), "{table}");
-        assert!(number(1, "frame_ms") > number(1, "method_ms") && number(1, "delta_e") > 0.0, "{table}");
+        assert!(number(1, "frame_ms") > number(1, "method_ms") && number(1, "same_input_delta_e") > 0.0, "{table}");
         let sheet = image::open(path.join("sheet.png")).unwrap().to_rgb8();
         assert!(sheet.width() > 2 * state.view_size[0] && sheet.height() > state.view_size[1]);
     }
@@ -538,7 +551,7 @@ mod tests {
         result.unwrap();
         let table = std::fs::read_to_string(path.join("sweep.csv")).unwrap();
         let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
-        assert_eq!((rows.len(), rows[1].len(), &rows[1][..3]), (2, 17, &["splat.size", "1", ""][..]), "{table}");
+        assert_eq!((rows.len(), rows[1].len(), &rows[1][..3]), (2, 20, &["splat.size", "1", ""][..]), "{table}");
         assert!(image::open(path.join("sheet.png")).is_ok());
         std::fs::remove_dir_all(path).unwrap();
     }

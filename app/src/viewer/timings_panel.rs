@@ -1,53 +1,11 @@
 //! Where a frame's time goes: every pass, the counts and the memory; and what the reflections came to, with how it went.
 
-use std::collections::VecDeque;
-
 use egui::{Align, Layout, RichText, Ui};
-use render::{Clock, FrameStats, ReflectionStats};
+use render::{Clock, ReflectionStats};
 
+use super::reflection_figures::FIGURES;
 use super::state::State;
 use super::theme::{self, bytes, grouped};
-
-/// Frames that the plots show.
-const REMEMBERED: usize = 120;
-
-/// Name, how it reads, and what it is of the reflections; where a method has no such figure there is none.
-type Figure = (&'static str, fn(f64) -> String, fn(&ReflectionStats) -> Option<f64>);
-
-const FIGURES: [Figure; 7] = [
-    ("Mirror pixels", |pixels| grouped(pixels as u64), |stats| Some(f64::from(stats.mirror_pixels))),
-    ("Coverage", percent, |stats| Some(stats.coverage)),
-    ("Closed coverage", percent, |stats| Some(stats.closed_coverage)),
-    ("Uncertain", percent, |stats| Some(stats.uncertain)),
-    ("Hit rate", percent, |stats| stats.hit_rate),
-    ("Unconverged", percent, |stats| stats.unconverged),
-    ("Regions", |regions| grouped(regions as u64), |stats| stats.regions.map(f64::from)),
-];
-
-fn percent(share: f64) -> String {
-    format!("{:.2} %", share * 100.0)
-}
-
-/// What the last frames' reflections came to.
-#[derive(Default)]
-pub struct FigureHistory {
-    /// In the order of `FIGURES`; NaN where there was none.
-    frames: VecDeque<[f64; FIGURES.len()]>,
-}
-
-impl FigureHistory {
-    pub fn push(&mut self, stats: &FrameStats) {
-        let Some(reflection) = &stats.reflection else { return };
-        if self.frames.len() == REMEMBERED {
-            self.frames.pop_front();
-        }
-        self.frames.push_back(FIGURES.map(|(_, _, figure)| figure(reflection).unwrap_or(f64::NAN)));
-    }
-
-    fn of(&self, figure: usize) -> impl Iterator<Item = f64> {
-        self.frames.iter().map(move |frame| frame[figure])
-    }
-}
 
 fn reflections(ui: &mut Ui, state: &State, stats: &ReflectionStats) {
     for (index, (name, text, figure)) in FIGURES.into_iter().enumerate() {
@@ -154,7 +112,9 @@ fn host_memory() -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use egui_kittest::kittest::Queryable as _;
+    use render::FrameStats;
 
+    use super::super::reflection_figures::REMEMBERED;
     use super::*;
 
     fn stats(coverage: f64) -> FrameStats {

@@ -254,3 +254,106 @@ pub fn progress(ui: &mut Ui, state: &mut State) {
         state.stop_truth();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use study::{Percentiles, Truth};
+
+    use super::*;
+
+    fn figures(recall: Option<f64>) -> Accuracy {
+        let error = Percentiles { median: 0.125, p95: f64::NAN, p99: 2.0 };
+        Accuracy {
+            truth: Truth::SameInput,
+            mirror_pixels: 8,
+            coverage: 0.25,
+            closed_coverage: 1.0,
+            false_fill: 0.0,
+            angle_error: error,
+            pixel_error: error,
+            occlusion_error: f64::NAN,
+            recall,
+            image: None,
+            indirect: None,
+            surface: None,
+        }
+    }
+
+    #[test]
+    fn figures_that_could_not_be_measured_are_a_dash_or_left_out() {
+        let texts = |figures: &Accuracy| -> Vec<(&'static str, String)> {
+            lines(figures).into_iter().map(|(name, text, _)| (name, text)).collect()
+        };
+        let expected = [
+            ("Covered", "25.00 %"),
+            ("Filled", "100.00 %"),
+            ("Pixel error", "0.12 · -"),
+            ("Occlusion error", "-"),
+            ("Recall", "50.00 %"),
+        ];
+        let expected = expected.map(|(name, text)| (name, text.to_string()));
+        assert_eq!(texts(&figures(Some(0.5))), expected);
+        assert_eq!(texts(&figures(None)), expected[..4]);
+    }
+
+    #[test]
+    fn a_picture_says_how_many_of_its_paths_are_traced() {
+        assert_eq!(paths([1, 1], 1), "");
+        assert_eq!(paths([0, 0], 16), " · coarse");
+        assert_eq!(paths([2, 2], 16), " · 2 of 16 paths a pixel");
+        assert_eq!(paths([16, 2], 16), " · 2 of 16 paths a pixel, mirrors 16");
+        assert_eq!(paths([16, 16], 16), " · 16 paths a pixel");
+    }
+
+    #[test]
+    fn what_is_shown_is_chosen_once_the_truth_is_pinned() {
+        let state = State::with_two_points();
+        let mut harness = Harness::builder()
+            .with_size([340.0, 600.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, state: &mut State| show(ui, state), state);
+        harness.run_ok();
+        assert!(harness.query_by_label("Difference").is_none());
+        harness.get_by_label("Pin").click();
+        harness.run_ok();
+        assert!(harness.state().truth.is_pinned && harness.query_by_label("Place").is_none());
+        harness.get_by_label("Difference").click();
+        harness.run_ok();
+        harness.get_by_label("Place").click();
+        harness.run_ok();
+        let truth = &harness.state().truth;
+        assert!(truth.look == Look::Difference && truth.measure == Measure::Place);
+    }
+
+    #[test]
+    fn the_line_between_picture_and_truth_is_dragged_and_stays_where_it_can_be_grabbed() {
+        let rect = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 100.0));
+        let mut state = State::with_two_points();
+        state.truth.split = 0.5;
+        let mut harness = Harness::builder().with_size(rect.size()).build_ui_state(
+            |ui, state: &mut State| {
+                split(ui, rect, state);
+            },
+            state,
+        );
+        harness.run();
+        let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+        let press = |pos, pressed| egui::Event::PointerButton { pos, button, pressed, modifiers };
+        // From beside the line nothing is grabbed.
+        for (from, to, expected) in
+            [(100.0, 300.0, 0.5), (200.0, 100.0, 0.25), (100.0, 900.0, 0.99), (396.0, -50.0, 0.01)]
+        {
+            let [from, to] = [from, to].map(|x| pos2(x, 50.0));
+            for event in
+                [egui::Event::PointerMoved(from), press(from, true), egui::Event::PointerMoved(to), press(to, false)]
+            {
+                harness.event(event);
+                harness.step();
+            }
+            harness.run();
+            assert_eq!(harness.state().truth.split, expected, "from {from} to {to}");
+        }
+    }
+}

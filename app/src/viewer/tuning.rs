@@ -10,6 +10,7 @@ use render::FrameStats;
 use scene::Settings;
 use serde_json::json;
 use study::Accuracy;
+use study::results::Spread;
 
 use super::messages::Level;
 use super::render_thread::{Command, FrameRequest};
@@ -111,11 +112,7 @@ pub fn times(stats: &FrameStats) -> [f64; 2] {
 
 /// The median of each.
 pub fn medians(times: &[[f64; 2]]) -> Option<[f64; 2]> {
-    let median = |which: usize| {
-        let mut sorted: Vec<f64> = times.iter().map(|times| times[which]).collect();
-        sorted.sort_by(f64::total_cmp);
-        sorted.get(sorted.len() / 2).copied()
-    };
+    let median = |which: usize| Some(Spread::of(times.iter().map(|times| times[which]).collect())?.median);
     Some([median(0)?, median(1)?])
 }
 

@@ -19,10 +19,7 @@ fn main() {
 }
 
 fn unit(seed: u64) -> f64 {
-    let mut mixed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    (mixed ^ (mixed >> 31)) as f64 / u64::MAX as f64
+    cloud::hash(seed) as f64 / u64::MAX as f64
 }
 
 /// Ten points a square metre in scan lines over five flight strips, hills, a house of flat roof and walls every 40 m,

@@ -142,6 +142,11 @@ impl Cloud {
         self.chunks.iter().all(Chunk::is_empty)
     }
 
+    /// The column of an attribute.
+    pub fn column_of(&self, attribute: &str) -> Option<usize> {
+        self.attributes.iter().position(|known| known.name == attribute)
+    }
+
     pub fn bounds(&self) -> Bounds {
         self.chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()))
     }

@@ -9,6 +9,7 @@ mod column;
 mod neighbours;
 mod packing;
 mod progress;
+mod random;
 mod robust;
 pub mod sampling;
 mod smoothing;
@@ -19,7 +20,8 @@ pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use packing::{NO_NORMAL, NO_RADIUS, pack_normal, pack_radius, unpack_normal, unpack_radius};
 pub use progress::Progress;
-pub use robust::{Scalar, hash, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
+pub use random::{Random, hash};
+pub use robust::{Scalar, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
     MeshNormals, Orientation, RadiusCount, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,

@@ -4,7 +4,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::{Bounds, Chunk};
+use crate::{Bounds, Chunk, hash};
 
 /// Points in a sample: the first percentile is then off by about a thirtieth of a percent of the points.
 const SAMPLE_POINTS: u64 = 100_000;
@@ -63,14 +63,6 @@ fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> impl Iterator<
 /// The finite ones of up to 100 thousand world positions, spread evenly over the points; always the same ones.
 pub fn spread_sample(chunks: &[Chunk]) -> impl Iterator<Item = DVec3> {
     spread_indices(chunks.iter()).map(|(chunk, index)| chunk.position(index)).filter(|position| position.is_finite())
-}
-
-/// splitmix64's mixing function (Steele, Lea, Flood 2014).
-pub fn hash(value: u64) -> u64 {
-    let mut mixed = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    mixed ^ (mixed >> 31)
 }
 
 /// Bounds of a cloud without its stray points; the full bounds if there are none.

@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use crate::robust::hash;
+use crate::random::hash;
 
 /// A surface in its own coordinates. Areas are in squared world units.
 #[derive(Clone, Copy, Debug)]

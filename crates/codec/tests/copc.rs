@@ -3,28 +3,25 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use cloud::{Bounds, Chunk, Cloud, Progress};
+use cloud::{Bounds, Chunk, Cloud, Progress, Random};
 use codec::{Copc, CopcNode, CopcSummary, Selection, Source, write_copc};
 use glam::DVec3;
 use las::copc::CopcInfoVlr;
 use las::{BoundsSelection, CopcReader, LodSelection, Point};
-use las_files::{Chunks, Noise, compress, descriptor, las_file, terrain};
+use las_files::{Chunks, compress, descriptor, las_file, terrain};
+use real_data::test_data;
 
 const FILES: [&str; 3] =
     ["lone_star_las14_pf6.copc.laz", "ellipsoid_las14_pf7.copc.laz", "simple_with_hierarchy_page.copc.laz"];
 
 fn data(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder.join("copc").join(name));
-    }
-    println!("skipped: no test data");
-    None
+    Some(test_data()?.join("copc").join(name))
 }
 
 fn everything(source: &Source) -> Selection {
@@ -250,14 +247,14 @@ fn no_damaged_byte_of_the_index_brings_the_reader_down() {
     let root = info_field(&file, 40);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged.copc.laz");
-    let mut noise = Noise(3);
+    let mut noise = Random(3);
     let mut used = 0;
     for _ in 0..150 {
         let mut damaged = file.clone();
         for _ in 0..1 + noise.below(3) {
             let places = [375..589, root - 60..file.len(), 1432..root];
             let place = &places[noise.below(3) as usize];
-            damaged[place.start + noise.below(place.len() as u64) as usize] = noise.next() as u8;
+            damaged[place.start + noise.below(place.len() as u64) as usize] = noise.draw() as u8;
         }
         std::fs::write(&path, &damaged).unwrap();
         let Ok(source) = codec::open(&path) else { continue };

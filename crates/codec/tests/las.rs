@@ -2,25 +2,22 @@
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use cloud::{Chunk, Cloud, Column, Progress};
+use cloud::{Chunk, Cloud, Column, Progress, Random};
 use codec::{Error, Format, Selection, Source, Summary};
 use glam::DVec3;
-use las_files::{Chunks, Noise, compress, descriptor, las_file, points, terrain};
+use las_files::{Chunks, compress, descriptor, las_file, points, terrain};
+use real_data::test_data;
 
 fn data(path: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder.join(path));
-    }
-    println!("skipped: no test data");
-    None
+    Some(test_data()?.join(path))
 }
 
 /// A file that goes away with the test.
@@ -515,8 +512,8 @@ fn a_damaged_chunk_costs_its_own_points_only() {
         let start = u32::from_le_bytes(laz[96..100].try_into().unwrap()) as usize;
         let length = (laz.len() - start) / 4;
         // The inside of the second chunk: points of noise compress to chunks of about the same size.
-        let mut noise = Noise(3);
-        laz[start + length + 2_000..start + 2 * length - 2_000].fill_with(|| noise.next() as u8);
+        let mut noise = Random(3);
+        laz[start + length + 2_000..start + 2 * length - 2_000].fill_with(|| noise.draw() as u8);
         let (_, cloud, summary) = read_bytes(&laz);
         let (all, known) = (positions(&cloud), positions(&expected));
         assert!(all[..1_000] == known[..1_000], "point format {format}: the chunk before");
@@ -544,7 +541,7 @@ fn no_damaged_byte_brings_the_reader_down() {
     ];
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged");
-    let mut noise = Noise(11);
+    let mut noise = Random(11);
     let (mut opened, mut refused) = (0, 0);
     for bytes in &files {
         let points_start = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as u64;
@@ -558,7 +555,7 @@ fn no_damaged_byte_brings_the_reader_down() {
                     0 => 0,
                     1 => 255,
                     2 => damaged[place] ^ (1 << noise.below(8)),
-                    _ => noise.next() as u8,
+                    _ => noise.draw() as u8,
                 };
             }
             std::fs::write(&path, &damaged).unwrap();

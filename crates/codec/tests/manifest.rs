@@ -1,12 +1,16 @@
 //! Every file of the test data against the tables of its `README.md`: format, points, bounds, attributes.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
-use std::path::{Path, PathBuf};
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
+
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 use cloud::{Bounds, Chunk, Column, Progress};
 use codec::{Format, Selection, Source};
 use glam::DVec3;
+use real_data::test_data;
 
 /// A row of the manifest.
 struct Row {
@@ -20,12 +24,8 @@ struct Row {
 
 /// Rows of all tables but `e57` and `malformed`; `None` where the data is not there.
 fn manifest() -> Option<Vec<Row>> {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    let Ok(readme) = std::fs::read_to_string(folder.join("README.md")) else {
-        println!("skipped: no test data");
-        return None;
-    };
+    let folder = test_data()?;
+    let readme = std::fs::read_to_string(folder.join("README.md")).unwrap();
     let mut section = "";
     let mut rows = Vec::new();
     for line in readme.lines() {

@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
+
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -11,16 +14,10 @@ use cloud::{CHUNK_POINTS, Chunk, Cloud, Column, Progress, unpack_normal};
 use codec::{Error, Info, Selection, Source, Summary};
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
+use real_data::test_data;
 
 fn data(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    let path = folder.join(name);
-    if !path.exists() {
-        println!("skipped: no test data");
-        return None;
-    }
-    Some(path)
+    Some(test_data()?.join(name))
 }
 
 /// Everything a file says, in file order.

@@ -193,11 +193,7 @@ fn main() {
         Err(error) => return println!("skipped: {error}"),
     };
     // The points of the figures in docs/performance.md: uniform in a cube, in no order.
-    let unit = |i: u64| {
-        let mut z = i.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1 << 24) as f32
-    };
+    let unit = |i: u64| (cloud::hash(i) >> 40) as f32 / (1 << 24) as f32;
     let positions: Vec<Vec3> =
         (0..count as u64).map(|i| Vec3::new(unit(i * 3), unit(i * 3 + 1), unit(i * 3 + 2)) - 0.5).collect();
     let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.5, -1.0, 0.4), 1.6, DVec3::Z);

@@ -62,7 +62,6 @@ impl ColorPlan {
     /// Resolves `auto`, and falls back to it, with a warning, where a cloud lacks what is asked for. `up` decides which axis
     /// heights are measured along.
     pub fn new(cloud: &Cloud, color: &Color, up: DVec3) -> (Self, Option<String>) {
-        let index_of = |name: &str| cloud.attributes.iter().position(|attribute| attribute.name == name);
         let has_colors = cloud.chunks.iter().any(|chunk| chunk.colors.is_some());
         let mut warning = None;
         let mut lacks = |what: String| {
@@ -76,19 +75,19 @@ impl ColorPlan {
             ColorBy::Height => Some(ColorSource::Height),
             ColorBy::Rgb if has_colors => Some(ColorSource::Rgb),
             ColorBy::Rgb => lacks("RGB colours".into()),
-            ColorBy::Class => {
-                index_of("classification").map_or_else(|| lacks("classification".into()), |_| Some(ColorSource::Class))
-            }
-            ColorBy::Attribute => index_of(&color.attribute).map_or_else(
+            ColorBy::Class => cloud
+                .column_of("classification")
+                .map_or_else(|| lacks("classification".into()), |_| Some(ColorSource::Class)),
+            ColorBy::Attribute => cloud.column_of(&color.attribute).map_or_else(
                 || lacks(format!("attribute `{}`", color.attribute)),
                 |index| Some(ColorSource::Column(index)),
             ),
             by => {
                 let name = attribute_of(by).unwrap_or_default();
-                index_of(name).map_or_else(|| lacks(name.into()), |index| Some(ColorSource::Column(index)))
+                cloud.column_of(name).map_or_else(|| lacks(name.into()), |index| Some(ColorSource::Column(index)))
             }
         };
-        let source = wanted.unwrap_or_else(|| automatic(cloud, has_colors, index_of("intensity")));
+        let source = wanted.unwrap_or_else(|| automatic(cloud, has_colors, cloud.column_of("intensity")));
         let range =
             |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
         let (low, high) = range(f64::from(color.low), f64::from(color.high)).unwrap_or((0.0, 1.0));
@@ -108,7 +107,7 @@ impl ColorPlan {
     pub fn missing_column(&self, cloud: &Cloud) -> Option<usize> {
         let index = match self.source {
             ColorSource::Column(index) => index,
-            ColorSource::Class => cloud.attributes.iter().position(|attribute| attribute.name == "classification")?,
+            ColorSource::Class => cloud.column_of("classification")?,
             _ => return None,
         };
         let lacking = cloud.chunks.iter().any(|chunk| chunk.columns.get(index).is_none_or(Option::is_none));

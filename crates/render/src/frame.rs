@@ -1,7 +1,8 @@
-//! What the shaders are told of the camera and of the chunks: the Rust side of the structs in shaders/shared.
+//! What a frame shows: the objects of the scene, and what the shaders are told of the camera and of the chunks (the Rust
+//! side of the structs in shaders/shared).
 
 use glam::{DMat3, DVec3, Vec4};
-use scene::{Camera, Projection, ViewSettings};
+use scene::{Camera, Mirror, Projection, SpotLight, ViewSettings};
 
 #[cfg(test)]
 use std::mem::{offset_of, size_of};
@@ -54,6 +55,17 @@ pub struct Page {
     pub block_count: u32,
     pub point_count: u32,
     pub is_first: u32,
+}
+
+/// What stands in the scene besides points.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Objects<'a> {
+    /// Mirrors with a formula. The points that are drawn for them are clouds of the store, whose material says so.
+    pub mirrors: &'a [Mirror],
+    /// Spot lights. Only the first four shine.
+    pub lights: &'a [SpotLight],
+    /// The scene has no walls: without lights, a sun and a sky light it.
+    pub sky_is_open: bool,
 }
 
 /// The camera of one frame, in full precision on the CPU side.

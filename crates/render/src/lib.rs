@@ -21,10 +21,11 @@ mod store;
 mod targets;
 
 pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};
+pub use frame::Objects;
 pub use gpu::{AdapterReport, Clock, Error, Gpu, Result, adapters, kind_name};
 pub use image::{Aov, AovImage};
 pub use lighting::MOST_LIGHTS;
 pub use recorder::PassTime;
 pub use reflection::ReflectionStats;
-pub use renderer::{FrameStats, Objects, Picked, Renderer};
+pub use renderer::{FrameStats, Picked, Renderer};
 pub use store::{ChunkId, CloudId, Material, PointStore};

@@ -7,12 +7,11 @@ use cloud::Bounds;
 use glam::{DVec3, Vec4};
 use scene::{Camera, Lighting, Quality, Settings, Splat, SpotLight};
 
-use crate::frame::FrameCamera;
+use crate::frame::{FrameCamera, Objects};
 use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::renderer::Objects;
 use crate::store::{PointStore, Selection};
 use crate::targets::storage;
 

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use scene::{Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Settings, Show, SpotLight};
+use scene::{Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Settings, Show};
 
-use crate::frame::FrameCamera;
+use crate::frame::{FrameCamera, Objects};
 use crate::gi::{GlobalIllumination, Receiver, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::image::{Aov, AovImage};
@@ -42,17 +42,6 @@ pub struct Picked {
     pub index: usize,
     pub linear_depth: f32,
     pub pixel: [u32; 2],
-}
-
-/// What stands in the scene besides points.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Objects<'a> {
-    /// Mirrors with a formula. Their samples are clouds of the store, with a material that says so.
-    pub mirrors: &'a [Mirror],
-    /// The first four are lit.
-    pub lights: &'a [SpotLight],
-    /// No walls around it: without lights it is lit by a sun and a sky.
-    pub sky_is_open: bool,
 }
 
 /// Renders frames. One at a time, on any thread.

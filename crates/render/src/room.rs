@@ -85,14 +85,6 @@ impl Room {
 mod tests {
     use super::*;
 
-    /// splitmix64.
-    fn random(seed: u64) -> u64 {
-        let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
     #[test]
     fn parts_that_touch_are_joined_and_the_smallest_that_fits_is_taken() {
         let mut room = Room::new(100);
@@ -129,9 +121,9 @@ mod tests {
         let mut held: Vec<Range<u32>> = Vec::new();
         let (mut used, mut slid) = (0, 0);
         for step in 0..20_000 {
-            let size = 1 + (random(step) % 4000) as u32;
+            let size = 1 + (cloud::hash(step) % 4000) as u32;
             while used + size > CAPACITY {
-                let gone = held.swap_remove(random(step ^ used as u64) as usize % held.len());
+                let gone = held.swap_remove(cloud::hash(step ^ used as u64) as usize % held.len());
                 used -= gone.len() as u32;
                 room.release(gone);
             }

@@ -13,7 +13,6 @@ use scene::{Ramp, Settings, Splat};
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
 use crate::frame::{Block, FrameCamera, Item};
 use crate::gpu::{Error, Gpu, Result};
-use crate::reflection::is_exact;
 use crate::room::Room;
 
 /// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
@@ -535,7 +534,7 @@ impl PointStore {
         let mut mirrors: BTreeMap<CloudId, Vec<ChunkId>> = BTreeMap::new();
         for (id, chunk) in &self.chunks {
             let Some(cloud) = self.clouds.get(&chunk.cloud) else { continue };
-            let by_formula = cloud.material.has_formula && is_exact(settings, cloud.material.as_points);
+            let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
             if cloud.visible && cloud.material.specular_intensity > 0.0 && !by_formula && !chunk.bounds.is_empty() {
                 mirrors.entry(chunk.cloud).or_default().push(*id);
             }
@@ -658,7 +657,7 @@ impl PointStore {
             let reach = chunk.largest_radius(cloud, splat);
             let margin = f64::from(splat.min_pixels) * 0.5;
             let is_seen = !asks_where_seen || camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin);
-            let by_formula = cloud.material.has_formula && is_exact(settings, cloud.material.as_points);
+            let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
             let is_left_out = selection == Selection::SeenBesides(chunk.cloud) || (by_formula && !with_mirrors);
             if !cloud.visible || chunk.bounds.is_empty() || !is_seen || is_left_out {
                 continue;

@@ -49,12 +49,9 @@ fn draw(stage: &mut Stage, chunks: Vec<Chunk>, camera: &Camera, settings: &Setti
     (store, picture)
 }
 
-/// splitmix64, 0 to 1.
+/// From 0 to 1.
 fn random(seed: u64) -> f64 {
-    let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(0x1234_5678_9abc_def1);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    (z ^ (z >> 31)) as f64 / u64::MAX as f64
+    cloud::hash(seed) as f64 / u64::MAX as f64
 }
 
 /// A bumpy ball with colours and normals, densely sampled, in no order.

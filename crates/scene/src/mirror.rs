@@ -5,7 +5,18 @@ use cloud::sampling::{Placement, StarShape, Surface};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::five_mirrors;
+use crate::{MirrorSurface, five_mirrors};
+
+impl MirrorSurface {
+    /// Whether a mirror is drawn by its formula. `as_points` tells what the mirror itself asks for.
+    pub fn is_exact(self, as_points: bool) -> bool {
+        match self {
+            Self::Exact => true,
+            Self::Points => false,
+            Self::Auto => !as_points,
+        }
+    }
+}
 
 /// The form of a mirror whose size is 1, in its own coordinates. Lengths are relative to the mirror's size.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

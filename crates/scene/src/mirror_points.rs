@@ -67,7 +67,7 @@ impl PointChoice {
     /// Whether each point of a chunk is chosen. Points without the attribute that decides are not.
     pub fn marks(&self, cloud: &Cloud, chunk: &Chunk) -> Vec<bool> {
         let by_attribute = |low: f64, high: f64| {
-            let index = cloud.attributes.iter().position(|known| Some(known.name.as_str()) == self.attribute());
+            let index = self.attribute().and_then(|name| cloud.column_of(name));
             match index.and_then(|index| chunk.columns.get(index)?.as_deref()) {
                 Some(column) => (0..column.len()).map(|i| (low..=high).contains(&column.value(i))).collect(),
                 None => vec![false; chunk.len()],

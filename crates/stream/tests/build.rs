@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use cloud::{Chunk, Cloud, Progress};
@@ -11,7 +11,10 @@ use glam::DVec3;
 use stream::{BATCHES, BuildOptions, Cache, NodeId, Pages, build, prefix};
 
 mod made_up;
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
 use made_up::{OFFSET, Point, SCALE, terrain, write_las, write_las_with};
+use real_data::test_data;
 
 fn open(path: &Path) -> Arc<Source> {
     Arc::new(codec::open(path).unwrap())
@@ -130,8 +133,7 @@ fn little_memory_gives_the_same_index() {
 
 #[test]
 fn every_point_of_the_test_data_is_in_one_node() {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    let Some(folder) = test_data() else { return };
     let mut seen = 0;
     for section in ["airborne", "terrestrial", "las_matrix", "copc", "same_cloud_four_files"] {
         let Ok(files) = std::fs::read_dir(folder.join(section)) else { continue };
@@ -158,7 +160,7 @@ fn every_point_of_the_test_data_is_in_one_node() {
             seen += 1;
         }
     }
-    assert!(seen > 20 || !folder.exists(), "{seen} files");
+    assert!(seen > 20, "{seen} files");
 }
 
 /// Pairs each point of a file with one of an index that is at the same place, as nearly as `tolerance`.
@@ -210,9 +212,8 @@ fn assert_same_places(inputs: &[Arc<Source>], pages: &Pages, tolerance: f64) {
 
 #[test]
 fn points_of_ply_files_come_back_to_less_than_their_own_precision() {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    let Ok(files) = std::fs::read_dir(folder.join("ply")) else { return };
+    let Some(folder) = test_data() else { return };
+    let files = std::fs::read_dir(folder.join("ply")).unwrap();
     let mut seen = 0;
     for path in files.flatten().map(|file| file.path()) {
         let Some(source) = codec::open(&path).ok().filter(|source| (1..150_000).contains(&source.info().points)) else {

@@ -1,26 +1,24 @@
 //! A COPC file is an index as it is: what its pages hold is what is read of the file as LAZ.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
+#[path = "../../../tests/src/real_data.rs"]
+mod real_data;
+
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use cloud::{Chunk, Cloud, Progress, SurfelOptions};
 use codec::{Selection, Source};
 use glam::DVec3;
+use real_data::test_data;
 use stream::{BATCHES, Budget, Change, Missing, NodeId, Page, PagedCloud, Pages, Streamer, Wanted, prefix};
 
 const FILES: [&str; 3] =
     ["lone_star_las14_pf6.copc.laz", "ellipsoid_las14_pf7.copc.laz", "simple_with_hierarchy_page.copc.laz"];
 
 fn data(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("GLINT_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder.join("copc").join(name));
-    }
-    println!("skipped: no test data");
-    None
+    Some(test_data()?.join("copc").join(name))
 }
 
 /// How often each point is there: grid integers, colour and attributes.

@@ -5,12 +5,12 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use cloud::{Cloud, Progress};
+use cloud::{Cloud, Progress, Random};
 use glam::DVec3;
 use stream::{BuildOptions, Cache, Pages, build};
 
 mod made_up;
-use made_up::{Noise, Point, terrain, write_las_with};
+use made_up::{Point, terrain, write_las_with};
 
 /// Nodes of fewer points are pages of next to nothing.
 const FEW_POINTS: u32 = 1_000;
@@ -59,7 +59,7 @@ fn assert_nodes_are_filled(pages: &Pages, points_far_away: usize) {
 fn points_far_away_leave_the_others_where_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("strays.las");
-    let mut noise = Noise(9);
+    let mut noise = Random(9);
     let scale = 0.01;
     let mut points = terrain(1_000_000);
     points.iter_mut().for_each(|point| point.at = point.at.map(|value| value / 10));

@@ -10,6 +10,7 @@
 mod accuracy;
 mod builtin;
 pub mod chart;
+mod file_name;
 mod flicker;
 pub mod flip;
 mod journal;

@@ -11,7 +11,7 @@ use scene::{Method, Settings};
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
-use crate::chart::file_name;
+use crate::file_name::file_name;
 use crate::metrics::Truth;
 use crate::results;
 

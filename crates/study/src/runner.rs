@@ -12,6 +12,7 @@ use render::{FrameStats, Gpu, Renderer};
 use scene::{Camera, ColorBy, Settings};
 
 use crate::chart;
+use crate::file_name::file_name;
 use crate::flicker::{Followed, Shown, Steps, flicker, follow};
 use crate::journal::{Folder, FolderError};
 use crate::metrics::Truth;
@@ -272,7 +273,7 @@ fn worst<'a>(plan: &Plan, rows: &'a [Row]) -> Vec<(String, &'a Row)> {
                 let is_of = |row: &&&Row| row.case.scene_pattern == *scene && row.case.method == *method;
                 let rows = of_group.iter().filter(is_of);
                 if let Some(row) = rows.max_by(|a, b| badness(a).total_cmp(&badness(b))) {
-                    let name = format!("pictures/{}-{}.png", chart::file_name(&group.name), row.case.index);
+                    let name = format!("pictures/{}-{}.png", file_name(&group.name), row.case.index);
                     shown.push((name, row));
                 }
             }
@@ -288,14 +289,10 @@ fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
         order.sort_by(|a, b| a.scene.cmp(&b.scene));
         return order;
     }
-    // SplitMix64 (Steele et al. 2014), and the shuffle of Fisher and Yates.
-    let mut state = u64::from(round);
+    // The shuffle of Fisher and Yates.
+    let mut random = cloud::Random(u64::from(round));
     for last in (1..order.len()).rev() {
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut bits = state;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        order.swap(last, ((bits ^ (bits >> 31)) % (last as u64 + 1)) as usize);
+        order.swap(last, random.below(last as u64 + 1) as usize);
     }
     order
 }

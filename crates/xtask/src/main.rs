@@ -27,8 +27,10 @@ All look for what the system lacks first (Vulkan loader and driver, window libra
 ImageMagick) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
 the line to type and stop.
 
-Environment of `test`: CI, when set, makes a missing Vulkan adapter a failure; GLINT_TEST_DATA names the folder of
-real and malformed point cloud files that tests read (default: ../shared/data beside the checkout).
+Environment of `test`: GLINT_TEST_DATA names the folder of real and malformed point cloud files that tests read (default:
+../shared/data beside the checkout). Tests that lack a Vulkan adapter or these files say that they are skipped;
+GLINT_REQUIRE_GPU and GLINT_REQUIRE_DATA, when set, make that a failure. CI, when set, sets the first of them, and the
+second where GLINT_TEST_DATA is set or ../shared/data exists.
 
 Options of the program itself: cargo run --release --package glint -- --help";
 
@@ -118,6 +120,9 @@ fn test() -> Result<ExitCode> {
         }
         if std::env::var_os("CI").is_some() {
             command.env("GLINT_REQUIRE_GPU", "1");
+            if std::env::var_os("GLINT_TEST_DATA").is_some() || root.join("../shared/data").is_dir() {
+                command.env("GLINT_REQUIRE_DATA", "1");
+            }
         }
         let start = Instant::now();
         let status = status(&mut command)?;

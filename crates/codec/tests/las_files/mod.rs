@@ -4,28 +4,12 @@
 
 use std::io::{Cursor, Seek as _, SeekFrom};
 
+use cloud::Random;
 use las::point::{Classification, Format, ScanDirection};
 use las::raw::point::Waveform;
 use las::{Builder, Color, Point, Transform, Vector, Vlr, Writer};
 use laz::laszip::LazItemRecordBuilder;
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
-
-/// A small generator of reproducible noise (SplitMix64).
-pub struct Noise(pub u64);
-
-impl Noise {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    pub fn below(&mut self, end: u64) -> u64 {
-        self.next() % end
-    }
-}
 
 pub const SCALE: f64 = 0.001;
 pub const OFFSETS: [f64; 3] = [600_000.0, 5_000_000.0, 100.0];
@@ -42,7 +26,7 @@ fn builder(version: (u8, u8), format: Format) -> Builder {
 /// Points whose every field says something, as `format` keeps it.
 pub fn points(format: u8, count: usize) -> Vec<Point> {
     let format = Format::new(format).unwrap();
-    let mut noise = Noise(7);
+    let mut noise = Random(7);
     let point = |index: usize| {
         let mut coordinate = |axis: usize, range: u64| OFFSETS[axis] + noise.below(range) as f64 * SCALE;
         let (x, y, z) = (coordinate(0, 900_000), coordinate(1, 900_000), coordinate(2, 40_000));
@@ -51,7 +35,7 @@ pub fn points(format: u8, count: usize) -> Vec<Point> {
             x,
             y,
             z,
-            intensity: noise.next() as u16,
+            intensity: noise.draw() as u16,
             return_number: 1 + (index as u8 % returns),
             number_of_returns: returns,
             scan_direction: if index.is_multiple_of(2) {
@@ -67,10 +51,10 @@ pub fn points(format: u8, count: usize) -> Vec<Point> {
             is_overlap: format.is_extended && index.is_multiple_of(6),
             scanner_channel: if format.is_extended { (index / 100 % 4) as u8 } else { 0 },
             scan_angle: if format.is_extended { (index % 100) as f32 * 0.006 } else { (index % 40) as f32 - 20.0 },
-            user_data: noise.next() as u8,
-            point_source_id: noise.next() as u16,
+            user_data: noise.draw() as u8,
+            point_source_id: noise.draw() as u16,
             gps_time: format.has_gps_time.then_some(index as f64 * 0.25),
-            color: format.has_color.then(|| Color::new(noise.next() as u16, noise.next() as u16, noise.next() as u16)),
+            color: format.has_color.then(|| Color::new(noise.draw() as u16, noise.draw() as u16, noise.draw() as u16)),
             waveform: format.has_waveform.then_some(Waveform {
                 wave_packet_descriptor_index: 1,
                 byte_offset_to_waveform_data: index as u64,
@@ -80,7 +64,7 @@ pub fn points(format: u8, count: usize) -> Vec<Point> {
                 y_t: 2.0,
                 z_t: 3.0,
             }),
-            nir: format.has_nir.then(|| noise.next() as u16),
+            nir: format.has_nir.then(|| noise.draw() as u16),
             extra_bytes: Vec::new(),
         }
     };
@@ -189,7 +173,7 @@ pub fn terrain(points: usize) -> Vec<u8> {
     let start = file.len();
     let record_length = 36;
     file.reserve(points * record_length);
-    let mut noise = Noise(1);
+    let mut noise = Random(1);
     /// Points per scan line and lines per strip.
     const LINE: usize = 1_000;
     const STRIP: usize = 2_000;

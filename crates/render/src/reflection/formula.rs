@@ -1,7 +1,7 @@
 //! Mirrors that are drawn by their formula, a ray a pixel: which, and what the shaders are told of them.
 
 use glam::{DMat3, DVec3, Vec4};
-use scene::{Mirror, MirrorSurface, Settings, Shape};
+use scene::{Mirror, Settings, Shape};
 
 use crate::gpu::Gpu;
 use crate::targets::storage;
@@ -19,18 +19,9 @@ pub(crate) struct FormulaMirror {
     unused: [f32; 3],
 }
 
-/// Whether mirrors that came as points (or not) are drawn by their formula.
-pub(crate) fn is_exact(settings: &Settings, as_points: bool) -> bool {
-    match settings.mirror.surface {
-        MirrorSurface::Exact => true,
-        MirrorSurface::Points => false,
-        MirrorSurface::Auto => !as_points,
-    }
-}
-
 /// The mirrors that are drawn by their formula; none: nothing to draw.
 pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DVec3) -> Option<wgpu::Buffer> {
-    let exact = mirrors.iter().filter(|mirror| is_exact(settings, mirror.as_points));
+    let exact = mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points));
     let mirrors: Vec<FormulaMirror> = exact.map(|mirror| formula(mirror, eye)).collect();
     if mirrors.is_empty() {
         return None;
@@ -43,7 +34,7 @@ pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DV
 
 /// Spheres that hold the mirrors that are drawn by their formula.
 pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl Iterator<Item = (DVec3, f64)> {
-    let exact = mirrors.iter().filter(|mirror| is_exact(settings, mirror.as_points));
+    let exact = mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points));
     exact.map(|mirror| (mirror.position, f64::from(formula(mirror, mirror.position).position_reach.w)))
 }
 

@@ -4,7 +4,7 @@
 use cloud::{Bounds, Chunk, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec4};
 
-use super::{Task, is_exact};
+use super::Task;
 use crate::gpu::Gpu;
 use crate::store::CloudId;
 use crate::targets::storage;
@@ -35,7 +35,7 @@ pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
         MirrorPlace { cloud: Some(cloud), bounds, samples: samples(&chunks) }
     };
     let mut places: Vec<MirrorPlace> = task.store.mirror_clouds(task.settings).into_iter().map(of_cloud).collect();
-    let exact = task.mirrors.iter().filter(|mirror| is_exact(task.settings, mirror.as_points));
+    let exact = task.mirrors.iter().filter(|mirror| task.settings.mirror.surface.is_exact(mirror.as_points));
     places.extend(exact.filter(|mirror| mirror.specular_intensity > 0.0).map(|mirror| {
         let sampled = mirror.sample(MOST_SAMPLES, 1);
         let chunks: Vec<&Chunk> = sampled.iter().collect();

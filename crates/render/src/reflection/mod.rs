@@ -21,7 +21,7 @@ mod surfel_tree;
 use scene::{Method, Mirror, Settings};
 
 use environment_map::EnvironmentMap;
-pub(crate) use formula::{is_exact, mirror_spheres, upload};
+pub(crate) use formula::{mirror_spheres, upload};
 use forward::Forward;
 use gather::Gather;
 use mirrored_viewpoint::MirroredViewpoint;

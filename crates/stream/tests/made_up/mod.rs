@@ -4,22 +4,7 @@
 
 use std::path::Path;
 
-/// A small generator of reproducible noise (SplitMix64).
-pub struct Noise(pub u64);
-
-impl Noise {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    pub fn below(&mut self, end: u64) -> u64 {
-        self.next() % end
-    }
-}
+use cloud::Random;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Point {
@@ -34,7 +19,7 @@ pub const OFFSET: [f64; 3] = [600_000.0, 5_000_000.0, 100.0];
 
 /// A hilly square kilometre.
 pub fn terrain(count: usize) -> Vec<Point> {
-    let mut noise = Noise(3);
+    let mut noise = Random(3);
     let mut coordinate = || noise.below(1_000_000) as i32;
     let height = |x: i32, y: i32| {
         ((f64::from(x) * 3e-5).sin() * 20_000.0 + (f64::from(y) * 5e-5).cos() * 9_000.0) as i32 + 40_000

@@ -8,6 +8,7 @@ mod shapes;
 
 use std::path::Path;
 
+use crate::file_name::file_name;
 use crate::plan::{Case, Group, Plan, SIZE};
 use crate::results::{self, Figure, METHOD_MS, Row};
 use axis::Axis;
@@ -162,13 +163,6 @@ fn front(points: &[(f64, f64)], more_is_better: bool) -> Vec<(f64, f64)> {
     let sign = if more_is_better { -1.0 } else { 1.0 };
     let errors: Vec<(f64, f64)> = points.iter().map(|(time, value)| (*time, sign * value)).collect();
     pareto(&errors).into_iter().map(|index| points[index]).collect()
-}
-
-/// A name that every file system takes. Empty for a text without any letter from a to z or digit.
-pub fn file_name(text: &str) -> String {
-    let plain = |character: char| if character.is_ascii_alphanumeric() { character.to_ascii_lowercase() } else { '-' };
-    let words: String = text.chars().map(plain).collect();
-    words.split('-').filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
 }
 
 /// All charts of a plan. Settings that failed are left out, and charts that would show nothing.

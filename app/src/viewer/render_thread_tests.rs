@@ -1,0 +1,91 @@
+use std::sync::mpsc::Receiver;
+
+use glam::DVec3;
+use scene::{Reflection, Shape};
+
+use super::*;
+
+/// Software Vulkan compiles for a minute on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(240);
+
+/// A render thread and what it reports; `None`, with a note, without an adapter.
+fn start() -> Option<(RenderThread, Receiver<Report>)> {
+    let gpu = match Gpu::headless(None) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => {
+            eprintln!("skipped: {error}");
+            return None;
+        }
+    };
+    let (sender, reports) = channel();
+    Some((RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap(), reports))
+}
+
+/// A frame of a mirror ball alone.
+fn request(size: [u32; 2]) -> Box<FrameRequest> {
+    Box::new(FrameRequest {
+        camera: Camera::looking(DVec3::ZERO, DVec3::Y, 4.0, DVec3::Z),
+        settings: Settings::default(),
+        mirrors: vec![Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0)],
+        lights: Vec::new(),
+        sky_is_open: false,
+        size,
+        revision: 0,
+        hurried: false,
+        light_may_lag: false,
+    })
+}
+
+#[test]
+fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_thread() {
+    let Some((thread, reports)) = start() else { return };
+    // They wait while the shaders are compiled.
+    for size in [[32, 24], [40, 30], [48, 36]] {
+        thread.send(Command::Frame(request(size)));
+    }
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    let Report::Frame(frame) = report() else { panic!("no frame") };
+    assert_eq!((frame.request.size, frame.texture.width(), frame.texture.height()), ([48, 36], 48, 36));
+
+    // Wider than any adapter takes.
+    thread.send(Command::Frame(request([200_000, 10])));
+    assert!(matches!(report(), Report::NotDrawn(_)));
+
+    // A picture of the same size goes into the same texture.
+    thread.send(Command::Frame(request([48, 36])));
+    let Report::Frame(again) = report() else { panic!("no frame after a failed one") };
+    assert_eq!(again.texture, frame.texture);
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("picture.png");
+    thread.send(Command::Save { request: request([20, 10]), path: path.clone() });
+    assert!(matches!(report(), Report::Saved(saved) if saved == path));
+    assert_eq!(image::open(&path).unwrap().to_rgb8().dimensions(), (20, 10));
+    thread.send(Command::Save { request: request([20, 10]), path: folder.path().join("missing/picture.png") });
+    assert!(matches!(report(), Report::Problem(problem) if problem.contains("missing")));
+
+    thread.send(Command::Measure(request([48, 36])));
+    let Report::Measured { request: measured, stats } = report() else { panic!("not measured") };
+    assert_eq!(measured, request([48, 36]));
+    assert!(stats.passes.iter().any(|pass| pass.name == "mirror_exact"), "a frame from scratch, not one that was kept");
+
+    // Its end comes after the commands that it has, and says nothing more.
+    drop(thread);
+    assert!(matches!(reports.recv_timeout(PATIENCE), Err(std::sync::mpsc::RecvTimeoutError::Disconnected)));
+}
+
+#[test]
+fn a_hurried_frame_spares_the_average_and_further_bounces_and_leaves_the_rest() {
+    let settings = Settings { reflection: Reflection { bounces: 3, ..Reflection::default() }, ..Settings::default() };
+    let hasty = hurried(&settings, false);
+    assert_eq!((hasty.splat.quality, hasty.reflection.bounces), (Quality::Nearest, 1));
+    let mut back = hasty.clone();
+    (back.splat.quality, back.reflection.bounces) = (settings.splat.quality, 3);
+    assert_eq!(back, settings);
+    assert_eq!(hurried(&settings, true).mirror.surface, MirrorSurface::Exact);
+    // What has no bounces gets none.
+    let none = Settings { reflection: Reflection { bounces: 0, ..Reflection::default() }, ..settings };
+    assert_eq!(hurried(&none, false).reflection.bounces, 0);
+}
