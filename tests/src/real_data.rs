@@ -27,7 +27,9 @@ mod tests {
     /// Runs `the_files_are_looked_for` as a program of its own, where there are no files; whether it passed, and what it said.
     fn without_files(is_required: bool) -> (bool, String) {
         let mut command = Command::new(std::env::current_exe().expect("the path of this test"));
-        command.args(["--exact", "real_data::tests::the_files_are_looked_for", "--nocapture"]);
+        // Its name begins with the module that takes in this file, without the crate.
+        let (_, module) = module_path!().split_once("::").expect("a crate and a module");
+        command.args(["--exact", &format!("{module}::the_files_are_looked_for"), "--nocapture"]);
         command.env("GLINT_TEST_DATA", "/nonexistent").env_remove("GLINT_REQUIRE_DATA");
         if is_required {
             command.env("GLINT_REQUIRE_DATA", "1");
