@@ -70,6 +70,8 @@ impl Messages {
                 let width = (rect.width() - 24.0).clamp(120.0, 420.0);
                 egui::Frame::popup(ui.style()).inner_margin(10).show(ui, |ui| {
                     ui.set_max_width(width);
+                    // Text that can be selected would take the click that dismisses the toast.
+                    ui.style_mut().interaction.selectable_labels = false;
                     ui.horizontal_top(|ui| {
                         ui.label(RichText::new(message.level.mark()).color(message.level.color()).strong());
                         ui.add(egui::Label::new(&message.text).wrap());
