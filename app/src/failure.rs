@@ -36,7 +36,9 @@ pub fn exit_status(error: &anyhow::Error) -> u8 {
         if cause.is::<NoScreen>() || matches!(cause.downcast_ref(), Some(render::Error::NoAdapter { .. })) {
             return 3;
         }
-        if matches!(cause.downcast_ref(), Some(stream::Error::Input(_))) {
+        if matches!(cause.downcast_ref(), Some(stream::Error::Input(_)))
+            || cause.downcast_ref().is_some_and(world::Error::is_usage)
+        {
             return 2;
         }
         if cause.is::<Usage>() || cause.is::<codec::Error>() || cause.is::<scene::Error>() || cause.is::<param::Error>()

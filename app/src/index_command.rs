@@ -8,12 +8,10 @@ use anyhow::Context as _;
 use cloud::Progress;
 use scene::Settings;
 use stream::{BuildOptions, Cache};
+use world::{Input, Making, Stage, half_of};
 
 use crate::command_line::IndexArguments;
 use crate::failure::usage;
-use crate::loading::{self, Input};
-use crate::stage::{Making, Stage};
-use crate::streaming::{self, half_of};
 use crate::{picture_file, progress_bar};
 
 /// Indexes; the exit status is 2 if one of several inputs could not be read.
@@ -31,13 +29,13 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
         }
         picture_file::check_place(output)?;
     }
-    let request = loading::resolve(&arguments.inputs);
+    let request = world::resolve(&arguments.inputs);
     request.check()?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
-    let cache = streaming::cache(&settings.stream)?;
+    let cache = world::cache(&settings.stream)?;
     let mut failures = 0;
     let mut clouds = Vec::new();
     for input in &request.inputs {
@@ -84,7 +82,7 @@ fn open(input: &Input, failures: &mut usize) -> Vec<Arc<codec::Source>> {
         crate::complain(&error);
     };
     for path in input.files() {
-        match loading::open_file(path) {
+        match world::open_file(path) {
             Ok(source) => sources.push(source),
             Err(error) => fail(error),
         }
@@ -171,9 +169,9 @@ impl Task<'_> {
     }
 
     fn index_once(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
-        let of_files: Vec<String> = sources.iter().flat_map(|source| loading::file_warnings(source.info())).collect();
+        let of_files: Vec<String> = sources.iter().flat_map(|source| world::file_warnings(source.info())).collect();
         of_files.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
-        let parts = loading::parts(sources.to_vec());
+        let parts = world::parts(sources.to_vec());
         if parts.iter().all(|(_, native)| native.is_some()) {
             return crate::print(&format!("{name}: COPC, which needs no index\n"));
         }
@@ -185,8 +183,8 @@ impl Task<'_> {
         let pages = pages?;
         let further = pages.warnings().iter().filter(|warning| !of_files.contains(warning));
         further.for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
-        let up = sources.first().map_or(glam::DVec3::Z, |source| loading::up_of(source.info(), self.settings));
-        let options = loading::surfel_options(&pages, up, self.settings)?;
+        let up = sources.first().map_or(glam::DVec3::Z, |source| world::up_of(source.info(), self.settings));
+        let options = world::surfel_options(&pages, up, self.settings)?;
         let points = pages.octree().points();
         let estimate = |progress: &Progress| stream::estimate_surfels(&pages, &options, memory, progress);
         let (_, normals, estimated) = self.make(Stage::new(Making::Surfels, points), place, estimate);

@@ -6,9 +6,9 @@ use std::path::Path;
 use cloud::{Bounds, Progress};
 use codec::{Format, Info};
 use serde::Serialize;
+use world::Input;
 
 use crate::command_line::InfoArguments;
-use crate::loading::{self, Input};
 
 /// Files up to this size are read whole, so that the figures are the points' own and not a header's: some two seconds
 /// of LAZ on two cores.
@@ -63,7 +63,7 @@ struct AttributeReport {
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     let mut inputs = Vec::new();
     for word in &arguments.inputs {
-        let request = loading::resolve(std::slice::from_ref(word));
+        let request = world::resolve(std::slice::from_ref(word));
         request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
         if request.inputs.is_empty() {
             inputs.push(Entry::Unreadable { path: word.clone(), error: format!("{word}: no clouds in it") });

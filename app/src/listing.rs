@@ -7,7 +7,7 @@ use param::{Choice as _, Field, Group, Kind, Value};
 use scene::{Method, Settings, five_mirrors};
 use serde_json::json;
 
-use crate::{loading, truth};
+use crate::truth;
 
 /// A line of help for each reflection method.
 fn method_help(method: Method) -> &'static str {
@@ -133,7 +133,7 @@ fn shortest(value: f32) -> serde_json::Value {
 /// If standard output cannot be written.
 pub fn scenes(as_json: bool) -> anyhow::Result<()> {
     let scenes: Vec<(String, &str)> =
-        five_mirrors::Variant::ALL.into_iter().map(|mirror| (loading::built_in_name(mirror), mirror.help())).collect();
+        five_mirrors::Variant::ALL.into_iter().map(|mirror| (world::built_in_name(mirror), mirror.help())).collect();
     if as_json {
         let listing: Vec<_> = scenes.iter().map(|(name, help)| json!({"name": name, "help": help})).collect();
         return crate::print(&(serde_json::to_string_pretty(&json!({"scenes": listing}))? + "\n"));

@@ -6,13 +6,9 @@ mod failure;
 mod index_command;
 mod info;
 mod listing;
-mod loading;
-mod mirrors;
 mod picture_file;
 mod progress_bar;
 mod render_command;
-mod stage;
-mod streaming;
 mod study_command;
 mod subject;
 mod truth;
@@ -62,7 +58,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
     match line.command.unwrap_or(Command::View(line.view)) {
         Command::View(arguments) => {
             // Checked before the display: a wrong name is wrong everywhere.
-            let request = loading::resolve(&arguments.inputs);
+            let request = world::resolve(&arguments.inputs);
             request.check()?;
             if !has_display() {
                 let name = arguments.inputs.first().map_or("five-mirrors/sphere", String::as_str);

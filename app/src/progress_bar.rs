@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use cloud::Progress;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
-
-use crate::stage::{Making, Stage, Standing};
+use world::{Making, Stage, Standing};
 
 /// Often enough to look alive, seldom enough to cost nothing.
 const INTERVAL: Duration = Duration::from_millis(100);

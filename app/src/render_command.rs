@@ -11,10 +11,10 @@ use param::Choice as _;
 use render::{Aov, FrameStats, Gpu, Renderer};
 use scene::{Camera, Method, SceneFile, Settings, StandardView};
 use serde::Serialize;
+use world::Request;
 
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
-use crate::loading::{self, Request};
 use crate::subject::{self, Opened};
 use crate::truth::{self, Asked, Reference};
 use crate::{listing, picture_file};
@@ -25,7 +25,7 @@ use crate::{listing, picture_file};
 /// Bad usage, nothing that can be read, no adapter, a file that cannot be written.
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let (images, references) = images(arguments)?;
-    let mut request = loading::resolve(&arguments.inputs);
+    let mut request = world::resolve(&arguments.inputs);
     request.check()?;
     spare_inputs(arguments, &request)?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();

@@ -14,7 +14,7 @@ use study::{Folder, FolderError, Plan, Scenes, Shard, Subject, stability};
 use crate::command_line::{MergeArguments, StudyArguments, StudyCommand};
 use crate::failure::usage;
 use crate::subject::{self, Opened};
-use crate::{loading, truth};
+use crate::truth;
 
 /// Runs what is asked for; the exit status is 1 if settings failed, which the table tells.
 ///
@@ -192,7 +192,7 @@ impl Scenes for Inputs {
         if stability::is_case(scene) {
             return stability::settings(scene);
         }
-        let request = loading::resolve(&[scene.to_owned()]);
+        let request = world::resolve(&[scene.to_owned()]);
         request.check()?;
         Ok(request.view.map(|view| view.settings).unwrap_or_default())
     }
@@ -201,7 +201,7 @@ impl Scenes for Inputs {
         if stability::is_case(scene) {
             return stability::subject(gpu, scene, settings);
         }
-        let request = loading::resolve(&[scene.to_owned()]);
+        let request = world::resolve(&[scene.to_owned()]);
         request.check()?;
         let own = request.view.as_ref().and_then(|view| view.camera);
         let field_of_view = settings.view.field_of_view;

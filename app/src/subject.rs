@@ -14,12 +14,10 @@ use render::{ColorPlan, Gpu, MOST_LIGHTS, PointStore};
 use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings, SpotLight, Surroundings};
 use serde::Serialize;
 use study::{Exact, Part, Subject};
+use world::{Event, Input, Job, Paged, Request, Stage, StreamStats, Viewpoint, mirrors};
 
 use crate::failure::usage;
-use crate::loading::{self, Event, Input, Job, Request};
-use crate::stage::Stage;
-use crate::streaming::{Paged, StreamStats, Viewpoint};
-use crate::{mirrors, progress_bar};
+use crate::progress_bar;
 
 /// A scene that was opened.
 pub struct Opened {
@@ -65,7 +63,7 @@ pub fn open(
     if request.lights.len() > MOST_LIGHTS {
         crate::complain(&format!("warning: only the first {MOST_LIGHTS} lights shine"));
     }
-    let job = loading::start_unseen(std::mem::take(&mut request.inputs), settings);
+    let job = world::start_unseen(std::mem::take(&mut request.inputs), settings);
     let mut loads = Loads::default();
     let is_over = loads.receive(&job, 0)?;
     if loads.is_empty() && loads.failures > 0 {
@@ -292,7 +290,7 @@ fn upload(
     if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), &loaded.source) {
         let progress = Progress::default();
         let mut columns =
-            progress_bar::watch("reading", &progress, || loading::read_column(source, attribute, &progress))?;
+            progress_bar::watch("reading", &progress, || world::read_column(source, attribute, &progress))?;
         for chunk in &mut loaded.cloud.chunks {
             chunk.columns[attribute] = columns.remove(&chunk.first_point);
         }
@@ -349,7 +347,7 @@ mod tests {
     fn real(name: &str) -> Option<Loaded> {
         let input = Input::File(real_data::test_data()?.join(name));
         // Without normals and radii, which do not matter here.
-        let job = loading::start(vec![input], &Settings::default());
+        let job = world::start(vec![input], &Settings::default());
         job.lookout.stop_all();
         let mut loaded: Option<Loaded> = None;
         for event in &job.events {

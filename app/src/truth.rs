@@ -15,10 +15,10 @@ use render::{Aov, AovImage, Renderer};
 use scene::{ColorBy, Settings};
 pub use study::RAY_TRACE;
 use study::{Accuracy, Faces, Subject, TracedScene, Tracer, Truth, View, light_error, mirrors_of};
+use world::{Input, Request};
 
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
-use crate::loading::{Input, Request};
 use crate::progress_bar;
 
 /// An image of the truth.

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use egui::Ui;
 use render::Gpu;
+use world::mirrors;
 
 use super::figures::Figures;
 use super::interface;
@@ -13,7 +14,6 @@ use super::preferences::Preferences;
 use super::render_thread::{Command, RenderThread, Report};
 use super::state::{Effect, Found, State};
 use super::sweep::Sweep;
-use crate::{loading, mirrors};
 
 pub struct Bench {
     pub state: State,
@@ -97,7 +97,7 @@ impl Bench {
                 }
             }
             Effect::Load { inputs } => {
-                let job = loading::start(inputs.clone(), &self.state.settings);
+                let job = world::start(inputs.clone(), &self.state.settings);
                 let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
                 job.events.iter().for_each(|event| self.state.on_loading(id, event));
             }

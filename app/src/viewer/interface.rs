@@ -5,6 +5,7 @@ use std::time::Duration;
 use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, TextureId, Ui};
 
 use scene::{MirrorPoints, Show};
+use world::{LEAST_TIME, Making, Stage, Standing};
 
 use super::bindings::{self, Action};
 use super::messages::Level;
@@ -16,8 +17,6 @@ use super::{
     clouds_panel, colors_panel, gizmo, light_panel, mirrors_panel, navigation, overlay, panel, pick_panel, presets,
     streaming_panel, sweep, timings_panel, truth_panel, tuning,
 };
-use crate::loading;
-use crate::stage::{LEAST_TIME, Making, Stage, Standing};
 
 /// Groups of parameters that a panel of their own shows.
 const SHOWN_ELSEWHERE: [&str; 8] = ["color", "light", "sun", "gi", "tone", "edl", "trace", "stream"];
@@ -178,7 +177,7 @@ fn recent_menu(ui: &mut Ui, state: &mut State) {
             }
         }
         ui.separator();
-        for name in loading::built_in_names() {
+        for name in world::built_in_names() {
             if ui.button(&name).clicked() {
                 chosen = Some(name);
             }
@@ -237,7 +236,7 @@ fn empty_state(ui: &mut Ui, state: &mut State, rect: Rect) {
             ui.label(RichText::new("or look at a built-in scene: five mirrors").color(theme::WEAK));
             ui.add_space(4.0);
         });
-        let names = loading::built_in_names();
+        let names = world::built_in_names();
         for row in names.chunks(4) {
             // Centred by hand: a centred layout puts each on a line of its own.
             let wide = |name: &String| 7.2 * short_scene(name).len() as f32 + 24.0;
@@ -386,11 +385,11 @@ mod tests {
     use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use world::Lookout;
 
     use super::super::preferences::Preferences;
     use super::super::state::Effect;
     use super::*;
-    use crate::streaming::Lookout;
 
     fn harness() -> Harness<'static, State> {
         Harness::builder()

@@ -182,7 +182,6 @@ mod tests {
     use super::super::objects::{GUESSED_LAMP, Origin};
     use super::super::state::{Effect, Found};
     use super::*;
-    use crate::loading;
 
     fn harness() -> Harness<'static, State> {
         let mut harness = Harness::builder()
@@ -320,7 +319,7 @@ mod tests {
     fn two_equal_lights_of_a_file_are_two_and_those_that_are_there_do_not_come_again() {
         let mut state = State::with_two_points();
         let light = scene::five_mirrors::light();
-        let file = loading::Request { lights: vec![light, light], ..Default::default() };
+        let file = world::Request { lights: vec![light, light], ..Default::default() };
         state.open_request(file.clone());
         assert_eq!(names(&state), ["spot", "spot 2"]);
         state.open_request(file.clone());
@@ -341,7 +340,7 @@ mod tests {
         let lights = vec![scene::five_mirrors::light(); 5];
         let says = |state: &State| state.messages.all.iter().any(|message| message.text.contains("first 4"));
         let mut state = State::with_two_points();
-        state.open_request(loading::Request { lights: lights.clone(), ..Default::default() });
+        state.open_request(world::Request { lights: lights.clone(), ..Default::default() });
         assert!(says(&state));
         let mut state = State::with_two_points();
         state.paste_view(&scene::SceneFile { lights, ..Default::default() }.to_text());
@@ -424,7 +423,7 @@ mod tests {
         let mut state = State::with_two_points();
         let found = room(&state);
         answer(&mut state, found);
-        state.open_request(loading::Request { lights: vec![scene::five_mirrors::light()], ..Default::default() });
+        state.open_request(world::Request { lights: vec![scene::five_mirrors::light()], ..Default::default() });
         assert_eq!(names(&state), ["spot"]);
         let mut state = State::with_two_points();
         let found = room(&state);

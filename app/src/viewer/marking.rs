@@ -293,6 +293,7 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use glam::DVec3;
+    use world::mirrors;
 
     use super::super::bindings::Action;
     use super::super::figures::{Basis, Figures};
@@ -300,14 +301,13 @@ mod tests {
     use super::super::render_thread::Command;
     use super::super::state::Found;
     use super::*;
-    use crate::{loading, mirrors};
 
     /// Six points of which two are water, and what a worker thread would have found out about them.
     fn lake() -> State {
         let mut state = State::new(Preferences::default());
         let job = state.add_job(&[], Arc::default(), Arc::default());
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
-        let opened = loading::Event::Opened {
+        let opened = world::Event::Opened {
             cloud: 0,
             name: "lake.laz".into(),
             input: "scans/lake.laz".into(),
@@ -322,8 +322,8 @@ mod tests {
         state.on_loading(job, opened);
         let mut chunk = Chunk::new(0, DVec3::ZERO, (0..6).map(|i| [i as f32, 0.1 * (i * i) as f32, 0.0]).collect());
         chunk.columns = vec![Some(Arc::new(Column::U8(vec![2, 2, 9, 9, 2, 1])))];
-        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
-        state.on_loading(job, loading::Event::Finished);
+        state.on_loading(job, world::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(job, world::Event::Finished);
         let (key, cloud) = (state.clouds[0].key, state.clouds[0].cloud.clone());
         let color = state.settings.color.clone();
         let figures = Box::new(Figures::of(&cloud, &color, DVec3::Z));

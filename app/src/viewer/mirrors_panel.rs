@@ -283,7 +283,7 @@ mod tests {
         };
         let (id, mirror, area_per_point) = wanted(&mut harness).expect("its points");
         assert!(wanted(&mut harness).is_none(), "asked for twice");
-        let samples = crate::mirrors::sample(&mirror, area_per_point);
+        let samples = world::mirrors::sample(&mirror, area_per_point);
         harness.state_mut().on_found(super::super::state::Found::Samples { id, mirror, area_per_point, samples });
         assert!(wanted(&mut harness).is_none(), "asked for again");
         harness.state_mut().objects.mirrors[0].mirror.name = "ball".into();

@@ -72,15 +72,15 @@ use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
+use world::{Request, mirrors};
 
 use crate::failure::NoScreen;
-use crate::loading::{self, Request};
-use crate::{mirrors, picture_file, streaming};
+use crate::picture_file;
 
 /// What other threads tell the window.
 enum Wake {
     /// An event of a job, and with a chunk its pass to the render thread.
-    Loading(u32, loading::Event, Option<Pass>),
+    Loading(u32, world::Event, Option<Pass>),
     Report(Report),
     Found(Found),
     /// Files chosen in the system's dialog, and how long it took.
@@ -179,11 +179,10 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn user_event(&mut self, _: &ActiveEventLoop, event: Wake) {
-        let is_chunk =
-            matches!(event, Wake::Loading(_, loading::Event::Chunk { .. } | loading::Event::Dropped { .. }, _));
+        let is_chunk = matches!(event, Wake::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _));
         match event {
             Wake::Loading(job, event, pass) => {
-                let is_end = matches!(event, loading::Event::Finished);
+                let is_end = matches!(event, world::Event::Finished);
                 self.state.on_loading(job, event);
                 if let Some(pass) = pass {
                     self.state.render(Command::Arrived(pass));
@@ -393,7 +392,7 @@ impl Viewer {
                     }
                 }
                 Effect::Load { inputs } => {
-                    let job = loading::start(inputs.clone(), &self.state.settings_of_next_job());
+                    let job = world::start(inputs.clone(), &self.state.settings_of_next_job());
                     let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
                     let under_way = self.under_way.clone();
                     self.work("loading events", move |wake| forward(&job, id, &under_way, wake));
@@ -406,7 +405,7 @@ impl Viewer {
                     let _ = wake.send_event(Wake::Found(Found::Figures { key, basis, figures }));
                 }),
                 Effect::ReadColumn { key, source, attribute, progress } => self.work("column", move |wake| {
-                    let result = loading::read_column(&source, attribute, &progress);
+                    let result = world::read_column(&source, attribute, &progress);
                     let result = result.map_err(|error| error.to_string());
                     let _ = wake.send_event(Wake::Found(Found::Column { key, attribute, result }));
                 }),
@@ -421,7 +420,7 @@ impl Viewer {
                 Effect::MarkPoints { key, cloud, source, wanted, progress } => {
                     self.work("mirror points", move |wake| {
                         let mark = |wanted| mirrors::mark(&cloud, source.as_deref(), wanted, &progress);
-                        let result = wanted.iter().map(mark).collect::<anyhow::Result<Option<Vec<_>>>>();
+                        let result = wanted.iter().map(mark).collect::<world::Result<Option<Vec<_>>>>();
                         let result = result.map_err(|error| format!("{error:#}"));
                         let _ = wake.send_event(Wake::Found(Found::Marked { key, wanted, result }));
                     })
@@ -474,14 +473,14 @@ impl Viewer {
                 Effect::DeleteIndex(kept) => {
                     let settings = self.state.settings.stream.clone();
                     self.work("index", move |wake| {
-                        let result = streaming::delete(&settings, &kept);
+                        let result = world::delete(&settings, &kept).map_err(|error| error.to_string());
                         let _ = wake.send_event(Wake::Found(Found::IndexDeleted { kept, result }));
                     });
                 }
                 Effect::MeasureCache => {
                     let settings = self.state.settings.stream.clone();
                     self.work("cache", move |wake| {
-                        if let Ok(cache) = streaming::cache(&settings) {
+                        if let Ok(cache) = world::cache(&settings) {
                             let _ = wake.send_event(Wake::Found(Found::CacheSize(cache.size())));
                         }
                     });
@@ -523,11 +522,11 @@ impl Viewer {
 }
 
 /// Hands the events of a job on until it ends; a loading thread that dies ends it, too.
-fn forward(job: &loading::Job, id: u32, under_way: &Arc<UnderWay>, wake: &EventLoopProxy<Wake>) {
+fn forward(job: &world::Job, id: u32, under_way: &Arc<UnderWay>, wake: &EventLoopProxy<Wake>) {
     for event in &job.events {
-        let is_end = matches!(event, loading::Event::Finished);
+        let is_end = matches!(event, world::Event::Finished);
         let pass = match &event {
-            loading::Event::Chunk { chunk, .. } => Some(under_way.enter(chunk.size_in_bytes() as u64)),
+            world::Event::Chunk { chunk, .. } => Some(under_way.enter(chunk.size_in_bytes() as u64)),
             _ => None,
         };
         if wake.send_event(Wake::Loading(id, event, pass)).is_err() || is_end {
@@ -535,8 +534,8 @@ fn forward(job: &loading::Job, id: u32, under_way: &Arc<UnderWay>, wake: &EventL
         }
     }
     let error = "loading stopped unexpectedly".to_string();
-    let _ = wake.send_event(Wake::Loading(id, loading::Event::Failed { input: String::new(), error }, None));
-    let _ = wake.send_event(Wake::Loading(id, loading::Event::Finished, None));
+    let _ = wake.send_event(Wake::Loading(id, world::Event::Failed { input: String::new(), error }, None));
+    let _ = wake.send_event(Wake::Loading(id, world::Event::Finished, None));
 }
 
 /// Says that nothing can be drawn any more; the program ends when it is acknowledged.

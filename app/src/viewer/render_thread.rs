@@ -16,9 +16,9 @@ use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::Drawn;
+use world::mirrors::{self, Marked};
 
 use super::under_way::Pass;
-use crate::mirrors::{self, Marked};
 use crate::picture_file;
 
 /// A cloud, the same in the window, here and in events. Never used twice.

@@ -12,6 +12,10 @@ use glam::DVec3;
 use render::{ColorPlan, FrameStats};
 use scene::{Camera, Lighting, Mirror, MirrorPoints, MirrorSurface, Settings, SpotLight, StandardView, Surroundings};
 use serde_json::json;
+use world::{
+    Input, Kept, Lookout, Stage, Standing, StreamStats,
+    mirrors::{self, Marked},
+};
 
 use super::bindings::Mode;
 use super::figures::{Basis, Figures, class_column};
@@ -34,10 +38,6 @@ use super::theme::grouped;
 use super::truth::TruthView;
 use super::truth_tasks::{Answer, Task};
 use super::tuning::Tuning;
-use crate::loading::{self, Input};
-use crate::mirrors::{self, Marked};
-use crate::stage::{Stage, Standing};
-use crate::streaming::{Kept, Lookout, StreamStats};
 
 /// What the window is to do.
 pub enum Effect {
@@ -439,7 +439,7 @@ impl State {
     /// Opens what the words name: files, scenes, built-in scenes. Says what is wrong if they name nothing, and returns
     /// whether they do.
     pub fn open(&mut self, words: &[String]) -> bool {
-        let request = loading::resolve(words);
+        let request = world::resolve(words);
         match request.check() {
             Ok(()) => {
                 self.open_request(request);
@@ -452,7 +452,7 @@ impl State {
         }
     }
 
-    pub fn open_request(&mut self, request: loading::Request) {
+    pub fn open_request(&mut self, request: world::Request) {
         let built_in_light = request.built_in_light();
         for warning in request.warnings {
             self.say(Level::Warning, warning);
@@ -502,9 +502,9 @@ impl State {
         id
     }
 
-    pub fn on_loading(&mut self, job: u32, event: loading::Event) {
+    pub fn on_loading(&mut self, job: u32, event: world::Event) {
         match event {
-            loading::Event::Opened {
+            world::Event::Opened {
                 name,
                 input,
                 source,
@@ -564,29 +564,29 @@ impl State {
                     self.frame_while_unplaced(bounds);
                 }
             }
-            loading::Event::Chunk { cloud, chunk } => self.add_chunk(job, cloud, chunk),
-            loading::Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages),
-            loading::Event::Stage { cloud, stage } => {
+            world::Event::Chunk { cloud, chunk } => self.add_chunk(job, cloud, chunk),
+            world::Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages),
+            world::Event::Stage { cloud, stage } => {
                 let key = self.key_of(job, cloud);
                 if let Some(entry) = key.and_then(|key| self.cloud_mut(key)) {
                     entry.stage = Some(stage);
                 }
             }
-            loading::Event::Dropped { cloud, first_point } => self.drop_chunk(job, cloud, first_point),
-            loading::Event::Stream(stats) => self.on_stream(job, stats),
-            loading::Event::Mirror { input, mirror, samples } => {
+            world::Event::Dropped { cloud, first_point } => self.drop_chunk(job, cloud, first_point),
+            world::Event::Stream(stats) => self.on_stream(job, stats),
+            world::Event::Mirror { input, mirror, samples } => {
                 let id = self.bring_mirror(mirror.clone(), Some(input));
                 self.put_samples(id, mirror, None, samples);
             }
-            loading::Event::Read { cloud, summary } => self.on_read(job, cloud, &summary),
-            loading::Event::Surfels { cloud, surfels } => self.add_surfels(job, cloud, surfels),
-            loading::Event::Failed { input, error } => {
+            world::Event::Read { cloud, summary } => self.on_read(job, cloud, &summary),
+            world::Event::Surfels { cloud, surfels } => self.add_surfels(job, cloud, surfels),
+            world::Event::Failed { input, error } => {
                 let name = short_name(&input).to_string();
                 // Errors name the file already, with its path.
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
                 self.say(Level::Error, text);
             }
-            loading::Event::Finished => self.finish_job(job),
+            world::Event::Finished => self.finish_job(job),
         }
     }
 
@@ -1640,7 +1640,7 @@ impl State {
         let job = state.add_job(&[], Arc::default(), Arc::default());
         state.on_loading(
             job,
-            loading::Event::Opened {
+            world::Event::Opened {
                 cloud: 0,
                 name: "cloud.ply".into(),
                 input: "cloud.ply".into(),
@@ -1654,8 +1654,8 @@ impl State {
             },
         );
         let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
-        state.on_loading(job, loading::Event::Chunk { cloud: 0, chunk });
-        state.on_loading(job, loading::Event::Finished);
+        state.on_loading(job, world::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(job, world::Event::Finished);
         state.history.watch(&state.settings, &state.objects, false);
         state
     }
@@ -1669,7 +1669,7 @@ mod tests {
     fn opened() -> (State, CloudKey) {
         let mut state = State::new(Preferences::default());
         let job = state.add_job(&[], Arc::default(), Arc::default());
-        let event = loading::Event::Opened {
+        let event = world::Event::Opened {
             cloud: 0,
             name: "cloud.ply".into(),
             input: "cloud.ply".into(),
@@ -1703,10 +1703,10 @@ mod tests {
         state.await_marking(MirrorPoints::whole("cloud.ply".into()));
         state.await_marking(MirrorPoints::whole("gone.ply".into()));
         let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
-        state.on_loading(0, loading::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(0, world::Event::Chunk { cloud: 0, chunk });
         state.sync_objects();
         assert!(state.objects.markings.is_empty(), "its points are still to come");
-        state.on_loading(0, loading::Event::Finished);
+        state.on_loading(0, world::Event::Finished);
         assert_eq!(state.objects.markings, [Marking { key, points: MirrorPoints::whole("cloud.ply".into()) }]);
         assert!(state.messages.all.last().is_some_and(|message| message.text.contains("gone.ply")));
         assert!(!state.history.undo(&mut state.settings, &mut state.objects, &mut state.camera));
@@ -1719,7 +1719,7 @@ mod tests {
     #[test]
     fn a_cloud_without_points_leaves_the_renderer_too() {
         let (mut state, removed) = opened();
-        state.on_loading(0, loading::Event::Finished);
+        state.on_loading(0, world::Event::Finished);
         assert!(state.clouds.is_empty());
         let is_removal = |effect: &Effect| matches!(effect, Effect::Render(Command::Remove { key }) if *key == removed);
         assert!(state.effects.iter().any(is_removal));
@@ -1732,7 +1732,7 @@ mod tests {
         state.request_frame();
         assert_eq!(state.frames_under_way, 0, "there is nothing to show yet");
         let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
-        state.on_loading(0, loading::Event::Chunk { cloud: 0, chunk });
+        state.on_loading(0, world::Event::Chunk { cloud: 0, chunk });
         state.request_frame();
         assert_eq!(state.frames_under_way, 1);
         assert!(state.requested.as_ref().is_some_and(|request| request.hurried), "the first picture comes soon");

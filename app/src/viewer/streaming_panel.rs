@@ -3,14 +3,13 @@
 use std::time::Duration;
 
 use egui::{Color32, RichText, Ui};
+use world::{Kept, Making, Paged, Stage, Standing, StreamStats, half_of, most_points};
 
 use super::render_thread::CloudKey;
 use super::state::{CloudEntry, Effect, State};
 use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
 use super::{panel, streams::Streamed};
-use crate::stage::{Making, Stage, Standing};
-use crate::streaming::{Kept, Paged, StreamStats, half_of, most_points};
 
 /// What somebody asks for.
 enum Wish {
@@ -207,12 +206,11 @@ mod tests {
 
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use world::{Event, Lookout, Wish};
 
     use super::super::preferences::Preferences;
     use super::super::state::Found;
     use super::*;
-    use crate::loading::Event;
-    use crate::streaming::{Lookout, Wish};
 
     /// Two clouds of job 0: the index of the first is being made, that of the second comes next.
     fn indexing() -> (State, [Arc<Stage>; 2]) {

@@ -8,12 +8,12 @@ use cloud::Bounds;
 use scene::{Ramp, Settings};
 use serde_json::json;
 use stream::{Node, Octree};
+use world::{Kept, Paged, StreamStats, Viewpoint, most_points};
 
 use super::messages::Level;
 use super::render_thread::{CloudKey, Command};
 use super::state::{CloudEntry, Effect, JobEntry, State};
 use super::theme;
-use crate::streaming::{Kept, Paged, StreamStats, Viewpoint, most_points};
 
 /// What makes a cloud a streamed one: its chunks are those of its points that the last look needs.
 pub struct Streamed {
@@ -392,13 +392,13 @@ mod tests {
     use glam::DVec3;
     use scene::MirrorPoints;
     use stream::NodeId;
+    use world::Event;
 
     use super::super::objects::Marking;
     use super::super::preferences::Preferences;
     use super::super::render_thread::{PickPurpose, PickedPoint, Report};
     use super::super::state::Found;
     use super::*;
-    use crate::loading::Event;
 
     const GRID: Option<Grid> = Some(Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
 

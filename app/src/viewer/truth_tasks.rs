@@ -10,11 +10,11 @@ use glam::DVec3;
 use render::{ColorPlan, Objects};
 use scene::{Mirror, Reflection, Settings};
 use study::{Accuracy, Drawn, ImageError, Part, Refinement, TracedScene, Tracer, Truth, View, mirrors_of};
+use world::mirrors::{self, Marked};
 
 use super::contact_sheet;
 use super::figures::class_column;
 use super::render_thread::FrameRequest;
-use crate::mirrors::{self, Marked};
 
 /// What a scene to trace is made from: points, their colours, and the size of splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

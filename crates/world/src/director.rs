@@ -1,356 +1,25 @@
-//! Clouds that are drawn from pages: what a view needs of them, and what of that is there.
-//!
-//! A job of `loading` tells the window or the headless command about streamed clouds by the same events as about any cloud.
-//! The other way it is told where they look from: the [`Lookout`].
+//! The thread that streams the clouds of a job: what the view needs of them, and what of that is there.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::path::PathBuf;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Grid, SurfelOptions};
+use cloud::Bounds;
 use glam::DVec2;
-use scene::{Camera, Projection, Settings, Stream, ViewSettings};
-use stream::{
-    Budget, Cache, Change, Missing, Node, Octree, Page, PagedCloud, Pages, Streamer, Tree, ViewMeasure, Wanted, choose,
-};
+use scene::{Projection, Settings};
+use stream::{Budget, Change, Missing, Node, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose};
 
-use crate::loading::Event;
-use crate::stage::Stage;
+use crate::budget::{CUT_PART, half_of, most_points};
+use crate::event::{Event, Kept, Paged, StreamStats};
+use crate::lookout::{Arrival, Lookout, Viewpoint};
 
-/// Bytes that a point takes on the GPU: 24 of the point itself, 4 of the attribute shown, 20 of the tree that reflections are traced
-/// through, and a sixteenth more, since chunks begin at whole blocks.
-const GPU_POINT_BYTES: u64 = 51;
-/// Part of the points that may be resident that stays for the first cut while others are shown in its place.
-const CUT_PART: u64 = 2;
 /// Share of the memory of decoded points that a cut may ask for: the rest is for what is being read and what may be wanted again.
 const CUT_SHARE: f64 = 0.75;
 /// Between two reports of what is there.
 const REPORT_INTERVAL: Duration = Duration::from_millis(200);
-/// Nothing gives way to a picture for longer than this.
-const LONGEST_FRAME: Duration = Duration::from_secs(2);
-/// What reads or makes an index that is closed ends within this time.
-const CLOSING_TIME: Duration = Duration::from_secs(10);
 /// Pixels that all clouds are wide as long as nobody has said from where they are looked at.
 const WIDTH_UNSEEN: f64 = 1000.0;
-
-/// From where streamed clouds are looked at, and with which budgets.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Viewpoint {
-    pub camera: Camera,
-    /// Width and height of the picture, pixels.
-    pub size: [u32; 2],
-    pub view: ViewSettings,
-    pub stream: Stream,
-    /// Clouds that are not looked at, by the job's own numbers.
-    pub hidden: BTreeSet<usize>,
-    /// Of the budgets that the job may have, 0 to 1.
-    pub share: f64,
-}
-
-/// How far the pages of a streamed cloud are.
-#[derive(Clone, Debug)]
-pub enum Paged {
-    /// The index is being made, or will be (`Event::Stage`). Chunks that come meanwhile are a preview: some points of all places.
-    Indexing,
-    /// The index is there. Comes again when normals and radii have been worked out.
-    Indexed {
-        octree: Arc<Octree>,
-        /// Of the points' coordinates, where the file has one.
-        grid: Option<Grid>,
-        /// Made by this job, not found in the cache or in the file.
-        was_built: bool,
-        /// Whether normals and radii are those of all points; until then each node's are estimated from its own.
-        has_surfels: bool,
-        /// `None` for a COPC file, which is its own index.
-        kept: Option<Kept>,
-    },
-}
-
-/// An index in the cache.
-#[derive(Clone, Debug)]
-pub struct Kept {
-    pub folder: PathBuf,
-    /// On the disk.
-    pub bytes: u64,
-}
-
-/// What is there of all streamed clouds of a job.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StreamStats {
-    /// The look that it is about: what `Lookout::look` gave back; 0 before the first one.
-    pub look: u64,
-    /// Nothing is left to be done for it: all that it needs is there, and every index is complete.
-    pub is_settled: bool,
-    /// Nodes that are resident.
-    pub nodes: usize,
-    pub points_resident: u64,
-    /// Of all streamed clouds whose index is there.
-    pub points_total: u64,
-    /// Memory that resident and kept nodes take.
-    pub host_bytes: u64,
-    /// Nodes that are wanted and not there yet.
-    pub nodes_waiting: usize,
-    /// Share of the whole budgets that the look would take, 0 to 1.
-    pub demand: f64,
-    /// Over the last second.
-    pub disk_bytes_per_second: f64,
-    /// Decoded over the last second.
-    pub points_per_second: f64,
-}
-
-/// Tells a job where its streamed clouds are looked at from, the latest look counts, what there is to stream, and what is to be
-/// made or stopped.
-#[derive(Default)]
-pub struct Lookout {
-    told: Mutex<Told>,
-    changed: Condvar,
-}
-
-#[derive(Default)]
-struct Told {
-    looks: u64,
-    viewpoint: Option<Viewpoint>,
-    closed: HashSet<usize>,
-    /// All that were ever closed: what is still made for them is not shown.
-    gone: HashSet<usize>,
-    arrived: Vec<Arrival>,
-    /// Nothing more is on its way.
-    is_complete: bool,
-    is_over: bool,
-    wishes: Vec<Wish>,
-    /// The latest of each cloud.
-    stages: BTreeMap<usize, Arc<Stage>>,
-    /// Nothing more is to be made.
-    is_stopped: bool,
-    /// Points of the previews of clouds whose index is still to be made.
-    previews: BTreeMap<usize, u64>,
-    /// Since when the first picture is being drawn.
-    drawing_since: Option<Instant>,
-    is_news: bool,
-}
-
-/// What is to be made of a cloud while nothing else is on its way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
-    /// Its pages turned out to be damaged.
-    Mend(usize),
-    /// What was stopped.
-    Resume(usize),
-}
-
-/// A cloud whose index is there, or is there with more.
-pub struct Arrival {
-    pub cloud: usize,
-    /// As a person named it.
-    pub input: String,
-    pub pages: Arc<Pages>,
-    /// Of the cache: they can be made again.
-    pub is_own: bool,
-    pub was_built: bool,
-    /// For nodes whose normals and radii are not known; `None` for even provisional ones until they are.
-    pub estimate: Option<SurfelOptions>,
-    /// Chunks that go as soon as the cut is there: their points, by the first of them.
-    pub previews: HashMap<u64, u64>,
-}
-
-impl Lookout {
-    /// The number of the look, by which `StreamStats` name it. The same viewpoint again is the same look.
-    pub fn look(&self, viewpoint: Viewpoint) -> u64 {
-        let mut told = self.told();
-        if told.viewpoint.as_ref() != Some(&viewpoint) {
-            told.looks += 1;
-            told.viewpoint = Some(viewpoint);
-            self.notify(&mut told);
-        }
-        told.looks
-    }
-
-    /// Streams that cloud of the job no more.
-    pub fn close(&self, cloud: usize) {
-        let mut told = self.told();
-        told.closed.insert(cloud);
-        told.gone.insert(cloud);
-        told.previews.remove(&cloud);
-        told.arrived.retain(|arrival| arrival.cloud != cloud);
-        told.stop(cloud);
-        self.notify(&mut told);
-    }
-
-    pub fn is_closed(&self, cloud: usize) -> bool {
-        self.told().gone.contains(&cloud)
-    }
-
-    /// Ends the streaming.
-    pub fn end(&self) {
-        let mut told = self.told();
-        told.is_over = true;
-        told.stop_all();
-        self.notify(&mut told);
-    }
-
-    /// Keeps so many points of the budget for the preview of a cloud, until its index arrives.
-    pub fn keep_room(&self, cloud: usize, points: u64) {
-        let mut told = self.told();
-        if told.gone.contains(&cloud) || points == 0 {
-            told.previews.remove(&cloud);
-        } else {
-            told.previews.insert(cloud, points);
-        }
-        self.notify(&mut told);
-    }
-
-    /// The first picture begins or ends to be drawn: reading gives way to it.
-    pub fn draw_first(&self, begins: bool) {
-        let mut told = self.told();
-        told.drawing_since = begins.then(|| told.drawing_since.unwrap_or_else(Instant::now));
-        self.changed.notify_all();
-    }
-
-    /// Waits while the first picture is being drawn.
-    pub fn give_way(&self) {
-        let mut told = self.told();
-        while let Some(since) = told.drawing_since.filter(|_| !told.is_over) {
-            let Some(left) = LONGEST_FRAME.checked_sub(since.elapsed()) else { return };
-            told = self.changed.wait_timeout(told, left).unwrap_or_else(PoisonError::into_inner).0;
-        }
-    }
-
-    /// Something that will be made for a cloud: already stopped, if that is so of all that is made.
-    pub fn plan(&self, cloud: usize, stage: Stage) -> Arc<Stage> {
-        let mut told = self.told();
-        let stage = Arc::new(stage);
-        told.stages.insert(cloud, stage.clone());
-        if told.is_over || told.is_stopped || told.gone.contains(&cloud) {
-            told.stop(cloud);
-        }
-        stage
-    }
-
-    /// The last thing that was planned for a cloud.
-    pub fn stage(&self, cloud: usize) -> Option<Arc<Stage>> {
-        self.told().stages.get(&cloud).cloned()
-    }
-
-    /// Stops what is made for a cloud.
-    pub fn stop(&self, cloud: usize) {
-        self.told().stop(cloud);
-    }
-
-    /// Stops all that is made.
-    pub fn stop_all(&self) {
-        self.told().stop_all();
-    }
-
-    /// Makes what was stopped of a cloud after all, when nothing else is made.
-    pub fn resume(&self, cloud: usize) {
-        let mut told = self.told();
-        told.is_stopped = false;
-        self.wish(&mut told, Wish::Resume(cloud));
-    }
-
-    pub fn arrive(&self, arrival: Arrival) {
-        let mut told = self.told();
-        told.previews.remove(&arrival.cloud);
-        // What was damaged is so no more.
-        told.wishes.retain(|wish| *wish != Wish::Mend(arrival.cloud));
-        if !told.gone.contains(&arrival.cloud) {
-            told.arrived.push(arrival);
-            self.notify(&mut told);
-        }
-    }
-
-    /// Says that nothing more is on its way, and waits until something is to be made. `None` when the streaming has ended.
-    pub fn rest(&self) -> Option<Vec<Wish>> {
-        let mut told = self.told();
-        told.is_complete = told.wishes.is_empty();
-        self.notify(&mut told);
-        let waits = |told: &mut Told| !told.is_over && told.wishes.is_empty();
-        let mut told = self.changed.wait_while(told, waits).unwrap_or_else(PoisonError::into_inner);
-        // What is wished for now is not what was stopped before.
-        told.is_stopped = told.is_over;
-        if told.is_over { None } else { Some(std::mem::take(&mut told.wishes)) }
-    }
-
-    /// Says that the pages of a cloud are to be made again.
-    pub fn report_damage(&self, cloud: usize) {
-        self.wish(&mut self.told(), Wish::Mend(cloud));
-    }
-
-    fn wish(&self, told: &mut Told, wish: Wish) {
-        if !told.wishes.contains(&wish) {
-            told.wishes.push(wish);
-        }
-        // At once: who looks for the end of it must not see it between two states.
-        told.is_complete = false;
-        self.notify(told);
-    }
-
-    fn wake(&self) {
-        self.notify(&mut self.told());
-    }
-
-    fn notify(&self, told: &mut Told) {
-        told.is_news = true;
-        self.changed.notify_all();
-    }
-
-    /// Waits until there is news, `limit` at most.
-    fn wait(&self, limit: Duration) -> MutexGuard<'_, Told> {
-        let waited = self.changed.wait_timeout_while(self.told(), limit, |told| !told.is_news);
-        let mut told = waited.unwrap_or_else(PoisonError::into_inner).0;
-        told.is_news = false;
-        told
-    }
-
-    fn told(&self) -> MutexGuard<'_, Told> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Told {
-    fn stop(&self, cloud: usize) {
-        self.stages.get(&cloud).iter().for_each(|stage| stage.progress.cancel());
-    }
-
-    fn stop_all(&mut self) {
-        self.is_stopped = true;
-        self.stages.values().for_each(|stage| stage.progress.cancel());
-    }
-}
-
-/// Where indexes are kept: `GLINT_CACHE_DIR`, else the platform's place.
-///
-/// # Errors
-/// If there is none.
-pub fn cache(settings: &Stream) -> anyhow::Result<Cache> {
-    let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.cache_dir().join("pages"));
-    let folder = std::env::var_os("GLINT_CACHE_DIR").map(PathBuf::from).or_else(platform);
-    let folder = folder.ok_or_else(|| anyhow::anyhow!("no home folder for pages; GLINT_CACHE_DIR can name one"))?;
-    Ok(Cache::new(folder, settings.cache_bytes.0))
-}
-
-/// Deletes an index of the cache when nobody has it open any more.
-///
-/// # Errors
-/// What to say if somebody still has.
-pub fn delete(settings: &Stream, kept: &Kept) -> Result<(), String> {
-    let cache = cache(settings).map_err(|error| error.to_string())?;
-    let start = Instant::now();
-    while !cache.remove(&kept.folder) {
-        if start.elapsed() > CLOSING_TIME {
-            return Err(format!("{}: in use elsewhere, so the index is kept", kept.folder.display()));
-        }
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    Ok(())
-}
-
-/// Bytes that building an index may take, and as many that decoded points may take: half of the whole each.
-pub fn half_of(host_bytes: param::Bytes) -> u64 {
-    host_bytes.0 / 2
-}
 
 /// The thread that streams the clouds of a job.
 pub struct Director {
@@ -678,17 +347,6 @@ impl Director {
     }
 }
 
-/// Points that may be resident at once.
-pub fn most_points(view: &ViewSettings, stream: &Stream) -> u64 {
-    u64::from(view.point_budget).min(stream.gpu_bytes.0 / GPU_POINT_BYTES)
-}
-
-/// Points that previews may have: the first cut must find room beside them.
-pub fn most_preview_points(settings: &Settings) -> u64 {
-    let held = most_points(&settings.view, &settings.stream);
-    held - held.div_ceil(CUT_PART)
-}
-
 /// Share of a budget that a cut takes.
 fn demand(cut: &[Wanted], trees: &[Tree], budget: Budget) -> f64 {
     let trees: BTreeMap<usize, &Tree> = trees.iter().map(|tree| (tree.cloud, tree)).collect();
@@ -727,31 +385,10 @@ mod tests {
     use std::sync::mpsc::{Receiver, sync_channel};
 
     use cloud::Progress;
-    use stream::BuildOptions;
+    use scene::Camera;
+    use stream::{BuildOptions, Cache, Pages};
 
     use super::*;
-    use crate::stage::{Making, Standing};
-
-    #[test]
-    fn what_is_made_is_stopped_for_one_cloud_or_for_all() {
-        let lookout = Lookout::default();
-        let plan = |cloud| lookout.plan(cloud, Stage::new(Making::Index, 1));
-        let stages = [0, 1, 2, 3].map(plan);
-        let standings = || stages.each_ref().map(|stage| stage.standing() == Standing::Stopped);
-        lookout.stop(0);
-        lookout.close(1);
-        assert_eq!(standings(), [true, true, false, false]);
-        assert!(plan(0).is_pending() && !plan(1).is_pending(), "nothing is made of what is closed");
-        lookout.stop_all();
-        assert_eq!(standings(), [true; 4]);
-        assert!(!plan(2).is_pending());
-        lookout.resume(2);
-        assert_eq!(lookout.rest(), Some(vec![Wish::Resume(2)]));
-        let stage = plan(2);
-        assert!(stage.is_pending());
-        lookout.end();
-        assert!(!stage.is_pending() && lookout.rest().is_none());
-    }
 
     /// The index of a square of so many points.
     fn square(folder: &Path, name: &str, points: u32) -> Arc<Pages> {

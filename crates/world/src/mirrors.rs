@@ -9,7 +9,8 @@ use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, Material, PointStore};
 use scene::{ColorBy, Mirror, MirrorNormals, MirrorPoints};
 
-use crate::loading;
+use crate::error::{Error, Result};
+use crate::source::read_column;
 
 /// Any will do; the same one gives the same picture in the window and in a file.
 const SEED: u64 = 1;
@@ -114,14 +115,16 @@ pub fn mark(
     source: Option<&codec::Source>,
     wanted: &MirrorPoints,
     progress: &Progress,
-) -> anyhow::Result<Option<Marked>> {
+) -> Result<Option<Marked>> {
     let mut cloud = cloud.clone();
     if let Some(name) = wanted.points.attribute() {
         let index = cloud.attributes.iter().position(|attribute| attribute.name == name);
-        let Some(index) = index else { anyhow::bail!("{}: has no attribute `{name}`", cloud.name) };
+        let Some(index) = index else {
+            return Err(Error::NoAttribute { cloud: cloud.name, attribute: name.to_owned() });
+        };
         let is_loaded = |chunk: &Chunk| chunk.columns.get(index).is_some_and(Option::is_some);
         if let (false, Some(source)) = (cloud.chunks.iter().all(is_loaded), source) {
-            put_columns(&mut cloud, index, loading::read_column(source, index, progress)?);
+            put_columns(&mut cloud, index, read_column(source, index, progress)?);
         }
     }
     let marks: Vec<Vec<bool>> = cloud.chunks.iter().map(|chunk| wanted.points.marks(&cloud, chunk)).collect();

@@ -1,11 +1,21 @@
 //! Jobs with streamed clouds, by their events.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Mutex;
 use std::time::Duration;
 
+use cloud::Chunk;
+use glam::DVec3;
 use scene::Camera;
 
 use super::*;
-use crate::streaming::Viewpoint;
+use crate::budget::most_points;
+use crate::event::Paged;
+use crate::indexing::PREVIEW_POINTS;
+use crate::lookout::Viewpoint;
+use crate::reading::Loading;
+use crate::source::open_file;
 
 /// Longer than any job here takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -121,7 +131,7 @@ fn a_preview_keeps_what_the_gpu_may_hold() {
     let mut settings = settings(scene::Paging::Always, 5_000_000);
     // Some forty thousand points.
     settings.stream.gpu_bytes.0 = 2 << 20;
-    let most = crate::streaming::most_points(&settings.view, &settings.stream);
+    let most = most_points(&settings.view, &settings.stream);
     let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
     let look = job.lookout.look(viewpoint(&settings));
     let mut received = Received::default();

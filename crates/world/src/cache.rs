@@ -1,0 +1,40 @@
+//! Where the indexes of streamed clouds are kept.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use scene::Stream;
+use stream::Cache;
+
+use crate::error::{Error, Result};
+use crate::event::Kept;
+
+/// What reads or makes an index that is closed ends within this time.
+const CLOSING_TIME: Duration = Duration::from_secs(10);
+
+/// Where indexes are kept: `GLINT_CACHE_DIR`, else the platform's place.
+///
+/// # Errors
+/// If there is none.
+pub fn cache(settings: &Stream) -> Result<Cache> {
+    let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.cache_dir().join("pages"));
+    let folder = std::env::var_os("GLINT_CACHE_DIR").map(PathBuf::from).or_else(platform);
+    let folder = folder.ok_or(Error::NoCacheFolder)?;
+    Ok(Cache::new(folder, settings.cache_bytes.0))
+}
+
+/// Deletes an index of the cache when nobody has it open any more.
+///
+/// # Errors
+/// If somebody still has.
+pub fn delete(settings: &Stream, kept: &Kept) -> Result<()> {
+    let cache = cache(settings)?;
+    let start = Instant::now();
+    while !cache.remove(&kept.folder) {
+        if start.elapsed() > CLOSING_TIME {
+            return Err(Error::IndexInUse { folder: kept.folder.clone() });
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    Ok(())
+}

@@ -1,0 +1,238 @@
+//! Loading in the background: a thread reads what was named and hands events over as they come, first every header, then chunks,
+//! and when all clouds are in, the normals and radii that were missing. The channel is bounded, so a slow receiver holds the
+//! readers back and memory stays what the receiver keeps.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
+
+use cloud::Progress;
+use scene::Settings;
+use stream::Cache;
+
+use crate::cache::cache;
+use crate::director::Director;
+use crate::error::Result;
+use crate::event::Event;
+use crate::loader::Loader;
+use crate::lookout::Lookout;
+use crate::source::parts;
+use crate::words::Input;
+
+/// Chunks on their way from the readers to the receiver: enough that neither waits for the other, and at 65 thousand
+/// points of some 30 bytes each no more than 32 MB.
+const CHUNKS_UNDER_WAY: usize = 16;
+
+/// Loading under way. Dropping it stops it.
+pub struct Job {
+    pub events: Receiver<Event>,
+    /// Points read, of all inputs that are held in memory. Cancelling it ends the reading; what has been sent stays and gets its
+    /// surfels.
+    pub progress: Arc<Progress>,
+    /// Where to tell from where streamed clouds are looked at, and what is not to be made.
+    pub lookout: Arc<Lookout>,
+}
+
+impl Drop for Job {
+    fn drop(&mut self) {
+        self.lookout.end();
+        self.progress.cancel();
+    }
+}
+
+/// Loads `inputs` on a background thread. Of `settings` the groups `view` (up axis, point budget), `color` (which attribute to read),
+/// `stream`, `surface` and `scene` matter.
+pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
+    start_with(inputs, settings, true, cache(&settings.stream))
+}
+
+/// The same without a preview of clouds whose index is being made, where nobody would see it.
+pub fn start_unseen(inputs: Vec<Input>, settings: &Settings) -> Job {
+    start_with(inputs, settings, false, cache(&settings.stream))
+}
+
+/// `cache`: where indexes are kept.
+fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache: Result<Cache>) -> Job {
+    let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
+    let progress = Arc::new(Progress::default());
+    let lookout = Arc::new(Lookout::default());
+    let job = Job { events, progress: progress.clone(), lookout: lookout.clone() };
+    let (sender_of_loader, settings) = (sender.clone(), settings.clone());
+    let cache = cache.map_err(|error| error.to_string());
+    let loader = Loader { sender: sender_of_loader, progress, lookout, settings, has_preview, cache };
+    // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
+    let started = rayon::ThreadPoolBuilder::new()
+        .thread_name(|index| format!("loader {index}"))
+        .build()
+        .map_err(|error| error.to_string())
+        .and_then(|pool| {
+            let work = move || pool.install(|| loader.load(&inputs));
+            std::thread::Builder::new().name("loading".into()).spawn(work).map_err(|error| error.to_string())
+        });
+    if let Err(error) = started {
+        // There is room for both: nothing else has been sent.
+        let _ = sender.try_send(Event::Failed { input: "loading".into(), error });
+        let _ = sender.try_send(Event::Finished);
+    }
+    job
+}
+
+impl Loader {
+    fn load(&self, inputs: &[Input]) {
+        let _ = self.load_all(inputs);
+        let _ = self.sender.send(Event::Finished);
+    }
+
+    fn load_all(&self, inputs: &[Input]) -> Option<()> {
+        let (mut opened, mut paged) = (Vec::new(), Vec::new());
+        // Clouds so far, and bytes of those that are to be held in memory.
+        let (mut clouds, mut held) = (0, 0);
+        for input in inputs {
+            match input {
+                Input::File(_) | Input::Tiles { .. } => {
+                    let sources = self.open(input)?;
+                    if self.is_streamed(&sources, &mut held) {
+                        for (sources, native) in parts(sources) {
+                            paged.push(self.begin_paging(input, sources, native, clouds)?);
+                            clouds += 1;
+                        }
+                    } else {
+                        for source in sources {
+                            opened.push(self.begin(source, clouds)?);
+                            clouds += 1;
+                        }
+                    }
+                }
+                Input::BuiltIn { variant, without } => self.sample(*variant, without, &mut clouds)?,
+                Input::Unknown { name, error } => {
+                    self.send(Event::Failed { input: name.clone(), error: error.clone() })?;
+                }
+            }
+        }
+        let expected = opened.iter().map(|loading| loading.source.info().points);
+        self.progress.set_total(self.progress.done() + expected.sum::<u64>());
+        if paged.is_empty() {
+            return self.read_all(opened);
+        }
+        let stopped = |error: std::io::Error| Event::Failed { input: "streaming".into(), error: error.to_string() };
+        let director = match Director::new(self.lookout.clone(), self.sender.clone(), &self.settings) {
+            Ok(director) => director,
+            Err(error) => return self.send(stopped(error)),
+        };
+        std::thread::scope(|scope| {
+            let thread = std::thread::Builder::new().name("streaming".into());
+            if let Err(error) = thread.spawn_scoped(scope, || director.run()) {
+                return self.send(stopped(error));
+            }
+            let done = self.page_all(paged, opened);
+            self.lookout.end();
+            done
+        })
+    }
+}
+
+#[cfg(test)]
+#[path = "job_streamed_tests.rs"]
+mod streamed_tests;
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use cloud::Chunk;
+    use glam::DVec3;
+    use scene::five_mirrors;
+
+    use super::*;
+    use crate::stage::Making;
+
+    const THREE_POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+        property float z\nproperty uchar intensity\nend_header\n0 0 0 7\n1 0 0 8\n0 1 0 9\n";
+
+    #[test]
+    fn a_file_comes_in_as_header_chunks_and_the_surfels_it_lacks() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cloud.ply");
+        std::fs::write(&path, THREE_POINTS).unwrap();
+        let missing = Input::File(folder.path().join("gone.ply"));
+        let job = start(vec![missing, Input::File(path)], &Settings::default());
+        let mut seen = Vec::new();
+        for event in &job.events {
+            seen.push(match event {
+                Event::Failed { input, .. } => {
+                    assert!(input.ends_with("gone.ply"));
+                    "failed"
+                }
+                Event::Opened { cloud, expected_points, up, .. } => {
+                    assert_eq!((cloud, expected_points, up), (0, 3, DVec3::Z));
+                    "opened"
+                }
+                Event::Chunk { chunk, .. } => {
+                    assert_eq!(chunk.len(), 3);
+                    assert!(chunk.columns[0].is_some(), "intensity is read without being asked for");
+                    "chunk"
+                }
+                Event::Read { summary, .. } => {
+                    assert_eq!(summary.points, 3);
+                    "read"
+                }
+                Event::Mirror { .. } => panic!("there is none"),
+                Event::Surfels { surfels, .. } => {
+                    assert_eq!(surfels.iter().map(|surfels| surfels.normals.len()).collect::<Vec<_>>(), [3]);
+                    "surfels"
+                }
+                Event::Stage { cloud, stage } => {
+                    assert_eq!((cloud, stage.making, stage.points()), (0, Making::Surfels, 3));
+                    "stage"
+                }
+                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => "streamed",
+                Event::Finished => "finished",
+            });
+        }
+        assert_eq!(seen, ["failed", "opened", "chunk", "read", "stage", "surfels", "finished"]);
+        assert_eq!((job.progress.done(), job.progress.total()), (3, 3));
+    }
+
+    #[test]
+    fn a_built_in_scene_has_as_many_points_as_asked_for() {
+        let mut settings = Settings::default();
+        settings.scene.points = 200_000;
+        let input = Input::BuiltIn { variant: five_mirrors::Variant::Sphere, without: Vec::new() };
+        let job = start(vec![input], &settings);
+        let (mut points, mut mirrors) = (0, 0);
+        for event in &job.events {
+            match event {
+                Event::Opened { .. } => {}
+                Event::Mirror { mirror, samples, .. } => {
+                    assert_eq!((mirror.name.as_str(), mirror.specular_intensity), ("sphere", 1.0));
+                    mirrors += 1;
+                    points += samples.iter().map(Chunk::len).sum::<usize>();
+                }
+                Event::Chunk { chunk, .. } => points += chunk.len(),
+                Event::Stage { .. } | Event::Surfels { .. } | Event::Failed { .. } => {
+                    panic!("its points are complete")
+                }
+                Event::Read { .. } | Event::Finished => {}
+                Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => panic!("nothing is streamed"),
+            }
+        }
+        assert_eq!((points, mirrors), (200_000, 1));
+    }
+
+    #[test]
+    fn a_dropped_job_ends_its_thread() {
+        let mut settings = Settings::default();
+        // More chunks than the channel holds, so that the thread waits for room when the job is dropped.
+        settings.scene.points = 2_000_000;
+        let input = Input::BuiltIn { variant: five_mirrors::Variant::Sphere, without: Vec::new() };
+        let job = start(vec![input], &settings);
+        let progress = job.progress.clone();
+        assert!(job.events.recv().is_ok());
+        drop(job);
+        assert!(progress.is_cancelled());
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while Arc::strong_count(&progress) > 1 {
+            assert!(Instant::now() < deadline, "the thread is still there");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! Clouds that are held in memory: whole files, and built-in scenes.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use cloud::{Attribute, Chunk};
+use glam::DVec3;
+use scene::{SceneSettings, five_mirrors};
+
+use crate::budget::half_of;
+use crate::event::Event;
+use crate::loader::Loader;
+use crate::source::{file_name, open_file, options_for, selection, up, up_of};
+use crate::stage::{Making, Stage};
+use crate::words::{Input, built_in_name};
+
+/// A cloud between its events. `chunks` share their columns with those that were sent.
+pub(crate) struct Loading {
+    pub(crate) cloud: usize,
+    pub(crate) source: Arc<codec::Source>,
+    pub(crate) up: DVec3,
+    pub(crate) chunks: Vec<Chunk>,
+}
+
+impl Loading {
+    /// There are points without a normal or a radius.
+    fn lacks_surfels(&self) -> bool {
+        let is_complete = |chunk: &Chunk| chunk.is_empty() || chunk.normals.is_some() && chunk.radii.is_some();
+        !self.chunks.iter().all(is_complete)
+    }
+}
+
+impl Loader {
+    pub(crate) fn read_all(&self, mut opened: Vec<Loading>) -> Option<()> {
+        for loading in &mut opened {
+            self.read(loading)?;
+        }
+        let mut planned = Vec::new();
+        for loading in opened.into_iter().filter(Loading::lacks_surfels) {
+            let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+            planned.push((self.plan(loading.cloud, Making::Surfels, points)?, loading));
+        }
+        for (stage, loading) in planned {
+            self.estimate(loading, &stage)?;
+        }
+        Some(())
+    }
+
+    /// The files of an input that can be opened; `None` if nobody listens any more.
+    pub(crate) fn open(&self, input: &Input) -> Option<Vec<Arc<codec::Source>>> {
+        let mut sources = Vec::new();
+        for path in input.files() {
+            match open_file(path) {
+                Ok(source) => sources.push(source),
+                Err(error) => self.send(Event::Failed { input: path.display().to_string(), error })?,
+            }
+        }
+        Some(sources)
+    }
+
+    /// Whether the files of an input are streamed. `held`: bytes of what is held in memory, which grow if they are not.
+    pub(crate) fn is_streamed(&self, sources: &[Arc<codec::Source>], held: &mut u64) -> bool {
+        if sources.iter().all(|source| source.info().points == 0) {
+            return false;
+        }
+        let bytes: u64 = sources.iter().map(|source| self.memory_of(source.info())).sum();
+        let is_streamed = match self.settings.stream.pages {
+            scene::Paging::Always => true,
+            scene::Paging::Never => false,
+            scene::Paging::Auto => {
+                sources.len() > 1 || held.saturating_add(bytes) > half_of(self.settings.stream.host_bytes)
+            }
+        };
+        if !is_streamed {
+            *held = held.saturating_add(bytes);
+        }
+        is_streamed
+    }
+
+    /// Bytes that the points of a file take in memory.
+    fn memory_of(&self, info: &codec::Info) -> u64 {
+        let selection = selection(info, &self.settings);
+        let columns = info.attributes.iter().zip(selection.attributes).filter(|(_, is_read)| *is_read);
+        let columns: usize = columns.map(|(attribute, _)| attribute.column_type.size()).sum();
+        let is_double = |property: &Attribute| property.name == "x" && property.column_type == cloud::ColumnType::F64;
+        let is_exact = match info.format {
+            codec::Format::Ply => info.properties.iter().any(is_double),
+            _ => info.grid.zip(info.bounds).is_some_and(|(grid, bounds)| !grid.fits_f32(bounds)),
+        };
+        // Position, normal and radius; colour; the file's own coordinates where they are kept.
+        let point = 12 + 4 + 2 + 4 * usize::from(info.has_colors) + 24 * usize::from(is_exact) + columns;
+        info.points.saturating_mul(point as u64)
+    }
+
+    /// A file that is read into memory.
+    pub(crate) fn begin(&self, source: Arc<codec::Source>, cloud: usize) -> Option<Loading> {
+        let info = source.info();
+        let path = &info.path;
+        let up = up_of(info, &self.settings);
+        self.send(Event::Opened {
+            cloud,
+            name: file_name(path),
+            input: path.display().to_string(),
+            source: Some(source.clone()),
+            attributes: info.attributes.clone(),
+            grid: info.grid,
+            expected_points: info.points,
+            up,
+            provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),
+            warnings: info.warnings.clone(),
+        })?;
+        Some(Loading { cloud, source, up, chunks: Vec::new() })
+    }
+
+    /// A built-in scene, all of it at once: its walls as a cloud and its mirrors, complete with normals and radii.
+    pub(crate) fn sample(&self, variant: five_mirrors::Variant, without: &[String], clouds: &mut usize) -> Option<()> {
+        let SceneSettings { points, seed } = self.settings.scene;
+        let up = up(DVec3::Y, &self.settings);
+        let input = built_in_name(variant);
+        for part in five_mirrors::sample(variant, u64::from(points), u64::from(seed)) {
+            let points = part.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+            if let Some(mirror) = part.mirror {
+                if !without.contains(&mirror.name) {
+                    self.progress.add(points);
+                    self.send(Event::Mirror { input: input.clone(), mirror, samples: part.chunks })?;
+                }
+                continue;
+            }
+            let cloud = *clouds;
+            *clouds += 1;
+            self.send(Event::Opened {
+                cloud,
+                name: format!("{input}, walls"),
+                input: input.clone(),
+                source: None,
+                attributes: Vec::new(),
+                grid: None,
+                expected_points: points,
+                up,
+                provisional_radius: 0.0,
+                warnings: Vec::new(),
+            })?;
+            for chunk in part.chunks {
+                self.progress.add(chunk.len() as u64);
+                self.send(Event::Chunk { cloud, chunk })?;
+            }
+            let summary = codec::Summary { points, ..Default::default() };
+            self.send(Event::Read { cloud, summary })?;
+        }
+        Some(())
+    }
+
+    fn read(&self, loading: &mut Loading) -> Option<()> {
+        let (source, cloud) = (&loading.source, loading.cloud);
+        let kept = Mutex::new(Vec::new());
+        let total = self.progress.total();
+        let emit = |chunk: Chunk| {
+            // The reader has set the total of its own file.
+            self.progress.set_total(total);
+            kept.lock().unwrap_or_else(PoisonError::into_inner).push(Chunk { columns: Vec::new(), ..chunk.clone() });
+            if self.send(Event::Chunk { cloud, chunk }).is_none() {
+                self.progress.cancel();
+            }
+        };
+        let start = Instant::now();
+        let read = source.read(&selection(source.info(), &self.settings), &self.progress, &emit);
+        tracing::debug!(path = %source.info().path.display(), seconds = start.elapsed().as_secs_f64(), "read");
+        loading.chunks = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+        loading.chunks.sort_by_key(|chunk| chunk.first_point);
+        self.end(loading, read)
+    }
+
+    /// Says how the reading of a file ended; what came of it stays.
+    pub(crate) fn end(&self, loading: &Loading, read: codec::Result<codec::Summary>) -> Option<()> {
+        let cloud = loading.cloud;
+        match read {
+            Ok(summary) => self.send(Event::Read { cloud, summary }),
+            Err(error) => {
+                let input = loading.source.info().path.display().to_string();
+                self.send(Event::Failed { input, error: error.to_string() })?;
+                let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
+                self.send(Event::Read { cloud, summary: codec::Summary { points, ..Default::default() } })
+            }
+        }
+    }
+
+    /// Both normals and radii, wherever one of them is missing; what the file has is kept.
+    fn estimate(&self, loading: Loading, stage: &Stage) -> Option<()> {
+        let Loading { cloud, source, up, mut chunks } = loading;
+        if stage.progress.is_cancelled() {
+            return Some(());
+        }
+        // A face list that cannot be parsed is a warning of the read; the normals are then estimated.
+        if source.info().faces > 0
+            && !source.info().has_normals
+            && let Ok(triangles) = source.triangles()
+        {
+            let mesh = cloud::normals_from_triangles(&chunks, &triangles);
+            for (chunk, normals) in chunks.iter_mut().zip(mesh.normals) {
+                chunk.normals = Some(Arc::new(normals));
+            }
+        }
+        let options = options_for(&chunks, up, &self.settings);
+        let start = Instant::now();
+        let estimated = stage.run(|progress| cloud::estimate(&chunks, &options, progress));
+        tracing::debug!(cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
+        match estimated {
+            Some(surfels) => self.send(Event::Surfels { cloud, surfels }),
+            None => Some(()),
+        }
+    }
+}

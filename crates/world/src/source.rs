@@ -1,0 +1,113 @@
+//! Files of points: how they are opened, what of them is read at once and what later.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use cloud::{Chunk, Column, Orientation, Progress, SurfelOptions};
+use glam::DVec3;
+use scene::{ColorBy, Settings, SurfaceOrientation, UpAxis};
+use stream::Pages;
+
+/// Points that are read to see what kind of cloud it is.
+const KIND_POINTS: u64 = 500_000;
+
+/// Opens a file; the error says why nothing of it can be shown.
+pub fn open_file(path: &Path) -> Result<Arc<codec::Source>, String> {
+    let source = codec::open(path).map_err(|error| error.to_string())?;
+    let codec::Info { points, warnings, .. } = source.info();
+    // A file that is as empty as it says is none of anybody's concern.
+    if *points == 0 && !warnings.is_empty() {
+        return Err(format!("{}: no points can be read: {}", path.display(), warnings.join("; ")));
+    }
+    Ok(Arc::new(source))
+}
+
+/// What is wrong with a file, each with its name.
+pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
+    info.warnings.iter().map(|warning| format!("{}: {warning}", info.path.display()))
+}
+
+/// Files that are streamed, as the clouds that they make: those that are COPC, if all of them are, one each; else all together.
+pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {
+    let native = |source: &Arc<codec::Source>| Pages::copc(source);
+    match sources.iter().map(native).collect::<Option<Vec<Pages>>>() {
+        Some(native) => sources.into_iter().zip(native).map(|(source, pages)| (vec![source], Some(pages))).collect(),
+        None => vec![(sources, None)],
+    }
+}
+
+/// Reads one column of a file whose points are loaded, by `first_point` of the chunks they belong to.
+///
+/// # Errors
+/// If the file has gone or changed.
+pub fn read_column(
+    source: &codec::Source,
+    attribute: usize,
+    progress: &Progress,
+) -> codec::Result<BTreeMap<u64, Arc<Column>>> {
+    let mut wanted = vec![false; attribute + 1];
+    wanted[attribute] = true;
+    let selection = codec::Selection { attributes: wanted, ..Default::default() };
+    let columns = Mutex::new(BTreeMap::new());
+    source.read(&selection, progress, &|mut chunk| {
+        if let Some(column) = chunk.columns.get_mut(attribute).and_then(Option::take) {
+            columns.lock().unwrap_or_else(PoisonError::into_inner).insert(chunk.first_point, column);
+        }
+    })?;
+    Ok(columns.into_inner().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// The axis that points up: what the setting says, or what fits the data.
+pub(crate) fn up(fitting: DVec3, settings: &Settings) -> DVec3 {
+    match settings.view.up {
+        UpAxis::Auto => fitting,
+        UpAxis::Y => DVec3::Y,
+        UpAxis::Z => DVec3::Z,
+    }
+}
+
+/// The axis that points up in a file.
+pub fn up_of(info: &codec::Info, settings: &Settings) -> DVec3 {
+    // Scanners and surveys have z up; the tools that make meshes mostly y.
+    let is_mesh = info.format == codec::Format::Ply && info.faces > 0;
+    up(if is_mesh { DVec3::Y } else { DVec3::Z }, settings)
+}
+
+/// How the normals of such points are estimated.
+pub(crate) fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
+    let center = || cloud::robust_bounds(chunks).center();
+    let orientation = match settings.surface.orientation {
+        SurfaceOrientation::Auto => cloud::guess_orientation(chunks, up.as_vec3()),
+        SurfaceOrientation::Up => Orientation::Up(up.as_vec3()),
+        SurfaceOrientation::Inward => Orientation::Toward(center()),
+        SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
+    };
+    SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation }
+}
+
+/// The same for an index, from its coarse pages.
+///
+/// # Errors
+/// If they cannot be read.
+pub fn surfel_options(pages: &Pages, up: DVec3, settings: &Settings) -> stream::Result<SurfelOptions> {
+    Ok(options_for(&stream::coarsest(pages, KIND_POINTS)?, up, settings))
+}
+
+/// The last part of a path, as a cloud is called.
+pub(crate) fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// What is read at once: all that most pictures need, and the attribute that `color.by` asks for. Others come on demand
+/// (`read_column`).
+pub(crate) fn selection(info: &codec::Info, settings: &Settings) -> codec::Selection {
+    let color = &settings.color;
+    let wanted = |name: &str| {
+        matches!(name, "intensity" | "classification" | "return_number")
+            || color.by == ColorBy::GpsTime && name == "gps_time"
+            || color.by == ColorBy::Attribute && name == color.attribute
+    };
+    let attributes = info.attributes.iter().map(|attribute| wanted(&attribute.name)).collect();
+    codec::Selection { positions: true, colors: true, normals: true, attributes }
+}

@@ -1,0 +1,354 @@
+//! What the words of a command line or of a scene file name: files, folders of tiles, built-in scenes.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use scene::{Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, five_mirrors};
+
+use crate::error::{Error, Result};
+
+/// What a person named.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Input {
+    File(PathBuf),
+    /// A folder with several files that are one cloud.
+    Tiles {
+        folder: PathBuf,
+        /// In the order of their names.
+        files: Vec<PathBuf>,
+    },
+    BuiltIn {
+        variant: five_mirrors::Variant,
+        /// Names of its mirrors that are left out: others have taken their places.
+        without: Vec<String>,
+    },
+    /// A word that names nothing, or a scene file that cannot be read. It keeps its place, and fails when it is loaded.
+    Unknown {
+        name: String,
+        error: String,
+    },
+}
+
+impl Input {
+    /// As a person would type it.
+    pub fn name(&self) -> String {
+        match self {
+            Self::File(path) | Self::Tiles { folder: path, .. } => path.display().to_string(),
+            Self::BuiltIn { variant, .. } => built_in_name(*variant),
+            Self::Unknown { name, .. } => name.clone(),
+        }
+    }
+
+    /// The files that are read.
+    pub fn files(&self) -> &[PathBuf] {
+        match self {
+            Self::File(path) => std::slice::from_ref(path),
+            Self::Tiles { files, .. } => files,
+            Self::BuiltIn { .. } | Self::Unknown { .. } => &[],
+        }
+    }
+}
+
+/// All words of a command line together.
+#[derive(Clone, Debug, Default)]
+pub struct Request {
+    pub inputs: Vec<Input>,
+    /// Camera and parameters of the scene file, or the camera of a built-in scene that is shown alone.
+    pub view: Option<View>,
+    /// Of scene files; built-in scenes bring theirs when they are loaded.
+    pub mirrors: Vec<Mirror>,
+    pub mirror_points: Vec<MirrorPoints>,
+    /// Of scene files.
+    pub lights: Vec<SpotLight>,
+    pub warnings: Vec<String>,
+}
+
+impl Request {
+    /// # Errors
+    /// If words were given and none of them names anything; a line for each.
+    pub fn check(&self) -> Result<()> {
+        let errors: Vec<&str> = self
+            .inputs
+            .iter()
+            .filter_map(|input| if let Input::Unknown { error, .. } = input { Some(error.as_str()) } else { None })
+            .collect();
+        if errors.is_empty() || errors.len() < self.inputs.len() {
+            Ok(())
+        } else {
+            Err(Error::NothingNamed(errors.join("\n")))
+        }
+    }
+
+    /// The built-in scene that this is, with its own mirrors and nothing beside it.
+    pub fn built_in(&self) -> Option<five_mirrors::Variant> {
+        let is_changed = !self.mirrors.is_empty() || !self.mirror_points.is_empty();
+        match self.inputs.as_slice() {
+            [Input::BuiltIn { variant, without }] if !is_changed && without.is_empty() => Some(*variant),
+            _ => None,
+        }
+    }
+
+    /// The light that a built-in scene brings; lights of scene files take its place.
+    pub fn built_in_light(&self) -> Option<SpotLight> {
+        let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
+        (self.lights.is_empty() && self.inputs.iter().any(is_built_in)).then(five_mirrors::light)
+    }
+
+    /// Takes in what a view brings to the scene that it is of: its lights take the place of all, its mirrors and marked points
+    /// that of the same ones.
+    pub fn refurnish(&mut self, file: &SceneFile) {
+        if !file.lights.is_empty() {
+            self.lights.clear();
+        }
+        let is_same = |a: &Mirror, b: &Mirror| a == b || (!a.name.is_empty() && a.name == b.name);
+        self.mirrors.retain(|known| !file.mirrors.iter().any(|mirror| is_same(known, mirror)));
+        self.mirror_points.retain(|known| !file.mirror_points.contains(known));
+        self.furnish(file);
+    }
+
+    /// Takes in the mirrors and lights of a scene file.
+    pub fn furnish(&mut self, file: &SceneFile) {
+        self.mirrors.extend(file.mirrors.iter().cloned());
+        self.mirror_points.extend(file.mirror_points.iter().cloned());
+        self.lights.extend(file.lights.iter().copied());
+        for input in &mut self.inputs {
+            if let Input::BuiltIn { without, .. } = input {
+                without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));
+            }
+        }
+    }
+}
+
+/// Finds out what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
+/// A word that names nothing becomes `Input::Unknown`, with the name that may have been meant: the others count.
+pub fn resolve(words: &[String]) -> Request {
+    let mut request = Request::default();
+    let mut files = Vec::new();
+    for word in words {
+        if Path::new(word).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
+            let file = match SceneFile::read(Path::new(word)) {
+                Ok(file) => file,
+                Err(error) => {
+                    request.inputs.push(Input::Unknown { name: word.clone(), error: error.to_string() });
+                    continue;
+                }
+            };
+            request.inputs.extend(file.clouds.iter().map(|cloud| match input(cloud) {
+                Ok(input) => input,
+                Err(error) => Input::Unknown { name: cloud.clone(), error: format!("{word}: {error}") },
+            }));
+            let view = file.view();
+            files.push(file);
+            request.warnings.extend(view.warnings.iter().map(|warning| format!("{word}: {warning}")));
+            if request.view.replace(view).is_some() {
+                request
+                    .warnings
+                    .push(format!("{word}: its camera and parameters replace those of the scene before it"));
+            }
+        } else {
+            let named = input(word).unwrap_or_else(|error| Input::Unknown { name: word.clone(), error });
+            request.inputs.push(named);
+        }
+    }
+    files.iter().for_each(|file| request.furnish(file));
+    let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
+    let built_in_alone = !request.inputs.is_empty() && request.inputs.iter().all(is_built_in);
+    if built_in_alone {
+        let camera = five_mirrors::camera();
+        let view = request.view.get_or_insert_with(|| View {
+            camera: None,
+            settings: Settings::default(),
+            warnings: Vec::new(),
+        });
+        view.camera.get_or_insert(camera);
+    }
+    request
+}
+
+/// The file or built-in scene that `word` names, or what to say.
+fn input(word: &str) -> Result<Input, String> {
+    if let Some(mirror) = five_mirrors::Variant::ALL.into_iter().find(|mirror| built_in_name(*mirror) == word) {
+        return Ok(Input::BuiltIn { variant: mirror, without: Vec::new() });
+    }
+    let path = Path::new(word);
+    if path.is_dir() {
+        return tiles(path).map_err(|problem| format!("{word}: {problem}"));
+    }
+    if path.exists() {
+        return Ok(Input::File(path.to_owned()));
+    }
+    // Compared by their last part: a typing error in a short name must not drown in a long folder's.
+    let last = |name: &str| Path::new(name).file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let known: BTreeMap<String, String> =
+        files_beside(path).into_iter().chain(built_in_names()).map(|name| (last(&name), name)).collect();
+    let near = param::nearest(&last(word), known.keys().map(String::as_str)).and_then(|near| known.get(near));
+    let hint = match near {
+        Some(near) => format!("; did you mean `{near}`?"),
+        None if word.starts_with("five-mirrors") => "; `glint scenes` lists the built-in scenes".into(),
+        None => String::new(),
+    };
+    Err(format!("{word}: no such file or built-in scene{hint}"))
+}
+
+/// The clouds in a folder, or what is wrong with it.
+fn tiles(folder: &Path) -> Result<Input, String> {
+    let is_cloud = |path: &PathBuf| {
+        let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+        ["las", "laz", "ply"].iter().any(|known| extension.eq_ignore_ascii_case(known)) && path.is_file()
+    };
+    let entries = std::fs::read_dir(folder).map_err(|error| error.to_string())?;
+    let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_cloud).collect();
+    files.sort();
+    match files.as_slice() {
+        [] => Err("a folder without .las, .laz and .ply files".into()),
+        [one] => Ok(Input::File(one.clone())),
+        _ => Ok(Input::Tiles { folder: folder.to_owned(), files }),
+    }
+}
+
+/// Files in the folder where `path` was looked for, written as `path` is.
+fn files_beside(path: &Path) -> Vec<String> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(listed).into_iter().flatten().flatten();
+    entries.map(|entry| folder.join(entry.file_name()).to_string_lossy().into_owned()).collect()
+}
+
+pub fn built_in_name(mirror: five_mirrors::Variant) -> String {
+    format!("five-mirrors/{}", mirror.name())
+}
+
+pub fn built_in_names() -> Vec<String> {
+    five_mirrors::Variant::ALL.into_iter().map(built_in_name).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::event::Event;
+    use crate::job::start;
+
+    const THREE_POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+        property float z\nproperty uchar intensity\nend_header\n0 0 0 7\n1 0 0 8\n0 1 0 9\n";
+
+    fn words(words: &[&str]) -> Vec<String> {
+        words.iter().map(|word| (*word).to_owned()).collect()
+    }
+
+    fn message(word: &str) -> String {
+        resolve(&words(&[word])).check().unwrap_err().to_string()
+    }
+
+    #[test]
+    fn words_name_files_scenes_and_built_in_scenes() {
+        let folder = tempfile::tempdir().unwrap();
+        let cloud = folder.path().join("cloud.ply");
+        let scene = folder.path().join("scene.toml");
+        std::fs::write(&cloud, THREE_POINTS).unwrap();
+        std::fs::write(
+            &scene,
+            "clouds = [\"cloud.ply\", \"five-mirrors/torus\"]\n[parameters]\n\"splat.size\" = 2.0\n\"splat.nope\" = 1\n",
+        )
+        .unwrap();
+        let request = resolve(&words(&[scene.to_str().unwrap()]));
+        let torus = Input::BuiltIn { variant: five_mirrors::Variant::Torus, without: Vec::new() };
+        assert_eq!(request.inputs, [Input::File(cloud), torus.clone()]);
+        let view = request.view.unwrap();
+        assert_eq!((view.settings.splat.size, view.camera), (2.0, None));
+        assert!(request.warnings.len() == 1 && request.warnings[0].contains("splat.nope"), "{:?}", request.warnings);
+
+        let alone = resolve(&words(&["five-mirrors/torus"]));
+        assert_eq!(alone.inputs, [torus]);
+        assert_eq!(alone.view.unwrap().camera, Some(five_mirrors::camera()));
+        let nothing = resolve(&[]);
+        assert!(nothing.inputs.is_empty() && nothing.check().is_ok());
+    }
+
+    #[test]
+    fn a_folder_names_the_clouds_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str| {
+            std::fs::write(folder.path().join(name), THREE_POINTS).unwrap();
+            folder.path().join(name)
+        };
+        let word = words(&[folder.path().to_str().unwrap()]);
+        write("notes.txt");
+        let last = write("b.LAZ");
+        assert_eq!(resolve(&word).inputs, [Input::File(last.clone())]);
+        let first = write("a.ply");
+        std::fs::create_dir(folder.path().join("c.las")).unwrap();
+        let tiles = Input::Tiles { folder: folder.path().to_owned(), files: vec![first, last] };
+        assert_eq!(resolve(&word).inputs, [tiles]);
+    }
+
+    #[test]
+    fn a_view_of_a_scene_brings_none_of_its_objects_twice() {
+        let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
+                     inner_degrees = 20\nouter_degrees = 30\n";
+        let mirror =
+            |line: &str| format!("[[mirrors]]\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 0.2\n{line}\n");
+        let points = "[[mirror_points]]\ncloud = \"a.laz\"\n";
+        let text = |line: &str| format!("{light}{}{}{points}", mirror(""), mirror(line));
+        let mut request = Request::default();
+        request.furnish(&SceneFile::parse(&text("name = \"ball\"")).unwrap());
+        let view = SceneFile::parse(&text("name = \"ball\"\nas_points = true")).unwrap();
+        request.refurnish(&view);
+        assert_eq!((request.lights.len(), request.mirror_points.len()), (1, 1));
+        assert_eq!(request.mirrors, view.mirrors);
+        request.refurnish(&SceneFile::default());
+        assert_eq!(request.lights.len(), 1, "a view without lights leaves those that are there");
+    }
+
+    #[test]
+    fn mirrors_and_lights_of_a_scene_file_take_the_place_of_a_built_in_scenes_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene.toml");
+        let text = "clouds = [\"five-mirrors/all\"]\n[[mirrors]]\nname = \"torus\"\nshape = \"sphere\"\n\
+                    position = [0, 0, 0]\nsize = 0.2\n";
+        std::fs::write(&scene, text).unwrap();
+        let request = resolve(&words(&[scene.to_str().unwrap()]));
+        assert_eq!((request.mirrors.len(), request.lights.len()), (1, 0));
+        assert_eq!(request.built_in_light(), Some(five_mirrors::light()));
+        let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
+                     inner_degrees = 20\nouter_degrees = 30\n";
+        std::fs::write(&scene, format!("{text}{light}")).unwrap();
+        let lit = resolve(&words(&[scene.to_str().unwrap()]));
+        assert_eq!((lit.lights.len(), lit.built_in_light()), (1, None));
+        let mut settings = Settings::default();
+        settings.scene.points = 10_000;
+        let job = start(request.inputs, &settings);
+        let brought = job.events.iter().filter_map(|event| match event {
+            Event::Mirror { mirror, .. } => Some(mirror.name),
+            _ => None,
+        });
+        assert_eq!(brought.collect::<Vec<_>>(), ["sphere", "parabolic", "blob", "coral"]);
+    }
+
+    #[test]
+    fn a_word_that_names_nothing_leaves_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene.toml");
+        std::fs::write(&scene, "clouds = [\"gone.ply\", \"five-mirrors/torus\"]\n").unwrap();
+        let request = resolve(&words(&["no_such.laz", scene.to_str().unwrap(), "no_such.toml"]));
+        assert!(request.check().is_ok());
+        let unknown = request.inputs.iter().map(|input| matches!(input, Input::Unknown { .. }));
+        assert_eq!(unknown.collect::<Vec<_>>(), [true, true, false, true]);
+        let both = resolve(&words(&["no_such.laz", "no_such.ply"])).check().unwrap_err().to_string();
+        assert!(both.contains("no_such.laz") && both.contains("no_such.ply"), "{both}");
+    }
+
+    #[test]
+    fn words_that_name_nothing_are_refused_with_the_nearest_name() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("office.laz"), "").unwrap();
+        let typo = folder.path().join("ofice.laz").display().to_string();
+        assert!(message(&typo).contains("office.laz`?"), "{}", message(&typo));
+        assert!(message("five-mirrors/sphre").contains("did you mean `five-mirrors/sphere`?"));
+        assert!(message("sphere").contains("did you mean `five-mirrors/sphere`?"));
+        assert!(message("five-mirrors/teapot").contains("glint scenes"));
+        std::fs::create_dir(folder.path().join("empty")).unwrap();
+        let empty = message(folder.path().join("empty").to_str().unwrap());
+        assert!(empty.ends_with("empty: a folder without .las, .laz and .ply files"), "{empty}");
+        assert!(message("no_such_scene.toml").contains("no_such_scene.toml"));
+    }
+}
