@@ -3,6 +3,7 @@
 //! `open` reads a header and checks it against the file's size; `Source::read` streams chunks of points to a callback,
 //! in parallel, with progress and cancel. Files are not trusted: nothing is allocated on a header's word.
 
+mod brief;
 mod error;
 mod las;
 mod ply;

@@ -21,9 +21,10 @@ use std::io::Read as _;
 use std::path::Path;
 use std::sync::Mutex;
 
-use cloud::{Attribute, Bounds, CHUNK_POINTS, Chunk, Progress};
+use cloud::{Attribute, Bounds, Chunk, Progress};
 use rayon::prelude::*;
 
+use crate::brief::brief;
 use crate::positioned_file::PositionedFile;
 use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, Plan, Roles, Scalar};
@@ -33,6 +34,9 @@ use rows::{Block, Packing, Rows};
 
 /// Faces are counted on opening if no more than this follows the vertices: a tenth of a second from memory.
 const FACE_CHECK_BYTES: u64 = 256 << 20;
+
+/// Lists that a warning names.
+const NAMED_LISTS: usize = 8;
 
 /// An opened PLY file; it stays open, so that it is read to the end even when it is deleted or replaced.
 pub struct PlySource {
@@ -60,8 +64,9 @@ impl PlySource {
         let vertex = header.points_element().ok_or_else(|| header_error("no element vertex".into()))?;
         let element = &header.elements[vertex];
         let scalars = scalars(element);
-        let mut roles = Roles::find(&scalars)
-            .ok_or_else(|| header_error(format!("element {} has no scalar properties x, y and z", element.name)))?;
+        let mut roles = Roles::find(&scalars).ok_or_else(|| {
+            header_error(format!("element {} has no scalar properties x, y and z", brief(&element.name)))
+        })?;
 
         let rows = rows::locate(&file, &header, vertex).map_err(io_error)?;
         let mut warnings = Vec::new();
@@ -119,6 +124,7 @@ impl PlySource {
         let packing = Packing::new(&self.header, self.element(), keep);
         let plan = Plan::new(&self.scalars, &self.roles, selection, &packing);
 
+        let most = rows::chunk_points(self.element());
         progress.set_total(self.rows.count);
         let totals = Mutex::new(Totals { points: 0, bounds: Bounds::EMPTY, damaged: 0, unread: 0, error: None });
         spread_order(self.rows.blocks.len()).into_par_iter().with_max_len(1).for_each(|index| {
@@ -126,7 +132,7 @@ impl PlySource {
                 return;
             }
             let block = self.rows.blocks[index];
-            let read = read_block(&self.file, block, &packing, &plan, |chunk, rows, bounds| {
+            let read = read_block(&self.file, (block, most), &packing, &plan, |chunk, rows, bounds| {
                 emit(chunk);
                 progress.add(rows);
                 let mut totals = lock(&totals);
@@ -207,15 +213,15 @@ fn lock(totals: &Mutex<Totals>) -> std::sync::MutexGuard<'_, Totals> {
     totals.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// Reads a block and gives its chunks with their rows and bounds; rows read and rows damaged.
+/// Reads a block and gives its chunks, of `most` rows each, with their rows and bounds; rows read and rows damaged.
 fn read_block(
     file: &PositionedFile,
-    block: Block,
+    (block, most): (Block, usize),
     packing: &Packing,
     plan: &Plan,
     mut give: impl FnMut(Chunk, u64, Bounds),
 ) -> std::io::Result<(u64, u64)> {
-    let capacity = (block.rows as usize).min(CHUNK_POINTS);
+    let capacity = (block.rows as usize).min(most);
     let mut builder = ChunkBuilder::new(plan, block.first_row, capacity);
     let mut first_row = block.first_row;
     let mut finish = |builder: ChunkBuilder| {
@@ -225,14 +231,14 @@ fn read_block(
     };
     let counts = packing.read(file, block, |mut piece| {
         while !piece.is_empty() {
-            let room = (CHUNK_POINTS - builder.rows()) * packing.stride;
+            let room = (most - builder.rows()) * packing.stride;
             let (now, later) = piece.split_at(room.min(piece.len()));
             builder.push(now);
             piece = later;
-            if builder.rows() == CHUNK_POINTS {
-                first_row += CHUNK_POINTS as u64;
+            if builder.rows() == most {
+                first_row += most as u64;
                 let rest = (block.rows - (first_row - block.first_row)) as usize;
-                let next = ChunkBuilder::new(plan, first_row, rest.min(CHUNK_POINTS));
+                let next = ChunkBuilder::new(plan, first_row, rest.min(most));
                 finish(std::mem::replace(&mut builder, next));
             }
         }
@@ -262,8 +268,13 @@ fn scalars(element: &Element) -> Vec<Scalar> {
 
 fn list_warning(element: &Element) -> Option<String> {
     let lists = element.properties.iter().filter(|property| matches!(property.kind, Kind::List { .. }));
-    let names: Vec<_> = lists.map(|property| property.name.as_str()).collect();
-    (!names.is_empty()).then(|| format!("lists of a vertex are not shown: {}", names.join(", ")))
+    let names: Vec<_> = lists.map(|property| brief(&property.name)).collect();
+    let more = match names.len().saturating_sub(NAMED_LISTS) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let named = || names[..names.len().min(NAMED_LISTS)].join(", ");
+    (!names.is_empty()).then(|| format!("lists of a vertex are not shown: {}{more}", named()))
 }
 
 /// Decides from a sample what the header leaves open: the range of colours, opacity and normals that are all zero.
@@ -321,7 +332,7 @@ fn face_warnings(file: &PositionedFile, header: &Header, vertex: usize, rows: &R
         for element in &header.elements[vertex + 1..] {
             let (found, problem) = rows::skip_elements(&mut reader, header, std::slice::from_ref(element))?;
             if let Some(problem) = problem {
-                let (lost, count, name) = (element.count - found, element.count, &element.name);
+                let (lost, count, name) = (element.count - found, element.count, brief(&element.name));
                 warnings.push(format!("{lost} of {count} rows of element {name} are missing: {problem}"));
                 break;
             }

@@ -598,3 +598,43 @@ fn points_far_away_cost_the_others_no_precision_wherever_they_come() {
         assert!((1..=strays.len()).contains(&kept), "chunks with doubles: {kept}");
     }
 }
+
+#[test]
+fn thousands_of_extra_dimensions_of_one_name_are_told_apart_in_a_line() {
+    let mut all = points(6, 4);
+    all.iter_mut().for_each(|point| point.extra_bytes = vec![9; 1_000]);
+    let undocumented = |size: u8| {
+        let mut bytes = descriptor("same", 0, None);
+        bytes[3] = size;
+        bytes
+    };
+    let vlrs: Vec<(&str, u16, Vec<u8>)> = (0..4)
+        .map(|_| ("LASF_Spec", 4, (0..300).flat_map(|_| descriptor("same", 1, None)).collect()))
+        .chain([("LASF_Spec", 4, (0..300).flat_map(|index| undocumented(index as u8 % 2)).collect())])
+        .collect();
+    let (source, cloud, _) = read_bytes(&las_file((1, 4), 6, &all, &vlrs));
+    let names: Vec<&str> = source.info().attributes.iter().map(|attribute| attribute.name.as_str()).collect();
+    assert!(names.contains(&"same") && names.contains(&"same (extra)") && names.contains(&"same (extra 999)"));
+    assert!(cloud.len() == 4 && source.info().warnings.len() < 5, "{:?}", source.info().warnings);
+    // What is undocumented comes first: no bytes are none, and the rest is counted.
+    let vlrs: Vec<_> = vlrs.into_iter().rev().collect();
+    let (source, _, _) = read_bytes(&las_file((1, 4), 6, &all, &vlrs));
+    let warnings = source.info().warnings.join("\n");
+    assert!(warnings.contains("149 more extra dimensions are of no documented type"), "{warnings}");
+}
+
+#[test]
+fn what_a_file_says_is_quoted_in_a_part_of_a_line() {
+    let mut las = las_file((1, 2), 0, &points(0, 2), &[]);
+    las[131..139].copy_from_slice(&1e-310_f64.to_le_bytes());
+    las[155..163].copy_from_slice(&1.7e308_f64.to_le_bytes());
+    let error = codec::open(file(&las).path()).err().unwrap().to_string();
+    assert!(error.contains("1e-310") && error.contains("1.7e308") && error.len() < 300, "{error}");
+    let long = "x".repeat(100_000);
+    for (element, property) in [("vertex", long.as_str()), (long.as_str(), "x")] {
+        let ply =
+            format!("ply\nformat ascii 1.0\nelement {element} 1\nproperty list uchar int {property}\nend_header\n0\n");
+        let error = codec::open(file(ply.as_bytes()).path()).err().unwrap().to_string();
+        assert!(error.len() < 300, "{} bytes", error.len());
+    }
+}

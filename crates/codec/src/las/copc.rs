@@ -13,6 +13,7 @@ use glam::DVec3;
 use super::compressed::CompressedChunk;
 use super::header::Header;
 use super::layout::bytes;
+use crate::brief::{number, vector};
 use crate::positioned_file::PositionedFile;
 
 /// Where the info record's data must start: after a header of 375 bytes and a record's head of 54.
@@ -27,6 +28,9 @@ const MOST_NODES: usize = 1 << 22;
 /// more, for lists of next to nothing.
 const ENTRIES_PER_CHUNK: usize = 64;
 const SPARE_ENTRIES: usize = 1 << 10;
+/// Nodes, at most, for each compressed chunk, and as many more. Points on a line have two; those of a scan next to none that are
+/// empty.
+const NODES_PER_CHUNK: usize = 4;
 /// Part of the width by which the points' bounds may stand out of the cube.
 const TOLERANCE: f64 = 0.01;
 /// The spacing is at least this part of the width: nodes of a surface then have fewer points than are read at once.
@@ -86,7 +90,10 @@ impl Copc {
         let root = page(u64::from_le_bytes(bytes(info, 40)), u64::from_le_bytes(bytes(info, 48)));
         let pages = header.copc_pages.clone().ok_or("the record of its pages is missing")?;
         let mut nodes = Self::read_pages(file, pages, root, chunks)?;
-        add_parents(&mut nodes);
+        let most = chunks.len().saturating_mul(NODES_PER_CHUNK) + SPARE_ENTRIES;
+        if !add_parents(&mut nodes, most) {
+            return Err(format!("more than {most} nodes for {} compressed chunks", chunks.len()));
+        }
         let mut nodes: Vec<CopcNode> = nodes.into_values().collect();
         nodes.sort_unstable_by_key(|node| (node.level, node.cell));
         Ok(Some(Self { corner: center - half, width: 2.0 * half, spacing, nodes }))
@@ -156,13 +163,21 @@ fn check_cube(center: DVec3, half: f64, spacing: f64, bounds: Option<Bounds>) ->
     let is_cube = corner.is_finite() && most.is_finite() && width.is_finite() && most.cmpgt(corner).all();
     // Of a spacing that is not a number this is not true either.
     if !(is_cube && (LEAST_SPACING * width..=width).contains(&spacing)) {
-        return Err(format!("no cube: centre {center}, half width {half}, spacing {spacing}"));
+        return Err(format!(
+            "no cube: centre {}, half width {}, spacing {}",
+            vector(center),
+            number(half),
+            number(spacing)
+        ));
     }
     let cube = Bounds { min: corner - TOLERANCE * width, max: most + TOLERANCE * width };
     match bounds {
         Some(bounds) if !(cube.contains(bounds.min) && cube.contains(bounds.max)) => Err(format!(
-            "the cube from {corner} to {most} does not hold the points, which lie from {} to {}",
-            bounds.min, bounds.max
+            "the cube from {} to {} does not hold the points, which lie from {} to {}",
+            vector(corner),
+            vector(most),
+            vector(bounds.min),
+            vector(bounds.max)
         )),
         _ => Ok(()),
     }
@@ -209,8 +224,8 @@ fn read_entry(
     }
 }
 
-/// Nodes without points above those that have some; so there are at most `DEEPEST` for each.
-fn add_parents(nodes: &mut HashMap<Key, CopcNode>) {
+/// Adds nodes without points above those that have some; false if there are then more than `most`.
+fn add_parents(nodes: &mut HashMap<Key, CopcNode>, most: usize) -> bool {
     let keys: Vec<Key> = nodes.keys().copied().collect();
     let empty = |(level, cell): Key| CopcNode { level, cell, points: 0, bytes: 0, chunk: None };
     let root = (0, [0; 3]);
@@ -221,5 +236,9 @@ fn add_parents(nodes: &mut HashMap<Key, CopcNode>) {
             let Entry::Vacant(place) = nodes.entry((level, cell)) else { break };
             place.insert(empty((level, cell)));
         }
+        if nodes.len() > most {
+            return false;
+        }
     }
+    true
 }

@@ -11,6 +11,7 @@ use cloud::{Bounds, Grid};
 use glam::DVec3;
 
 use super::layout::{Layout, bytes, text};
+use crate::brief::vector;
 use crate::positioned_file::PositionedFile;
 use crate::{Error, Result};
 
@@ -96,7 +97,8 @@ impl Header {
                 "bytes 131 to 179",
                 format!(
                     "scale {} and offset {} give no coordinates; expected finite numbers and no scale of 0",
-                    grid.scale, grid.offset
+                    vector(grid.scale),
+                    vector(grid.offset)
                 ),
             ));
         }

@@ -1,5 +1,7 @@
 //! Where in a LAS point record each property lies: point formats 0 to 10 and Extra Bytes (LAS 1.4 R15, tables 7 to 26).
 
+use std::collections::HashMap;
+
 use cloud::{Attribute, Column, ColumnType, Grid};
 use laz::DecompressionSelection;
 
@@ -161,6 +163,7 @@ pub struct Layout {
     pub attributes: Vec<Property>,
     /// First byte of the 16-bit red, green and blue.
     pub red: Option<usize>,
+    near_infrared: Option<usize>,
     /// Point formats 6 to 10, which LAZ stores in layers.
     extended: bool,
 }
@@ -263,18 +266,26 @@ impl Layout {
         attributes
             .push(Property { name: "classification_flags".into(), reading: Reading::Bits { at: 15, shift, mask } });
 
+        // How many dimensions have this name, or that name before it was told apart.
+        let mut names: HashMap<String, usize> = HashMap::new();
+        names.extend(properties.iter().chain(&attributes).map(|property| (property.name.clone(), 1)));
         for extra in extra_dimensions(BASE_LENGTHS[format], record_length, descriptors, warnings) {
-            let mut name = extra.name;
-            while properties.iter().chain(&attributes).any(|property| property.name == name) {
-                name.push_str(" (extra)");
+            let mut name = extra.name.clone();
+            while let Some(count) = names.get_mut(&name) {
+                name = match *count {
+                    1 => format!("{} (extra)", extra.name),
+                    count => format!("{} (extra {count})", extra.name),
+                };
+                *count += 1;
             }
+            names.insert(name.clone(), 1);
             let property = Property { name, reading: extra.reading };
             if !matches!(property.reading, Reading::Opaque { .. }) {
                 attributes.push(property.clone());
             }
             properties.push(property);
         }
-        Self { record_length, properties, attributes, red, extended }
+        Self { record_length, properties, attributes, red, near_infrared: NEAR_INFRARED[format], extended }
     }
 
     /// The properties with their types in the file.
@@ -319,7 +330,7 @@ impl Layout {
             18 | 19 => DecompressionSelection::SCAN_ANGLE,
             20 | 21 => DecompressionSelection::POINT_SOURCE_ID,
             22..30 => DecompressionSelection::GPS_TIME,
-            _ if self.properties.iter().any(|p| p.name == "nir" && p.reading.at() == at) => DecompressionSelection::NIR,
+            _ if self.near_infrared == Some(at) => DecompressionSelection::NIR,
             _ => DecompressionSelection::ALL_EXTRA_BYTES,
         }
     }
@@ -333,6 +344,7 @@ fn extra_dimensions(
     warnings: &mut Vec<String>,
 ) -> Vec<Property> {
     let mut dimensions = Vec::new();
+    let mut undocumented = 0;
     for (index, descriptor) in descriptors.chunks_exact(DESCRIPTOR_LENGTH).enumerate() {
         let (data_type, options) = (descriptor[2], descriptor[3]);
         let mut name = text(&descriptor[4..36]);
@@ -360,10 +372,15 @@ fn extra_dimensions(
             break;
         }
         match file_type {
+            // It says nothing of any byte.
+            None if size == 0 => {}
             None => {
-                warnings.push(format!(
-                    "extra dimension \"{name}\" is {size} bytes of no documented type: listed, not decoded"
-                ));
+                if undocumented == 0 {
+                    warnings.push(format!(
+                        "extra dimension \"{name}\" is {size} bytes of no documented type: listed, not decoded"
+                    ));
+                }
+                undocumented += 1;
                 dimensions.push(Property { name, reading: Reading::Opaque { at, length: size } });
             }
             Some(file_type) => {
@@ -383,6 +400,9 @@ fn extra_dimensions(
             }
         }
         at += size;
+    }
+    if undocumented > 1 {
+        warnings.push(format!("{} more extra dimensions are of no documented type", undocumented - 1));
     }
     if at < record_length {
         let length = record_length - at;

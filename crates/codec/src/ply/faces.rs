@@ -9,6 +9,7 @@ use super::header::{Element, Encoding, Header, Kind};
 use super::number;
 use super::reader::Reader;
 use super::rows::{Rows, integer, list_length, next_token, skip_elements};
+use crate::brief::brief;
 use crate::positioned_file::PositionedFile;
 
 /// Names that the list of a face's vertices goes by.
@@ -127,7 +128,7 @@ fn read_element(
         return Ok(true);
     }
     for row in 0..element.count {
-        let fail = |problem| FaceError::Malformed { place: format!("{} {row}", element.name), problem };
+        let fail = |problem| FaceError::Malformed { place: format!("{} {row}", brief(&element.name)), problem };
         let whole = if header.encoding == Encoding::Ascii {
             read_text_row(reader, header.newline, element, row + 1 == element.count, surface)?
         } else {
@@ -166,7 +167,7 @@ fn read_binary_row(
                 let Some(bytes) = reader.take(length.size())? else { return Ok(Row::Cut) };
                 let items = match list_length(bytes, length, encoding) {
                     Ok(items) => items,
-                    Err(items) => return Ok(Row::Wrong(format!("list {} of length {items}", property.name))),
+                    Err(items) => return Ok(Row::Wrong(format!("list {} of length {items}", brief(&property.name)))),
                 };
                 if holds_indices(&property.name) && !matches!(item, ColumnType::F32 | ColumnType::F64) {
                     surface.begin();
@@ -201,7 +202,8 @@ fn read_text_row(
         // The file breaks off in this line, perhaps inside a number.
         return Ok(Row::Cut);
     }
-    let short = |name: &str| if is_last_line { Row::Cut } else { Row::Wrong(format!("the line ends in {name}")) };
+    let short =
+        |name: &str| if is_last_line { Row::Cut } else { Row::Wrong(format!("the line ends in {}", brief(name))) };
     let mut at = 0;
     for property in &element.properties {
         at = next_token(line, at, newline);
@@ -215,7 +217,7 @@ fn read_text_row(
         }
         let is_index = holds_indices(&property.name);
         let Some(items) = items else {
-            return Ok(Row::Wrong(format!("the length of list {} is not a number", property.name)));
+            return Ok(Row::Wrong(format!("the length of list {} is not a number", brief(&property.name))));
         };
         surface.begin();
         for _ in 0..items {
@@ -228,7 +230,7 @@ fn read_text_row(
             if is_index {
                 let added = match index {
                     Some(index) => surface.add(index),
-                    None => Err(format!("a vertex number of list {} is not a number", property.name)),
+                    None => Err(format!("a vertex number of list {} is not a number", brief(&property.name))),
                 };
                 if let Err(problem) = added {
                     return Ok(Row::Wrong(problem));

@@ -2,9 +2,14 @@
 
 use cloud::ColumnType;
 
+use crate::brief::brief;
+
 /// Longest header that is read. Scanners write kilobytes of comments, nobody a megabyte; a file without `end_header` is
 /// refused after this much instead of being searched to its end.
 pub const MAX_HEADER_BYTES: usize = 1 << 20;
+/// Properties of an element, at most: splats have 62, learned features some hundreds. A line of text may leave out all of them,
+/// so what a point takes in memory is bounded by nothing else.
+const MOST_PROPERTIES: usize = 4096;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
@@ -127,6 +132,10 @@ impl Header {
                     let Some(element) = elements.last_mut() else {
                         return Err(fail("a property before the first element".into()));
                     };
+                    if element.properties.len() == MOST_PROPERTIES {
+                        let name = brief(&element.name);
+                        return Err(fail(format!("element {name} has more than {MOST_PROPERTIES} properties")));
+                    }
                     element.properties.push(parse_property(arguments).map_err(fail)?);
                 }
                 "end_header" => {
@@ -187,9 +196,4 @@ fn split_word(line: &str) -> (&str, &str) {
     let line = line.trim_start();
     let (word, rest) = line.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((line, ""));
     (word, rest.trim())
-}
-
-/// Enough of a word to recognise it by in a message, without control characters.
-fn brief(text: &str) -> String {
-    text.chars().take(40).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }

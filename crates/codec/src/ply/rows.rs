@@ -13,7 +13,23 @@ use rayon::prelude::*;
 use super::header::{Element, Encoding, Header, Kind, Property};
 use super::number;
 use super::reader::{PIECE_BYTES, Reader, count_lines, is_blank};
+use crate::brief::brief;
 use crate::positioned_file::PositionedFile;
+
+/// Bytes of the scalars of a chunk, at most: whole chunks of rows up to 256 bytes.
+const CHUNK_BYTES: usize = 16 << 20;
+/// Packed rows of text are handed on when they are so many bytes. A line that leaves out numbers is shorter than its row.
+const PACKED_BYTES: usize = 4 * PIECE_BYTES;
+
+/// Points of a chunk, at most.
+pub fn chunk_points(element: &Element) -> usize {
+    let size = |property: &Property| match property.kind {
+        Kind::Scalar(scalar) => scalar.size(),
+        Kind::List { .. } => 0,
+    };
+    let stride: usize = element.properties.iter().map(size).sum();
+    CHUNK_POINTS.min(CHUNK_BYTES / stride.max(1)).max(1)
+}
 
 /// Rows that follow each other in the file; each block but text ones of uneven rows becomes one chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,12 +62,12 @@ pub fn locate(file: &PositionedFile, header: &Header, index: usize) -> io::Resul
     }
     match (header.encoding, element.stride()) {
         (Encoding::Ascii, _) => locate_lines(file, start, header.newline, element.count),
-        (_, Some(stride)) => Ok(locate_strided(start, file.length(), stride, element.count)),
+        (_, Some(stride)) => Ok(locate_strided(start, file.length(), stride, element.count, chunk_points(element))),
         (encoding, None) => {
             let mut rows = Rows::default();
             let mut block_start = start;
             while rows.count < element.count {
-                let wanted = (element.count - rows.count).min(CHUNK_POINTS as u64);
+                let wanted = (element.count - rows.count).min(chunk_points(element) as u64);
                 let (found, problem) = skip_list_rows(&mut reader, encoding, element, wanted, rows.count)?;
                 if found > 0 {
                     let end = reader.position();
@@ -70,12 +86,12 @@ pub fn locate(file: &PositionedFile, header: &Header, index: usize) -> io::Resul
     }
 }
 
-fn locate_strided(start: u64, file_length: u64, stride: u64, count: u64) -> Rows {
+fn locate_strided(start: u64, file_length: u64, stride: u64, count: u64, block_rows: usize) -> Rows {
     let count = count.min((file_length - start) / stride);
     let blocks = (0..count)
-        .step_by(CHUNK_POINTS)
+        .step_by(block_rows)
         .map(|first_row| {
-            let rows = (count - first_row).min(CHUNK_POINTS as u64);
+            let rows = (count - first_row).min(block_rows as u64);
             let offset = start + first_row * stride;
             Block { offset, end: offset + rows * stride, first_row, rows }
         })
@@ -172,7 +188,7 @@ pub fn skip_elements(reader: &mut Reader, header: &Header, elements: &[Element])
             }
         };
         if found < element.count {
-            let name = &element.name;
+            let name = brief(&element.name);
             let problem = problem.unwrap_or_else(|| format!("the file ends in {name} {found} of {}", element.count));
             return Ok((found, Some(problem)));
         }
@@ -197,8 +213,8 @@ fn skip_list_rows(
                     match list_length(bytes, length, encoding) {
                         Ok(items) => items.saturating_mul(item.size() as u64),
                         Err(items) => {
-                            let (name, row_number) = (&element.name, first_row + row);
-                            let problem = format!("{name} {row_number} has a list {} of length {items}", property.name);
+                            let (name, list, row) = (brief(&element.name), brief(&property.name), first_row + row);
+                            let problem = format!("{name} {row} has a list {list} of length {items}");
                             return Ok((row, Some(problem)));
                         }
                     }
@@ -215,15 +231,21 @@ fn skip_list_rows(
 /// Packed rows from places all over the file, some thousand of them: what a file means is decided from these.
 pub fn sample(file: &PositionedFile, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8>> {
     let mut sample = Vec::new();
-    for block in sample_blocks(file, rows, packing.header, packing.is_strided.then_some(packing.stride as u64))? {
+    let stride = packing.stride.max(1) as u64;
+    for mut block in sample_blocks(file, rows, packing.header, packing.is_strided.then_some(stride))? {
+        block.rows = block.rows.min((SAMPLE_BYTES / stride).max(1));
+        if packing.is_strided {
+            block.end = block.offset + block.rows * stride;
+        }
         packing.read(file, block, |piece| sample.extend_from_slice(piece))?;
     }
     Ok(sample)
 }
 
-/// Places a sample is taken from, and rows at each.
+/// Places a sample is taken from, rows at each, and bytes of their packed rows at most.
 const SAMPLE_PLACES: u64 = 64;
 const SAMPLE_ROWS: u64 = 16;
+const SAMPLE_BYTES: u64 = 64 << 10;
 
 fn sample_blocks(file: &PositionedFile, rows: &Rows, header: &Header, stride: Option<u64>) -> io::Result<Vec<Block>> {
     let Some(start) = rows.blocks.first().map(|block| block.offset) else { return Ok(Vec::new()) };
@@ -256,7 +278,7 @@ pub fn check_lines(
     header: &Header,
     element: &Element,
 ) -> io::Result<Option<String>> {
-    let name = &element.name;
+    let name = brief(&element.name);
     for block in sample_blocks(file, rows, header, None)? {
         let mut reader = Reader::new(file, block.offset, block.end);
         let run = reader.lines(header.newline)?;
@@ -269,7 +291,7 @@ pub fn check_lines(
                 (None, _) => 1,
             };
             if needed > 0 && (tokens.by_ref().take(line.len().min(needed as usize)).count() as i128) < needed {
-                return Ok(Some(format!("lines of {name} end before its property {}", property.name)));
+                return Ok(Some(format!("lines of {name} end before its property {}", brief(&property.name))));
             }
         }
         if tokens.next().is_some() {
@@ -451,6 +473,10 @@ impl<'a> Packing<'a> {
                     rows += 1;
                     damaged += u64::from(!whole);
                     rest = &rest[used..];
+                    if packed.len() >= PACKED_BYTES {
+                        give(&packed);
+                        packed.clear();
+                    }
                 }
             } else {
                 while rows < block.rows && packed.len() < PIECE_BYTES {

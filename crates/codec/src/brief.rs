@@ -1,0 +1,47 @@
+//! Text and numbers of a file in messages, in a length that a line has room for.
+
+use glam::DVec3;
+
+/// Characters of a file's text that are quoted.
+const QUOTED: usize = 40;
+/// Longest number that is written out: 17 digits, a point, a sign.
+const WRITTEN_OUT: usize = 19;
+
+/// Enough of a text to recognise it by, without control characters.
+pub fn brief(text: &str) -> String {
+    let mut characters = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c });
+    let mut quoted: String = characters.by_ref().take(QUOTED).collect();
+    if characters.next().is_some() {
+        quoted.push('…');
+    }
+    quoted
+}
+
+/// A number in full, with an exponent where it would be long: 1e-310 instead of 312 characters.
+pub fn number(value: f64) -> String {
+    let text = value.to_string();
+    if text.len() <= WRITTEN_OUT { text } else { format!("{value:e}") }
+}
+
+/// Three of them, as `DVec3` writes them.
+pub fn vector(value: DVec3) -> String {
+    format!("[{}]", value.to_array().map(number).join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_file_says_takes_no_more_than_a_part_of_a_line() {
+        assert_eq!(brief("red"), "red");
+        assert_eq!(brief(&"x".repeat(40)).chars().count(), 40);
+        assert_eq!(brief(&"x".repeat(1 << 20)), format!("{}…", "x".repeat(40)));
+        assert_eq!(brief("a\u{1b}[31m"), "a\u{fffd}[31m");
+        assert_eq!(vector(DVec3::new(0.001, -5e-324, 1.0)), "[0.001, -5e-324, 1]");
+        for value in [f64::MIN, f64::MAX, -f64::MIN_POSITIVE, 1.0 / 3.0, f64::NAN, f64::NEG_INFINITY] {
+            let text = number(value);
+            assert!(text.len() <= 24 && text.parse::<f64>().unwrap().total_cmp(&value).is_eq(), "{text}");
+        }
+    }
+}
