@@ -39,7 +39,7 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
     let mut failures = 0;
     let mut clouds = Vec::new();
     for input in &request.inputs {
-        let sources = open(input, &mut failures);
+        let sources = open(input, half_of(settings.stream.host_bytes), &mut failures);
         if !sources.is_empty() {
             clouds.push((input.name(), sources));
         }
@@ -75,14 +75,14 @@ fn is_cancelled(error: &anyhow::Error) -> bool {
 }
 
 /// The files of an input that can be opened; says what is wrong with the others.
-fn open(input: &Input, failures: &mut usize) -> Vec<Arc<codec::Source>> {
+fn open(input: &Input, memory: u64, failures: &mut usize) -> Vec<Arc<codec::Source>> {
     let mut sources = Vec::new();
     let mut fail = |error: String| {
         *failures += 1;
         crate::complain(&error);
     };
     for path in input.files() {
-        match world::open_file(path) {
+        match world::open_file(path, memory) {
             Ok(source) => sources.push(source),
             Err(error) => fail(error),
         }

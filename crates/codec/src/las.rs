@@ -9,7 +9,9 @@ mod columns;
 mod compressed;
 mod copc;
 mod copc_writer;
+mod extra_layers;
 mod header;
+mod items;
 mod layout;
 
 use std::ops::Range;
@@ -18,7 +20,7 @@ use std::sync::{Mutex, PoisonError};
 
 use cloud::{Bounds, CHUNK_POINTS, Chunk, Column, Grid, Progress};
 use laz::DecompressionSelection;
-use rayon::iter::{IntoParallelIterator as _, ParallelBridge as _, ParallelIterator as _};
+use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
 use crate::positioned_file::PositionedFile;
 use crate::{Error, Format, Info, Result, Selection, Summary};
@@ -31,6 +33,8 @@ use layout::{Layout, Reading, bytes};
 
 /// Bytes of records that are held at once per thread, at most: whole chunks of records up to 256 bytes.
 const BLOCK_BYTES: usize = 16 << 20;
+/// Bytes of records that are decoded at once per thread, at most: more than the longest record.
+const TILE_BYTES: usize = 1 << 20;
 /// Places of a LAS file that are looked at, and records at each, to decide whether colours have 8 or 16 bits.
 const COLOR_SAMPLES: (u64, usize) = (64, 64);
 /// Compressed chunks that are looked at for that, and points in all of them: some 10 ms.
@@ -103,12 +107,14 @@ impl Tally<'_> {
 }
 
 impl LasSource {
-    pub fn open(path: &Path) -> Result<Self> {
+    /// `memory` bounds what decoders of compressed points take, in bytes.
+    pub fn open(path: &Path, memory: u64) -> Result<Self> {
         let file = PositionedFile::open(path)?;
         let mut warnings = Vec::new();
         let header = Header::read(&file, &mut warnings)?;
         let layout = Layout::new(header.point_format, header.record_length, &header.descriptors, &mut warnings);
-        let compressed = if header.compressed { Some(Compressed::open(&file, &header, &mut warnings)?) } else { None };
+        let compressed =
+            if header.compressed { Some(Compressed::open(&file, &header, memory, &mut warnings)?) } else { None };
         let (points, blocks) = match &compressed {
             Some(compressed) => {
                 (compressed.chunks.iter().map(|chunk| chunk.points).sum(), compressed_blocks(compressed))
@@ -237,14 +243,10 @@ impl LasSource {
         let total = Mutex::new(Total { points: 0, bounds: Bounds::EMPTY, failure: None });
         let tally = Tally { progress, emit, total };
         progress.set_total(self.info.points);
-        // A bridge hands the blocks out one by one, in this order; splitting the list would not.
-        spread(self.blocks.len()).par_bridge().for_each_init(Vec::new, |buffer, index| {
-            let block = &self.blocks[index];
-            match &self.compressed {
-                _ if progress.is_cancelled() => {}
-                None => self.read_plain(block, &plan, buffer, &tally),
-                Some(compressed) => self.read_compressed(compressed, block, &plan, layers, buffer, &tally),
-            }
+        self.for_each_block(layers, |buffer, block| match &self.compressed {
+            _ if progress.is_cancelled() => {}
+            None => self.read_plain(block, &plan, buffer, &tally),
+            Some(compressed) => self.read_compressed(compressed, block, &plan, layers, buffer, &tally),
         });
 
         let Total { points, bounds, failure } = tally.total.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -266,12 +268,29 @@ impl LasSource {
         Ok(Summary { points, bounds: (!bounds.is_empty()).then_some(bounds), warnings, cancelled })
     }
 
+    /// Does something with every block, with a buffer that each thread uses again. As many threads as there are, but no more
+    /// than decoders of `layers` fit the memory.
+    fn for_each_block(&self, layers: DecompressionSelection, work: impl Fn(&mut Vec<u8>, &Block) + Sync) {
+        let most = self.compressed.as_ref().map_or(usize::MAX, |compressed| compressed.decoders(layers));
+        // One by one and in this order: early chunks then spread over the file.
+        let waiting = Mutex::new(spread(self.blocks.len()));
+        let next = || waiting.lock().unwrap_or_else(PoisonError::into_inner).next();
+        (0..most.min(rayon::current_num_threads())).into_par_iter().with_max_len(1).for_each(|_| {
+            let mut buffer = Vec::new();
+            while let Some(index) = next() {
+                work(&mut buffer, &self.blocks[index]);
+            }
+        });
+    }
+
     fn read_plain(&self, block: &Block, plan: &Plan<'_>, buffer: &mut Vec<u8>, tally: &Tally<'_>) {
         let length = self.layout.record_length;
-        // A block is at most BLOCK_BYTES and lies within the file.
-        buffer.resize(block.piece * length, 0);
         let offset = self.data_start + block.first_point * length as u64;
+        // A block is at most BLOCK_BYTES and lies within the file.
         let wanted = block.points as usize * length;
+        if buffer.len() < wanted {
+            buffer.resize(wanted, 0);
+        }
         let read = match self.file.read_at(offset, &mut buffer[..wanted]) {
             Ok(read) => read,
             Err(error) => return tally.fail(block.first_point, error.to_string()),
@@ -437,7 +456,8 @@ impl LasSource {
                     }
                     Some(most)
                 };
-                samples.into_par_iter().filter_map(sample).max().unwrap_or(0)
+                let each = samples.len().div_ceil(compressed.decoders(layers));
+                samples.into_par_iter().with_min_len(each).filter_map(sample).max().unwrap_or(0)
             }
         }
     }
@@ -495,7 +515,7 @@ fn chunk_of(chunks: &[CompressedChunk], point: u64) -> Option<&CompressedChunk> 
 
 /// Records decoded per call of the decompressor; fewer where records are long.
 fn tile_records(record_length: usize) -> usize {
-    TILE_RECORDS.min(BLOCK_BYTES / record_length)
+    TILE_RECORDS.min(TILE_BYTES / record_length)
 }
 
 /// `0..count` in bit-reversed order: every start of it spreads evenly over the range.

@@ -80,11 +80,23 @@ pub enum Source {
     Ply(ply::PlySource),
 }
 
+/// Bytes that decoders of a file may take where nobody says otherwise.
+const DECODER_MEMORY: u64 = 1 << 30;
+
 /// Opens a file by its content, not its name.
 ///
 /// # Errors
 /// What is wrong and where: not readable, not a format we know, a header that contradicts the file.
 pub fn open(path: &Path) -> Result<Source> {
+    open_within(path, DECODER_MEMORY)
+}
+
+/// As `open`, for reads whose decoders take no more than `memory` bytes together, besides the points that they give. Fewer
+/// work at a time where points are long (a decoder of LAZ takes some kilobytes for each byte of a point).
+///
+/// # Errors
+/// As of `open`; if a single decoder would take more.
+pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
     let metadata = std::fs::metadata(path).map_err(|error| Error::io(path, error))?;
     if !metadata.is_file() {
         // Opening a pipe would wait for someone to write.
@@ -96,7 +108,7 @@ pub fn open(path: &Path) -> Result<Source> {
     let file = File::open(path).map_err(|error| Error::io(path, error))?;
     file.take(4).read_to_end(&mut start).map_err(|error| Error::io(path, error))?;
     match start.as_slice() {
-        b"LASF" => las::LasSource::open(path).map(Source::Las),
+        b"LASF" => las::LasSource::open(path, memory).map(Source::Las),
         [b'p', b'l', b'y', b'\n' | b'\r'] => ply::PlySource::open(path).map(Source::Ply),
         _ => Err(Error::UnknownFormat { path: path.to_owned(), hint: hint(&start) }),
     }

@@ -558,3 +558,37 @@ fn coordinates_that_numbers_hardly_tell_apart_are_written() {
         assert_eq!(read_whole(&source).len(), 100);
     }
 }
+
+#[test]
+fn many_damaged_chunks_are_one_warning_with_their_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let las = las_file((1, 4), 6, &las_files::points(6, 4_000), &[]);
+    let mut laz = compress(&las, &Chunks::Fixed(100));
+    let start = u32::from_le_bytes(laz[96..100].try_into().unwrap()) as usize;
+    let table = u64::from_le_bytes(laz[start..start + 8].try_into().unwrap()) as usize;
+    // Sizes of layers that are too long, in all chunks but the first.
+    laz[start + (table - start) / 20..table].fill(0xff);
+    let input = folder.path().join("a.laz");
+    std::fs::write(&input, &laz).unwrap();
+    let summary = write_copc(&[input], &folder.path().join("a.copc.laz"), MEMORY, &Progress::default());
+    let warnings = summary.unwrap().unwrap().warnings;
+    assert!(
+        warnings.len() < 5 && warnings.iter().any(|warning| warning.contains(" times, first at record ")),
+        "{warnings:?}"
+    );
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_named_once_and_no_temporary_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("a.las");
+    std::fs::write(&input, las_file((1, 4), 6, &las_files::points(6, 10), &[])).unwrap();
+    let output = folder.path().join("missing/a.copc.laz");
+    let error = write_copc(&[input], &output, MEMORY, &Progress::default()).err().unwrap().to_string();
+    let name = output.display().to_string();
+    assert!(error.starts_with(&format!("{name}: cannot be written: ")), "{error}");
+    assert!(
+        !error.contains("unfinished") && !error.contains(" at path ") && error.matches("missing").count() == 1,
+        "{error}"
+    );
+}

@@ -600,6 +600,22 @@ fn points_far_away_cost_the_others_no_precision_wherever_they_come() {
 }
 
 #[test]
+fn tiny_chunks_without_a_table_are_refused_instead_of_set_up_one_by_one() {
+    let las = las_file((1, 2), 1, &points(1, 3_000), &[]);
+    let without_table = |points: u32| {
+        let mut laz = compress(&las, &Chunks::Fixed(points));
+        let start = u32::from_le_bytes(laz[96..100].try_into().unwrap()) as usize;
+        laz[start..start + 8].fill(0xff);
+        laz
+    };
+    for points in [1, 2, 999] {
+        let error = codec::open(file(&without_table(points)).path()).err().unwrap().to_string();
+        assert!(error.contains(&format!("chunks of {points} points without a usable chunk table")), "{error}");
+    }
+    assert_eq!(read_bytes(&without_table(1_000)).2.points, 3_000);
+}
+
+#[test]
 fn thousands_of_extra_dimensions_of_one_name_are_told_apart_in_a_line() {
     let mut all = points(6, 4);
     all.iter_mut().for_each(|point| point.extra_bytes = vec![9; 1_000]);

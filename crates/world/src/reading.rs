@@ -50,7 +50,7 @@ impl Loader {
     pub(crate) fn open(&self, input: &Input) -> Option<Vec<Arc<codec::Source>>> {
         let mut sources = Vec::new();
         for path in input.files() {
-            match open_file(path) {
+            match open_file(path, half_of(self.settings.stream.host_bytes)) {
                 Ok(source) => sources.push(source),
                 Err(error) => self.send(Event::Failed { input: path.display().to_string(), error })?,
             }

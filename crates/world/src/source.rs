@@ -12,9 +12,9 @@ use stream::Pages;
 /// Points that are read to see what kind of cloud it is.
 const KIND_POINTS: u64 = 500_000;
 
-/// Opens a file; the error says why nothing of it can be shown.
-pub fn open_file(path: &Path) -> Result<Arc<codec::Source>, String> {
-    let source = codec::open(path).map_err(|error| error.to_string())?;
+/// Opens a file, for reads whose decoders take no more than `memory` bytes; the error says why nothing of it can be shown.
+pub fn open_file(path: &Path, memory: u64) -> Result<Arc<codec::Source>, String> {
+    let source = codec::open_within(path, memory).map_err(|error| error.to_string())?;
     let codec::Info { points, warnings, .. } = source.info();
     // A file that is as empty as it says is none of anybody's concern.
     if *points == 0 && !warnings.is_empty() {

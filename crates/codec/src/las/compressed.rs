@@ -6,15 +6,16 @@
 //! before and panics are caught around it.
 
 use std::cell::Cell;
-use std::io::{BufReader, Cursor};
+use std::io::BufReader;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Once;
 
 use laz::laszip::{ChunkTable, CompressorType};
-use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
-use laz::{DecompressionSelection, LazItemType, LazVlr};
+use laz::record::RecordDecompressor;
+use laz::{DecompressionSelection, LazVlr};
 
 use super::header::Header;
+use super::items;
 use crate::positioned_file::{PositionedFile, Section};
 use crate::{Error, Result};
 
@@ -22,6 +23,9 @@ use crate::{Error, Result};
 const READ_AHEAD: usize = 64 << 10;
 /// Bytes of the offset to the chunk table, which come before the first chunk.
 const TABLE_OFFSET_LENGTH: u64 = 8;
+/// Without a chunk table, chunks of fewer points are not read: each starts with a new decoder, which takes a millisecond to set
+/// up and leaves the time of a thousand points for nothing else. LASzip makes chunks of 50,000.
+const FEWEST_POINTS_WITHOUT_TABLE: u32 = 1_000;
 
 /// A run of points that is decoded from its start.
 #[derive(Clone, Copy, Debug)]
@@ -34,10 +38,21 @@ pub struct CompressedChunk {
     pub length: u64,
 }
 
+/// What a layered chunk says of itself.
+struct LayeredChunk {
+    points: u64,
+    /// Bytes.
+    length: u64,
+    /// Layers that hold something.
+    filled: u64,
+}
+
 /// The compressed part of a file.
 pub struct Compressed {
     vlr: LazVlr,
     record_length: usize,
+    /// Bytes that decoders may take at a time.
+    memory: u64,
     /// Layers per chunk; `None` for point-wise compression.
     layers: Option<u64>,
     pub chunks: Vec<CompressedChunk>,
@@ -46,7 +61,8 @@ pub struct Compressed {
 }
 
 impl Compressed {
-    pub fn open(file: &PositionedFile, header: &Header, warnings: &mut Vec<String>) -> Result<Self> {
+    /// `memory` bounds what decoders take in bytes.
+    pub fn open(file: &PositionedFile, header: &Header, memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
         let malformed = |problem: String| Error::malformed(file.path(), "LASzip record", problem);
         let Some(record) = &header.laszip else {
             return Err(malformed("missing, although the point format says the points are compressed".into()));
@@ -61,10 +77,13 @@ impl Compressed {
         let vlr = LazVlr::from_buffer(record).map_err(|error| {
             malformed(format!("{error}: not compression this version knows; decompress the file with its own tool"))
         })?;
-        let layers = vlr.items().first().is_some_and(|item| item.version() >= 3).then(|| layer_count(&vlr));
-        let mut compressed =
-            Self { vlr, record_length: header.record_length, layers, chunks: Vec::new(), restart_after: None };
-        compressed.check_items().map_err(malformed)?;
+        let is_layered = items::check(vlr.items(), header.record_length).map_err(malformed)?;
+        let layers = is_layered.then(|| items::layer_count(vlr.items()));
+        let record_length = header.record_length;
+        let mut compressed = Self { vlr, record_length, memory, layers, chunks: Vec::new(), restart_after: None };
+        compressed
+            .check_memory(DecompressionSelection::base(), None)
+            .map_err(|problem| Error::unsuitable(file.path(), problem))?;
 
         if laszip_kind(record) == CompressorType::PointWise as u16 {
             // No table, so no offset to one: the first record starts at once. The header's count has to be believed.
@@ -86,6 +105,13 @@ impl Compressed {
                 return Err(malformed(
                     "chunks of variable size without a usable chunk table: the file is cut short; copy it again".into(),
                 ));
+            }
+            None if compressed.vlr.chunk_size() < FEWEST_POINTS_WITHOUT_TABLE => {
+                return Err(malformed(format!(
+                    "chunks of {} points without a usable chunk table, expected {FEWEST_POINTS_WITHOUT_TABLE} or more: \
+                     the record is damaged or the file is cut short; copy it again",
+                    compressed.vlr.chunk_size()
+                )));
             }
             None => {
                 warnings.push(
@@ -118,19 +144,24 @@ impl Compressed {
         }
     }
 
-    /// Whether `laz` can decode these items and gets records of the header's length from them.
-    fn check_items(&self) -> std::result::Result<(), String> {
-        if self.vlr.items().is_empty() {
-            return Err("no items, expected what a point is made of".into());
+    /// Whether one decoder of `layers` fits the memory. `filled`: layers of the chunk that hold something, if that is known.
+    fn check_memory(&self, layers: DecompressionSelection, filled: Option<u64>) -> std::result::Result<(), String> {
+        let bytes = items::decoder_bytes(self.vlr.items(), self.layers.is_some(), layers, filled);
+        if bytes <= self.memory.max(items::BASE_BYTES) {
+            return Ok(());
         }
-        let decoded = guarded(|| {
-            let decompressor = self.decompressor(Cursor::new([]), DecompressionSelection::all());
-            decompressor.map(|decompressor| decompressor.record_size())
-        })??;
-        if decoded != self.record_length {
-            return Err(format!("items of {decoded} bytes in all, expected the {} of a record", self.record_length));
-        }
-        Ok(())
+        Err(format!(
+            "points of {} bytes take {} MB to decode, the memory for that is {} MB: stream.host_bytes is too small for it",
+            self.record_length,
+            bytes.div_ceil(1_000_000),
+            self.memory / 1_000_000
+        ))
+    }
+
+    /// Decoders of `layers` that may work at a time: as many as threads, if they fit the memory.
+    pub fn decoders(&self, layers: DecompressionSelection) -> usize {
+        let bytes = items::decoder_bytes(self.vlr.items(), self.layers.is_some(), layers, None);
+        (self.memory / bytes).clamp(1, rayon::current_num_threads() as u64) as usize
     }
 
     fn chunks_from_table(
@@ -152,8 +183,8 @@ impl Compressed {
                 let left = promised.saturating_sub(first_point);
                 points = if (1..=points).contains(&left) {
                     left
-                } else if let (0, Some((found, _))) = (left, self.layered_chunk(file, offset, file.length())) {
-                    found
+                } else if let (0, Some(found)) = (left, self.layered_chunk(file, offset, file.length())) {
+                    found.points
                 } else {
                     points
                 };
@@ -181,7 +212,7 @@ impl Compressed {
         let promised = if promised == 0 { u64::MAX } else { promised };
         let (mut offset, mut first_point) = (data_start, 0);
         while first_point < promised
-            && let Some((points, length)) = self.layered_chunk(file, offset, file.length())
+            && let Some(LayeredChunk { points, length, .. }) = self.layered_chunk(file, offset, file.length())
             && (1..=most).contains(&points)
         {
             let points_kept = points.min(promised - first_point);
@@ -191,9 +222,9 @@ impl Compressed {
         }
     }
 
-    /// Points and bytes of the layered chunk at `offset`, if it ends before `end`: a raw first record, the number of
+    /// What the layered chunk at `offset` says of itself, if it ends before `end`: it is a raw first record, the number of
     /// points, the size of each layer, the layers.
-    fn layered_chunk(&self, file: &PositionedFile, offset: u64, end: u64) -> Option<(u64, u64)> {
+    fn layered_chunk(&self, file: &PositionedFile, offset: u64, end: u64) -> Option<LayeredChunk> {
         let sizes_start = offset.checked_add(self.record_length as u64)?;
         let head_length = 4 + 4 * self.layers?;
         if sizes_start.checked_add(head_length)? > end {
@@ -203,26 +234,12 @@ impl Compressed {
         if file.read_at(sizes_start, &mut head).ok()? < head.len() {
             return None;
         }
-        let mut words =
-            head.chunks_exact(4).map(|word| u64::from(u32::from_le_bytes([word[0], word[1], word[2], word[3]])));
-        let points = words.next()?;
-        let length = self.record_length as u64 + head_length + words.sum::<u64>();
-        (offset + length <= end).then_some((points, length))
-    }
-
-    fn decompressor<'a, R: std::io::Read + std::io::Seek + Send + Sync + 'a>(
-        &self,
-        source: R,
-        layers: DecompressionSelection,
-    ) -> std::result::Result<Box<dyn RecordDecompressor<R> + 'a>, String> {
-        let mut decompressor: Box<dyn RecordDecompressor<R> + 'a> = if self.layers.is_some() {
-            Box::new(LayeredPointRecordDecompressor::new(source))
-        } else {
-            Box::new(SequentialPointRecordDecompressor::new(source))
-        };
-        decompressor.set_fields_from(self.vlr.items()).map_err(|error| error.to_string())?;
-        decompressor.set_selection(layers);
-        Ok(decompressor)
+        let (&[points, ref sizes @ ..], []) = head.as_chunks::<4>() else { return None };
+        let sizes = || sizes.iter().map(|size| u64::from(u32::from_le_bytes(*size)));
+        let length = self.record_length as u64 + head_length + sizes().sum::<u64>();
+        let filled = sizes().filter(|size| *size > 0).count() as u64;
+        let points = u64::from(u32::from_le_bytes(points));
+        (offset + length <= end).then_some(LayeredChunk { points, length, filled })
     }
 
     /// Starts decoding `chunk`; of a layered one only `layers`.
@@ -236,13 +253,14 @@ impl Compressed {
         let mut points = chunk.points;
         // `laz` allocates what the layer sizes say, so they must fit the chunk.
         if self.layers.is_some() {
-            let (found, _) = self
+            let found = self
                 .layered_chunk(file, chunk.offset, end)
                 .ok_or("the chunk's layers are longer than the chunk, or the file is cut short")?;
-            points = points.min(found);
+            self.check_memory(layers, Some(found.filled))?;
+            points = points.min(found.points);
         }
         let source = BufReader::with_capacity(READ_AHEAD, file.section(chunk.offset, end));
-        let decompressor = guarded(|| self.decompressor(source, layers))??;
+        let decompressor = guarded(|| items::decoder(self.vlr.items(), self.layers.is_some(), source, layers))??;
         Ok(Stream { compressed: self, decompressor, left: points, decoded: 0 })
     }
 }
@@ -290,17 +308,6 @@ impl Stream<'_> {
 /// The compressor's number, the first field of the record (`LazVlr` has read it, but keeps it to itself).
 fn laszip_kind(record: &[u8]) -> u16 {
     record.first_chunk().map_or(0, |&bytes| u16::from_le_bytes(bytes))
-}
-
-/// Layers of a chunk: nine for the base of a point, one per colour set, wave packet and extra byte.
-fn layer_count(vlr: &LazVlr) -> u64 {
-    let layers = |item: &laz::LazItem| match item.item_type() {
-        LazItemType::Point14 => 9,
-        LazItemType::RGBNIR14 => 2,
-        LazItemType::Byte14(count) => u64::from(count),
-        _ => 1,
-    };
-    vlr.items().iter().map(layers).sum()
 }
 
 /// The chunk table, if it is there and fits the file.

@@ -10,7 +10,7 @@ mod file;
 mod records;
 mod tree;
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -22,12 +22,12 @@ use laz::laszip::LazItemRecordBuilder;
 use laz::record::{LayeredPointRecordCompressor, RecordCompressor as _};
 use laz::{DecompressionSelection, LazVlr, LazVlrBuilder};
 use rayon::iter::{
-    IndexedParallelIterator as _, IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelBridge as _,
-    ParallelIterator as _,
+    IndexedParallelIterator as _, IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _,
 };
 
 use super::layout::bytes;
-use super::{Block, Copc, LasSource, spread, tile_records};
+use super::{Block, Copc, LasSource, items, tile_records};
+use crate::brief::vector;
 use crate::{Error, Result, Selection, Source};
 use buckets::{Buckets, Spill};
 use file::CopcFile;
@@ -64,13 +64,13 @@ pub struct CopcSummary {
 /// # Errors
 /// Inputs that cannot be read or cannot be in one file; an output that is an input or cannot be written.
 pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Progress) -> Result<Option<CopcSummary>> {
-    let sources = open(inputs, output)?;
+    let sources = open(inputs, output, memory / 2)?;
     let mut warnings = Vec::new();
-    let plan = Plan::new(&sources, &mut warnings)?;
+    let plan = Plan::new(&sources, memory / 2, &mut warnings)?;
     let points: u64 = sources.iter().map(|source| source.info.points).sum();
     progress.set_total(2 * points);
 
-    let io = |error: io::Error| Error::io(output, error);
+    let io = |error: io::Error| Error::not_written(output, error);
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let spill = Spill::new(folder, (memory / 4) as usize).map_err(io)?;
     let mut job =
@@ -94,7 +94,11 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
         if is_again || !(true_bounds.max - true_bounds.min).is_finite() {
             return Err(Error::unsuitable(
                 output,
-                format!("not written: no cube holds coordinates from {} to {}", true_bounds.min, true_bounds.max),
+                format!(
+                    "not written: no cube holds coordinates from {} to {}",
+                    vector(true_bounds.min),
+                    vector(true_bounds.max)
+                ),
             ));
         }
         is_again = true;
@@ -119,7 +123,7 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
 
 const NO_GRID: Grid = Grid { scale: DVec3::ONE, offset: DVec3::ZERO };
 
-fn open(inputs: &[PathBuf], output: &Path) -> Result<Vec<LasSource>> {
+fn open(inputs: &[PathBuf], output: &Path, memory: u64) -> Result<Vec<LasSource>> {
     let same = |input: &Path| match (input.canonicalize(), output.canonicalize()) {
         (Ok(input), Ok(output)) => input == output,
         _ => false,
@@ -127,7 +131,7 @@ fn open(inputs: &[PathBuf], output: &Path) -> Result<Vec<LasSource>> {
     if inputs.is_empty() {
         return Err(Error::unsuitable(output, "not written: there are no inputs"));
     }
-    let open = |input: &PathBuf| match crate::open(input)? {
+    let open = |input: &PathBuf| match crate::open_within(input, memory)? {
         _ if same(input) => {
             Err(Error::unsuitable(output, "this is one of the inputs; choose another name for the output"))
         }
@@ -174,10 +178,13 @@ struct Plan {
     grid: Grid,
     upgrades: Vec<Upgrade>,
     vlr: LazVlr,
+    /// For those who compress one after the other, because several at a time would take too much memory.
+    turn: Option<Mutex<()>>,
 }
 
 impl Plan {
-    fn new(sources: &[LasSource], warnings: &mut Vec<String>) -> Result<Self> {
+    /// `memory` bounds what compressing takes, in bytes.
+    fn new(sources: &[LasSource], memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
         let first = &sources[0];
         for source in sources {
             warnings.extend(
@@ -204,6 +211,14 @@ impl Plan {
         }
         let formats = sources.iter().filter_map(|source| source.info.point_format);
         let target = Target::new(formats, first.layout.record_length - first.base_length());
+        let refuse = |problem: String| Err(Error::unsuitable(&first.info.path, problem));
+        if target.record_length() > usize::from(u16::MAX) {
+            let length = target.record_length();
+            return refuse(format!(
+                "its points take {length} bytes in a COPC file, which can have {} at most",
+                u16::MAX
+            ));
+        }
         let grid = common_grid(sources)?;
         let upgrades: Vec<Upgrade> = sources.iter().map(|source| Upgrade::new(source, target, grid)).collect();
         for (source, _) in sources.iter().zip(&upgrades).filter(|(_, upgrade)| !upgrade.is_exact()) {
@@ -216,7 +231,18 @@ impl Plan {
         let vlr = LazItemRecordBuilder::default_for_point_format_id(target.format(), target.extra as u16)
             .map(|items| LazVlrBuilder::new(items).with_variable_chunk_size().build())
             .map_err(|error| Error::unsuitable(&first.info.path, error.to_string()))?;
-        Ok(Self { target, grid, upgrades, vlr })
+        let bytes = items::encoder_bytes(vlr.items());
+        if bytes > memory.max(items::BASE_BYTES) {
+            return refuse(format!(
+                "points of {} bytes take {} MB to compress, the memory for that is {} MB: stream.host_bytes is too small \
+                 for it",
+                target.record_length(),
+                bytes.div_ceil(1_000_000),
+                memory / 1_000_000
+            ));
+        }
+        let turn = (bytes * rayon::current_num_threads() as u64 > memory).then(Mutex::default);
+        Ok(Self { target, grid, upgrades, vlr, turn })
     }
 
     fn bounds(&self, statistics: &Statistics) -> Bounds {
@@ -263,7 +289,7 @@ fn common_grid(sources: &[LasSource]) -> Result<Grid> {
         if !fits(grid.offset) {
             return Err(Error::unsuitable(
                 &first.info.path,
-                format!("the inputs are too far apart for steps of {} in 32 bits", grid.scale),
+                format!("the inputs are too far apart for steps of {} in 32 bits", vector(grid.scale)),
             ));
         }
     }
@@ -290,31 +316,37 @@ impl LasSource {
         progress: &Progress,
         emit: &(dyn Fn(&[u8]) -> io::Result<()> + Sync),
     ) -> io::Result<Option<Vec<String>>> {
-        let failures = Mutex::new(Vec::new());
+        // What is wrong: where first, and how often.
+        let failures: Mutex<BTreeMap<String, (u64, u64)>> = Mutex::default();
         let failed: Mutex<Option<io::Error>> = Mutex::new(None);
         let locked = |error: io::Error| *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
         let stopped = || progress.is_cancelled() || failed.lock().unwrap_or_else(PoisonError::into_inner).is_some();
-        spread(self.blocks.len()).par_bridge().for_each_init(Vec::new, |buffer, index| {
+        self.for_each_block(DecompressionSelection::all(), |buffer, block| {
             if stopped() {
                 return;
             }
-            let block = &self.blocks[index];
             let mut give = |records: &[u8]| match emit(records) {
                 Ok(()) => progress.add((records.len() / self.layout.record_length) as u64),
                 Err(error) => locked(error),
             };
             let mut fail = |point: u64, problem: String| {
-                failures.lock().unwrap_or_else(PoisonError::into_inner).push((point, problem));
+                let mut failures = failures.lock().unwrap_or_else(PoisonError::into_inner);
+                let (first, count) = failures.entry(problem).or_insert((point, 0));
+                (*first, *count) = (point.min(*first), *count + 1);
             };
             self.read_block(block, buffer, &stopped, &mut give, &mut fail);
         });
         if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(error);
         }
-        let mut failures = failures.into_inner().unwrap_or_else(PoisonError::into_inner);
-        failures.sort_unstable();
-        let describe =
-            |(point, problem): (u64, String)| format!("{}: record {point}: {problem}", self.info.path.display());
+        let failures = failures.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let describe = |(problem, (point, count)): (String, (u64, u64))| {
+            let path = self.info.path.display();
+            match count {
+                1 => format!("{path}: record {point}: {problem}"),
+                _ => format!("{path}: {count} times, first at record {point}: {problem}"),
+            }
+        };
         Ok((!progress.is_cancelled()).then(|| failures.into_iter().map(describe).collect()))
     }
 
@@ -410,7 +442,7 @@ impl Job<'_> {
                 total.lock().unwrap_or_else(PoisonError::into_inner).merge(&own);
                 Ok(())
             };
-            match source.read_records(self.progress, &emit).map_err(|error| Error::io(self.output, error))? {
+            match source.read_records(self.progress, &emit).map_err(|error| Error::not_written(self.output, error))? {
                 Some(mut found) => warnings.append(&mut found),
                 None => return Ok(None),
             }
@@ -546,6 +578,7 @@ impl Job<'_> {
             let (a, b) = (scanned(*a), scanned(*b));
             a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
         });
+        let _turn = self.plan.turn.as_ref().map(|turn| turn.lock().unwrap_or_else(PoisonError::into_inner));
         let mut compressor = LayeredPointRecordCompressor::new(Vec::new());
         compressor.set_fields_from(self.plan.vlr.items()).map_err(io::Error::other)?;
         for index in order {

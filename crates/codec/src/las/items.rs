@@ -1,0 +1,143 @@
+//! What a LASzip record says a compressed point is made of: checked before there is a decoder, what a decoder of it takes in
+//! memory, and the decoder.
+
+use std::io::{Read, Seek};
+
+use laz::las::{v3, v4};
+use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
+use laz::{DecompressionSelection, LazItem, LazItemType};
+
+use super::extra_layers::ExtraLayers;
+
+/// Bytes of a decoder of points without extra bytes. Measured: 2.6 MB of point format 5, 3.3 MB of 10. However little memory
+/// there is, such points are decoded.
+pub const BASE_BYTES: u64 = 3_500_000;
+/// Bytes of a decoder for each extra byte of a point that is not layered: a model of two tables of 256 words and one of 66,
+/// what holds it, the byte twice.
+const SEQUENTIAL_BYTES: u64 = 2_500;
+
+/// Bytes of the encoder of layered points for each extra byte: models of two tables of 256 words for four scanner channels, and
+/// what holds them.
+const ENCODER_BYTES: u64 = 9_000;
+
+/// Checks that these items can be decoded, and to records of that many bytes; whether they are layered.
+pub fn check(items: &[LazItem], record_length: usize) -> Result<bool, String> {
+    let Some(first) = items.first() else { return Err("no items, expected what a point is made of".into()) };
+    let is_layered = first.version() >= 3;
+    let decoded: usize = items.iter().map(|item| usize::from(item.size())).sum();
+    if decoded != record_length {
+        return Err(format!("items of {decoded} bytes in all, expected the {record_length} of a record"));
+    }
+    for (index, item) in items.iter().enumerate() {
+        let (is_known, size) = match item.item_type() {
+            LazItemType::Point10 => (!is_layered, 20),
+            LazItemType::GpsTime => (!is_layered, 8),
+            LazItemType::RGB12 => (!is_layered, 6),
+            LazItemType::WavePacket13 => (!is_layered, 29),
+            LazItemType::Byte(size) => (!is_layered, size),
+            LazItemType::Point14 => (is_layered, 30),
+            LazItemType::RGB14 => (is_layered, 6),
+            LazItemType::RGBNIR14 => (is_layered, 8),
+            LazItemType::WavePacket14 => (is_layered, 29),
+            LazItemType::Byte14(size) => (is_layered, size),
+        };
+        let versions = if is_layered { 3..=4 } else { 1..=2 };
+        let (number, kind, version) = (index + 1, u16::from(item.item_type()), item.version());
+        if !is_known || !versions.contains(&version) {
+            return Err(format!(
+                "item {number} is of kind {kind}, version {version}, which does not go with the first"
+            ));
+        }
+        if item.size() != size {
+            return Err(format!("item {number} is of kind {kind} and {} bytes, expected {size}", item.size()));
+        }
+        let same = |other: &LazItem| u16::from(other.item_type()) == kind;
+        if items[..index].iter().any(same) {
+            return Err(format!("item {number} is of kind {kind}, which is there twice"));
+        }
+    }
+    Ok(is_layered)
+}
+
+/// Extra bytes of a point.
+fn extra_bytes(items: &[LazItem]) -> u64 {
+    let extra = |item: &LazItem| match item.item_type() {
+        LazItemType::Byte(size) | LazItemType::Byte14(size) => u64::from(size),
+        _ => 0,
+    };
+    items.iter().map(extra).sum()
+}
+
+/// Bytes that a decoder of these items takes at most. `filled`: layers of the chunk that hold something, if that is known.
+pub fn decoder_bytes(items: &[LazItem], is_layered: bool, layers: DecompressionSelection, filled: Option<u64>) -> u64 {
+    let extra = extra_bytes(items);
+    let of_extra = match (is_layered, layers.should_decompress_extra_bytes()) {
+        (false, _) => extra * SEQUENTIAL_BYTES,
+        (true, false) => extra * ExtraLayers::LAYER_BYTES,
+        (true, true) => {
+            extra * ExtraLayers::LAYER_BYTES + filled.unwrap_or(extra).min(extra) * ExtraLayers::CONTENT_BYTES
+        }
+    };
+    BASE_BYTES + of_extra
+}
+
+/// Bytes that compressing a chunk of layered points takes at most, besides what comes of it.
+pub fn encoder_bytes(items: &[LazItem]) -> u64 {
+    BASE_BYTES + extra_bytes(items) * ENCODER_BYTES
+}
+
+/// Layers of a chunk: nine for the base of a point, one per colour set, wave packet and extra byte.
+pub fn layer_count(items: &[LazItem]) -> u64 {
+    let layers = |item: &LazItem| match item.item_type() {
+        LazItemType::Point14 => 9,
+        LazItemType::RGBNIR14 => 2,
+        LazItemType::Byte14(count) => u64::from(count),
+        _ => 1,
+    };
+    items.iter().map(layers).sum()
+}
+
+/// A decoder of one chunk; of a layered one only `layers`. The items have been checked.
+pub fn decoder<'a, R: Read + Seek + Send + Sync + 'a>(
+    items: &Vec<LazItem>,
+    is_layered: bool,
+    source: R,
+    layers: DecompressionSelection,
+) -> Result<Box<dyn RecordDecompressor<R> + 'a>, String> {
+    if !is_layered {
+        let mut decoder = SequentialPointRecordDecompressor::new(source);
+        decoder.set_fields_from(items).map_err(|error| error.to_string())?;
+        return Ok(Box::new(decoder));
+    }
+    let mut decoder = LayeredPointRecordDecompressor::new(source);
+    for item in items {
+        let is_last_version = item.version() == 4;
+        match (item.item_type(), is_last_version) {
+            (LazItemType::Point14, false) => decoder.add_field_decompressor(v3::LasPoint6Decompressor::default()),
+            (LazItemType::Point14, true) => decoder.add_field_decompressor(v4::LasPoint6Decompressor::default()),
+            (LazItemType::RGB14, false) => decoder.add_field_decompressor(v3::LasRGBDecompressor::default()),
+            (LazItemType::RGB14, true) => decoder.add_field_decompressor(v4::LasRGBDecompressor::default()),
+            (LazItemType::RGBNIR14, false) => {
+                decoder.add_field_decompressor(v3::LasRGBDecompressor::default());
+                decoder.add_field_decompressor(v3::LasNIRDecompressor::default());
+            }
+            (LazItemType::RGBNIR14, true) => {
+                decoder.add_field_decompressor(v4::LasRGBDecompressor::default());
+                decoder.add_field_decompressor(v4::LasNIRDecompressor::default());
+            }
+            (LazItemType::WavePacket14, false) => {
+                decoder.add_field_decompressor(v3::LasWavepacketDecompressor::default());
+            }
+            (LazItemType::WavePacket14, true) => {
+                decoder.add_field_decompressor(v4::LasWavepacketDecompressor::default());
+            }
+            (LazItemType::Byte14(count), _) => {
+                decoder.add_field_decompressor(ExtraLayers::new(usize::from(count), item.version()));
+            }
+            // `check` lets none of these through.
+            _ => return Err("items that are not layered among those that are".into()),
+        }
+    }
+    decoder.set_selection(layers);
+    Ok(Box::new(decoder))
+}
