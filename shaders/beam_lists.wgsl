@@ -1,13 +1,12 @@
 // The upper level of hierarchical SSCR: bounds the reflected rays of each tile of 8 x 8 pixels by a beam, lets the nodes of a
 // page's trees descend into it, and lists for each tile the runs of nodes that its rays may meet. A node is taken apart only
 // while it is wider than the beam; below that, its parts would all be listed. One thread a tile.
+#import frame_group
 #import splat
 #import surfel_tree
 #import mirror_ray
 #import beam
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var eye_in: texture_2d<f32>;

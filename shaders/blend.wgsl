@@ -1,12 +1,9 @@
 // Adds indirect light to direct light, and what a mirror reflects to its own radiance, of which the passes that shade have left
 // it the rest. Where a mirror sees no point it shows the background. One thread a pixel.
-#import frame
+#import frame_group
 #import packing
-#import params
 #import brdf
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;

@@ -1,9 +1,6 @@
 // Places each pixel of the camera's G-buffer in the world, relative to the eye. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var depth_in: texture_2d<f32>;
 // w: 1, or 0 where the pixel is empty.
 @group(1) @binding(1) var position_out: texture_storage_2d<rgba32float, write>;

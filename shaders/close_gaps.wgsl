@@ -2,12 +2,9 @@
 // them stay open. A pixel counts as a gap if at least five of its eight neighbours form one surface nearer than what it shows;
 // it takes their mean, and of their depths those that their planes have there. Gaps of two by two pixels close. Beside a
 // straight outline three neighbours are nearer, so it stays; only an inner corner loses its pixel. One thread a pixel.
-#import frame
+#import frame_group
 #import splat
-#import params
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var depth_in: texture_2d<f32>;

@@ -1,11 +1,8 @@
 // Curvature map (Preiner 2010, sections 3.5.1 and 4.3): whether the mirror bends outwards, inwards or not from the left and
 // from the upper pixel to each pixel, and whether its depth steps there. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import region
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // w: specular intensity, 0 where there is no mirror.
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;

@@ -1,11 +1,8 @@
 // A planar pixel of the curvature map bends as its predecessor does, up to the next depth step or gap (Preiner 2010, section
 // 3.5.2, step 1). Runs along the rows, then along the columns: each only changes its own direction's bits. One thread a line.
-#import frame
-#import params
+#import frame_group
 #import region
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read_write> curvature_map: array<u32>;
 
 override along_columns: bool = false;

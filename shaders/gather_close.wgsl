@@ -1,11 +1,8 @@
 // Closes mirror pixels whose ray slipped between discs: a pixel takes the mean of its neighbours if at least five of the eight
 // found something at about the same distance. A gap of two by two pixels closes in two runs; an open side stays open, since
 // beyond a straight outline only three neighbours found anything. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // w: specular intensity; 0 where there is no mirror.
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var albedo_in: texture_2d<f32>;

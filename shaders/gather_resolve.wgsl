@@ -3,16 +3,6 @@
 #import point_surface
 #import mirror_ray
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var<uniform> page: Page;
-@group(1) @binding(1) var<storage, read> points: array<vec4u>;
-@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
-@group(1) @binding(3) var<storage, read> scalars: array<f32>;
-@group(1) @binding(4) var<storage, read> items: array<Item>;
-@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
-@group(1) @binding(7) var<storage, read> palette: array<u32>;
 @group(2) @binding(0) var point_in: texture_2d<f32>;
 @group(2) @binding(1) var normal_in: texture_2d<f32>;
 @group(2) @binding(2) var eye_in: texture_2d<f32>;

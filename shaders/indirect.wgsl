@@ -1,14 +1,11 @@
 // Light of the virtual lights on a surface, whatever it was seen by: the camera, or a mirror (Keller 1997; SSCR, 4.7). Each pixel
 // of a tile is lit by its own run of the lights (interleaved sampling, Keller and Heidrich 2001); pixels of the same place in
 // their tiles are worked on together, so that a workgroup walks one run. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import brdf
 #import gloss
 #import vpl
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 // w: specular power.

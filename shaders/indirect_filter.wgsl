@@ -1,12 +1,9 @@
 // Indirect light as radiance: the mean over a tile of pixels, which each were lit by a run of the virtual lights, as far as they
 // lie on one surface; times the surface's colour. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import brdf
 #import gloss
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 // w: specular power.

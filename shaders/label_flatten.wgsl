@@ -1,10 +1,7 @@
 // Labelling, third of three passes: every pixel's parent is its root, and the roots know their pixels. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import region
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read_write> parents: array<atomic<u32>>;
 @group(1) @binding(1) var<storage, read_write> sizes: array<atomic<u32>>;
 

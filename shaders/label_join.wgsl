@@ -1,11 +1,8 @@
 // Labelling, second of three passes: the trees of a pixel and of its left and upper neighbours become one. A root only ever
 // gets a smaller parent, so the order of the threads cannot matter. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import region
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read_write> parents: array<atomic<u32>>;
 
 @compute @workgroup_size(8, 8)

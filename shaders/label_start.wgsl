@@ -1,12 +1,9 @@
 // Labelling, first of three passes: every pixel within the mirror is a tree of its own; pixels at a border between regions
 // are left out (Preiner 2010, section 3.5.2, step 2). The paper traces contours on the CPU; here trees of pixels are joined
 // (Playne, Hawick 2018), whose roots are the first pixels of their parts in scan order whatever the threads' order.
-#import frame
-#import params
+#import frame_group
 #import region
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read> curvature_map: array<u32>;
 // A pixel's parent in its tree; OUTSIDE where it is in none.
 @group(1) @binding(1) var<storage, read_write> parents: array<u32>;

@@ -1,10 +1,9 @@
 // Forward methods, averaging pass (Preiner 2010, section 4.5.4): the sums of mirror_visibility over their counts, into the
 // Mirror G-Buffer before it is closed. One thread a pixel.
+#import frame_group
 #import mirror_sums
 #import splat
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var<storage, read> nearest: array<u32>;
 @group(1) @binding(2) var<storage, read> sums: array<u32>;

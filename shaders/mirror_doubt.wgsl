@@ -1,12 +1,9 @@
 // Counts mirror pixels, and those in which something was found; tells which of them are not to be trusted, whatever the method, from
 // what it found alone. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import counters
 #import mirror_ray
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // xyz: mirror point, w: specular intensity.
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 // xyz: normal of the mirror.

@@ -1,11 +1,8 @@
 // Draws mirrors by their formulas into the camera's G-buffer: a ray a pixel, where a mirror may be
 // seen. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import mirror_formula
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // Of the surface without these mirrors, which the images that are written to hold as well.
 @group(1) @binding(0) var depth_in: texture_2d<f32>;
 @group(1) @binding(1) var<storage, read> mirrors: array<FormulaMirror>;

@@ -1,12 +1,9 @@
 // Puts mirrors with a formula into the Mirror G-Buffer where a reflected ray meets one before it meets a point. One thread a
 // pixel.
-#import frame
-#import params
+#import frame_group
 #import mirror_formula
 #import mirror_ray
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var mirror_normal_in: texture_2d<f32>;
 @group(1) @binding(2) var eye_in: texture_2d<f32>;

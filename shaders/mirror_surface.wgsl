@@ -1,9 +1,6 @@
 // The mirror pixels of a surface, and where the rays to them came from. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 // xyz: relative to the eye, w: coverage.

@@ -1,11 +1,8 @@
 // The picture: eye-dome lighting (Boucheny 2009) over the shaded colour, background, tone mapping. One thread a pixel.
-#import frame
+#import frame_group
 #import packing
-#import params
 #import tone
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var color_in: texture_2d<f32>;
 @group(1) @binding(1) var depth_in: texture_2d<f32>;
 @group(1) @binding(2) var picture_out: texture_storage_2d<rgba8unorm, write>;

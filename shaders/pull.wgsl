@@ -1,10 +1,7 @@
 // Pull (Preiner 2010, sections 3.6, 3 and 4.6.1): one level of the Mirror G-Buffer's pyramid from the level below, the mean
 // of those of four pixels that hold something. One thread a pixel of the level made.
-#import frame
-#import params
+#import frame_group
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 // w: 1 where something was found, else 0.

@@ -1,10 +1,7 @@
 // Push (Preiner 2010, sections 3.6, 3 and 4.6.2): mirror pixels in which nothing was found take what the lowest level of the
 // pyramid above them holds. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // w: specular intensity, 0 where there is no mirror.
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 // Pyramids of the Mirror G-Buffer; level 0 is as it was found.

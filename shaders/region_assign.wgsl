@@ -1,13 +1,10 @@
 // The labelled homogeneous curvature map (Preiner 2010, section 3.5.2, step 4): every mirror pixel's region, those on borders
 // the one to their right, else below; the regions' bounds; and all that the search reads of a pixel, side by side.
 // One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import mirror_space
 #import region
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var eye_in: texture_2d<f32>;

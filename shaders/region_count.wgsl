@@ -1,11 +1,8 @@
 // Numbering the regions, first of three passes: regions and their pixels in each run of 1024 pixels. One workgroup a run.
-#import frame
-#import params
+#import frame_group
 #import region
 #import scan
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read> parents: array<u32>;
 @group(1) @binding(1) var<storage, read> sizes: array<u32>;
 // Regions and pixels of each run.
@@ -15,7 +12,7 @@
 fn region_count(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lane: u32) {
     var sum = vec2u(0u);
     for (var i = 0u; i < 4u; i++) {
-        let index = group.x * 1024u + lane * 4u + i;
+        let index = group.x * RUN_PIXELS + lane * 4u + i;
         if index < frame.width * frame.height && parents[index] == index && sizes[index] >= LEAST_REGION {
             sum += vec2u(1u, sizes[index]);
         }

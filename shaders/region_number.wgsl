@@ -1,12 +1,9 @@
 // Numbering the regions, third of three passes: roots get their region's label, in scan order, and the regions what is known
 // of them. The running sum of their pixels is what points are drawn by. One workgroup a run of 1024 pixels.
-#import frame
-#import params
+#import frame_group
 #import region
 #import scan
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read> parents: array<u32>;
 // In: pixels of each root. Out: its label, 0 if it is too small.
 @group(1) @binding(1) var<storage, read_write> sizes: array<u32>;
@@ -18,7 +15,7 @@ fn region_number(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     var own: array<u32, 4>;
     var sum = vec2u(0u);
     for (var i = 0u; i < 4u; i++) {
-        let index = group.x * 1024u + lane * 4u + i;
+        let index = group.x * RUN_PIXELS + lane * 4u + i;
         own[i] = 0u;
         if index < frame.width * frame.height && parents[index] == index {
             own[i] = sizes[index];
@@ -31,7 +28,7 @@ fn region_number(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     var before = runs[group.x] + found.before;
     for (var i = 0u; i < 4u; i++) {
         if own[i] > 0u {
-            let index = group.x * 1024u + lane * 4u + i;
+            let index = group.x * RUN_PIXELS + lane * 4u + i;
             if own[i] >= LEAST_REGION {
                 let most = array<u32, 3>(0xffffffffu, 0xffffffffu, 0xffffffffu);
                 let none = array<u32, 3>(0u, 0u, 0u);

@@ -1,12 +1,9 @@
 // Numbering the regions, second of three passes: what lies before each run of pixels, and the totals. One workgroup.
-#import frame
-#import params
+#import frame_group
 #import region
 #import scan
 #import counters
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read_write> runs: array<vec2u>;
 @group(1) @binding(1) var<storage, read_write> totals: RegionTotals;
 @group(1) @binding(2) var<storage, read_write> counters: array<u32>;
@@ -16,7 +13,7 @@ override count_regions: bool = true;
 
 @compute @workgroup_size(256)
 fn region_scan(@builtin(local_invocation_index) lane: u32) {
-    let count = (frame.width * frame.height + 1023u) / 1024u;
+    let count = (frame.width * frame.height + RUN_PIXELS - 1u) / RUN_PIXELS;
     var before = vec2u(0u);
     for (var first = 0u; first < count; first += 256u) {
         let run = first + lane;

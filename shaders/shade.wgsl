@@ -1,15 +1,12 @@
 // Direct light on a surface, whatever it was seen by: the camera, or a mirror. Lambertian (radiance = albedo / pi x irradiance)
 // with highlights; of a mirror whose reflection blend.wgsl adds, the diffuse light that is left beside it. Linear radiance. One
 // thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import splat
 #import light
 #import brdf
 #import gloss
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
 // w: specular power.

@@ -1,13 +1,10 @@
 // Shows how a method came to its result, or what it found, instead of the picture: mirror pixels in false colours, the rest
 // darkened. One thread a pixel.
-#import frame
+#import frame_group
 #import packing
-#import params
 #import tone
 #import heat
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var color_in: texture_2d<f32>;
 // xyz: mirror point, w: specular intensity.
 @group(1) @binding(1) var point_in: texture_2d<f32>;

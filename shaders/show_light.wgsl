@@ -1,12 +1,9 @@
 // A part of the light, or of what light falls on, instead of the picture. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import tone
 #import heat
 #import light_view
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> views: LightViews;
 // Light, albedo or normal, by what is shown.
 @group(1) @binding(1) var image_in: texture_2d<f32>;

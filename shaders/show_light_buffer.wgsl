@@ -1,9 +1,8 @@
 // What lamps or the sun see: their shadow maps, a cell each, by distance (bright is near) and slope. One thread a pixel.
+#import frame_group
 #import light
 #import light_view
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> views: LightViews;
 @group(1) @binding(1) var<storage, read> lights: array<LightSource>;
 @group(1) @binding(2) var<storage, read> shadows: array<vec2u>;

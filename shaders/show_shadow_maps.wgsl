@@ -1,12 +1,9 @@
 // The shadow maps of the virtual lights, a cell each: first those of the sky, then bounce by bounce. Bright is near, and what is
 // outside of a map's disc is not of the half space before its light. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import light_view
 #import vpl
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> views: LightViews;
 @group(1) @binding(1) var<uniform> virtual_lights: Virtual;
 @group(1) @binding(2) var<storage, read> vpls: array<Vpl>;

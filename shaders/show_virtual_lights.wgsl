@@ -1,13 +1,12 @@
 // Virtual lights as discs of the colour that their surface shines in, over the picture that is there: where the camera sees them,
 // or where the lamps' maps hold them. Those of further bounces are smaller, those that the camera does not see darker. One
 // thread a pixel; the threads of a tile look for its discs together.
+#import frame_group
 #import light
 #import light_view
 #import tone
 #import vpl
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> views: LightViews;
 @group(1) @binding(1) var<uniform> virtual_lights: Virtual;
 @group(1) @binding(2) var<storage, read> vpls: array<Vpl>;

@@ -124,7 +124,7 @@ fn add_surface(pixel: u32, word: u32, value: u32) {
 }
 
 fn add_specular(pixel: u32, word: u32, value: u32) {
-    if atomicAdd(&specular_sums[pixel * 3u + word], value) > 0xffffffffu - value {
-        atomicAdd(&specular_sums[pixel * 3u + 2u], 1u << (16u * word));
+    if atomicAdd(&specular_sums[pixel * SPECULAR_WORDS + word], value) > 0xffffffffu - value {
+        atomicAdd(&specular_sums[pixel * SPECULAR_WORDS + 2u], 1u << (16u * word));
     }
 }

@@ -1,8 +1,7 @@
 // High quality: the sums of splat_accumulate over their weights, into the G-buffer. One thread a pixel.
+#import frame_group
 #import splat
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read> nearest: array<vec2u>;
 @group(1) @binding(1) var<storage, read> color_sums: array<vec4u>;
 @group(1) @binding(2) var<storage, read> surface_sums: array<vec4u>;
@@ -28,8 +27,8 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     // At least one point's weight wherever anything was splatted.
     let weight = max(color_sum.x, 1.0);
     let is_empty = nearest[pixel].y == 0u;
-    let specular_carry = specular_sums[pixel * 3u + 2u];
-    let specular_sum = vec2f(vec2u(specular_sums[pixel * 3u], specular_sums[pixel * 3u + 1u]))
+    let specular_carry = specular_sums[pixel * SPECULAR_WORDS + 2u];
+    let specular_sum = vec2f(vec2u(specular_sums[pixel * SPECULAR_WORDS], specular_sums[pixel * SPECULAR_WORDS + 1u]))
         + vec2f(vec2u(specular_carry & 0xffffu, specular_carry >> 16u)) * 4294967296.0;
     let specular = specular_sum / weight;
     let front = depth_from_nearness(nearest[pixel].y);

@@ -2,17 +2,6 @@
 // and takes the pixels whose point lies in it; the first page also writes the empty pixels. One thread a pixel.
 #import point_surface
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var<uniform> page: Page;
-@group(1) @binding(1) var<storage, read> points: array<vec4u>;
-@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
-@group(1) @binding(3) var<storage, read> scalars: array<f32>;
-@group(1) @binding(4) var<storage, read> items: array<Item>;
-// Item of each run of BLOCK_POINTS points of the page.
-@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
-@group(1) @binding(7) var<storage, read> palette: array<u32>;
 @group(2) @binding(0) var<storage, read> nearest: array<vec2u>;
 // rgb: linear albedo, a: specular intensity.
 @group(2) @binding(1) var albedo_out: texture_storage_2d<rgba16float, write>;

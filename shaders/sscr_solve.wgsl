@@ -14,7 +14,7 @@
 // By point of the page. In: where it was found last.
 @group(2) @binding(4) var<storage, read_write> solutions: array<Solution>;
 @group(2) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
-// Three words a pixel: searches that ended there, their steps, those of them that ran out of steps.
+// ENDING_WORDS words a pixel.
 @group(2) @binding(6) var<storage, read_write> endings: array<atomic<u32>>;
 
 struct Round {
@@ -85,7 +85,7 @@ fn splat_point(item: Item, index: u32) {
         if record_endings && outcome.steps > 0u {
             let size = vec2u(frame.width, frame.height);
             let ended = min(vec2u(max(outcome.at, vec2f(0.0))), size - 1u);
-            let word = (ended.y * frame.width + ended.x) * 3u;
+            let word = (ended.y * frame.width + ended.x) * ENDING_WORDS;
             atomicAdd(&endings[word], 1u);
             atomicAdd(&endings[word + 1u], outcome.steps);
             atomicAdd(&endings[word + 2u], select(0u, 1u, outcome.state == UNCONVERGED));

@@ -1,10 +1,7 @@
 // What the search and its preparation did at each pixel, to be looked at. One thread a pixel.
-#import frame
-#import params
+#import frame_group
 #import mirror_space
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<storage, read> curvature_map: array<u32>;
 @group(1) @binding(1) var<storage, read> mirror_pixels: array<MirrorPixel>;
 // Three words a pixel: searches that ended there, their steps, those of them that ran out of steps.
@@ -18,9 +15,9 @@ fn sscr_views(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let pixel = id.y * frame.width + id.x;
-    let searches = f32(max(endings[pixel * 3u], 1u));
-    let steps = f32(endings[pixel * 3u + 1u]) / searches;
-    let unconverged = f32(endings[pixel * 3u + 2u]) / searches;
+    let searches = f32(max(endings[pixel * ENDING_WORDS], 1u));
+    let steps = f32(endings[pixel * ENDING_WORDS + 1u]) / searches;
+    let unconverged = f32(endings[pixel * ENDING_WORDS + 2u]) / searches;
     let label = f32(mirror_pixels[pixel].point_label.w);
     textureStore(views_out, id.xy, vec4f(f32(curvature_map[pixel]), label, steps, unconverged));
 }

@@ -1,12 +1,11 @@
 // Follows the reflected eye ray of each mirror pixel through the points of a page, as oriented discs, to the nearest hit. Runs
 // once for each page; later pages start from what earlier ones found. One thread a pixel.
+#import frame_group
 #import splat
 #import surfel_tree
 #import mirror_ray
 #import counters
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var eye_in: texture_2d<f32>;

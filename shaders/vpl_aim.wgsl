@@ -1,11 +1,8 @@
 // Where the light of lamps and sun first meets a surface: for each virtual light the first of its directions in which the
 // shadow map holds a point. One thread a virtual light.
-#import params
-#import frame
+#import frame_group
 #import vpl
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> lights: Virtual;
 // VPL_TRIES a virtual light: layer << 24 | texel of that shadow map; AIM_NONE where there is none.
 @group(1) @binding(1) var<storage, read> aims: array<u32>;
@@ -42,8 +39,8 @@ fn vpl_aim(@builtin(global_invocation_id) id: vec3u) {
             }
         }
         if hit != AIM_NONE {
-            atomicAdd(&counts[layer * 2u], select(0u, 1u, attempt == 0u));
-            atomicAdd(&counts[layer * 2u + 1u], 1u);
+            atomicAdd(&counts[layer * AIM_COUNTS], select(0u, 1u, attempt == 0u));
+            atomicAdd(&counts[layer * AIM_COUNTS + 1u], 1u);
         }
     }
     hits[id.x] = hit;

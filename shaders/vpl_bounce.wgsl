@@ -1,12 +1,9 @@
 // The virtual lights of the next bounce: each stands where one of the lights before sends its light, in a direction drawn by
 // the cosine, as that light's shadow map has it; what is drawn carries all that its parent reflects. Lights of the sky send
 // theirs to a place drawn evenly over their map. One thread a virtual light.
+#import frame_group
 #import vpl_of_surface
-#import params
-#import frame
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> lights: Virtual;
 // Of each new light: its parent, or PARENT_NONE; bits of two numbers from 0 to 1, or of a place in a sky light's map; bits of
 // the share of the parent's light.
@@ -56,11 +53,11 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
     let ray = ray_of_map(lights, light, (vec2f(texel) + 0.5) / size * 2.0 - 1.0);
     let distance = distance_of_code(lights, light.normal.w, code >> 16u);
     let toward = -ray.direction;
-    let surface = surfaces[point * 2u];
+    let surface = surfaces[point * OCCLUDER_VECTORS];
     var normal = select(surface.xyz, -surface.xyz, dot(surface.xyz, toward) < 0.0);
     // Points without a normal face the light, as in the first bounce.
     normal = select(normal, toward, all(surface.xyz == vec3f(0.0)));
-    let albedo = surfaces[point * 2u + 1u];
+    let albedo = surfaces[point * OCCLUDER_VECTORS + 1u];
     // A light of intensity I cos sends out pi I, and its highlight's flux, which is taken to leave it as evenly; one of the sky
     // sheds its irradiance over an area of its map, which its share says.
     var flux = light.intensity.rgb;

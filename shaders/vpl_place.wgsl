@@ -4,16 +4,6 @@
 #import point_surface
 #import vpl_of_surface
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var<uniform> page: Page;
-@group(1) @binding(1) var<storage, read> points: array<vec4u>;
-@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
-@group(1) @binding(3) var<storage, read> scalars: array<f32>;
-@group(1) @binding(4) var<storage, read> items: array<Item>;
-@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
-@group(1) @binding(7) var<storage, read> palette: array<u32>;
 @group(2) @binding(0) var<uniform> lights: Virtual;
 @group(2) @binding(1) var<storage, read> hits: array<u32>;
 @group(2) @binding(2) var<storage, read> counts: array<u32>;
@@ -22,7 +12,7 @@
 @group(2) @binding(4) var<storage, read> emitters: array<Emitter>;
 @group(2) @binding(5) var<storage, read_write> vpls: array<Vpl>;
 
-// Of crates/render/src/gi/mod.rs. Positions from the virtual lights' origin.
+// Of crates/render/src/layout.rs. Positions from the virtual lights' origin.
 struct Emitter {
     // xyz: position; w: 1 where the light's rays are parallel.
     position: vec4f,
@@ -62,7 +52,7 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
     let surface = surface_of_point(index, toward);
     let cosine = max(dot(surface.normal.xyz, toward), 0.0);
     // First tries tell what part of the flux meets anything; all that do share it.
-    let flux = emitter.flux.rgb * f32(counts[layer * 2u]) / f32(max(counts[layer * 2u + 1u], 1u));
+    let flux = emitter.flux.rgb * f32(counts[layer * AIM_COUNTS]) / f32(max(counts[layer * AIM_COUNTS + 1u], 1u));
     // The surface that receives this flux.
     var irradiance = dot(emitter.strength.rgb, vec3f(1.0)) * cosine;
     if !is_parallel {

@@ -3,16 +3,6 @@
 #import point_surface
 #import vpl
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var<uniform> page: Page;
-@group(1) @binding(1) var<storage, read> points: array<vec4u>;
-@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
-@group(1) @binding(3) var<storage, read> scalars: array<f32>;
-@group(1) @binding(4) var<storage, read> items: array<Item>;
-@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
-@group(1) @binding(7) var<storage, read> palette: array<u32>;
 @group(2) @binding(0) var<uniform> lights: Virtual;
 // xyz: bits of the position; w: identity.
 @group(2) @binding(1) var<storage, read> chosen: array<vec4u>;
@@ -33,6 +23,6 @@ fn vpl_points(@builtin(global_invocation_id) id: vec3u) {
     let item = items[items_of_runs[index / BLOCK_POINTS]];
     let class_code = (points[index].w >> 16u) & 0xffu;
     let is_shown = (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) != 0u;
-    surfaces[id.x * 2u] = vec4f(surface.normal.xyz, select(0.0, 1.0, is_shown));
-    surfaces[id.x * 2u + 1u] = surface.albedo;
+    surfaces[id.x * OCCLUDER_VECTORS] = vec4f(surface.normal.xyz, select(0.0, 1.0, is_shown));
+    surfaces[id.x * OCCLUDER_VECTORS + 1u] = surface.albedo;
 }

@@ -1,11 +1,8 @@
 // One level of the pyramid of each virtual light's shadow map: the farthest of four texels, where at least three of them hold
 // something. One thread a texel of the coarser level and light.
-#import params
-#import frame
+#import frame_group
 #import vpl
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> lights: Virtual;
 @group(1) @binding(1) var<storage, read_write> shadow_maps: array<u32>;
 @group(1) @binding(2) var<uniform> work: Step;

@@ -2,12 +2,9 @@
 // A disc covers the texels whose middle looks through it, and is as far there as its plane: points that cover less than a
 // texel do not grow to one, and the surface that a light stands on does not rise into its sky.
 // One thread a point and light.
-#import params
-#import frame
+#import frame_group
 #import vpl
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
 @group(1) @binding(0) var<uniform> lights: Virtual;
 // xyz: bits of the position.
 @group(1) @binding(1) var<storage, read> chosen: array<vec4u>;
@@ -29,7 +26,7 @@ fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
     if light.normal.w == VPL_NONE || p >= lights.point_count || slot > 0xffffu {
         return;
     }
-    let surface = surfaces[p * 2u];
+    let surface = surfaces[p * OCCLUDER_VECTORS];
     if surface.w == 0.0 {
         return;
     }

@@ -1,17 +1,8 @@
-// How a splatting pass walks the points of a page, block by block, one workgroup each. The one shared file with bindings: they
-// are the same groups 0 and 1 for all of these passes. The importing pass defines `splat_point(item, index)`.
-#import splat
+// How a splatting pass walks the points of a page, block by block, one workgroup each. The importing pass defines
+// `splat_point(item, index)`.
+#import page_group
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> settings: Settings;
-@group(1) @binding(0) var<uniform> page: Page;
-@group(1) @binding(1) var<storage, read> points: array<vec4u>;
-@group(1) @binding(2) var<storage, read> attributes: array<vec2u>;
-@group(1) @binding(3) var<storage, read> scalars: array<f32>;
-@group(1) @binding(4) var<storage, read> items: array<Item>;
 @group(1) @binding(5) var<storage, read> blocks: array<Block>;
-@group(1) @binding(6) var<storage, read> class_masks: array<u32>;
-@group(1) @binding(7) var<storage, read> palette: array<u32>;
 
 // Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
 override pixels_only: bool = false;

@@ -1,7 +1,6 @@
-// The colour of a point, by what the cloud is coloured by. The importing pass binds `scalars` and `palette` of the page.
-// Values of COLOR_* are those of crates/render/src/coloring.rs.
+// The colour of a point, by what the cloud is coloured by. Values of COLOR_* are those of crates/render/src/coloring.rs.
 #import packing
-#import splat
+#import page_group
 
 const COLOR_PLAIN: u32 = 0u;
 const COLOR_RGB: u32 = 1u;

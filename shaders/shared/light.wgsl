@@ -1,8 +1,7 @@
 // Spot lights, the sun, and their shadow maps. Filled by crates/render/src/lighting.rs. The importing pass has the bindings
-// `settings`, `lights` and `shadows`: SHADOW_SIZE squared texels a light, one light after the other, row by row; x: identity
+// `lights` and `shadows`: SHADOW_SIZE squared texels a light, one light after the other, row by row; x: identity
 // of the nearest point, y: its nearness, 0 where there is none.
-#import frame
-#import params
+#import frame_group
 #import splat
 
 struct LightSource {

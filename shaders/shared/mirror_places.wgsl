@@ -1,9 +1,8 @@
 // The mirrors of the scene, each with a picture of its surroundings (a map). Filled by
-// crates/render/src/reflection/mirror_places.rs. The importing pass has them as `mirrors`, and the bindings that
-// point_surface needs.
+// crates/render/src/reflection/mirror_places.rs. The importing pass binds them as `mirrors`.
 #import point_surface
 
-struct MirrorPlace {
+struct MappedMirror {
     // xyz: lower corner of its box, relative to the eye. w: number of its map; below 0: nothing is seen in it.
     low_map: vec4f,
     // xyz: upper corner.
@@ -13,15 +12,15 @@ struct MirrorPlace {
     view: vec4f,
 }
 
-struct MirrorPlaces {
+struct MappedMirrors {
     // xyz: corners of the box about all points, relative to the eye.
     scene_low: vec4f,
     scene_high: vec4f,
-    places: array<MirrorPlace>,
+    places: array<MappedMirror>,
 }
 
 // The mirror that a place lies on: the one whose box is nearest, and of boxes that hold the place the smallest.
-fn mirror_at(place: vec3f) -> MirrorPlace {
+fn mirror_at(place: vec3f) -> MappedMirror {
     var best = mirrors.places[0];
     var best_distance = 3e38;
     var best_extent = 3e38;

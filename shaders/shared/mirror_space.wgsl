@@ -10,6 +10,9 @@ struct MirrorPixel {
     normal_eye: vec4u,
 }
 
+// Words a pixel of where searches ended: how many, their steps, those of them that ran out of steps.
+const ENDING_WORDS: u32 = 3u;
+
 // Octahedral unit vector in two snorm16 halves: the inverse of unpack_normal.
 fn pack_direction(direction: vec3f) -> u32 {
     let flat = direction.xy / (abs(direction.x) + abs(direction.y) + abs(direction.z));

@@ -1,6 +1,6 @@
 // What the visibility pass of forward methods adds up in each mirror pixel. Sums are fixed-point words with 16 bits of carry
 // each, so that the order of the points cannot matter and a pixel can take all there are.
-#import params
+#import frame_group
 
 const MIRROR_SUMS: u32 = 12u;
 const SUM_COUNT: u32 = 0u;

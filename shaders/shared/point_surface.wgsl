@@ -1,7 +1,9 @@
-// Colour, normal and material of a point. The importing pass has the bindings of a page with `items_of_runs` in groups 0 and 1
-// (see splat_resolve.wgsl).
-#import splat
+// Colour, normal and material of a point that a pass looks up in a page.
+#import page_group
 #import color
+
+// Item of each run of BLOCK_POINTS points of the page.
+@group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
 
 struct SurfaceOfPoint {
     // a: specular intensity.

@@ -14,6 +14,8 @@ const MIRROR: u32 = 128u;
 const OUTSIDE: u32 = 0xffffffffu;
 // Smallest region that a bracket fits in: two by two pixels.
 const LEAST_REGION: u32 = 4u;
+// Pixels that a workgroup numbers the regions of.
+const RUN_PIXELS: u32 = 1024u;
 
 struct Region {
     // First and last pixel.

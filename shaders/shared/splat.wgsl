@@ -183,6 +183,9 @@ const NORMAL_BIAS: i32 = 2048;
 // Albedos are summed in 16 bits: levels of 8-bit sRGB are 20 of these steps apart or more, so that data colours come back exactly.
 const ALBEDO_MOST: f32 = 65535.0;
 
+// Words a pixel of the sums of the highlights: two sums, and their carries.
+const SPECULAR_WORDS: u32 = 3u;
+
 // Depth as an integer that is larger the nearer: 0 stays "empty", and a cleared buffer is all zero.
 fn nearness(depth: f32) -> u32 {
     return 0xffffffffu - bitcast<u32>(depth);

@@ -60,6 +60,11 @@ struct Step {
 // Texels along an edge of a lamp's or the sun's shadow map, as light.wgsl has it.
 const LAMP_MAP_SIZE: u32 = 1024u;
 
+// Vectors that are kept of a point that casts shadows, see vpl_points.wgsl.
+const OCCLUDER_VECTORS: u32 = 2u;
+// Counters of a layer of the lamps' shadow maps, see vpl_aim.wgsl.
+const AIM_COUNTS: u32 = 2u;
+
 const VPL_NONE: f32 = 0.0;
 const VPL_LOCAL: f32 = 1.0;
 const VPL_SKY: f32 = 2.0;

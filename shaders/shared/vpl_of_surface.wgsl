@@ -1,4 +1,5 @@
-// A virtual light on a surface that light falls on. The importing pass binds `settings`.
+// A virtual light on a surface that light falls on.
+#import frame_group
 #import vpl
 #import brdf
 #import gloss

@@ -80,6 +80,13 @@ pub trait Choice: Copy {
     fn name(self) -> &'static str {
         Self::NAMES[self.index() as usize]
     }
+    fn from_name(name: &str) -> Option<Self> {
+        Self::from_index(Self::NAMES.iter().position(|known| *known == name)? as u32)
+    }
+    /// In order.
+    fn all() -> impl Iterator<Item = Self> {
+        (0..Self::NAMES.len() as u32).filter_map(Self::from_index)
+    }
 }
 
 impl Type for bool {

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
-use render::{Clock, Gpu, Material, Objects, PointStore, Renderer};
+use render::{Clock, Gpu, Material, Objects, PassTime, PointStore, Renderer};
 use scene::{Camera, Settings};
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -236,15 +236,7 @@ fn main() {
         gpu.info.backend,
         gpu.clock.name()
     );
-    let splatting = [
-        "clear",
-        "splat_nearest",
-        "splat_depth",
-        "splat_identity",
-        "splat_accumulate",
-        "splat_average",
-        "splat_resolve",
-    ];
+    let is_splatting = |pass: &PassTime| pass.name.starts_with("splat_") || pass.name == "clear";
     let mut passes: Vec<Vec<(&str, Vec<f64>)>> = vec![Vec::new(); cases.len()];
     let mut bare_times = Vec::new();
     let mut times: Vec<Vec<f64>> = vec![Vec::new(); cases.len()];
@@ -265,19 +257,11 @@ fn main() {
                         None => passes.push((pass.name, vec![pass.milliseconds])),
                     }
                 }
-                let splat: f64 = stats
-                    .passes
-                    .iter()
-                    .filter(|pass| splatting.contains(&pass.name))
-                    .map(|pass| pass.milliseconds)
-                    .sum();
+                let splat: f64 =
+                    stats.passes.iter().filter(|pass| is_splatting(pass)).map(|pass| pass.milliseconds).sum();
                 // With GPU timestamps the clear is not a pass: the frame less the passes after splatting then stands for it.
-                let after: f64 = stats
-                    .passes
-                    .iter()
-                    .filter(|pass| !splatting.contains(&pass.name))
-                    .map(|pass| pass.milliseconds)
-                    .sum();
+                let after: f64 =
+                    stats.passes.iter().filter(|pass| !is_splatting(pass)).map(|pass| pass.milliseconds).sum();
                 (if gpu.clock == Clock::Gpu { stats.frame_milliseconds - after } else { splat }, wall)
             })
             .collect();

@@ -5,7 +5,9 @@ use glam::DVec3;
 
 use scene::{Color, ColorBy, Ramp};
 
-/// Where a point's colour comes from. The discriminants are the `COLOR_*` of shaders/shared/color.wgsl.
+use crate::layout;
+
+/// Where a point's colour comes from. The shaders know it by `COLOR_*`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColorSource {
     Plain,
@@ -21,12 +23,12 @@ pub enum ColorSource {
 impl ColorSource {
     pub(crate) fn code(self) -> u32 {
         match self {
-            Self::Plain => 0,
-            Self::Rgb => 1,
-            Self::Normal => 2,
-            Self::Class => 3,
-            Self::Height => 4,
-            Self::Column(_) => 5,
+            Self::Plain => layout::COLOR_PLAIN,
+            Self::Rgb => layout::COLOR_RGB,
+            Self::Normal => layout::COLOR_NORMAL,
+            Self::Class => layout::COLOR_CLASS,
+            Self::Height => layout::COLOR_HEIGHT,
+            Self::Column(_) => layout::COLOR_SCALAR,
         }
     }
 }

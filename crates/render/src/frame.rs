@@ -1,61 +1,9 @@
-//! What a frame shows: the objects of the scene, and what the shaders are told of the camera and of the chunks (the Rust
-//! side of the structs in shaders/shared).
+//! What a frame shows: the objects of the scene, and what the shaders are told of the camera.
 
 use glam::{DMat3, DVec3, Vec4};
 use scene::{Camera, Mirror, Projection, SpotLight, ViewSettings};
 
-#[cfg(test)]
-use std::mem::{offset_of, size_of};
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Frame {
-    pub right: Vec4,
-    pub up: Vec4,
-    pub forward: Vec4,
-    pub clip: Vec4,
-    pub focal_pixels: f32,
-    pub orthographic: u32,
-    pub width: u32,
-    pub height: u32,
-    pub near: f32,
-    pub reference_depth: f32,
-    pub scene_radius: f32,
-    pub mirror_tile: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Item {
-    pub origin_radius: Vec4,
-    pub low: f32,
-    pub inverse_range: f32,
-    pub color_source: u32,
-    pub plain: u32,
-    pub specular_intensity: f32,
-    pub specular_power: f32,
-    pub class_mask: u32,
-    pub height: f32,
-    pub height_axis: Vec4,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Block {
-    pub item: u32,
-    pub first: u32,
-    pub count: u32,
-    pub unused: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Page {
-    pub first_identity: u32,
-    pub block_count: u32,
-    pub point_count: u32,
-    pub is_first: u32,
-}
+use crate::layout::Frame;
 
 /// What stands in the scene besides points.
 #[derive(Clone, Copy, Debug, Default)]
@@ -272,26 +220,6 @@ impl FrameCamera {
             }
         })
     }
-}
-
-/// Name, size, and name and offset of each field.
-#[cfg(test)]
-pub type Layout = (&'static str, usize, Vec<(&'static str, usize)>);
-
-/// The structs shared with the shaders, padding left out.
-#[cfg(test)]
-pub fn layouts() -> Vec<Layout> {
-    macro_rules! layout {
-        ($Struct:ident: $($field:ident),*) => {
-            (stringify!($Struct), size_of::<$Struct>(), vec![$((stringify!($field), offset_of!($Struct, $field))),*])
-        };
-    }
-    vec![
-        layout!(Frame: right, up, forward, clip, focal_pixels, orthographic, width, height, near, reference_depth, scene_radius, mirror_tile),
-        layout!(Item: origin_radius, low, inverse_range, color_source, plain, specular_intensity, specular_power, class_mask, height, height_axis),
-        layout!(Block: item, first, count, unused),
-        layout!(Page: first_identity, block_count, point_count, is_first),
-    ]
 }
 
 #[cfg(test)]

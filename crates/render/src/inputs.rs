@@ -2,8 +2,9 @@
 
 use scene::Settings;
 
-use crate::frame::{Block, FrameCamera, Page};
+use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
+use crate::layout::{Block, Page};
 use crate::store::{ChunkId, DrawList, PageDraw, PointStore};
 
 /// What a frame uploads.

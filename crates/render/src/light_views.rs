@@ -1,19 +1,19 @@
 //! `light.show`: views of where light comes from, instead of the picture. They read what the frame was made from and change
 //! none of it; `shaders/shared/light_view.wgsl` holds what their passes share.
 
-use bytemuck::{Pod, Zeroable};
 use cloud::Bounds;
 use glam::Vec4;
 use scene::{LightView, Settings};
 
 use crate::frame::FrameCamera;
-use crate::gi::{VirtualLights, uniform_buffer};
+use crate::gi::VirtualLights;
 use crate::gpu::Result;
 use crate::inputs::Inputs;
+use crate::layout::LightViews;
 use crate::lighting::{Lights, MOST_LIGHTS, MappedLight};
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::targets::{Image, Targets};
+use crate::targets::{Image, Targets, uniform_buffer};
 
 /// What a frame was made from.
 pub(crate) struct Shown<'a> {
@@ -27,18 +27,6 @@ pub(crate) struct Shown<'a> {
     /// Of all points.
     pub bounds: Bounds,
     pub is_filmic: bool,
-}
-
-/// `LightViews` of shaders/shared/light_view.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-struct LightViews {
-    columns: u32,
-    edge: u32,
-    count: u32,
-    unused: u32,
-    nearest: Vec4,
-    farthest: Vec4,
 }
 
 impl LightViews {
@@ -70,7 +58,7 @@ pub(crate) fn show(recorder: &mut Recorder<'_>, inputs: &Inputs, settings: &Sett
     let Shown { targets, lights, mapped, virtual_lights, .. } = shown;
     let surface = targets.surface();
     let with_maps = virtual_lights.as_ref().and_then(|lights| Some((lights, lights.maps?)));
-    let (depth, picture) = (surface.depth.bind(), targets.picture.bind());
+    let picture_out = targets.picture.bind();
     match settings.light.show {
         LightView::LightBuffer if !mapped.is_empty() => {
             let mut views = LightViews::grid(mapped.len() as u32, inputs.size);
@@ -78,18 +66,26 @@ pub(crate) fn show(recorder: &mut Recorder<'_>, inputs: &Inputs, settings: &Sett
                 [views.nearest[index], views.farthest[index]] = LightViews::range(&light.camera, shown.bounds);
             }
             let views = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&views));
-            let lamps = lights.lights.as_entire_binding();
-            let maps = lights.shadows.as_entire_binding();
-            let resources = [views.as_entire_binding(), lamps, maps, picture];
-            recorder.over_pixels(&passes::SHOW_LIGHT_BUFFER, &[], inputs, &resources)?;
+            let bindings = passes::show_light_buffer {
+                views: views.as_entire_binding(),
+                lights: lights.lights.as_entire_binding(),
+                shadows: lights.shadows.as_entire_binding(),
+                picture_out,
+            };
+            recorder.over_pixels(&[], inputs, bindings)?;
             draw_lights(recorder, inputs, shown, &views, true)
         }
         LightView::ShadowMaps if let Some((lights, maps)) = with_maps => {
             let views = LightViews::grid(lights.count, inputs.size);
             let views = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&views));
-            let resources = [&views, lights.constants, lights.vpls, maps].map(|buffer| buffer.as_entire_binding());
-            let resources = [&resources[..], &[picture]].concat();
-            recorder.over_pixels(&passes::SHOW_SHADOW_MAPS, &[], inputs, &resources)
+            let bindings = passes::show_shadow_maps {
+                views: views.as_entire_binding(),
+                virtual_lights: lights.constants.as_entire_binding(),
+                vpls: lights.vpls.as_entire_binding(),
+                shadow_maps: maps.as_entire_binding(),
+                picture_out,
+            };
+            recorder.over_pixels(&[], inputs, bindings)
         }
         view => {
             let [nearest, farthest] = LightViews::range(&inputs.camera, shown.bounds);
@@ -104,9 +100,13 @@ pub(crate) fn show(recorder: &mut Recorder<'_>, inputs: &Inputs, settings: &Sett
                 _ => Some(&targets.color),
             };
             let switches = [("is_filmic", u32::from(shown.is_filmic)), ("has_light", u32::from(image.is_some()))];
-            let image = image.unwrap_or(&targets.color).bind();
-            let resources = [views.as_entire_binding(), image, depth, picture];
-            recorder.over_pixels(&passes::SHOW_LIGHT, &switches, inputs, &resources)?;
+            let bindings = passes::show_light {
+                views: views.as_entire_binding(),
+                image_in: image.unwrap_or(&targets.color).bind(),
+                depth_in: surface.depth.bind(),
+                picture_out,
+            };
+            recorder.over_pixels(&switches, inputs, bindings)?;
             if view == LightView::VirtualLights { draw_lights(recorder, inputs, shown, &views, false) } else { Ok(()) }
         }
     }
@@ -121,15 +121,15 @@ fn draw_lights(
     in_light_buffer: bool,
 ) -> Result<()> {
     let Some(lights) = &shown.virtual_lights else { return Ok(()) };
-    let resources = [
-        views.as_entire_binding(),
-        lights.constants.as_entire_binding(),
-        lights.vpls.as_entire_binding(),
-        shown.lights.lights.as_entire_binding(),
-        shown.lights.shadows.as_entire_binding(),
-        shown.targets.surface().depth.bind(),
-        shown.targets.picture.bind(),
-    ];
+    let bindings = passes::show_virtual_lights {
+        views: views.as_entire_binding(),
+        virtual_lights: lights.constants.as_entire_binding(),
+        vpls: lights.vpls.as_entire_binding(),
+        lights: shown.lights.lights.as_entire_binding(),
+        shadows: shown.lights.shadows.as_entire_binding(),
+        depth_in: shown.targets.surface().depth.bind(),
+        picture_out: shown.targets.picture.bind(),
+    };
     let switches = [("is_filmic", u32::from(shown.is_filmic)), ("in_light_buffer", u32::from(in_light_buffer))];
-    recorder.over_pixels(&passes::SHOW_VIRTUAL_LIGHTS, &switches, inputs, &resources)
+    recorder.over_pixels(&switches, inputs, bindings)
 }

@@ -10,30 +10,18 @@ use scene::{Camera, Lighting, Quality, Settings, Splat, SpotLight};
 use crate::frame::{FrameCamera, Objects};
 use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;
-use crate::passes;
+use crate::layout::{LightSource, SHADOW_SIZE, SHADOW_TEXEL_BYTES};
+use crate::passes::PassStage;
 use crate::recorder::Recorder;
 use crate::store::{PointStore, Selection};
 use crate::targets::storage;
 
 /// Lights of a scene that count; more would not fit the shadow maps' buffer on small adapters.
 pub const MOST_LIGHTS: usize = 4;
-/// Texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about as fine as a splat.
-pub(crate) const SHADOW_SIZE: u32 = 1024;
-const SHADOW_BYTES: u64 = SHADOW_SIZE as u64 * SHADOW_SIZE as u64 * 8;
+const SHADOW_BYTES: u64 = SHADOW_SIZE as u64 * SHADOW_SIZE as u64 * SHADOW_TEXEL_BYTES;
 /// Texels from the middle of a shadow map to the edge of what is lit: all but one for the filter, and one that the rim may be
 /// rounded into.
 const HALF_TEXELS: f64 = (SHADOW_SIZE / 2 - 2) as f64;
-
-/// As shaders/shared/light.wgsl has it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-struct GpuLight {
-    position_inner: Vec4,
-    axis_outer: Vec4,
-    intensity_focal: Vec4,
-    right: Vec4,
-    up: Vec4,
-}
 
 /// A light as its shadow map shows it. A sun is two of them where it has two maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,7 +55,7 @@ pub(crate) struct Lights {
 
 impl Lights {
     pub fn new(gpu: &Gpu) -> Self {
-        let lights = storage(&gpu.device, "lights", (MOST_LIGHTS * size_of::<GpuLight>()) as u64);
+        let lights = storage(&gpu.device, "lights", (MOST_LIGHTS * size_of::<LightSource>()) as u64);
         Self { lights, shadows: storage(&gpu.device, "shadows", 16) }
     }
 
@@ -126,9 +114,9 @@ impl Lights {
                     offset: texels.start,
                     size: std::num::NonZeroU64::new(SHADOW_BYTES),
                 });
-                for pass in passes::splat_nearest(atomics64) {
-                    recorder.over_points(pass, &[], &inputs, std::slice::from_ref(&binding))?;
-                }
+                recorder.time_as(Some(("shadow_maps", PassStage::Light)));
+                recorder.nearest_points(&[], &inputs, binding, atomics64)?;
+                recorder.time_as(None);
             }
             drawn.push(map);
         }
@@ -137,7 +125,7 @@ impl Lights {
 
     /// Uploads the lights as seen from `eye`.
     pub fn upload(&self, gpu: &Gpu, lights: &[MappedLight], eye: DVec3) {
-        let lights: Vec<GpuLight> = lights.iter().map(|light| light.to_gpu(eye)).collect();
+        let lights: Vec<LightSource> = lights.iter().map(|light| light.to_gpu(eye)).collect();
         gpu.queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&lights));
     }
 }
@@ -201,10 +189,10 @@ impl MappedLight {
         vec![whole, map(center + snapped(right) + snapped(up), seen)]
     }
 
-    fn to_gpu(self, eye: DVec3) -> GpuLight {
+    fn to_gpu(self, eye: DVec3) -> LightSource {
         let row = |index| self.camera.view_from_world.row(index).as_vec3();
         let [red, green, blue] = self.intensity;
-        GpuLight {
+        LightSource {
             position_inner: (self.camera.eye - eye).as_vec3().extend(self.inner),
             axis_outer: row(2).extend(self.outer),
             intensity_focal: Vec4::new(red, green, blue, self.camera.focal_pixels as f32),

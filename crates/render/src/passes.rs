@@ -1,6 +1,16 @@
-//! The passes: name (shader file, entry point and timer label at once) and what each binds.
+//! The passes: a row each in `passes!`. The name is at once that of the shader's file, of its entry point, of its pipeline, and of
+//! the type by which the pass is called; the slots are the shader's bindings, by name, in order.
 
-/// What a binding is. `bindings_of_every_pass_agree_with_its_shader` compares these with the shaders.
+use param::choices;
+use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
+
+choices! {
+    /// What of a frame a pass works for: the surface that the camera sees, what the reflection method finds, light and shading, or
+    /// what is shown of it all.
+    pub enum PassStage { Surface = "surface", Method = "method", Light = "light", View = "view" }
+}
+
+/// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Slot {
     Uniform,
@@ -13,261 +23,259 @@ pub enum Slot {
     Write(wgpu::TextureFormat),
 }
 
+use Slot::{Read, ReadWrite, Texture, Uniform, Write};
+
+/// The bindings of a group, by name.
+pub type Slots = &'static [(&'static str, Slot)];
+
+/// A row of the table.
+#[derive(Debug)]
 pub struct Pass {
     pub name: &'static str,
-    pub groups: &'static [&'static [Slot]],
+    pub stage: PassStage,
+    /// Of a page of the store, where the pass reads points.
+    pub page: Option<Slots>,
+    /// The pass's own.
+    pub slots: Slots,
+    /// Of the shader, without what it imports.
+    pub source: &'static str,
 }
 
-use Slot::{Read, ReadWrite, Texture, Uniform, Write};
-use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
-
-/// Group 0 of every pass: camera and parameters.
-const FRAME: &[Slot] = &[Uniform, Read];
-/// Group 1 of the passes that walk points: a page of the store.
-const PAGE: &[Slot] = &[Uniform, Read, Read, Read, Read, Read, Read, Read];
-
-pub const SPLAT_NEAREST: Pass = Pass { name: "splat_nearest", groups: &[FRAME, PAGE, &[ReadWrite]] };
-pub const SPLAT_DEPTH: Pass = Pass { name: "splat_depth", groups: &[FRAME, PAGE, &[ReadWrite]] };
-pub const SPLAT_IDENTITY: Pass = Pass { name: "splat_identity", groups: &[FRAME, PAGE, &[ReadWrite]] };
-pub const SPLAT_ACCUMULATE: Pass =
-    Pass { name: "splat_accumulate", groups: &[FRAME, PAGE, &[Read, ReadWrite, ReadWrite, ReadWrite, ReadWrite]] };
-pub const SPLAT_AVERAGE: Pass = Pass {
-    name: "splat_average",
-    groups: &[FRAME, &[Read, Read, Read, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
-};
-pub const SPLAT_RESOLVE: Pass = Pass {
-    name: "splat_resolve",
-    groups: &[FRAME, PAGE, &[Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
-};
-pub const CLOSE_GAPS: Pass = Pass {
-    name: "close_gaps",
-    groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
-};
-pub const MIRROR_EXACT: Pass = Pass {
-    name: "mirror_exact",
-    groups: &[FRAME, &[Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(R32Float)]],
-};
-pub const MIRROR_EXACT_SEEN: Pass = Pass {
-    name: "mirror_exact_seen",
-    groups: &[
-        FRAME,
-        &[
-            Texture,
-            Texture,
-            Texture,
-            Read,
-            Texture,
-            Texture,
-            Texture,
-            Write(Rgba16Float),
-            Write(Rgba32Float),
-            Write(Rgba32Float),
-        ],
-    ],
-};
-pub const CAMERA_POSITION: Pass = Pass { name: "camera_position", groups: &[FRAME, &[Texture, Write(Rgba32Float)]] };
-pub const MIRROR_SURFACE: Pass = Pass {
-    name: "mirror_surface",
-    groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba32Float), Write(Rgba32Float)]],
-};
-pub const MIRROR_DOUBT: Pass = Pass {
-    name: "mirror_doubt",
-    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Write(R32Float), ReadWrite]],
-};
-pub const BEAM_LISTS: Pass =
-    Pass { name: "beam_lists", groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, Read, ReadWrite]] };
-pub const SURFEL_TRACE: Pass = Pass {
-    name: "surfel_trace",
-    groups: &[
-        FRAME,
-        &[
-            Texture,
-            Texture,
-            Texture,
-            Read,
-            Read,
-            Read,
-            Read,
-            Read,
-            Read,
-            ReadWrite,
-            Uniform,
-            Read,
-            Read,
-            Write(Rgba32Float),
-            ReadWrite,
-        ],
-    ],
-};
-pub const GATHER_RESOLVE: Pass = Pass {
-    name: "gather_resolve",
-    groups: &[
-        FRAME,
-        PAGE,
-        &[Texture, Texture, Texture, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)],
-    ],
-};
-pub const ENVIRONMENT_LOOK_UP: Pass = Pass {
-    name: "environment_look_up",
-    groups: &[
-        FRAME,
-        PAGE,
-        &[
-            Texture,
-            Texture,
-            Texture,
-            Read,
-            Read,
-            Write(Rgba16Float),
-            Write(Rgba32Float),
-            Write(Rgba32Float),
-            Write(Rgba32Float),
-        ],
-    ],
-};
-pub const MIRRORED_LOOK_UP: Pass = Pass {
-    name: "mirrored_look_up",
-    groups: &[
-        FRAME,
-        PAGE,
-        &[Texture, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float), Write(Rgba32Float)],
-    ],
-};
-pub const CURVATURE: Pass = Pass { name: "curvature", groups: &[FRAME, &[Texture, Texture, Texture, ReadWrite]] };
-pub const CURVATURE_SMOOTH: Pass = Pass { name: "curvature_smooth", groups: &[FRAME, &[ReadWrite]] };
-pub const LABEL_START: Pass = Pass { name: "label_start", groups: &[FRAME, &[Read, ReadWrite, ReadWrite]] };
-pub const LABEL_JOIN: Pass = Pass { name: "label_join", groups: &[FRAME, &[ReadWrite]] };
-pub const LABEL_FLATTEN: Pass = Pass { name: "label_flatten", groups: &[FRAME, &[ReadWrite, ReadWrite]] };
-pub const REGION_COUNT: Pass = Pass { name: "region_count", groups: &[FRAME, &[Read, Read, ReadWrite]] };
-pub const REGION_SCAN: Pass = Pass { name: "region_scan", groups: &[FRAME, &[ReadWrite, ReadWrite, ReadWrite]] };
-pub const REGION_NUMBER: Pass = Pass { name: "region_number", groups: &[FRAME, &[Read, ReadWrite, Read, ReadWrite]] };
-pub const REGION_ASSIGN: Pass =
-    Pass { name: "region_assign", groups: &[FRAME, &[Texture, Texture, Texture, Read, Read, ReadWrite, ReadWrite]] };
-pub const SSCR_SOLVE: Pass =
-    Pass { name: "sscr_solve", groups: &[FRAME, PAGE, &[Uniform, Read, Read, Read, ReadWrite, ReadWrite, ReadWrite]] };
-pub const SSCR_VIEWS: Pass = Pass { name: "sscr_views", groups: &[FRAME, &[Read, Read, Read, Write(Rgba32Float)]] };
-pub const MIRROR_DEPTH: Pass = Pass { name: "mirror_depth", groups: &[FRAME, PAGE, &[Read, Texture, ReadWrite]] };
-pub const MIRROR_VISIBILITY: Pass =
-    Pass { name: "mirror_visibility", groups: &[FRAME, PAGE, &[Read, Texture, Read, ReadWrite, ReadWrite]] };
-pub const MIRROR_AVERAGE: Pass = Pass {
-    name: "mirror_average",
-    groups: &[FRAME, &[Texture, Read, Read, Read, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
-};
-pub const PULL: Pass = Pass {
-    name: "pull",
-    groups: &[FRAME, &[Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
-};
-pub const PUSH: Pass = Pass {
-    name: "push",
-    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
-};
-pub const GATHER_CLOSE: Pass = Pass {
-    name: "gather_close",
-    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Write(Rgba16Float), Write(Rgba32Float), Write(Rgba32Float)]],
-};
-pub const VPL_POINTS: Pass = Pass { name: "vpl_points", groups: &[FRAME, PAGE, &[Uniform, Read, ReadWrite]] };
-pub const VPL_AIM: Pass = Pass { name: "vpl_aim", groups: &[FRAME, &[Uniform, Read, Read, ReadWrite, ReadWrite]] };
-pub const VPL_PLACE: Pass =
-    Pass { name: "vpl_place", groups: &[FRAME, PAGE, &[Uniform, Read, Read, Read, Read, ReadWrite]] };
-pub const VPL_BOUNCE: Pass =
-    Pass { name: "vpl_bounce", groups: &[FRAME, &[Uniform, Read, Read, Read, ReadWrite, Uniform]] };
-pub const VPL_SHADOW_SPLAT: Pass =
-    Pass { name: "vpl_shadow_splat", groups: &[FRAME, &[Uniform, Read, Read, Read, ReadWrite, Uniform]] };
-pub const VPL_SHADOW_PULL: Pass = Pass { name: "vpl_shadow_pull", groups: &[FRAME, &[Uniform, ReadWrite, Uniform]] };
-pub const VPL_SHADOW_PUSH: Pass = Pass { name: "vpl_shadow_push", groups: &[FRAME, &[Uniform, ReadWrite, Uniform]] };
-pub const INDIRECT: Pass = Pass {
-    name: "indirect",
-    groups: &[
-        FRAME,
-        &[Texture, Texture, Texture, Texture, Uniform, Read, Read, Write(Rgba16Float), Write(Rgba16Float)],
-    ],
-};
-pub const INDIRECT_FILTER: Pass = Pass {
-    name: "indirect_filter",
-    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
-};
-pub const SHADE: Pass =
-    Pass { name: "shade", groups: &[FRAME, &[Texture, Texture, Texture, Texture, Read, Read, Write(Rgba16Float)]] };
-pub const BLEND: Pass = Pass {
-    name: "blend",
-    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba16Float)]],
-};
-pub const SHOW: Pass = Pass {
-    name: "show",
-    groups: &[FRAME, &[Texture, Texture, Texture, Texture, Texture, Texture, Texture, Write(Rgba8Unorm)]],
-};
-pub const SHOW_LIGHT: Pass =
-    Pass { name: "show_light", groups: &[FRAME, &[Uniform, Texture, Texture, Write(Rgba8Unorm)]] };
-pub const SHOW_LIGHT_BUFFER: Pass =
-    Pass { name: "show_light_buffer", groups: &[FRAME, &[Uniform, Read, Read, Write(Rgba8Unorm)]] };
-pub const SHOW_VIRTUAL_LIGHTS: Pass = Pass {
-    name: "show_virtual_lights",
-    groups: &[FRAME, &[Uniform, Uniform, Read, Read, Read, Texture, Write(Rgba8Unorm)]],
-};
-pub const SHOW_SHADOW_MAPS: Pass =
-    Pass { name: "show_shadow_maps", groups: &[FRAME, &[Uniform, Uniform, Read, Read, Write(Rgba8Unorm)]] };
-pub const PRESENT: Pass = Pass { name: "present", groups: &[FRAME, &[Texture, Texture, Write(Rgba8Unorm)]] };
-
-/// The passes that find the nearest point of each pixel, by the width of the adapter's atomics.
-pub fn splat_nearest(atomics64: bool) -> &'static [&'static Pass] {
-    if atomics64 { &[&SPLAT_NEAREST] } else { &[&SPLAT_DEPTH, &SPLAT_IDENTITY] }
+impl Pass {
+    /// Group by group: camera and parameters; a page of the store, where the pass reads points; the pass's own slots.
+    pub fn groups(&self) -> impl Iterator<Item = Slots> {
+        [Some(FRAME), self.page, Some(self.slots)].into_iter().flatten()
+    }
 }
 
-/// Every pass, for the tests that compare them with their shaders.
-#[cfg(test)]
-pub const ALL: &[&Pass] = &[
-    &SPLAT_NEAREST,
-    &SPLAT_DEPTH,
-    &SPLAT_IDENTITY,
-    &SPLAT_ACCUMULATE,
-    &SPLAT_AVERAGE,
-    &SPLAT_RESOLVE,
-    &CLOSE_GAPS,
-    &MIRROR_EXACT,
-    &MIRROR_EXACT_SEEN,
-    &CAMERA_POSITION,
-    &MIRROR_SURFACE,
-    &MIRROR_DOUBT,
-    &BEAM_LISTS,
-    &SURFEL_TRACE,
-    &GATHER_RESOLVE,
-    &ENVIRONMENT_LOOK_UP,
-    &MIRRORED_LOOK_UP,
-    &CURVATURE,
-    &CURVATURE_SMOOTH,
-    &LABEL_START,
-    &LABEL_JOIN,
-    &LABEL_FLATTEN,
-    &REGION_COUNT,
-    &REGION_SCAN,
-    &REGION_NUMBER,
-    &REGION_ASSIGN,
-    &SSCR_SOLVE,
-    &SSCR_VIEWS,
-    &MIRROR_DEPTH,
-    &MIRROR_VISIBILITY,
-    &MIRROR_AVERAGE,
-    &PULL,
-    &PUSH,
-    &GATHER_CLOSE,
-    &VPL_POINTS,
-    &VPL_AIM,
-    &VPL_PLACE,
-    &VPL_BOUNCE,
-    &VPL_SHADOW_SPLAT,
-    &VPL_SHADOW_PULL,
-    &VPL_SHADOW_PUSH,
-    &INDIRECT,
-    &INDIRECT_FILTER,
-    &SHADE,
-    &BLEND,
-    &SHOW,
-    &SHOW_LIGHT,
-    &SHOW_LIGHT_BUFFER,
-    &SHOW_VIRTUAL_LIGHTS,
-    &SHOW_SHADOW_MAPS,
-    &PRESENT,
-];
+/// What a pass binds for itself: a type for each pass, with a field for each slot.
+pub trait Bindings<'r>: Clone {
+    const PASS: &'static Pass;
+    /// `Pixels`, `Blocks` or `Pages`.
+    type Over;
+
+    /// In slot order.
+    fn resources(self) -> Vec<wgpu::BindingResource<'r>>;
+}
+
+/// What the threads of a pass are shared out over.
+pub trait Over {
+    /// Group 1, where the pass reads points.
+    const PAGE: Option<Slots>;
+}
+
+/// Anything but points: mostly pixels.
+pub enum Pixels {}
+/// The points of each page, block by block.
+pub enum Blocks {}
+/// Anything but points, once for each page, whose points are looked up.
+pub enum Pages {}
+
+impl Over for Pixels {
+    const PAGE: Option<Slots> = None;
+}
+impl Over for Blocks {
+    const PAGE: Option<Slots> = Some(&PAGE_BY_BLOCKS);
+}
+impl Over for Pages {
+    const PAGE: Option<Slots> = Some(&PAGE_BY_RUNS);
+}
+
+/// Group 0, as shaders/shared/frame_group.wgsl has it.
+const FRAME: Slots = &[("frame", Uniform), ("settings", Read)];
+
+/// Group 1 of passes that read points, as shaders/shared/page_group.wgsl has it.
+const PAGE_BY_BLOCKS: [(&str, Slot); 8] = page("blocks");
+const PAGE_BY_RUNS: [(&str, Slot); 8] = page("items_of_runs");
+
+const fn page(runs: &'static str) -> [(&'static str, Slot); 8] {
+    [
+        ("page", Uniform),
+        ("points", Read),
+        ("attributes", Read),
+        ("scalars", Read),
+        ("items", Read),
+        (runs, Read),
+        ("class_masks", Read),
+        ("palette", Read),
+    ]
+}
+
+/// Declares the passes: `name: PassStage over What { slot: kind, ... }`. Gives a type for each, the list of all, and their shaders.
+macro_rules! passes {
+    ($($name:ident: $stage:ident over $over:ident { $($slot:ident: $kind:expr),* $(,)? })*) => {
+        $(
+            #[allow(non_camel_case_types, reason = "the name of a pass is that of its shader")]
+            #[derive(Clone)]
+            pub struct $name<'r> { $(pub $slot: wgpu::BindingResource<'r>),* }
+
+            impl<'r> Bindings<'r> for $name<'r> {
+                const PASS: &'static Pass = &Pass {
+                    name: stringify!($name),
+                    stage: PassStage::$stage,
+                    page: <$over as Over>::PAGE,
+                    slots: &[$((stringify!($slot), $kind)),*],
+                    source: include_str!(concat!("../../../shaders/", stringify!($name), ".wgsl")),
+                };
+                type Over = $over;
+
+                fn resources(self) -> Vec<wgpu::BindingResource<'r>> {
+                    vec![$(self.$slot),*]
+                }
+            }
+        )*
+
+        /// Every pass.
+        #[cfg(test)]
+        pub const ALL: &[&Pass] = &[$(<$name<'static> as Bindings<'static>>::PASS),*];
+    };
+}
+
+passes! {
+    splat_nearest: Surface over Blocks { nearest: ReadWrite }
+    splat_depth: Surface over Blocks { nearest: ReadWrite }
+    splat_identity: Surface over Blocks { nearest: ReadWrite }
+    splat_accumulate: Surface over Blocks {
+        nearest: Read, color_sums: ReadWrite, surface_sums: ReadWrite, specular_sums: ReadWrite, carries: ReadWrite,
+    }
+    splat_average: Surface over Pixels {
+        nearest: Read, color_sums: Read, surface_sums: Read, specular_sums: Read, carries: Read,
+        albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), depth_out: Write(R32Float),
+    }
+    splat_resolve: Surface over Pages {
+        nearest: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), depth_out: Write(R32Float),
+    }
+    close_gaps: Surface over Pixels {
+        albedo_in: Texture, normal_in: Texture, depth_in: Texture, albedo_out: Write(Rgba16Float),
+        normal_out: Write(Rgba32Float), depth_out: Write(R32Float),
+    }
+    mirror_exact: Surface over Pixels {
+        depth_in: Texture, mirrors: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
+        depth_out: Write(R32Float),
+    }
+    mirror_exact_seen: Method over Pixels {
+        point_in: Texture, mirror_normal_in: Texture, eye_in: Texture, mirrors: Read, albedo_in: Texture,
+        normal_in: Texture, position_in: Texture, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
+        position_out: Write(Rgba32Float),
+    }
+    camera_position: Surface over Pixels { depth_in: Texture, position_out: Write(Rgba32Float) }
+    mirror_surface: Method over Pixels {
+        albedo_in: Texture, position_in: Texture, from_in: Texture, point_out: Write(Rgba32Float),
+        eye_out: Write(Rgba32Float),
+    }
+    mirror_doubt: View over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, seen_in: Texture, seen_normal_in: Texture,
+        doubt_out: Write(R32Float), counters: ReadWrite,
+    }
+    beam_lists: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read,
+        lists: ReadWrite,
+    }
+    surfel_trace: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read, surfels: Read,
+        order: Read, lists: Read, hits: ReadWrite, page: Uniform, points: Read, class_masks: Read,
+        views_out: Write(Rgba32Float), counters: ReadWrite,
+    }
+    gather_resolve: Method over Pages {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, hits: Read, albedo_out: Write(Rgba16Float),
+        normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
+    }
+    environment_look_up: Method over Pages {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, maps: Read, mirrors: Read,
+        albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
+        views_out: Write(Rgba32Float),
+    }
+    mirrored_look_up: Method over Pages {
+        point_in: Texture, maps: Read, mirrors: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
+        position_out: Write(Rgba32Float), views_out: Write(Rgba32Float),
+    }
+    curvature: Method over Pixels { point_in: Texture, normal_in: Texture, eye_in: Texture, curvature_map: ReadWrite }
+    curvature_smooth: Method over Pixels { curvature_map: ReadWrite }
+    label_start: Method over Pixels { curvature_map: Read, parents: ReadWrite, sizes: ReadWrite }
+    label_join: Method over Pixels { parents: ReadWrite }
+    label_flatten: Method over Pixels { parents: ReadWrite, sizes: ReadWrite }
+    region_count: Method over Pixels { parents: Read, sizes: Read, runs: ReadWrite }
+    region_scan: Method over Pixels { runs: ReadWrite, totals: ReadWrite, counters: ReadWrite }
+    region_number: Method over Pixels { parents: Read, sizes: ReadWrite, runs: Read, regions: ReadWrite }
+    region_assign: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, parents: Read, sizes: Read, regions: ReadWrite,
+        mirror_pixels: ReadWrite,
+    }
+    sscr_solve: Method over Blocks {
+        round: Uniform, mirror_pixels: Read, regions: Read, totals: Read, solutions: ReadWrite, counters: ReadWrite,
+        endings: ReadWrite,
+    }
+    sscr_views: Method over Pixels {
+        curvature_map: Read, mirror_pixels: Read, endings: Read, views_out: Write(Rgba32Float),
+    }
+    mirror_depth: Method over Blocks { solutions: Read, point_in: Texture, nearest: ReadWrite }
+    mirror_visibility: Method over Blocks {
+        solutions: Read, point_in: Texture, nearest: Read, sums: ReadWrite, carries: ReadWrite,
+    }
+    mirror_average: Method over Pixels {
+        point_in: Texture, nearest: Read, sums: Read, carries: Read, albedo_out: Write(Rgba16Float),
+        normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
+    }
+    pull: Method over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, albedo_out: Write(Rgba16Float),
+        normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
+    }
+    push: Method over Pixels {
+        point_in: Texture, albedo_in: Texture, normal_in: Texture, position_in: Texture,
+        albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
+    }
+    gather_close: Method over Pixels {
+        point_in: Texture, albedo_in: Texture, normal_in: Texture, position_in: Texture,
+        albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
+    }
+    vpl_points: Light over Pages { lights: Uniform, chosen: Read, surfaces: ReadWrite }
+    vpl_aim: Light over Pixels { lights: Uniform, aims: Read, shadows: Read, hits: ReadWrite, counts: ReadWrite }
+    vpl_place: Light over Pages {
+        lights: Uniform, hits: Read, counts: Read, shadows: Read, emitters: Read, vpls: ReadWrite,
+    }
+    vpl_bounce: Light over Pixels {
+        lights: Uniform, births: Read, shadow_maps: Read, surfaces: Read, vpls: ReadWrite, work: Uniform,
+    }
+    vpl_shadow_splat: Light over Pixels {
+        lights: Uniform, chosen: Read, surfaces: Read, vpls: Read, shadow_maps: ReadWrite, work: Uniform,
+    }
+    vpl_shadow_pull: Light over Pixels { lights: Uniform, shadow_maps: ReadWrite, work: Uniform }
+    vpl_shadow_push: Light over Pixels { lights: Uniform, shadow_maps: ReadWrite, work: Uniform }
+    indirect: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Uniform, vpls: Read,
+        shadow_maps: Read, diffuse_out: Write(Rgba16Float), glossy_out: Write(Rgba16Float),
+    }
+    indirect_filter: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, diffuse_in: Texture,
+        glossy_in: Texture, radiance_out: Write(Rgba16Float),
+    }
+    shade: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Read, shadows: Read,
+        radiance_out: Write(Rgba16Float),
+    }
+    blend: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, radiance_in: Texture,
+        seen_in: Texture, reflected_in: Texture, indirect_in: Texture, color_out: Write(Rgba16Float),
+    }
+    show: View over Pixels {
+        color_in: Texture, point_in: Texture, albedo_in: Texture, normal_in: Texture, position_in: Texture,
+        views_in: Texture, doubt_in: Texture, picture_out: Write(Rgba8Unorm),
+    }
+    show_light: View over Pixels {
+        views: Uniform, image_in: Texture, depth_in: Texture, picture_out: Write(Rgba8Unorm),
+    }
+    show_light_buffer: View over Pixels {
+        views: Uniform, lights: Read, shadows: Read, picture_out: Write(Rgba8Unorm),
+    }
+    show_virtual_lights: View over Pixels {
+        views: Uniform, virtual_lights: Uniform, vpls: Read, lights: Read, shadows: Read, depth_in: Texture,
+        picture_out: Write(Rgba8Unorm),
+    }
+    show_shadow_maps: View over Pixels {
+        views: Uniform, virtual_lights: Uniform, vpls: Read, shadow_maps: Read, picture_out: Write(Rgba8Unorm),
+    }
+    present: View over Pixels { color_in: Texture, depth_in: Texture, picture_out: Write(Rgba8Unorm) }
+}
 
 /// A compiled pass.
 pub struct Compiled {
@@ -281,21 +289,20 @@ impl Compiled {
     ///
     /// # Errors
     /// What the shader compiler says, with file and line.
-    pub fn new(device: &wgpu::Device, pass: &Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
-        let woven = crate::shader::weave(pass.name)?;
+    pub fn new(device: &wgpu::Device, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
+        let woven = crate::shader::weave(pass)?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(pass.name),
             source: wgpu::ShaderSource::Wgsl(woven.source.as_str().into()),
         });
         let layouts: Vec<wgpu::BindGroupLayout> = pass
-            .groups
-            .iter()
+            .groups()
             .map(|slots| {
                 let entries: Vec<wgpu::BindGroupLayoutEntry> = slots
                     .iter()
                     .enumerate()
-                    .map(|(binding, slot)| wgpu::BindGroupLayoutEntry {
+                    .map(|(binding, (_, slot))| wgpu::BindGroupLayoutEntry {
                         binding: binding as u32,
                         visibility: wgpu::ShaderStages::COMPUTE,
                         ty: binding_type(*slot),

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::inputs::{Inputs, PageInputs};
-use crate::passes::{Compiled, Pass};
+use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
 use crate::targets::Image;
 
 /// Time of one pass.
@@ -14,6 +14,7 @@ use crate::targets::Image;
 pub struct PassTime {
     /// The pass's shader, or `clear`; of what is splatted for a reflection method, the method's name for it.
     pub name: &'static str,
+    pub stage: PassStage,
     pub milliseconds: f64,
 }
 
@@ -28,12 +29,18 @@ pub(crate) struct Recorder<'a> {
     pipelines: &'a mut Pipelines,
     encoder: wgpu::CommandEncoder,
     queries: Option<wgpu::QuerySet>,
-    names: Vec<&'static str>,
+    names: Vec<Name>,
     host_times: Vec<PassTime>,
     failure: Option<Error>,
     /// What passes are timed as, if not by their own names.
-    timed_as: Option<&'static str>,
+    timed_as: Option<Name>,
 }
+
+/// By which name and for which stage a pass is timed.
+type Name = (&'static str, PassStage);
+
+/// What buffers that are cleared are timed as, where the host's clock times them.
+const CLEAR: Name = ("clear", PassStage::Surface);
 
 /// Passes of a frame that are timed by the GPU, a timestamp pair each; a frame has some twenty, with many bounces of many rounds
 /// of SSCR some hundreds. What comes after is not timed.
@@ -64,9 +71,9 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Passes from here on are timed together by this name, or by their own again: what the camera sees and what else is splatted
-    /// by the same passes is told apart.
-    pub fn time_as(&mut self, name: Option<&'static str>) {
+    /// Passes from here on are timed together by this name and stage, or by their own again: what the camera sees and what else is
+    /// splatted by the same passes is told apart.
+    pub fn time_as(&mut self, name: Option<Name>) {
         self.timed_as = name;
     }
 
@@ -78,36 +85,34 @@ impl<'a> Recorder<'a> {
     pub fn clear_part(&mut self, buffer: &wgpu::Buffer, bytes: std::ops::Range<u64>) {
         self.encoder.clear_buffer(buffer, bytes.start, Some(bytes.end - bytes.start));
         if self.queries.is_none() {
-            self.submit("clear");
+            self.submit(CLEAR);
         }
     }
 
-    /// Runs a pass over the pixels of the picture; `resources` are its group 1.
+    /// Runs a pass over the pixels of the picture.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn over_pixels(
+    pub fn over_pixels<'r, B: Bindings<'r, Over = Pixels>>(
         &mut self,
-        pass: &Pass,
         switches: Switches<'_>,
         inputs: &Inputs,
-        resources: &[wgpu::BindingResource<'_>],
+        bindings: B,
     ) -> Result<()> {
-        self.over(pass, switches, inputs, resources, inputs.pixel_groups())
+        self.over(switches, inputs, bindings, inputs.pixel_groups())
     }
 
-    /// Runs a pass over the pixels where mirrors may be seen; `resources` are its group 1.
+    /// Runs a pass over the pixels where mirrors may be seen.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn over_mirrors(
+    pub fn over_mirrors<'r, B: Bindings<'r, Over = Pixels>>(
         &mut self,
-        pass: &Pass,
         switches: Switches<'_>,
         inputs: &Inputs,
-        resources: &[wgpu::BindingResource<'_>],
+        bindings: B,
     ) -> Result<()> {
-        self.over(pass, switches, inputs, resources, inputs.mirror_groups())
+        self.over(switches, inputs, bindings, inputs.mirror_groups())
     }
 
     /// Copies an image; by the host's clock its time counts with the pass that follows.
@@ -119,47 +124,61 @@ impl<'a> Recorder<'a> {
         );
     }
 
-    /// Runs a pass with so many workgroups; `resources` are its group 1.
+    /// Runs a pass with so many workgroups.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn over(
+    pub fn over<'r, B: Bindings<'r, Over = Pixels>>(
         &mut self,
-        pass: &Pass,
         switches: Switches<'_>,
         inputs: &Inputs,
-        resources: &[wgpu::BindingResource<'_>],
+        bindings: B,
         groups: [u32; 3],
     ) -> Result<()> {
-        let bound = vec![inputs.frame_resources().to_vec(), resources.to_vec()];
-        self.dispatch(pass, vec![(switches.to_vec(), bound, groups)])
+        let bound = vec![inputs.frame_resources().to_vec(), bindings.resources()];
+        self.dispatch(B::PASS, vec![(switches.to_vec(), bound, groups)])
     }
 
-    /// Runs a pass over the blocks of each page of points; `outputs` are its group 2. The pass imports `blocks`.
+    /// Finds the nearest point of each pixel, by the width of the adapter's atomics.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn over_points(
+    pub fn nearest_points(
         &mut self,
-        pass: &Pass,
         switches: Switches<'_>,
         inputs: &Inputs,
-        outputs: &[wgpu::BindingResource<'_>],
+        nearest: wgpu::BindingResource<'_>,
+        atomics64: bool,
     ) -> Result<()> {
-        self.over_points_by_page(pass, switches, inputs, |_| Some(outputs.to_vec()))
+        if atomics64 {
+            return self.over_points(switches, inputs, passes::splat_nearest { nearest });
+        }
+        self.over_points(switches, inputs, passes::splat_depth { nearest: nearest.clone() })?;
+        self.over_points(switches, inputs, passes::splat_identity { nearest })
     }
 
-    /// Runs a pass over the blocks of each page of points; `outputs` gives the page's group 2, or leaves the page out. The
-    /// pass imports `blocks`.
+    /// Runs a pass over the blocks of each page of points.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn over_points_by_page<'r>(
+    pub fn over_points<'r, B: Bindings<'r, Over = Blocks>>(
         &mut self,
-        pass: &Pass,
         switches: Switches<'_>,
-        inputs: &'r Inputs,
-        outputs: impl Fn(&PageInputs) -> Option<Vec<wgpu::BindingResource<'r>>>,
+        inputs: &Inputs,
+        bindings: B,
+    ) -> Result<()> {
+        self.over_points_by_page(switches, inputs, |_| Some(bindings.clone()))
+    }
+
+    /// Runs a pass over the blocks of each page of points; `bindings` gives those of a page, or leaves the page out.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn over_points_by_page<'r, B: Bindings<'r, Over = Blocks>>(
+        &mut self,
+        switches: Switches<'_>,
+        inputs: &Inputs,
+        bindings: impl Fn(&PageInputs) -> Option<B>,
     ) -> Result<()> {
         let lists = inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list)));
         let dispatches = lists.filter_map(|(page, list)| {
@@ -169,33 +188,33 @@ impl<'a> Recorder<'a> {
             // At most 65,535 groups a dimension.
             let x = list.block_count.clamp(1, 32_768);
             let resources = inputs.page_resources(page, &list.page, &list.blocks).to_vec();
-            let bound = vec![inputs.frame_resources().to_vec(), resources, outputs(page)?];
+            let bound = vec![inputs.frame_resources().to_vec(), resources, bindings(page)?.resources()];
             Some((switches, bound, [x, list.block_count.div_ceil(x), 1]))
         });
         let dispatches = dispatches.collect();
-        self.dispatch(pass, dispatches)
+        self.dispatch(B::PASS, dispatches)
     }
 
-    /// Runs a pass once for each page of points, with so many workgroups; `outputs` are its group 2.
+    /// Runs a pass once for each page of points, with so many workgroups.
     ///
     /// # Errors
     /// The shader is refused.
-    pub fn over_page_pixels(
+    pub fn over_page_pixels<'r, B: Bindings<'r, Over = Pages>>(
         &mut self,
-        pass: &Pass,
         inputs: &Inputs,
-        outputs: &[wgpu::BindingResource<'_>],
+        bindings: B,
         groups: [u32; 3],
     ) -> Result<()> {
+        let resources = bindings.resources();
         let dispatches = inputs.pages.iter().map(|page| {
             let page = inputs.page_resources(page, &page.page, &page.items_of_runs).to_vec();
-            (Vec::new(), vec![inputs.frame_resources().to_vec(), page, outputs.to_vec()], groups)
+            (Vec::new(), vec![inputs.frame_resources().to_vec(), page, resources.clone()], groups)
         });
         let dispatches = dispatches.collect();
-        self.dispatch(pass, dispatches)
+        self.dispatch(B::PASS, dispatches)
     }
 
-    fn dispatch(&mut self, pass: &Pass, dispatches: Vec<Dispatch<'_>>) -> Result<()> {
+    fn dispatch(&mut self, pass: &'static Pass, dispatches: Vec<Dispatch<'_>>) -> Result<()> {
         for (switches, ..) in &dispatches {
             let key = (pass.name, switches.clone());
             if !self.pipelines.contains_key(&key) {
@@ -228,24 +247,24 @@ impl<'a> Recorder<'a> {
         }
         drop(compute);
         if first < MOST_PASSES * 2 {
-            self.names.push(self.timed_as.unwrap_or(pass.name));
+            self.names.push(self.timed_as.unwrap_or((pass.name, pass.stage)));
         }
         if self.queries.is_none() {
-            self.submit(pass.name);
+            self.submit((pass.name, pass.stage));
         }
         Ok(())
     }
 
-    fn submit(&mut self, name: &'static str) {
+    fn submit(&mut self, name: Name) {
         let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
         let commands = encoder.finish();
-        let name = self.timed_as.unwrap_or(name);
+        let (name, stage) = self.timed_as.unwrap_or(name);
         let start = Instant::now();
         self.gpu.queue.submit([commands]);
         if let Err(error) = self.gpu.wait() {
             self.failure.get_or_insert(error);
         }
-        self.host_times.push(PassTime { name, milliseconds: start.elapsed().as_secs_f64() * 1000.0 });
+        self.host_times.push(PassTime { name, stage, milliseconds: start.elapsed().as_secs_f64() * 1000.0 });
     }
 
     /// Waits for the frame. Pass times in order, passes that ran several times summed, and the frame's.
@@ -275,7 +294,12 @@ impl<'a> Recorder<'a> {
         let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
         let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
         let pairs = self.names.iter().zip(ticks.chunks_exact(2));
-        let times = pairs.map(|(name, pair)| PassTime { name, milliseconds: span(pair[0], pair[1]) }).collect();
+        let time = |((name, stage), pair): (&Name, &[u64])| PassTime {
+            name,
+            stage: *stage,
+            milliseconds: span(pair[0], pair[1]),
+        };
+        let times = pairs.map(time).collect();
         let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
         Ok((summed(times), total))
     }

@@ -10,6 +10,7 @@ use crate::gi::{GlobalIllumination, Receiver, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::image::{Aov, AovImage};
 use crate::inputs::Inputs;
+use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SAME_SURFACE, SPECULAR_WORDS, SURFACE_SUM_BYTES};
 use crate::light_views;
 use crate::lighting::{DrawnMap, Lights};
 use crate::passes;
@@ -246,21 +247,26 @@ impl Renderer {
                 light_views::show(&mut recorder, &inputs, settings, &shown)?;
             }
             (views, Some(bounce)) if shows_more(settings, views) => {
-                let [albedo, normal, position] = bounce.seen.bind();
-                let point = bounce.mirror.point.bind();
-                // What looks for views of a method that has none is not shown.
-                let views = views.unwrap_or(&reflections.doubt).bind();
-                let doubt = reflections.doubt.bind();
-                let resources =
-                    [targets.color.bind(), point, albedo, normal, position, views, doubt, targets.picture.bind()];
+                let [albedo_in, normal_in, position_in] = bounce.seen.bind();
+                let bindings = passes::show {
+                    color_in: targets.color.bind(),
+                    point_in: bounce.mirror.point.bind(),
+                    albedo_in,
+                    normal_in,
+                    position_in,
+                    // What looks for views of a method that has none is not shown.
+                    views_in: views.unwrap_or(&reflections.doubt).bind(),
+                    doubt_in: reflections.doubt.bind(),
+                    picture_out: targets.picture.bind(),
+                };
                 // Twice the steps that SSCR gives up after by default; rays are tested against more nodes and discs.
                 let most_steps = if settings.reflection.method == Method::Sscr { 60 } else { 400 };
                 let switches = [("most_steps", most_steps), ("is_filmic", u32::from(is_filmic))];
-                recorder.over_pixels(&passes::SHOW, &switches, &inputs, &resources)?;
+                recorder.over_pixels(&switches, &inputs, bindings)?;
             }
             _ => {
-                let resources = [targets.color.bind(), targets.surface().depth.bind(), targets.picture.bind()];
-                recorder.over_pixels(&passes::PRESENT, &[("is_filmic", u32::from(is_filmic))], &inputs, &resources)?;
+                let bindings = targets.presented(&targets.color);
+                recorder.over_pixels(&[("is_filmic", u32::from(is_filmic))], &inputs, bindings)?;
             }
         }
 
@@ -315,9 +321,8 @@ impl Renderer {
         gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(&texels), layout, texture.size());
         let inputs = Inputs::new(gpu, camera, settings, store, &DrawList::default());
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
-        let resources = [image.bind(), targets.surface().depth.bind(), targets.picture.bind()];
         let switches = [("is_filmic", u32::from(self.is_filmic))];
-        recorder.over_pixels(&passes::PRESENT, &switches, &inputs, &resources)?;
+        recorder.over_pixels(&switches, &inputs, targets.presented(&image))?;
         recorder.finish()?;
         Ok(())
     }
@@ -497,7 +502,10 @@ impl Renderer {
         if let Some(targets) =
             self.targets.as_mut().filter(|targets| quality == Quality::High && targets.sums.is_none())
         {
-            targets.sums = Some([16, 16, 12, 16].map(|bytes| storage(&self.gpu.device, "sums", pixels * bytes)));
+            targets.sums = Some(
+                [COLOR_SUM_BYTES, SURFACE_SUM_BYTES, SPECULAR_WORDS * 4, CARRY_BYTES]
+                    .map(|bytes| storage(&self.gpu.device, "sums", pixels * bytes)),
+            );
         }
         Ok(())
     }
@@ -514,10 +522,8 @@ fn draw_surface(
 ) -> Result<()> {
     recorder.clear(&targets.nearest);
     let nearest = targets.nearest.as_entire_binding();
-    for pass in passes::splat_nearest(atomics64) {
-        recorder.over_points(pass, &[], inputs, std::slice::from_ref(&nearest))?;
-    }
-    let splatted = targets.surfaces[0].bind();
+    recorder.nearest_points(&[], inputs, nearest.clone(), atomics64)?;
+    let [albedo, normal, depth] = targets.surfaces[0].bind();
     match (settings.splat.quality, &targets.sums) {
         (Quality::High, Some(sums)) => {
             for buffer in sums {
@@ -525,20 +531,48 @@ fn draw_surface(
             }
             let [color_sums, surface_sums, specular_sums, carries] =
                 sums.each_ref().map(|sums| sums.as_entire_binding());
-            let sums = [nearest, color_sums, surface_sums, specular_sums, carries];
-            recorder.over_points(&passes::SPLAT_ACCUMULATE, &[], inputs, &sums)?;
-            let resources: Vec<_> = sums.iter().chain(&splatted).cloned().collect();
-            recorder.over_pixels(&passes::SPLAT_AVERAGE, &[], inputs, &resources)?;
+            let bindings = passes::splat_accumulate {
+                nearest: nearest.clone(),
+                color_sums: color_sums.clone(),
+                surface_sums: surface_sums.clone(),
+                specular_sums: specular_sums.clone(),
+                carries: carries.clone(),
+            };
+            recorder.over_points(&[], inputs, bindings)?;
+            let bindings = passes::splat_average {
+                nearest,
+                color_sums,
+                surface_sums,
+                specular_sums,
+                carries,
+                albedo_out: albedo.clone(),
+                normal_out: normal.clone(),
+                depth_out: depth.clone(),
+            };
+            recorder.over_pixels(&[], inputs, bindings)?;
         }
         _ => {
-            let resources: Vec<_> = std::iter::once(&nearest).chain(&splatted).cloned().collect();
-            recorder.over_page_pixels(&passes::SPLAT_RESOLVE, inputs, &resources, inputs.pixel_groups())?;
+            let bindings = passes::splat_resolve {
+                nearest,
+                albedo_out: albedo.clone(),
+                normal_out: normal.clone(),
+                depth_out: depth.clone(),
+            };
+            recorder.over_page_pixels(inputs, bindings, inputs.pixel_groups())?;
         }
     }
     targets.shown = 0;
     if settings.splat.close_gaps {
-        let resources: Vec<_> = splatted.into_iter().chain(targets.surfaces[1].bind()).collect();
-        recorder.over_pixels(&passes::CLOSE_GAPS, &[], inputs, &resources)?;
+        let [albedo_out, normal_out, depth_out] = targets.surfaces[1].bind();
+        let bindings = passes::close_gaps {
+            albedo_in: albedo,
+            normal_in: normal,
+            depth_in: depth,
+            albedo_out,
+            normal_out,
+            depth_out,
+        };
+        recorder.over_pixels(&[], inputs, bindings)?;
         targets.shown = 1;
     }
     if let Some(formulas) = formulas {
@@ -546,13 +580,20 @@ fn draw_surface(
         for (from, to) in [(&from.albedo, &to.albedo), (&from.normal, &to.normal), (&from.depth, &to.depth)] {
             recorder.copy(from, to);
         }
-        let mut resources = vec![from.depth.bind(), formulas.as_entire_binding()];
-        resources.extend(to.bind());
-        recorder.over_mirrors(&passes::MIRROR_EXACT, &[], inputs, &resources)?;
+        let [albedo_out, normal_out, depth_out] = to.bind();
+        let bindings = passes::mirror_exact {
+            depth_in: from.depth.bind(),
+            mirrors: formulas.as_entire_binding(),
+            albedo_out,
+            normal_out,
+            depth_out,
+        };
+        recorder.over_mirrors(&[], inputs, bindings)?;
         targets.shown = 1 - targets.shown;
     }
-    let resources = [targets.surface().depth.bind(), targets.position.bind()];
-    recorder.over_pixels(&passes::CAMERA_POSITION, &[], inputs, &resources)
+    let bindings =
+        passes::camera_position { depth_in: targets.surface().depth.bind(), position_out: targets.position.bind() };
+    recorder.over_pixels(&[], inputs, bindings)
 }
 
 /// What decides how surfaces are shaded, beside the parameters.
@@ -607,17 +648,17 @@ fn shade(
             ("is_mixed", u32::from(index < bounces.len())),
             ("has_highlights", u32::from(shading.has_highlights)),
         ];
-        let resources = [
-            surface.albedo.bind(),
-            surface.normal.bind(),
-            surface.position.bind(),
-            from.bind(),
-            lights.lights.as_entire_binding(),
-            lights.shadows.as_entire_binding(),
-            radiance.bind(),
-        ];
+        let bindings = passes::shade {
+            albedo_in: surface.albedo.bind(),
+            normal_in: surface.normal.bind(),
+            position_in: surface.position.bind(),
+            from_in: from.bind(),
+            lights: lights.lights.as_entire_binding(),
+            shadows: lights.shadows.as_entire_binding(),
+            radiance_out: radiance.bind(),
+        };
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
-        recorder.over(&passes::SHADE, &switches, inputs, &resources, groups)?;
+        recorder.over(&switches, inputs, bindings, groups)?;
         if let Some(gi) = &mut gi {
             let receiver = Receiver {
                 index,
@@ -640,24 +681,24 @@ fn shade(
         };
         let indirect = gi.as_ref().and_then(|gi| gi.radiance(index));
         let seen = bounces.get(index).map_or(surface.position, |bounce| &bounce.seen.position);
-        let resources = [
-            surface.albedo.bind(),
-            surface.normal.bind(),
-            surface.position.bind(),
-            from.bind(),
-            radiance[index].bind(),
-            seen.bind(),
-            reflected.unwrap_or(radiance[index]).bind(),
-            indirect.unwrap_or(radiance[index]).bind(),
-            target.bind(),
-        ];
+        let bindings = passes::blend {
+            albedo_in: surface.albedo.bind(),
+            normal_in: surface.normal.bind(),
+            position_in: surface.position.bind(),
+            from_in: from.bind(),
+            radiance_in: radiance[index].bind(),
+            seen_in: seen.bind(),
+            reflected_in: reflected.unwrap_or(radiance[index]).bind(),
+            indirect_in: indirect.unwrap_or(radiance[index]).bind(),
+            color_out: target.bind(),
+        };
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("has_reflection", u32::from(reflected.is_some())),
             ("has_indirect", u32::from(indirect.is_some())),
         ];
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
-        recorder.over(&passes::BLEND, &switches, inputs, &resources, groups)?;
+        recorder.over(&switches, inputs, bindings, groups)?;
         reflected = Some(target);
     }
     Ok(())
@@ -672,9 +713,6 @@ fn shows_more(settings: &Settings, views: Option<&Image>) -> bool {
     }
 }
 
-/// Depths that differ by this share or less are of one surface: the constant of close_gaps.wgsl.
-const SAME_SURFACE: f32 = 0.02;
-
 fn nothing_rendered() -> Error {
     Error::NotRendered("nothing has been rendered yet".into())
 }
@@ -684,17 +722,5 @@ fn floats32(bytes: &[u8]) -> Vec<f32> {
 }
 
 fn floats16(bytes: &[u8]) -> Vec<f32> {
-    bytes.chunks_exact(2).map(|b| half_to_f32(u16::from_le_bytes([b[0], b[1]]))).collect()
-}
-
-/// IEEE 754 binary16 to binary32.
-fn half_to_f32(half: u16) -> f32 {
-    let sign = if half & 0x8000 == 0 { 1.0 } else { -1.0 };
-    let (exponent, fraction) = (i32::from(half >> 10 & 31), f32::from(half & 1023));
-    sign * match exponent {
-        0 => fraction * 2f32.powi(-24),
-        31 if fraction == 0.0 => f32::INFINITY,
-        31 => f32::NAN,
-        _ => (1.0 + fraction / 1024.0) * 2f32.powi(exponent - 15),
-    }
+    bytes.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32()).collect()
 }

@@ -11,12 +11,11 @@ use glam::{DVec3, Vec3};
 use scene::{Ramp, Settings, Splat};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
-use crate::frame::{Block, FrameCamera, Item};
+use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
+use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, Block, Item, POINT_BYTES, SCALAR_BYTES};
 use crate::room::Room;
 
-/// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
-const BLOCK_POINTS: u32 = 1024;
 /// Smallest page: 24 MiB, so that small clouds stay small.
 const SMALLEST_PAGE: u32 = 1 << 20;
 /// Pages are multiples of this: 6 MiB.
@@ -27,10 +26,6 @@ const ROUNDING_SHARE: u32 = 16;
 
 /// What a leaf of a chunk's tree can count (reflection/surfel_tree.rs); loaded chunks are far smaller.
 const MOST_CHUNK_POINTS: usize = 1 << 24;
-
-const POINT_BYTES: u64 = 16;
-const ATTRIBUTE_BYTES: u64 = 8;
-const SCALAR_BYTES: u64 = 4;
 
 /// A cloud in the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

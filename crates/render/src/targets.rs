@@ -1,5 +1,9 @@
 //! Images and buffers that a picture is made in.
 
+use crate::gpu::Gpu;
+use crate::layout::NEAREST_BYTES;
+use crate::passes;
+
 /// A picture-sized image.
 pub(crate) struct Image {
     pub texture: wgpu::Texture,
@@ -92,7 +96,7 @@ impl Targets {
         let image = |label, format| Image::new(device, size, label, format);
         Self {
             size,
-            nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * 8),
+            nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * NEAREST_BYTES),
             sums: None,
             surfaces: [GBuffer::new(device, size), GBuffer::new(device, size)],
             shown: 0,
@@ -106,6 +110,15 @@ impl Targets {
     /// What the picture was made from.
     pub fn surface(&self) -> &GBuffer {
         &self.surfaces[self.shown]
+    }
+
+    /// What `present` makes the picture from.
+    pub fn presented<'r>(&'r self, color: &'r Image) -> passes::present<'r> {
+        passes::present {
+            color_in: color.bind(),
+            depth_in: self.surface().depth.bind(),
+            picture_out: self.picture.bind(),
+        }
     }
 
     pub fn bytes(&self) -> u64 {
@@ -122,4 +135,15 @@ pub(crate) fn storage(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Bu
         usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     })
+}
+
+pub(crate) fn uniform_buffer(gpu: &Gpu, bytes: &[u8]) -> wgpu::Buffer {
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("uniform"),
+        size: bytes.len() as u64,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    gpu.queue.write_buffer(&buffer, 0, bytes);
+    buffer
 }

@@ -10,97 +10,28 @@ mod sequence;
 #[cfg(test)]
 mod twin;
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Zeroable as _;
 use glam::{DVec3, Vec4};
 use scene::{Gi, Highlight, Settings, Splat, VirtualLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
+use crate::layout::{
+    AIM_COUNTS, AIM_HIT_BYTES, Emitter, OCCLUDER_VECTORS, Step, VIRTUAL_TEXEL_BYTES, VPL_TRIES, Virtual, Vpl,
+};
 use crate::lighting::MappedLight;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::reflection::SurfaceImages;
 use crate::store::{PointStore, Selection};
-use crate::targets::{Image, storage};
+use crate::targets::{Image, storage, uniform_buffer};
 use occluders::Occluders;
 use plan::Plan;
-pub(crate) use plan::{Sky, TRIES};
+pub(crate) use plan::Sky;
 
 /// Doublings of distance that a shadow map tells apart, below four scene radii.
 const DOUBLINGS: f32 = 18.0;
-
-/// `Virtual` of shaders/shared/vpl.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-struct Virtual {
-    eye_radius: Vec4,
-    disc_radius: f32,
-    nearest: f32,
-    steps: f32,
-    map_size: u32,
-    map_stride: u32,
-    point_count: u32,
-    subsets: u32,
-    sky_lights: u32,
-    lights_per_bounce: u32,
-    bounces: u32,
-    area_over_pi: f32,
-    unused: u32,
-}
-
-/// `Vpl` of shaders/shared/vpl.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub(crate) struct Vpl {
-    position: Vec4,
-    normal: Vec4,
-    intensity: Vec4,
-    glossy: Vec4,
-    incoming: Vec4,
-    tangent: Vec4,
-}
-
-/// `Emitter` of shaders/vpl_place.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-struct Emitter {
-    position: Vec4,
-    axis_focal: Vec4,
-    right: Vec4,
-    up: Vec4,
-    flux: Vec4,
-    strength: Vec4,
-    angles: Vec4,
-}
-
-/// `Step` of shaders/shared/vpl.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-struct Step {
-    first_light: u32,
-    bounce: u32,
-    fine_size: u32,
-    fine_first: u32,
-    coarse_first: u32,
-    unused: [u32; 3],
-}
-
-/// Names, sizes and fields of the structs that the shaders read.
-#[cfg(test)]
-pub(crate) fn layouts() -> Vec<crate::frame::Layout> {
-    macro_rules! layout {
-        ($name:ident: $($field:ident),*) => {
-            (stringify!($name), size_of::<$name>(), vec![$((stringify!($field), std::mem::offset_of!($name, $field))),*])
-        };
-    }
-    vec![
-        layout!(Virtual: eye_radius, disc_radius, nearest, steps, map_size, map_stride, point_count, subsets, sky_lights,
-            lights_per_bounce, bounces, area_over_pi, unused),
-        layout!(Vpl: position, normal, intensity, glossy, incoming, tangent),
-        layout!(Emitter: position, axis_focal, right, up, flux, strength, angles),
-    ]
-}
 
 /// What stands in the way of light, and where from the lights' positions are told.
 struct Ground {
@@ -120,7 +51,8 @@ impl Ground {
             if bounds.is_empty() { (DVec3::ZERO, 1.0) } else { (bounds.center(), bounds.radius().max(1e-9)) };
         let occluders = Occluders::choose(&store.visible_chunks(), origin, per_map);
         let chosen = upload(gpu, "occluders", bytemuck::cast_slice(&occluders.points));
-        let surfaces = storage(&gpu.device, "surfaces of occluders", occluders.points.len() as u64 * 32);
+        let surfaces =
+            storage(&gpu.device, "surfaces of occluders", occluders.points.len() as u64 * OCCLUDER_VECTORS * 16);
         Self { geometry_revision: store.geometry_revision(), per_map, origin, radius, occluders, chosen, surfaces }
     }
 }
@@ -326,7 +258,7 @@ impl GlobalIllumination {
         };
         let gpu = recorder.gpu;
         let needs_maps = gi.shadows || plan.bounces > 1 || plan.has_sky_births;
-        let map_bytes = if needs_maps { u64::from(count) * u64::from(map_stride) * 4 } else { 16 };
+        let map_bytes = if needs_maps { u64::from(count) * u64::from(map_stride) * VIRTUAL_TEXEL_BYTES } else { 16 };
         let limit = gpu.device.limits().max_storage_buffer_binding_size;
         if map_bytes > limit {
             return Err(Error::TooLarge {
@@ -426,7 +358,6 @@ impl GlobalIllumination {
         }
         let from_camera = receiver.index == 0;
         let SurfaceImages { albedo, normal, position } = receiver.surface;
-        let surface = [albedo.bind(), normal.bind(), position.bind(), receiver.from.bind()];
         let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
         let interleave = gi.interleave;
         let tiles = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
@@ -437,32 +368,43 @@ impl GlobalIllumination {
             ("is_glossy", u32::from(is_glossy)),
             ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
         ];
-        let mut resources = surface.to_vec();
-        resources.extend([
-            lights.constants.as_entire_binding(),
-            lights.vpls.as_entire_binding(),
-            lights.maps.as_entire_binding(),
-            target.diffuse.bind(),
-            target.glossy.bind(),
-        ]);
+        let bindings = passes::indirect {
+            albedo_in: albedo.bind(),
+            normal_in: normal.bind(),
+            position_in: position.bind(),
+            from_in: receiver.from.bind(),
+            lights: lights.constants.as_entire_binding(),
+            vpls: lights.vpls.as_entire_binding(),
+            shadow_maps: lights.maps.as_entire_binding(),
+            diffuse_out: target.diffuse.bind(),
+            glossy_out: target.glossy.bind(),
+        };
         let groups_of_runs = [tiles[0], tiles[1], interleave * interleave];
-        recorder.over(&passes::INDIRECT, &switches, inputs, &resources, groups_of_runs)?;
+        recorder.over(&switches, inputs, bindings, groups_of_runs)?;
         let switches = [
             ("from_camera", u32::from(from_camera)),
             ("window", if gi.filtered { interleave } else { 1 }),
             ("is_glossy", u32::from(is_glossy)),
             ("is_mixed", u32::from(receiver.is_mixed)),
         ];
-        let mut resources = surface.to_vec();
-        resources.extend([target.diffuse.bind(), target.glossy.bind(), target.radiance.bind()]);
-        recorder.over(&passes::INDIRECT_FILTER, &switches, inputs, &resources, groups)
+        let bindings = passes::indirect_filter {
+            albedo_in: albedo.bind(),
+            normal_in: normal.bind(),
+            position_in: position.bind(),
+            from_in: receiver.from.bind(),
+            diffuse_in: target.diffuse.bind(),
+            glossy_in: target.glossy.bind(),
+            radiance_out: target.radiance.bind(),
+        };
+        recorder.over(&switches, inputs, bindings, groups)
     }
 
     /// The virtual lights at hand.
     pub fn lights(&self) -> Option<VirtualLights<'_>> {
         let Lights { uniform, constants, vpls, maps, .. } = self.lights.as_ref()?;
         let count = uniform.sky_lights + uniform.lights_per_bounce * uniform.bounces;
-        let has_maps = count > 0 && maps.size() >= u64::from(count) * u64::from(uniform.map_stride) * 4;
+        let has_maps =
+            count > 0 && maps.size() >= u64::from(count) * u64::from(uniform.map_stride) * VIRTUAL_TEXEL_BYTES;
         Some(VirtualLights { count, constants, vpls, maps: has_maps.then_some(maps) })
     }
 
@@ -521,9 +463,13 @@ struct Work<'a> {
 impl Work<'_> {
     fn points(&self, recorder: &mut Recorder<'_>, everywhere: &Inputs) -> Result<()> {
         let Ground { chosen, surfaces, .. } = self.ground;
-        let resources = [self.constants, chosen, surfaces].map(|buffer| buffer.as_entire_binding());
+        let bindings = passes::vpl_points {
+            lights: self.constants.as_entire_binding(),
+            chosen: chosen.as_entire_binding(),
+            surfaces: surfaces.as_entire_binding(),
+        };
         let groups = [self.uniform.point_count.div_ceil(64).max(1), 1, 1];
-        recorder.over_page_pixels(&passes::VPL_POINTS, everywhere, &resources, groups)
+        recorder.over_page_pixels(everywhere, bindings, groups)
     }
 
     /// The lights that lamps and sun give rise to.
@@ -543,23 +489,41 @@ impl Work<'_> {
             lights.iter().zip(&plan.flux).map(|(light, flux)| emitter(light, *flux, self.ground.origin)).collect();
         let aims = upload(gpu, "aims", bytemuck::cast_slice(&plan.aims));
         let emitters = upload(gpu, "emitters", bytemuck::cast_slice(&emitters));
-        let hits = storage(&gpu.device, "hits", plan.aims.len() as u64 / u64::from(TRIES) * 4);
-        let counts = storage(&gpu.device, "hit counts", lights.len() as u64 * 8);
+        let hits = storage(&gpu.device, "hits", plan.aims.len() as u64 / u64::from(VPL_TRIES) * AIM_HIT_BYTES);
+        let counts = storage(&gpu.device, "hit counts", lights.len() as u64 * AIM_COUNTS * 4);
         recorder.clear(&counts);
         let groups = [self.uniform.lights_per_bounce.div_ceil(64), 1, 1];
-        let resources = [self.constants, &aims, shadow_maps, &hits, &counts].map(|buffer| buffer.as_entire_binding());
-        recorder.over(&passes::VPL_AIM, &[], everywhere, &resources, groups)?;
-        let resources = [self.constants, &hits, &counts, shadow_maps, &emitters, self.vpls]
-            .map(|buffer| buffer.as_entire_binding());
-        recorder.over_page_pixels(&passes::VPL_PLACE, everywhere, &resources, groups)
+        let bindings = passes::vpl_aim {
+            lights: self.constants.as_entire_binding(),
+            aims: aims.as_entire_binding(),
+            shadows: shadow_maps.as_entire_binding(),
+            hits: hits.as_entire_binding(),
+            counts: counts.as_entire_binding(),
+        };
+        recorder.over(&[], everywhere, bindings, groups)?;
+        let bindings = passes::vpl_place {
+            lights: self.constants.as_entire_binding(),
+            hits: hits.as_entire_binding(),
+            counts: counts.as_entire_binding(),
+            shadows: shadow_maps.as_entire_binding(),
+            emitters: emitters.as_entire_binding(),
+            vpls: self.vpls.as_entire_binding(),
+        };
+        recorder.over_page_pixels(everywhere, bindings, groups)
     }
 
     fn bounce(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, births: &wgpu::Buffer, bounce: u32) -> Result<()> {
         let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { bounce, ..Step::default() }));
-        let resources = [self.constants, births, self.maps, &self.ground.surfaces, self.vpls, &step]
-            .map(|buffer| buffer.as_entire_binding());
+        let bindings = passes::vpl_bounce {
+            lights: self.constants.as_entire_binding(),
+            births: births.as_entire_binding(),
+            shadow_maps: self.maps.as_entire_binding(),
+            surfaces: self.ground.surfaces.as_entire_binding(),
+            vpls: self.vpls.as_entire_binding(),
+            work: step.as_entire_binding(),
+        };
         let groups = [self.uniform.lights_per_bounce.div_ceil(64), 1, 1];
-        recorder.over(&passes::VPL_BOUNCE, &[], inputs, &resources, groups)
+        recorder.over(&[], inputs, bindings, groups)
     }
 
     fn shadow_maps(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first_light: u32, count: u32) -> Result<()> {
@@ -568,11 +532,17 @@ impl Work<'_> {
         }
         let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { first_light, ..Step::default() }));
         let Ground { chosen, surfaces, .. } = self.ground;
-        let resources =
-            [self.constants, chosen, surfaces, self.vpls, self.maps, &step].map(|buffer| buffer.as_entire_binding());
+        let bindings = passes::vpl_shadow_splat {
+            lights: self.constants.as_entire_binding(),
+            chosen: chosen.as_entire_binding(),
+            surfaces: surfaces.as_entire_binding(),
+            vpls: self.vpls.as_entire_binding(),
+            shadow_maps: self.maps.as_entire_binding(),
+            work: step.as_entire_binding(),
+        };
         let per_map = self.uniform.point_count.div_ceil(self.uniform.subsets);
         let groups = [per_map.div_ceil(64).max(1), count, 1];
-        recorder.over(&passes::VPL_SHADOW_SPLAT, &[], inputs, &resources, groups)?;
+        recorder.over(&[], inputs, bindings, groups)?;
         let starts: Vec<u32> = self
             .levels
             .iter()
@@ -594,10 +564,16 @@ impl Work<'_> {
                 ..Step::default()
             };
             let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&step));
-            let resources = [self.constants, self.maps, &step].map(|buffer| buffer.as_entire_binding());
-            let (pass, size) =
-                if is_pull { (&passes::VPL_SHADOW_PULL, coarse_size) } else { (&passes::VPL_SHADOW_PUSH, fine_size) };
-            recorder.over(pass, &[], inputs, &resources, [(size * size).div_ceil(64), count, 1])?;
+            let [lights, shadow_maps, work] =
+                [self.constants, self.maps, &step].map(|buffer| buffer.as_entire_binding());
+            let groups = |size: u32| [(size * size).div_ceil(64), count, 1];
+            if is_pull {
+                let bindings = passes::vpl_shadow_pull { lights, shadow_maps, work };
+                recorder.over(&[], inputs, bindings, groups(coarse_size))?;
+            } else {
+                let bindings = passes::vpl_shadow_push { lights, shadow_maps, work };
+                recorder.over(&[], inputs, bindings, groups(fine_size))?;
+            }
         }
         Ok(())
     }
@@ -627,17 +603,6 @@ fn emitter(light: &MappedLight, flux: f64, origin: DVec3) -> Emitter {
 
 fn upload(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     let buffer = storage(&gpu.device, label, bytes.len() as u64);
-    gpu.queue.write_buffer(&buffer, 0, bytes);
-    buffer
-}
-
-pub(crate) fn uniform_buffer(gpu: &Gpu, bytes: &[u8]) -> wgpu::Buffer {
-    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("virtual lights"),
-        size: bytes.len() as u64,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    });
     gpu.queue.write_buffer(&buffer, 0, bytes);
     buffer
 }

@@ -5,15 +5,9 @@ use cloud::Bounds;
 use glam::{DVec2, DVec3, Vec3, Vec4};
 use scene::Gi;
 
-use super::Vpl;
 use super::sequence::{SpotFlux, even, halton, radical_inverse};
-use crate::lighting::{MappedLight, SHADOW_SIZE};
-
-/// Directions that are tried for a virtual light, as shaders/vpl_aim.wgsl has it.
-pub(crate) const TRIES: u32 = 8;
-const NOTHING: u32 = u32::MAX;
-/// Kind of a sky light in shaders/shared/vpl.wgsl.
-const VPL_SKY: f32 = 2.0;
+use crate::layout::{AIM_NONE, LAMP_MAP_SIZE, PARENT_NONE, VPL_SKY, VPL_TRIES, Vpl};
+use crate::lighting::MappedLight;
 
 /// An even sky.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,7 +50,7 @@ pub(super) fn tangent(normal: Vec3) -> Vec3 {
 pub(super) struct Plan {
     pub sky: Vec<SkyLight>,
     pub bounces: u32,
-    /// `TRIES` of each light of the first bounce: layer << 24 | texel of the shadow map.
+    /// `VPL_TRIES` of each light of the first bounce: layer << 24 | texel of the shadow map.
     pub aims: Vec<u32>,
     /// Of each lamp: flux of each of its virtual lights, for an intensity or irradiance of 1.
     pub flux: Vec<f64>,
@@ -115,15 +109,15 @@ impl Plan {
         plan.has_sky_births = counts[sky_source] > 0;
         let sky_total: f64 = of_sky.iter().sum();
         for (source, number) in sources {
-            let aims = (0..TRIES).map(|attempt| match fluxes.get(source) {
+            let aims = (0..VPL_TRIES).map(|attempt| match fluxes.get(source) {
                 // Further tries come from another sequence, and far on in it: the misses of the first know nothing of its numbers.
                 // The step has no factor with its bases.
                 Some(flux) if attempt > 0 => (source as u32) << 24 | flux.texel(halton(number + attempt * 10_007)),
                 Some(flux) => (source as u32) << 24 | flux.texel(even(number)),
-                None => NOTHING,
+                None => AIM_NONE,
             });
             plan.aims.extend(aims);
-            let mut birth = [NOTHING, 0, 0, 0];
+            let mut birth = [PARENT_NONE, 0, 0, 0];
             if source == sky_source {
                 let mut left = radical_inverse(7, number + 1) * sky_total;
                 let parent = of_sky.iter().position(|flux| {
@@ -211,12 +205,12 @@ impl Flux {
         if !light.camera.orthographic {
             return Self::Spot { flux: SpotFlux::new(f64::from(light.inner), f64::from(light.outer)), focal };
         }
-        let middle = f64::from(SHADOW_SIZE) / 2.0;
+        let middle = f64::from(LAMP_MAP_SIZE) / 2.0;
         let place = |corner: DVec3| {
             let view = light.camera.view_from_world * (corner - light.camera.eye);
             DVec2::new(middle + view.x * focal, middle - view.y * focal)
         };
-        let [low, high] = rectangle(bounds, place, 0.0, f64::from(SHADOW_SIZE));
+        let [low, high] = rectangle(bounds, place, 0.0, f64::from(LAMP_MAP_SIZE));
         Self::Sun { low, high, focal }
     }
 
@@ -229,7 +223,7 @@ impl Flux {
     }
 
     fn texel(&self, numbers: DVec2) -> u32 {
-        let middle = f64::from(SHADOW_SIZE) / 2.0;
+        let middle = f64::from(LAMP_MAP_SIZE) / 2.0;
         let place = match self {
             Self::Spot { flux, focal } => {
                 let direction = flux.direction(numbers);
@@ -238,7 +232,7 @@ impl Flux {
             }
             Self::Sun { low, high, .. } => *low + (*high - *low) * numbers,
         };
-        let [x, y] = place.to_array().map(|texel| (texel.max(0.0) as u32).min(SHADOW_SIZE - 1));
-        y * SHADOW_SIZE + x
+        let [x, y] = place.to_array().map(|texel| (texel.max(0.0) as u32).min(LAMP_MAP_SIZE - 1));
+        y * LAMP_MAP_SIZE + x
     }
 }

@@ -7,11 +7,10 @@ use glam::{DVec3, Vec2, Vec3, Vec4Swizzles as _};
 use scene::five_mirrors::{self, Variant};
 use scene::{Settings, SpotLight};
 
-use super::{Virtual, Vpl};
+use crate::layout::{VPL_SKY, Virtual, Vpl};
 use crate::{Aov, ColorPlan, Gpu, Material, Objects, PointStore, Renderer};
 
 const VPL_NONE: f32 = 0.0;
-const VPL_SKY: f32 = 2.0;
 
 fn map_from_direction(direction: Vec3) -> Vec2 {
     direction.truncate() / (1.0 + direction.z)

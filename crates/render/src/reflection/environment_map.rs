@@ -17,7 +17,7 @@ use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upl
 use crate::frame::FrameCamera;
 use crate::gpu::Result;
 use crate::inputs::Inputs;
-use crate::passes;
+use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
 use crate::store::{CloudId, Selection};
 use crate::targets::storage;
@@ -90,20 +90,19 @@ impl EnvironmentMap {
         };
         let mirrors = upload(recorder.gpu, &places, task.store.bounds(), eye, map_of);
         gather.complete(recorder, task, |recorder, found| {
-            let [albedo, normal, position] = found.bind();
-            let outputs = [
-                task.mirror.point.bind(),
-                task.normal.bind(),
-                task.mirror.eye.bind(),
-                maps.as_entire_binding(),
-                mirrors.as_entire_binding(),
-                albedo,
-                normal,
-                position,
-                gather.views.bind(),
-            ];
-            let groups = task.supply.mirror_groups();
-            recorder.over_page_pixels(&passes::ENVIRONMENT_LOOK_UP, task.supply, &outputs, groups)
+            let [albedo_out, normal_out, position_out] = found.bind();
+            let bindings = passes::environment_look_up {
+                point_in: task.mirror.point.bind(),
+                normal_in: task.normal.bind(),
+                eye_in: task.mirror.eye.bind(),
+                maps: maps.as_entire_binding(),
+                mirrors: mirrors.as_entire_binding(),
+                albedo_out,
+                normal_out,
+                position_out,
+                views_out: gather.views.bind(),
+            };
+            recorder.over_page_pixels(task.supply, bindings, task.supply.mirror_groups())
         })
     }
 }
@@ -116,7 +115,7 @@ fn draw(
     size: u32,
     maps: &wgpu::Buffer,
 ) -> Result<()> {
-    recorder.time_as(Some("environment_map"));
+    recorder.time_as(Some(("environment_map", PassStage::Method)));
     recorder.clear(maps);
     let settings =
         Settings { splat: Splat { quality: Quality::Nearest, ..task.settings.splat.clone() }, ..task.settings.clone() };
@@ -132,9 +131,8 @@ fn draw(
                 offset: face_bytes * (index * 6 + face) as u64,
                 size: std::num::NonZeroU64::new(face_bytes),
             });
-            for pass in passes::splat_nearest(recorder.gpu.has_wide_atomics(&settings.splat)) {
-                recorder.over_points(pass, &[], &inputs, std::slice::from_ref(&binding))?;
-            }
+            let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
+            recorder.nearest_points(&[], &inputs, binding, atomics64)?;
         }
     }
     recorder.time_as(None);

@@ -4,20 +4,8 @@ use glam::{DMat3, DVec3, Vec4};
 use scene::{Mirror, Settings, Shape};
 
 use crate::gpu::Gpu;
+use crate::layout::{BLOB, CORAL, FormulaMirror, PARABOLOID, PLANE, SPHERE, TORUS};
 use crate::targets::storage;
-
-/// As shaders/shared/mirror_formula.wgsl has it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub(crate) struct FormulaMirror {
-    x_kind: Vec4,
-    y_parameter: Vec4,
-    z_size: Vec4,
-    position_reach: Vec4,
-    color_intensity: Vec4,
-    specular_power: f32,
-    unused: [f32; 3],
-}
 
 /// The mirrors that are drawn by their formula; none: nothing to draw.
 pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DVec3) -> Option<wgpu::Buffer> {
@@ -40,12 +28,12 @@ pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl It
 
 fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
     let (kind, parameter) = match mirror.shape {
-        Shape::Plane { height } => (0.0, height),
-        Shape::Sphere => (1.0, 0.0),
-        Shape::Paraboloid { focal_length } => (2.0, focal_length),
-        Shape::Torus { tube } => (3.0, tube),
-        Shape::Blob => (4.0, 0.0),
-        Shape::Coral => (5.0, 0.0),
+        Shape::Plane { height } => (PLANE, height),
+        Shape::Sphere => (SPHERE, 0.0),
+        Shape::Paraboloid { focal_length } => (PARABOLOID, focal_length),
+        Shape::Torus { tube } => (TORUS, tube),
+        Shape::Blob => (BLOB, 0.0),
+        Shape::Coral => (CORAL, 0.0),
     };
     let rows = DMat3::from_quat(mirror.rotation.normalize()).transpose();
     let row = |index| rows.row(index).as_vec3();
@@ -58,6 +46,6 @@ fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
         position_reach: (mirror.position - eye).as_vec3().extend((mirror.shape.reach() * mirror.size * 1.001) as f32),
         color_intensity: Vec4::new(red, green, blue, mirror.specular_intensity),
         specular_power: mirror.specular_power,
-        unused: [0.0; 3],
+        ..Default::default()
     }
 }

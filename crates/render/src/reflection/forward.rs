@@ -8,14 +8,11 @@ use std::collections::HashMap;
 use super::Task;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::PageInputs;
+use crate::layout::{MIRROR_SUMS, NEAREST_REFLECTION_BYTES, SOLUTION_BYTES};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::storage;
 
-/// Bytes of a `Solution` in shaders/shared/mirror_splat.wgsl.
-const SOLUTION_BYTES: u64 = 8;
-/// Bytes a pixel of the sums and of their carries in shaders/shared/mirror_sums.wgsl.
-const SUM_BYTES: [u64; 2] = [48, 24];
 /// Pixels along an edge that `pack_place` in shaders/shared/mirror_splat.wgsl reaches.
 const LONGEST_EDGE: u32 = 16_384;
 /// Bytes a pixel of positions.
@@ -98,9 +95,9 @@ impl Forward {
         Ok(Self {
             size,
             solutions: HashMap::new(),
-            nearest: picture_buffer(gpu, "nearest reflections", pixels * 4)?,
-            sums: picture_buffer(gpu, "sums of reflections", pixels * SUM_BYTES[0])?,
-            carries: picture_buffer(gpu, "carries of reflections", pixels * SUM_BYTES[1])?,
+            nearest: picture_buffer(gpu, "nearest reflections", pixels * NEAREST_REFLECTION_BYTES)?,
+            sums: picture_buffer(gpu, "sums of reflections", pixels * MIRROR_SUMS * 4)?,
+            carries: picture_buffer(gpu, "carries of reflections", pixels * MIRROR_SUMS * 2)?,
             pyramids: [
                 pyramid("found albedo", wgpu::TextureFormat::Rgba16Float),
                 pyramid("found normal", wgpu::TextureFormat::Rgba32Float),
@@ -154,9 +151,12 @@ impl Forward {
     /// # Errors
     /// The shader is refused.
     pub fn depth(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, round: u32, bounce: usize) -> Result<()> {
-        recorder.over_points_by_page(&passes::MIRROR_DEPTH, &[], task.supply, |page| {
-            let solutions = self.bind_solutions(page, round, bounce)?;
-            Some(vec![solutions, task.mirror.point.bind(), self.nearest.as_entire_binding()])
+        recorder.over_points_by_page(&[], task.supply, |page| {
+            Some(passes::mirror_depth {
+                solutions: self.bind_solutions(page, round, bounce)?,
+                point_in: task.mirror.point.bind(),
+                nearest: self.nearest.as_entire_binding(),
+            })
         })
     }
 
@@ -165,14 +165,14 @@ impl Forward {
     /// # Errors
     /// The shader is refused.
     pub fn visibility(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, round: u32, bounce: usize) -> Result<()> {
-        recorder.over_points_by_page(&passes::MIRROR_VISIBILITY, &[], task.supply, |page| {
-            Some(vec![
-                self.bind_solutions(page, round, bounce)?,
-                task.mirror.point.bind(),
-                self.nearest.as_entire_binding(),
-                self.sums.as_entire_binding(),
-                self.carries.as_entire_binding(),
-            ])
+        recorder.over_points_by_page(&[], task.supply, |page| {
+            Some(passes::mirror_visibility {
+                solutions: self.bind_solutions(page, round, bounce)?,
+                point_in: task.mirror.point.bind(),
+                nearest: self.nearest.as_entire_binding(),
+                sums: self.sums.as_entire_binding(),
+                carries: self.carries.as_entire_binding(),
+            })
         })
     }
 
@@ -184,24 +184,38 @@ impl Forward {
         let level = |level: usize| {
             self.pyramids.each_ref().map(|pyramid| wgpu::BindingResource::TextureView(&pyramid.levels[level]))
         };
-        let mut resources = vec![
-            task.mirror.point.bind(),
-            self.nearest.as_entire_binding(),
-            self.sums.as_entire_binding(),
-            self.carries.as_entire_binding(),
-        ];
-        resources.extend(level(0));
-        recorder.over_pixels(&passes::MIRROR_AVERAGE, &[], task.supply, &resources)?;
+        let [albedo_out, normal_out, position_out] = level(0);
+        let bindings = passes::mirror_average {
+            point_in: task.mirror.point.bind(),
+            nearest: self.nearest.as_entire_binding(),
+            sums: self.sums.as_entire_binding(),
+            carries: self.carries.as_entire_binding(),
+            albedo_out,
+            normal_out,
+            position_out,
+        };
+        recorder.over_pixels(&[], task.supply, bindings)?;
         let made = self.pyramids[0].levels.len();
         for above in 1..made.min(task.settings.sscr.pull_levels as usize + 1) {
-            let resources: Vec<_> = level(above - 1).into_iter().chain(level(above)).collect();
+            let [albedo_in, normal_in, position_in] = level(above - 1);
+            let [albedo_out, normal_out, position_out] = level(above);
+            let bindings = passes::pull { albedo_in, normal_in, position_in, albedo_out, normal_out, position_out };
             let [width, height] = self.size.map(|edge| (edge >> above).max(1).div_ceil(8));
-            recorder.over(&passes::PULL, &[], task.supply, &resources, [width, height, 1])?;
+            recorder.over(&[], task.supply, bindings, [width, height, 1])?;
         }
-        let mut resources = vec![task.mirror.point.bind()];
-        resources.extend(self.pyramids.each_ref().map(|pyramid| wgpu::BindingResource::TextureView(&pyramid.all)));
-        resources.extend(task.seen.bind());
-        recorder.over_pixels(&passes::PUSH, &[], task.supply, &resources)
+        let [albedo_in, normal_in, position_in] =
+            self.pyramids.each_ref().map(|pyramid| wgpu::BindingResource::TextureView(&pyramid.all));
+        let [albedo_out, normal_out, position_out] = task.seen.bind();
+        let bindings = passes::push {
+            point_in: task.mirror.point.bind(),
+            albedo_in,
+            normal_in,
+            position_in,
+            albedo_out,
+            normal_out,
+            position_out,
+        };
+        recorder.over_pixels(&[], task.supply, bindings)
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::{MirrorGBuffer, Task};
 use crate::gpu::Result;
+use crate::layout::HIT_BYTES;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, storage};
@@ -19,7 +20,7 @@ pub(crate) struct Gather {
 
 impl Gather {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
-        let hits = storage(device, "hits", u64::from(size[0]) * u64::from(size[1]) * 16);
+        let hits = storage(device, "hits", u64::from(size[0]) * u64::from(size[1]) * HIT_BYTES);
         let views = Image::new(device, size, "views", wgpu::TextureFormat::Rgba32Float);
         Self { hits, views, found: [MirrorGBuffer::new(device, size), MirrorGBuffer::new(device, size)] }
     }
@@ -34,17 +35,17 @@ impl Gather {
     /// A shader is refused.
     pub fn resolve(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
         self.complete(recorder, task, |recorder, found| {
-            let [albedo, normal, position] = found.bind();
-            let outputs = [
-                task.mirror.point.bind(),
-                task.normal.bind(),
-                task.mirror.eye.bind(),
-                self.hits.as_entire_binding(),
-                albedo,
-                normal,
-                position,
-            ];
-            recorder.over_page_pixels(&passes::GATHER_RESOLVE, task.supply, &outputs, task.supply.mirror_groups())
+            let [albedo_out, normal_out, position_out] = found.bind();
+            let bindings = passes::gather_resolve {
+                point_in: task.mirror.point.bind(),
+                normal_in: task.normal.bind(),
+                eye_in: task.mirror.eye.bind(),
+                hits: self.hits.as_entire_binding(),
+                albedo_out,
+                normal_out,
+                position_out,
+            };
+            recorder.over_page_pixels(task.supply, bindings, task.supply.mirror_groups())
         })
     }
 
@@ -65,19 +66,35 @@ impl Gather {
         let images = |step: usize| if step == steps { task.seen } else { &self.found[step % 2] };
         fill(recorder, images(0))?;
         for step in 0..closings {
-            let mut resources = vec![task.mirror.point.bind()];
-            resources.extend(images(step).bind().into_iter().chain(images(step + 1).bind()));
-            recorder.over_mirrors(&passes::GATHER_CLOSE, &[], task.supply, &resources)?;
+            let [albedo_in, normal_in, position_in] = images(step).bind();
+            let [albedo_out, normal_out, position_out] = images(step + 1).bind();
+            let bindings = passes::gather_close {
+                point_in: task.mirror.point.bind(),
+                albedo_in,
+                normal_in,
+                position_in,
+                albedo_out,
+                normal_out,
+                position_out,
+            };
+            recorder.over_mirrors(&[], task.supply, bindings)?;
         }
         if let Some(formulas) = task.formulas {
-            let mut resources = vec![
-                task.mirror.point.bind(),
-                task.normal.bind(),
-                task.mirror.eye.bind(),
-                formulas.as_entire_binding(),
-            ];
-            resources.extend(images(closings).bind().into_iter().chain(task.seen.bind()));
-            recorder.over_mirrors(&passes::MIRROR_EXACT_SEEN, &[], task.supply, &resources)?;
+            let [albedo_in, normal_in, position_in] = images(closings).bind();
+            let [albedo_out, normal_out, position_out] = task.seen.bind();
+            let bindings = passes::mirror_exact_seen {
+                point_in: task.mirror.point.bind(),
+                mirror_normal_in: task.normal.bind(),
+                eye_in: task.mirror.eye.bind(),
+                mirrors: formulas.as_entire_binding(),
+                albedo_in,
+                normal_in,
+                position_in,
+                albedo_out,
+                normal_out,
+                position_out,
+            };
+            recorder.over_mirrors(&[], task.supply, bindings)?;
         }
         Ok(())
     }

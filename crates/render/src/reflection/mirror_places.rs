@@ -6,6 +6,7 @@ use glam::{DVec3, Vec4};
 
 use super::Task;
 use crate::gpu::Gpu;
+use crate::layout::{MappedMirror, MappedMirrors, NEAREST_BYTES};
 use crate::store::CloudId;
 use crate::targets::storage;
 
@@ -71,7 +72,7 @@ pub(crate) fn samples(chunks: &[&Chunk]) -> Vec<(DVec3, DVec3)> {
 /// Bytes of a picture of texels that are laid out as the camera's `nearest`, such that one may follow the other in a
 /// buffer: adapters want the start of a binding at a multiple of 256 bytes, which are 32 texels.
 pub(crate) fn map_bytes([width, height]: [u32; 2]) -> u64 {
-    (u64::from(width) * u64::from(height)).next_multiple_of(32) * 8
+    (u64::from(width) * u64::from(height)).next_multiple_of(32) * NEAREST_BYTES
 }
 
 /// What a shader is told of a mirror beside its box: the number of its map and where that is seen from, or how.
@@ -80,7 +81,7 @@ pub(crate) struct MirrorMap {
     pub view: Vec4,
 }
 
-/// The mirrors as shaders/shared/mirror_places.wgsl has them. `scene`: box of all points. `map_of`: a mirror's map, by
+/// The mirrors as shaders/shared/mirror_places.wgsl has them, with their maps. `scene`: box of all points. `map_of`: a mirror's map, by
 /// its number among `places`; none: nothing is seen in it.
 pub(crate) fn upload(
     gpu: &Gpu,
@@ -90,18 +91,21 @@ pub(crate) fn upload(
     map_of: impl Fn(usize) -> Option<MirrorMap>,
 ) -> wgpu::Buffer {
     let relative = |place: DVec3| (place - eye).as_vec3();
-    let mut words = vec![relative(scene.min).extend(0.0), relative(scene.max).extend(0.0)];
+    let head =
+        MappedMirrors { scene_low: relative(scene.min).extend(0.0), scene_high: relative(scene.max).extend(0.0) };
+    let mut mirrors = Vec::new();
     for (index, place) in places.iter().enumerate() {
         let (map, view) = map_of(index).map_or((-1.0, Vec4::ZERO), |map| (map.map as f32, map.view));
-        words.extend([relative(place.bounds.min).extend(map), relative(place.bounds.max).extend(0.0), view]);
+        let low_map = relative(place.bounds.min).extend(map);
+        mirrors.push(MappedMirror { low_map, high: relative(place.bounds.max).extend(0.0), view });
     }
     if places.is_empty() {
         // A mirror that has no map stands in: a binding holds one at least.
-        words.extend([Vec4::NEG_ONE, Vec4::ZERO, Vec4::ZERO]);
+        mirrors.push(MappedMirror { low_map: Vec4::NEG_ONE, ..Default::default() });
     }
-    let bytes: &[u8] = bytemuck::cast_slice(&words);
+    let bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&mirrors)].concat();
     let buffer = storage(&gpu.device, "mirror places", bytes.len() as u64);
-    gpu.queue.write_buffer(&buffer, 0, bytes);
+    gpu.queue.write_buffer(&buffer, 0, &bytes);
     buffer
 }
 

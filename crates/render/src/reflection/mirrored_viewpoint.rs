@@ -13,7 +13,7 @@ use super::{MirrorGBuffer, Task};
 use crate::frame::{FrameCamera, Plane};
 use crate::gpu::Result;
 use crate::inputs::Inputs;
-use crate::passes;
+use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
 use crate::store::Selection;
 use crate::targets::storage;
@@ -69,18 +69,17 @@ impl MirroredViewpoint {
         };
         let mirrors = upload(recorder.gpu, &places, task.store.bounds(), camera.eye, map_of);
         let fill = |recorder: &mut Recorder<'_>, found: &MirrorGBuffer| {
-            let [albedo, normal, position] = found.bind();
-            let outputs = [
-                task.mirror.point.bind(),
-                pictures.as_entire_binding(),
-                mirrors.as_entire_binding(),
-                albedo,
-                normal,
-                position,
-                gather.views.bind(),
-            ];
-            let groups = task.supply.mirror_groups();
-            recorder.over_page_pixels(&passes::MIRRORED_LOOK_UP, task.supply, &outputs, groups)
+            let [albedo_out, normal_out, position_out] = found.bind();
+            let bindings = passes::mirrored_look_up {
+                point_in: task.mirror.point.bind(),
+                maps: pictures.as_entire_binding(),
+                mirrors: mirrors.as_entire_binding(),
+                albedo_out,
+                normal_out,
+                position_out,
+                views_out: gather.views.bind(),
+            };
+            recorder.over_page_pixels(task.supply, bindings, task.supply.mirror_groups())
         };
         // Of a later bounce nothing is found: there is nothing to be closed, and mirrors with a formula stay as empty as
         // others.
@@ -97,7 +96,7 @@ fn draw(
     pictures: &wgpu::Buffer,
 ) -> Result<()> {
     let view_bytes = map_bytes(task.supply.size);
-    recorder.time_as(Some("mirrored_viewpoint"));
+    recorder.time_as(Some(("mirrored_viewpoint", PassStage::Method)));
     for (index, view) in views.iter().enumerate() {
         let camera = task.supply.camera.mirrored(view.plane);
         let selection = places[view.mirror].cloud.map_or(Selection::Seen, Selection::SeenBesides);
@@ -110,9 +109,8 @@ fn draw(
             offset: texels.start,
             size: std::num::NonZeroU64::new(view_bytes),
         });
-        for pass in passes::splat_nearest(recorder.gpu.has_wide_atomics(&task.settings.splat)) {
-            recorder.over_points(pass, &[("clips", 1)], &inputs, std::slice::from_ref(&binding))?;
-        }
+        let atomics64 = recorder.gpu.has_wide_atomics(&task.settings.splat);
+        recorder.nearest_points(&[("clips", 1)], &inputs, binding, atomics64)?;
     }
     recorder.time_as(None);
     Ok(())

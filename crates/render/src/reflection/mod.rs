@@ -30,6 +30,10 @@ use surfel_index::SurfelIndex;
 
 use crate::gpu::Result;
 use crate::inputs::Inputs;
+use crate::layout::{
+    CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, MIRROR_PIXELS, NODES_TESTED, POINTS_FOUND,
+    POINTS_TRIED, POINTS_UNCONVERGED, REGIONS,
+};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::{PointStore, Selection};
@@ -133,19 +137,6 @@ pub struct ReflectionStats {
     pub uncertain: f64,
     pub bounces: u32,
 }
-
-/// Words of the counters, in shaders/shared/counters.wgsl.
-pub(crate) const COUNTERS: usize = 16;
-const MIRROR_PIXELS: usize = 0;
-const FOUND_PIXELS: usize = 1;
-const CLOSED_PIXELS: usize = 2;
-const POINTS_TRIED: usize = 3;
-const POINTS_FOUND: usize = 4;
-const REGIONS: usize = 5;
-const POINTS_UNCONVERGED: usize = 6;
-const NODES_TESTED: usize = 7;
-const DISCS_TESTED: usize = 8;
-const DOUBTED_PIXELS: usize = 9;
 
 /// What a method works on and with.
 pub(crate) struct Task<'a> {
@@ -302,15 +293,15 @@ impl Reflections {
             let surface = before.last().map_or(camera, Bounce::surface);
             // Where the rays came from: the camera, or the mirror points of the bounce before.
             let from = before.last().map_or(camera.position, |before| &before.mirror.point);
-            let resources = [
-                surface.albedo.bind(),
-                surface.position.bind(),
-                from.bind(),
-                bounce.mirror.point.bind(),
-                bounce.mirror.eye.bind(),
-            ];
+            let bindings = passes::mirror_surface {
+                albedo_in: surface.albedo.bind(),
+                position_in: surface.position.bind(),
+                from_in: from.bind(),
+                point_out: bounce.mirror.point.bind(),
+                eye_out: bounce.mirror.eye.bind(),
+            };
             let first = [("from_camera", u32::from(index == 0))];
-            recorder.over_pixels(&passes::MIRROR_SURFACE, &first, supply, &resources)?;
+            recorder.over_pixels(&first, supply, bindings)?;
             let task = Task {
                 supply,
                 settings,
@@ -325,16 +316,16 @@ impl Reflections {
             };
             self.methods.run(recorder, method, &task)?;
             if index == 0 {
-                let resources = [
-                    bounce.mirror.point.bind(),
-                    surface.normal.bind(),
-                    bounce.mirror.eye.bind(),
-                    bounce.seen.position.bind(),
-                    bounce.seen.normal.bind(),
-                    self.doubt.bind(),
-                    self.counters.as_entire_binding(),
-                ];
-                recorder.over_mirrors(&passes::MIRROR_DOUBT, &[], supply, &resources)?;
+                let bindings = passes::mirror_doubt {
+                    point_in: bounce.mirror.point.bind(),
+                    normal_in: surface.normal.bind(),
+                    eye_in: bounce.mirror.eye.bind(),
+                    seen_in: bounce.seen.position.bind(),
+                    seen_normal_in: bounce.seen.normal.bind(),
+                    doubt_out: self.doubt.bind(),
+                    counters: self.counters.as_entire_binding(),
+                };
+                recorder.over_mirrors(&[], supply, bindings)?;
             }
         }
         Ok(())

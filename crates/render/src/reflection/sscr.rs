@@ -16,18 +16,13 @@ use scene::{Distribution, Seeds, Show};
 use super::Task;
 use super::forward::{Forward, check_size, picture_buffer};
 use crate::gpu::{Gpu, Result};
+use crate::layout::{
+    CURVATURE_BYTES, ENDING_WORDS, LABEL_BYTES, LEAST_REGION, MIRROR_PIXEL_BYTES, PARENT_BYTES, REGION_BYTES,
+    REGION_TOTALS_BYTES, RUN_BYTES, RUN_PIXELS, Round,
+};
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::targets::{Image, storage};
-
-/// Smallest region, in pixels, and bytes of a `Region`: of shaders/shared/region.wgsl.
-const LEAST_REGION: u64 = 4;
-const REGION_BYTES: u64 = 80;
-/// Bytes of a `MirrorPixel` in shaders/shared/mirror_space.wgsl.
-const MIRROR_PIXEL_BYTES: u64 = 32;
-/// Pixels that a workgroup numbers the regions of.
-const RUN_PIXELS: u32 = 1024;
-const RUN_BYTES: u64 = 8;
+use crate::targets::{Image, storage, uniform_buffer};
 
 /// What the method keeps from frame to frame.
 pub(crate) struct Sscr {
@@ -66,14 +61,14 @@ impl Sscr {
         check_size(gpu, "runs of pixels", runs, most_runs * RUN_BYTES)?;
         Ok(Self {
             size,
-            curvature: buffer("curvature map", pixels * 4)?,
-            parents: buffer("parents", pixels * 4)?,
-            sizes: buffer("sizes", pixels * 4)?,
+            curvature: buffer("curvature map", pixels * CURVATURE_BYTES)?,
+            parents: buffer("parents", pixels * PARENT_BYTES)?,
+            sizes: buffer("sizes", pixels * LABEL_BYTES)?,
             runs: buffer("runs of pixels", runs)?,
-            totals: storage(&gpu.device, "totals of regions", 8),
+            totals: storage(&gpu.device, "totals of regions", REGION_TOTALS_BYTES),
             regions: buffer("regions", pixels.div_ceil(LEAST_REGION) * REGION_BYTES)?,
             mirror_pixels: buffer("mirror pixels", pixels * MIRROR_PIXEL_BYTES)?,
-            endings: buffer("ends of searches", pixels * 12)?,
+            endings: buffer("ends of searches", pixels * ENDING_WORDS * 4)?,
             views: Image::new(&gpu.device, size, "views", wgpu::TextureFormat::Rgba32Float),
             frames: 0,
         })
@@ -116,13 +111,13 @@ impl Sscr {
         }
         forward.close(recorder, task)?;
         if task.bounce == 0 {
-            let resources = [
-                self.curvature.as_entire_binding(),
-                self.mirror_pixels.as_entire_binding(),
-                self.endings.as_entire_binding(),
-                self.views.bind(),
-            ];
-            recorder.over_pixels(&passes::SSCR_VIEWS, &[], task.supply, &resources)?;
+            let bindings = passes::sscr_views {
+                curvature_map: self.curvature.as_entire_binding(),
+                mirror_pixels: self.mirror_pixels.as_entire_binding(),
+                endings: self.endings.as_entire_binding(),
+                views_out: self.views.bind(),
+            };
+            recorder.over_pixels(&[], task.supply, bindings)?;
             self.frames = self.frames.wrapping_add(1);
         }
         Ok(())
@@ -131,32 +126,40 @@ impl Sscr {
     /// Curvature map, labels, regions.
     fn label(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
         let inputs = task.supply;
-        let [point, normal, eye] = [task.mirror.point.bind(), task.normal.bind(), task.mirror.eye.bind()];
-        let [curvature, parents, sizes, runs, totals, regions, mirror_pixels] =
+        let [point_in, normal_in, eye_in] = [task.mirror.point.bind(), task.normal.bind(), task.mirror.eye.bind()];
+        let [curvature_map, parents, sizes, runs, totals, regions, mirror_pixels] =
             [&self.curvature, &self.parents, &self.sizes, &self.runs, &self.totals, &self.regions, &self.mirror_pixels]
                 .map(wgpu::Buffer::as_entire_binding);
-        let surface = [point.clone(), normal.clone(), eye.clone(), curvature.clone()];
-        let switches = [("from_camera", u32::from(task.bounce == 0))];
-        recorder.over_pixels(&passes::CURVATURE, &switches, inputs, &surface)?;
+        let bindings = passes::curvature {
+            point_in: point_in.clone(),
+            normal_in: normal_in.clone(),
+            eye_in: eye_in.clone(),
+            curvature_map: curvature_map.clone(),
+        };
+        recorder.over_pixels(&[("from_camera", u32::from(task.bounce == 0))], inputs, bindings)?;
         for (along_columns, lines) in [(0, self.size[1]), (1, self.size[0])] {
             let switches = [("along_columns", along_columns)];
             let groups = [lines.div_ceil(64), 1, 1];
-            recorder.over(&passes::CURVATURE_SMOOTH, &switches, inputs, std::slice::from_ref(&curvature), groups)?;
+            let bindings = passes::curvature_smooth { curvature_map: curvature_map.clone() };
+            recorder.over(&switches, inputs, bindings, groups)?;
         }
-        recorder.over_pixels(&passes::LABEL_START, &[], inputs, &[curvature, parents.clone(), sizes.clone()])?;
-        recorder.over_pixels(&passes::LABEL_JOIN, &[], inputs, std::slice::from_ref(&parents))?;
-        recorder.over_pixels(&passes::LABEL_FLATTEN, &[], inputs, &[parents.clone(), sizes.clone()])?;
+        let bindings = passes::label_start { curvature_map, parents: parents.clone(), sizes: sizes.clone() };
+        recorder.over_pixels(&[], inputs, bindings)?;
+        recorder.over_pixels(&[], inputs, passes::label_join { parents: parents.clone() })?;
+        let bindings = passes::label_flatten { parents: parents.clone(), sizes: sizes.clone() };
+        recorder.over_pixels(&[], inputs, bindings)?;
         let groups = [(self.size[0] * self.size[1]).div_ceil(RUN_PIXELS), 1, 1];
-        let resources = [parents.clone(), sizes.clone(), runs.clone()];
-        recorder.over(&passes::REGION_COUNT, &[], inputs, &resources, groups)?;
+        let bindings = passes::region_count { parents: parents.clone(), sizes: sizes.clone(), runs: runs.clone() };
+        recorder.over(&[], inputs, bindings, groups)?;
         let switches = [("count_regions", u32::from(task.bounce == 0))];
-        let resources = [runs.clone(), totals, task.counters.as_entire_binding()];
-        recorder.over(&passes::REGION_SCAN, &switches, inputs, &resources, [1, 1, 1])?;
-        let resources = [parents.clone(), sizes.clone(), runs, regions.clone()];
-        recorder.over(&passes::REGION_NUMBER, &[], inputs, &resources, groups)?;
+        let bindings = passes::region_scan { runs: runs.clone(), totals, counters: task.counters.as_entire_binding() };
+        recorder.over(&switches, inputs, bindings, [1, 1, 1])?;
+        let bindings =
+            passes::region_number { parents: parents.clone(), sizes: sizes.clone(), runs, regions: regions.clone() };
+        recorder.over(&[], inputs, bindings, groups)?;
         let switches = [("bound_rays", u32::from(task.settings.sscr.cull_points))];
-        let resources = [point, normal, eye, parents, sizes, regions, mirror_pixels];
-        recorder.over_pixels(&passes::REGION_ASSIGN, &switches, inputs, &resources)
+        let bindings = passes::region_assign { point_in, normal_in, eye_in, parents, sizes, regions, mirror_pixels };
+        recorder.over_pixels(&switches, inputs, bindings)
     }
 
     /// Searches for the pixel of each point, in the region that is drawn for it in this round.
@@ -185,23 +188,17 @@ impl Sscr {
         let draw = frame.wrapping_mul(settings.regions_per_point).wrapping_add(round);
         // Any odd number spreads the draws over the seeds.
         let seed = draw.wrapping_mul(0x9e37_79b9) ^ (task.bounce as u32);
-        let uniform = recorder.gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("round"),
-            size: 16,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        recorder.gpu.queue.write_buffer(&uniform, 0, bytemuck::cast_slice(&[draw, seed, 0, 0]));
-        recorder.over_points_by_page(&passes::SSCR_SOLVE, &switches, task.supply, |page| {
-            Some(vec![
-                uniform.as_entire_binding(),
-                self.mirror_pixels.as_entire_binding(),
-                self.regions.as_entire_binding(),
-                self.totals.as_entire_binding(),
-                forward.bind_solutions(page, round, bounce)?,
-                task.counters.as_entire_binding(),
-                self.endings.as_entire_binding(),
-            ])
+        let uniform = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Round { draw, seed }));
+        recorder.over_points_by_page(&switches, task.supply, |page| {
+            Some(passes::sscr_solve {
+                round: uniform.as_entire_binding(),
+                mirror_pixels: self.mirror_pixels.as_entire_binding(),
+                regions: self.regions.as_entire_binding(),
+                totals: self.totals.as_entire_binding(),
+                solutions: forward.bind_solutions(page, round, bounce)?,
+                counters: task.counters.as_entire_binding(),
+                endings: self.endings.as_entire_binding(),
+            })
         })
     }
 }

@@ -3,14 +3,16 @@
 
 use std::collections::HashMap;
 
-use glam::Vec4;
 use rayon::prelude::*;
 
-use super::surfel_tree::{Node, POINTS_PER_NODE, SurfelTree, tree_over_boxes};
+use super::surfel_tree::{POINTS_PER_NODE, SurfelTree, tree_over_boxes};
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;
+use crate::layout::{Node, ORDER_BYTES, SURFEL_BYTES, TreePlace};
 use crate::store::{ChunkId, PlacedChunk, PointStore};
 use crate::targets::storage;
+
+const NODE_BYTES: u64 = size_of::<Node>() as u64;
 
 /// Trees of one page.
 pub(crate) struct IndexPage {
@@ -28,17 +30,6 @@ pub(crate) struct FrameTrees {
     /// A tree over the boxes of the page's chunks; a leaf is the index of a place.
     pub tops: wgpu::Buffer,
     pub places: wgpu::Buffer,
-}
-
-/// As shaders/shared/surfel_tree.wgsl has it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-struct TreePlace {
-    origin_margin: Vec4,
-    first_node: u32,
-    end_node: u32,
-    first_surfel: u32,
-    class_mask: u32,
 }
 
 #[derive(Default)]
@@ -99,9 +90,13 @@ impl SurfelIndex {
                 let page = &self.pages[chunk.page];
                 let first = u64::from(chunk.first);
                 let order: Vec<u32> = tree.order.iter().map(|index| chunk.first + index).collect();
-                gpu.queue.write_buffer(&page.nodes, first / POINTS_PER_NODE * 32, bytemuck::cast_slice(&tree.nodes));
-                gpu.queue.write_buffer(&page.surfels, first * 8, bytemuck::cast_slice(&tree.surfels));
-                gpu.queue.write_buffer(&page.order, first * 4, bytemuck::cast_slice(&order));
+                gpu.queue.write_buffer(
+                    &page.nodes,
+                    first / POINTS_PER_NODE * NODE_BYTES,
+                    bytemuck::cast_slice(&tree.nodes),
+                );
+                gpu.queue.write_buffer(&page.surfels, first * SURFEL_BYTES, bytemuck::cast_slice(&tree.surfels));
+                gpu.queue.write_buffer(&page.order, first * ORDER_BYTES, bytemuck::cast_slice(&order));
                 let indexed = Indexed { basis: Basis::of(chunk), nodes: tree.nodes.len() as u32 };
                 self.chunks.insert(*id, indexed);
             }
@@ -153,9 +148,9 @@ impl SurfelIndex {
             let points = u64::from(capacity);
             let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
             let page = IndexPage {
-                nodes: storage(&gpu.device, "tree nodes", points / POINTS_PER_NODE * 32),
-                surfels: storage(&gpu.device, "tree discs", points * 8),
-                order: storage(&gpu.device, "tree order", points * 4),
+                nodes: storage(&gpu.device, "tree nodes", points / POINTS_PER_NODE * NODE_BYTES),
+                surfels: storage(&gpu.device, "tree discs", points * SURFEL_BYTES),
+                order: storage(&gpu.device, "tree order", points * ORDER_BYTES),
                 capacity,
             };
             if let Some(error) = pollster::block_on(scope.pop()) {

@@ -8,12 +8,10 @@ use super::Task;
 use super::gather::Gather;
 use super::surfel_index::SurfelIndex;
 use crate::gpu::Result;
+use crate::layout::LIST_WORDS;
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::storage;
-
-/// Bytes of a tile's list, as shaders/shared/surfel_tree.wgsl has it.
-const LIST_BYTES: u64 = 97 * 4;
 
 /// # Errors
 /// A shader is refused, or no memory for the index.
@@ -28,35 +26,46 @@ pub(crate) fn run(
     recorder.clear(&gather.hits);
     let [width, height] = task.supply.size.map(|edge| edge.div_ceil(8));
     let tiles = width * height;
-    let list_bytes = if use_beams { u64::from(tiles) * LIST_BYTES } else { 16 };
+    let list_bytes = if use_beams { u64::from(tiles) * LIST_WORDS * 4 } else { 16 };
     let lists = storage(&recorder.gpu.device, "lists of nodes", list_bytes);
     for tree in &trees {
         let Some(page) = index.page(tree.page) else { continue };
         let Some(inputs) = task.supply.pages.iter().find(|inputs| inputs.number == tree.page) else { continue };
-        let mirror = [task.mirror.point.bind(), task.normal.bind(), task.mirror.eye.bind()];
-        let nodes = [tree.tops.as_entire_binding(), tree.places.as_entire_binding(), page.nodes.as_entire_binding()];
         if use_beams {
-            let resources: Vec<_> = mirror.iter().chain(&nodes).cloned().chain([lists.as_entire_binding()]).collect();
-            recorder.over(&passes::BEAM_LISTS, &[], task.supply, &resources, [tiles.div_ceil(64), 1, 1])?;
+            let bindings = passes::beam_lists {
+                point_in: task.mirror.point.bind(),
+                normal_in: task.normal.bind(),
+                eye_in: task.mirror.eye.bind(),
+                tops: tree.tops.as_entire_binding(),
+                places: tree.places.as_entire_binding(),
+                nodes: page.nodes.as_entire_binding(),
+                lists: lists.as_entire_binding(),
+            };
+            recorder.over(&[], task.supply, bindings, [tiles.div_ceil(64), 1, 1])?;
         }
-        let rest = [
-            page.surfels.as_entire_binding(),
-            page.order.as_entire_binding(),
-            lists.as_entire_binding(),
-            gather.hits.as_entire_binding(),
-            inputs.page.as_entire_binding(),
-            inputs.points.as_entire_binding(),
-            task.supply.class_masks.as_entire_binding(),
-            gather.views.bind(),
-            task.counters.as_entire_binding(),
-        ];
-        let resources: Vec<_> = mirror.into_iter().chain(nodes).chain(rest).collect();
+        let bindings = passes::surfel_trace {
+            point_in: task.mirror.point.bind(),
+            normal_in: task.normal.bind(),
+            eye_in: task.mirror.eye.bind(),
+            tops: tree.tops.as_entire_binding(),
+            places: tree.places.as_entire_binding(),
+            nodes: page.nodes.as_entire_binding(),
+            surfels: page.surfels.as_entire_binding(),
+            order: page.order.as_entire_binding(),
+            lists: lists.as_entire_binding(),
+            hits: gather.hits.as_entire_binding(),
+            page: inputs.page.as_entire_binding(),
+            points: inputs.points.as_entire_binding(),
+            class_masks: task.supply.class_masks.as_entire_binding(),
+            views_out: gather.views.bind(),
+            counters: task.counters.as_entire_binding(),
+        };
         let switches = [
             ("use_lists", u32::from(use_beams)),
             ("filter_classes", u32::from(task.supply.filter_classes)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];
-        recorder.over_mirrors(&passes::SURFEL_TRACE, &switches, task.supply, &resources)?;
+        recorder.over_mirrors(&switches, task.supply, bindings)?;
     }
     gather.resolve(recorder, task)
 }

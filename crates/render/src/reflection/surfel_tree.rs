@@ -9,6 +9,8 @@
 use cloud::{Chunk, NO_RADIUS, unpack_normal, unpack_radius};
 use glam::Vec3;
 
+use crate::layout::{INNER, Node};
+
 /// Discs in a leaf at most. Fewer make more nodes, more make more disc tests.
 pub(crate) const LEAF: usize = 8;
 /// A tree over a multiple of this many points has fewer nodes than its share of one each: all leaves but one are full, and
@@ -16,21 +18,6 @@ pub(crate) const LEAF: usize = 8;
 pub(crate) const POINTS_PER_NODE: u64 = LEAF as u64 / 2;
 /// Bits of a leaf's count of discs.
 const COUNT_BITS: u32 = 8;
-const INNER: u32 = u32::MAX;
-
-/// As shaders/shared/surfel_tree.wgsl has it. Positions are relative to the chunk's origin; nodes and discs count from the
-/// chunk's first.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-pub(crate) struct Node {
-    /// Box of the discs.
-    pub low: Vec3,
-    /// The node that follows when a ray misses this one.
-    pub skip: u32,
-    pub high: Vec3,
-    /// First disc and count of a leaf; `INNER` else.
-    pub leaf: u32,
-}
 
 pub(crate) struct SurfelTree {
     pub nodes: Vec<Node>,

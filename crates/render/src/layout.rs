@@ -1,0 +1,439 @@
+//! What Rust and the shaders must agree on, in one table: structs, the bytes of what only shaders look into, and constants. The
+//! tests below compare every line with the shaders.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3, Vec4};
+
+/// Declares the structs that buffers are filled with. They hold scalars and vec4 only: the padding of vec3 is a silent corruption.
+macro_rules! structs {
+    ($($(#[$doc:meta])* $Struct:ident { $($(#[$field_doc:meta])* $field:ident: $Type:ident),* $(,)? })*) => {
+        $(
+            $(#[$doc])*
+            #[repr(C)]
+            #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+            pub struct $Struct { $($(#[$field_doc])* pub $field: $Type),* }
+        )*
+
+        #[cfg(test)]
+        fn structs() -> Vec<Struct> {
+            vec![$(Struct {
+                name: stringify!($Struct),
+                bytes: size_of::<$Struct>(),
+                fields: vec![$(Member {
+                    name: stringify!($field).to_owned(),
+                    kind: stringify!($Type),
+                    offset: std::mem::offset_of!($Struct, $field),
+                    bytes: size_of::<$Type>(),
+                }),*],
+            }),*]
+        }
+    };
+}
+
+structs! {
+    /// The camera and the screen, of shaders/shared/frame.wgsl.
+    Frame {
+        right: Vec4, up: Vec4, forward: Vec4, clip: Vec4,
+        focal_pixels: f32, orthographic: u32, width: u32, height: u32,
+        near: f32, reference_depth: f32, scene_radius: f32, mirror_tile: u32,
+    }
+    /// A run of points with one origin and one material, of shaders/shared/splat.wgsl.
+    Item {
+        origin_radius: Vec4,
+        low: f32, inverse_range: f32, color_source: u32, plain: u32,
+        specular_intensity: f32, specular_power: f32, class_mask: u32, height: f32,
+        height_axis: Vec4,
+    }
+    /// What one workgroup splats, of shaders/shared/splat.wgsl.
+    Block { item: u32, first: u32, count: u32, unused: u32 }
+    /// What differs from page to page of the store, of shaders/shared/splat.wgsl.
+    Page { first_identity: u32, block_count: u32, point_count: u32, is_first: u32 }
+    /// A light with a shadow map, of shaders/shared/light.wgsl.
+    LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
+    /// How views of the light are laid out, of shaders/shared/light_view.wgsl.
+    LightViews { columns: u32, edge: u32, count: u32, unused: u32, nearest: Vec4, farthest: Vec4 }
+    /// What all virtual lights share, of shaders/shared/vpl.wgsl.
+    Virtual {
+        eye_radius: Vec4,
+        disc_radius: f32, nearest: f32, steps: f32, map_size: u32,
+        map_stride: u32, point_count: u32, subsets: u32, sky_lights: u32,
+        lights_per_bounce: u32, bounces: u32, area_over_pi: f32, unused: u32,
+    }
+    /// A virtual light, of shaders/shared/vpl.wgsl.
+    Vpl { position: Vec4, normal: Vec4, intensity: Vec4, glossy: Vec4, incoming: Vec4, tangent: Vec4 }
+    /// Which virtual lights and maps a pass works on, of shaders/shared/vpl.wgsl.
+    Step {
+        first_light: u32, bounce: u32, fine_size: u32, fine_first: u32,
+        coarse_first: u32, unused_0: u32, unused_1: u32, unused_2: u32,
+    }
+    /// A lamp or the sun, which virtual lights come from, of shaders/vpl_place.wgsl.
+    Emitter { position: Vec4, axis_focal: Vec4, right: Vec4, up: Vec4, flux: Vec4, strength: Vec4, angles: Vec4 }
+    /// A mirror that is drawn by its formula, of shaders/shared/mirror_formula.wgsl.
+    FormulaMirror {
+        x_kind: Vec4, y_parameter: Vec4, z_size: Vec4, position_reach: Vec4, color_intensity: Vec4,
+        specular_power: f32, unused_1: f32, unused_2: f32, unused_3: f32,
+    }
+    /// The box about all points, before the mirrors with their maps, of shaders/shared/mirror_places.wgsl.
+    MappedMirrors { scene_low: Vec4, scene_high: Vec4 }
+    /// A mirror with the map of its surroundings, of shaders/shared/mirror_places.wgsl.
+    MappedMirror { low_map: Vec4, high: Vec4, view: Vec4 }
+    /// A node of a tree of discs, of shaders/shared/surfel_tree.wgsl. Positions are relative to the chunk's origin; nodes and discs
+    /// count from the chunk's first.
+    Node {
+        /// Lower corner of the box of the discs.
+        low: Vec3,
+        /// The node that follows when a ray misses this one.
+        skip: u32,
+        high: Vec3,
+        /// First disc and count of a leaf; `INNER` else.
+        leaf: u32,
+    }
+    /// A chunk's tree among those of its page, of shaders/shared/surfel_tree.wgsl.
+    TreePlace { origin_margin: Vec4, first_node: u32, end_node: u32, first_surfel: u32, class_mask: u32 }
+    /// Which draw of a region a search is for, of shaders/sscr_solve.wgsl.
+    Round { draw: u32, seed: u32 }
+}
+
+/// Declares how many bytes the structs take that only shaders look into.
+macro_rules! sizes {
+    ($($Struct:ident: $BYTES:ident = $bytes:literal;)*) => {
+        $(pub const $BYTES: u64 = $bytes;)*
+        #[cfg(test)]
+        const SIZES: &[(&str, u64)] = &[$((stringify!($Struct), $BYTES)),*];
+    };
+}
+
+sizes! {
+    Region: REGION_BYTES = 80;
+    RegionTotals: REGION_TOTALS_BYTES = 8;
+    MirrorPixel: MIRROR_PIXEL_BYTES = 32;
+    Solution: SOLUTION_BYTES = 8;
+}
+
+/// Declares how many bytes an element of a buffer takes that holds no structs, and a pass and slot that it is bound to.
+macro_rules! elements {
+    ($($pass:ident.$slot:ident: $BYTES:ident = $bytes:literal;)*) => {
+        $(pub const $BYTES: u64 = $bytes;)*
+        #[cfg(test)]
+        const ELEMENTS: &[(&str, &str, u64)] = &[$((stringify!($pass), stringify!($slot), $BYTES)),*];
+    };
+}
+
+elements! {
+    splat_resolve.points: POINT_BYTES = 16;
+    splat_resolve.attributes: ATTRIBUTE_BYTES = 8;
+    splat_resolve.scalars: SCALAR_BYTES = 4;
+    splat_resolve.nearest: NEAREST_BYTES = 8;
+    splat_average.color_sums: COLOR_SUM_BYTES = 16;
+    splat_average.surface_sums: SURFACE_SUM_BYTES = 16;
+    splat_average.carries: CARRY_BYTES = 16;
+    surfel_trace.surfels: SURFEL_BYTES = 8;
+    surfel_trace.order: ORDER_BYTES = 4;
+    surfel_trace.hits: HIT_BYTES = 16;
+    label_start.curvature_map: CURVATURE_BYTES = 4;
+    label_start.parents: PARENT_BYTES = 4;
+    label_start.sizes: LABEL_BYTES = 4;
+    region_scan.runs: RUN_BYTES = 8;
+    mirror_average.nearest: NEAREST_REFLECTION_BYTES = 4;
+    shade.shadows: SHADOW_TEXEL_BYTES = 8;
+    vpl_aim.hits: AIM_HIT_BYTES = 4;
+    vpl_shadow_splat.shadow_maps: VIRTUAL_TEXEL_BYTES = 4;
+}
+
+/// Declares constants that the shaders have by the same name.
+macro_rules! constants {
+    ($($(#[$doc:meta])* $NAME:ident: $Type:ident = $value:expr;)*) => {
+        $($(#[$doc])* pub const $NAME: $Type = $value;)*
+        #[cfg(test)]
+        const CONSTANTS: &[(&str, f64)] = &[$((stringify!($NAME), $NAME as f64)),*];
+    };
+}
+
+constants! {
+    /// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
+    BLOCK_POINTS: u32 = 1024;
+    /// Words a pixel of the sums of the highlights of a splatted surface.
+    SPECULAR_WORDS: u64 = 3;
+    /// Depths that differ by this share or less are of one surface.
+    SAME_SURFACE: f32 = 0.02;
+    /// Texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about as fine as a splat.
+    SHADOW_SIZE: u32 = 1024;
+    /// The same where virtual lights are placed.
+    LAMP_MAP_SIZE: u32 = SHADOW_SIZE;
+    /// Directions that are tried for a virtual light.
+    VPL_TRIES: u32 = 8;
+    /// No texel to try.
+    AIM_NONE: u32 = u32::MAX;
+    /// A virtual light without a parent.
+    PARENT_NONE: u32 = u32::MAX;
+    /// Kind of a virtual light of the sky.
+    VPL_SKY: f32 = 2.0;
+    /// Vectors that are kept of a point that casts indirect shadows.
+    OCCLUDER_VECTORS: u64 = 2;
+    /// Counters of a layer of shadow maps.
+    AIM_COUNTS: u64 = 2;
+    /// Marks an inner node of a tree of discs.
+    INNER: u32 = u32::MAX;
+    /// Words of a tile's list of nodes.
+    LIST_WORDS: u64 = 97;
+    /// Smallest region, in pixels: what a bracket fits in.
+    LEAST_REGION: u64 = 4;
+    /// Pixels that a workgroup numbers the regions of.
+    RUN_PIXELS: u32 = 1024;
+    /// Words a pixel of where searches ended.
+    ENDING_WORDS: u64 = 3;
+    /// Words of the sums of a mirror pixel; their carries take half a word each.
+    MIRROR_SUMS: u64 = 12;
+    /// What a frame's reflections count: places of the counters.
+    MIRROR_PIXELS: usize = 0;
+    FOUND_PIXELS: usize = 1;
+    CLOSED_PIXELS: usize = 2;
+    POINTS_TRIED: usize = 3;
+    POINTS_FOUND: usize = 4;
+    REGIONS: usize = 5;
+    POINTS_UNCONVERGED: usize = 6;
+    NODES_TESTED: usize = 7;
+    DISCS_TESTED: usize = 8;
+    DOUBTED_PIXELS: usize = 9;
+    /// What a point is coloured by.
+    COLOR_PLAIN: u32 = 0;
+    COLOR_RGB: u32 = 1;
+    COLOR_NORMAL: u32 = 2;
+    COLOR_CLASS: u32 = 3;
+    COLOR_HEIGHT: u32 = 4;
+    COLOR_SCALAR: u32 = 5;
+    /// Shapes of mirrors with a formula.
+    PLANE: f32 = 0.0;
+    SPHERE: f32 = 1.0;
+    PARABOLOID: f32 = 2.0;
+    TORUS: f32 = 3.0;
+    BLOB: f32 = 4.0;
+    CORAL: f32 = 5.0;
+}
+
+/// Room for the counters.
+pub const COUNTERS: usize = 16;
+const _: () = assert!(DOUBTED_PIXELS < COUNTERS);
+
+/// Name, size and fields of a struct.
+#[cfg(test)]
+struct Struct {
+    name: &'static str,
+    bytes: usize,
+    fields: Vec<Member>,
+}
+
+#[cfg(test)]
+struct Member {
+    name: String,
+    kind: &'static str,
+    offset: usize,
+    bytes: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use naga::{ScalarKind, TypeInner};
+
+    use super::*;
+    use crate::passes::ALL;
+    use crate::shader::tests::module_of;
+
+    /// Bytes of a struct, and name, offset, bytes and kind of each member.
+    type Layout = (usize, Vec<(String, usize, usize, &'static str)>);
+
+    /// What the shaders of all passes say, by name.
+    #[derive(Default)]
+    struct Said {
+        /// All that passes say of one struct.
+        structs: BTreeMap<String, BTreeSet<Layout>>,
+        constants: BTreeMap<String, BTreeSet<String>>,
+        /// Bytes of an element, by pass and slot.
+        elements: BTreeMap<(String, String), usize>,
+        /// Structs that a buffer holds or is.
+        bound: BTreeSet<String>,
+    }
+
+    fn kind_of(inner: &TypeInner) -> &'static str {
+        match inner {
+            TypeInner::Scalar(scalar) if scalar.kind == ScalarKind::Float => "f32",
+            TypeInner::Scalar(scalar) if scalar.kind == ScalarKind::Uint => "u32",
+            TypeInner::Vector { size: naga::VectorSize::Quad, scalar } if scalar.kind == ScalarKind::Float => "Vec4",
+            _ => "other",
+        }
+    }
+
+    fn said() -> Said {
+        let mut said = Said::default();
+        for pass in ALL {
+            let module = module_of(pass);
+            let mut layouter = naga::proc::Layouter::default();
+            layouter.update(module.to_ctx()).unwrap();
+            for (handle, kind) in module.types.iter() {
+                let (Some(name), TypeInner::Struct { members, .. }) = (&kind.name, &kind.inner) else { continue };
+                let member = |member: &naga::StructMember| {
+                    let inner = &module.types[member.ty].inner;
+                    let bytes = if matches!(inner, TypeInner::Array { size: naga::ArraySize::Dynamic, .. }) {
+                        0
+                    } else {
+                        layouter[member.ty].size as usize
+                    };
+                    (member.name.clone().unwrap(), member.offset as usize, bytes, kind_of(inner))
+                };
+                let layout = (layouter[handle].size as usize, members.iter().map(member).collect());
+                said.structs.entry(name.clone()).or_default().insert(layout);
+            }
+            for (_, constant) in module.constants.iter() {
+                let Some(name) = &constant.name else { continue };
+                let naga::Expression::Literal(literal) = module.global_expressions[constant.init] else { continue };
+                let value = match literal {
+                    naga::Literal::U32(value) => f64::from(value),
+                    naga::Literal::I32(value) => f64::from(value),
+                    naga::Literal::F32(value) => f64::from(value),
+                    _ => continue,
+                };
+                said.constants.entry(name.clone()).or_default().insert(value.to_string());
+            }
+            for (_, variable) in module.global_variables.iter().filter(|(_, variable)| variable.binding.is_some()) {
+                let held = match module.types[variable.ty].inner {
+                    TypeInner::Array { base, stride, .. } => {
+                        let slot = (pass.name.to_owned(), variable.name.clone().unwrap());
+                        said.elements.insert(slot, stride as usize);
+                        base
+                    }
+                    _ => variable.ty,
+                };
+                if let (Some(name), TypeInner::Struct { members, .. }) =
+                    (&module.types[held].name, &module.types[held].inner)
+                {
+                    said.bound.insert(name.clone());
+                    for member in members {
+                        if let TypeInner::Array { base, .. } = module.types[member.ty].inner {
+                            said.bound.extend(module.types[base].name.clone());
+                        }
+                    }
+                }
+            }
+        }
+        said
+    }
+
+    /// The fields of a struct as the shaders name them: some are put together in one vec4 there, whose name is that of both.
+    fn joined(fields: &[Member], names: &[String]) -> Vec<(String, usize, usize)> {
+        let mut fields = fields.iter().peekable();
+        let mut joined: Vec<(String, usize, usize)> = Vec::new();
+        for name in names {
+            let Some(first) = fields.next() else { break };
+            let mut whole = (first.name.clone(), first.offset, first.bytes);
+            while whole.0 != *name && name.starts_with(&format!("{}_", whole.0)) {
+                let Some(next) = fields.next() else { break };
+                whole = (format!("{}_{}", whole.0, next.name), whole.1, whole.2 + next.bytes);
+            }
+            joined.push(whole);
+        }
+        joined.extend(fields.map(|field| (field.name.clone(), field.offset, field.bytes)));
+        joined
+    }
+
+    #[test]
+    fn structs_have_the_fields_offsets_and_bytes_that_the_shaders_have() {
+        let said = said();
+        for Struct { name, bytes, fields } in structs() {
+            let layouts = said.structs.get(name).unwrap_or_else(|| panic!("no shader has a struct {name}"));
+            assert_eq!(layouts.len(), 1, "shaders have several structs {name}");
+            let (said_bytes, mut members) = layouts.first().unwrap().clone();
+            // What follows a header in the same buffer has a struct of its own.
+            let is_header = members.last().is_some_and(|(_, _, bytes, _)| *bytes == 0);
+            if is_header {
+                assert_eq!(members.pop().unwrap().1, bytes, "{name}");
+            } else {
+                assert_eq!(said_bytes, bytes, "{name}");
+            }
+            let names: Vec<String> = members.iter().map(|(name, ..)| name.clone()).collect();
+            let of_shader: Vec<_> = members.iter().map(|(name, at, bytes, _)| (name.clone(), *at, *bytes)).collect();
+            assert_eq!(joined(&fields, &names), of_shader, "{name}");
+            for (member, _, _, kind) in &members {
+                let own = fields.iter().find(|field| field.name == *member);
+                assert!(own.is_none_or(|field| field.kind == *kind), "{name}.{member} is {kind} in the shader");
+            }
+        }
+    }
+
+    #[test]
+    fn bytes_of_what_only_shaders_look_into_are_theirs() {
+        let said = said();
+        for (name, bytes) in SIZES {
+            let layouts = said.structs.get(*name).unwrap_or_else(|| panic!("no shader has a struct {name}"));
+            let sizes: BTreeSet<u64> = layouts.iter().map(|(bytes, _)| *bytes as u64).collect();
+            assert_eq!(sizes, BTreeSet::from([*bytes]), "{name}");
+        }
+        for (pass, slot, bytes) in ELEMENTS {
+            let stride = said.elements.get(&((*pass).to_owned(), (*slot).to_owned()));
+            assert_eq!(stride, Some(&(*bytes as usize)), "{pass}.{slot}");
+        }
+    }
+
+    #[test]
+    fn every_struct_in_a_buffer_is_in_the_table() {
+        let mut known: BTreeSet<&str> = SIZES.iter().map(|(name, _)| *name).collect();
+        let structs = structs();
+        known.extend(structs.iter().map(|layout| layout.name));
+        // The parameters are compared word by word where the shaders are read.
+        known.insert("Settings");
+        let said = said();
+        let unknown: Vec<&String> = said.bound.iter().filter(|name| !known.contains(name.as_str())).collect();
+        assert!(unknown.is_empty(), "{unknown:?}");
+        assert!(said.bound.len() > 15, "{:?}", said.bound);
+    }
+
+    #[test]
+    fn constants_have_the_values_that_the_shaders_have() {
+        let said = said();
+        for (name, value) in CONSTANTS {
+            let values = said.constants.get(*name).unwrap_or_else(|| panic!("no shader has a constant {name}"));
+            assert_eq!(*values, BTreeSet::from([value.to_string()]), "{name}");
+        }
+    }
+
+    /// Passes that fill regions by atomics know the words of a region by constants.
+    #[test]
+    fn words_of_a_region_are_where_its_fields_are() {
+        let said = said();
+        let (bytes, members) = said.structs["Region"].first().unwrap();
+        assert_eq!(said.constants["REGION_WORDS"], BTreeSet::from([(bytes / 4).to_string()]));
+        let word = |field: &str| members.iter().find(|(name, ..)| name == field).unwrap().1 / 4;
+        for (constant, field) in [
+            ("REGION_FIRST", "first_x"),
+            ("REGION_LAST", "last_x"),
+            ("REGION_PIXELS", "pixels"),
+            ("REGION_ACCUMULATED", "accumulated"),
+            ("REGION_POINT_LOW", "point_low"),
+            ("REGION_POINT_HIGH", "point_high"),
+            ("REGION_DIRECTION_LOW", "direction_low"),
+            ("REGION_DIRECTION_HIGH", "direction_high"),
+        ] {
+            assert_eq!(said.constants[constant], BTreeSet::from([word(field).to_string()]), "{constant}");
+        }
+    }
+
+    /// A struct that buffers are filled with belongs in the table above, where it is compared.
+    #[test]
+    fn no_other_file_lays_out_structs_for_the_shaders() {
+        let sources = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+        let mut folders = vec![sources];
+        let mut found = Vec::new();
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else if std::fs::read_to_string(&path).unwrap().contains("#[repr(C)]") {
+                    found.push(path.file_name().unwrap().to_owned());
+                }
+            }
+        }
+        assert_eq!(found, ["layout.rs"]);
+    }
+}
