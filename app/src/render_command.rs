@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use glam::DVec3;
 use param::Choice as _;
-use render::{Aov, FrameStats, Gpu, Renderer};
+use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, Method, SceneFile, Settings, StandardView};
 use serde::Serialize;
 use world::Request;
@@ -288,6 +288,7 @@ struct PointStats {
 #[derive(Serialize)]
 struct PassStats {
     name: &'static str,
+    stage: &'static str,
     ms: f64,
 }
 
@@ -318,7 +319,7 @@ impl Stats {
         let mut passes: Vec<PassStats> = Vec::new();
         for pass in last.iter().flat_map(|frame| &frame.passes) {
             if passes.iter().all(|listed| listed.name != pass.name) {
-                passes.push(PassStats { name: pass.name, ms: pass_median(pass.name) });
+                passes.push(PassStats { name: pass.name, stage: pass.stage.name(), ms: pass_median(pass.name) });
             }
         }
         Self {
@@ -360,7 +361,8 @@ impl Stats {
         if let Some(method) = traced.method {
             self.method = truth::RAY_TRACE;
             self.set.remove("reflection.method");
-            self.passes.push(PassStats { name: truth::RAY_TRACE, ms: method.milliseconds });
+            let (name, stage) = (truth::RAY_TRACE, PassStage::Method.name());
+            self.passes.push(PassStats { name, stage, ms: method.milliseconds });
             self.frame_ms += method.milliseconds;
             (self.coverage, self.closed_coverage) = (method.coverage, method.coverage);
             self.bounces = method.bounces;

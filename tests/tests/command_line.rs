@@ -586,6 +586,7 @@ fn the_statistics_tell_adapter_passes_counts_and_memory() {
     assert!(!passes.is_empty());
     for pass in passes {
         assert!(pass["name"].as_str().is_some_and(|name| !name.is_empty()), "{pass}");
+        assert!(["surface", "method", "light", "view"].iter().any(|stage| pass["stage"] == *stage), "{pass}");
         assert!(pass["ms"].as_f64().is_some_and(|time| time >= 0.0), "{pass}");
     }
     assert!(stats["frame_ms"].as_f64().is_some_and(|time| time > 0.0), "{stats}");

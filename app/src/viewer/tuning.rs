@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use egui::{Align2, Color32, Pos2, RichText, Ui};
 use egui_plot::{GridMark, Line, MarkerShape, Plot, PlotPoint, PlotPoints, Points};
-use render::FrameStats;
+use render::{FrameStats, PassStage};
 use scene::Settings;
 use serde_json::json;
 use study::Accuracy;
@@ -106,8 +106,7 @@ pub struct Tuning {
 
 /// Times of a frame and of what of it finds the points that mirrors show, milliseconds.
 pub fn times(stats: &FrameStats) -> [f64; 2] {
-    let method = stats.passes.iter().filter(|pass| study::results::is_of_method(pass.name));
-    [stats.frame_milliseconds, method.map(|pass| pass.milliseconds).sum()]
+    [stats.frame_milliseconds, study::results::stage_ms(&stats.passes, PassStage::Method)]
 }
 
 /// The median of each.

@@ -7,7 +7,7 @@
 use std::io::Write as _;
 
 use param::Choice as _;
-use render::{Gpu, PassTime, Renderer};
+use render::{Gpu, PassStage, PassTime, Renderer};
 use scene::five_mirrors::Variant;
 use scene::{Method, Settings};
 use study::{Accuracy, Stage};
@@ -83,13 +83,13 @@ fn main() -> anyhow::Result<()> {
             }
         }
         for (case, text) in tries.iter().enumerate() {
-            let sum = |is_counted: &dyn Fn(&str) -> bool| {
-                let sums = times[case].iter().map(|passes| {
-                    passes.iter().filter(|pass| is_counted(pass.name)).map(|pass| pass.milliseconds).sum()
-                });
+            let sum = |is_counted: &dyn Fn(&PassTime) -> bool| {
+                let sums = times[case]
+                    .iter()
+                    .map(|passes| passes.iter().filter(|pass| is_counted(pass)).map(|pass| pass.milliseconds).sum());
                 median(sums.collect())
             };
-            let reflections = sum(&study::results::is_of_method);
+            let reflections = sum(&|pass| pass.stage == PassStage::Method);
             let (found, (same, exact)) = &judged[case];
             println!("{} {text}: reflections {reflections:.0} ms, frame {:.0} ms", variant.name(), sum(&|_| true));
             if let Some(found) = found {
@@ -114,7 +114,8 @@ fn main() -> anyhow::Result<()> {
                 exact.occlusion_error
             );
             if all_passes && let Some(first) = times[case].first() {
-                let each = first.iter().map(|pass| format!("{} {:.1}", pass.name, sum(&|name| name == pass.name)));
+                let each =
+                    first.iter().map(|pass| format!("{} {:.1}", pass.name, sum(&|timed| timed.name == pass.name)));
                 println!("    {}", each.collect::<Vec<_>>().join(", "));
             }
         }

@@ -204,6 +204,7 @@ fn write_whole(path: &Path, content: &[u8]) -> Result<(), FolderError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::results::TimedPass;
 
     fn plan(title: &str) -> Plan {
         let group = "[[group]]\nscenes = [\"five-mirrors/sphere\"]\nsweep = { \"splat.size\" = [1, 2, 3] }";
@@ -215,7 +216,7 @@ mod tests {
             case,
             round,
             frame_ms: Some(0.1 + case as f64),
-            passes: vec![("sscr_solve".into(), 2.5)],
+            passes: vec![TimedPass { name: "sscr_solve".into(), stage: render::PassStage::Method, ms: 2.5 }],
             ..Run::default()
         }
     }

@@ -6,7 +6,9 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
 
-use serde::{Deserialize, Serialize};
+use param::Choice as _;
+use render::{PassStage, PassTime};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::metrics::{Accuracy, Truth};
 use crate::plan::{Case, Plan, RAY_TRACE, SIZE};
@@ -16,40 +18,9 @@ pub const METHOD_MS: &str = "method_ms";
 /// Time of the whole frame, milliseconds.
 pub const FRAME_MS: &str = "frame_ms";
 
-/// Passes that a picture without reflections has as well.
-pub const SURFACE_PASSES: [&str; 12] = [
-    "clear",
-    "splat_nearest",
-    "splat_depth",
-    "splat_identity",
-    "splat_accumulate",
-    "splat_average",
-    "splat_resolve",
-    "close_gaps",
-    "camera_position",
-    "mirror_exact",
-    "show",
-    "present",
-];
-/// Passes that depend on the light and on what is seen, not on how it was found.
-pub const SHADING_PASSES: [&str; 12] = [
-    "mirror_doubt",
-    "vpl_points",
-    "vpl_aim",
-    "vpl_place",
-    "vpl_bounce",
-    "vpl_shadow_splat",
-    "vpl_shadow_pull",
-    "vpl_shadow_push",
-    "shade",
-    "indirect",
-    "indirect_filter",
-    "blend",
-];
-
-/// Whether a pass is of the search for what mirrors show.
-pub fn is_of_method(pass: &str) -> bool {
-    !SURFACE_PASSES.contains(&pass) && !SHADING_PASSES.contains(&pass)
+/// Time of all passes of one stage of a frame, milliseconds.
+pub fn stage_ms(passes: &[PassTime], stage: PassStage) -> f64 {
+    passes.iter().filter(|pass| pass.stage == stage).map(|pass| pass.milliseconds).sum()
 }
 
 /// Something that is measured of a setting.
@@ -232,18 +203,39 @@ pub struct Run {
     pub figures: BTreeMap<String, f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_ms: Option<f64>,
-    /// Name and milliseconds, in order.
+    /// In order.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub passes: Vec<(String, f64)>,
+    pub passes: Vec<TimedPass>,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
 
 impl Run {
-    fn method_ms(&self) -> f64 {
-        self.passes.iter().filter(|(name, _)| is_of_method(name)).map(|(_, milliseconds)| milliseconds).sum()
+    fn stage_ms(&self, stage: PassStage) -> f64 {
+        self.passes.iter().filter(|pass| pass.stage == stage).map(|pass| pass.ms).sum()
     }
+}
+
+/// What one pass of a frame took.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimedPass {
+    pub name: String,
+    #[serde(serialize_with = "write_stage", deserialize_with = "read_stage")]
+    pub stage: PassStage,
+    /// Milliseconds.
+    pub ms: f64,
+}
+
+fn write_stage<S: Serializer>(stage: &PassStage, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(stage.name())
+}
+
+fn read_stage<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PassStage, D::Error> {
+    let name = String::deserialize(deserializer)?;
+    let stage = PassStage::from_name(&name);
+    stage.ok_or_else(|| serde::de::Error::unknown_variant(&name, PassStage::NAMES))
 }
 
 /// Median and quartiles.
@@ -281,8 +273,9 @@ pub struct Row {
     pub repeats: usize,
     pub frame_ms: Option<Spread>,
     pub method_ms: Option<Spread>,
-    /// Medians.
+    /// Medians of each pass, and of all passes of each stage.
     pub passes: Vec<(String, f64)>,
+    pub stages: Vec<(PassStage, f64)>,
     pub figures: BTreeMap<String, f64>,
     pub machine: Machine,
     pub error: Option<String>,
@@ -340,14 +333,15 @@ pub fn rows(plan: &Plan, cases: &[Case], runs: &[Run]) -> Vec<Row> {
         let timed: Vec<&Run> = timed.into_iter().filter(|run| run.error.is_none()).collect();
         let spread =
             |time: &dyn Fn(&Run) -> Option<f64>| Spread::of(timed.iter().filter_map(|run| time(run)).collect());
-        let names = timed.first().map(|run| run.passes.iter().map(|(name, _)| name.as_str())).into_iter().flatten();
+        let names = timed.first().map(|run| run.passes.iter().map(|pass| pass.name.as_str())).into_iter().flatten();
         let passes = names.filter_map(|name| {
             let of_pass = |run: &Run| {
-                let pass = run.passes.iter().find(|(other, _)| other == name);
-                pass.map(|(_, milliseconds)| *milliseconds)
+                let pass = run.passes.iter().find(|pass| pass.name == name);
+                pass.map(|pass| pass.ms)
             };
             Some((name.to_owned(), spread(&of_pass)?.median))
         });
+        let stage = |stage: PassStage| Some((stage, spread(&|run| Some(run.stage_ms(stage)))?.median));
         Some(Row {
             case: case.clone(),
             group: plan.groups[case.group].name.clone(),
@@ -355,8 +349,9 @@ pub fn rows(plan: &Plan, cases: &[Case], runs: &[Run]) -> Vec<Row> {
             points: first.points,
             repeats: timed.len(),
             frame_ms: spread(&|run| run.frame_ms),
-            method_ms: spread(&|run| Some(run.method_ms())),
+            method_ms: spread(&|run| Some(run.stage_ms(PassStage::Method))),
             passes: passes.collect(),
+            stages: PassStage::all().filter_map(stage).collect(),
             figures: first.figures.clone(),
             machine: first.machine.clone(),
             error: rounds.values().find_map(|run| run.error.clone()),
@@ -460,7 +455,7 @@ pub fn csv(plan: &Plan, rows: &[Row]) -> anyhow::Result<Vec<u8>> {
     Ok(writer.into_inner()?)
 }
 
-/// The table as a JSON list of objects, with the time of each pass.
+/// The table as a JSON list of objects, with the time of each pass and of each stage.
 ///
 /// # Errors
 /// Never in memory; the writer's type has one.
@@ -470,6 +465,8 @@ pub fn json(plan: &Plan, rows: &[Row]) -> anyhow::Result<String> {
             cells(plan, row).into_iter().map(|(name, cell)| (name, cell.json())).collect();
         let passes = row.passes.iter().map(|(name, milliseconds)| (name.clone(), Cell::of(Some(*milliseconds)).json()));
         object.insert("passes".into(), passes.collect::<serde_json::Map<_, _>>().into());
+        let stages = row.stages.iter().map(|(stage, ms)| (stage.name().to_owned(), Cell::of(Some(*ms)).json()));
+        object.insert("stages".into(), stages.collect::<serde_json::Map<_, _>>().into());
         serde_json::Value::from(object)
     };
     Ok(serde_json::to_string_pretty(&rows.iter().map(object).collect::<Vec<_>>())? + "\n")
@@ -490,8 +487,14 @@ mod tests {
     }
 
     fn timed(case: usize, round: u32, milliseconds: f64) -> Run {
-        let passes = [("clear", 1.0), ("sscr_solve", milliseconds), ("push", 2.0), ("shade", 4.0), ("vpl_aim", 8.0)];
-        let passes = passes.map(|(name, time)| (name.to_owned(), time)).into();
+        let passes = [
+            ("splat_nearest", PassStage::Surface, 1.0),
+            ("sscr_solve", PassStage::Method, milliseconds),
+            ("push", PassStage::Method, 2.0),
+            ("shade", PassStage::Light, 4.0),
+            ("a_pass_of_tomorrow", PassStage::View, 8.0),
+        ];
+        let passes = passes.map(|(name, stage, ms)| TimedPass { name: name.to_owned(), stage, ms }).into();
         Run { case, round, machine: machine(), frame_ms: Some(milliseconds + 15.0), passes, ..Run::default() }
     }
 
@@ -518,10 +521,12 @@ mod tests {
         assert_eq!(rows.len(), 1, "only what was run");
         let row = &rows[0];
         assert_eq!((row.repeats, row.points, row.value("coverage")), (3, Some(7), Some(0.75)));
-        // Without surface and shading: the search and the closing.
+        // The search and the closing alone, whatever other passes there are.
         assert_eq!((row.value(METHOD_MS), row.value(FRAME_MS)), (Some(22.0), Some(35.0)));
         assert_eq!(row.method_ms.map(|spread| (spread.low, spread.high)), Some((17.0, 27.0)));
         assert_eq!(row.passes[1], ("sscr_solve".to_owned(), 20.0));
+        let stages = PassStage::all().zip([1.0, 22.0, 4.0, 8.0]);
+        assert_eq!(row.stages, stages.collect::<Vec<_>>());
         assert_eq!(row.value("same_input_delta_e"), None);
     }
 
@@ -604,8 +609,8 @@ mod tests {
         assert!(names.iter().all(|name| object.get(name).is_some()), "{object}");
         assert_eq!((&object["splat.size"], &object["{width}"]), (&serde_json::json!(0.5), &serde_json::json!(1)));
         assert_eq!(
-            (&object["passes"]["sscr_solve"], &object["exact_flip"]),
-            (&serde_json::json!(10), &serde_json::Value::Null)
+            (&object["passes"]["sscr_solve"], &object["stages"]["method"], &object["exact_flip"]),
+            (&serde_json::json!(10), &serde_json::json!(12), &serde_json::Value::Null)
         );
     }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use cloud::Progress;
-use render::{FrameStats, Gpu, Renderer};
+use render::{FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, ColorBy, Settings};
 
 use crate::chart;
@@ -19,7 +19,7 @@ use crate::metrics::Truth;
 use crate::picture;
 use crate::plan::{Case, Plan, PlanError, RAY_TRACE};
 use crate::report;
-use crate::results::{self, Figure, Machine, Measured, Row, Run};
+use crate::results::{self, Figure, Machine, Measured, Row, Run, TimedPass};
 use crate::subject::Subject;
 use crate::truth::{Drawn, TracedScene, Tracer, View, mirrors_of};
 
@@ -421,13 +421,14 @@ impl<'a> Runner<'a> {
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let stats = loaded.subject.render(renderer, &settings, case.size)?;
         let FrameStats { passes, frame_milliseconds, .. } = stats;
-        let mut passes: Vec<(String, f64)> =
-            passes.into_iter().map(|pass| (pass.name.to_owned(), pass.milliseconds)).collect();
+        let timed = |name: &str, stage, ms| TimedPass { name: name.to_owned(), stage, ms };
+        let mut passes: Vec<TimedPass> =
+            passes.into_iter().map(|pass| timed(pass.name, pass.stage, pass.milliseconds)).collect();
         let mut frame_ms = frame_milliseconds;
         if case.method == RAY_TRACE {
             loaded.traced(plan, settings.splat.size)?;
             let milliseconds = drawn(loaded, case, &settings, renderer)?.1;
-            passes.push((RAY_TRACE.to_owned(), milliseconds));
+            passes.push(timed(RAY_TRACE, PassStage::Method, milliseconds));
             frame_ms += milliseconds;
         }
         Ok(Run { frame_ms: Some(frame_ms), passes, ..Run::default() })

@@ -28,6 +28,7 @@ fn rows(plan: &Plan, value: impl Fn(&Case, &str) -> Option<f64>) -> Vec<Row> {
             frame_ms: spread("frame_ms"),
             method_ms: spread("method_ms"),
             passes: Vec::new(),
+            stages: Vec::new(),
             figures,
             machine: Machine::default(),
             error: None,
