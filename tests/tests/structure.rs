@@ -3,6 +3,7 @@
 mod dependencies;
 mod imports;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -240,27 +241,27 @@ fn no_source_file_is_left_unfinished() {
     assert!(found.is_empty(), "{found:#?}");
 }
 
+/// From the rows of the passes and what their shaders import, and those import, on and on.
 #[test]
 fn every_shader_is_used_by_a_pass() {
     let texts = tracked_texts();
-    let renderer: Vec<_> = texts.iter().filter(|(name, _)| name.starts_with("crates/render/src/")).collect();
-    // Includes name a shared file from another shader.
-    let shaders: Vec<_> = texts.iter().filter(|(name, _)| name.ends_with(".wgsl")).collect();
-    let unused: Vec<_> = shaders
-        .iter()
-        .filter(|(name, _)| {
-            let stem = Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name);
-            let others = renderer.iter().chain(&shaders).filter(|(other, _)| other != name);
-            !others.into_iter().any(|(_, text)| names_word(text, stem))
-        })
-        .map(|(name, _)| name)
-        .collect();
-    assert!(unused.is_empty(), "no pass names {unused:?}");
-}
-
-/// Whether `word` stands in `text` as a word of its own: `shader` does not name `shade`.
-fn names_word(text: &str, word: &str) -> bool {
-    text.split(|character: char| !character.is_alphanumeric() && character != '_').any(|found| found == word)
+    let text = |name: &str| texts.iter().find(|(known, _)| known == name).map(|(_, text)| text.as_str());
+    let table = text("crates/render/src/passes.rs").and_then(|text| text.split_once("\npasses! {\n"));
+    let (_, rows) = table.expect("the table of the passes");
+    let (rows, _) = rows.split_once("\n}\n").expect("the end of the table");
+    let name = |row: &str| row.split_once(" over ").and_then(|(row, _)| Some(row.split_once(':')?.0.trim().to_owned()));
+    let mut open: Vec<String> = rows.lines().filter_map(name).map(|name| format!("shaders/{name}.wgsl")).collect();
+    let mut used: BTreeSet<String> = BTreeSet::new();
+    while let Some(file) = open.pop() {
+        let shader = text(&file).unwrap_or_else(|| panic!("{file} is not there"));
+        if used.insert(file) {
+            let imports = shader.lines().filter_map(|line| line.strip_prefix("#import "));
+            open.extend(imports.map(|name| format!("shaders/shared/{}.wgsl", name.trim())));
+        }
+    }
+    let shaders = texts.iter().map(|(name, _)| name).filter(|name| name.ends_with(".wgsl"));
+    let unused: Vec<&String> = shaders.filter(|name| !used.contains(*name)).collect();
+    assert!(unused.is_empty(), "no pass reaches {unused:?}");
 }
 
 #[test]
