@@ -1,8 +1,9 @@
 //! From what a person named to a scene in memory and on the GPU, for pictures without a window.
 //!
-//! Chunks are put in the order of the file, so that a picture does not depend on which thread was faster.
+//! The clouds are put together and put on the GPU as in the window (`world::Assembly`, `world::Resident`); what waits for a
+//! person there is waited for here.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
@@ -10,11 +11,13 @@ use std::time::Duration;
 use anyhow::anyhow;
 use cloud::{Chunk, Cloud, Progress};
 use glam::DVec3;
-use render::{ColorPlan, Gpu, MOST_LIGHTS, PointStore};
-use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings, SpotLight, Surroundings};
+use render::{ColorPlan, Gpu, MOST_LIGHTS};
+use scene::{Camera, Mirror, MirrorPoints, Settings};
 use serde::Serialize;
 use study::{Exact, Part, Subject};
-use world::{Event, Input, Job, Paged, Request, Stage, StreamStats, Viewpoint, mirrors};
+use world::{
+    Assembly, AutoLight, Change, CloudKey, Event, Input, Job, Request, Resident, Stage, StreamStats, Viewpoint, mirrors,
+};
 
 use crate::failure::usage;
 use crate::progress_bar;
@@ -72,7 +75,7 @@ pub fn open(
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
     let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks));
     let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();
-    let Some(up) = loads.clouds.iter().find(|loaded| !loaded.cloud.is_empty()).map(|loaded| loaded.up) else {
+    let Some(up) = loads.clouds.iter().find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", names.join(", "))));
     };
     let camera = camera(&outline, up);
@@ -85,57 +88,36 @@ pub fn open(
     let Loads { mut clouds, mirrors: mut placed, failures, stream, .. } = loads;
     let area = mirrors::area_per_point(clouds.iter().flat_map(|loaded| &loaded.cloud.chunks));
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
-    let sky_is_open = find_light(&clouds, up, camera.eye, settings, &mut request.lights);
-    let mut store = PointStore::new(gpu.clone());
-    store.reserve(clouds.iter().map(|loaded| loaded.cloud.len()).sum());
+    let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
+    let light = AutoLight::around(&chunks, up);
+    if request.lights.is_empty() && light.lamp_shines(settings.light.by, camera.eye) {
+        request.lights.extend(light.lamp());
+    }
+    let mut resident = Resident::new(gpu.clone());
+    resident.apply(Change::Expect { points: clouds.iter().map(|loaded| loaded.points).sum() })?;
     let mut parts = Vec::new();
     for loaded in &mut clouds {
         let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
         let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
-        parts.extend(upload(&mut store, loaded, &reflecting, settings)?);
+        parts.extend(upload(&mut resident, loaded, &reflecting, settings)?);
     }
     for points in &request.mirror_points {
         if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
             crate::complain(&format!("warning: mirror points: no cloud is called `{}`", points.cloud));
         }
     }
-    for (mirror, samples) in &placed {
-        mirrors::upload(&mut store, mirror, samples)?;
-        let samples = Cloud { name: mirror.name.clone(), chunks: samples.clone(), ..Cloud::default() };
-        parts.push(Part::of_mirror(mirror, samples));
+    let mut mirrors = Vec::new();
+    for (index, (mirror, samples)) in placed.into_iter().enumerate() {
+        let cloud = CloudKey((clouds.len() + index) as u32);
+        resident.apply(Change::Mirror { cloud, mirror: mirror.clone(), samples: samples.clone() })?;
+        let samples = Cloud { name: mirror.name.clone(), chunks: samples, ..Cloud::default() };
+        parts.push(Part::of_mirror(&mirror, samples));
+        mirrors.push(mirror);
     }
-    let mirrors = placed.into_iter().map(|(mirror, _)| mirror).collect();
-    let subject = Subject { parts, store, mirrors, lights: request.lights, sky_is_open, camera, exact };
-    let whole = |loaded: &Loaded| loaded.source.clone().filter(|_| loaded.paged.is_none());
+    let (store, lights, sky_is_open) = (resident.store, request.lights, light.sky_is_open());
+    let subject = Subject { parts, store, mirrors, lights, sky_is_open, camera, exact };
+    let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| loaded.pages.is_none());
     Ok(Some(Opened { subject, failures, stream, sources: clouds.iter().map(whole).collect() }))
-}
-
-/// Whether the sky is open above the points, as far as that matters for their light. A room without a light gets a lamp, which
-/// of itself shines only while the eye is in the room.
-fn find_light(clouds: &[Loaded], up: DVec3, eye: DVec3, settings: &Settings, lights: &mut Vec<SpotLight>) -> bool {
-    if !lights.is_empty() || !matches!(settings.light.by, Lighting::Auto | Lighting::Lights) {
-        return false;
-    }
-    let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
-    match Surroundings::of(cloud::spread_sample(&chunks), up) {
-        Surroundings::OpenSky => true,
-        Surroundings::Room(room) => {
-            lights.extend(room.lamp_shines(settings.light.by, eye).then_some(room.lamp));
-            false
-        }
-    }
-}
-
-/// A cloud that is in memory.
-struct Loaded {
-    cloud: Cloud,
-    /// As on the command line or in the scene file.
-    input: String,
-    source: Option<Arc<codec::Source>>,
-    up: DVec3,
-    provisional_radius: f32,
-    /// Of a streamed cloud: its chunks by their first point, as they come and go.
-    paged: Option<BTreeMap<u64, Chunk>>,
 }
 
 /// How long the receiver waits before it looks at the progress again.
@@ -144,8 +126,8 @@ const INTERVAL: Duration = Duration::from_millis(100);
 /// All inputs in memory.
 #[derive(Default)]
 struct Loads {
-    /// Chunks in the order of the file or of the pages, with normals and radii.
-    clouds: Vec<Loaded>,
+    /// By the job's own numbers.
+    clouds: Vec<Assembly>,
     /// Of built-in scenes, and the points that stand for them.
     mirrors: Vec<(Mirror, Vec<Chunk>)>,
     /// Inputs that failed; they are reported as they fail.
@@ -157,7 +139,7 @@ struct Loads {
 
 impl Loads {
     fn is_empty(&self) -> bool {
-        self.clouds.is_empty() || self.clouds.iter().all(|loaded| loaded.paged.as_ref().is_some_and(BTreeMap::is_empty))
+        self.clouds.is_empty() || self.clouds.iter().all(|loaded| loaded.pages.is_some() && loaded.points == 0)
     }
 
     /// Takes in what comes until all is there: all of what is held in memory, and what that look needs of what is streamed.
@@ -194,11 +176,6 @@ impl Loads {
             }
         }
         bar.finish_and_clear();
-        for loaded in &mut self.clouds {
-            if let Some(paged) = &loaded.paged {
-                loaded.cloud.chunks = paged.values().cloned().collect();
-            }
-        }
         Ok(is_over)
     }
 
@@ -223,49 +200,25 @@ impl Loads {
             }
         };
         match event {
-            Event::Opened { name, input, source, attributes, grid, up, provisional_radius, warnings, .. } => {
-                warn(&name, &warnings);
-                let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
-                self.clouds.push(Loaded { cloud, input, source, up, provisional_radius, paged: None });
+            Event::Opened { opened, .. } => {
+                warn(&opened.name, &opened.warnings);
+                let key = CloudKey(self.clouds.len() as u32);
+                self.clouds.push(Assembly::open(key, opened).0);
             }
             Event::Stage { stage, .. } => self.stages.push_back(stage),
             Event::Mirror { mirror, samples, .. } => self.mirrors.push((mirror, samples)),
-            Event::Chunk { cloud, chunk } => {
-                let Loaded { cloud, paged, .. } = &mut self.clouds[cloud];
-                match paged {
-                    Some(paged) => drop(paged.insert(chunk.first_point, chunk)),
-                    None => cloud.chunks.push(chunk),
-                }
-            }
+            // What the GPU holds follows when all is there.
+            Event::Chunk { cloud, part, chunk } => drop(self.clouds[cloud].put(part, chunk)),
+            Event::Dropped { cloud, part } => drop(self.clouds[cloud].take_out(part)),
             Event::Pages { cloud, pages } => {
-                let loaded = &mut self.clouds[cloud];
-                loaded.paged.get_or_insert_default();
-                if let Paged::Indexed { grid, .. } = &pages {
-                    loaded.cloud.grid = *grid;
-                }
-                if let Paged::Indexed { was_built, .. } = pages {
-                    self.stream.get_or_insert_default().built_index |= was_built;
-                }
-            }
-            Event::Dropped { cloud, first_point } => {
-                self.clouds[cloud].paged.iter_mut().for_each(|paged| drop(paged.remove(&first_point)));
+                drop(self.clouds[cloud].page(pages));
+                self.stream.get_or_insert_default().built_index |= self.clouds[cloud].was_built();
             }
             Event::Read { cloud, summary } => {
-                let Loaded { cloud, source, paged, .. } = &mut self.clouds[cloud];
-                let opened = source.as_ref().map(|source| source.info().warnings.clone()).unwrap_or_default();
-                let new: Vec<String> =
-                    summary.warnings.into_iter().filter(|warning| !opened.contains(warning)).collect();
-                if paged.is_none() {
-                    cloud.chunks.sort_by_key(|chunk| chunk.first_point);
-                }
-                warn(&cloud.name, &new);
+                let new = self.clouds[cloud].end(&summary);
+                warn(&self.clouds[cloud].cloud.name, &new);
             }
-            Event::Surfels { cloud, surfels } => {
-                for (chunk, surfels) in self.clouds[cloud].cloud.chunks.iter_mut().zip(surfels) {
-                    chunk.normals = Some(Arc::new(surfels.normals));
-                    chunk.radii = Some(Arc::new(surfels.radii));
-                }
-            }
+            Event::Surfels { cloud, surfels } => drop(self.clouds[cloud].put_surfels(surfels)),
             Event::Failed { error, .. } => {
                 self.failures += 1;
                 bar.suspend(|| crate::complain(&error));
@@ -278,8 +231,8 @@ impl Loads {
 /// Puts a cloud on the GPU in the colours that the settings ask for, and those of its points that reflect as clouds of their
 /// own; gives back what it put there.
 fn upload(
-    store: &mut PointStore,
-    loaded: &mut Loaded,
+    resident: &mut Resident,
+    loaded: &mut Assembly,
     reflecting: &[&MirrorPoints],
     settings: &Settings,
 ) -> anyhow::Result<Vec<Part>> {
@@ -287,52 +240,36 @@ fn upload(
     if let Some(warning) = warning {
         crate::complain(&format!("warning: {warning}"));
     }
-    if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), &loaded.source) {
+    if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), loaded.source.clone()) {
         let progress = Progress::default();
-        let mut columns =
-            progress_bar::watch("reading", &progress, || world::read_column(source, attribute, &progress))?;
-        for chunk in &mut loaded.cloud.chunks {
-            chunk.columns[attribute] = columns.remove(&chunk.first_point);
-        }
+        let read = || world::read_column(&source, attribute, &progress);
+        let columns = progress_bar::watch("reading", &progress, read)?;
+        drop(loaded.put_late_column(attribute, columns));
     }
     let mut marked = Vec::new();
     for points in reflecting {
         let progress = Progress::default();
         let mark = || mirrors::mark(&loaded.cloud, loaded.source.as_deref(), points, &progress);
-        marked.extend(progress_bar::watch("mirror", &progress, mark).map_err(|error| usage(format!("{error:#}")))?);
+        marked.extend(progress_bar::watch("mirror", &progress, mark)?);
     }
-    let mut parts: Vec<(render::Material, Vec<Chunk>)> = vec![(render::Material::default(), Vec::new())];
-    parts.extend(marked.iter().map(|marked| (marked.material, Vec::new())));
-    for (index, chunk) in loaded.cloud.chunks.iter().enumerate() {
-        let parted = mirrors::part(chunk, index, &marked);
-        let reflecting = parted.reflecting.into_iter().map(|(taken, _)| taken);
-        for ((_, chunks), part) in parts.iter_mut().zip(std::iter::once(parted.rest).chain(reflecting)) {
-            chunks.push(part);
-        }
+    let (cloud, chunks, up) = (loaded.key, loaded.chunks(), loaded.up);
+    for change in loaded.changes() {
+        resident.apply(change)?;
     }
-    let classification = loaded.cloud.attributes.iter().position(|attribute| attribute.name == "classification");
-    let mut uploaded = Vec::new();
-    for (material, mut chunks) in parts {
-        chunks.retain(|chunk| !chunk.is_empty());
-        let id = store.add_cloud(material);
-        store.set_provisional_radius(id, loaded.provisional_radius);
-        let mut ids = Vec::with_capacity(chunks.len());
-        for chunk in &chunks {
-            let classes = classification.and_then(|index| chunk.columns.get(index)?.as_deref());
-            let classes = if let Some(cloud::Column::U8(classes)) = classes { Some(classes.as_slice()) } else { None };
-            ids.push(store.add_chunk(id, chunk, classes)?);
-        }
-        let cloud = Cloud {
-            name: loaded.cloud.name.clone(),
-            attributes: loaded.cloud.attributes.clone(),
-            grid: loaded.cloud.grid,
-            chunks,
-        };
-        store.set_color(id, &cloud, &ids, &plan, loaded.up)?;
-        let render::Material { specular_intensity, specular_power, .. } = material;
-        uploaded.push(Part { cloud, specular_intensity, specular_power, plan: plan.clone(), up: loaded.up });
+    let marked = Arc::new(marked);
+    if !marked.is_empty() {
+        let (chunks, classes, marked) = (chunks.clone(), loaded.class_column(), marked.clone());
+        resident.apply(Change::Mark { cloud, chunks, classes, marked })?;
     }
-    Ok(uploaded)
+    resident.apply(Change::Color { cloud, chunks, plan: plan.clone(), up })?;
+    let part = |(material, chunks): (render::Material, Vec<Chunk>)| Part {
+        cloud: Cloud { chunks, ..loaded.cloud.clone() },
+        specular_intensity: material.specular_intensity,
+        specular_power: material.specular_power,
+        plan: plan.clone(),
+        up,
+    };
+    Ok(mirrors::parts(&loaded.cloud.chunks, &marked).into_iter().map(part).collect())
 }
 
 #[cfg(test)]
@@ -341,29 +278,20 @@ mod real_data;
 
 #[cfg(test)]
 mod tests {
+    use world::{Opened, Paged};
+
     use super::*;
 
     /// `None`, with a note, where the real files are not.
-    fn real(name: &str) -> Option<Loaded> {
+    fn real(name: &str) -> Option<Assembly> {
         let input = Input::File(real_data::test_data()?.join(name));
         // Without normals and radii, which do not matter here.
         let job = world::start(vec![input], &Settings::default());
         job.lookout.stop_all();
-        let mut loaded: Option<Loaded> = None;
-        for event in &job.events {
-            match event {
-                Event::Opened { name, input, source, attributes, grid, up, provisional_radius, .. } => {
-                    let cloud = Cloud { name, attributes, grid, chunks: Vec::new() };
-                    loaded = Some(Loaded { cloud, input, source, up, provisional_radius, paged: None });
-                }
-                Event::Chunk { chunk, .. } => {
-                    loaded.iter_mut().for_each(|loaded| loaded.cloud.chunks.push(chunk.clone()))
-                }
-                Event::Failed { error, .. } => panic!("{error}"),
-                _ => {}
-            }
-        }
-        loaded
+        let (mut loads, bar) = (Loads::default(), indicatif::ProgressBar::hidden());
+        job.events.iter().for_each(|event| loads.take(event, &bar));
+        assert_eq!(loads.failures, 0, "{name}");
+        loads.clouds.pop()
     }
 
     #[test]
@@ -371,19 +299,8 @@ mod tests {
         let mut loads = Loads::default();
         let bar = indicatif::ProgressBar::hidden();
         let grid = Some(cloud::Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
-        let opened = Event::Opened {
-            cloud: 0,
-            name: "tiles".into(),
-            input: "tiles".into(),
-            source: None,
-            attributes: Vec::new(),
-            grid: None,
-            expected_points: 1,
-            up: DVec3::Z,
-            provisional_radius: 0.0,
-            warnings: Vec::new(),
-        };
-        loads.take(opened, &bar);
+        let opened = Opened { name: "tiles".into(), expected_points: 1, up: DVec3::Z, ..Opened::default() };
+        loads.take(Event::Opened { cloud: 0, opened }, &bar);
         let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
         let pages = Paged::Indexed { octree, grid, was_built: true, has_surfels: false, kept: None };
         loads.take(Event::Pages { cloud: 0, pages }, &bar);
@@ -393,7 +310,7 @@ mod tests {
 
     #[test]
     fn landscapes_forests_and_objects_have_a_sky_and_rooms_a_lamp() {
-        let settings = Settings::default();
+        let by = Settings::default().light.by;
         for (name, is_room) in [
             ("terrestrial/indoor_office_tls_rgb_las14_pf7.laz", true),
             ("terrestrial/indoor_building_norgb_las12_pf3.laz", true),
@@ -408,13 +325,12 @@ mod tests {
         ] {
             let Some(loaded) = real(name) else { return };
             let (up, inside) = (loaded.up, cloud::robust_bounds(&loaded.cloud.chunks).center());
-            let clouds = [loaded];
-            let mut lights = Vec::new();
-            assert_eq!(find_light(&clouds, up, inside, &settings, &mut lights), !is_room, "{name}");
-            assert_eq!(lights.len(), usize::from(is_room), "{name}");
-            let mut outside = Vec::new();
-            find_light(&clouds, up, inside + DVec3::splat(1e4), &settings, &mut outside);
-            assert_eq!(outside, []);
+            let light = AutoLight::around(&loaded.cloud.chunks, up);
+            assert_eq!((light.sky_is_open(), light.lamp().is_some()), (!is_room, is_room), "{name}");
+            if is_room {
+                let far = inside + DVec3::splat(1e4);
+                assert_eq!([inside, far].map(|eye| light.lamp_shines(by, eye)), [true, false], "{name}");
+            }
         }
     }
 }

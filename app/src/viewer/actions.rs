@@ -11,6 +11,7 @@ use scene::{Camera, ColorBy, Lighting, Mirror, Projection, SceneFile, Settings, 
 use serde_json::json;
 
 use super::bindings::{Action, Handles, Mode};
+use super::clouds::{CloudEntry, short_name};
 use super::inspection::{Inspection, Ray, Surface};
 use super::lens::to_vector;
 use super::light_panel;
@@ -18,7 +19,7 @@ use super::messages::Level;
 use super::objects::{Objects, Placed};
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, FrameRequest, PickPurpose};
-use super::state::{Effect, State, short_name};
+use super::state::{Effect, State};
 
 /// Growth of splats and of the field of view per notch: seven notches double.
 const STEP: f32 = 1.1;
@@ -438,10 +439,11 @@ impl State {
         }
         held.asked = Some(pixel);
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
-        let chunks = visible.flat_map(|entry| {
-            let bounds = |chunk: &Chunk| entry.chunk_bounds.get(&chunk.first_point).copied();
-            entry.cloud.chunks.iter().filter_map(move |chunk| Some((chunk.clone(), bounds(chunk)?)))
-        });
+        let with_bounds = |entry: &CloudEntry| {
+            let bounds = entry.chunk_bounds().map(|(_, bounds)| bounds);
+            entry.cloud.chunks.iter().cloned().zip(bounds).collect::<Vec<_>>()
+        };
+        let chunks = visible.flat_map(with_bounds);
         let ray = self.sight_line(pixel, chunks.collect());
         self.effects.push(Effect::Cast(ray));
     }
@@ -476,7 +478,7 @@ impl State {
     }
 
     fn save_picture(&mut self) {
-        let Some(shown) = &self.shown else {
+        let Some(shown) = &self.frames.shown else {
             self.messages.note("There is no picture to save yet");
             return;
         };

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use egui::Ui;
 use render::Gpu;
-use world::mirrors;
+use world::{AutoLight, mirrors};
 
 use super::figures::Figures;
 use super::interface;
@@ -113,7 +113,7 @@ impl Bench {
                 self.state.on_found(Found::Samples { id, mirror, area_per_point, samples });
             }
             Effect::FindSurroundings { asked, chunks, up } => {
-                let found = scene::Surroundings::of(cloud::spread_sample(&chunks), up);
+                let found = AutoLight::around(&chunks, up);
                 self.state.on_found(Found::Surroundings { asked, found });
             }
             Effect::Truth(task) => {

@@ -51,13 +51,8 @@ impl Figures {
     }
 }
 
-/// Index of the classification column.
-pub fn class_column(cloud: &Cloud) -> Option<usize> {
-    cloud.attributes.iter().position(|attribute| attribute.name == "classification")
-}
-
 fn classes(cloud: &Cloud) -> Vec<(u8, u64)> {
-    let Some(index) = class_column(cloud) else { return Vec::new() };
+    let Some(index) = cloud.column_of("classification") else { return Vec::new() };
     let mut counts = [0_u64; 256];
     for chunk in &cloud.chunks {
         if let Some(Column::U8(values)) = chunk.columns.get(index).and_then(Option::as_deref) {

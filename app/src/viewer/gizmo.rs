@@ -160,7 +160,7 @@ pub struct Stage {
 impl Stage {
     /// Of the picture that is shown, so that handles stick to what is seen.
     fn of(state: &State, rect: Rect) -> Option<Self> {
-        let request = &state.shown.as_ref()?.request;
+        let request = &state.frames.shown.as_ref()?.request;
         let lens = Lens::new(&request.camera, &request.settings.view, request.size);
         Some(Self::new(lens, request.size, rect))
     }

@@ -8,9 +8,10 @@ use scene::{MirrorPoints, Show};
 use world::{LEAST_TIME, Making, Stage, Standing};
 
 use super::bindings::{self, Action};
+use super::clouds::{JobEntry, short_name};
 use super::messages::Level;
 use super::path_prompt::Outcome;
-use super::state::{JobEntry, State, short_name};
+use super::state::State;
 use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
 use super::{
@@ -197,7 +198,7 @@ fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect
     let [red, green, blue, _] = state.settings.view.background.bytes();
     ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
-    if let (Some(picture), Some(_)) = (picture, &state.shown) {
+    if let (Some(picture), Some(_)) = (picture, &state.frames.shown) {
         let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
         ui.painter().image(picture, rect, whole, Color32::WHITE);
     }
@@ -290,7 +291,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
         truth_panel::progress(ui, state);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             messages_button(ui, state);
-            if let Some(shown) = &state.shown {
+            if let Some(shown) = &state.frames.shown {
                 ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
             }
             if state.is_flying() {
@@ -319,7 +320,8 @@ const MOSTLY_CERTAIN: f64 = 0.1;
 
 /// Says if a method is at its limits; a click shows where.
 fn uncertain_reflections(ui: &mut Ui, state: &mut State) {
-    let share = state.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
+    let share =
+        state.frames.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
     if share <= MOSTLY_CERTAIN {
         return;
     }

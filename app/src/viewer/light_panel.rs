@@ -178,10 +178,15 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use scene::{Room, Surroundings};
+    use world::AutoLight;
 
     use super::super::objects::{GUESSED_LAMP, Origin};
     use super::super::state::{Effect, Found};
     use super::*;
+
+    fn light_of(surroundings: Surroundings) -> AutoLight {
+        AutoLight { surroundings: Some(surroundings) }
+    }
 
     fn harness() -> Harness<'static, State> {
         let mut harness = Harness::builder()
@@ -201,7 +206,10 @@ mod tests {
             Effect::FindSurroundings { asked, .. } => Some(asked),
             _ => None,
         });
-        state.on_found(Found::Surroundings { asked: asked.expect("the surroundings are asked for"), found });
+        state.on_found(Found::Surroundings {
+            asked: asked.expect("the surroundings are asked for"),
+            found: light_of(found),
+        });
     }
 
     /// A room about the camera.
@@ -362,7 +370,7 @@ mod tests {
             _ => None,
         });
         state.remove_cloud(hidden);
-        state.on_found(Found::Surroundings { asked: asked.unwrap(), found });
+        state.on_found(Found::Surroundings { asked: asked.unwrap(), found: light_of(found) });
         assert!(state.objects.lights.is_empty());
     }
 
@@ -414,7 +422,7 @@ mod tests {
         answer(&mut state, found);
         assert_eq!(names(&state), ["spot"]);
         // An answer to an older question.
-        state.on_found(Found::Surroundings { asked: 0, found: Surroundings::OpenSky });
+        state.on_found(Found::Surroundings { asked: 0, found: light_of(Surroundings::OpenSky) });
         assert!(!state.sky_is_open());
     }
 

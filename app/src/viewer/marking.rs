@@ -3,10 +3,11 @@
 use cloud::Scalar;
 use egui::{RichText, Ui};
 use scene::{MirrorNormals, MirrorPoints, PointChoice};
+use world::CloudKey;
 
+use super::clouds::CloudEntry;
 use super::objects::Marking;
-use super::render_thread::CloudKey;
-use super::state::{CloudEntry, Effect, State};
+use super::state::{Effect, State};
 use super::streams;
 use super::theme::{self, grouped};
 use super::widgets::{choice, length, name_label, slider};
@@ -129,7 +130,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     }
     let radius = state.bounds().radius();
-    let picked = state.picks.last().map(|pick| (pick.point.key, pick.world));
+    let picked = state.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
     let draft = &mut state.draft;
     if draft.edge == 0.0 && radius > 0.0 {
         // A tenth of the scene, and about a dozen points of a scan.
@@ -289,11 +290,11 @@ fn existing(ui: &mut Ui, state: &mut State) {
 mod tests {
     use std::sync::Arc;
 
-    use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, Progress};
+    use cloud::{Attribute, Chunk, Column, ColumnType, Progress};
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use glam::DVec3;
-    use world::mirrors;
+    use world::{Change, Event, Opened, Part, mirrors};
 
     use super::super::bindings::Action;
     use super::super::figures::{Basis, Figures};
@@ -307,23 +308,13 @@ mod tests {
         let mut state = State::new(Preferences::default());
         let job = state.add_job(&[], Arc::default(), Arc::default());
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
-        let opened = world::Event::Opened {
-            cloud: 0,
-            name: "lake.laz".into(),
-            input: "scans/lake.laz".into(),
-            source: None,
-            attributes,
-            grid: None,
-            expected_points: 6,
-            up: DVec3::Z,
-            provisional_radius: 0.0,
-            warnings: Vec::new(),
-        };
-        state.on_loading(job, opened);
+        let (name, input) = ("lake.laz".into(), "scans/lake.laz".into());
+        let opened = Opened { name, input, attributes, expected_points: 6, up: DVec3::Z, ..Opened::default() };
+        state.on_loading(job, Event::Opened { cloud: 0, opened });
         let mut chunk = Chunk::new(0, DVec3::ZERO, (0..6).map(|i| [i as f32, 0.1 * (i * i) as f32, 0.0]).collect());
         chunk.columns = vec![Some(Arc::new(Column::U8(vec![2, 2, 9, 9, 2, 1])))];
-        state.on_loading(job, world::Event::Chunk { cloud: 0, chunk });
-        state.on_loading(job, world::Event::Finished);
+        state.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
+        state.on_loading(job, Event::Finished);
         let (key, cloud) = (state.clouds[0].key, state.clouds[0].cloud.clone());
         let color = state.settings.color.clone();
         let figures = Box::new(Figures::of(&cloud, &color, DVec3::Z));
@@ -354,11 +345,11 @@ mod tests {
     }
 
     /// Points that reflect, as the render thread was last told.
-    fn marked(state: &mut State) -> Option<(Cloud, u64)> {
+    fn marked(state: &mut State) -> Option<u64> {
         let effects = std::mem::take(&mut state.effects);
         effects.into_iter().rev().find_map(|effect| match effect {
-            Effect::Render(Command::Mark { cloud, marked, .. }) => {
-                Some((cloud, marked.iter().map(|marked| marked.count).sum()))
+            Effect::Render(Command::Change(Change::Mark { marked, .. })) => {
+                Some(marked.iter().map(|marked| marked.count).sum())
             }
             _ => None,
         })
@@ -380,14 +371,14 @@ mod tests {
         assert_eq!((marking.points.points, marking.points.cloud.as_str()), (PointChoice::Class(9), "scans/lake.laz"));
         harness.state_mut().sync_objects();
         work(harness.state_mut());
-        assert_eq!(marked(harness.state_mut()).map(|(_, count)| count), Some(2));
+        assert_eq!(marked(harness.state_mut()), Some(2));
         // Nothing is done again as long as nothing changes.
         harness.state_mut().sync_objects();
         assert!(marked(harness.state_mut()).is_none());
         harness.state_mut().act(Action::Undo);
         harness.state_mut().sync_objects();
         work(harness.state_mut());
-        assert_eq!(marked(harness.state_mut()).map(|(_, count)| count), Some(0));
+        assert_eq!(marked(harness.state_mut()), Some(0));
     }
 
     #[test]

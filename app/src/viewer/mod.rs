@@ -9,27 +9,35 @@ mod actions;
 #[cfg(test)]
 mod bench;
 mod bindings;
+mod clouds;
 mod clouds_panel;
+mod coloring;
 mod colors_panel;
 mod contact_sheet;
 mod event_log;
 mod figures;
+mod frames;
 mod gizmo;
 mod history;
 mod inspection;
 mod interface;
 mod lens;
 mod light_panel;
+mod light_search;
+mod lights;
 mod marking;
 mod messages;
+mod mirror_points;
 mod mirrors_panel;
 mod navigation;
 mod objects;
+mod opening;
 mod overlay;
 mod panel;
 mod path_prompt;
 mod pick;
 mod pick_panel;
+mod picking;
 mod preferences;
 mod presets;
 mod reflection_figures;
@@ -55,16 +63,17 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use cloud::Progress;
+use clouds::JobEntry;
 use event_log::EventLog;
 use figures::Figures;
 use messages::Level;
 use path_prompt::PathPrompt;
 use preferences::Preferences;
 use render_thread::{Command, RenderThread, Report};
-use scene::{MirrorNormals, MirrorPoints, Surroundings};
+use scene::{MirrorNormals, MirrorPoints};
 use screen::{Painted, Screen};
 use serde_json::json;
-use state::{Effect, Found, JobEntry, State};
+use state::{Effect, Found, State};
 use truth_tasks::Answer;
 use under_way::{Pass, UnderWay};
 use winit::application::ApplicationHandler;
@@ -72,7 +81,7 @@ use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
-use world::{Request, mirrors};
+use world::{AutoLight, Request, mirrors};
 
 use crate::failure::NoScreen;
 use crate::picture_file;
@@ -409,9 +418,9 @@ impl Viewer {
                     let result = result.map_err(|error| error.to_string());
                     let _ = wake.send_event(Wake::Found(Found::Column { key, attribute, result }));
                 }),
-                Effect::ReadRecord { picked, source } => self.work("record", move |wake| {
-                    let result = source.record(picked.point).map_err(|error| error.to_string());
-                    let _ = wake.send_event(Wake::Found(Found::Record { picked, result }));
+                Effect::ReadRecord { picked, record, source } => self.work("record", move |wake| {
+                    let result = source.record(record).map_err(|error| error.to_string());
+                    let _ = wake.send_event(Wake::Found(Found::Record { picked, record, result }));
                 }),
                 Effect::SampleMirror { id, mirror, area_per_point } => self.work("mirror", move |wake| {
                     let samples = mirrors::sample(&mirror, area_per_point);
@@ -433,7 +442,7 @@ impl Viewer {
                     let _ = wake.send_event(Wake::Found(Found::Counted { wanted, result }));
                 }),
                 Effect::FindSurroundings { asked, chunks, up } => self.work("surroundings", move |wake| {
-                    let found = Surroundings::of(cloud::spread_sample(&chunks), up);
+                    let found = AutoLight::around(&chunks, up);
                     let _ = wake.send_event(Wake::Found(Found::Surroundings { asked, found }));
                 }),
                 Effect::Cast(ray) => self.work("sight line", move |wake| {

@@ -250,8 +250,8 @@ fn hover(ui: &Ui, picture: &Response, state: &mut State, scale: f64) {
     }
     let rested = navigation.cursor.map_or(Duration::ZERO, |(_, since)| since.elapsed());
     let is_known = navigation.hovered.is_some_and(|(known, _)| known == pixel);
-    let is_busy = navigation.asked.is_some() || state.frames_under_way > 0 || navigation.time_to_rest().is_some();
-    if is_known || state.shown.is_none() || picture.dragged() {
+    let is_busy = navigation.asked.is_some() || state.frames.under_way > 0 || navigation.time_to_rest().is_some();
+    if is_known || state.frames.shown.is_none() || picture.dragged() {
         return;
     }
     if rested < HOVER_DELAY {

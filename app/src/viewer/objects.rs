@@ -2,9 +2,7 @@
 //! of it is restored by one step of undo. How it gets to the render thread: `State::sync_objects`; lights go with each frame.
 
 use scene::{Mirror, MirrorPoints, SceneFile, SpotLight, five_mirrors};
-use world::built_in_name;
-
-use super::render_thread::CloudKey;
+use world::{CloudKey, built_in_name};
 
 /// A mirror or a light, as long as it exists and when it comes back by undo. Never used twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -5,9 +5,10 @@ use cloud::Bounds;
 use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::DVec3;
 
+use super::clouds::CloudEntry;
 use super::gizmo;
 use super::lens::Lens;
-use super::state::{CloudEntry, State};
+use super::state::State;
 use super::theme;
 
 const SHADOW: Color32 = Color32::from_black_alpha(160);
@@ -15,7 +16,7 @@ const SHADOW: Color32 = Color32::from_black_alpha(160);
 const MOST_BOXES: usize = 2000;
 
 pub fn paint(painter: &Painter, rect: Rect, state: &State) {
-    let Some(shown) = &state.shown else { return };
+    let Some(shown) = &state.frames.shown else { return };
     let size = shown.request.size;
     let lens = Lens::new(&shown.request.camera, &shown.request.settings.view, size);
     let place = |world: DVec3| -> Option<Pos2> {

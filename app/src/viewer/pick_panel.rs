@@ -46,7 +46,7 @@ fn contents(ui: &mut Ui, state: &mut State) {
     ui.horizontal(|ui| {
         ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
         if !pick.is_streamed {
-            ui.label(RichText::new(format!("point {}", pick.point.point)).color(theme::WEAK));
+            ui.label(RichText::new(format!("point {}", pick.number)).color(theme::WEAK));
         }
     });
     ui.label(RichText::new(coordinates(pick.world)).monospace());
@@ -106,7 +106,7 @@ fn as_text(picks: &[Pick]) -> String {
     let mut text = String::new();
     for pick in picks {
         // The number of a point in the pages says nothing outside of them.
-        let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.point.point) };
+        let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.number) };
         text += &format!("{}{number}\t{}\n", pick.cloud, coordinates(pick.world).replace("  ", "\t"));
         for (name, value) in pick.record.iter().flatten().flatten() {
             text += &format!("{name}\t{value}\n");
@@ -118,15 +118,17 @@ fn as_text(picks: &[Pick]) -> String {
 #[cfg(test)]
 mod tests {
     use egui_kittest::kittest::Queryable as _;
+    use world::{CloudKey, Part};
 
     use super::super::preferences::Preferences;
-    use super::super::render_thread::{CloudKey, PickedPoint};
+    use super::super::render_thread::PickedPoint;
     use super::*;
 
     fn pick(world: DVec3) -> Pick {
         let record = Some(Ok(vec![("intensity".into(), "1234".into())]));
         Pick {
-            point: PickedPoint { key: CloudKey(0), point: 77 },
+            point: PickedPoint { chunk: CloudKey(0).chunk(Part::Block(0)), index: 77 },
+            number: 77,
             cloud: "office.laz".into(),
             world,
             record,

@@ -5,25 +5,19 @@
 //! Commands come in order; of frames that wait only the latest is drawn. A finished picture is written into a texture of the
 //! window's device, whose queue shows it from the window's next frame on, whole or not at all.
 
-use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Chunk, Cloud};
 use glam::DVec3;
-use render::{ChunkId, CloudId, ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
+use render::{FrameStats, Gpu, Objects, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::Drawn;
-use world::mirrors::{self, Marked};
+use world::{Change, ChunkKey, Resident};
 
 use super::under_way::Pass;
 use crate::picture_file;
-
-/// A cloud, the same in the window, here and in events. Never used twice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct CloudKey(pub u32);
 
 /// A picture to draw.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,68 +47,10 @@ pub enum PickPurpose {
 }
 
 pub enum Command {
-    AddCloud {
-        key: CloudKey,
-        provisional_radius: f32,
-    },
-    /// So many points will be there at once, of all clouds together, whatever was expected before.
-    Expect {
-        points: u64,
-    },
-    /// All of a cloud lies in these bounds.
-    SetBounds {
-        key: CloudKey,
-        bounds: Bounds,
-    },
-    /// Adds the chunk, or replaces the one with the same `first_point`. `classes` is the column of that index.
-    Chunk {
-        key: CloudKey,
-        chunk: Chunk,
-        classes: Option<usize>,
-    },
+    /// Something of the points or of how they are shown is another.
+    Change(Change),
     /// The commands of a chunk that was under way have been sent.
     Arrived(Pass),
-    /// Takes the chunk with this `first_point` out. One that is not there is none.
-    RemoveChunk {
-        key: CloudKey,
-        first_point: u64,
-    },
-    /// Shows chunks, by `first_point`, in one colour each or again in their own.
-    Tint {
-        key: CloudKey,
-        tints: Vec<(u64, Option<[u8; 4]>)>,
-    },
-    /// `cloud` has the column that the plan shows.
-    Color {
-        key: CloudKey,
-        cloud: Cloud,
-        plan: ColorPlan,
-        up: DVec3,
-    },
-    SetVisible {
-        key: CloudKey,
-        visible: bool,
-    },
-    SetVisibleClasses {
-        key: CloudKey,
-        visible: Box<[bool; 256]>,
-    },
-    Remove {
-        key: CloudKey,
-    },
-    /// Points that stand for a mirror, in place of those that did under the same key.
-    Mirror {
-        key: CloudKey,
-        mirror: Mirror,
-        samples: Vec<Chunk>,
-    },
-    /// Which points of a cloud reflect, by lists for these chunks; they are clouds of their own on the GPU.
-    Mark {
-        key: CloudKey,
-        cloud: Cloud,
-        classes: Option<usize>,
-        marked: Arc<Vec<Marked>>,
-    },
     Frame(Box<FrameRequest>),
     Pick {
         pixel: [u32; 2],
@@ -158,12 +94,12 @@ pub struct Frame {
     pub texture: wgpu::Texture,
 }
 
-/// A point of the file, found under a pixel.
+/// A point of a cloud, found under a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PickedPoint {
-    pub key: CloudKey,
-    /// Index in the file.
-    pub point: u64,
+    pub chunk: ChunkKey,
+    /// Index in the chunk.
+    pub index: usize,
 }
 
 pub enum Report {
@@ -241,77 +177,16 @@ impl RenderThread {
     }
 }
 
-struct Resident {
-    id: CloudId,
-    /// By `first_point`.
-    chunks: HashMap<u64, ChunkId>,
-    /// Points of it that reflect.
-    reflecting: Vec<Reflecting>,
-    /// How it is drawn, which those share.
-    color: Option<(ColorPlan, DVec3)>,
-    is_visible: bool,
-    visible_classes: Option<Box<[bool; 256]>>,
-}
-
-/// Points of a cloud that reflect, as a cloud of the store.
-struct Reflecting {
-    id: CloudId,
-    /// By `first_point` of the chunks they were taken from, with their indices in them.
-    chunks: HashMap<u64, (ChunkId, Vec<u32>)>,
-}
-
-impl Resident {
-    fn new(id: CloudId) -> Self {
-        let chunks = HashMap::new();
-        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true, visible_classes: None }
-    }
-
-    fn ids(&self) -> impl Iterator<Item = CloudId> {
-        std::iter::once(self.id).chain(self.reflecting.iter().map(|reflecting| reflecting.id))
-    }
-}
-
-/// What of `cloud` is in the store, and as what: chunks that the store refused are left out.
-fn stored(cloud: &Cloud, chunks: &HashMap<u64, ChunkId>) -> (Cloud, Vec<ChunkId>) {
-    let known = cloud.chunks.iter().filter_map(|chunk| Some((chunk.clone(), *chunks.get(&chunk.first_point)?)));
-    let (chunks, ids) = known.unzip();
-    (Cloud { chunks, ..cloud.clone() }, ids)
-}
-
-impl Reflecting {
-    fn stored(&self, cloud: &Cloud) -> (Cloud, Vec<ChunkId>) {
-        let known = cloud.chunks.iter().filter_map(|chunk| {
-            let (id, indices) = self.chunks.get(&chunk.first_point)?;
-            Some((chunk.select(indices), *id))
-        });
-        let (chunks, ids) = known.unzip();
-        (Cloud { chunks, ..cloud.clone() }, ids)
-    }
-}
-
-/// The classes of a chunk whose column `index` they are.
-fn classes_of(chunk: &Chunk, index: Option<usize>) -> Option<&[u8]> {
-    match chunk.columns.get(index?)?.as_deref()? {
-        cloud::Column::U8(classes) => Some(classes.as_slice()),
-        _ => None,
-    }
-}
-
 struct Worker {
     gpu: Arc<Gpu>,
     window_gpu: Arc<Gpu>,
     renderer: Renderer,
-    store: PointStore,
-    clouds: HashMap<CloudKey, Resident>,
-    /// Where the points of a chunk come from: their indices in the file follow one another, or are these after the first.
-    first_points: HashMap<ChunkId, (CloudKey, u64, Option<Vec<u32>>)>,
+    resident: Resident,
     shown: Option<wgpu::Texture>,
     /// The frame that the renderer holds, and whether its picture is of its own colours.
     held: Option<(FrameRequest, bool)>,
     /// The frame in the window: what is picked from.
     on_screen: Option<FrameRequest>,
-    /// The store refused points: said once, not for each chunk.
-    is_full: bool,
 }
 
 impl Worker {
@@ -321,15 +196,12 @@ impl Worker {
         let gpu = Gpu::headless(Some(wanted.unwrap_or(&name)))?;
         Ok(Self {
             renderer: Renderer::new(gpu.clone())?,
-            store: PointStore::new(gpu.clone()),
+            resident: Resident::new(gpu.clone()),
             gpu,
             window_gpu,
-            clouds: HashMap::new(),
-            first_points: HashMap::new(),
             shown: None,
             held: None,
             on_screen: None,
-            is_full: false,
         })
     }
 
@@ -369,73 +241,14 @@ impl Worker {
 
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
-            Command::AddCloud { key, provisional_radius } => {
-                let id = self.store.add_cloud(Material::default());
-                self.store.set_provisional_radius(id, provisional_radius);
-                self.clouds.insert(key, Resident::new(id));
-            }
-            Command::Expect { points } => self.store.reserve(points),
-            Command::SetBounds { key, bounds } => {
-                if let Some(resident) = self.clouds.get(&key) {
-                    self.store.set_bounds(resident.id, bounds);
-                }
-            }
-            Command::Chunk { key, chunk, classes } => return self.put(key, chunk, classes),
-            Command::RemoveChunk { key, first_point } => {
-                if let Some(id) = self.clouds.get_mut(&key).and_then(|resident| resident.chunks.remove(&first_point)) {
-                    self.store.remove_chunk(id);
-                    self.first_points.remove(&id);
-                    self.is_full = false;
-                }
-            }
-            Command::Tint { key, tints } => {
-                if let Some(resident) = self.clouds.get(&key) {
-                    let known = tints.iter().filter_map(|(first, tint)| Some((*resident.chunks.get(first)?, *tint)));
-                    known.for_each(|(id, tint)| self.store.set_tint(id, tint));
-                }
-            }
-            Command::Color { key, cloud, plan, up } => {
-                if let Some(resident) = self.clouds.get_mut(&key) {
-                    let (known, ids) = stored(&cloud, &resident.chunks);
-                    self.store.set_color(resident.id, &known, &ids, &plan, up)?;
-                    for reflecting in &resident.reflecting {
-                        let (known, ids) = reflecting.stored(&cloud);
-                        self.store.set_color(reflecting.id, &known, &ids, &plan, up)?;
-                    }
-                    resident.color = Some((plan, up));
-                }
-            }
-            Command::SetVisible { key, visible } => {
-                if let Some(resident) = self.clouds.get_mut(&key) {
-                    resident.is_visible = visible;
-                    resident.ids().for_each(|id| self.store.set_visible(id, visible));
-                }
-            }
-            Command::SetVisibleClasses { key, visible } => {
-                if let Some(resident) = self.clouds.get_mut(&key) {
-                    resident.ids().for_each(|id| self.store.set_visible_classes(id, &visible));
-                    resident.visible_classes = Some(visible);
-                }
-            }
-            Command::Remove { key } => self.remove(key),
-            Command::Mark { key, cloud, classes, marked } => return self.mark(key, &cloud, classes, &marked),
-            Command::Mirror { key, mirror, samples } => {
-                self.remove(key);
-                let (id, ids) = mirrors::upload(&mut self.store, &mirror, &samples)?;
-                let chunks: HashMap<u64, ChunkId> = samples.iter().map(|chunk| chunk.first_point).zip(ids).collect();
-                self.first_points.extend(chunks.iter().map(|(first_point, id)| (*id, (key, *first_point, None))));
-                self.clouds.insert(key, Resident { chunks, ..Resident::new(id) });
-            }
+            Command::Change(change) => return self.resident.apply(change),
             Command::Pick { pixel, purpose } => {
                 if let Some(request) = self.on_screen.clone() {
                     self.hold(&request, false)?;
                 }
-                let picked = self.renderer.pick(&self.store, pixel, PICK_RADIUS)?;
-                let point = picked.and_then(|picked| {
-                    let (key, first_point, indices) = self.first_points.get(&picked.chunk)?;
-                    let index = indices.as_ref().map_or(picked.index as u64, |indices| indices[picked.index].into());
-                    Some(PickedPoint { key: *key, point: first_point + index })
-                });
+                let picked = self.renderer.pick(&self.resident.store, pixel, PICK_RADIUS)?;
+                let point = picked.and_then(|picked| self.resident.origin(picked.chunk, picked.index));
+                let point = point.map(|(chunk, index)| PickedPoint { chunk, index });
                 report(Report::Picked { pixel, purpose, point });
             }
             Command::Save { request, path } => {
@@ -474,7 +287,7 @@ impl Worker {
             }
             Command::Present { request, colors, pass } => {
                 self.hold(&request, false)?;
-                self.renderer.present(&self.store, &request.settings, &colors)?;
+                self.renderer.present(&self.resident.store, &request.settings, &colors)?;
                 self.held = self.held.take().map(|(request, _)| (request, false));
                 let rgba = self.renderer.read_picture()?;
                 report(Report::Presented { request, pass, rgba });
@@ -493,93 +306,15 @@ impl Worker {
         Ok(())
     }
 
-    fn remove(&mut self, key: CloudKey) {
-        if let Some(resident) = self.clouds.remove(&key) {
-            resident.ids().for_each(|id| self.store.remove_cloud(id));
-            self.first_points.retain(|_, (owner, ..)| *owner != key);
-            self.is_full = false;
-        }
-    }
-
     fn render(&mut self, request: &FrameRequest) -> render::Result<FrameStats> {
         let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
         let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
         self.held = None;
         self.renderer.let_light_lag(request.light_may_lag);
-        let stats = self.renderer.render(&self.store, &request.camera, &request.settings, objects, request.size)?;
+        let stats =
+            self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, request.size)?;
         self.held = Some((request.clone(), true));
         Ok(stats)
-    }
-
-    /// Takes the points that reflect out of a cloud and makes clouds of them, after putting back those that did before.
-    fn mark(&mut self, key: CloudKey, cloud: &Cloud, classes: Option<usize>, marked: &[Marked]) -> render::Result<()> {
-        let Some(resident) = self.clouds.get_mut(&key) else { return Ok(()) };
-        for before in resident.reflecting.drain(..) {
-            self.store.remove_cloud(before.id);
-            before.chunks.values().for_each(|(id, _)| drop(self.first_points.remove(id)));
-        }
-        for marked in marked {
-            let id = self.store.add_cloud(marked.material);
-            resident.reflecting.push(Reflecting { id, chunks: HashMap::new() });
-        }
-        for (index, chunk) in cloud.chunks.iter().enumerate() {
-            let Some(id) = resident.chunks.get(&chunk.first_point) else { continue };
-            let parted = mirrors::part(chunk, index, marked);
-            self.store.update_chunk(*id, &parted.rest, classes_of(chunk, classes))?;
-            for (reflecting, (taken, indices)) in resident.reflecting.iter_mut().zip(parted.reflecting) {
-                if taken.is_empty() {
-                    continue;
-                }
-                let id = self.store.add_chunk(reflecting.id, &taken, classes_of(&taken, classes))?;
-                self.first_points.insert(id, (key, chunk.first_point, Some(indices.clone())));
-                reflecting.chunks.insert(chunk.first_point, (id, indices));
-            }
-        }
-        for reflecting in &resident.reflecting {
-            self.store.set_visible(reflecting.id, resident.is_visible);
-            if let Some(visible) = &resident.visible_classes {
-                self.store.set_visible_classes(reflecting.id, visible);
-            }
-            if let Some((plan, up)) = &resident.color {
-                let (known, ids) = reflecting.stored(cloud);
-                self.store.set_color(reflecting.id, &known, &ids, plan, *up)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn put(&mut self, key: CloudKey, chunk: Chunk, classes: Option<usize>) -> render::Result<()> {
-        let Some(resident) = self.clouds.get_mut(&key) else { return Ok(()) };
-        let classes = classes_of(&chunk, classes);
-        let id = match resident.chunks.get(&chunk.first_point) {
-            Some(&id) => {
-                let result = self.store.update_chunk(id, &chunk, classes);
-                if let Err(error) = result {
-                    // Nothing is left of it, or what is left is not what is wanted.
-                    self.store.remove_chunk(id);
-                    resident.chunks.remove(&chunk.first_point);
-                    self.first_points.remove(&id);
-                    return Err(error);
-                }
-                id
-            }
-            None if self.is_full => return Ok(()),
-            None => {
-                let added = self.store.add_chunk(resident.id, &chunk, classes);
-                let id = added.inspect_err(|_| self.is_full = true)?;
-                resident.chunks.insert(chunk.first_point, id);
-                self.first_points.insert(id, (key, chunk.first_point, None));
-                id
-            }
-        };
-        // What comes late is coloured as the cloud is, at once.
-        let Some((plan, up)) =
-            resident.color.as_ref().filter(|(plan, _)| matches!(plan.source, ColorSource::Column(_)))
-        else {
-            return Ok(());
-        };
-        let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
-        self.store.set_color(resident.id, &cloud, &[id], plan, *up)
     }
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use egui::{Color32, RichText, Ui};
-use world::{Kept, Making, Paged, Stage, Standing, StreamStats, half_of, most_points};
+use world::{CloudKey, Kept, Making, Paged, Stage, Standing, StreamStats, half_of, most_points};
 
-use super::render_thread::CloudKey;
-use super::state::{CloudEntry, Effect, State};
+use super::clouds::{CloudEntry, Streamed};
+use super::panel;
+use super::state::{Effect, State};
 use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
-use super::{panel, streams::Streamed};
 
 /// What somebody asks for.
 enum Wish {
@@ -61,8 +61,8 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, wi
     ui.add(egui::Label::new(RichText::new(&entry.cloud.name).strong()).truncate());
     let stage = entry.stage.as_deref();
     let made = |making: Making| stage.filter(|stage| stage.making == making);
-    match &streamed.pages {
-        Paged::Indexing => match made(Making::Index).map(|stage| (stage, stage.standing())) {
+    match &entry.pages {
+        None | Some(Paged::Indexing) => match made(Making::Index).map(|stage| (stage, stage.standing())) {
             Some((_, Standing::Stopped)) => {
                 let help = "Make the index after all, from its beginning";
                 resume(ui, state, entry.key, "no index: what is shown is a preview", help, wish);
@@ -74,7 +74,7 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, wi
             Some(_) => weak(ui, "no index"),
             None => weak(ui, "its index will be made next"),
         },
-        Paged::Indexed { has_surfels, was_built, kept, .. } => {
+        Some(Paged::Indexed { has_surfels, was_built, kept, .. }) => {
             let origin = match kept {
                 Some(_) if *was_built => "indexed now",
                 Some(_) => "the index was there",
@@ -206,7 +206,7 @@ mod tests {
 
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use world::{Event, Lookout, Wish};
+    use world::{Event, Lookout, Opened, Part, Wish};
 
     use super::super::preferences::Preferences;
     use super::super::state::Found;
@@ -219,19 +219,9 @@ mod tests {
         state.add_job(&[], Arc::default(), lookout.clone());
         let stages = ["survey.laz", "town.laz"].map(|name| {
             let cloud = state.clouds.len();
-            let opened = Event::Opened {
-                cloud,
-                name: name.into(),
-                input: name.into(),
-                source: None,
-                attributes: Vec::new(),
-                grid: None,
-                expected_points: 200,
-                up: glam::DVec3::Z,
-                provisional_radius: 0.0,
-                warnings: Vec::new(),
-            };
-            state.on_loading(0, opened);
+            let (name, input, up) = (name.into(), name.into(), glam::DVec3::Z);
+            let opened = Opened { name, input, expected_points: 200, up, ..Opened::default() };
+            state.on_loading(0, Event::Opened { cloud, opened });
             state.on_loading(0, Event::Pages { cloud, pages: Paged::Indexing });
             let stage = lookout.plan(cloud, Stage::new(Making::Index, 200));
             state.on_loading(0, Event::Stage { cloud, stage: stage.clone() });
@@ -283,7 +273,7 @@ mod tests {
         // What is left is said also when nothing is made any more.
         let chunk = cloud::Chunk::new(0, glam::DVec3::ZERO, vec![[0.0; 3]]);
         let (mut state, _) = indexing();
-        state.on_loading(0, Event::Chunk { cloud: 0, chunk });
+        state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Preview(0), chunk });
         state.stop_loading();
         state.on_loading(0, Event::Finished);
         let mut harness = self::harness(state);

@@ -5,113 +5,14 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use cloud::Bounds;
-use scene::{Ramp, Settings};
+use scene::Settings;
 use serde_json::json;
-use stream::{Node, Octree};
-use world::{Kept, Paged, StreamStats, Viewpoint, most_points};
+use world::{Change, CloudKey, Kept, Paged, Part, StreamStats, Viewpoint, most_points};
 
+use super::clouds::{CloudEntry, JobEntry, Streamed};
 use super::messages::Level;
-use super::render_thread::{CloudKey, Command};
-use super::state::{CloudEntry, Effect, JobEntry, State};
+use super::state::{Effect, State};
 use super::theme;
-
-/// What makes a cloud a streamed one: its chunks are those of its points that the last look needs.
-pub struct Streamed {
-    pub pages: Paged,
-    /// Times that all was there that a look needs.
-    pub rests: u32,
-    deepest_level: u8,
-}
-
-impl Streamed {
-    fn new(pages: Paged, rests: u32) -> Self {
-        let mut streamed = Self { pages, rests, deepest_level: 0 };
-        let levels = streamed.octree().and_then(|octree| octree.nodes.iter().map(|node| node.level).max());
-        streamed.deepest_level = levels.unwrap_or(0);
-        streamed
-    }
-
-    pub fn octree(&self) -> Option<&Arc<Octree>> {
-        match &self.pages {
-            Paged::Indexing => None,
-            Paged::Indexed { octree, .. } => Some(octree),
-        }
-    }
-
-    /// All of its points, once they are counted.
-    pub fn total(&self) -> Option<u64> {
-        self.octree().map(|octree| octree.points())
-    }
-
-    pub fn bounds(&self) -> Option<Bounds> {
-        self.octree()?.nodes.first().map(|root| root.bounds)
-    }
-
-    /// The node whose points begin with that one.
-    pub fn node(&self, first_point: u64) -> Option<&Node> {
-        let nodes = &self.octree()?.nodes;
-        // Of nodes without points of their own the last begins where the one with points does.
-        let after = nodes.partition_point(|node| node.first_point <= first_point);
-        nodes.get(after.checked_sub(1)?).filter(|node| node.first_point == first_point)
-    }
-
-    /// Of its index, where that is in the cache.
-    pub fn kept(&self) -> Option<&Kept> {
-        match &self.pages {
-            Paged::Indexed { kept, .. } => kept.as_ref(),
-            Paged::Indexing => None,
-        }
-    }
-
-    /// Levels with their colours, the coarsest first.
-    pub fn levels(&self) -> impl Iterator<Item = (u8, [u8; 4])> {
-        (0..=self.deepest_level).map(|level| (level, self.level_color(level)))
-    }
-
-    /// sRGB, from the root's colour to that of the deepest level.
-    fn level_color(&self, level: u8) -> [u8; 4] {
-        // The ends of the ramp are too dark to be told apart.
-        let place = 24 + usize::from(level) * 207 / usize::from(self.deepest_level.max(1));
-        render::ramp_colors(Ramp::Turbo)[place.min(255)]
-    }
-}
-
-impl CloudEntry {
-    /// Streamed, and its index is there.
-    pub fn is_indexed(&self) -> bool {
-        self.streamed.as_ref().is_some_and(|streamed| streamed.octree().is_some())
-    }
-
-    /// The color of the level of one of its chunks, sRGB.
-    fn level_color(&self, first_point: u64) -> Option<[u8; 4]> {
-        let streamed = self.streamed.as_ref()?;
-        Some(streamed.level_color(streamed.node(first_point)?.level))
-    }
-
-    /// Boxes of the nodes that are there, as far as none below them is, with the colours of their levels.
-    pub fn shown_boxes(&self) -> Vec<(Bounds, [u8; 4])> {
-        let Some(streamed) = &self.streamed else { return Vec::new() };
-        let Some(octree) = streamed.octree() else { return Vec::new() };
-        let is_there = |node: &Node| node.points > 0 && self.chunk_bounds.contains_key(&node.first_point);
-        let is_last = |node: &&Node| !node.children.iter().flatten().any(|child| is_there(octree.node(*child)));
-        let there = self.chunk_bounds.keys().filter_map(|first_point| streamed.node(*first_point));
-        let bounds = |node: &Node| Some((self.chunk_bounds.get(&node.first_point).copied()?, node.level));
-        let boxes = there.filter(is_last).filter_map(bounds);
-        boxes.map(|(bounds, level)| (bounds, streamed.level_color(level))).collect()
-    }
-}
-
-impl JobEntry {
-    /// Points are on their way that the last look needs.
-    fn is_fetching(&self) -> bool {
-        self.has_streamed && (self.stream.look != self.look || self.stream.nodes_waiting > 0)
-    }
-
-    /// What its streamed clouds need for the last look is not all there, or their pages are not complete.
-    fn is_streaming(&self) -> bool {
-        self.has_streamed && !(self.stream.is_settled && self.stream.look == self.look)
-    }
-}
 
 /// Shares of the budgets for what was opened one after the other, by the share that each would take if it had them all. What one
 /// does not need goes to the others; all get the same of what is too little or too much.
@@ -172,25 +73,16 @@ impl State {
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let rests = entry.streamed.as_ref().map_or(0, |streamed| streamed.rests);
         let was_indexed = entry.is_indexed();
-        let was_built = matches!(&entry.streamed, Some(Streamed { pages: Paged::Indexed { was_built: true, .. }, .. }));
-        let mut streamed = Streamed::new(pages, rests);
-        if streamed.octree().is_none() {
-            entry.stage = None;
-        }
+        let has_surfels = matches!(pages, Paged::Indexed { has_surfels: true, .. });
+        let is_kept = pages.kept().is_some();
+        let change = entry.page(pages);
+        entry.streamed = Some(Streamed::new(entry.octree().map(Arc::as_ref), rests));
+        let bounds = entry.octree().and_then(|octree| octree.nodes.first()).map_or(Bounds::EMPTY, |root| root.bounds);
         let (key, name) = (entry.key, entry.cloud.name.clone());
-        let bounds = streamed.bounds().unwrap_or(Bounds::EMPTY);
-        if let Paged::Indexed { grid, was_built: is_new, .. } = &mut streamed.pages {
-            entry.cloud.grid = *grid;
-            *is_new |= was_built;
-        }
-        entry.bounds = entry.bounds.union(bounds);
-        let has_surfels = matches!(streamed.pages, Paged::Indexed { has_surfels: true, .. });
-        let is_kept = streamed.kept().is_some();
-        entry.streamed = Some(streamed);
-        self.render(Command::SetBounds { key, bounds });
+        self.change(change);
         self.make_room();
         if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
-            let total = self.cloud(key).map_or(0, CloudEntry::total);
+            let total = self.cloud(key).map_or(0, |entry| entry.total());
             self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
             if is_kept {
                 self.effects.push(Effect::MeasureCache);
@@ -208,14 +100,14 @@ impl State {
     pub(super) fn make_room(&mut self) {
         let total = |is_streamed: bool| -> u64 {
             let clouds = self.clouds.iter().filter(|entry| entry.streamed.is_some() == is_streamed);
-            clouds.map(CloudEntry::total).sum()
+            clouds.map(|entry| entry.total()).sum()
         };
-        let chunks = self.samples.values().flat_map(|sample| &sample.chunks);
+        let chunks = self.samples.of.values().flat_map(|sample| &sample.chunks);
         let samples: u64 = chunks.map(|(chunk, _)| chunk.len() as u64).sum();
         let most = most_points(&self.settings.view, &self.settings.stream);
         let points = total(false) + samples + total(true).min(most);
         if std::mem::replace(&mut self.expected_points, points) != points {
-            self.render(Command::Expect { points });
+            self.change(Change::Expect { points });
         }
     }
 
@@ -312,7 +204,7 @@ impl State {
 
     /// Closes a cloud and deletes its index.
     pub fn delete_index(&mut self, key: CloudKey) {
-        let kept = self.cloud(key).and_then(|entry| entry.streamed.as_ref()?.kept().cloned());
+        let kept = self.cloud(key).and_then(|entry| entry.pages.as_ref()?.kept().cloned());
         if let Some(kept) = kept {
             self.remove_cloud(key);
             self.effects.push(Effect::DeleteIndex(kept));
@@ -339,11 +231,11 @@ impl State {
     // ---- levels ----
 
     /// Colours a chunk that has come by its level, if these are shown.
-    pub(super) fn tint_chunk(&mut self, key: CloudKey, first_point: u64) {
+    pub(super) fn tint_chunk(&mut self, key: CloudKey, part: Part) {
         if self.levels_are_shown
-            && let Some(color) = self.cloud(key).and_then(|entry| entry.level_color(first_point))
+            && let Some(color) = self.cloud(key).and_then(|entry| entry.level_color(part))
         {
-            self.render(Command::Tint { key, tints: vec![(first_point, Some(color))] });
+            self.change(Change::Tint { tints: vec![(key.chunk(part), Some(color))] });
         }
     }
 
@@ -355,14 +247,15 @@ impl State {
         self.levels_are_shown = self.settings.stream.overlay;
         let is_shown = self.levels_are_shown;
         let tints = |entry: &CloudEntry| {
-            let chunks = entry.chunk_bounds.keys();
-            chunks.map(|first| (*first, entry.level_color(*first).filter(|_| is_shown))).collect()
+            let parts = entry.chunk_bounds().map(|(part, _)| part);
+            let tints = parts.map(|part| (entry.key.chunk(part), entry.level_color(part).filter(|_| is_shown)));
+            tints.collect::<Vec<_>>()
         };
         let streamed = self.clouds.iter().filter(|entry| entry.streamed.is_some());
-        let all: Vec<(CloudKey, Vec<_>)> = streamed.map(|entry| (entry.key, tints(entry))).collect();
-        for (key, tints) in all {
-            self.render(Command::Tint { key, tints });
-            self.revision += 1;
+        let all: Vec<Vec<_>> = streamed.map(tints).collect();
+        for tints in all {
+            self.change(Change::Tint { tints });
+            self.frames.points_changed();
         }
     }
 
@@ -391,12 +284,12 @@ mod tests {
     use cloud::{Attribute, Chunk, Column, ColumnType, Grid};
     use glam::DVec3;
     use scene::MirrorPoints;
-    use stream::NodeId;
-    use world::Event;
+    use stream::{NodeId, Octree};
+    use world::{Event, Opened};
 
     use super::super::objects::Marking;
     use super::super::preferences::Preferences;
-    use super::super::render_thread::{PickPurpose, PickedPoint, Report};
+    use super::super::render_thread::{Command, PickPurpose, PickedPoint, Report};
     use super::super::state::Found;
     use super::*;
 
@@ -432,31 +325,28 @@ mod tests {
         chunk
     }
 
-    fn put(state: &mut State, first_point: u64, places: &[f32]) {
-        state.on_loading(0, Event::Chunk { cloud: 0, chunk: chunk(first_point, places) });
+    fn put(state: &mut State, node: u32, places: &[f32]) {
+        let first_point = octree().nodes[node as usize].first_point;
+        let chunk = chunk(first_point, places);
+        state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Node(NodeId(node)), chunk });
     }
 
-    fn drop_chunk(state: &mut State, first_point: u64) {
-        state.on_loading(0, Event::Dropped { cloud: 0, first_point });
+    fn drop_chunk(state: &mut State, node: u32) {
+        state.on_loading(0, Event::Dropped { cloud: 0, part: Part::Node(NodeId(node)) });
+    }
+
+    fn opened(attributes: Vec<Attribute>) -> Event {
+        let (name, input) = ("survey".into(), "survey".into());
+        let opened = Opened { name, input, attributes, expected_points: 9, up: DVec3::Z, ..Opened::default() };
+        Event::Opened { cloud: 0, opened }
     }
 
     /// A streamed cloud whose index is there, by job 0, with the chunk of its root.
     fn streamed() -> State {
         let mut state = State::new(Preferences::default());
         state.add_job(&[], Arc::default(), Arc::default());
-        let opened = Event::Opened {
-            cloud: 0,
-            name: "survey".into(),
-            input: "survey".into(),
-            source: None,
-            attributes: vec![Attribute { name: "intensity".into(), column_type: ColumnType::U8 }],
-            grid: None,
-            expected_points: 9,
-            up: DVec3::Z,
-            provisional_radius: 0.0,
-            warnings: Vec::new(),
-        };
-        state.on_loading(0, opened);
+        let intensity = Attribute { name: "intensity".into(), column_type: ColumnType::U8 };
+        state.on_loading(0, opened(vec![intensity]));
         let pages =
             Paged::Indexed { octree: Arc::new(octree()), grid: GRID, was_built: false, has_surfels: true, kept: None };
         state.on_loading(0, Event::Pages { cloud: 0, pages });
@@ -472,57 +362,47 @@ mod tests {
         state.on_loading(0, Event::Stream(stats));
     }
 
-    fn commands(state: &mut State) -> Vec<Command> {
+    fn commands(state: &mut State) -> Vec<Change> {
         let effects = std::mem::take(&mut state.effects).into_iter();
-        effects.filter_map(|effect| if let Effect::Render(command) = effect { Some(command) } else { None }).collect()
+        let change = |effect| if let Effect::Render(Command::Change(change)) = effect { Some(change) } else { None };
+        effects.filter_map(change).collect()
     }
 
     #[test]
     fn points_and_bounds_are_counted_right_while_chunks_come_change_and_go() {
         let mut state = State::new(Preferences::default());
         state.add_job(&[], Arc::default(), Arc::default());
-        let opened = Event::Opened {
-            cloud: 0,
-            name: "survey".into(),
-            input: "survey".into(),
-            source: None,
-            attributes: Vec::new(),
-            grid: None,
-            expected_points: 9,
-            up: DVec3::Z,
-            provisional_radius: 0.0,
-            warnings: Vec::new(),
-        };
-        state.on_loading(0, opened);
+        state.on_loading(0, opened(Vec::new()));
         state.on_loading(0, Event::Pages { cloud: 0, pages: Paged::Indexing });
         put(&mut state, 0, &[1.0]);
-        put(&mut state, 5, &[2.0, 6.0, 8.0]);
+        put(&mut state, 3, &[2.0, 6.0, 8.0]);
         put(&mut state, 0, &[1.0, 3.0]);
-        let revision = state.revision;
+        let revision = state.frames.revision;
         assert_eq!((state.clouds[0].points, state.points(), state.clouds[0].cloud.len()), (5, 5, 5));
         assert_eq!(state.bounds().max, DVec3::splat(8.0));
-        drop_chunk(&mut state, 5);
+        drop_chunk(&mut state, 3);
         assert_eq!((state.clouds[0].points, state.clouds[0].cloud.len()), (2, 2));
         assert_eq!((state.bounds().min, state.bounds().max), (DVec3::ONE, DVec3::splat(3.0)));
-        assert!(state.revision > revision && state.clouds[0].chunk_bounds.len() == 1);
-        let removed = |command: &Command| matches!(command, Command::RemoveChunk { first_point: 5, .. });
+        assert!(state.frames.revision > revision && state.clouds[0].chunk_bounds().len() == 1);
+        let removed =
+            |command: &Change| matches!(command, Change::TakeOut { key } if key.part == Part::Node(NodeId(3)));
         assert_eq!(commands(&mut state).iter().filter(|command| removed(command)).count(), 1);
-        let revision = state.revision;
-        drop_chunk(&mut state, 5);
-        assert!(commands(&mut state).is_empty() && state.revision == revision, "it has gone already");
+        let revision = state.frames.revision;
+        drop_chunk(&mut state, 3);
+        assert!(commands(&mut state).is_empty() && state.frames.revision == revision, "it has gone already");
     }
 
     #[test]
     fn what_is_drawn_first_has_its_colours() {
         let mut state = streamed();
         let sent = commands(&mut state);
-        let chunk = sent.iter().position(|command| matches!(command, Command::Chunk { .. }));
+        let chunk = sent.iter().position(|command| matches!(command, Change::Put { .. }));
         let color = sent.iter().position(
-            |command| matches!(command, Command::Color { plan, .. } if plan.source == render::ColorSource::Column(0)),
+            |command| matches!(command, Change::Color { plan, .. } if plan.source == render::ColorSource::Column(0)),
         );
         assert!(chunk.is_some() && color > chunk, "{chunk:?}, {color:?}");
-        put(&mut state, 5, &[2.0, 3.0, 4.0]);
-        assert!(!commands(&mut state).iter().any(|command| matches!(command, Command::Color { .. })));
+        put(&mut state, 3, &[2.0, 3.0, 4.0]);
+        assert!(!commands(&mut state).iter().any(|command| matches!(command, Change::Color { .. })));
     }
 
     #[test]
@@ -555,7 +435,7 @@ mod tests {
     fn bounds_and_number_of_a_streamed_cloud_are_those_of_its_index() {
         let mut state = streamed();
         assert_eq!(state.bounds(), octree().nodes[0].bounds);
-        put(&mut state, 5, &[2.0, 3.0, 4.0]);
+        put(&mut state, 3, &[2.0, 3.0, 4.0]);
         drop_chunk(&mut state, 0);
         assert_eq!(state.bounds(), octree().nodes[0].bounds);
         assert_eq!((state.points(), state.all_points(), state.clouds[0].total()), (3, 8, 8));
@@ -563,7 +443,7 @@ mod tests {
         let room = |state: &mut State| {
             let commands = commands(state).into_iter();
             commands
-                .filter_map(|command| if let Command::Expect { points } = command { Some(points) } else { None })
+                .filter_map(|command| if let Change::Expect { points } = command { Some(points) } else { None })
                 .last()
         };
         assert_eq!(room(&mut state), Some(8), "no more room is made than all points take");
@@ -598,9 +478,9 @@ mod tests {
     #[test]
     fn a_streamed_point_is_picked_with_all_that_its_page_holds_and_no_record_is_looked_up() {
         let mut state = streamed();
-        put(&mut state, 5, &[2.0, 3.251, 4.0]);
+        put(&mut state, 3, &[2.0, 3.251, 4.0]);
         commands(&mut state);
-        let point = Some(PickedPoint { key: state.clouds[0].key, point: 6 });
+        let point = Some(PickedPoint { chunk: state.clouds[0].key.chunk(Part::Node(NodeId(3))), index: 1 });
         state.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
         let pick = &state.picks[0];
         assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.25), true));
@@ -631,7 +511,7 @@ mod tests {
         let counted = |state: &State| state.clouds[0].figures.as_ref().unwrap().histogram.iter().sum::<u32>();
         let plan = state.clouds[0].figures.as_ref().unwrap().plan.clone();
         assert_eq!(counted(&state), 2);
-        put(&mut state, 5, &[2.0, 3.0, 4.0]);
+        put(&mut state, 3, &[2.0, 3.0, 4.0]);
         drop_chunk(&mut state, 0);
         put(&mut state, 2, &[6.0]);
         settle(&mut state);
@@ -639,7 +519,7 @@ mod tests {
         assert!(found(&mut state), "what is there is counted when it is complete");
         assert_eq!(state.clouds[0].figures.as_ref().unwrap().plan, plan);
         assert_eq!(counted(&state), 4);
-        assert!(!commands(&mut state).iter().any(|command| matches!(command, Command::Color { .. })));
+        assert!(!commands(&mut state).iter().any(|command| matches!(command, Change::Color { .. })));
         state.settings.color.high = 0.5;
         assert!(found(&mut state) && state.clouds[0].figures.as_ref().unwrap().plan != plan);
     }
@@ -653,16 +533,19 @@ mod tests {
         put(&mut state, 2, &[6.0, 6.5, 7.0]);
         let tints: Vec<_> = commands(&mut state)
             .into_iter()
-            .filter_map(|command| if let Command::Tint { tints, .. } = command { Some(tints) } else { None })
+            .filter_map(|command| if let Change::Tint { tints } = command { Some(tints) } else { None })
             .flatten()
             .collect();
-        assert_eq!(tints.iter().map(|(first, _)| *first).collect::<Vec<_>>(), [0, 2]);
+        assert_eq!(
+            tints.iter().map(|(key, _)| key.part).collect::<Vec<_>>(),
+            [0, 2].map(|node| Part::Node(NodeId(node)))
+        );
         assert!(tints[0].1.is_some() && tints[1].1.is_some() && tints[0].1 != tints[1].1, "{tints:?}");
         let boxes = state.clouds[0].shown_boxes();
         assert_eq!(boxes.len(), 2, "the node between them is not there, so the root is the last above");
         state.settings.stream.overlay = false;
         state.sync_levels();
-        let ends = |command: &Command| matches!(command, Command::Tint { tints, .. } if tints.len() == 2 && tints.iter().all(|(_, tint)| tint.is_none()));
+        let ends = |command: &Change| matches!(command, Change::Tint { tints } if tints.len() == 2 && tints.iter().all(|(_, tint)| tint.is_none()));
         assert!(commands(&mut state).iter().any(ends));
     }
 

@@ -286,7 +286,7 @@ impl State {
             self.say(Level::Warning, too_many_points());
             return;
         }
-        if sweep.view.revision != self.revision || self.clouds.is_empty() {
+        if sweep.view.revision != self.frames.revision || self.clouds.is_empty() {
             self.stop_sweep();
             self.say(Level::Warning, "The sweep was ended: the points are others now");
             return;

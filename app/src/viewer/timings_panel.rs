@@ -40,7 +40,7 @@ fn sparkline(ui: &Ui, row: egui::Rect, values: Vec<f64>) {
 }
 
 pub fn show(ui: &mut Ui, state: &State) {
-    let Some(shown) = &state.shown else {
+    let Some(shown) = &state.frames.shown else {
         ui.label(RichText::new("No frame yet.").color(theme::WEAK));
         return;
     };

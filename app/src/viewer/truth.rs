@@ -294,14 +294,15 @@ impl State {
     /// The frame whose truth belongs in the picture now. None where the view has moved on and its picture is still to come: what was
     /// traced is of another.
     pub fn truth_frame(&self) -> Option<FrameRequest> {
-        let request = &self.shown.as_ref().filter(|_| self.truth.is_asked_for())?.request;
+        let request = &self.frames.shown.as_ref().filter(|_| self.truth.is_asked_for())?.request;
         let is_current = request.camera == self.camera && request.size == self.view_size && !request.hurried;
         is_current.then(|| request.clone())
     }
 
     /// Points that are shown, those of mirrors included: as many are traced.
     pub fn traced_points(&self) -> u64 {
-        let of_mirrors = self.samples.values().flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64);
+        let of_mirrors =
+            self.samples.of.values().flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64);
         let visible = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.points);
         visible.chain(of_mirrors).sum()
     }
@@ -326,7 +327,7 @@ impl State {
     /// Takes what is wanted of the truth one step on; called every frame of the window. Returns when to look again.
     pub fn sync_truth(&mut self) -> Option<Duration> {
         let basis = self.wanted_frame().map(FrameRequest::truth_basis);
-        let wanted = self.requested.as_ref();
+        let wanted = self.frames.requested.as_ref();
         let truth = &mut self.truth;
         truth.cancel_others(wanted, basis.as_ref());
         if truth.asked_for.is_some() && truth.asked_for != basis {
@@ -335,7 +336,7 @@ impl State {
         if truth.is_held {
             truth.asked_for.clone_from(&basis);
         }
-        let revision = self.revision;
+        let revision = self.frames.revision;
         let outdated = |key: &SceneKey| key.revision != revision;
         truth.building.iter().filter(|(key, _)| outdated(key)).for_each(|(_, progress)| progress.cancel());
         if truth.scene.as_ref().is_some_and(|(key, _)| outdated(key)) {
@@ -406,7 +407,7 @@ impl State {
             let (marked, visible_classes) = (entry.marks.clone(), visible_classes.clone());
             Source::Cloud { cloud, plan, up, marked, visible_classes }
         });
-        let mirrors = self.samples.values().map(|sample| {
+        let mirrors = self.samples.of.values().map(|sample| {
             let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();
             Source::Mirror { mirror: sample.mirror.clone(), chunks }
         });
@@ -503,7 +504,7 @@ impl State {
     /// Whether what was found out about a frame is still of use: points that have changed, or Stop, have freed its scene.
     fn is_of_scene(&self, request: &FrameRequest) -> bool {
         let scene = self.truth.scene.as_ref();
-        request.revision == self.revision && scene.is_some_and(|(key, _)| key.revision == self.revision)
+        request.revision == self.frames.revision && scene.is_some_and(|(key, _)| key.revision == self.frames.revision)
     }
 
     /// A picture of the truth, as the render thread shows it.
@@ -530,7 +531,7 @@ impl State {
 
     pub fn on_truth(&mut self, answer: Answer) {
         let is_current = match &answer {
-            Answer::Built { key, .. } => key.revision == self.revision,
+            Answer::Built { key, .. } => key.revision == self.frames.revision,
             Answer::Pass(Pass { basis: request, .. })
             | Answer::TraceEnded { basis: request, .. }
             | Answer::Judged { request, .. }
@@ -759,7 +760,7 @@ mod tests {
     fn unpinning_ends_tracing() {
         let mut state = State::with_two_points();
         let basis = FrameRequest::any().truth_basis();
-        state.requested = Some(basis.clone());
+        state.frames.requested = Some(basis.clone());
         let progress = Arc::<Progress>::default();
         let tracing = Tracing { basis, progress: progress.clone(), mirrors_alone: Arc::default() };
         (state.truth.is_pinned, state.truth.tracing) = (true, Some(tracing));
@@ -802,7 +803,7 @@ mod tests {
     #[test]
     fn a_worker_that_fails_is_told_and_leaves_nothing_waiting() {
         let mut state = State::with_two_points();
-        let key = SceneKey { revision: state.revision, splat_size: 0 };
+        let key = SceneKey { revision: state.frames.revision, splat_size: 0 };
         (state.truth.is_pinned, state.truth.building) = (true, Some((key, Arc::default())));
         state.on_truth(Answer::Failed(Kind::Build));
         assert!(state.truth.building.is_none() && !state.truth.is_pinned);

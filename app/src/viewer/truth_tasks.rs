@@ -13,7 +13,6 @@ use study::{Accuracy, Drawn, ImageError, Part, Refinement, TracedScene, Tracer, 
 use world::mirrors::{self, Marked};
 
 use super::contact_sheet;
-use super::figures::class_column;
 use super::render_thread::FrameRequest;
 
 /// What a scene to trace is made from: points, their colours, and the size of splats.
@@ -213,19 +212,13 @@ impl Source {
                 vec![Part::of_mirror(&mirror, cloud)]
             }
             Self::Cloud { mut cloud, plan, up, marked, visible_classes } => {
-                let classes = class_column(&cloud);
-                let mut chunks: Vec<Vec<Chunk>> = vec![Vec::new(); marked.len() + 1];
-                for (index, chunk) in std::mem::take(&mut cloud.chunks).iter().enumerate() {
-                    let parted = mirrors::part(chunk, index, &marked);
-                    let reflecting = parted.reflecting.into_iter().map(|(taken, _)| taken);
-                    for (list, part) in chunks.iter_mut().zip(std::iter::once(parted.rest).chain(reflecting)) {
-                        list.extend(shown(part, classes, visible_classes.as_deref()));
-                    }
-                }
-                let plain = (0.0, 0.0);
-                let reflecting = marked.iter().map(|marked| marked.material);
-                let materials = reflecting.map(|material| (material.specular_intensity, material.specular_power));
-                let materials = std::iter::once(plain).chain(materials);
+                let classes = cloud.column_of("classification");
+                let parts = mirrors::parts(&std::mem::take(&mut cloud.chunks), &marked).into_iter();
+                let materials = parts.map(|(material, chunks)| {
+                    let shown =
+                        chunks.into_iter().filter_map(|chunk| shown(chunk, classes, visible_classes.as_deref()));
+                    (shown.collect(), (material.specular_intensity, material.specular_power))
+                });
                 let part = |(chunks, (specular_intensity, specular_power))| Part {
                     cloud: Cloud { chunks, ..cloud.clone() },
                     specular_intensity,
@@ -233,7 +226,7 @@ impl Source {
                     plan: plan.clone(),
                     up,
                 };
-                chunks.into_iter().zip(materials).map(part).collect()
+                materials.map(part).collect()
             }
         }
     }

@@ -71,10 +71,10 @@ pub enum Missing {
 /// What has changed for whoever draws: to be done in this order.
 #[derive(Debug)]
 pub enum Change {
-    /// A new chunk, or another form of the one with the same `first_point`.
-    Put { cloud: usize, chunk: Chunk },
-    /// The chunk goes.
-    Drop { cloud: usize, first_point: u64 },
+    /// The chunk of a node comes, or takes another form.
+    Put { cloud: usize, node: NodeId, chunk: Chunk },
+    /// The chunk of a node goes.
+    Drop { cloud: usize, node: NodeId },
     /// The node cannot be read, and is not tried again; the others go on.
     Failed { cloud: usize, node: NodeId, error: Error },
 }
@@ -247,6 +247,7 @@ struct Job {
 /// A decoded node.
 #[derive(Clone)]
 struct Loaded {
+    node: NodeId,
     /// All of its points, or those of its first batches; radii are those of full density.
     chunk: Chunk,
     /// Of the node's cube.
@@ -325,7 +326,7 @@ impl Job {
         let is_estimated = chunk.radii.is_none() && matches!(self.paged.missing, Missing::Estimate(_));
         self.paged.missing.fill(&mut chunk, octree, self.node);
         let center = cube_center(octree, self.node);
-        Ok(Loaded { own: count_octants(&chunk, center), center, is_estimated, chunk, disk_bytes })
+        Ok(Loaded { node: self.node, own: count_octants(&chunk, center), center, is_estimated, chunk, disk_bytes })
     }
 }
 
@@ -384,13 +385,13 @@ impl Shown {
     }
 
     fn put(&self, cloud: usize) -> Change {
-        Change::Put { cloud, chunk: Chunk { radii: self.radii.clone(), ..self.loaded.chunk.clone() } }
+        let chunk = Chunk { radii: self.radii.clone(), ..self.loaded.chunk.clone() };
+        Change::Put { cloud, node: self.loaded.node, chunk }
     }
 
-    /// Nothing for a node without points: its `first_point` is the next node's.
+    /// `None` for a node without points, which was never put.
     fn leave(&self, cloud: usize) -> Option<Change> {
-        let chunk = &self.loaded.chunk;
-        (!chunk.is_empty()).then_some(Change::Drop { cloud, first_point: chunk.first_point })
+        (!self.loaded.chunk.is_empty()).then_some(Change::Drop { cloud, node: self.loaded.node })
     }
 
     /// Puts it anew with these radii, if they are other ones.

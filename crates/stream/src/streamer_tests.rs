@@ -45,7 +45,7 @@ fn everything(cloud: usize, octree: &Octree) -> Vec<Wanted> {
 /// What a drawer holds.
 #[derive(Default)]
 struct Drawer {
-    chunks: BTreeMap<(usize, u64), Chunk>,
+    chunks: BTreeMap<(usize, NodeId), Chunk>,
     failed: Vec<(usize, NodeId, String)>,
     /// Chunks that were put for the first time, and again.
     puts: [usize; 2],
@@ -54,12 +54,12 @@ struct Drawer {
 impl Drawer {
     fn apply(&mut self, change: Change) {
         match change {
-            Change::Put { cloud, chunk } => {
-                let old = self.chunks.insert((cloud, chunk.first_point), chunk);
+            Change::Put { cloud, node, chunk } => {
+                let old = self.chunks.insert((cloud, node), chunk);
                 self.puts[usize::from(old.is_some())] += 1;
             }
-            Change::Drop { cloud, first_point } => {
-                assert!(self.chunks.remove(&(cloud, first_point)).is_some(), "dropped what is not there");
+            Change::Drop { cloud, node } => {
+                assert!(self.chunks.remove(&(cloud, node)).is_some(), "dropped what is not there");
             }
             Change::Failed { cloud, node, error } => self.failed.push((cloud, node, error.to_string())),
         }
@@ -103,8 +103,8 @@ fn all_that_is_wanted_comes_as_it_was_read() {
     let mut drawer = Drawer::default();
     drawer.settle(&streamer);
     assert_eq!(drawer.points(), octree.points());
-    for (id, node) in octree.ids() {
-        let (chunk, read) = (&drawer.chunks[&(3, node.first_point)], page(&octree, id));
+    for (id, _) in octree.ids() {
+        let (chunk, read) = (&drawer.chunks[&(3, id)], page(&octree, id));
         assert_eq!((&chunk.positions, &chunk.normals, &chunk.radii), (&read.positions, &read.normals, &read.radii));
     }
     let stats = streamer.stats();
@@ -175,7 +175,7 @@ fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
     };
     let probes: Vec<Vec3> = (0..400).map(probe).collect();
     let mut drawer = Drawer::default();
-    let mut coverage: BTreeMap<(usize, u64), Vec<bool>> = BTreeMap::new();
+    let mut coverage: BTreeMap<(usize, NodeId), Vec<bool>> = BTreeMap::new();
     let (mut drops, mut is_covered) = (0, vec![false; probes.len()]);
     for step in 0..90 {
         let turn = f64::from(step) * 0.15;
@@ -191,10 +191,10 @@ fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
             assert!(ledger.held_points() * HELD_POINT_BYTES <= budget.bytes + dropped * 256 * HELD_POINT_BYTES);
             for change in changes {
                 let put = match &change {
-                    Change::Put { cloud, chunk } => Some(((*cloud, chunk.first_point), covered(chunk, &probes))),
-                    Change::Drop { cloud, first_point } => {
+                    Change::Put { cloud, node, chunk } => Some(((*cloud, *node), covered(chunk, &probes))),
+                    Change::Drop { cloud, node } => {
                         drops += 1;
-                        coverage.remove(&(*cloud, *first_point));
+                        coverage.remove(&(*cloud, *node));
                         None
                     }
                     Change::Failed { .. } => panic!("{change:?}"),
@@ -203,7 +203,7 @@ fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
                 coverage.extend(put);
                 assert!(drawer.points() <= points, "{} points", drawer.points());
                 for (id, node) in octree.ids() {
-                    let is_shown = |id: NodeId| drawer.chunks.contains_key(&(0, octree.node(id).first_point));
+                    let is_shown = |id: NodeId| drawer.chunks.contains_key(&(0, id));
                     assert!(!is_shown(id) || node.parent.is_none_or(is_shown), "{id:?} without its parent");
                 }
                 for (index, before) in is_covered.iter_mut().enumerate() {
@@ -267,8 +267,8 @@ fn what_is_not_wanted_stays_until_its_place_is_needed() {
     streamer.want(all[..1].to_vec());
     streamer.set_budget(Budget { points: half as u64 * 256, bytes: u64::MAX });
     drawer.settle(&streamer);
-    let shown: Vec<u64> = drawer.chunks.keys().map(|(_, first)| first / 256).collect();
-    assert_eq!(shown, (0..half as u64).collect::<Vec<_>>());
+    let shown: Vec<NodeId> = drawer.chunks.keys().map(|(_, node)| *node).collect();
+    assert_eq!(shown, (0..half as u32).map(NodeId).collect::<Vec<_>>());
 }
 
 #[test]
@@ -322,7 +322,7 @@ fn a_root_alone_is_drawn_with_larger_splats() {
     let mut drawer = Drawer::default();
     drawer.settle(&streamer);
     // Of 1 + 4 + 16 + 64 nodes of equal size the first: scaled by the root of 85 they would have 1.13 spacings.
-    let (root, full) = (&drawer.chunks[&(0, 0)], terrain_page(&octree, NodeId(0)));
+    let (root, full) = (&drawer.chunks[&(0, NodeId(0))], terrain_page(&octree, NodeId(0)));
     let largest = pack_radius((LARGEST_SPACINGS * octree.spacing) as f32);
     assert!(full.radii.unwrap().iter().all(|radius| *radius < largest - 2048));
     assert!(root.radii.as_ref().unwrap().iter().all(|radius| *radius == largest));
@@ -364,7 +364,7 @@ fn a_chunk_with_other_radii_shares_its_positions_with_the_one_before() {
     let mut root = |nodes: usize| {
         streamer.want(everything(0, &octree)[..nodes].to_vec());
         drawer.settle(&streamer);
-        drawer.chunks[&(0, 0)].clone()
+        drawer.chunks[&(0, NodeId(0))].clone()
     };
     let (alone, among) = (root(1), root(5));
     assert_ne!(alone.radii, among.radii);
@@ -606,7 +606,7 @@ fn a_replaced_cloud_is_read_again_and_never_gone() {
     let mut drawer = Drawer::default();
     drawer.settle(&streamer);
     let provisional = pack_radius(provisional_radius(octree.nodes[0].bounds, octree.points()));
-    let root = &drawer.chunks[&(0, 0)];
+    let root = &drawer.chunks[&(0, NodeId(0))];
     assert!(root.normals.is_none() && root.radii.as_ref().unwrap().iter().all(|radius| *radius == provisional));
 
     streamer.replace(0, with_radii(true));
@@ -622,8 +622,8 @@ fn a_replaced_cloud_is_read_again_and_never_gone() {
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-    for (id, node) in octree.ids() {
-        let (chunk, read) = (&drawer.chunks[&(0, node.first_point)], terrain_page(&octree, id));
+    for (id, _) in octree.ids() {
+        let (chunk, read) = (&drawer.chunks[&(0, id)], terrain_page(&octree, id));
         assert_eq!((&chunk.normals, &chunk.radii), (&read.normals, &read.radii));
     }
     // Another tree under the same number: nothing of the first stays.
@@ -650,7 +650,7 @@ fn normals_and_radii_that_are_missing_are_estimated() {
     let root = terrain_page(&octree, NodeId(0));
     let bare = Chunk { normals: None, radii: None, ..root };
     let own = cloud::estimate(&[bare], &options, &Progress::default()).unwrap().remove(0);
-    let alone = drawer.chunks[&(0, 0)].clone();
+    let alone = drawer.chunks[&(0, NodeId(0))].clone();
     assert_eq!(**alone.normals.as_ref().unwrap(), own.normals);
     for (radius, own) in alone.radii.as_ref().unwrap().iter().zip(&own.radii) {
         // Made one of full density and grown by as much, to the nearest eighth of an octave.
@@ -658,7 +658,7 @@ fn normals_and_radii_that_are_missing_are_estimated() {
     }
     streamer.want(everything(0, &octree));
     drawer.settle(&streamer);
-    let among = &drawer.chunks[&(0, 0)];
+    let among = &drawer.chunks[&(0, NodeId(0))];
     let sum = |chunk: &Chunk| chunk.radii.as_ref().unwrap().iter().map(|radius| i64::from(*radius)).sum::<i64>() / 256;
     let octaves = (sum(&alone) - sum(among)) as f64 / 2048.0;
     assert!((octaves - 0.5 * 21.0_f64.log2()).abs() <= 0.07, "{octaves}");
@@ -725,8 +725,8 @@ fn many_threads_at_once_come_to_the_same_end() {
     streamer.want(cut.clone());
     let mut drawer = drawer.into_inner().unwrap();
     drawer.settle(&streamer);
-    let shown: BTreeSet<u64> = drawer.chunks.keys().map(|(_, first)| *first).collect();
-    assert!(cut.iter().all(|wanted| shown.contains(&octree.node(wanted.node).first_point)));
+    let shown: BTreeSet<NodeId> = drawer.chunks.keys().map(|(_, node)| *node).collect();
+    assert!(cut.iter().all(|wanted| shown.contains(&wanted.node)));
     assert_eq!(drawer.points(), streamer.stats().shown_points);
 }
 

@@ -146,13 +146,13 @@ fn a_copc_file_streams_whole_with_nodes_that_are_empty() {
     streamer.add(0, paged);
     streamer.want(octree.ids().map(|(node, _)| Wanted { cloud: 0, node, batches: BATCHES }).collect());
     let mut shown = BTreeMap::new();
-    let mut follow = |until: &dyn Fn(&BTreeMap<u64, usize>) -> bool| {
+    let mut follow = |until: &dyn Fn(&BTreeMap<NodeId, usize>) -> bool| {
         let start = std::time::Instant::now();
         while !until(&shown) && start.elapsed().as_secs() < 60 {
             for change in streamer.changes() {
                 match change {
-                    Change::Put { chunk, .. } => drop(shown.insert(chunk.first_point, chunk.len())),
-                    Change::Drop { first_point, .. } => assert!(shown.remove(&first_point).is_some()),
+                    Change::Put { node, chunk, .. } => drop(shown.insert(node, chunk.len())),
+                    Change::Drop { node, .. } => assert!(shown.remove(&node).is_some()),
                     Change::Failed { error, .. } => panic!("{error}"),
                 }
             }

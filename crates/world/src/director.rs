@@ -11,6 +11,7 @@ use scene::{Projection, Settings};
 use stream::{Budget, Change, Missing, Node, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose};
 
 use crate::budget::{CUT_PART, half_of, most_points};
+use crate::chunk_key::Part;
 use crate::event::{Event, Kept, Paged, StreamStats};
 use crate::lookout::{Arrival, Lookout, Viewpoint};
 
@@ -48,10 +49,10 @@ struct Streamed {
     /// Its pages can be made again.
     is_own: bool,
     point_bytes: u64,
-    /// Chunks that the receiver has: their points, by the first of them.
-    resident: HashMap<u64, u64>,
-    /// Those of them that the streamer does not know of. They go when the next cut is there, unless they come again with it.
-    stale: HashMap<u64, u64>,
+    /// Points of the chunks that the receiver has.
+    resident: HashMap<Part, u64>,
+    /// Chunks from before the streamer began anew. They go when the next cut is complete, unless they come again with it.
+    stale: HashMap<Part, u64>,
     /// What the receiver is to be told when the first cut is there.
     summary: Option<codec::Summary>,
     /// Something of it could not be read, and its pages are made again.
@@ -188,22 +189,21 @@ impl Director {
         if excess == 0 {
             return Some(());
         }
-        let level = |streamed: &Streamed, first_point: u64| {
-            let nodes = &streamed.octree.nodes;
-            let node = nodes.partition_point(|node| node.first_point <= first_point).checked_sub(1);
-            node.filter(|_| first_point < streamed.octree.points()).map_or(u8::MAX, |node| nodes[node].level)
+        let level = |streamed: &Streamed, part: Part| match part {
+            Part::Node(node) => streamed.octree.nodes.get(node.0 as usize).map_or(u8::MAX, |node| node.level),
+            Part::Preview(_) | Part::Block(_) => u8::MAX,
         };
         let stale = self
             .clouds
             .iter()
-            .flat_map(|(cloud, streamed)| streamed.stale.keys().map(|first| (level(streamed, *first), *first, *cloud)));
+            .flat_map(|(cloud, streamed)| streamed.stale.keys().map(|part| (level(streamed, *part), *part, *cloud)));
         let mut stale: Vec<_> = stale.collect();
         stale.sort_unstable();
-        while let Some((_, first_point, cloud)) = stale.pop().filter(|_| excess > 0) {
+        while let Some((_, part, cloud)) = stale.pop().filter(|_| excess > 0) {
             let streamed = self.clouds.get_mut(&cloud)?;
-            excess = excess.saturating_sub(streamed.stale.remove(&first_point).unwrap_or(0));
-            streamed.resident.remove(&first_point);
-            self.send(Event::Dropped { cloud, first_point })?;
+            excess = excess.saturating_sub(streamed.stale.remove(&part).unwrap_or(0));
+            streamed.resident.remove(&part);
+            self.send(Event::Dropped { cloud, part })?;
         }
         Some(())
     }
@@ -259,23 +259,25 @@ impl Director {
 
     fn pass_on(&mut self, change: Change) -> Option<()> {
         match change {
-            Change::Put { cloud, chunk } => {
+            Change::Put { cloud, node, chunk } => {
+                let part = Part::Node(node);
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
                 let points = chunk.len() as u64;
-                streamed.resident.insert(chunk.first_point, points);
+                streamed.resident.insert(part, points);
                 if streamed.is_awaited() {
-                    streamed.stale.insert(chunk.first_point, points);
+                    streamed.stale.insert(part, points);
                 } else {
-                    streamed.stale.remove(&chunk.first_point);
+                    streamed.stale.remove(&part);
                 }
-                self.send(Event::Chunk { cloud, chunk })
+                self.send(Event::Chunk { cloud, part, chunk })
             }
-            Change::Drop { cloud, first_point } => {
+            Change::Drop { cloud, node } => {
+                let part = Part::Node(node);
                 if let Some(streamed) = self.clouds.get_mut(&cloud) {
-                    streamed.resident.remove(&first_point);
-                    streamed.stale.remove(&first_point);
+                    streamed.resident.remove(&part);
+                    streamed.stale.remove(&part);
                 }
-                self.send(Event::Dropped { cloud, first_point })
+                self.send(Event::Dropped { cloud, part })
             }
             Change::Failed { cloud, error, .. } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
@@ -407,11 +409,11 @@ mod tests {
     }
 
     /// Points of both clouds that are there at the end of a look, and what it would take of the whole budget.
-    fn settled(events: &Receiver<Event>, there: &mut [BTreeMap<u64, usize>; 2], look: u64) -> ([usize; 2], f64) {
+    fn settled(events: &Receiver<Event>, there: &mut [BTreeMap<Part, usize>; 2], look: u64) -> ([usize; 2], f64) {
         loop {
             match events.recv().unwrap() {
-                Event::Chunk { cloud, chunk } => drop(there[cloud].insert(chunk.first_point, chunk.len())),
-                Event::Dropped { cloud, first_point } => drop(there[cloud].remove(&first_point)),
+                Event::Chunk { cloud, part, chunk } => drop(there[cloud].insert(part, chunk.len())),
+                Event::Dropped { cloud, part } => drop(there[cloud].remove(&part)),
                 Event::Stream(stats) if stats.is_settled && stats.look == look => {
                     return (there.each_ref().map(|chunks| chunks.values().sum()), stats.demand);
                 }

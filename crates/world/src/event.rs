@@ -8,43 +8,47 @@ use glam::DVec3;
 use scene::Mirror;
 use stream::Octree;
 
+use crate::chunk_key::Part;
 use crate::stage::Stage;
 
-/// A cloud on its way in. `cloud` counts from 0 within the job.
+/// What is known of a cloud before its points come.
+#[derive(Clone, Default)]
+pub struct Opened {
+    pub name: String,
+    /// As on the command line or in the scene file.
+    pub input: String,
+    pub source: Option<Arc<codec::Source>>,
+    pub attributes: Vec<Attribute>,
+    pub grid: Option<Grid>,
+    /// Points a full read should yield.
+    pub expected_points: u64,
+    /// Unit vector.
+    pub up: DVec3,
+    /// World units, for points whose radius is not known yet; 0 where not even the extent is known.
+    pub provisional_radius: f32,
+    pub warnings: Vec<String>,
+}
+
+/// What a job tells. `cloud` counts from 0 within the job.
 pub enum Event {
     /// A header was read, or a built-in scene begun.
-    Opened {
-        cloud: usize,
-        name: String,
-        /// As on the command line or in the scene file.
-        input: String,
-        source: Option<Arc<codec::Source>>,
-        attributes: Vec<Attribute>,
-        grid: Option<Grid>,
-        /// Points a full read should yield.
-        expected_points: u64,
-        /// Unit vector.
-        up: DVec3,
-        /// World units, for points whose radius is not known yet; 0 where not even the extent is known.
-        provisional_radius: f32,
-        warnings: Vec<String>,
-    },
-    /// Some of its points. Of a streamed cloud (`Pages`) it may take the place of the chunk with the same first point.
-    Chunk { cloud: usize, chunk: Chunk },
+    Opened { cloud: usize, opened: Opened },
+    /// Some points of a cloud; they take the place of the same part.
+    Chunk { cloud: usize, part: Part, chunk: Chunk },
     /// The cloud is streamed: its chunks are those of its points that the last look needs, and come and go. Follows `Opened`,
     /// and comes again when more is known.
     Pages { cloud: usize, pages: Paged },
     /// Something is or will be made for the cloud, in the place of what was made for it before.
     Stage { cloud: usize, stage: Arc<Stage> },
-    /// The chunk with that first point is no more needed.
-    Dropped { cloud: usize, first_point: u64 },
+    /// That part is no more needed.
+    Dropped { cloud: usize, part: Part },
     /// What is there of all streamed clouds, whenever that changes, a few times a second at most.
     Stream(StreamStats),
     /// A mirror of a built-in scene, and the points that stand for it.
     Mirror { input: String, mirror: Mirror, samples: Vec<Chunk> },
     /// All chunks of the cloud that will come have been sent; of a streamed one, all that the first look needs.
     Read { cloud: usize, summary: codec::Summary },
-    /// Normals and radii that the file lacks, one per chunk in the order of `first_point`.
+    /// Normals and radii that the file lacks, one per chunk in the order of their parts.
     Surfels { cloud: usize, surfels: Vec<Surfels> },
     /// An input, or what is left of it, cannot be read; the others go on.
     Failed { input: String, error: String },
@@ -69,6 +73,16 @@ pub enum Paged {
         /// `None` for a COPC file, which is its own index.
         kept: Option<Kept>,
     },
+}
+
+impl Paged {
+    /// The index, where it is in the cache.
+    pub fn kept(&self) -> Option<&Kept> {
+        match self {
+            Self::Indexed { kept, .. } => kept.as_ref(),
+            Self::Indexing => None,
+        }
+    }
 }
 
 /// An index in the cache.

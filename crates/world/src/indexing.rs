@@ -1,7 +1,7 @@
 //! Streamed clouds while their indexes are found, made, mended or made better.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -10,7 +10,8 @@ use glam::DVec3;
 use stream::{BuildOptions, Pages};
 
 use crate::budget::{half_of, most_preview_points};
-use crate::event::{Event, Paged};
+use crate::chunk_key::Part;
+use crate::event::{Event, Opened, Paged};
 use crate::loader::Loader;
 use crate::lookout::{Arrival, Wish};
 use crate::reading::Loading;
@@ -27,12 +28,11 @@ pub(crate) struct Paging {
     /// Found in the file or in the cache; handed on.
     found: Option<Pages>,
     is_native: bool,
-    /// Points of chunks that are shown while there is no index, by the first of them.
-    previews: Mutex<HashMap<u64, u64>>,
+    /// Points of the chunks that are shown while there is no index.
+    previews: Mutex<HashMap<Part, u64>>,
+    /// Previews that there were so far.
+    previews_begun: AtomicU32,
 }
-
-/// From here on chunks of previews are counted: no file has as many points.
-pub(crate) const PREVIEW_POINTS: u64 = 1 << 62;
 
 /// Part of the memory for building that goes into a preview, and bytes that a point of it takes: as a chunk and on the GPU, which
 /// may have no memory of its own.
@@ -151,8 +151,7 @@ impl Loader {
         let points = infos().map(|info| info.points).sum();
         let bounds = infos().filter_map(|info| info.bounds).fold(Bounds::EMPTY, Bounds::union);
         let up = infos().next().map_or(DVec3::Z, |info| up_of(info, &self.settings));
-        self.send(Event::Opened {
-            cloud,
+        let opened = Opened {
             name: file_name(&path),
             input: path.display().to_string(),
             // Points come in the order of pages: what is looked up in a file by a point's number would be another's.
@@ -166,13 +165,23 @@ impl Loader {
                 [one] => one.info().warnings.clone(),
                 several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
             },
-        })?;
+        };
+        self.send(Event::Opened { cloud, opened })?;
         let input = path.display().to_string();
-        Some(Paging { cloud, input, sources, up, found, is_native, previews: Mutex::default() })
+        Some(Paging {
+            cloud,
+            input,
+            sources,
+            up,
+            found,
+            is_native,
+            previews: Mutex::default(),
+            previews_begun: AtomicU32::new(0),
+        })
     }
 
     /// Has pages streamed. Where they lack normals and radii and will not get them, each node's are estimated from its own points.
-    fn stream(&self, paging: &Paging, pages: Pages, was_built: bool, previews: HashMap<u64, u64>) {
+    fn stream(&self, paging: &Paging, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
         let estimate = paging.is_native.then(|| self.surfel_options(paging, &pages)).flatten();
         let (cloud, input, pages) = (paging.cloud, paging.input.clone(), Arc::new(pages));
         self.lookout.arrive(Arrival { cloud, input, pages, is_own: !paging.is_native, was_built, estimate, previews });
@@ -201,21 +210,21 @@ impl Loader {
         let shown: u64 = previews().values().sum();
         let preview_points = if shown < preview_points { preview_points } else { 0 };
         self.lookout.keep_room(cloud, preview_points + shown);
-        let first = previews().iter().map(|(first, points)| first + points).max().unwrap_or(PREVIEW_POINTS);
-        let old: Vec<u64> = if preview_points > 0 { previews().keys().copied().collect() } else { Vec::new() };
+        let old: Vec<Part> = if preview_points > 0 { previews().keys().copied().collect() } else { Vec::new() };
         let old = Mutex::new(old);
-        let counted = AtomicU64::new(first);
-        let preview = |mut chunk: Chunk| {
+        // Points of the new preview so far.
+        let counted = AtomicU64::new(0);
+        let preview = |chunk: Chunk| {
             self.lookout.give_way();
             let points = chunk.len() as u64;
-            chunk.first_point = counted.fetch_add(points, Ordering::Relaxed);
-            previews().insert(chunk.first_point, points);
-            let is_as_large = chunk.first_point + points - first >= shown;
-            let mut sent = self.send(Event::Chunk { cloud, chunk });
+            let part = Part::Preview(paging.previews_begun.fetch_add(1, Ordering::Relaxed));
+            previews().insert(part, points);
+            let is_as_large = counted.fetch_add(points, Ordering::Relaxed) + points >= shown;
+            let mut sent = self.send(Event::Chunk { cloud, part, chunk });
             if is_as_large {
-                for first_point in std::mem::take(&mut *old.lock().unwrap_or_else(PoisonError::into_inner)) {
-                    previews().remove(&first_point);
-                    sent = sent.and_then(|()| self.send(Event::Dropped { cloud, first_point }));
+                for part in std::mem::take(&mut *old.lock().unwrap_or_else(PoisonError::into_inner)) {
+                    previews().remove(&part);
+                    sent = sent.and_then(|()| self.send(Event::Dropped { cloud, part }));
                 }
             }
             if sent.is_none() {
@@ -249,8 +258,8 @@ impl Loader {
                 let input = paging.input.clone();
                 self.send(Event::Failed { input, error })?;
                 let gone = std::mem::take(&mut *previews());
-                for first_point in gone.into_keys() {
-                    self.send(Event::Dropped { cloud, first_point })?;
+                for part in gone.into_keys() {
+                    self.send(Event::Dropped { cloud, part })?;
                 }
                 self.lookout.keep_room(cloud, 0);
                 self.send(Event::Read { cloud, summary: codec::Summary::default() }).map(|()| false)

@@ -162,8 +162,8 @@ mod tests {
                     assert!(input.ends_with("gone.ply"));
                     "failed"
                 }
-                Event::Opened { cloud, expected_points, up, .. } => {
-                    assert_eq!((cloud, expected_points, up), (0, 3, DVec3::Z));
+                Event::Opened { cloud, opened } => {
+                    assert_eq!((cloud, opened.expected_points, opened.up), (0, 3, DVec3::Z));
                     "opened"
                 }
                 Event::Chunk { chunk, .. } => {

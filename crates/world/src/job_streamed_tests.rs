@@ -11,8 +11,8 @@ use scene::Camera;
 
 use super::*;
 use crate::budget::most_points;
+use crate::chunk_key::Part;
 use crate::event::Paged;
-use crate::indexing::PREVIEW_POINTS;
 use crate::lookout::Viewpoint;
 use crate::reading::Loading;
 use crate::source::open_file;
@@ -52,10 +52,10 @@ fn viewpoint(settings: &Settings) -> Viewpoint {
     Viewpoint { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0 }
 }
 
-/// What a receiver has: points by cloud and first point.
+/// What a receiver has: points by cloud and part.
 #[derive(Default)]
 struct Received {
-    chunks: BTreeMap<(usize, u64), u64>,
+    chunks: BTreeMap<(usize, Part), u64>,
     most: u64,
     most_preview: u64,
     read: Vec<usize>,
@@ -69,17 +69,17 @@ impl Received {
 
     fn take(&mut self, event: Event) {
         match event {
-            Event::Chunk { cloud, chunk } => {
-                self.chunks.insert((cloud, chunk.first_point), chunk.len() as u64);
+            Event::Chunk { cloud, part, chunk } => {
+                self.chunks.insert((cloud, part), chunk.len() as u64);
             }
-            Event::Dropped { cloud, first_point } => {
-                assert!(self.chunks.remove(&(cloud, first_point)).is_some(), "what is not there cannot go");
+            Event::Dropped { cloud, part } => {
+                assert!(self.chunks.remove(&(cloud, part)).is_some(), "what is not there cannot go");
             }
             Event::Read { cloud, .. } => self.read.push(cloud),
             Event::Failed { .. } => self.failed += 1,
             _ => {}
         }
-        let previews = self.chunks.iter().filter(|((_, first), _)| *first >= PREVIEW_POINTS);
+        let previews = self.chunks.iter().filter(|((_, part), _)| matches!(part, Part::Preview(_)));
         self.most_preview = self.most_preview.max(previews.map(|(_, points)| points).sum());
         self.most = self.most.max(self.points());
     }
@@ -119,7 +119,7 @@ fn previews_and_cuts_of_all_clouds_together_keep_the_budget() {
     assert!(received.most <= u64::from(BUDGET), "{} points at once", received.most);
     let points = received.points();
     assert!((55_000..=60_000).contains(&points), "{points}: in the end the cut has all of the budget");
-    assert!(received.chunks.keys().all(|(_, first)| *first < PREVIEW_POINTS), "a preview stays");
+    assert!(received.chunks.keys().all(|(_, part)| matches!(part, Part::Node(_))), "a preview stays");
     received.read.sort();
     assert_eq!(received.read, [0, 1, 2]);
 }
@@ -166,7 +166,7 @@ fn what_was_stopped_is_made_after_all() {
     let look = job.lookout.look(viewpoint(&settings));
     received.settle(&job, look);
     assert!(received.most_preview > u64::from(BUDGET) / 4, "{}: the preview stayed what it was", received.most_preview);
-    assert!(received.chunks.keys().all(|(_, first)| *first < PREVIEW_POINTS), "a preview stays");
+    assert!(received.chunks.keys().all(|(_, part)| matches!(part, Part::Node(_))), "a preview stays");
     assert!((360_000..=400_000).contains(&received.points()), "{}", received.points());
 
     // That all was stopped once does not keep an index from being mended.

@@ -4,27 +4,37 @@
 //! [`resolve`] tells what each word names. [`start`] opens and reads it on threads of its own and hands [`Event`]s over as they
 //! come. Where clouds are streamed, the [`Lookout`] tells those threads from where they are looked at.
 
+mod assembly;
 mod budget;
 mod cache;
+mod change;
+mod chunk_key;
 mod director;
 mod error;
 mod event;
 mod indexing;
 mod job;
+mod light;
 mod loader;
 mod lookout;
 pub mod mirrors;
 mod reading;
+mod resident;
 mod source;
 mod stage;
 mod words;
 
+pub use assembly::Assembly;
 pub use budget::{half_of, most_points, most_preview_points};
 pub use cache::{cache, delete};
+pub use change::Change;
+pub use chunk_key::{ChunkKey, CloudKey, Part};
 pub use error::{Error, Result};
-pub use event::{Event, Kept, Paged, StreamStats};
+pub use event::{Event, Kept, Opened, Paged, StreamStats};
 pub use job::{Job, start, start_unseen};
+pub use light::AutoLight;
 pub use lookout::{Lookout, Viewpoint, Wish};
+pub use resident::Resident;
 pub use source::{file_warnings, open_file, parts, read_column, surfel_options, up_of};
 pub use stage::{LEAST_TIME, Making, Stage, Standing};
 pub use words::{Input, Request, built_in_name, built_in_names, resolve};

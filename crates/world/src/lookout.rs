@@ -8,6 +8,7 @@ use cloud::SurfelOptions;
 use scene::{Camera, Stream, ViewSettings};
 use stream::Pages;
 
+use crate::chunk_key::Part;
 use crate::stage::Stage;
 
 /// Nothing gives way to a picture for longer than this.
@@ -78,8 +79,8 @@ pub struct Arrival {
     pub was_built: bool,
     /// For nodes whose normals and radii are not known; `None` for even provisional ones until they are.
     pub estimate: Option<SurfelOptions>,
-    /// Chunks that go as soon as the cut is there: their points, by the first of them.
-    pub previews: HashMap<u64, u64>,
+    /// Points of the chunks that go as soon as the cut is there.
+    pub previews: HashMap<Part, u64>,
 }
 
 impl Lookout {

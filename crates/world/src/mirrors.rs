@@ -105,6 +105,20 @@ pub fn part(chunk: &Chunk, index: usize, marked: &[Marked]) -> Parted {
     Parted { rest: Chunk { positions: Arc::new(positions), ..chunk.clone() }, reflecting }
 }
 
+/// Parts all chunks of a cloud: the rest comes first, which reflects nothing, then the points of each list, without empty chunks.
+pub fn parts(chunks: &[Chunk], marked: &[Marked]) -> Vec<(Material, Vec<Chunk>)> {
+    let materials = std::iter::once(Material::default()).chain(marked.iter().map(|marked| marked.material));
+    let mut parts: Vec<(Material, Vec<Chunk>)> = materials.map(|material| (material, Vec::new())).collect();
+    for (index, chunk) in chunks.iter().enumerate() {
+        let Parted { rest, reflecting } = part(chunk, index, marked);
+        let taken = std::iter::once(rest).chain(reflecting.into_iter().map(|(taken, _)| taken));
+        for ((_, chunks), part) in parts.iter_mut().zip(taken) {
+            chunks.extend((!part.is_empty()).then_some(part));
+        }
+    }
+    parts
+}
+
 /// Finds the points of `cloud` that `wanted` speaks of, and their normals. An attribute that is not in memory is read from
 /// `source`. `None` when cancelled.
 ///

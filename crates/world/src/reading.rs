@@ -8,7 +8,8 @@ use glam::DVec3;
 use scene::{SceneSettings, five_mirrors};
 
 use crate::budget::half_of;
-use crate::event::Event;
+use crate::chunk_key::Part;
+use crate::event::{Event, Opened};
 use crate::loader::Loader;
 use crate::source::{file_name, open_file, options_for, selection, up, up_of};
 use crate::stage::{Making, Stage};
@@ -97,8 +98,7 @@ impl Loader {
         let info = source.info();
         let path = &info.path;
         let up = up_of(info, &self.settings);
-        self.send(Event::Opened {
-            cloud,
+        let opened = Opened {
             name: file_name(path),
             input: path.display().to_string(),
             source: Some(source.clone()),
@@ -108,7 +108,8 @@ impl Loader {
             up,
             provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),
             warnings: info.warnings.clone(),
-        })?;
+        };
+        self.send(Event::Opened { cloud, opened })?;
         Some(Loading { cloud, source, up, chunks: Vec::new() })
     }
 
@@ -128,21 +129,12 @@ impl Loader {
             }
             let cloud = *clouds;
             *clouds += 1;
-            self.send(Event::Opened {
-                cloud,
-                name: format!("{input}, walls"),
-                input: input.clone(),
-                source: None,
-                attributes: Vec::new(),
-                grid: None,
-                expected_points: points,
-                up,
-                provisional_radius: 0.0,
-                warnings: Vec::new(),
-            })?;
+            let name = format!("{input}, walls");
+            let opened = Opened { name, input: input.clone(), expected_points: points, up, ..Opened::default() };
+            self.send(Event::Opened { cloud, opened })?;
             for chunk in part.chunks {
                 self.progress.add(chunk.len() as u64);
-                self.send(Event::Chunk { cloud, chunk })?;
+                self.send(Event::Chunk { cloud, part: Part::Block(chunk.first_point), chunk })?;
             }
             let summary = codec::Summary { points, ..Default::default() };
             self.send(Event::Read { cloud, summary })?;
@@ -158,7 +150,7 @@ impl Loader {
             // The reader has set the total of its own file.
             self.progress.set_total(total);
             kept.lock().unwrap_or_else(PoisonError::into_inner).push(Chunk { columns: Vec::new(), ..chunk.clone() });
-            if self.send(Event::Chunk { cloud, chunk }).is_none() {
+            if self.send(Event::Chunk { cloud, part: Part::Block(chunk.first_point), chunk }).is_none() {
                 self.progress.cancel();
             }
         };

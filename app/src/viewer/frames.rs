@@ -1,0 +1,113 @@
+//! The frames of the window: which one is wanted, which is on its way, and which is on the screen.
+
+use std::time::{Duration, Instant};
+
+use render::FrameStats;
+
+use super::render_thread::{Frame, FrameRequest};
+
+/// While points come in, a frame at most this often: each takes time from reading.
+const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
+
+/// The picture on the screen.
+pub struct Shown {
+    pub request: FrameRequest,
+    pub stats: FrameStats,
+    pub total_milliseconds: f64,
+}
+
+#[derive(Default)]
+pub struct Frames {
+    pub shown: Option<Shown>,
+    /// The frame that is wanted now, as far as it has been asked for.
+    pub requested: Option<FrameRequest>,
+    requested_at: Option<Instant>,
+    pub under_way: u32,
+    /// Time of the last frame in the wanted quality.
+    careful_milliseconds: f64,
+    /// Counts changes of the points and their colours.
+    pub revision: u64,
+    /// The picture on the screen is the final one, and that was told.
+    is_at_rest: bool,
+}
+
+/// What is to be done about a frame that is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// It is drawn or shown already.
+    Nothing,
+    /// Another frame is being drawn; its report wakes the window.
+    Wait,
+    WaitFor(Duration),
+    Draw,
+}
+
+impl Frames {
+    /// The points or their colours have changed.
+    pub fn points_changed(&mut self) {
+        self.revision += 1;
+    }
+
+    /// Whether frames in the wanted quality take too long to move by.
+    pub fn is_slow(&self) -> bool {
+        // Below 20 frames a second a turn no longer feels like a turn.
+        const TOO_LONG: f64 = 50.0;
+        self.careful_milliseconds > TOO_LONG
+    }
+
+    /// Takes in which frame is wanted now. While points come, frames that differ only by them are not drawn too often.
+    pub fn want(&mut self, wanted: &FrameRequest, points_come: bool) -> Next {
+        if self.requested.as_ref() == Some(wanted) {
+            return Next::Nothing;
+        }
+        let only_points_changed = self.requested.as_ref().is_some_and(|requested| {
+            points_come && FrameRequest { revision: wanted.revision, ..requested.clone() } == *wanted
+        });
+        if only_points_changed {
+            if self.under_way > 0 {
+                return Next::Wait;
+            }
+            let since = self.requested_at.map_or(LOADING_FRAME_INTERVAL, |at| at.elapsed());
+            if since < LOADING_FRAME_INTERVAL {
+                return Next::WaitFor(LOADING_FRAME_INTERVAL - since);
+            }
+        }
+        self.is_at_rest = false;
+        self.requested = Some(wanted.clone());
+        self.requested_at = Some(Instant::now());
+        self.under_way += 1;
+        Next::Draw
+    }
+
+    /// Whether the picture on the screen is now, and was not before, the one that is wanted in the end. `may_change`: something is
+    /// under way that could make it another.
+    pub fn comes_to_rest(&mut self, may_change: bool) -> bool {
+        let is_final = self.requested.as_ref().is_some_and(|requested| !requested.hurried);
+        let is_shown = self.under_way == 0 && self.shown.is_some() && is_final;
+        let comes = !self.is_at_rest && is_shown && !may_change;
+        self.is_at_rest |= comes;
+        comes
+    }
+
+    /// The frame on the screen, if it is the final one.
+    pub fn final_one(&self) -> Option<&FrameRequest> {
+        let shown = &self.shown.as_ref().filter(|_| self.is_at_rest)?.request;
+        (self.requested.as_ref() == Some(shown) && !shown.hurried).then_some(shown)
+    }
+
+    /// A frame is on the screen.
+    pub fn show(&mut self, frame: Frame) {
+        // Those that were overtaken are never drawn.
+        self.under_way = u32::from(self.requested.as_ref() != Some(&frame.request));
+        if !frame.request.hurried {
+            self.careful_milliseconds = frame.total_milliseconds;
+        }
+        let Frame { request, stats, total_milliseconds, .. } = frame;
+        self.shown = Some(Shown { request, stats, total_milliseconds });
+    }
+
+    /// The frame that was asked for will not come.
+    pub fn give_up(&mut self) {
+        self.under_way = 0;
+    }
+}

@@ -1,0 +1,216 @@
+//! A cloud as far as it has come: what the events of its job make of it, and what of that changes on the GPU. The window and
+//! headless pictures put their clouds together here.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use cloud::{Bounds, Chunk, Cloud, Column, Surfels};
+use glam::DVec3;
+use stream::Octree;
+
+use crate::change::Change;
+use crate::chunk_key::{CloudKey, Part};
+use crate::event::{Opened, Paged};
+use crate::stage::Stage;
+
+pub struct Assembly {
+    pub key: CloudKey,
+    /// Its chunks are in the order of `parts`.
+    pub cloud: Cloud,
+    /// Which chunks are there, in order.
+    parts: Vec<Part>,
+    chunk_bounds: Vec<Bounds>,
+    /// The word of the command line that the cloud came from; several clouds of a built-in scene share it.
+    pub input: String,
+    /// The file, where all points of it are in memory.
+    pub source: Option<Arc<codec::Source>>,
+    /// Unit vector.
+    pub up: DVec3,
+    /// World units, for points whose radius is not known yet.
+    pub provisional_radius: f32,
+    /// Points that a full read should yield.
+    pub expected_points: u64,
+    /// Points that are there.
+    pub points: u64,
+    /// All chunks are there, or will not come.
+    pub is_read: bool,
+    /// Grows with the chunks; stray points included. An index tells those of all of its points.
+    pub bounds: Bounds,
+    /// How far the index is, where the cloud is streamed: its chunks come and go.
+    pub pages: Option<Paged>,
+    /// What was last planned for the cloud: its index, or normals and radii.
+    pub stage: Option<Arc<Stage>>,
+    /// Columns that were read after the points, also for chunks that are still to come.
+    late_columns: BTreeMap<usize, BTreeMap<u64, Arc<Column>>>,
+    /// What was said to be wrong with the file when it was opened.
+    warnings: Vec<String>,
+}
+
+impl Assembly {
+    /// A cloud without points yet. `opened.warnings` are for whoever shows it.
+    pub fn open(key: CloudKey, opened: Opened) -> (Self, Change) {
+        let Opened { name, input, source, attributes, grid, expected_points, up, provisional_radius, warnings } =
+            opened;
+        let assembly = Self {
+            key,
+            cloud: Cloud { name, attributes, grid, chunks: Vec::new() },
+            parts: Vec::new(),
+            chunk_bounds: Vec::new(),
+            input,
+            source,
+            up,
+            provisional_radius,
+            expected_points,
+            points: 0,
+            is_read: false,
+            bounds: Bounds::EMPTY,
+            pages: None,
+            stage: None,
+            late_columns: BTreeMap::new(),
+            warnings,
+        };
+        (assembly, Change::Open { cloud: key, provisional_radius })
+    }
+
+    /// Adds a chunk, or puts it in the place of the same part.
+    pub fn put(&mut self, part: Part, mut chunk: Chunk) -> Change {
+        for (attribute, columns) in &self.late_columns {
+            put_column(&mut chunk, *attribute, columns);
+        }
+        let bounds = chunk.bounds();
+        self.points += chunk.len() as u64;
+        self.bounds = self.bounds.union(bounds);
+        match self.parts.binary_search(&part) {
+            Ok(index) => {
+                self.points -= self.cloud.chunks[index].len() as u64;
+                self.cloud.chunks[index] = chunk.clone();
+                self.chunk_bounds[index] = bounds;
+            }
+            Err(index) => {
+                self.parts.insert(index, part);
+                self.cloud.chunks.insert(index, chunk.clone());
+                self.chunk_bounds.insert(index, bounds);
+            }
+        }
+        Change::Put { key: self.key.chunk(part), chunk, classes: self.class_column() }
+    }
+
+    /// Forgets a chunk; `None` if it was not there.
+    pub fn take_out(&mut self, part: Part) -> Option<Change> {
+        let index = self.parts.binary_search(&part).ok()?;
+        self.parts.remove(index);
+        self.chunk_bounds.remove(index);
+        self.points -= self.cloud.chunks.remove(index).len() as u64;
+        // Those of the index hold whatever comes.
+        if self.octree().is_none() {
+            self.bounds = self.chunk_bounds.iter().copied().fold(Bounds::EMPTY, Bounds::union);
+        }
+        Some(Change::TakeOut { key: self.key.chunk(part) })
+    }
+
+    /// Takes in how far the index of the cloud is.
+    pub fn page(&mut self, mut pages: Paged) -> Change {
+        let was_built_before = self.was_built();
+        if let Paged::Indexed { grid, was_built, .. } = &mut pages {
+            self.cloud.grid = *grid;
+            *was_built |= was_built_before;
+        } else {
+            self.stage = None;
+        }
+        self.pages = Some(pages);
+        let root = self.octree().and_then(|octree| octree.nodes.first());
+        let bounds = root.map_or(Bounds::EMPTY, |root| root.bounds);
+        self.bounds = self.bounds.union(bounds);
+        Change::Bounds { cloud: self.key, bounds }
+    }
+
+    /// The reading has ended. Gives back what is wrong with the file, as far as that was not said when it was opened.
+    pub fn end(&mut self, summary: &codec::Summary) -> Vec<String> {
+        self.is_read = true;
+        let new = summary.warnings.iter().filter(|warning| !self.warnings.contains(warning));
+        new.cloned().collect()
+    }
+
+    /// Takes in normals and radii, one list for each chunk.
+    pub fn put_surfels(&mut self, surfels: Vec<Surfels>) -> Vec<Change> {
+        for (chunk, surfels) in self.cloud.chunks.iter_mut().zip(surfels) {
+            chunk.normals = Some(Arc::new(surfels.normals));
+            chunk.radii = Some(Arc::new(surfels.radii));
+        }
+        self.puts()
+    }
+
+    /// Takes in a column that was read after the points, by the first records of the chunks. What changes on the GPU is the
+    /// classes; other columns are shown by the next `Change::Color`.
+    pub fn put_late_column(&mut self, attribute: usize, columns: BTreeMap<u64, Arc<Column>>) -> Vec<Change> {
+        for chunk in &mut self.cloud.chunks {
+            put_column(chunk, attribute, &columns);
+        }
+        self.late_columns.insert(attribute, columns);
+        if self.class_column() == Some(attribute) { self.puts() } else { Vec::new() }
+    }
+
+    fn puts(&self) -> Vec<Change> {
+        let classes = self.class_column();
+        let put = |(part, chunk)| Change::Put { key: self.key.chunk(part), chunk, classes };
+        self.chunks().into_iter().map(put).collect()
+    }
+
+    /// All that puts the cloud on the GPU, in a fixed order.
+    pub fn changes(&self) -> Vec<Change> {
+        let open = Change::Open { cloud: self.key, provisional_radius: self.provisional_radius };
+        std::iter::once(open).chain(self.puts()).collect()
+    }
+
+    pub fn chunks(&self) -> Vec<(Part, Chunk)> {
+        self.parts.iter().copied().zip(self.cloud.chunks.iter().cloned()).collect()
+    }
+
+    pub fn chunk(&self, part: Part) -> Option<&Chunk> {
+        self.parts.binary_search(&part).ok().map(|index| &self.cloud.chunks[index])
+    }
+
+    /// The parts that are there, with the bounds of their points, in order.
+    pub fn chunk_bounds(&self) -> impl ExactSizeIterator<Item = (Part, Bounds)> {
+        self.parts.iter().copied().zip(self.chunk_bounds.iter().copied())
+    }
+
+    pub fn bounds_of(&self, part: Part) -> Option<Bounds> {
+        self.parts.binary_search(&part).ok().map(|index| self.chunk_bounds[index])
+    }
+
+    /// Which columns were read after the points.
+    pub fn late_columns(&self) -> usize {
+        self.late_columns.len()
+    }
+
+    /// All points of the cloud, wherever they are.
+    pub fn total(&self) -> u64 {
+        self.octree().map_or(self.expected_points, |octree| octree.points()).max(self.points)
+    }
+
+    pub fn octree(&self) -> Option<&Arc<Octree>> {
+        match &self.pages {
+            Some(Paged::Indexed { octree, .. }) => Some(octree),
+            Some(Paged::Indexing) | None => None,
+        }
+    }
+
+    /// Whether its index was made and not found.
+    pub fn was_built(&self) -> bool {
+        matches!(self.pages, Some(Paged::Indexed { was_built: true, .. }))
+    }
+
+    /// The column that holds the classes of the points.
+    pub fn class_column(&self) -> Option<usize> {
+        self.cloud.column_of("classification")
+    }
+}
+
+fn put_column(chunk: &mut Chunk, attribute: usize, columns: &BTreeMap<u64, Arc<Column>>) {
+    let Some(column) = columns.get(&chunk.first_point).filter(|column| column.len() == chunk.len()) else { return };
+    if chunk.columns.len() <= attribute {
+        chunk.columns.resize(attribute + 1, None);
+    }
+    chunk.columns[attribute] = Some(column.clone());
+}

@@ -1,0 +1,246 @@
+//! Clouds on the GPU: the one way by which points reach the store, for the window and for headless pictures.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use cloud::{Chunk, Cloud};
+use glam::DVec3;
+use render::{ChunkId, CloudId, ColorPlan, ColorSource, Gpu, Material, PointStore, Result};
+
+use crate::change::Change;
+use crate::chunk_key::{ChunkKey, CloudKey, Part};
+use crate::mirrors::{self, Marked};
+
+pub struct Resident {
+    pub store: PointStore,
+    clouds: HashMap<CloudKey, ResidentCloud>,
+    /// Where the points of a chunk in the store come from: those of the key in their order, or these of them.
+    origins: HashMap<ChunkId, (ChunkKey, Option<Vec<u32>>)>,
+    /// The store has refused points. It refuses none in silence, but after the first the others are not even tried.
+    is_full: bool,
+}
+
+struct ResidentCloud {
+    id: CloudId,
+    chunks: HashMap<Part, ChunkId>,
+    /// Points of the cloud that reflect.
+    reflecting: Vec<Reflecting>,
+    /// How the cloud and its points that reflect are coloured.
+    color: Option<(ColorPlan, DVec3)>,
+    is_visible: bool,
+    visible_classes: Option<Box<[bool; 256]>>,
+}
+
+/// Points of a cloud that reflect, as a cloud of the store.
+struct Reflecting {
+    id: CloudId,
+    /// The parts that they were taken from, with their indices in them.
+    chunks: HashMap<Part, (ChunkId, Vec<u32>)>,
+}
+
+impl ResidentCloud {
+    fn new(id: CloudId) -> Self {
+        let chunks = HashMap::new();
+        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true, visible_classes: None }
+    }
+
+    fn ids(&self) -> impl Iterator<Item = CloudId> {
+        std::iter::once(self.id).chain(self.reflecting.iter().map(|reflecting| reflecting.id))
+    }
+
+    /// What of `chunks` is in the store, and as what: chunks that the store refused are left out.
+    fn stored(&self, chunks: &[(Part, Chunk)]) -> (Cloud, Vec<ChunkId>) {
+        let known = chunks.iter().filter_map(|(part, chunk)| Some((chunk.clone(), *self.chunks.get(part)?)));
+        let (chunks, ids) = known.unzip();
+        (Cloud { chunks, ..Cloud::default() }, ids)
+    }
+}
+
+impl Reflecting {
+    fn stored(&self, chunks: &[(Part, Chunk)]) -> (Cloud, Vec<ChunkId>) {
+        let known = chunks.iter().filter_map(|(part, chunk)| {
+            let (id, indices) = self.chunks.get(part)?;
+            Some((chunk.select(indices), *id))
+        });
+        let (chunks, ids) = known.unzip();
+        (Cloud { chunks, ..Cloud::default() }, ids)
+    }
+}
+
+/// The classes of a chunk whose column `index` they are.
+fn classes_of(chunk: &Chunk, index: Option<usize>) -> Option<&[u8]> {
+    match chunk.columns.get(index?)?.as_deref()? {
+        cloud::Column::U8(classes) => Some(classes.as_slice()),
+        _ => None,
+    }
+}
+
+impl Resident {
+    pub fn new(gpu: Arc<Gpu>) -> Self {
+        let store = PointStore::new(gpu);
+        Self { store, clouds: HashMap::new(), origins: HashMap::new(), is_full: false }
+    }
+
+    /// Brings a change to the store. What is about clouds that are not there is left alone: they have gone meanwhile.
+    ///
+    /// # Errors
+    /// No more memory. After that, further chunks are left out, without an error for each, until something goes.
+    pub fn apply(&mut self, change: Change) -> Result<()> {
+        match change {
+            Change::Open { cloud, provisional_radius } => {
+                let id = self.store.add_cloud(Material::default());
+                self.store.set_provisional_radius(id, provisional_radius);
+                self.clouds.insert(cloud, ResidentCloud::new(id));
+            }
+            Change::Expect { points } => self.store.reserve(points),
+            Change::Bounds { cloud, bounds } => {
+                if let Some(resident) = self.clouds.get(&cloud) {
+                    self.store.set_bounds(resident.id, bounds);
+                }
+            }
+            Change::Put { key, chunk, classes } => return self.put(key, chunk, classes),
+            Change::TakeOut { key } => {
+                let chunks = self.clouds.get_mut(&key.cloud).map(|resident| &mut resident.chunks);
+                if let Some(id) = chunks.and_then(|chunks| chunks.remove(&key.part)) {
+                    self.store.remove_chunk(id);
+                    self.origins.remove(&id);
+                    self.is_full = false;
+                }
+            }
+            Change::Tint { tints } => {
+                for (key, tint) in tints {
+                    if let Some(id) = self.clouds.get(&key.cloud).and_then(|resident| resident.chunks.get(&key.part)) {
+                        self.store.set_tint(*id, tint);
+                    }
+                }
+            }
+            Change::Color { cloud, chunks, plan, up } => {
+                let Some(resident) = self.clouds.get_mut(&cloud) else { return Ok(()) };
+                let (known, ids) = resident.stored(&chunks);
+                self.store.set_color(resident.id, &known, &ids, &plan, up)?;
+                for reflecting in &resident.reflecting {
+                    let (known, ids) = reflecting.stored(&chunks);
+                    self.store.set_color(reflecting.id, &known, &ids, &plan, up)?;
+                }
+                resident.color = Some((plan, up));
+            }
+            Change::Show { cloud, is_visible } => {
+                if let Some(resident) = self.clouds.get_mut(&cloud) {
+                    resident.is_visible = is_visible;
+                    resident.ids().for_each(|id| self.store.set_visible(id, is_visible));
+                }
+            }
+            Change::ShowClasses { cloud, visible } => {
+                if let Some(resident) = self.clouds.get_mut(&cloud) {
+                    resident.ids().for_each(|id| self.store.set_visible_classes(id, &visible));
+                    resident.visible_classes = Some(visible);
+                }
+            }
+            Change::Mark { cloud, chunks, classes, marked } => return self.mark(cloud, &chunks, classes, &marked),
+            Change::Mirror { cloud, mirror, samples } => {
+                self.close(cloud);
+                let (id, ids) = mirrors::upload(&mut self.store, &mirror, &samples)?;
+                let parts = samples.iter().map(|chunk| Part::Block(chunk.first_point));
+                let chunks: HashMap<Part, ChunkId> = parts.zip(ids).collect();
+                self.origins.extend(chunks.iter().map(|(part, id)| (*id, (cloud.chunk(*part), None))));
+                self.clouds.insert(cloud, ResidentCloud { chunks, ..ResidentCloud::new(id) });
+            }
+            Change::Close { cloud } => self.close(cloud),
+        }
+        Ok(())
+    }
+
+    fn close(&mut self, cloud: CloudKey) {
+        if let Some(resident) = self.clouds.remove(&cloud) {
+            resident.ids().for_each(|id| self.store.remove_cloud(id));
+            self.origins.retain(|_, (owner, _)| owner.cloud != cloud);
+            self.is_full = false;
+        }
+    }
+
+    /// The chunk that point `index` of a chunk of the store was put there with, and the point's index in that.
+    pub fn origin(&self, chunk: ChunkId, index: usize) -> Option<(ChunkKey, usize)> {
+        let (key, indices) = self.origins.get(&chunk)?;
+        let index = match indices {
+            Some(indices) => *indices.get(index)? as usize,
+            None => index,
+        };
+        Some((*key, index))
+    }
+
+    fn put(&mut self, key: ChunkKey, chunk: Chunk, classes: Option<usize>) -> Result<()> {
+        let Some(resident) = self.clouds.get_mut(&key.cloud) else { return Ok(()) };
+        let classes = classes_of(&chunk, classes);
+        let id = match resident.chunks.get(&key.part) {
+            Some(&id) => {
+                if let Err(error) = self.store.update_chunk(id, &chunk, classes) {
+                    // Nothing is left of it, or what is left is not what is wanted.
+                    self.store.remove_chunk(id);
+                    resident.chunks.remove(&key.part);
+                    self.origins.remove(&id);
+                    return Err(error);
+                }
+                id
+            }
+            None if self.is_full => return Ok(()),
+            None => {
+                let added = self.store.add_chunk(resident.id, &chunk, classes);
+                let id = added.inspect_err(|_| self.is_full = true)?;
+                resident.chunks.insert(key.part, id);
+                self.origins.insert(id, (key, None));
+                id
+            }
+        };
+        // What comes late is coloured as the cloud is, at once.
+        let Some((plan, up)) =
+            resident.color.as_ref().filter(|(plan, _)| matches!(plan.source, ColorSource::Column(_)))
+        else {
+            return Ok(());
+        };
+        let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
+        self.store.set_color(resident.id, &cloud, &[id], plan, *up)
+    }
+
+    /// Takes the points that reflect out of a cloud and makes clouds of them, after putting back those that did before.
+    fn mark(
+        &mut self,
+        cloud: CloudKey,
+        chunks: &[(Part, Chunk)],
+        classes: Option<usize>,
+        marked: &[Marked],
+    ) -> Result<()> {
+        let Some(resident) = self.clouds.get_mut(&cloud) else { return Ok(()) };
+        for before in resident.reflecting.drain(..) {
+            self.store.remove_cloud(before.id);
+            before.chunks.values().for_each(|(id, _)| drop(self.origins.remove(id)));
+        }
+        for marked in marked {
+            let id = self.store.add_cloud(marked.material);
+            resident.reflecting.push(Reflecting { id, chunks: HashMap::new() });
+        }
+        for (index, (part, chunk)) in chunks.iter().enumerate() {
+            let Some(id) = resident.chunks.get(part) else { continue };
+            let parted = mirrors::part(chunk, index, marked);
+            self.store.update_chunk(*id, &parted.rest, classes_of(chunk, classes))?;
+            for (reflecting, (taken, indices)) in resident.reflecting.iter_mut().zip(parted.reflecting) {
+                if taken.is_empty() {
+                    continue;
+                }
+                let id = self.store.add_chunk(reflecting.id, &taken, classes_of(&taken, classes))?;
+                self.origins.insert(id, (cloud.chunk(*part), Some(indices.clone())));
+                reflecting.chunks.insert(*part, (id, indices));
+            }
+        }
+        for reflecting in &resident.reflecting {
+            self.store.set_visible(reflecting.id, resident.is_visible);
+            if let Some(visible) = &resident.visible_classes {
+                self.store.set_visible_classes(reflecting.id, visible);
+            }
+            if let Some((plan, up)) = &resident.color {
+                let (known, ids) = reflecting.stored(chunks);
+                self.store.set_color(reflecting.id, &known, &ids, plan, *up)?;
+            }
+        }
+        Ok(())
+    }
+}
