@@ -93,32 +93,32 @@ impl Field {
     /// # Errors
     /// What is wrong with `text` and what was expected, without the key.
     pub fn parse(&self, text: &str) -> Result<Value, String> {
-        let expected = self.range_text();
+        let (expected, quoted) = (self.range_text(), shortened(text, MOST_QUOTED));
         let value = match &self.kind {
             Kind::Bool { .. } => match text {
                 "true" | "on" | "yes" | "1" => Value::Bool(true),
                 "false" | "off" | "no" | "0" => Value::Bool(false),
-                _ => return Err(format!("`{text}` is none of {expected}")),
+                _ => return Err(format!("`{quoted}` is none of {expected}")),
             },
             Kind::U32 { .. } => {
-                Value::U32(text.parse().map_err(|_| format!("`{text}` is not a whole number, expected {expected}"))?)
+                Value::U32(text.parse().map_err(|_| format!("`{quoted}` is not a whole number, expected {expected}"))?)
             }
             Kind::F32 { .. } => {
-                Value::F32(text.parse().map_err(|_| format!("`{text}` is not a number, expected {expected}"))?)
+                Value::F32(text.parse().map_err(|_| format!("`{quoted}` is not a number, expected {expected}"))?)
             }
             Kind::Choice { names, .. } => {
                 let index = names.iter().position(|name| *name == text);
-                Value::Choice(index.ok_or_else(|| format!("`{text}` is none of {expected}"))? as u32)
+                Value::Choice(index.ok_or_else(|| format!("`{quoted}` is none of {expected}"))? as u32)
             }
             Kind::Color { .. } => {
                 let digits = text.strip_prefix('#').unwrap_or(text);
                 let rgb = (digits.len() == 6).then(|| u32::from_str_radix(digits, 16).ok()).flatten();
                 Value::Color(Color(
-                    rgb.ok_or_else(|| format!("`{text}` is not a colour, expected {expected}"))? << 8 | 0xff,
+                    rgb.ok_or_else(|| format!("`{quoted}` is not a colour, expected {expected}"))? << 8 | 0xff,
                 ))
             }
             Kind::Bytes { .. } => Value::Bytes(
-                text.parse().map_err(|()| format!("`{text}` is not an amount like 512MiB, expected {expected}"))?,
+                text.parse().map_err(|()| format!("`{quoted}` is not an amount like 512MiB, expected {expected}"))?,
             ),
             Kind::Text { .. } => Value::Text(text.to_string()),
         };
@@ -236,7 +236,7 @@ fn index_of(group: &Group, name: &str) -> Result<usize, Error> {
     group.fields.iter().position(|field| field.name == name).ok_or_else(|| {
         let hint = nearest(name, group.fields.iter().map(|field| field.name));
         Error::UnknownKey {
-            key: format!("{}.{name}", group.name),
+            key: shortened(&format!("{}.{name}", group.name), MOST_QUOTED),
             hint: hint.map_or(String::new(), |near| format!("; did you mean `{}.{near}`?", group.name)),
         }
     })
@@ -248,6 +248,34 @@ pub fn differing(params: &dyn Params) -> Vec<(String, Value)> {
     let pairs = group.fields.iter().zip(params.values());
     let differing = pairs.filter(|(field, value)| field.default() != *value);
     differing.map(|(field, value)| (format!("{}.{}", group.name, field.name), value)).collect()
+}
+
+/// What a message quotes at most of what it was given, characters: enough to find the place again.
+pub const MOST_QUOTED: usize = 80;
+
+/// `text` if it is short enough, else its two ends: `most` characters in all.
+pub fn shortened(text: &str, most: usize) -> String {
+    let count = text.chars().count();
+    if count <= most {
+        return text.to_owned();
+    }
+    let kept = most.saturating_sub(3);
+    let (head, tail) = (kept.div_ceil(3) * 2, kept / 3);
+    let head: String = text.chars().take(head.min(kept)).collect();
+    let tail: String = text.chars().skip(count - tail).collect();
+    format!("{head}...{tail}")
+}
+
+/// The first few of many messages of one kind, and how many more there are: `what` says of what.
+pub fn few(mut messages: Vec<String>, what: &str) -> Vec<String> {
+    const FEW: usize = 3;
+    // One more takes no more room than its number.
+    if messages.len() > FEW + 1 {
+        let untold = messages.len() - FEW;
+        messages.truncate(FEW);
+        messages.push(format!("and {untold} more {what}"));
+    }
+    messages
 }
 
 /// The candidate a person most likely meant, if any is within a third of the word's letters (edit distance).
@@ -266,8 +294,10 @@ pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
         }
         row[other.len()]
     };
-    let limit = word.chars().count().div_ceil(3);
+    let length = word.chars().count();
+    let limit = length.div_ceil(3);
     candidates
+        .filter(|other| other.chars().count().abs_diff(length) <= limit)
         .map(|other| (distance(other), other))
         .filter(|(distance, _)| *distance <= limit)
         .min()

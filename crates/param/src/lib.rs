@@ -7,7 +7,7 @@
 mod field;
 mod value;
 
-pub use field::{Error, Field, Group, Kind, Params, differing, nearest};
+pub use field::{Error, Field, Group, Kind, MOST_QUOTED, Params, differing, few, nearest, shortened};
 pub use value::{Bytes, Choice, Color, Type, Value};
 
 /// Declares parameter groups. Each field is one line: name, type, default and, for numbers, range and unit.
@@ -142,6 +142,22 @@ mod tests {
         for (field, value) in Splat::table().fields.iter().zip(splat.values()) {
             assert_eq!(field.default(), value, "{}", field.name);
         }
+    }
+
+    #[test]
+    fn what_is_long_or_many_is_told_in_short() {
+        assert_eq!(shortened("short", 80), "short");
+        let long = format!("begin{}end", "x".repeat(1_000_000));
+        let told = shortened(&long, MOST_QUOTED);
+        assert!(told.starts_with("begin") && told.contains("...") && told.ends_with("end"), "{told}");
+        assert_eq!(told.chars().count(), MOST_QUOTED);
+        for (key, value) in [(long.as_str(), "1"), ("size", long.as_str()), ("quality", long.as_str())] {
+            let message = Splat::default().set_text(key, value).unwrap_err().to_string();
+            assert!(message.len() < 200, "{} bytes: {message}", message.len());
+        }
+        let messages = |count: usize| few((0..count).map(|index| index.to_string()).collect(), "numbers");
+        assert_eq!(messages(4), ["0", "1", "2", "3"]);
+        assert_eq!(messages(20_000), ["0", "1", "2", "and 19997 more numbers"]);
     }
 
     #[test]
