@@ -1,5 +1,6 @@
 //! The one error of this crate: file, what is wrong and where, what was expected, what to do.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 pub type Result<T> = std::result::Result<T, Error>;
@@ -9,8 +10,8 @@ pub enum Error {
     /// The operating system refused. The message has the reason, so that is not a source: it would be told twice.
     #[error("{path}: {reason}")]
     Io { path: PathBuf, reason: std::io::Error },
-    /// The file that was to be made is not there.
-    #[error("{path}: cannot be written: {reason}{}", what_to_do(reason))]
+    /// An output, which is no fault of the inputs.
+    #[error("{path}: cannot be written: {}; {}", why_unwritten(reason), what_then(reason))]
     NotWritten { path: PathBuf, reason: std::io::Error },
     /// Not one of ours. `hint` says what it looks like and what to do.
     #[error("{path}: not a LAS, LAZ or PLY file: {hint}")]
@@ -29,7 +30,7 @@ impl Error {
     }
 
     pub fn not_written(path: &Path, reason: std::io::Error) -> Self {
-        Self::NotWritten { path: path.to_owned(), reason: without_temporary_name(reason) }
+        Self::NotWritten { path: path.to_owned(), reason }
     }
 
     pub fn malformed(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> Self {
@@ -41,21 +42,25 @@ impl Error {
     }
 }
 
-/// What helps where a file cannot be written.
-fn what_to_do(reason: &std::io::Error) -> &'static str {
-    use std::io::ErrorKind::{PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+/// Why something cannot be written, without the names of files that are there for a while.
+pub fn why_unwritten(reason: &std::io::Error) -> String {
     match reason.kind() {
-        StorageFull | QuotaExceeded => "; make room there or choose another folder",
-        PermissionDenied | ReadOnlyFilesystem => "; choose a folder that can be written to",
-        _ => "",
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "the disk is full".into(),
+        ErrorKind::ReadOnlyFilesystem => "its disk can only be read".into(),
+        ErrorKind::PermissionDenied => "you have no permission to write there".into(),
+        ErrorKind::NotFound => "there is no such folder".into(),
+        ErrorKind::IsADirectory => "a folder, not a file".into(),
+        // Where the crate tempfile adds the name of its file, there is no number of the system's.
+        kind if reason.raw_os_error().is_none() && kind != ErrorKind::Other => kind.to_string(),
+        _ => reason.to_string(),
     }
 }
 
-/// The reason alone where `tempfile` has put the name of a temporary file behind it.
-fn without_temporary_name(reason: std::io::Error) -> std::io::Error {
-    match reason.to_string().split_once(" at path \"") {
-        Some((text, _)) if reason.raw_os_error().is_none() => std::io::Error::new(reason.kind(), text),
-        _ => reason,
+fn what_then(reason: &std::io::Error) -> &'static str {
+    match reason.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room there, or name another place",
+        ErrorKind::NotFound => "make it first, or name another place",
+        _ => "name another place",
     }
 }
 
@@ -72,12 +77,18 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_written_is_named_and_not_a_temporary_file() {
-        let reason = tempfile::tempfile_in("/missing").unwrap_err();
-        assert!(reason.to_string().contains("/missing"), "{reason}");
-        let error = Error::not_written(Path::new("out.copc.laz"), reason).to_string();
-        assert!(error.starts_with("out.copc.laz: cannot be written: ") && !error.contains("/missing"), "{error}");
-        let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
-        assert!(Error::not_written(Path::new("a"), full).to_string().ends_with("choose another folder"));
+    fn what_cannot_be_written_is_named_once_with_the_reason_and_what_to_do() {
+        use std::error::Error as _;
+        let inner = std::io::Error::new(ErrorKind::StorageFull, "No space left on device at \".a.laz.x7f.unfinished\"");
+        let error = Error::not_written(Path::new("a.laz"), inner);
+        assert_eq!(
+            error.to_string(),
+            "a.laz: cannot be written: the disk is full; make room there, or name another place"
+        );
+        assert!(error.source().is_none());
+        let told = |kind: ErrorKind| why_unwritten(&std::io::Error::new(kind, "at .a.laz.unfinished"));
+        assert_eq!(told(ErrorKind::ReadOnlyFilesystem), "its disk can only be read");
+        assert_eq!(told(ErrorKind::FileTooLarge), "file too large");
+        assert_eq!(why_unwritten(&std::io::Error::other("a point lies outside")), "a point lies outside");
     }
 }

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
 
-pub use error::{Error, Result};
+pub use error::{Error, Result, why_unwritten};
 pub use las::{Copc, CopcNode, CopcSummary, write_copc};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

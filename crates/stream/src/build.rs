@@ -129,7 +129,7 @@ impl Drop for Unfinished<'_> {
 
 /// Makes an entry whose lock is held.
 fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identity) -> Result<()> {
-    let io = |error| Error::io(entry, error);
+    let io = |error| Error::not_written(entry, error);
     if entry.exists() {
         // Damaged, or of a builder that was killed.
         std::fs::remove_dir_all(entry).map_err(io)?;
@@ -169,7 +169,7 @@ fn full_or(error: Error, cache: &Cache, points: u64) -> Error {
     if error.is_full() {
         Error::Full { folder: cache.folder().to_owned(), needed: points.saturating_mul(40) }
     } else {
-        error
+        error.of_cache(cache.folder())
     }
 }
 
@@ -231,7 +231,7 @@ impl Build<'_> {
                 wide |= counts.misfits.load(Ordering::Relaxed) > 0;
                 extent = Some(self.measure()?);
                 drop(temporary);
-                std::fs::remove_file(&path).map_err(|error| Error::io(&path, error))?;
+                std::fs::remove_file(&path).map_err(|error| Error::not_written(&path, error))?;
                 continue;
             }
             if counts.points.load(Ordering::Relaxed) == 0 {
@@ -239,7 +239,7 @@ impl Build<'_> {
             }
             let nodes = self.nodes(&plan, distributed, &temporary, &folder.join(pages::PAGES))?;
             drop(temporary);
-            std::fs::remove_file(&path).map_err(|error| Error::io(&path, error))?;
+            std::fs::remove_file(&path).map_err(|error| Error::not_written(&path, error))?;
             let summary = Summary {
                 key: identity.key,
                 on_grid: plan.on_grid,

@@ -178,10 +178,9 @@ impl Cache {
     }
 
     fn lock_file(&self, entry: &Path) -> Result<File> {
-        std::fs::create_dir_all(&self.folder).map_err(|error| Error::io(&self.folder, error))?;
-        let path = lock_path(entry);
-        let file = File::options().create(true).truncate(false).read(true).write(true).open(&path);
-        file.map_err(|error| Error::io(&path, error))
+        std::fs::create_dir_all(&self.folder).map_err(|error| Error::not_written(&self.folder, error))?;
+        let file = File::options().create(true).truncate(false).read(true).write(true).open(lock_path(entry));
+        file.map_err(|error| Error::not_written(&self.folder, error))
     }
 
     /// Has the entry alone; `None` if somebody else has it. Where files cannot be locked everybody has it: two who build

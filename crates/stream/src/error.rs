@@ -8,6 +8,12 @@ pub enum Error {
     /// The message has the reason, so that is not a source: it would be told twice.
     #[error("{path}: {reason}")]
     Io { path: PathBuf, reason: std::io::Error },
+    /// A file of the cache; `of_cache` puts the cache's own folder in the place of its name.
+    #[error(
+        "{path}: the cache cannot be written: {}; GLINT_CACHE_DIR can name another folder",
+        codec::why_unwritten(reason)
+    )]
+    NotWritten { path: PathBuf, reason: std::io::Error },
     /// Pages that are not what was written: they are made again, never trusted.
     #[error("{path}: {problem}")]
     Damaged { path: PathBuf, problem: String },
@@ -31,7 +37,10 @@ pub enum Error {
     /// A file that was written to while its pages were made.
     #[error("{path}: the file was changed while it was read; open it again when it is complete")]
     Changed { path: PathBuf },
-    #[error("{folder}: the disk is full; the pages of this cloud need about {} MB there", needed / 1_000_000 + 1)]
+    #[error(
+        "{folder}: the cache cannot be written: the disk is full, and the pages of this cloud need about {} MB there; make room, or GLINT_CACHE_DIR can name another folder",
+        needed / 1_000_000 + 1
+    )]
     Full { folder: PathBuf, needed: u64 },
     #[error("cancelled")]
     Cancelled,
@@ -44,10 +53,22 @@ impl Error {
         Self::Io { path: path.to_owned(), reason }
     }
 
+    pub(crate) fn not_written(path: &Path, reason: std::io::Error) -> Self {
+        Self::NotWritten { path: path.to_owned(), reason }
+    }
+
     /// There is no more room for what was to be written.
     pub(crate) fn is_full(&self) -> bool {
         use std::io::ErrorKind::{QuotaExceeded, StorageFull};
-        matches!(self, Self::Io { reason, .. } if matches!(reason.kind(), StorageFull | QuotaExceeded))
+        matches!(self, Self::NotWritten { reason, .. } if matches!(reason.kind(), StorageFull | QuotaExceeded))
+    }
+
+    /// Of what cannot be written the folder that a person knows, instead of a file in it.
+    pub(crate) fn of_cache(self, folder: &Path) -> Self {
+        match self {
+            Self::NotWritten { reason, .. } => Self::not_written(folder, reason),
+            other => other,
+        }
     }
 
     pub fn damaged(path: &Path, problem: impl Into<String>) -> Self {
@@ -65,5 +86,14 @@ mod tests {
         let error = Error::io(Path::new("a"), std::io::Error::other("broken"));
         assert_eq!(error.to_string(), "a: broken");
         assert!(error.source().is_none());
+    }
+
+    #[test]
+    fn a_cache_that_cannot_be_written_is_called_by_its_folder() {
+        let reason = std::io::Error::from(std::io::ErrorKind::ReadOnlyFilesystem);
+        let error = Error::not_written(Path::new("/pages/0123/building/records"), reason).of_cache(Path::new("/pages"));
+        let told =
+            "/pages: the cache cannot be written: its disk can only be read; GLINT_CACHE_DIR can name another folder";
+        assert_eq!(error.to_string(), told);
     }
 }

@@ -307,7 +307,7 @@ pub(crate) fn write(folder: &Path, summary: &Summary, nodes: Vec<Written>) -> Re
         file.sync_data()?;
         std::fs::rename(&unfinished, &path)
     });
-    written.map_err(|error| Error::io(&path, error))
+    written.map_err(|error| Error::not_written(&path, error))
 }
 
 fn write_summary(body: &mut Vec<u8>, summary: &Summary) {

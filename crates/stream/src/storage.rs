@@ -22,7 +22,7 @@ pub struct Storage {
 impl Storage {
     pub fn create(path: &Path, limit: u64) -> Result<Self> {
         let file = File::options().read(true).write(true).create_new(true).open(path);
-        Ok(Self::new(path, file.map_err(|error| Error::io(path, error))?, 0, limit))
+        Ok(Self::new(path, file.map_err(|error| Error::not_written(path, error))?, 0, limit))
     }
 
     /// An existing file, only to be read.
@@ -37,7 +37,7 @@ impl Storage {
     pub fn sized(path: &Path, length: u64) -> Result<Self> {
         let file = File::options().read(true).write(true).create(true).truncate(false).open(path);
         let file = file.and_then(|file| file.set_len(length).map(|()| file));
-        Ok(Self::new(path, file.map_err(|error| Error::io(path, error))?, length, length))
+        Ok(Self::new(path, file.map_err(|error| Error::not_written(path, error))?, length, length))
     }
 
     fn new(path: &Path, file: File, end: u64, limit: u64) -> Self {
@@ -72,13 +72,13 @@ impl Storage {
         } else {
             self.write_at(offset, bytes)
         };
-        written.map_err(|error| Error::io(&self.path, error))?;
+        written.map_err(|error| Error::not_written(&self.path, error))?;
         Ok(offset)
     }
 
     /// Writes `bytes` from byte `offset` on, within the file.
     pub fn write(&self, offset: u64, bytes: &[u8]) -> Result<()> {
-        self.write_at(offset, bytes).map_err(|error| Error::io(&self.path, error))
+        self.write_at(offset, bytes).map_err(|error| Error::not_written(&self.path, error))
     }
 
     /// Fills `buffer` from byte `offset` on.
@@ -95,7 +95,7 @@ impl Storage {
         let synced = self.file.sync_data();
         #[cfg(not(unix))]
         let synced = self.locked().sync_data();
-        synced.map_err(|error| Error::io(&self.path, error))
+        synced.map_err(|error| Error::not_written(&self.path, error))
     }
 
     #[cfg(unix)]

@@ -192,7 +192,9 @@ pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
 /// what is there instead of it is not touched. `Io` for a COPC file, which is not an index of ours. `Io` with the file's name, a full disk among them: then nothing is kept.
 pub fn estimate_surfels(pages: &Pages, options: &SurfelOptions, memory: u64, progress: &Progress) -> Result<()> {
     let most = (memory / WORKING_BYTES).clamp(FEWEST_POINTS, MOST_POINTS);
-    estimate_in_groups(pages, options, most, progress)
+    let estimated = estimate_in_groups(pages, options, most, progress);
+    // An index is a folder in that of the cache.
+    estimated.map_err(|error| error.of_cache(pages.folder().parent().unwrap_or(pages.folder())))
 }
 
 /// With groups of up to `most` points.
@@ -226,7 +228,7 @@ fn clear(folder: &Path) -> Result<()> {
     for name in [DONE, UNFINISHED] {
         let path = folder.join(name);
         match std::fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(&path, error)),
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(Error::not_written(&path, error)),
             _ => {}
         }
     }
@@ -237,7 +239,7 @@ fn lock(pages: &Pages, progress: &Progress) -> Result<File> {
     let path = &pages.folder().join(LOCK);
     let file = pages.in_place(|| {
         let file = File::options().create(true).truncate(false).write(true).open(path);
-        file.map_err(|error| Error::io(path, error))
+        file.map_err(|error| Error::not_written(path, error))
     })?;
     loop {
         let locked = file.try_lock();
@@ -246,7 +248,7 @@ fn lock(pages: &Pages, progress: &Progress) -> Result<File> {
             Ok(()) => return Ok(file),
             Err(std::fs::TryLockError::WouldBlock) if progress.is_cancelled() => return Err(Error::Cancelled),
             Err(std::fs::TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(50)),
-            Err(std::fs::TryLockError::Error(error)) => return Err(Error::io(path, error)),
+            Err(std::fs::TryLockError::Error(error)) => return Err(Error::not_written(path, error)),
         }
     }
 }
@@ -405,7 +407,7 @@ impl<'a> Build<'a> {
             list.truncate(valid);
             let unfinished = Storage::sized(&path, length)?;
             let done = File::create(&done_path).and_then(|mut file| file.write_all(&list).map(|()| file));
-            let done = done.map_err(|error| Error::io(&done_path, error))?;
+            let done = done.map_err(|error| Error::not_written(&done_path, error))?;
             Ok(Self { pages, options, weights, groups, most, unfinished, is_done, done, done_path, points })
         })
     }
@@ -423,7 +425,7 @@ impl<'a> Build<'a> {
             // The list must not name what is not on the disk.
             self.unfinished.sync()?;
             let noted = self.done.write_all(&write_entry(index, own)).and_then(|()| self.done.sync_data());
-            noted.map_err(|error| Error::io(&self.done_path, error))?;
+            noted.map_err(|error| Error::not_written(&self.done_path, error))?;
             self.points += own;
         }
         Ok(())
@@ -522,7 +524,7 @@ impl<'a> Build<'a> {
         self.unfinished.sync()?;
         let complete = self.pages.folder().join(SURFELS);
         self.pages.in_place(|| {
-            std::fs::rename(path, &complete).map_err(|error| Error::io(&complete, error))?;
+            std::fs::rename(path, &complete).map_err(|error| Error::not_written(&complete, error))?;
             clear(self.pages.folder())
         })
     }
