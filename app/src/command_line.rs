@@ -1,8 +1,13 @@
 //! The command line as clap reads it: words to plain values. What the values mean is decided where they are used.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
+use clap::builder::{OsStringValueParser, TypedValueParser as _};
+use clap::error::{ContextKind, ContextValue};
 use clap::{Args, Parser, Subcommand};
+
+use crate::terminal::escaped;
 
 /// Views, lights and measures point clouds (LAS, LAZ, PLY).
 #[derive(Debug, Parser)]
@@ -37,7 +42,7 @@ pub enum Command {
 #[derive(Debug, Args)]
 pub struct ViewArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`), names of built-in scenes
-    pub inputs: Vec<String>,
+    pub inputs: Vec<OsString>,
     #[command(flatten)]
     pub gpu: GpuArgument,
 }
@@ -53,7 +58,7 @@ pub struct GpuArgument {
 pub struct InfoArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds
     #[arg(required = true)]
-    pub inputs: Vec<String>,
+    pub inputs: Vec<OsString>,
     /// Write JSON
     #[arg(long)]
     pub json: bool,
@@ -66,7 +71,7 @@ pub struct InfoArguments {
 pub struct RenderArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`), names of built-in scenes
     #[arg(required = true)]
-    pub inputs: Vec<String>,
+    pub inputs: Vec<OsString>,
     /// PNG file to write
     #[arg(short, long, value_name = "OUT.png")]
     pub output: PathBuf,
@@ -79,17 +84,17 @@ pub struct RenderArguments {
     /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
-    /// File with a view (as "copy view" gives it), or front, back, left, right, top, bottom, iso, or scene for the scene's own
+    /// File with a view (as "copy view" gives it), - for standard input, or front, back, left, right, top, bottom, iso, or scene for the scene's own
     #[arg(long, value_name = "FILE|NAME")]
-    pub camera: Option<String>,
+    pub camera: Option<OsString>,
     /// Reflections that are followed, one after the other. Short for --set reflection.bounces=N
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, indirect, color, mirror_position,
     /// mirror_albedo, mirror_normal, specular_intensity, specular_power, regions, curvature, uncertain; reference_position,
     /// reference_color and reference_indirect are traced on the CPU
-    #[arg(long, value_name = "NAME=FILE.exr", value_parser = parse_pair)]
-    pub aov: Vec<(String, String)>,
+    #[arg(long, value_name = "NAME=FILE.exr", value_parser = OsStringValueParser::new().try_map(parse_image))]
+    pub aov: Vec<(String, PathBuf)>,
     /// Write times, counts and memory as JSON
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
@@ -111,7 +116,7 @@ pub struct RenderArguments {
 pub struct IndexArguments {
     /// `.las`, `.laz` and `.ply` files, folders of them, or a scene file (`.toml`) for its clouds
     #[arg(required = true)]
-    pub inputs: Vec<String>,
+    pub inputs: Vec<OsString>,
     /// Write all inputs as one cloud that can be streamed as it is (COPC); without, each gets its place in the cache folder
     #[arg(short, long, value_name = "OUT.copc.laz")]
     pub output: Option<PathBuf>,
@@ -127,7 +132,7 @@ pub struct StudyArguments {
     pub merge: Option<StudyCommand>,
     /// Plan file (`.toml`), or the name of a built-in plan
     #[arg(value_name = "PLAN.toml|NAME", required_unless_present = "list")]
-    pub plan: Option<String>,
+    pub plan: Option<OsString>,
     /// Folder for results, charts and report; a study that was stopped goes on there
     #[arg(short, long, value_name = "DIR", required_unless_present = "list")]
     pub output: Option<PathBuf>,
@@ -212,14 +217,49 @@ fn parse_pair(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// clap's message in two lines at most: what is wrong, and what to do.
-pub fn brief(error: &clap::Error) -> String {
+/// A name of text, and a path of any bytes that its file may have.
+fn parse_image(pair: OsString) -> Result<(String, PathBuf), String> {
+    let bytes = pair.as_encoded_bytes();
+    let at = bytes.iter().position(|byte| *byte == b'=').filter(|at| *at > 0);
+    let name = at.and_then(|at| std::str::from_utf8(&bytes[..at]).ok()).map(str::to_owned);
+    match (name, at) {
+        (Some(name), Some(at)) => Ok((name, after(&pair, at + 1).into())),
+        _ => Err("expected NAME=FILE.exr".into()),
+    }
+}
+
+/// What stands behind `bytes` bytes of a text that begins with an ASCII character there.
+#[cfg(unix)]
+fn after(text: &std::ffi::OsStr, bytes: usize) -> OsString {
+    use std::os::unix::ffi::OsStrExt as _;
+    std::ffi::OsStr::from_bytes(&text.as_bytes()[bytes..]).to_owned()
+}
+
+#[cfg(not(unix))]
+fn after(text: &std::ffi::OsStr, bytes: usize) -> OsString {
+    String::from_utf8_lossy(&text.as_encoded_bytes()[bytes..]).into_owned().into()
+}
+
+/// clap's message on one line: what is wrong, and what to do.
+pub fn brief(mut error: clap::Error) -> String {
+    // What it quotes is escaped before it is put together: clap takes line breaks for its own, and escape codes out.
+    let escape = |(kind, value): (ContextKind, &ContextValue)| match value {
+        ContextValue::String(text) => Some((kind, ContextValue::String(escaped(text).into_owned()))),
+        ContextValue::Strings(texts) => {
+            Some((kind, ContextValue::Strings(texts.iter().map(|text| escaped(text).into_owned()).collect())))
+        }
+        _ => None,
+    };
+    let context: Vec<_> = error.context().filter_map(escape).collect();
+    for (kind, value) in context {
+        error.insert(kind, value);
+    }
     let text = error.render().to_string();
     let mut paragraphs = text.split("\n\n").map(|lines| lines.split_whitespace().collect::<Vec<_>>().join(" "));
     let problem = paragraphs.next().unwrap_or_default();
     let problem = problem.strip_prefix("error: ").unwrap_or(&problem).to_owned();
     let tip = paragraphs.find_map(|line| line.strip_prefix("tip: ").map(str::to_owned));
-    format!("{problem}\n{}", tip.unwrap_or_else(|| "--help tells what there is".into()))
+    format!("{problem}; {}", tip.unwrap_or_else(|| "--help tells what there is".into()))
 }
 
 #[cfg(test)]
@@ -229,7 +269,7 @@ mod tests {
     use super::*;
 
     fn message(words: &[&str]) -> String {
-        brief(&CommandLine::try_parse_from(words).unwrap_err())
+        brief(CommandLine::try_parse_from(words).unwrap_err())
     }
 
     #[test]
@@ -262,7 +302,22 @@ mod tests {
     }
 
     #[test]
-    fn usage_errors_are_two_lines() {
+    fn words_that_are_quoted_are_escaped() {
+        let evil = "--\u{1b}[31mx\nglint: done\u{7}";
+        let told = message(&["glint", "info", "a.laz", evil]);
+        assert!(told.contains(r"--\u{1b}[31mx\nglint: done\u{7}"), "{told}");
+        let told = message(&["glint", "render", "a.laz", "-o", "a.png", "--size", "8\u{202e}\nx"]);
+        assert!(told.contains(r"8\u{202e}\nx"), "{told}");
+    }
+
+    #[test]
+    fn images_are_a_name_and_a_path() {
+        assert_eq!(parse_image("depth=a=b.exr".into()), Ok(("depth".into(), "a=b.exr".into())));
+        assert!(parse_image("depth".into()).is_err() && parse_image("=a.exr".into()).is_err());
+    }
+
+    #[test]
+    fn usage_errors_are_one_line() {
         for words in [
             &["glint", "render"][..],
             &["glint", "render", "a.laz", "-o", "a.png", "--size", "big"],
@@ -281,8 +336,8 @@ mod tests {
             &["glint", "--nonsense"],
         ] {
             let message = message(words);
-            assert_eq!(message.lines().count(), 2, "{words:?}: {message}");
-            assert!(message.lines().all(|line| !line.trim().is_empty()), "{words:?}: {message}");
+            assert_eq!(message.lines().count(), 1, "{words:?}: {message}");
+            assert!(message.split("; ").all(|part| !part.trim().is_empty()), "{words:?}: {message}");
         }
         assert!(message(&["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"]).contains("--size"));
     }

@@ -1,4 +1,4 @@
-//! Failures whose exit status is not simply 1. Scripts tell a typing error from a broken machine by the status alone.
+//! What an error means for scripts: each failure has the same exit status in every command. docs/errors.md lists them.
 
 use std::fmt;
 
@@ -9,6 +9,17 @@ pub struct Usage(pub String);
 /// Nothing to show it on, no display or no adapter: exit status 3.
 #[derive(Debug)]
 pub struct NoScreen(pub String);
+
+/// A person pressed Ctrl-C.
+#[derive(Debug)]
+pub struct Interrupted;
+
+/// Exit statuses beside 0, which is success.
+pub const FAILED: u8 = 1;
+pub const UNUSABLE: u8 = 2;
+pub const NO_SCREEN: u8 = 3;
+/// 128 and the number of the signal, as shells tell it.
+pub const INTERRUPTED: u8 = 130;
 
 impl fmt::Display for Usage {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -22,35 +33,90 @@ impl fmt::Display for NoScreen {
     }
 }
 
+impl fmt::Display for Interrupted {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("interrupted")
+    }
+}
+
 impl std::error::Error for Usage {}
 impl std::error::Error for NoScreen {}
+impl std::error::Error for Interrupted {}
 
 /// `Usage` as an `anyhow::Error`.
 pub fn usage(message: impl Into<String>) -> anyhow::Error {
     Usage(message.into()).into()
 }
 
-/// Exit status of an error: 1 the work failed, 2 bad usage or unreadable input, 3 nothing to show it on.
+/// What a person reads: an interruption looks the same wherever it was noticed.
+pub fn message(error: &anyhow::Error) -> String {
+    if exit_status(error) == INTERRUPTED { Interrupted.to_string() } else { format!("{error:#}") }
+}
+
+/// Exit status of an error: 1 the work failed, 2 bad usage or unreadable input, 3 nothing to show it on, 130 interrupted.
 pub fn exit_status(error: &anyhow::Error) -> u8 {
-    for cause in error.chain() {
-        if cause.is::<NoScreen>() || matches!(cause.downcast_ref(), Some(render::Error::NoAdapter { .. })) {
-            return 3;
-        }
-        if matches!(cause.downcast_ref(), Some(stream::Error::Input(_)))
-            || cause.downcast_ref().is_some_and(world::Error::is_usage)
-        {
-            return 2;
-        }
-        if cause.is::<Usage>() || cause.is::<codec::Error>() || cause.is::<scene::Error>() || cause.is::<param::Error>()
-        {
-            return 2;
-        }
+    error.chain().find_map(status_of).unwrap_or(FAILED)
+}
+
+/// `None` where the cause does not tell.
+fn status_of(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
+    if cause.is::<Interrupted>() {
+        return Some(INTERRUPTED);
     }
-    1
+    if cause.is::<NoScreen>() {
+        return Some(NO_SCREEN);
+    }
+    if cause.is::<Usage>() || cause.is::<scene::Error>() || cause.is::<param::Error>() || cause.is::<study::PlanError>()
+    {
+        return Some(UNUSABLE);
+    }
+    if let Some(error) = cause.downcast_ref::<world::Error>() {
+        return Some(match error {
+            world::Error::File(error) => of_file(error),
+            world::Error::Pages(error) => of_pages(error),
+            error if error.is_usage() => UNUSABLE,
+            _ => FAILED,
+        });
+    }
+    if let Some(error) = cause.downcast_ref::<study::FolderError>() {
+        return Some(of_study(error));
+    }
+    if let Some(error) = cause.downcast_ref::<render::Error>() {
+        return matches!(error, render::Error::NoAdapter { .. }).then_some(NO_SCREEN);
+    }
+    let pages = cause.downcast_ref().map(of_pages);
+    pages.or_else(|| cause.downcast_ref().map(of_file))
+}
+
+fn of_file(error: &codec::Error) -> u8 {
+    match error {
+        codec::Error::NotWritten { .. } => FAILED,
+        _ => UNUSABLE,
+    }
+}
+
+fn of_pages(error: &stream::Error) -> u8 {
+    match error {
+        stream::Error::Cancelled => INTERRUPTED,
+        stream::Error::Input(error) => of_file(error),
+        // Inputs without points, and those that are being written.
+        stream::Error::Empty { .. } | stream::Error::Changed { .. } => UNUSABLE,
+        _ => FAILED,
+    }
+}
+
+fn of_study(error: &study::FolderError) -> u8 {
+    match error {
+        study::FolderError::Unwritten(_) => FAILED,
+        // Another folder, or another plan, mends it.
+        _ => UNUSABLE,
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use anyhow::Context as _;
 
     use super::*;
@@ -63,5 +129,18 @@ mod tests {
         let unknown = scene::Settings::default().set_text("splat.sise", "1");
         assert_eq!(exit_status(&unknown.context("--set").unwrap_err()), 2);
         assert_eq!(exit_status(&NoScreen("no display".into()).into()), 3);
+    }
+
+    #[test]
+    fn outputs_that_cannot_be_written_are_no_fault_of_the_input() {
+        let full = || std::io::Error::from(std::io::ErrorKind::StorageFull);
+        let unwritten = || codec::Error::not_written(Path::new("a.laz"), full());
+        assert_eq!(exit_status(&unwritten().into()), 1);
+        assert_eq!(exit_status(&stream::Error::Input(unwritten()).into()), 1);
+        assert_eq!(exit_status(&world::Error::File(unwritten()).into()), 1);
+        assert_eq!(exit_status(&study::FolderError::Unwritten(unwritten()).into()), 1);
+        assert_eq!(exit_status(&codec::Error::io(Path::new("a.laz"), full()).into()), 2);
+        let cancelled = anyhow::Error::from(stream::Error::Cancelled).context("a.laz");
+        assert_eq!((exit_status(&cancelled), message(&cancelled).as_str()), (130, "interrupted"));
     }
 }

@@ -1,7 +1,7 @@
 //! `glint index`: makes the indexes that large clouds are streamed from before anybody waits for them.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Context as _;
@@ -11,8 +11,9 @@ use stream::{BuildOptions, Cache};
 use world::{Input, Making, Stage, half_of};
 
 use crate::command_line::IndexArguments;
-use crate::failure::usage;
-use crate::{picture_file, progress_bar};
+use crate::failure::{self, FAILED, UNUSABLE, usage};
+use crate::terminal::{self, Few, print};
+use crate::{interrupt, picture_file, progress_bar};
 
 /// Indexes; the exit status is 2 if one of several inputs could not be read.
 ///
@@ -36,51 +37,48 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     let cache = world::cache(&settings.stream)?;
-    let mut failures = 0;
+    terminal::warn(&request.warnings);
+    let mut unreadable = Few::of("that cannot be read");
     let mut clouds = Vec::new();
     for input in &request.inputs {
-        let sources = open(input, half_of(settings.stream.host_bytes), &mut failures);
+        let sources = open(input, half_of(settings.stream.host_bytes), &mut unreadable);
         if !sources.is_empty() {
             clouds.push((input.name(), sources));
         }
     }
+    let mut status = if unreadable.count() > 0 { UNUSABLE } else { 0 };
+    unreadable.end();
     if clouds.is_empty() {
-        return Ok(2);
+        return Ok(UNUSABLE);
     }
     match &arguments.output {
         Some(output) => {
             let sources: Vec<Arc<codec::Source>> = clouds.into_iter().flat_map(|(_, sources)| sources).collect();
-            write(&sources, &settings, output, &Stopper::new())?;
+            write(&sources, &settings, output)?;
         }
         None => {
-            let task = Task { cache: &cache, settings: &settings, stopper: &Stopper::new() };
+            let task = Task { cache: &cache, settings: &settings };
             for (place, (name, sources)) in clouds.iter().enumerate() {
                 let place = if clouds.len() > 1 { format!(" {}/{}", place + 1, clouds.len()) } else { String::new() };
-                match task.index(name, sources, &place) {
-                    Ok(()) => {}
-                    Err(error) if clouds.len() == 1 || is_cancelled(&error) => return Err(error),
-                    Err(error) => {
-                        failures += 1;
-                        crate::complain(&format!("{name}: {error:#}"));
+                if let Err(error) = task.index(name, sources, &place) {
+                    if clouds.len() == 1 || interrupt::is_wanted() {
+                        return Err(error);
                     }
+                    // What can be mended by other inputs comes second to what cannot.
+                    status =
+                        if failure::exit_status(&error) == UNUSABLE && status != FAILED { UNUSABLE } else { FAILED };
+                    terminal::complain(&format!("{name}: {error:#}"));
                 }
             }
         }
     }
-    Ok(if failures > 0 { 2 } else { 0 })
-}
-
-fn is_cancelled(error: &anyhow::Error) -> bool {
-    matches!(error.downcast_ref(), Some(stream::Error::Cancelled))
+    Ok(status)
 }
 
 /// The files of an input that can be opened; says what is wrong with the others.
-fn open(input: &Input, memory: u64, failures: &mut usize) -> Vec<Arc<codec::Source>> {
+fn open(input: &Input, memory: u64, unreadable: &mut Few) -> Vec<Arc<codec::Source>> {
     let mut sources = Vec::new();
-    let mut fail = |error: String| {
-        *failures += 1;
-        crate::complain(&error);
-    };
+    let mut fail = |error: String| unreadable.complain(&error);
     for path in input.files() {
         match world::open_file(path, memory) {
             Ok(source) => sources.push(source),
@@ -93,33 +91,6 @@ fn open(input: &Input, memory: u64, failures: &mut usize) -> Vec<Arc<codec::Sour
         Input::File(_) | Input::Tiles { .. } => {}
     }
     sources
-}
-
-/// Stops what is under way at Ctrl-C and all that comes after it, so that it can clear away what it has begun.
-struct Stopper {
-    current: Arc<Mutex<Arc<Progress>>>,
-}
-
-impl Stopper {
-    fn new() -> Self {
-        let current: Arc<Mutex<Arc<Progress>>> = Arc::default();
-        let stopped = current.clone();
-        let stop = move || stopped.lock().unwrap_or_else(PoisonError::into_inner).cancel();
-        // Where that cannot be caught it ends the program; the next one clears away what was begun.
-        if let Err(error) = ctrlc::set_handler(stop) {
-            tracing::debug!(%error, "Ctrl-C");
-        }
-        Self { current }
-    }
-
-    /// That comes next.
-    fn watch(&self, progress: &Arc<Progress>) {
-        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
-        if current.is_cancelled() {
-            progress.cancel();
-        }
-        *current = progress.clone();
-    }
 }
 
 /// What something took.
@@ -149,7 +120,6 @@ impl Effort {
 struct Task<'a> {
     cache: &'a Cache,
     settings: &'a Settings,
-    stopper: &'a Stopper,
 }
 
 impl Task<'_> {
@@ -158,7 +128,7 @@ impl Task<'_> {
     fn index(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
         match self.index_once(name, sources, place) {
             Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Damaged { .. })) => {
-                crate::complain(&format!("warning: {error}: its index is made again"));
+                terminal::warn([format!("{error}: its index is made again")]);
                 if let Some(pages) = self.cache.open(sources)? {
                     self.cache.discard(pages);
                 }
@@ -170,10 +140,10 @@ impl Task<'_> {
 
     fn index_once(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
         let of_files: Vec<String> = sources.iter().flat_map(|source| world::file_warnings(source.info())).collect();
-        of_files.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
+        terminal::warn(param::few(of_files.clone(), "warnings"));
         let parts = world::parts(sources.to_vec());
         if parts.iter().all(|(_, native)| native.is_some()) {
-            return crate::print(&format!("{name}: COPC, which needs no index\n"));
+            return print([format!("{name}: COPC, which needs no index")]);
         }
         let memory = half_of(self.settings.stream.host_bytes);
         let options = BuildOptions { memory, preview_points: 0 };
@@ -182,7 +152,7 @@ impl Task<'_> {
         let (stage, effort, pages) = self.make(Stage::new(Making::Index, expected), place, build);
         let pages = pages?;
         let further = pages.warnings().iter().filter(|warning| !of_files.contains(warning));
-        further.for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
+        terminal::warn(param::few(further.map(|warning| format!("{name}: {warning}")).collect(), "warnings"));
         let up = sources.first().map_or(glam::DVec3::Z, |source| world::up_of(source.info(), self.settings));
         let options = world::surfel_options(&pages, up, self.settings)?;
         let points = pages.octree().points();
@@ -193,7 +163,7 @@ impl Task<'_> {
         // It may have been made by another program while this one waited.
         let effort = if stage.progress.done() == 0 { "was there".to_owned() } else { effort.text(points) };
         let folder = pages.folder().display();
-        crate::print(&format!("{what}, {effort}; normals and radii {:.1} s; {folder}\n", normals.seconds))
+        print([format!("{what}, {effort}; normals and radii {:.1} s; {folder}", normals.seconds)])
     }
 
     /// Does the work of a stage, and shows how far it is.
@@ -203,25 +173,23 @@ impl Task<'_> {
         place: &str,
         work: impl FnOnce(&Progress) -> Result,
     ) -> (Stage, Effort, Result) {
-        self.stopper.watch(&stage.progress);
         let (effort, result) = Effort::of(|| progress_bar::watch_stage(&stage, place, work));
         (stage, effort, result)
     }
 }
 
 /// Writes files as one cloud in the form of COPC.
-fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path, stopper: &Stopper) -> anyhow::Result<()> {
+fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> anyhow::Result<()> {
     let paths: Vec<PathBuf> = sources.iter().map(|source| source.info().path.clone()).collect();
     let memory = half_of(settings.stream.host_bytes);
-    let progress = Arc::default();
-    stopper.watch(&progress);
+    let progress = Progress::default();
     let write = || codec::write_copc(&paths, output, memory, &progress);
     let (effort, written) = Effort::of(|| progress_bar::watch("writing", &progress, write));
     let codec::CopcSummary { points, nodes, warnings } = written?.ok_or(stream::Error::Cancelled)?;
     let name = output.display().to_string();
-    warnings.iter().for_each(|warning| crate::complain(&format!("warning: {name}: {warning}")));
+    terminal::warn(param::few(warnings, "warnings").iter().map(|warning| format!("{name}: {warning}")));
     let bytes = std::fs::metadata(output).map_or(0, |metadata| metadata.len());
-    crate::print(&format!("{}, {}\n", summary(&name, points, nodes, bytes), effort.text(points)))
+    print([format!("{}, {}", summary(&name, points, nodes, bytes), effort.text(points))])
 }
 
 /// `scan.laz: 10653336 points in 412 nodes, 17.9 bytes a point`.

@@ -1,6 +1,5 @@
 //! `glint info`: what files hold, for people or as JSON. An input that cannot be read is reported in its place.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use cloud::{Bounds, Progress};
@@ -9,6 +8,9 @@ use serde::Serialize;
 use world::Input;
 
 use crate::command_line::InfoArguments;
+use crate::failure::UNUSABLE;
+use crate::terminal::Few;
+use crate::{interrupt, progress_bar, terminal};
 
 /// Files up to this size are read whole, so that the figures are the points' own and not a header's: some two seconds
 /// of LAZ on two cores.
@@ -56,37 +58,40 @@ struct AttributeReport {
     type_name: &'static str,
 }
 
-/// Reports all inputs; the exit status is 2 if one of them cannot be read.
+/// Reports all inputs; the exit status is 2 if one of them cannot be read, which is said on standard error, too.
 ///
 /// # Errors
-/// If the report cannot be written.
+/// If the report cannot be written, or it was interrupted.
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     let mut inputs = Vec::new();
     for word in &arguments.inputs {
         let request = world::resolve(std::slice::from_ref(word));
-        request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
+        terminal::warn(&request.warnings);
         if request.inputs.is_empty() {
-            inputs.push(Entry::Unreadable { path: word.clone(), error: format!("{word}: no clouds in it") });
+            let path = Path::new(word).display().to_string();
+            inputs.push(Entry::Unreadable { error: format!("{path}: no clouds in it"), path });
         }
-        inputs.extend(request.inputs.iter().flat_map(|input| entries(input, arguments.scan)));
+        for input in &request.inputs {
+            inputs.extend(entries(input, arguments.scan));
+            interrupt::check()?;
+        }
     }
-    let unreadable = inputs.iter().any(|entry| matches!(entry, Entry::Unreadable { .. }));
     let report = Report { inputs };
+    let mut unreadable = Few::of("that cannot be read");
     if arguments.json {
-        crate::print(&(serde_json::to_string_pretty(&report)? + "\n"))?;
-    } else {
-        let mut separator = "";
-        for entry in &report.inputs {
-            match entry {
-                Entry::Read(file) => {
-                    crate::print(&format!("{separator}{}", text(file)))?;
-                    separator = "\n";
-                }
-                Entry::Unreadable { error, .. } => crate::complain(error),
-            }
+        terminal::print_json(&report)?;
+    }
+    let mut separator = None;
+    for entry in &report.inputs {
+        match entry {
+            Entry::Read(_) if arguments.json => {}
+            Entry::Read(file) => terminal::print(separator.replace(String::new()).into_iter().chain(lines(file)))?,
+            Entry::Unreadable { error, .. } => unreadable.complain(error),
         }
     }
-    Ok(if unreadable { 2 } else { 0 })
+    let is_complete = unreadable.count() == 0;
+    unreadable.end();
+    Ok(if is_complete { 0 } else { UNUSABLE })
 }
 
 /// One, or one for each file of a folder.
@@ -129,7 +134,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     if scan || small {
         let selection = codec::Selection { positions: true, ..Default::default() };
         let progress = Progress::default();
-        let read = crate::progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &|_| {}));
+        let read = progress_bar::watch("reading", &progress, || source.read(&selection, &progress, &|_| {}));
         let summary = read?;
         report.points = summary.points;
         report.bounds = summary.bounds.and_then(bounds_report);
@@ -171,11 +176,9 @@ fn decimals(scale: f64) -> usize {
 }
 
 /// The report for people, a line per fact.
-fn text(report: &FileReport) -> String {
-    let mut text = format!("{}\n", report.path);
-    let mut line = |name: &str, value: &str| {
-        let _ = writeln!(text, "  {name:<11} {value}");
-    };
+fn lines(report: &FileReport) -> Vec<String> {
+    let mut lines = vec![report.path.clone()];
+    let mut line = |name: &str, value: &str| lines.push(format!("  {name:<11} {value}"));
     let point_format = report.point_format.map_or(String::new(), |number| format!(", point format {number}"));
     line("format", &format!("{} {}{point_format}", report.format.to_uppercase(), report.version));
     line("points", &grouped(report.points));
@@ -203,10 +206,10 @@ fn text(report: &FileReport) -> String {
     }
     let crs = report.crs.as_deref().and_then(|crs| crs.lines().find(|line| !line.trim().is_empty()));
     line("crs", &crs.map_or("none".into(), |crs| shortened(crs.trim(), 100)));
-    for warning in &report.warnings {
-        line("warning", warning);
+    for warning in param::few(report.warnings.clone(), "warnings") {
+        line("warning", &warning);
     }
-    text
+    lines
 }
 
 /// `1234567` as `1,234,567`.

@@ -7,7 +7,8 @@ use param::{Choice as _, Field, Group, Kind, Value};
 use scene::{Method, Settings, five_mirrors};
 use serde_json::json;
 
-use crate::truth;
+use crate::terminal::{print, print_json};
+use crate::{environment, truth};
 
 /// A line of help for each reflection method.
 fn method_help(method: Method) -> &'static str {
@@ -59,7 +60,7 @@ pub fn methods(as_json: bool) -> anyhow::Result<()> {
         let methods: Vec<_> = methods_with_help().map(|(name, help)| json!({"name": name, "help": help})).collect();
         let parameters: Vec<_> = parameters().iter().map(|(key, field)| parameter_json(key, field)).collect();
         let listing = json!({"methods": methods, "parameters": parameters});
-        return crate::print(&(serde_json::to_string_pretty(&listing)? + "\n"));
+        return print_json(&listing);
     }
     let mut text = String::from("Reflection methods (--method NAME)\n");
     for (name, help) in methods_with_help() {
@@ -71,7 +72,7 @@ pub fn methods(as_json: bool) -> anyhow::Result<()> {
         let default = if default.is_empty() { "none".to_owned() } else { default };
         let _ = writeln!(text, "  {key:<24}{}; default {default}\n      {}", field.range_text(), field.help);
     }
-    crate::print(&text)
+    print(text.lines())
 }
 
 fn parameter_json(key: &str, field: &Field) -> serde_json::Value {
@@ -136,7 +137,7 @@ pub fn scenes(as_json: bool) -> anyhow::Result<()> {
         five_mirrors::Variant::ALL.into_iter().map(|mirror| (world::built_in_name(mirror), mirror.help())).collect();
     if as_json {
         let listing: Vec<_> = scenes.iter().map(|(name, help)| json!({"name": name, "help": help})).collect();
-        return crate::print(&(serde_json::to_string_pretty(&json!({"scenes": listing}))? + "\n"));
+        return print_json(&json!({"scenes": listing}));
     }
     let mut text = String::new();
     for (name, help) in scenes {
@@ -145,7 +146,7 @@ pub fn scenes(as_json: bool) -> anyhow::Result<()> {
     text.push_str(
         "\nOpen one like a file: glint five-mirrors/sphere, or glint render five-mirrors/sphere -o sphere.png\n",
     );
-    crate::print(&text)
+    print(text.lines())
 }
 
 /// # Errors
@@ -155,7 +156,7 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
     let display = ["WAYLAND_DISPLAY", "DISPLAY"]
         .into_iter()
         .find_map(|name| Some((name, std::env::var(name).ok().filter(|value| !value.is_empty())?)));
-    let folder = crate::settings_folder();
+    let folder = environment::settings_folder().map(|folder| folder.display().to_string());
     if as_json {
         let adapter = |report: &render::AdapterReport| {
             json!({
@@ -171,41 +172,42 @@ pub fn doctor(as_json: bool, wanted: Option<&str>) -> anyhow::Result<()> {
             "threads": threads(),
             "adapters": adapters.iter().map(adapter).collect::<Vec<_>>(),
             "display": display.as_ref().map(|(name, value)| json!({"variable": name, "value": value})),
-            "can_open_window": crate::has_display() && adapters.iter().any(|report| report.chosen),
+            "can_open_window": environment::has_display() && adapters.iter().any(|report| report.chosen),
             "settings_folder": folder,
         });
-        return crate::print(&(serde_json::to_string_pretty(&report)? + "\n"));
+        return print_json(&report);
     }
-    let mut text = format!("glint {}, {} threads\n", env!("CARGO_PKG_VERSION"), threads());
+    let mut lines = vec![format!("glint {}, {} threads", env!("CARGO_PKG_VERSION"), threads())];
     if adapters.is_empty() {
-        text.push_str("\nNo graphics adapter. Install a Vulkan driver; on Debian and Ubuntu mesa-vulkan-drivers runs without a GPU too.\n");
+        lines.push(String::new());
+        lines.push("No graphics adapter. Install a Vulkan driver; on Debian and Ubuntu mesa-vulkan-drivers runs without a GPU too.".into());
     } else if !adapters.iter().any(|report| report.chosen) {
-        let _ = writeln!(text, "\nNo adapter fits `{}`.", wanted.unwrap_or_default());
+        lines.extend([String::new(), format!("No adapter fits `{}`.", wanted.unwrap_or_default())]);
     }
     for report in &adapters {
+        lines.extend([String::new(), format!("{} ({}, {})", report.name, report.backend, report.kind)]);
+        let mut fact = |name: &str, value: &str| lines.push(format!("  {name:<14}{value}"));
         let mark = if report.chosen { "will be used" } else { "not used" };
-        let _ = writeln!(text, "\n{} ({}, {})", report.name, report.backend, report.kind);
-        let _ = writeln!(text, "  {:<14}{mark}: {}", "choice", report.why);
-        let _ = writeln!(text, "  {:<14}{}", "driver", report.driver);
-        let atomics = if report.atomics64 { "one pass, 64-bit atomics" } else { "two passes, 32-bit atomics" };
-        let _ = writeln!(text, "  {:<14}{atomics}", "splatting");
+        fact("choice", &format!("{mark}: {}", report.why));
+        fact("driver", &report.driver);
+        fact("splatting", if report.atomics64 { "one pass, 64-bit atomics" } else { "two passes, 32-bit atomics" });
         let clock = match (report.timestamps, report.kind.as_str()) {
             (true, kind) if kind != "cpu" => "the GPU's timestamps",
             _ => "the host's clock around each pass",
         };
-        let _ = writeln!(text, "  {:<14}{clock}", "pass times");
+        fact("pass times", clock);
         let (binding, buffer) = (mebibytes(report.max_binding_bytes), mebibytes(report.max_buffer_bytes));
         let size = report.max_texture_size;
-        let _ = writeln!(text, "  {:<14}binding {binding} MiB, buffer {buffer} MiB, picture {size} x {size}", "limits");
+        fact("limits", &format!("binding {binding} MiB, buffer {buffer} MiB, picture {size} x {size}"));
     }
     let display = match display {
         Some((name, value)) => format!("{name}={value}"),
-        None if crate::has_display() => "the desktop".into(),
+        None if environment::has_display() => "the desktop".into(),
         None => "none (neither DISPLAY nor WAYLAND_DISPLAY is set): `glint render` writes pictures instead".into(),
     };
-    let folder = folder.map_or("none (no home folder)".into(), |folder| folder.display().to_string());
-    let _ = writeln!(text, "\n{:<16}{display}\n{:<16}{folder}", "display", "settings");
-    crate::print(&text)
+    let folder = folder.unwrap_or_else(|| "none (no home folder)".into());
+    lines.extend([String::new(), format!("{:<16}{display}", "display"), format!("{:<16}{folder}", "settings")]);
+    print(lines)
 }
 
 fn threads() -> usize {

@@ -1,26 +1,29 @@
 //! `glint`: reads the command line, does what it says, and ends with the exit status that docs and scripts rely on:
-//! 0 done, 1 the work failed, 2 bad usage or unreadable input, 3 nothing to show it on.
+//! 0 done, 1 the work failed, 2 bad usage or unreadable input, 3 nothing to show it on, 130 interrupted.
 
 mod command_line;
+mod environment;
 mod failure;
 mod index_command;
 mod info;
+mod interrupt;
 mod listing;
 mod picture_file;
 mod progress_bar;
 mod render_command;
 mod study_command;
 mod subject;
+mod terminal;
 mod truth;
 mod viewer;
 
-use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser as _;
 use command_line::{Command, CommandLine};
 use failure::NoScreen;
+use terminal::complain;
 
 fn main() -> ExitCode {
     quiet_wayland();
@@ -35,36 +38,39 @@ fn main() -> ExitCode {
         Ok(line) => line,
         Err(error) if !error.use_stderr() => {
             // Help or version: a result, not an error.
-            let _ = error.print();
-            return ExitCode::SUCCESS;
+            return ended(terminal::print(error.render().to_string().lines()).map(|()| 0));
         }
         Err(error) => {
-            complain(&command_line::brief(&error));
-            return ExitCode::from(2);
+            complain(&command_line::brief(error));
+            return ExitCode::from(failure::UNUSABLE);
         }
     };
-    match std::panic::catch_unwind(move || run(line)) {
-        Ok(Ok(status)) => ExitCode::from(status),
-        Ok(Err(error)) => {
-            complain(&format!("{error:#}"));
-            ExitCode::from(failure::exit_status(&error))
-        }
-        Err(_) => ExitCode::FAILURE,
-    }
+    std::panic::catch_unwind(move || run(line)).map_or(ExitCode::from(failure::FAILED), ended)
+}
+
+/// Says what is wrong, if anything is. Whatever failed after Ctrl-C failed because of it.
+fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
+    ExitCode::from(outcome.unwrap_or_else(|error| {
+        let error = if interrupt::is_wanted() { failure::Interrupted.into() } else { error };
+        complain(&failure::message(&error));
+        failure::exit_status(&error)
+    }))
 }
 
 /// The exit status; what is not an error may still have one that is not 0 (`info` of files of which one is unreadable).
 fn run(line: CommandLine) -> anyhow::Result<u8> {
+    interrupt::catch();
     match line.command.unwrap_or(Command::View(line.view)) {
         Command::View(arguments) => {
             // Checked before the display: a wrong name is wrong everywhere.
             let request = world::resolve(&arguments.inputs);
             request.check()?;
-            if !has_display() {
-                let name = arguments.inputs.first().map_or("five-mirrors/sphere", String::as_str);
+            if !environment::has_display() {
+                let name = arguments.inputs.first().map_or("five-mirrors/sphere".as_ref(), Path::new);
                 return Err(NoScreen(format!(
-                    "no display (neither DISPLAY nor WAYLAND_DISPLAY is set)\n\
-                     to write a picture instead: glint render {name} -o picture.png"
+                    "no display (neither DISPLAY nor WAYLAND_DISPLAY is set); to write a picture instead: \
+                     glint render {} -o picture.png",
+                    name.display()
                 ))
                 .into());
             }
@@ -79,31 +85,6 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Study(arguments) => study_command::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }
-}
-
-/// Whether there is a desktop to open a window on. Windows and macOS always have one.
-pub fn has_display() -> bool {
-    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    cfg!(not(all(unix, not(target_os = "macos")))) || set("DISPLAY") || set("WAYLAND_DISPLAY")
-}
-
-/// Writes a result to standard output. A reader that has seen enough (`| head`) is no error.
-///
-/// # Errors
-/// If the output cannot be written, as on a full disk.
-pub fn print(text: &str) -> anyhow::Result<()> {
-    let mut output = std::io::stdout().lock();
-    match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(anyhow::Error::from(error).context("standard output"))
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Writes an error or a warning to standard error. There is nobody to tell if that fails.
-pub fn complain(message: &str) {
-    let _ = writeln!(std::io::stderr(), "glint: {message}");
 }
 
 /// Vulkan drivers look for a Wayland compositor, and where there is no XDG_RUNTIME_DIR (containers, cron, ssh) its library
@@ -125,12 +106,6 @@ fn quiet_wayland() {
 #[cfg(not(target_os = "linux"))]
 fn quiet_wayland() {}
 
-/// Where settings and recent files are kept: `GLINT_CONFIG_DIR`, else the platform's place; `None` without a home.
-pub fn settings_folder() -> Option<PathBuf> {
-    let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.config_dir().to_owned());
-    std::env::var_os("GLINT_CONFIG_DIR").map(PathBuf::from).or_else(platform)
-}
-
 /// Logs to standard error what the environment variable GLINT_LOG selects (`debug`, `codec=trace`); nothing without it.
 fn log_if_asked() {
     use tracing_subscriber::layer::SubscriberExt as _;
@@ -139,7 +114,7 @@ fn log_if_asked() {
     let Ok(selection) = std::env::var("GLINT_LOG") else { return };
     match selection.parse::<tracing_subscriber::filter::Targets>() {
         Ok(targets) => {
-            let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+            let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(terminal::Log);
             tracing_subscriber::registry().with(lines).with(targets).init();
         }
         Err(error) => complain(&format!("warning: GLINT_LOG: {error}; nothing is logged")),

@@ -2,10 +2,11 @@
 //! beside its place under another name and moved there at the end.
 
 use std::fs::File;
-use std::io::{BufWriter, Write as _};
+use std::io::{BufWriter, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use anyhow::{Context as _, bail};
+use codec::Error;
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, WritableImage as _};
 use image::ImageEncoder as _;
 use image::codecs::png::PngEncoder;
@@ -19,8 +20,11 @@ pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8]) -> anyhow::Result<()>
     let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
     write_whole(path, |file| {
         let [width, height] = size;
-        PngEncoder::new(file).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8)?;
-        Ok(())
+        let written = PngEncoder::new(file).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8);
+        written.map_err(|error| match error {
+            image::ImageError::IoError(reason) => reason,
+            other => std::io::Error::other(other),
+        })
     })
 }
 
@@ -40,7 +44,7 @@ pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> 
     // Its writer needs to seek; the compressed file is a fraction of the picture in memory.
     let mut bytes = std::io::Cursor::new(Vec::new());
     image.write().to_buffered(&mut bytes)?;
-    write_whole(path, |file| Ok(file.write_all(bytes.get_ref())?))
+    write_whole(path, |file| file.write_all(bytes.get_ref()))
 }
 
 /// Writes text, as for `--stats`.
@@ -48,22 +52,25 @@ pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> 
 /// # Errors
 /// If the file cannot be written; names it.
 pub fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    write_whole(path, |file| Ok(file.write_all(text.as_bytes())?))
+    write_whole(path, |file| file.write_all(text.as_bytes()))
 }
 
 /// Whether a file can be put at `path`, told before the work starts.
 ///
 /// # Errors
-/// A folder that is missing or a path that is a folder.
+/// A folder that is missing or cannot be written, or a path that is a folder.
 pub fn check_place(path: &Path) -> anyhow::Result<()> {
+    let unwritten = |reason| Error::not_written(path, reason);
     if path.is_dir() || path.file_name().is_none() {
-        bail!("{}: a folder, not a file", path.display());
+        return Err(unwritten(ErrorKind::IsADirectory.into()).into());
     }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    match folder {
-        Some(folder) if !folder.is_dir() => bail!("{}: there is no folder {}", path.display(), folder.display()),
-        _ => Ok(()),
+    if !is_special(path) {
+        // Nothing else tells whether a folder can be written: neither its permissions nor its disk's.
+        let partial = partial(path);
+        File::create(&partial).map_err(unwritten)?;
+        std::fs::remove_file(&partial).map_err(unwritten)?;
     }
+    Ok(())
 }
 
 /// Whether there is a device or a pipe at `path`, which a file cannot replace.
@@ -79,24 +86,33 @@ pub fn place(path: &Path) -> PathBuf {
     folder.join(path.file_name().unwrap_or_default())
 }
 
-fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>) -> anyhow::Result<()> {
-    let finish = |file: File| -> anyhow::Result<()> {
+/// Where a file is written until it is whole: each time another place, so that no two threads or programs share one.
+fn partial(path: &Path) -> PathBuf {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let mut name = std::ffi::OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}-{count}.partial", std::process::id()));
+    path.with_file_name(name)
+}
+
+fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>) -> anyhow::Result<()> {
+    let finish = |file: File| {
         let mut file = BufWriter::new(file);
         write(&mut file)?;
-        file.flush()?;
-        Ok(())
+        file.flush()
     };
-    if is_special(path) {
-        return File::create(path).map_err(Into::into).and_then(finish).with_context(|| path.display().to_string());
-    }
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
-    let written = File::create(&partial).map_err(Into::into).and_then(finish);
-    let moved = written.and_then(|()| Ok(std::fs::rename(&partial, path)?));
-    if moved.is_err() {
-        let _ = std::fs::remove_file(&partial);
-    }
-    moved.with_context(|| path.display().to_string())
+    let written = if is_special(path) {
+        File::create(path).and_then(finish)
+    } else {
+        let partial = partial(path);
+        let moved = File::create(&partial).and_then(finish).and_then(|()| std::fs::rename(&partial, path));
+        if moved.is_err() {
+            let _ = std::fs::remove_file(&partial);
+        }
+        moved
+    };
+    Ok(written.map_err(|reason| Error::not_written(path, reason))?)
 }
 
 #[cfg(test)]
@@ -139,10 +155,11 @@ mod tests {
         std::fs::write(&path, "old").unwrap();
         let result = write_whole(&path, |file| {
             file.write_all(b"half of it")?;
-            bail!("the disk is full")
+            Err(ErrorKind::StorageFull.into())
         });
         let error = format!("{:#}", result.unwrap_err());
-        assert!(error.contains("picture.png") && error.contains("the disk is full"), "{error}");
+        let told = "picture.png: cannot be written: the disk is full; make room there, or name another place";
+        assert!(error.ends_with(told), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
@@ -154,5 +171,6 @@ mod tests {
         assert!(check_place(Path::new("a.png")).is_ok());
         assert!(check_place(&folder.path().join("missing/a.png")).is_err());
         assert!(check_place(folder.path()).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left");
     }
 }

@@ -1,4 +1,4 @@
-//! How far a long task is, on standard error, where that is a terminal; silent otherwise.
+//! How far a long task is, on standard error, where that is a terminal; silent otherwise. Ctrl-C reaches the task from here.
 
 use std::fmt::Write;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -8,61 +8,99 @@ use cloud::Progress;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use world::{Making, Stage, Standing};
 
-/// Often enough to look alive, seldom enough to cost nothing.
+use crate::interrupt;
+use crate::terminal::escaped;
+
+/// Often enough to look alive and to stop at once, seldom enough to cost nothing.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// A bar that counts points, hidden where standard error is no terminal.
-pub fn points(task: &'static str) -> ProgressBar {
-    let template = "{msg:>10} {bar:40} {human_pos} of {human_len} points, {rate}, {eta} left";
-    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    let rate = |state: &ProgressState, text: &mut dyn Write| {
-        let _ = write!(text, "{:.2} M/s", state.per_sec() / 1e6);
-    };
-    ProgressBar::new(0).with_style(style.with_key("rate", rate)).with_message(task)
-}
+/// A bar on the terminal, if there is one.
+pub struct Bar(ProgressBar);
 
-/// Shows how far `progress` is.
-pub fn update(bar: &ProgressBar, progress: &Progress) {
-    let total = progress.total();
-    if total > 0 {
-        bar.set_length(total);
-        bar.set_position(progress.done().min(total));
+impl Bar {
+    /// That counts points.
+    pub fn points(task: &str) -> Self {
+        let template = "{msg:>10} {bar:40} {human_pos} of {human_len} points, {rate}, {eta} left";
+        let rate = |state: &ProgressState, text: &mut dyn Write| {
+            let _ = write!(text, "{:.2} M/s", state.per_sec() / 1e6);
+        };
+        let bar = Self(ProgressBar::new(0).with_style(style(template).with_key("rate", rate)));
+        bar.set_task(task);
+        bar
+    }
+
+    /// That counts settings of a study.
+    pub fn settings() -> Self {
+        Self(ProgressBar::new(0).with_style(style("{bar:40} {pos} of {len}, {eta} left  {msg}")))
+    }
+
+    pub fn set_task(&self, task: &str) {
+        self.0.set_message(escaped(task).into_owned());
+    }
+
+    pub fn set(&self, done: u64, total: u64) {
+        self.0.set_length(total);
+        self.0.set_position(done);
+    }
+
+    /// Shows how far `progress` is.
+    pub fn update(&self, progress: &Progress) {
+        let total = progress.total();
+        if total > 0 {
+            self.set(progress.done().min(total), total);
+        }
+    }
+
+    /// Shows how far a stage is; `place` says which of several it is.
+    pub fn show(&self, stage: &Stage, place: &str) {
+        let task = match (stage.standing(), stage.making) {
+            (Standing::Elsewhere, Making::Index) => "another program makes the index",
+            (Standing::Elsewhere, Making::Surfels) => "another program makes the normals",
+            (_, Making::Index) => "indexing",
+            (_, Making::Surfels) => "normals",
+        };
+        self.set(stage.done(), stage.points());
+        self.set_task(&format!("{task}{place}"));
+    }
+
+    /// Says something else meanwhile.
+    pub fn suspend(&self, say: impl FnOnce()) {
+        self.0.suspend(say);
+    }
+
+    pub fn end(&self) {
+        self.0.finish_and_clear();
     }
 }
 
-/// Shows how far a stage is; `place` says which of several it is.
-pub fn show(bar: &ProgressBar, stage: &Stage, place: &str) {
-    let task = match (stage.standing(), stage.making) {
-        (Standing::Elsewhere, Making::Index) => "another program makes the index",
-        (Standing::Elsewhere, Making::Surfels) => "another program makes the normals",
-        (_, Making::Index) => "indexing",
-        (_, Making::Surfels) => "normals",
-    };
-    bar.set_length(stage.points());
-    bar.set_position(stage.done());
-    bar.set_message(format!("{task}{place}"));
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// Runs `work` on this thread, and shows `progress` meanwhile.
-pub fn watch<Result>(task: &'static str, progress: &Progress, work: impl FnOnce() -> Result) -> Result {
-    watch_by(task, |bar| update(bar, progress), work)
+/// Runs `work` on this thread, and shows `progress` meanwhile; Ctrl-C cancels it.
+pub fn watch<Result>(task: &str, progress: &Progress, work: impl FnOnce() -> Result) -> Result {
+    watch_by(task, progress, |bar| bar.update(progress), work)
 }
 
-/// Runs the work of a stage on this thread, and shows how far it is meanwhile.
+/// Runs the work of a stage on this thread, and shows how far it is meanwhile; Ctrl-C cancels it.
 pub fn watch_stage<Result>(stage: &Stage, place: &str, work: impl FnOnce(&Progress) -> Result) -> Result {
-    watch_by("", |bar| show(bar, stage, place), || stage.run(work))
+    watch_by("", &stage.progress, |bar| bar.show(stage, place), || stage.run(work))
 }
 
-fn watch_by<Result>(task: &'static str, show: impl Fn(&ProgressBar) + Sync, work: impl FnOnce() -> Result) -> Result {
-    let bar = points(task);
-    if bar.is_hidden() {
-        return work();
-    }
+fn watch_by<Result>(
+    task: &str,
+    progress: &Progress,
+    show: impl Fn(&Bar) + Sync,
+    work: impl FnOnce() -> Result,
+) -> Result {
+    let bar = Bar::points(task);
     let (done, is_done) = channel::<()>();
     let result = std::thread::scope(|scope| {
         let (bar, show) = (&bar, &show);
+        interrupt::pass_on(progress);
         scope.spawn(move || {
             while is_done.recv_timeout(INTERVAL) == Err(RecvTimeoutError::Timeout) {
+                interrupt::pass_on(progress);
                 show(bar);
             }
         });
@@ -70,6 +108,6 @@ fn watch_by<Result>(task: &'static str, show: impl Fn(&ProgressBar) + Sync, work
         drop(done);
         result
     });
-    bar.finish_and_clear();
+    bar.end();
     result
 }

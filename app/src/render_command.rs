@@ -3,13 +3,14 @@
 //! All that a person can have mistyped is checked before the first point is read.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use glam::DVec3;
 use param::Choice as _;
 use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
-use scene::{Camera, Method, SceneFile, Settings, StandardView};
+use scene::{Camera, Method, SceneFile, Settings, StandardView, whole_file};
 use serde::Serialize;
 use world::Request;
 
@@ -17,7 +18,7 @@ use crate::command_line::RenderArguments;
 use crate::failure::usage;
 use crate::subject::{self, Opened};
 use crate::truth::{self, Asked, Reference};
-use crate::{listing, picture_file};
+use crate::{interrupt, listing, picture_file, terminal};
 
 /// Renders; the exit status is 2 if one of several inputs could not be read and the picture shows the others.
 ///
@@ -53,32 +54,35 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         let [width, height] = arguments.size;
         return Err(usage(format!("--size {width}x{height}: {} draws at most {largest} pixels a side", gpu.info.name)));
     }
-    request.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {warning}")));
+    terminal::warn(&request.warnings);
 
     let camera = |outline: &[DVec3], up| viewpoint.camera(outline, up, &settings, arguments.size);
-    let Opened { mut subject, failures, stream, sources } =
+    let Opened { mut subject, status, stream, sources } =
         match subject::open(&gpu, request, &settings, arguments.size, camera)? {
-            Some(opened) => opened,
+            Ok(opened) => opened,
             // All that is to be said has been said.
-            None => return Ok(2),
+            Err(status) => return Ok(status),
         };
 
     asked.find_surfaces(&mut subject, &sources)?;
 
     let mut renderer = Renderer::new(gpu.clone())?;
-    let mut draw = || {
+    let mut draw = || -> anyhow::Result<FrameStats> {
+        interrupt::check()?;
         // Each from scratch: what a frame keeps of the one before would be missing from its time.
-        subject.render(&mut renderer, &settings, arguments.size)
+        Ok(subject.render(&mut renderer, &settings, arguments.size)?)
     };
     let mut frames = vec![draw()?];
     if arguments.stats.is_some() || arguments.frames.is_some() {
         // The frame before was the one to warm up.
-        frames = (0..arguments.frames.unwrap_or(1)).map(|_| draw()).collect::<render::Result<_>>()?;
+        frames = (0..arguments.frames.unwrap_or(1)).map(|_| draw()).collect::<anyhow::Result<_>>()?;
     }
     if renderer.read_aov(Aov::Depth)?.data.iter().all(|depth| depth.is_nan()) {
-        crate::complain("warning: the picture is empty, the camera looks past all points");
+        terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
     let traced = truth::trace(&asked, &subject, &settings, arguments.size, &mut renderer)?;
+    // From here on all files are written.
+    interrupt::check()?;
     picture_file::write_png(&arguments.output, arguments.size, &renderer.read_picture()?)?;
     for (aov, path) in &images {
         match traced.image(*aov) {
@@ -94,7 +98,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         let stats = Stats { stream, ..stats.with(traced) };
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
-    Ok(if failures > 0 { 2 } else { 0 })
+    Ok(status)
 }
 
 fn method(name: &str) -> anyhow::Result<Method> {
@@ -141,11 +145,10 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
             let available = names.collect::<Vec<_>>().join(", ");
             return Err(usage(format!("--aov: `{name}` is unknown; available: {available}")));
         }
-        let path = PathBuf::from(path);
-        needs_extension(&path, "exr")?;
+        needs_extension(path, "exr")?;
         files.push(path.clone());
         images.extend(aov.map(|aov| (aov, path.clone())));
-        references.extend(reference.map(|reference| (reference, path)));
+        references.extend(reference.map(|reference| (reference, path.clone())));
     }
     if let Some(path) = &arguments.stats {
         if !picture_file::is_special(path) {
@@ -176,7 +179,7 @@ fn spare_inputs(arguments: &RenderArguments, request: &Request) -> anyhow::Resul
         .flat_map(|path| [Some(picture_file::place(&path)), path.canonicalize().ok()])
         .flatten()
         .collect();
-    let images = arguments.aov.iter().map(|(_, path)| Path::new(path));
+    let images = arguments.aov.iter().map(|(_, path)| path.as_path());
     for output in images.chain([arguments.output.as_path()]).chain(arguments.stats.as_deref()) {
         if read.contains(&picture_file::place(output)) {
             return Err(usage(format!("{}: named for an input and an output", output.display())));
@@ -202,7 +205,7 @@ enum Viewpoint {
 impl Viewpoint {
     /// `word` is the value of `--camera`; parameters that come with a camera file are applied to `settings`, its mirrors and
     /// lights are put into `request`.
-    fn new(word: Option<&str>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
+    fn new(word: Option<&OsStr>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
         let own = request.view.as_ref().and_then(|view| view.camera);
         let Some(word) = word else {
             return Ok(own.map_or(Self::Framing(StandardView::Isometric), Self::Camera));
@@ -212,19 +215,24 @@ impl Viewpoint {
                 || usage("--camera scene: the inputs bring no camera; only scene files and built-in scenes have one");
             return own.map(Self::Camera).ok_or_else(none);
         }
-        if let Some(index) = StandardView::NAMES.iter().position(|name| *name == word) {
+        if let Some(index) = StandardView::NAMES.iter().position(|name| word == *name) {
             let view = StandardView::from_index(index as u32).unwrap_or(StandardView::Isometric);
             return Ok(Self::Framing(view));
         }
         let path = Path::new(word);
-        if !path.exists() {
-            let names = StandardView::NAMES.join(", ");
-            return Err(usage(format!("--camera {word}: no such file, and none of {names}, scene")));
-        }
-        let file = SceneFile::read(path)?;
+        let (file, word) = if word == "-" {
+            let name = "standard input";
+            let file = SceneFile::parse(&whole_file::read_from(std::io::stdin(), name)?);
+            (file.with_context(|| format!("--camera -: {name}"))?, "-".to_owned())
+        } else if path.exists() {
+            (SceneFile::read(path)?.0, path.display().to_string())
+        } else {
+            let (word, names) = (path.display(), StandardView::NAMES.join(", "));
+            return Err(usage(format!("--camera {word}: no such file, and none of {names}, scene, -")));
+        };
         let view = file.view();
         request.refurnish(&file);
-        view.warnings.iter().for_each(|warning| crate::complain(&format!("warning: {word}: {warning}")));
+        terminal::warn(view.warnings.iter().map(|warning| format!("{word}: {warning}")));
         for (key, value) in view.settings.differing() {
             settings.set_text(&key, &value)?;
         }
@@ -476,7 +484,7 @@ mod tests {
         let camera = Camera::looking(DVec3::ONE, DVec3::X, 5.0, DVec3::Z);
         std::fs::write(&path, SceneFile::new(Vec::new(), camera, &settings).to_text()).unwrap();
         let mut settings = Settings::default();
-        let viewpoint = Viewpoint::new(path.to_str(), &mut Request::default(), &mut settings).unwrap();
+        let viewpoint = Viewpoint::new(Some(path.as_os_str()), &mut Request::default(), &mut settings).unwrap();
         settings.set_text("splat.size", "4").unwrap();
         assert_eq!((settings.splat.size, settings.edl.strength), (4.0, 2.0));
         let seen = viewpoint.camera(&[], DVec3::Z, &settings, [8, 8]);

@@ -1,20 +1,23 @@
 //! `glint study`: a plan's settings measured one against the other. Plans, runs and charts are `study`'s; here are the words of the
 //! command line, the scenes and the progress.
 
+use std::ffi::OsStr;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::anyhow;
-use indicatif::{ProgressBar, ProgressStyle};
 use render::Gpu;
 use scene::{Camera, Settings, StandardView};
 use study::runner::{self, State};
-use study::{Folder, FolderError, Plan, Scenes, Shard, Subject, stability};
+use study::{Folder, Plan, Scenes, Shard, Subject, stability};
 
 use crate::command_line::{MergeArguments, StudyArguments, StudyCommand};
 use crate::failure::usage;
+use crate::progress_bar::Bar;
 use crate::subject::{self, Opened};
-use crate::truth;
+use crate::terminal::{complain, print, warn};
+use crate::{interrupt, truth};
 
 /// Runs what is asked for; the exit status is 1 if settings failed, which the table tells.
 ///
@@ -28,35 +31,33 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
         return list();
     }
     let (Some(name), Some(output)) = (&arguments.plan, &arguments.output) else {
-        return Err(usage("study: a plan and -o DIR are missing\n`glint study --list` tells the built-in plans"));
+        return Err(usage("study: a plan and -o DIR are missing; `glint study --list` tells the built-in plans"));
     };
     let plan = changed(plan(name)?, arguments)?;
-    runner::check_scenes(&plan, &Inputs).map_err(|error| usage(error.to_string()))?;
+    runner::check_scenes(&plan, &Inputs)?;
     let about = format!("To measure this again: {}", command(name, arguments));
-    let mut folder = Folder::open(output, plan, &about).map_err(refused)?;
+    let mut folder = Folder::open(output, plan, &about)?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
-    let bar = bar();
+    let bar = Bar::settings();
     let mut show = |state: State<'_>| {
-        bar.set_length(state.total as u64);
-        bar.set_position(state.done as u64);
+        bar.set(state.done as u64, state.total as u64);
         let next = state.next.map(|case| {
             let values: Vec<String> = case.swept.iter().map(|(key, value)| format!("{key} {value}")).collect();
             format!("{} {} {}", case.scene, case.method, values.join(", "))
         });
-        bar.set_message(next.unwrap_or_default());
+        bar.set_task(&next.unwrap_or_default());
+        if interrupt::is_wanted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let shard = arguments.shard.unwrap_or(Shard::WHOLE);
     let outcome = runner::run(&mut folder, shard, &gpu, &Inputs, &version(), &mut show)?;
-    bar.finish_and_clear();
+    bar.end();
+    interrupt::check()?;
     if outcome.redone > 0 {
-        crate::complain(&format!(
-            "warning: {} settings were begun by another version or clock, and were measured anew",
-            outcome.redone
-        ));
+        warn([format!("{} settings were begun by another version or clock, and were measured anew", outcome.redone)]);
     }
     let page = output.join("index.html");
     let made = if outcome.runs == 0 { ", nothing was left to do" } else { "" };
-    crate::print(&format!("{} settings in {}{made}\n", outcome.settings, page.display()))?;
+    print([format!("{} settings in {}{made}", outcome.settings, page.display())])?;
     Ok(status(&folder, outcome.failed))
 }
 
@@ -64,10 +65,8 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
 fn status(folder: &Folder, failed: usize) -> u8 {
     if failed > 0 {
         let table = folder.path.join("results.csv");
-        crate::complain(&format!(
-            "settings that failed: {failed}\n{} tells why; run it again to try them again",
-            table.display()
-        ));
+        let table = table.display();
+        complain(&format!("settings that failed: {failed}; {table} tells why; run it again to try them again"));
     }
     u8::from(failed > 0)
 }
@@ -75,51 +74,52 @@ fn status(folder: &Folder, failed: usize) -> u8 {
 fn merge(arguments: &MergeArguments) -> anyhow::Result<u8> {
     let count = arguments.folders.len();
     let about = format!("Joined from {count} folder{}", if count == 1 { "" } else { "s" });
-    let joined = Folder::merge(&arguments.folders, &arguments.output, &about).map_err(refused)?;
+    let joined = Folder::merge(&arguments.folders, &arguments.output, &about)?;
     runner::copy_pictures(&arguments.folders, &joined)?;
     runner::write(&joined)?;
     let rows = study::results::rows(&joined.plan, &joined.cases, &joined.runs);
     let complete = rows.iter().filter(|row| row.repeats == joined.plan.repeats as usize || row.error.is_some()).count();
     let missing = joined.cases.len() - complete;
     if missing > 0 {
-        crate::complain(&format!("warning: {missing} of {} settings are missing or not finished", joined.cases.len()));
+        warn([format!("{missing} of {} settings are missing or not finished", joined.cases.len())]);
     }
-    crate::print(&format!("{} settings in {}\n", rows.len(), arguments.output.join("index.html").display()))?;
+    print([format!("{} settings in {}", rows.len(), arguments.output.join("index.html").display())])?;
     Ok(status(&joined, rows.iter().filter(|row| row.error.is_some()).count()))
 }
 
 fn list() -> anyhow::Result<u8> {
-    let mut text = String::new();
+    let mut lines = Vec::new();
     for name in study::plan_names() {
         if let Some(plan) = study::built_in_plan(name) {
             let plan = plan?;
-            text += &format!("{name:<16}{}, {} settings\n", plan.title, plan.cases().len());
+            lines.push(format!("{name:<16}{}, {} settings", plan.title, plan.cases().len()));
         }
     }
-    crate::print(&text)?;
+    print(lines)?;
     Ok(0)
 }
 
 /// A built-in plan, or that of a file.
-fn plan(name: &str) -> anyhow::Result<Plan> {
-    if let Some(plan) = study::built_in_plan(name) {
+fn plan(name: &OsStr) -> anyhow::Result<Plan> {
+    if let Some(plan) = name.to_str().and_then(study::built_in_plan) {
         return Ok(plan?);
     }
     let path = Path::new(name);
     if path.exists() || path.extension().is_some() {
-        return Plan::read(path).map_err(|error| usage(error.to_string()));
+        return Ok(Plan::read(path)?);
     }
     let names: Vec<&str> = study::plan_names().collect();
-    let near = param::nearest(name, names.iter().copied());
+    let name = path.display().to_string();
+    let near = param::nearest(&name, names.iter().copied());
     let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-    Err(usage(format!("{name}: no such file or built-in plan{hint}\nbuilt-in plans: {}", names.join(", "))))
+    Err(usage(format!("{name}: no such file or built-in plan{hint}; built-in plans: {}", names.join(", "))))
 }
 
 /// The plan with what the command line says in place of its own words.
 fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
     let kept = |groups: &[&str], what: &str| {
         if !groups.is_empty() {
-            crate::complain(&format!("warning: {what}: swept by the plan's group {}, and stays so", groups.join(", ")));
+            warn([format!("{what}: swept by the plan's group {}, and stays so", groups.join(", "))]);
         }
     };
     if let Some(size) = arguments.size {
@@ -138,8 +138,8 @@ fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
 }
 
 /// What was typed, for a folder of any name.
-fn command(name: &str, arguments: &StudyArguments) -> String {
-    let mut words = vec!["glint study".to_owned(), quoted(name), "-o DIR".to_owned()];
+fn command(name: &OsStr, arguments: &StudyArguments) -> String {
+    let mut words = vec!["glint study".to_owned(), quoted(&name.display().to_string()), "-o DIR".to_owned()];
     words.extend(arguments.size.map(|[width, height]| format!("--size {width}x{height}")));
     words.extend(arguments.repeats.map(|repeats| format!("--repeats {repeats}")));
     words.extend(arguments.set.iter().map(|(key, value)| format!("--set {}", quoted(&format!("{key}={value}")))));
@@ -157,25 +157,11 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }
 
-/// What a person can mend by other words, and what is the disk's fault.
-fn refused(error: FolderError) -> anyhow::Error {
-    match error {
-        FolderError::Io { .. } => error.into(),
-        _ => usage(error.to_string()),
-    }
-}
-
 fn version() -> String {
     match option_env!("GLINT_COMMIT") {
         Some(commit) => format!("{} ({commit})", env!("CARGO_PKG_VERSION")),
         None => env!("CARGO_PKG_VERSION").to_owned(),
     }
-}
-
-/// Hidden where standard error is no terminal.
-fn bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{bar:40} {pos} of {len}, {eta} left  {msg}");
-    ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 /// The scenes that `glint render` knows, and those that provoke failures.
@@ -210,9 +196,9 @@ impl Scenes for Inputs {
         let camera = |outline: &[glam::DVec3], up| own.unwrap_or_else(|| framing(outline, up));
         let opened = subject::open(gpu, request, settings, STREAMED_FOR, camera)?;
         match opened {
-            Some(Opened { mut subject, failures: 0, sources, .. }) => {
+            Ok(Opened { mut subject, status: 0, sources, .. }) => {
                 if let Err(error) = truth::find_surfaces(&mut subject, &sources) {
-                    crate::complain(&format!("warning: {scene}: no exact truth: {error:#}"));
+                    warn([format!("{scene}: no exact truth: {error:#}")]);
                 }
                 Ok(subject)
             }
@@ -242,7 +228,7 @@ mod tests {
         let error = run(&arguments(words)).unwrap_err();
         assert_eq!(exit_status(&error), 2, "{error:#}");
         let text = format!("{error:#}");
-        assert!(text.lines().count() <= 2, "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
         text
     }
 
@@ -272,12 +258,12 @@ mod tests {
     fn words_of_the_command_line_take_the_place_of_the_plans() {
         let words = ["viewport", "-o", "x", "--size", "64x48", "--repeats", "2", "--set", "scene.points=5000"];
         let arguments = arguments(&words);
-        let plan = changed(plan("viewport").unwrap(), &arguments).unwrap();
+        let plan = changed(plan("viewport".as_ref()).unwrap(), &arguments).unwrap();
         let cases = plan.cases();
         assert_eq!((plan.repeats, cases[0].size), (2, [640, 480]), "a swept size stays");
         assert!(cases.iter().all(|case| case.set.contains(&("scene.points".into(), "5000".into()))));
         let typed = "glint study viewport -o DIR --size 64x48 --repeats 2 --set scene.points=5000";
-        assert_eq!(command("viewport", &arguments), typed);
+        assert_eq!(command("viewport".as_ref(), &arguments), typed);
     }
 
     #[test]
@@ -286,13 +272,13 @@ mod tests {
             ["a plan.toml", "-o", "x", "--set", "color.attribute=the dog's", "--shard", "2/8", "--gpu", "RTX 4090"];
         let typed =
             "glint study 'a plan.toml' -o DIR --set 'color.attribute=the dog'\\''s' --shard 2/8 --gpu 'RTX 4090'";
-        assert_eq!(command("a plan.toml", &arguments(&words)), typed);
+        assert_eq!(command("a plan.toml".as_ref(), &arguments(&words)), typed);
     }
 
     #[test]
     fn every_built_in_plan_names_scenes_that_there_are() {
         for name in study::plan_names() {
-            runner::check_scenes(&plan(name).unwrap(), &Inputs).unwrap();
+            runner::check_scenes(&plan(name.as_ref()).unwrap(), &Inputs).unwrap();
         }
         assert!(Inputs.settings("stability/nonsense:1").is_err());
     }

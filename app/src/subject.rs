@@ -19,14 +19,16 @@ use world::{
     Assembly, AutoLight, Change, CloudKey, Event, Input, Job, Request, Resident, Stage, StreamStats, Viewpoint, mirrors,
 };
 
-use crate::failure::usage;
-use crate::progress_bar;
+use crate::failure::{FAILED, UNUSABLE, usage};
+use crate::interrupt;
+use crate::progress_bar::{self, Bar};
+use crate::terminal::{self, Few};
 
 /// A scene that was opened.
 pub struct Opened {
     pub subject: Subject,
-    /// Inputs that could not be read; they have been reported.
-    pub failures: usize,
+    /// What the inputs leave of the exit status: those that failed have been reported.
+    pub status: u8,
     /// Where clouds are streamed.
     pub stream: Option<StreamReport>,
     /// Of each cloud the file whose points are all in memory, if that is so.
@@ -48,29 +50,29 @@ pub struct StreamReport {
 }
 
 /// Reads what is asked for and puts it on the GPU; `camera` is told the outline of it all and which way is up. Of clouds that are
-/// streamed it is what a picture of `size` pixels from there needs. `None` if none of the inputs can be read, which has been
-/// reported then.
+/// streamed it is what a picture of `size` pixels from there needs. The exit status if none of the inputs can be shown, which has
+/// been reported then.
 ///
 /// # Errors
-/// Inputs without points, no memory on the GPU.
+/// Inputs without points, no memory on the GPU, Ctrl-C.
 pub fn open(
     gpu: &Arc<Gpu>,
     mut request: Request,
     settings: &Settings,
     size: [u32; 2],
     camera: impl FnOnce(&[DVec3], DVec3) -> Camera,
-) -> anyhow::Result<Option<Opened>> {
+) -> anyhow::Result<Result<Opened, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
     let exact = request.built_in().map(Exact::five_mirrors);
     request.lights.extend(request.built_in_light());
     if request.lights.len() > MOST_LIGHTS {
-        crate::complain(&format!("warning: only the first {MOST_LIGHTS} lights shine"));
+        terminal::warn([format!("only the first {MOST_LIGHTS} lights shine")]);
     }
     let job = world::start_unseen(std::mem::take(&mut request.inputs), settings);
     let mut loads = Loads::default();
     let is_over = loads.receive(&job, 0)?;
-    if loads.is_empty() && loads.failures > 0 {
-        return Ok(None);
+    if loads.is_empty() && loads.status != 0 {
+        return Ok(Err(loads.status));
     }
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
     let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks));
@@ -85,7 +87,7 @@ pub fn open(
         loads.receive(&job, look)?;
     }
     drop(job);
-    let Loads { mut clouds, mirrors: mut placed, failures, stream, .. } = loads;
+    let Loads { mut clouds, mirrors: mut placed, status, stream, .. } = loads;
     let area = mirrors::area_per_point(clouds.iter().flat_map(|loaded| &loaded.cloud.chunks));
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
     let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
@@ -103,7 +105,7 @@ pub fn open(
     }
     for points in &request.mirror_points {
         if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
-            crate::complain(&format!("warning: mirror points: no cloud is called `{}`", points.cloud));
+            terminal::warn([format!("mirror points: no cloud is called `{}`", points.cloud)]);
         }
     }
     let mut mirrors = Vec::new();
@@ -117,7 +119,7 @@ pub fn open(
     let (store, lights, sky_is_open) = (resident.store, request.lights, light.sky_is_open());
     let subject = Subject { parts, store, mirrors, lights, sky_is_open, camera, exact };
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| loaded.pages.is_none());
-    Ok(Some(Opened { subject, failures, stream, sources: clouds.iter().map(whole).collect() }))
+    Ok(Ok(Opened { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
 }
 
 /// How long the receiver waits before it looks at the progress again.
@@ -130,8 +132,8 @@ struct Loads {
     clouds: Vec<Assembly>,
     /// Of built-in scenes, and the points that stand for them.
     mirrors: Vec<(Mirror, Vec<Chunk>)>,
-    /// Inputs that failed; they are reported as they fail.
-    failures: usize,
+    /// Of inputs that failed; they are reported as they fail.
+    status: u8,
     stream: Option<StreamReport>,
     /// What was planned and may not be over yet, the next first.
     stages: VecDeque<Arc<Stage>>,
@@ -145,7 +147,8 @@ impl Loads {
     /// Takes in what comes until all is there: all of what is held in memory, and what that look needs of what is streamed.
     fn receive(&mut self, job: &Job, look: u64) -> anyhow::Result<bool> {
         let mut is_over = false;
-        let bar = progress_bar::points("reading");
+        let bar = Bar::points("reading");
+        let mut failed = Few::of("that cannot be read");
         let mut waiting = StreamStats::default();
         loop {
             while self.stages.front().is_some_and(|stage| !stage.is_pending()) {
@@ -153,11 +156,14 @@ impl Loads {
             }
             match self.stages.front() {
                 _ if look > 0 => {
-                    bar.set_message("pages");
-                    bar.set_position(waiting.points_resident);
+                    bar.set_task("pages");
+                    bar.set(waiting.points_resident, waiting.points_total);
                 }
-                Some(stage) => progress_bar::show(&bar, stage, ""),
-                None => progress_bar::update(&bar, &job.progress),
+                Some(stage) => bar.show(stage, ""),
+                None => bar.update(&job.progress),
+            }
+            if interrupt::is_wanted() {
+                job.stop();
             }
             match job.events.recv_timeout(INTERVAL) {
                 Err(RecvTimeoutError::Timeout) => {}
@@ -168,14 +174,16 @@ impl Loads {
                 }
                 Ok(Event::Stream(stats)) => {
                     waiting = stats;
-                    if self.note(stats) && stats.look == look {
+                    if self.note(stats) && stats.look == look && !interrupt::is_wanted() {
                         break;
                     }
                 }
-                Ok(event) => self.take(event, &bar),
+                Ok(event) => self.take(event, &bar, &mut failed),
             }
         }
-        bar.finish_and_clear();
+        bar.end();
+        failed.end();
+        interrupt::check()?;
         Ok(is_over)
     }
 
@@ -193,15 +201,14 @@ impl Loads {
         stats.is_settled
     }
 
-    fn take(&mut self, event: Event, bar: &indicatif::ProgressBar) {
-        let warn = |name: &str, warnings: &[String]| {
-            for warning in warnings {
-                bar.suspend(|| crate::complain(&format!("warning: {name}: {warning}")));
-            }
+    fn take(&mut self, event: Event, bar: &Bar, failed: &mut Few) {
+        let warn = |name: &str, warnings: Vec<String>| {
+            let warnings = param::few(warnings, "warnings");
+            bar.suspend(|| terminal::warn(warnings.iter().map(|warning| format!("{name}: {warning}"))));
         };
         match event {
             Event::Opened { opened, .. } => {
-                warn(&opened.name, &opened.warnings);
+                warn(&opened.name, opened.warnings.clone());
                 let key = CloudKey(self.clouds.len() as u32);
                 self.clouds.push(Assembly::open(key, opened).0);
             }
@@ -216,12 +223,13 @@ impl Loads {
             }
             Event::Read { cloud, summary } => {
                 let new = self.clouds[cloud].end(&summary);
-                warn(&self.clouds[cloud].cloud.name, &new);
+                warn(&self.clouds[cloud].cloud.name, new);
             }
             Event::Surfels { cloud, surfels } => drop(self.clouds[cloud].put_surfels(surfels)),
-            Event::Failed { error, .. } => {
-                self.failures += 1;
-                bar.suspend(|| crate::complain(&error));
+            Event::Failed { error, is_usage, .. } => {
+                // What can be mended by other inputs comes second to what cannot.
+                self.status = if is_usage && self.status != FAILED { UNUSABLE } else { FAILED };
+                bar.suspend(|| failed.complain(&error));
             }
             Event::Stream(_) | Event::Finished => {}
         }
@@ -238,7 +246,7 @@ fn upload(
 ) -> anyhow::Result<Vec<Part>> {
     let (plan, warning) = ColorPlan::new(&loaded.cloud, &settings.color, loaded.up);
     if let Some(warning) = warning {
-        crate::complain(&format!("warning: {warning}"));
+        terminal::warn([warning]);
     }
     if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), loaded.source.clone()) {
         let progress = Progress::default();
@@ -288,22 +296,22 @@ mod tests {
         // Without normals and radii, which do not matter here.
         let job = world::start(vec![input], &Settings::default());
         job.lookout.stop_all();
-        let (mut loads, bar) = (Loads::default(), indicatif::ProgressBar::hidden());
-        job.events.iter().for_each(|event| loads.take(event, &bar));
-        assert_eq!(loads.failures, 0, "{name}");
+        let (mut loads, bar, mut failed) = (Loads::default(), Bar::points("reading"), Few::of("that fail"));
+        job.events.iter().for_each(|event| loads.take(event, &bar, &mut failed));
+        assert_eq!(loads.status, 0, "{name}");
         loads.clouds.pop()
     }
 
     #[test]
     fn the_grid_of_an_index_that_was_just_made_is_that_of_its_cloud() {
         let mut loads = Loads::default();
-        let bar = indicatif::ProgressBar::hidden();
+        let (bar, mut failed) = (Bar::points("reading"), Few::of("that fail"));
         let grid = Some(cloud::Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
         let opened = Opened { name: "tiles".into(), expected_points: 1, up: DVec3::Z, ..Opened::default() };
-        loads.take(Event::Opened { cloud: 0, opened }, &bar);
+        loads.take(Event::Opened { cloud: 0, opened }, &bar, &mut failed);
         let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
         let pages = Paged::Indexed { octree, grid, was_built: true, has_surfels: false, kept: None };
-        loads.take(Event::Pages { cloud: 0, pages }, &bar);
+        loads.take(Event::Pages { cloud: 0, pages }, &bar, &mut failed);
         // Without one the cloud is no survey, and is coloured otherwise than when its index is found.
         assert_eq!(loads.clouds[0].cloud.grid, grid);
     }

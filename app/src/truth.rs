@@ -119,7 +119,7 @@ impl Asked {
 fn no_surfaces(what: &str) -> anyhow::Error {
     usage(format!(
         "--truth exact: only a built-in scene alone, with its own mirrors, and meshes (PLY files with faces) have surfaces to trace; \
-         {what}\n\
+         {what}; \
          --truth same_input judges any scene by the points that it is drawn from"
     ))
 }

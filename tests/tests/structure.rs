@@ -40,15 +40,6 @@ const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 5] = [
     (
         "glint",
         &[
-            // The commands write by `print` and `complain` of main.rs, which starts them.
-            ("index_command.rs", "main.rs"),
-            ("info.rs", "main.rs"),
-            ("listing.rs", "main.rs"),
-            ("render_command.rs", "main.rs"),
-            ("study_command.rs", "main.rs"),
-            ("subject.rs", "main.rs"),
-            // The folder of settings.
-            ("viewer/preferences.rs", "main.rs"),
             // `State` holds what these files define, and they change all of `State`.
             ("viewer/state.rs", "viewer/gizmo.rs"),
             ("viewer/state.rs", "viewer/marking.rs"),
@@ -153,6 +144,30 @@ fn crates_depend_only_along_the_arrows() {
         }
     }
     assert!(wrong.is_empty(), "edges that docs/architecture.md does not draw: {wrong:#?}");
+}
+
+#[test]
+fn one_file_of_the_program_writes_to_the_terminal() {
+    let is_program = |name: &str| name.starts_with("app/src/") && name.ends_with(".rs");
+    // Tests say what they skip. Modules of tests stand at the end of a file.
+    let is_test = |name: &str| name.ends_with("tests.rs") || name.ends_with("/bench.rs");
+    let program = |name: &str| is_program(name) && !is_test(name);
+    let texts = tracked_texts().into_iter().filter(|(name, _)| program(name)).map(|(name, text)| {
+        let end = text.find("#[cfg(test)]\nmod tests").unwrap_or(text.len());
+        (name, text[..end].to_owned())
+    });
+    let texts: Vec<(String, String)> = texts.collect();
+    let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+    let writers =
+        ["print!", "println!", "eprint!", "eprintln!", "dbg!", "stdout()", "stderr()", "io::stdout", "io::stderr"];
+    let wrong = |allowed: &str, found: &[&str]| -> Vec<String> {
+        lines_with(&texts, &words(found)).into_iter().filter(|line| !line.starts_with(allowed)).collect()
+    };
+    assert_eq!(wrong("app/src/terminal.rs:", &writers), [""; 0]);
+    // Bars write for themselves, so what they show is escaped there.
+    assert_eq!(wrong("app/src/progress_bar.rs:", &["indicatif"]), [""; 0]);
+    let is_found = |name: &str| texts.iter().any(|(found, _)| found == name);
+    assert!(texts.is_empty() || is_found("app/src/terminal.rs") && is_found("app/src/progress_bar.rs"));
 }
 
 #[test]

@@ -7,7 +7,9 @@ use cloud::{Bounds, Chunk};
 use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
-use scene::{Camera, ColorBy, Lighting, Mirror, Projection, SceneFile, Settings, Shape, SpotLight, StandardView};
+use scene::{
+    Camera, ColorBy, Lighting, MOST_MIRRORS, Mirror, Projection, SceneFile, Settings, Shape, SpotLight, StandardView,
+};
 use serde_json::json;
 
 use super::bindings::{Action, Handles, Mode};
@@ -299,13 +301,18 @@ impl State {
     pub fn command_line(&self) -> String {
         let [width, height] = self.view_size;
         let file = self.scene_file(&Settings::default());
-        let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(input)).collect();
+        // What begins like a flag is none as a path.
+        let path = |input: &String| if input.starts_with('-') { format!("./{input}") } else { input.clone() };
+        let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(&path(input))).collect();
         let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
         for (key, text) in self.written_settings().differing() {
             line += &format!(" --set {}", quoted(&format!("{key}={text}")));
         }
         let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
-        line + " --camera /dev/stdin <<'VIEW'\n" + &view + "VIEW\n"
+        // A name in the view may have a line that would end it.
+        let end = (1..).map(|number| format!("VIEW{number}")).find(|end| !view.lines().any(|line| line == *end));
+        let end = end.unwrap_or_default();
+        format!("{line} --camera - <<'{end}'\n{view}{end}\n")
     }
 
     // ---- mirrors ----
@@ -325,6 +332,9 @@ impl State {
     }
 
     fn place(&mut self, mirror: Mirror) {
+        if self.objects.mirrors.len() >= MOST_MIRRORS {
+            return self.messages.note(format!("There are {MOST_MIRRORS} mirrors, and no room for more"));
+        }
         let id = self.next_object_id();
         self.log(json!({
             "event": "mirror", "name": mirror.name, "position": mirror.position.to_array(), "size": mirror.size,
@@ -565,6 +575,65 @@ mod tests {
         state.paste_view("hello");
         assert_eq!(state.camera, before);
         assert!(state.messages.all.last().is_some_and(|message| message.text.contains("no view")));
+    }
+
+    /// Runs the copied command line by `sh`, with a `glint` that keeps its words and its standard input.
+    #[cfg(unix)]
+    fn run_by_shell(line: &str) -> (Vec<String>, String) {
+        let folder = tempfile::tempdir().unwrap();
+        let keep = "glint() { printf '%s\\0' \"$@\" > words; cat > input; }\n";
+        let mut shell = std::process::Command::new("sh");
+        let output = shell.arg("-c").arg(keep.to_owned() + line).current_dir(folder.path()).output().unwrap();
+        assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+        assert!(output.stdout.is_empty(), "{output:?}");
+        let words = std::fs::read_to_string(folder.path().join("words")).unwrap();
+        let words = words.split_terminator('\0').map(str::to_owned).collect();
+        (words, std::fs::read_to_string(folder.path().join("input")).unwrap())
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_copied_command_line_is_what_the_shell_runs() {
+        use clap::Parser as _;
+
+        use crate::command_line::{Command, CommandLine};
+
+        let mut state = State::new(Preferences::default());
+        state.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
+        state.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
+        let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
+        // Would end the view and go on as commands.
+        mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
+        state.place(mirror.clone());
+        let (words, input) = run_by_shell(&state.command_line());
+        let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
+            ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
+        )
+        .unwrap()
+        .command
+        else {
+            panic!("not a render command")
+        };
+        assert_eq!(arguments.camera.as_deref(), Some("-".as_ref()));
+        assert!(
+            arguments.set.contains(&("color.attribute".into(), "it's; $(echo no) `no`".into())),
+            "{:?}",
+            arguments.set
+        );
+        let view =
+            SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
+        assert_eq!(view.camera.map(|camera| camera.pivot), Some(state.camera.pivot));
+        assert_eq!(view.mirrors[0].name, mirror.name);
+    }
+
+    #[test]
+    fn mirrors_are_added_up_to_the_number_that_a_scene_may_have() {
+        let mut state = State::new(Preferences::default());
+        for _ in 0..MOST_MIRRORS + 2 {
+            state.add_mirror(Shape::Sphere);
+        }
+        assert_eq!(state.objects.mirrors.len(), MOST_MIRRORS);
+        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("64 mirrors")));
     }
 
     #[test]

@@ -44,7 +44,7 @@ impl Bench {
         // Few passes to compile.
         (state.settings.gi.vpls, state.settings.gi.bounces) = (4, 1);
         state.set_view_size([64, 48]);
-        assert!(state.open(&["five-mirrors/sphere".into()]));
+        assert!(state.open(&["five-mirrors/sphere"]));
         let mut bench = Self { state, swept: None, thread, reports };
         let Report::Ready { adapter } = bench.report() else { panic!("no renderer") };
         bench.state.on_report(Report::Ready { adapter });

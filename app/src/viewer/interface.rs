@@ -83,7 +83,7 @@ fn open_dropped(ui: &Ui, state: &mut State) {
     let dropped = ui.input(|input| input.raw.dropped_files.clone());
     // One by one: a wrong file does not keep the others out.
     for file in dropped {
-        state.open(&[file.path().display().to_string()]);
+        state.open(&[file.path()]);
     }
 }
 

@@ -136,7 +136,7 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
 fn no_screen(error: &dyn std::error::Error) -> NoScreen {
     tracing::error!("window: {error}");
     NoScreen(
-        "no window can be opened on this display; check DISPLAY and WAYLAND_DISPLAY\n\
+        "no window can be opened on this display; check DISPLAY and WAYLAND_DISPLAY; \
          `glint render` writes a picture without one"
             .into(),
     )
@@ -203,8 +203,7 @@ impl ApplicationHandler<Wake> for Viewer {
             Wake::Report(report) => self.on_report(report),
             Wake::Found(found) => self.state.on_found(found),
             Wake::Chosen(Some(paths), _) => {
-                let words: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-                self.state.open(&words);
+                self.state.open(&paths);
             }
             Wake::Chosen(None, took) => {
                 if took < QUICKEST_HAND {
@@ -543,7 +542,8 @@ fn forward(job: &world::Job, id: u32, under_way: &Arc<UnderWay>, wake: &EventLoo
         }
     }
     let error = "loading stopped unexpectedly".to_string();
-    let _ = wake.send_event(Wake::Loading(id, world::Event::Failed { input: String::new(), error }, None));
+    let _ =
+        wake.send_event(Wake::Loading(id, world::Event::Failed { input: String::new(), error, is_usage: false }, None));
     let _ = wake.send_event(Wake::Loading(id, world::Event::Finished, None));
 }
 

@@ -31,7 +31,7 @@ impl State {
             }
             Event::Read { cloud, summary } => self.on_read(job, cloud, &summary),
             Event::Surfels { cloud, surfels } => self.on_surfels(job, cloud, surfels),
-            Event::Failed { input, error } => {
+            Event::Failed { input, error, .. } => {
                 let name = short_name(&input).to_string();
                 // Errors name the file already, with its path.
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };

@@ -2,10 +2,13 @@
 //! edit or delete; a broken one is reported and replaced.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::PathBuf;
 
-use scene::Settings;
+use scene::{Settings, whole_file};
 use serde::{Deserialize, Serialize};
+
+use crate::{environment, picture_file};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -43,23 +46,23 @@ const NOT_KEPT: [&str; 9] = [
 
 impl Preferences {
     fn path() -> Option<PathBuf> {
-        Some(crate::settings_folder()?.join("viewer.toml"))
+        Some(environment::settings_folder()?.join("viewer.toml"))
     }
 
     /// What was kept, and what was wrong with it.
     pub fn load() -> (Self, Option<String>) {
         let Some(path) = Self::path() else { return (Self::default(), None) };
-        match std::fs::read_to_string(&path) {
+        match whole_file::read(&path) {
             Ok(text) => match toml::from_str(&text) {
                 Ok(preferences) => (preferences, None),
                 Err(error) => {
-                    let problem = error.to_string().trim_end().replace('\n', " ");
+                    let problem = param::shortened(error.message(), param::MOST_QUOTED * 4);
                     let text = format!("{}: {problem}; the defaults are used instead", path.display());
                     (Self::default(), Some(text))
                 }
             },
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => (Self::default(), None),
-            Err(error) => (Self::default(), Some(format!("{}: {error}", path.display()))),
+            Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => (Self::default(), None),
+            Err(error) => (Self::default(), Some(format!("{error}; the defaults are used instead"))),
         }
     }
 
@@ -67,14 +70,9 @@ impl Preferences {
     /// If the folder or file cannot be written; names it.
     pub fn save(&self) -> anyhow::Result<()> {
         let Some(path) = Self::path() else { return Ok(()) };
-        let write = || -> anyhow::Result<()> {
-            std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
-            // Written beside and moved into place: a crash in between leaves the old file.
-            let beside = path.with_extension("toml.new");
-            std::fs::write(&beside, toml::to_string(self)?)?;
-            Ok(std::fs::rename(&beside, &path)?)
-        };
-        write().map_err(|error| error.context(path.display().to_string()))
+        let folder = path.parent().unwrap_or(&path);
+        std::fs::create_dir_all(folder).map_err(|reason| codec::Error::not_written(folder, reason))?;
+        picture_file::write_text(&path, &toml::to_string(self)?)
     }
 
     pub fn remember_file(&mut self, name: &str) {

@@ -2,6 +2,7 @@
 //! window. What has to happen outside (drawing, reading, the clipboard) is left in `effects` for the window to do.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -330,7 +331,7 @@ impl State {
 
     /// Opens what the words name: files, scenes, built-in scenes. Says what is wrong if they name nothing, and returns
     /// whether they do.
-    pub fn open(&mut self, words: &[String]) -> bool {
+    pub fn open<Word: AsRef<OsStr>>(&mut self, words: &[Word]) -> bool {
         let request = world::resolve(words);
         match request.check() {
             Ok(()) => {

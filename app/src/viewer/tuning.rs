@@ -1,13 +1,14 @@
 //! The tuning chart: every setting that was tried in this session and stood still is a dot, its time against its error. A click on a
 //! dot goes back to its setting.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use egui::{Align2, Color32, Pos2, RichText, Ui};
 use egui_plot::{GridMark, Line, MarkerShape, Plot, PlotPoint, PlotPoints, Points};
 use render::{FrameStats, PassStage};
-use scene::Settings;
+use scene::{Settings, whole_file};
 use serde_json::json;
 use study::Accuracy;
 use study::results::Spread;
@@ -306,12 +307,12 @@ pub fn add_to_study(plan: &Path, scene: &str, mut group: toml::Table) -> anyhow:
     // Each addition reads the one before it.
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    let text = match std::fs::read_to_string(plan) {
+    let text = match whole_file::read(plan) {
         Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+        Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => {
             "title = \"Settings tried in the window\"\n".into()
         }
-        Err(error) => anyhow::bail!("{}: {error}", plan.display()),
+        Err(error) => return Err(error.into()),
     };
     let known: toml::Table = toml::from_str(&text)
         .map_err(|error| anyhow::anyhow!("{}: is no plan, nothing was added: {}", plan.display(), error.message()))?;
@@ -320,9 +321,9 @@ pub fn add_to_study(plan: &Path, scene: &str, mut group: toml::Table) -> anyhow:
     let mut names = (1..).map(|number| format!("tried-{number}"));
     let name = names.find(|name| !is_name(name)).unwrap_or_default();
     let scene_path = (1..).map(|number| plan.with_file_name(format!("study-view-{number}.toml"))).find_map(|path| {
-        match std::fs::read_to_string(&path) {
+        match whole_file::read(&path) {
             Ok(text) if text == scene => Some((path, true)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some((path, false)),
+            Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => Some((path, false)),
             // Another view, or what cannot be read: it stays as it is.
             _ => None,
         }

@@ -32,12 +32,28 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight};
+use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight, whole_file};
+
+/// Mirrors of a scene at most. Each brings at least 20,000 points, and a reflection of each in each is looked for.
+pub const MOST_MIRRORS: usize = 64;
+
+/// Clouds that are opened of one scene at most: a process may have 1,024 files open. A folder of tiles is one cloud.
+const MOST_CLOUDS: usize = 1000;
+
+/// Points of clouds that reflect, each looked for in every cloud.
+const MOST_MIRROR_POINTS: usize = 64;
+
+/// More than there are parameters.
+const MOST_PARAMETERS: usize = 1000;
+
+/// Characters of a message about a scene.
+const MOST_TOLD: usize = 400;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    #[error("{path}: {source}")]
-    Io { path: PathBuf, source: std::io::Error },
+    /// A side file that cannot be read as a whole. The problem has the reason, so that is not a source: it would be told twice.
+    #[error("{name}: {problem}")]
+    Unreadable { name: String, kind: std::io::ErrorKind, problem: String },
     #[error("not a scene: {problem}")]
     Malformed { problem: String },
 }
@@ -88,8 +104,8 @@ impl SceneFile {
     /// # Errors
     /// Not TOML, or not of this form: with the line. A mirror or light that cannot be: with its number and name.
     pub fn parse(text: &str) -> Result<Self, Error> {
-        let file: Self = toml::from_str(text)
-            .map_err(|error| Error::Malformed { problem: error.to_string().trim_end().replace('\n', " ") })?;
+        let file: Self =
+            toml::from_str(text).map_err(|error| Error::Malformed { problem: problem_of(&error, text) })?;
         let is_finite = |camera: &Camera| camera.eye.is_finite() && camera.pivot.is_finite() && camera.up.is_finite();
         if !file.camera.as_ref().is_none_or(is_finite) {
             return Err(Error::Malformed { problem: "the camera has coordinates that are not finite".into() });
@@ -103,9 +119,19 @@ impl SceneFile {
     /// The first object that cannot be, and why.
     fn odd_object(&self) -> Option<String> {
         let numbered = |kind: &str, index: usize, name: &str, problem: Option<String>| {
-            let name = if name.is_empty() { String::new() } else { format!(" (`{name}`)") };
-            problem.map(|problem| format!("{kind} {}{name}: {problem}", index + 1))
+            let name = param::shortened(name, param::MOST_QUOTED);
+            let name = if name.is_empty() { name } else { format!(" (`{name}`)") };
+            problem.map(|problem| format!("{kind} {}{name}: {}", index + 1, param::shortened(&problem, MOST_TOLD)))
         };
+        let counts = [
+            (self.clouds.len(), MOST_CLOUDS, "clouds"),
+            (self.mirrors.len(), MOST_MIRRORS, "mirrors"),
+            (self.mirror_points.len(), MOST_MIRROR_POINTS, "mirror_points"),
+            (self.parameters.len(), MOST_PARAMETERS, "parameters"),
+        ];
+        if let Some((count, most, what)) = counts.into_iter().find(|(count, most, _)| count > most) {
+            return Some(format!("{count} {what}, expected at most {most}"));
+        }
         let mirrors = self.mirrors.iter().enumerate();
         let mut mirrors = mirrors.filter_map(|(i, mirror)| numbered("mirror", i, &mirror.name, mirror.problem()));
         let lights = self.lights.iter().enumerate();
@@ -115,22 +141,28 @@ impl SceneFile {
         mirrors.next().or_else(|| lights.next()).or_else(|| points.next())
     }
 
+    /// The scene, and what its clouds name: a path beside the scene file if there is something, which its folder may give a name
+    /// that is no text.
+    ///
     /// # Errors
     /// Not readable, or not a scene; names the file.
-    pub fn read(path: &Path) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    pub fn read(path: &Path) -> Result<(Self, Vec<PathBuf>), Error> {
+        let text = whole_file::read(path)?;
         let mut file = Self::parse(&text).map_err(|error| match error {
             Error::Malformed { problem } => Error::Malformed { problem: format!("{}: {problem}", path.display()) },
             other => other,
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        for cloud in file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud)) {
-            let beside = folder.join(&*cloud);
-            if beside.exists() {
-                *cloud = beside.to_string_lossy().into_owned();
-            }
+        let named = |cloud: &str| {
+            let beside = folder.join(cloud);
+            if beside.exists() { beside } else { cloud.into() }
+        };
+        let clouds: Vec<PathBuf> = file.clouds.iter().map(|cloud| named(cloud)).collect();
+        file.clouds = clouds.iter().map(|cloud| cloud.display().to_string()).collect();
+        for points in &mut file.mirror_points {
+            points.cloud = named(&points.cloud).display().to_string();
         }
-        Ok(file)
+        Ok((file, clouds))
     }
 
     pub fn to_text(&self) -> String {
@@ -153,8 +185,34 @@ impl SceneFile {
         let camera = self
             .camera
             .map(|camera| Camera::looking(camera.pivot, camera.eye - camera.pivot, camera.distance(), camera.up));
-        View { camera, settings, warnings }
+        View { camera, settings, warnings: param::few(warnings, "parameters that are not understood") }
     }
+}
+
+/// What is wrong with a text that is no scene: where, what, and the line, as much of them as a person reads.
+fn problem_of(error: &toml::de::Error, text: &str) -> String {
+    let message = without_long_quotes(error.message());
+    let Some(start) = error.span().map(|span| span.start) else { return message };
+    let before = text.get(..start).unwrap_or(text);
+    let line_start = before.rfind('\n').map_or(0, |end| end + 1);
+    let line = text[line_start..].lines().next().unwrap_or_default();
+    let column = before[line_start..].chars().count();
+    // The part of a long line where it is.
+    let shown: String = line.chars().skip(column.saturating_sub(param::MOST_QUOTED / 2)).collect();
+    let shown = param::shortened(shown.trim(), param::MOST_QUOTED);
+    let number = before.matches('\n').count() + 1;
+    let line = if shown.is_empty() { String::new() } else { format!(", in `{shown}`") };
+    format!("line {number}, column {}: {message}{line}", column + 1)
+}
+
+/// A message of the parser on one line, with the ends of what it quotes.
+fn without_long_quotes(message: &str) -> String {
+    let shortened = |message: &str, mark: char| {
+        let pieces = message.split(mark).map(|piece| param::shortened(piece, 2 * param::MOST_QUOTED));
+        pieces.collect::<Vec<_>>().join(&mark.to_string())
+    };
+    let message = shortened(&message.trim().replace('\n', " "), '"');
+    param::shortened(&shortened(&message, '`'), MOST_TOLD)
 }
 
 #[cfg(test)]
@@ -276,6 +334,49 @@ mod tests {
                 .view();
         assert_eq!(view.settings.splat.size, 2.0);
         assert_eq!(view.warnings.len(), 2, "{:?}", view.warnings);
+    }
+
+    #[test]
+    fn messages_about_a_scene_are_short_whatever_it_holds() {
+        let long = "x".repeat(1_000_000);
+        let refused = [
+            format!("clouds = [\"{long}\""),
+            format!("clouds = \"{long}\""),
+            format!("{long} = 1"),
+            format!("clouds = [] {long}"),
+            format!("[[mirrors]]\nname = \"{long}\"\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 0"),
+            format!("[[mirrors]]\nshape = \"{long}\"\nposition = [0, 0, 0]\nsize = 1"),
+            format!("[[mirror_points]]\ncloud = \"{long}\"\nspecular_intensity = 2"),
+            format!(
+                "[[mirror_points]]\ncloud = \"a\"\npoints = {{ attribute = {{ name = \"{long}\", low = 2, high = 1 }} }}"
+            ),
+        ];
+        for text in refused {
+            let error = SceneFile::parse(&text).unwrap_err().to_string();
+            assert!(error.len() < 800 && error.lines().count() == 1, "{} bytes: {error}", error.len());
+        }
+        let many: String = (0..900).map(|index| format!("\"splat.size{index}\" = 1\n")).collect();
+        let odd = format!("[parameters]\n\"{long}\" = 1\n\"color.by\" = \"{long}\"\n{many}");
+        let warnings = SceneFile::parse(&odd).unwrap().view().warnings;
+        assert_eq!(warnings.len(), 4, "{warnings:?}");
+        assert_eq!(warnings[3], "and 899 more parameters that are not understood");
+        assert!(warnings.iter().all(|warning| warning.len() < 400), "{warnings:?}");
+    }
+
+    #[test]
+    fn a_scene_of_more_than_can_be_shown_is_refused_with_the_limit() {
+        let refusal = |text: &str| SceneFile::parse(text).unwrap_err().to_string();
+        let mirror = "[[mirrors]]\nshape = \"sphere\"\nposition = [0, 0, 0]\nsize = 1\n";
+        assert_eq!(refusal(&mirror.repeat(8000)), "not a scene: 8000 mirrors, expected at most 64");
+        assert!(SceneFile::parse(&mirror.repeat(MOST_MIRRORS)).is_ok());
+        assert!(
+            refusal(&format!("clouds = [{}]", "\"a.las\", ".repeat(3000)))
+                .contains("3000 clouds, expected at most 1000")
+        );
+        let points = "[[mirror_points]]\ncloud = \"a.las\"\n";
+        assert!(refusal(&points.repeat(65)).contains("65 mirror_points, expected at most 64"));
+        let parameters: String = (0..20_000).map(|index| format!("\"a{index}\" = 1\n")).collect();
+        assert!(refusal(&format!("[parameters]\n{parameters}")).contains("20000 parameters"));
     }
 
     #[test]

@@ -8,9 +8,10 @@ mod mirror;
 mod mirror_points;
 mod settings;
 mod surroundings;
+pub mod whole_file;
 
 pub use camera::{Camera, Projection, StandardView};
-pub use file::{Error, SceneFile, View};
+pub use file::{Error, MOST_MIRRORS, SceneFile, View};
 pub use light::SpotLight;
 pub use mirror::{Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};

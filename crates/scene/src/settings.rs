@@ -449,7 +449,7 @@ impl Settings {
     pub fn set_text(&mut self, key: &str, text: &str) -> Result<(), param::Error> {
         let (group_name, name) = key.split_once('.').unwrap_or((key, ""));
         let unknown = |hint: Option<&str>| param::Error::UnknownKey {
-            key: key.to_string(),
+            key: param::shortened(key, param::MOST_QUOTED),
             hint: hint.map_or("; `glint methods` lists them".into(), |near| format!("; did you mean `{near}`?")),
         };
         let names: Vec<&str> = self.groups().iter().map(|group| group.group().name).collect();
@@ -457,7 +457,8 @@ impl Settings {
             Some(group) if !name.is_empty() => group.set_text(name, text),
             Some(_) => Err(unknown(None)),
             None => {
-                let near = param::nearest(group_name, names.into_iter()).map(|near| format!("{near}.{name}"));
+                let near = param::nearest(group_name, names.into_iter());
+                let near = near.map(|near| param::shortened(&format!("{near}.{name}"), param::MOST_QUOTED));
                 Err(unknown(near.as_deref()))
             }
         }

@@ -15,17 +15,21 @@ const JOURNAL: &str = "runs.jsonl";
 /// What is wrong with a study's folder.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    #[error("{path}")]
-    Io { path: PathBuf, source: std::io::Error },
-    #[error("{folder}: holds the results of another plan (`{title}`)\nname another folder, or delete that one")]
+    #[error("{path}: {reason}")]
+    Unread { path: PathBuf, reason: std::io::Error },
+    #[error(transparent)]
+    Unwritten(codec::Error),
+    #[error(transparent)]
+    SideFile(#[from] scene::Error),
+    #[error("{folder}: holds the results of another plan (`{title}`); name another folder, or delete that one")]
     OtherPlan { folder: PathBuf, title: String },
-    #[error("{folder}: no study's folder, there is no plan.toml in it\nexpected what `glint study PLAN -o DIR` wrote")]
+    #[error("{folder}: no study's folder, there is no plan.toml in it; expected what `glint study PLAN -o DIR` wrote")]
     NoStudy { folder: PathBuf },
     #[error("{folder}: another `glint study` is at work there; wait for it, or name another folder")]
     InUse { folder: PathBuf },
-    #[error("{folder}: its plan differs from that of {first}\nonly shards of one plan can be joined")]
+    #[error("{folder}: its plan differs from that of {first}; only shards of one plan can be joined")]
     PlansDiffer { folder: PathBuf, first: PathBuf },
-    #[error("{place}: {problem}\nexpected what a study of this plan wrote; delete the folder to begin anew")]
+    #[error("{place}: {problem}; expected what a study of this plan wrote; delete the folder to begin anew")]
     Malformed { place: String, problem: String },
 }
 
@@ -45,11 +49,7 @@ impl Folder {
     /// # Errors
     /// A folder that cannot be written, that holds another plan, or that another process writes to.
     pub fn open(path: &Path, plan: Plan, about: &str) -> Result<Self, FolderError> {
-        let io = |path: &Path| {
-            let path = path.to_owned();
-            move |source| FolderError::Io { path, source }
-        };
-        std::fs::create_dir_all(path).map_err(io(path))?;
+        std::fs::create_dir_all(path).map_err(|reason| unwritten(path, reason))?;
         let journal_path = path.join(JOURNAL);
         if let Some(kept) = kept_plan(path)? {
             if kept != plan {
@@ -62,17 +62,19 @@ impl Folder {
             write_whole(&path.join(PLAN), (about + &plan.to_text()).as_bytes())?;
         }
         let cases = plan.cases();
+        let in_journal = |reason| unwritten(&journal_path, reason);
+        check_journal(&journal_path)?;
         let open = OpenOptions::new().create(true).read(true).append(true).open(&journal_path);
-        let mut journal = open.map_err(io(&journal_path))?;
+        let mut journal = open.map_err(in_journal)?;
         // Some file systems of clusters have no locks: there nothing can be told.
         if let Err(TryLockError::WouldBlock) = journal.try_lock() {
             return Err(FolderError::InUse { folder: path.to_owned() });
         }
         let mut bytes = Vec::new();
-        journal.read_to_end(&mut bytes).map_err(io(&journal_path))?;
+        journal.read_to_end(&mut bytes).map_err(in_journal)?;
         let (runs, whole) = whole_runs(&journal_path, &bytes, cases.len())?;
         // A line that was torn when the program ended is dropped.
-        journal.set_len(whole).map_err(io(&journal_path))?;
+        journal.set_len(whole).map_err(in_journal)?;
         Ok(Self { path: path.to_owned(), plan, cases, runs, journal })
     }
 
@@ -129,7 +131,7 @@ impl Folder {
         let mut line = serde_json::to_string(&run).unwrap_or_default();
         line.push('\n');
         let written = self.journal.write_all(line.as_bytes()).and_then(|()| self.journal.flush());
-        written.map_err(|source| FolderError::Io { path, source })?;
+        written.map_err(|reason| unwritten(&path, reason))?;
         self.runs.push(run);
         Ok(())
     }
@@ -145,21 +147,37 @@ impl Folder {
 
 fn kept_plan(folder: &Path) -> Result<Option<Plan>, FolderError> {
     let path = folder.join(PLAN);
-    let text = match std::fs::read_to_string(&path) {
+    let text = match scene::whole_file::read(&path) {
         Ok(text) => text,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(FolderError::Io { path, source }),
+        Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => return Ok(None),
+        Err(error) => return Err(error.into()),
     };
     let plan = Plan::parse(&path.display().to_string(), &text);
     plan.map(Some).map_err(|error| FolderError::Malformed { place: error.place, problem: error.problem })
 }
 
 fn read_journal(path: &Path, cases: usize) -> Result<Vec<Run>, FolderError> {
+    check_journal(path)?;
     match std::fs::read(path) {
         Ok(bytes) => Ok(whole_runs(path, &bytes, cases)?.0),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(Vec::new()),
-        Err(source) => Err(FolderError::Io { path: path.to_owned(), source }),
+        Err(reason) => Err(FolderError::Unread { path: path.to_owned(), reason }),
     }
+}
+
+/// A journal is a regular file, if it is there: what else has its name is not waited for.
+fn check_journal(path: &Path) -> Result<(), FolderError> {
+    match std::fs::metadata(path) {
+        Ok(metadata) if !metadata.is_file() => {
+            let reason = std::io::Error::other("not a regular file");
+            Err(FolderError::Unread { path: path.to_owned(), reason })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn unwritten(path: &Path, reason: std::io::Error) -> FolderError {
+    FolderError::Unwritten(codec::Error::not_written(path, reason))
 }
 
 /// The runs of a journal's whole lines, and how many bytes these are. A last line without an end, or that is no JSON, was torn.
@@ -188,7 +206,7 @@ fn whole_runs(path: &Path, bytes: &[u8], cases: usize) -> Result<(Vec<Run>, u64)
 
 /// A file appears whole or not at all.
 fn write_whole(path: &Path, content: &[u8]) -> Result<(), FolderError> {
-    let io = |source| FolderError::Io { path: path.to_owned(), source };
+    let io = |reason| unwritten(path, reason);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
     if let Some(folder) = path.parent() {
@@ -248,7 +266,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         Folder::open(folder.path(), plan("one"), "").unwrap();
         let error = Folder::open(folder.path(), plan("two"), "").err().unwrap().to_string();
-        assert!(error.contains("another plan (`one`)") && error.lines().count() == 2, "{error}");
+        assert!(error.contains("another plan (`one`)") && error.lines().count() == 1, "{error}");
         std::fs::write(folder.path().join(JOURNAL), "{\"case\":7}\n{\"case\":0}\n").unwrap();
         let error = Folder::open(folder.path(), plan("one"), "").err().unwrap().to_string();
         assert!(error.contains("runs.jsonl:1") && error.contains("setting 7 of 3"), "{error}");

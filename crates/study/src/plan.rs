@@ -24,6 +24,9 @@ const MOST_CASES: usize = 100_000;
 /// Swept in place of a parameter: the picture's size, as in `640x480`.
 pub const SIZE: &str = "size";
 
+/// Characters of a message about a plan, which may quote it.
+const MOST_TOLD: usize = 400;
+
 /// What is wrong with a plan, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {problem}")]
@@ -314,6 +317,13 @@ fn default_methods() -> Vec<String> {
     vec![Method::Auto.name().to_owned()]
 }
 
+/// A plan that cannot be read; the error names it already.
+fn unreadable(place: &str, error: &scene::Error) -> PlanError {
+    let problem =
+        if let scene::Error::Unreadable { problem, .. } = error { problem.clone() } else { error.to_string() };
+    PlanError { place: place.to_owned(), problem }
+}
+
 /// A problem, and the keys and indices that lead to its place in the file.
 struct Problem {
     path: Vec<String>,
@@ -331,8 +341,7 @@ impl Plan {
     /// Not readable, or no plan: with the file and line, and what was expected.
     pub fn read(path: &Path) -> Result<Self, PlanError> {
         let place = path.display().to_string();
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| PlanError { place: place.clone(), problem: error.to_string() })?;
+        let text = scene::whole_file::read(path).map_err(|error| unreadable(&place, &error))?;
         let mut plan = Self::parse(&place, &text)?;
         // Absolute, so that the plan that is kept beside the results still finds them.
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -353,7 +362,7 @@ impl Plan {
     pub fn parse(place: &str, text: &str) -> Result<Self, PlanError> {
         let mut plan: Self = toml::from_str(text).map_err(|error| {
             let line = error.span().map(|span| line_at(text, span.start));
-            let problem = error.message().trim().replace('\n', "; ");
+            let problem = param::shortened(&error.message().trim().replace('\n', "; "), MOST_TOLD);
             PlanError { place: at_line(place, line), problem }
         })?;
         let table = DeTable::parse(text).ok();
@@ -372,7 +381,7 @@ impl Plan {
         }
         plan.check().map_err(|Problem { path, text: problem }| {
             let line = table.as_ref().and_then(|table| line_of(text, table.get_ref(), &path));
-            PlanError { place: at_line(place, line), problem }
+            PlanError { place: at_line(place, line), problem: param::shortened(&problem, MOST_TOLD) }
         })?;
         Ok(plan)
     }

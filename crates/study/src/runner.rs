@@ -3,6 +3,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::hash::{Hash as _, Hasher as _};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -121,6 +122,7 @@ pub fn check_scenes(plan: &Plan, scenes: &dyn Scenes) -> Result<(), PlanError> {
 }
 
 /// Makes the runs of a shard that are still missing and writes the results after every round. `commit` is the program's version.
+/// `progress` may stop it: what is done is in the journal.
 ///
 /// # Errors
 /// A folder that cannot be written, runs of another adapter in it, or no renderer. Settings that fail are rows of the table instead.
@@ -130,7 +132,7 @@ pub fn run(
     gpu: &Arc<Gpu>,
     scenes: &dyn Scenes,
     commit: &str,
-    progress: &mut dyn FnMut(State<'_>),
+    progress: &mut dyn FnMut(State<'_>) -> ControlFlow<()>,
 ) -> anyhow::Result<Outcome> {
     let machine = Machine {
         adapter: gpu.info.name.clone(),
@@ -148,7 +150,7 @@ pub fn run(
     let is_foreign = |run: &&Run| run.machine.adapter != machine.adapter && pending.contains(&run.case);
     if let Some(other) = folder.runs.iter().find(is_foreign) {
         return Err(anyhow!(
-            "{}: begun on {}, this is {}: times of two machines would mix\nname it with --gpu, or another folder",
+            "{}: begun on {}, this is {}: times of two machines would mix; name it with --gpu, or another folder",
             folder.path.display(),
             other.machine.adapter,
             machine.adapter
@@ -161,7 +163,10 @@ pub fn run(
     let mut failed = Vec::new();
     for (round, cases) in (0..).zip(&rounds) {
         for case in cases {
-            progress(State { done: outcome.runs, total, next: Some(case) });
+            let state = State { done: outcome.runs, total, next: Some(case) };
+            if progress(state).is_break() {
+                return Ok(outcome);
+            }
             outcome.runs += 1;
             // What could not be judged is not timed either.
             if failed.contains(&case.index) {
@@ -169,6 +174,10 @@ pub fn run(
             }
             let runner = running(&mut runner, gpu, scenes, &folder.plan)?;
             let made = if round == 0 { runner.judged(case) } else { runner.timed(case) };
+            // What was stopped is no failure of the setting.
+            if made.is_err() && progress(state).is_break() {
+                return Ok(outcome);
+            }
             let run = made.unwrap_or_else(|error| {
                 failed.push(case.index);
                 Run { error: Some(format!("{error:#}").replace('\n', "; ")), ..Run::default() }
@@ -191,7 +200,7 @@ pub fn run(
     if total == 0 {
         write(folder)?;
     }
-    progress(State { done: total, total, next: None });
+    let _ = progress(State { done: total, total, next: None });
     let rows = results::rows(&folder.plan, &folder.cases, &folder.runs);
     outcome.failed = rows.iter().filter(|row| row.error.is_some()).count();
     Ok(outcome)
@@ -248,7 +257,7 @@ pub fn copy_pictures(folders: &[impl AsRef<Path>], into: &Folder) -> Result<(), 
     for (name, _) in worst(&into.plan, &rows) {
         let found = folders.iter().map(|folder| folder.as_ref().join(&name)).find(|path| path.exists());
         if let Some(path) = found.filter(|path| *path != into.path.join(&name)) {
-            let bytes = std::fs::read(&path).map_err(|source| FolderError::Io { path, source })?;
+            let bytes = std::fs::read(&path).map_err(|reason| FolderError::Unread { path, reason })?;
             into.write(&name, &bytes)?;
         }
     }

@@ -12,14 +12,18 @@ use crate::event::Kept;
 /// What reads or makes an index that is closed ends within this time.
 const CLOSING_TIME: Duration = Duration::from_secs(10);
 
+/// The folder that a variable of the environment names; set to nothing, it names none.
+pub fn folder_named_by(variable: &str) -> Option<PathBuf> {
+    std::env::var_os(variable).filter(|folder| !folder.is_empty()).map(PathBuf::from)
+}
+
 /// Where indexes are kept: `GLINT_CACHE_DIR`, else the platform's place.
 ///
 /// # Errors
 /// If there is none.
 pub fn cache(settings: &Stream) -> Result<Cache> {
     let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.cache_dir().join("pages"));
-    let folder = std::env::var_os("GLINT_CACHE_DIR").map(PathBuf::from).or_else(platform);
-    let folder = folder.ok_or(Error::NoCacheFolder)?;
+    let folder = folder_named_by("GLINT_CACHE_DIR").or_else(platform).ok_or(Error::NoCacheFolder)?;
     Ok(Cache::new(folder, settings.cache_bytes.0))
 }
 

@@ -12,6 +12,7 @@ use stream::{Budget, Change, Missing, Node, Octree, Page, PagedCloud, Streamer, 
 
 use crate::budget::{CUT_PART, half_of, most_points};
 use crate::chunk_key::Part;
+use crate::error::is_of_inputs;
 use crate::event::{Event, Kept, Paged, StreamStats};
 use crate::lookout::{Arrival, Lookout, Viewpoint};
 
@@ -291,8 +292,8 @@ impl Director {
                     return Some(());
                 }
                 if !is_mendable {
-                    let (input, error) = (streamed.input.clone(), error.to_string());
-                    return self.send(Event::Failed { input, error });
+                    let (input, is_usage) = (streamed.input.clone(), is_of_inputs(&error));
+                    return self.send(Event::Failed { input, error: error.to_string(), is_usage });
                 }
                 tracing::warn!(cloud, %error, "pages are made again");
                 // What is shown stays until then. They cannot be made while somebody has them open.

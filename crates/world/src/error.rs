@@ -6,7 +6,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// Words were given and none of them names anything; a line for each.
+    /// Words were given and none of them names anything.
     #[error("{0}")]
     NothingNamed(String),
     /// Points are to be chosen by an attribute that their cloud does not have.
@@ -26,9 +26,25 @@ impl Error {
     /// Whether a person named something wrong or a file cannot be read: the program did what it could.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::NothingNamed(_) | Self::NoAttribute { .. } | Self::File(_) => true,
-            Self::Pages(error) => matches!(error, stream::Error::Input(_)),
+            Self::NothingNamed(_) | Self::NoAttribute { .. } => true,
+            Self::File(error) => is_of_input(error),
+            Self::Pages(error) => is_of_inputs(error),
             Self::NoCacheFolder | Self::IndexInUse { .. } => false,
         }
+    }
+}
+
+/// Whether a file cannot be read, rather than written.
+fn is_of_input(error: &codec::Error) -> bool {
+    !matches!(error, codec::Error::NotWritten { .. })
+}
+
+/// The same of files that are streamed.
+pub(crate) fn is_of_inputs(error: &stream::Error) -> bool {
+    match error {
+        stream::Error::Input(error) => is_of_input(error),
+        // Inputs without points, and those that are being written.
+        stream::Error::Empty { .. } | stream::Error::Changed { .. } => true,
+        _ => false,
     }
 }

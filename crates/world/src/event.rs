@@ -50,8 +50,13 @@ pub enum Event {
     Read { cloud: usize, summary: codec::Summary },
     /// Normals and radii that the file lacks, one per chunk in the order of their parts.
     Surfels { cloud: usize, surfels: Vec<Surfels> },
-    /// An input, or what is left of it, cannot be read; the others go on.
-    Failed { input: String, error: String },
+    /// An input, or what is left of it, cannot be shown; the others go on.
+    Failed {
+        input: String,
+        error: String,
+        /// The input is at fault, and not the disk or the program.
+        is_usage: bool,
+    },
     /// The last event; where clouds are streamed, it comes when they are closed. A channel that closes without it means that the loading thread died.
     Finished,
 }

@@ -11,6 +11,7 @@ use stream::{BuildOptions, Pages};
 
 use crate::budget::{half_of, most_preview_points};
 use crate::chunk_key::Part;
+use crate::error::is_of_inputs;
 use crate::event::{Event, Opened, Paged};
 use crate::loader::Loader;
 use crate::lookout::{Arrival, Wish};
@@ -42,13 +43,16 @@ const PREVIEW_POINT_BYTES: u64 = 80;
 /// Why there is no index.
 enum Stopped {
     Cancelled,
-    /// What to say of it.
-    Failed(String),
+    /// What to say of it, and whether the input is at fault.
+    Failed(String, bool),
 }
 
 impl Stopped {
     fn of(error: stream::Error) -> Self {
-        if matches!(error, stream::Error::Cancelled) { Self::Cancelled } else { Self::Failed(error.to_string()) }
+        match error {
+            stream::Error::Cancelled => Self::Cancelled,
+            error => Self::Failed(error.to_string(), is_of_inputs(&error)),
+        }
     }
 }
 
@@ -98,7 +102,7 @@ impl Loader {
                     Wish::Mend(_) => {
                         let problem = "its pages were damaged again after they had been made anew";
                         let error = format!("{}: {problem}", paging.input);
-                        self.send(Event::Failed { input: paging.input.clone(), error })?;
+                        self.send(Event::Failed { input: paging.input.clone(), error, is_usage: false })?;
                         false
                     }
                 };
@@ -238,7 +242,7 @@ impl Loader {
             Ok(cache) => stage
                 .run(|progress| stream::build(&paging.sources, cache, &options, progress, &preview))
                 .map_err(Stopped::of),
-            Err(error) => Err(Stopped::Failed(error.clone())),
+            Err(error) => Err(Stopped::Failed(error.clone(), false)),
         };
         tracing::debug!(input = paging.input, seconds = start.elapsed().as_secs_f64(), "indexed");
         match built {
@@ -254,9 +258,9 @@ impl Loader {
                 let summary = codec::Summary { points, cancelled: true, ..Default::default() };
                 self.send(Event::Read { cloud, summary }).map(|()| false)
             }
-            Err(Stopped::Failed(error)) => {
+            Err(Stopped::Failed(error, is_usage)) => {
                 let input = paging.input.clone();
-                self.send(Event::Failed { input, error })?;
+                self.send(Event::Failed { input, error, is_usage })?;
                 let gone = std::mem::take(&mut *previews());
                 for part in gone.into_keys() {
                     self.send(Event::Dropped { cloud, part })?;
@@ -304,7 +308,10 @@ impl Loader {
             Ok(Some(pages)) => self.stream(paging, pages, false, HashMap::new()),
             Ok(None) | Err(stream::Error::Cancelled) => {}
             Err(stream::Error::Damaged { .. }) => self.lookout.report_damage(paging.cloud),
-            Err(error) => self.send(Event::Failed { input: paging.input.clone(), error: error.to_string() })?,
+            Err(error) => {
+                let (input, is_usage) = (paging.input.clone(), is_of_inputs(&error));
+                self.send(Event::Failed { input, error: error.to_string(), is_usage })?;
+            }
         }
         Some(())
     }

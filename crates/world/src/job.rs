@@ -32,10 +32,17 @@ pub struct Job {
     pub lookout: Arc<Lookout>,
 }
 
-impl Drop for Job {
-    fn drop(&mut self) {
+impl Job {
+    /// Ends all that is under way; when it has cleared away what it had begun, `Event::Finished` comes.
+    pub fn stop(&self) {
         self.lookout.end();
         self.progress.cancel();
+    }
+}
+
+impl Drop for Job {
+    fn drop(&mut self) {
+        self.stop();
     }
 }
 
@@ -70,7 +77,7 @@ fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache:
         });
     if let Err(error) = started {
         // There is room for both: nothing else has been sent.
-        let _ = sender.try_send(Event::Failed { input: "loading".into(), error });
+        let _ = sender.try_send(Event::Failed { input: "loading".into(), error, is_usage: false });
         let _ = sender.try_send(Event::Finished);
     }
     job
@@ -104,7 +111,7 @@ impl Loader {
                 }
                 Input::BuiltIn { variant, without } => self.sample(*variant, without, &mut clouds)?,
                 Input::Unknown { name, error } => {
-                    self.send(Event::Failed { input: name.clone(), error: error.clone() })?;
+                    self.send(Event::Failed { input: name.clone(), error: error.clone(), is_usage: true })?;
                 }
             }
         }
@@ -113,7 +120,10 @@ impl Loader {
         if paged.is_empty() {
             return self.read_all(opened);
         }
-        let stopped = |error: std::io::Error| Event::Failed { input: "streaming".into(), error: error.to_string() };
+        let stopped = |error: std::io::Error| {
+            let (input, error) = ("streaming".into(), error.to_string());
+            Event::Failed { input, error, is_usage: false }
+        };
         let director = match Director::new(self.lookout.clone(), self.sender.clone(), &self.settings) {
             Ok(director) => director,
             Err(error) => return self.send(stopped(error)),

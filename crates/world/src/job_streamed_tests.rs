@@ -207,7 +207,7 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
     loader.end(&loading, Err(codec::Error::unsuitable(&path, "the disk is broken"))).unwrap();
     drop(loader);
     // Beside streamed clouds the job goes on: that one cloud is complete is all that the window can go by.
-    let Ok(Event::Failed { input, error }) = events.recv() else { panic!("it is not said") };
+    let Ok(Event::Failed { input, error, .. }) = events.recv() else { panic!("it is not said") };
     assert!(input.ends_with("a.ply") && error.contains("broken"), "{error}");
     let Ok(Event::Read { cloud: 7, summary }) = events.recv() else { panic!("there is no end to it") };
     assert_eq!((summary.points, summary.cancelled), (4, false));

@@ -53,7 +53,7 @@ impl Loader {
         for path in input.files() {
             match open_file(path, half_of(self.settings.stream.host_bytes)) {
                 Ok(source) => sources.push(source),
-                Err(error) => self.send(Event::Failed { input: path.display().to_string(), error })?,
+                Err(error) => self.send(Event::Failed { input: path.display().to_string(), error, is_usage: true })?,
             }
         }
         Some(sources)
@@ -169,7 +169,7 @@ impl Loader {
             Ok(summary) => self.send(Event::Read { cloud, summary }),
             Err(error) => {
                 let input = loading.source.info().path.display().to_string();
-                self.send(Event::Failed { input, error: error.to_string() })?;
+                self.send(Event::Failed { input, error: error.to_string(), is_usage: true })?;
                 let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
                 self.send(Event::Read { cloud, summary: codec::Summary { points, ..Default::default() } })
             }

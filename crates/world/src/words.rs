@@ -1,6 +1,7 @@
 //! What the words of a command line or of a scene file name: files, folders of tiles, built-in scenes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use scene::{Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, five_mirrors};
@@ -65,17 +66,14 @@ pub struct Request {
 
 impl Request {
     /// # Errors
-    /// If words were given and none of them names anything; a line for each.
+    /// If words were given and none of them names anything; tells of the first few.
     pub fn check(&self) -> Result<()> {
-        let errors: Vec<&str> = self
-            .inputs
-            .iter()
-            .filter_map(|input| if let Input::Unknown { error, .. } = input { Some(error.as_str()) } else { None })
-            .collect();
+        let error = |input: &Input| if let Input::Unknown { error, .. } = input { Some(error.clone()) } else { None };
+        let errors: Vec<String> = self.inputs.iter().filter_map(error).collect();
         if errors.is_empty() || errors.len() < self.inputs.len() {
             Ok(())
         } else {
-            Err(Error::NothingNamed(errors.join("\n")))
+            Err(Error::NothingNamed(param::few(errors, "that name nothing").join("; ")))
         }
     }
 
@@ -120,36 +118,44 @@ impl Request {
 }
 
 /// Finds out what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
-/// A word that names nothing becomes `Input::Unknown`, with the name that may have been meant: the others count.
-pub fn resolve(words: &[String]) -> Request {
+/// A word that names nothing becomes `Input::Unknown`, with the name that may have been meant: the others count. What is named
+/// more than once is opened once.
+pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     let mut request = Request::default();
     let mut files = Vec::new();
+    let mut unknown = 0;
+    // What may have been meant is looked for in a folder, which takes its time: for the first few.
+    let mut named = |word: &OsStr, place: &str| {
+        input(word, unknown < HINTS).unwrap_or_else(|error| {
+            unknown += 1;
+            Input::Unknown { name: word.display().to_string(), error: format!("{place}{error}") }
+        })
+    };
     for word in words {
-        if Path::new(word).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
-            let file = match SceneFile::read(Path::new(word)) {
-                Ok(file) => file,
+        let path = Path::new(word);
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
+            let name = path.display().to_string();
+            let (file, clouds) = match SceneFile::read(path) {
+                Ok(scene) => scene,
                 Err(error) => {
-                    request.inputs.push(Input::Unknown { name: word.clone(), error: error.to_string() });
+                    request.inputs.push(Input::Unknown { name, error: error.to_string() });
                     continue;
                 }
             };
-            request.inputs.extend(file.clouds.iter().map(|cloud| match input(cloud) {
-                Ok(input) => input,
-                Err(error) => Input::Unknown { name: cloud.clone(), error: format!("{word}: {error}") },
-            }));
+            request.inputs.extend(clouds.iter().map(|cloud| named(cloud.as_ref(), &format!("{name}: "))));
             let view = file.view();
             files.push(file);
-            request.warnings.extend(view.warnings.iter().map(|warning| format!("{word}: {warning}")));
+            request.warnings.extend(view.warnings.iter().map(|warning| format!("{name}: {warning}")));
             if request.view.replace(view).is_some() {
                 request
                     .warnings
-                    .push(format!("{word}: its camera and parameters replace those of the scene before it"));
+                    .push(format!("{name}: its camera and parameters replace those of the scene before it"));
             }
         } else {
-            let named = input(word).unwrap_or_else(|error| Input::Unknown { name: word.clone(), error });
-            request.inputs.push(named);
+            request.inputs.push(named(word.as_ref(), ""));
         }
     }
+    open_once(&mut request);
     files.iter().for_each(|file| request.furnish(file));
     let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
     let built_in_alone = !request.inputs.is_empty() && request.inputs.iter().all(is_built_in);
@@ -165,29 +171,59 @@ pub fn resolve(words: &[String]) -> Request {
     request
 }
 
-/// The file or built-in scene that `word` names, or what to say.
-fn input(word: &str) -> Result<Input, String> {
-    if let Some(mirror) = five_mirrors::Variant::ALL.into_iter().find(|mirror| built_in_name(*mirror) == word) {
+/// Words that name nothing and are told what may have been meant.
+const HINTS: usize = 3;
+
+/// Leaves out what is named again, and warns of it.
+fn open_once(request: &mut Request) {
+    let mut known = HashSet::new();
+    let mut again = Vec::new();
+    request.inputs.retain(|input| {
+        let place = match input {
+            Input::File(path) | Input::Tiles { folder: path, .. } => {
+                path.canonicalize().unwrap_or_else(|_| path.clone())
+            }
+            Input::BuiltIn { variant, .. } => built_in_name(*variant).into(),
+            Input::Unknown { .. } => return true,
+        };
+        let is_new = known.insert(place);
+        if !is_new && !again.contains(&input.name()) {
+            again.push(input.name());
+        }
+        is_new
+    });
+    let warnings = again.iter().map(|name| format!("{name}: named more than once, and opened once"));
+    request.warnings.extend(param::few(warnings.collect(), "that are named more than once"));
+}
+
+/// The file or built-in scene that `word` names, or what to say, with what may have been meant.
+fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
+    if let Some(mirror) = five_mirrors::Variant::ALL.into_iter().find(|mirror| *built_in_name(*mirror) == *word) {
         return Ok(Input::BuiltIn { variant: mirror, without: Vec::new() });
     }
     let path = Path::new(word);
+    let shown = path.display();
     if path.is_dir() {
-        return tiles(path).map_err(|problem| format!("{word}: {problem}"));
+        return tiles(path).map_err(|problem| format!("{shown}: {problem}"));
     }
     if path.exists() {
         return Ok(Input::File(path.to_owned()));
     }
+    let hint = if has_hint { hint(path) } else { String::new() };
+    Err(format!("{shown}: no such file or built-in scene{hint}"))
+}
+
+/// What may have been meant by a path where nothing is.
+fn hint(path: &Path) -> String {
     // Compared by their last part: a typing error in a short name must not drown in a long folder's.
-    let last = |name: &str| Path::new(name).file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let last = |name: &Path| name.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let known: BTreeMap<String, String> =
-        files_beside(path).into_iter().chain(built_in_names()).map(|name| (last(&name), name)).collect();
-    let near = param::nearest(&last(word), known.keys().map(String::as_str)).and_then(|near| known.get(near));
-    let hint = match near {
+        files_beside(path).into_iter().chain(built_in_names()).map(|name| (last(Path::new(&name)), name)).collect();
+    match param::nearest(&last(path), known.keys().map(String::as_str)).and_then(|near| known.get(near)) {
         Some(near) => format!("; did you mean `{near}`?"),
-        None if word.starts_with("five-mirrors") => "; `glint scenes` lists the built-in scenes".into(),
+        None if path.starts_with("five-mirrors") => "; `glint scenes` lists the built-in scenes".into(),
         None => String::new(),
-    };
-    Err(format!("{word}: no such file or built-in scene{hint}"))
+    }
 }
 
 /// The clouds in a folder, or what is wrong with it.
@@ -260,7 +296,7 @@ mod tests {
         let alone = resolve(&words(&["five-mirrors/torus"]));
         assert_eq!(alone.inputs, [torus]);
         assert_eq!(alone.view.unwrap().camera, Some(five_mirrors::camera()));
-        let nothing = resolve(&[]);
+        let nothing = resolve::<&str>(&[]);
         assert!(nothing.inputs.is_empty() && nothing.check().is_ok());
     }
 
@@ -335,6 +371,48 @@ mod tests {
         assert_eq!(unknown.collect::<Vec<_>>(), [true, true, false, true]);
         let both = resolve(&words(&["no_such.laz", "no_such.ply"])).check().unwrap_err().to_string();
         assert!(both.contains("no_such.laz") && both.contains("no_such.ply"), "{both}");
+    }
+
+    #[test]
+    fn what_is_named_again_is_opened_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let (cloud, scene) = (folder.path().join("cloud.ply"), folder.path().join("scene.toml"));
+        std::fs::write(&cloud, THREE_POINTS).unwrap();
+        let many = "\"cloud.ply\", \"five-mirrors/torus\", ".repeat(450);
+        std::fs::write(&scene, format!("clouds = [{many}]")).unwrap();
+        let request = resolve(&[scene.as_os_str(), cloud.as_os_str()]);
+        let torus = Input::BuiltIn { variant: five_mirrors::Variant::Torus, without: Vec::new() };
+        assert_eq!(request.inputs, [Input::File(cloud), torus]);
+        assert_eq!(request.warnings.len(), 2, "{:?}", request.warnings);
+        assert!(request.warnings[0].ends_with("cloud.ply: named more than once, and opened once"));
+    }
+
+    #[test]
+    fn many_words_that_name_nothing_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene.toml");
+        let missing: String = (0..900).map(|index| format!("\"gone-{index}.laz\", ")).collect();
+        std::fs::write(&scene, format!("clouds = [{missing}]")).unwrap();
+        let request = resolve(&[&scene]);
+        assert_eq!(request.inputs.len(), 900);
+        let message = request.check().unwrap_err().to_string();
+        assert!(message.contains("gone-0.laz") && message.contains("and 897 more that name nothing"), "{message}");
+        assert!(message.len() < 1000, "{message}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn names_that_are_no_text_are_opened() {
+        use std::os::unix::ffi::OsStrExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join(OsStr::from_bytes(b"sc\xe4ns"));
+        std::fs::create_dir(&place).unwrap();
+        let (cloud, scene) = (place.join(OsStr::from_bytes(b"w\xe4ld.ply")), place.join("scene.toml"));
+        std::fs::write(&cloud, THREE_POINTS).unwrap();
+        std::fs::write(place.join("plain.ply"), THREE_POINTS).unwrap();
+        std::fs::write(&scene, "clouds = [\"plain.ply\"]").unwrap();
+        assert_eq!(resolve(&[&cloud]).inputs, [Input::File(cloud)]);
+        assert_eq!(resolve(&[&scene]).inputs, [Input::File(place.join("plain.ply"))]);
     }
 
     #[test]

@@ -1,0 +1,333 @@
+//! Failures are the same in every command: exit status, words, and nothing left behind. docs/errors.md is the table.
+
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use tests::{Folder, Outcome};
+
+const SCENE: &str = "five-mirrors/none";
+/// Drawn in a moment.
+const FEW_POINTS: &str = "scene.points=20000";
+const SMALL: [&str; 4] = ["--size", "64x48", "--set", FEW_POINTS];
+/// A study of one setting.
+const PLAN: &str = "title = 'one'\nrepeats = 1\n[[group]]\nscenes = ['five-mirrors/none']\nmethods = ['none']\n";
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A LAS file 1.2 of point format 0 whose points are all zero, of which the disk holds none.
+fn las(folder: &Folder, name: &str, points: u32) {
+    let mut header = b"LASF".to_vec();
+    header.resize(24, 0);
+    header.extend([1, 2]);
+    header.resize(94, 0);
+    header.extend(227_u16.to_le_bytes());
+    header.extend(227_u32.to_le_bytes());
+    header.extend(0_u32.to_le_bytes());
+    header.push(0);
+    header.extend(20_u16.to_le_bytes());
+    header.extend(points.to_le_bytes());
+    header.extend(points.to_le_bytes());
+    header.resize(131, 0);
+    header.extend([0.01_f64; 3].iter().flat_map(|scale| scale.to_le_bytes()));
+    header.resize(227, 0);
+    let path = folder.write(name, header);
+    let file = std::fs::File::options().write(true).open(path).expect("the file");
+    file.set_len(227 + 20 * u64::from(points)).expect("a sparse file");
+}
+
+/// One line, without the insides and without the same reason twice.
+fn assert_failed(outcome: &Outcome, status: i32, mentioned: &[&str]) {
+    assert_eq!(outcome.status, Some(status), "{outcome}");
+    assert_eq!(outcome.messages.lines().count(), 1, "{outcome}");
+    assert!(outcome.messages.starts_with("glint: "), "{outcome}");
+    for inside in [".partial", ".unfinished", "panicked", "internal error", "/building"] {
+        assert!(!outcome.messages.contains(inside), "`{inside}`: {outcome}");
+    }
+    for word in mentioned {
+        assert_eq!(outcome.messages.matches(word).count(), 1, "`{word}`: {outcome}");
+    }
+}
+
+/// Whether this run must not be passed over for want of an adapter.
+fn lacks_adapter(outcome: &Outcome) -> bool {
+    let lacks = outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none();
+    if lacks {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+    }
+    lacks
+}
+
+/// `setting` prepares mounts and the like for one run in the folder, in a namespace of its own.
+fn within(folder: &Folder, unshare: &[&str], setting: &str, arguments: &[&str]) -> Outcome {
+    let program = folder.command(arguments);
+    let mut command = Command::new("unshare");
+    command.args(unshare).args(["sh", "-c", &format!("{setting}\nexec \"$@\""), "sh"]);
+    command.arg(program.get_program()).args(program.get_args());
+    for (name, value) in program.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
+    let command = command.current_dir(folder.path(""));
+    let Output { status, stdout, stderr } = command.output().expect("unshare starts");
+    let messages = String::from_utf8_lossy(&stderr).into_owned();
+    let command = format!("({}) glint {}", setting.replace('\n', "; "), arguments.join(" "));
+    Outcome { command, status: status.code(), output: stdout, messages, peak_memory: 0 }
+}
+
+/// Whether mounts can be made here, which a test is passed over without: said aloud, and an error under CI.
+fn can_mount() -> bool {
+    let tried = Command::new("unshare").args(["-rm", "mount", "-t", "tmpfs", "none", "/mnt"]).output();
+    let can = tried.is_ok_and(|output| output.status.success());
+    if !can {
+        assert!(std::env::var_os("CI").is_none(), "no file systems can be mounted here, and CI is set");
+        println!("skipped: `unshare -rm` cannot mount a file system here");
+    }
+    can
+}
+
+/// A file system in `place` that is full, or that can only be read.
+const FULL: &str = "mount -t tmpfs -o size=64k none place && ! cat /dev/zero > place/filler 2>/dev/null";
+const READ_ONLY: &str = "mount -t tmpfs none place && mount -o remount,ro place";
+
+/// Every command that reads points, for this input and into the folder itself.
+fn readers(input: &str) -> Vec<Vec<&str>> {
+    let render = [&["render", input, "-o", "picture.png"][..], &SMALL].concat();
+    let mut commands = vec![vec!["info", input], vec!["info", "--json", input], render];
+    commands.push(vec!["index", input]);
+    commands.push(vec!["index", input, "-o", "out.copc.laz"]);
+    commands.push(vec!["view", input]);
+    commands
+}
+
+#[test]
+fn inputs_that_cannot_be_read_are_bad_input_in_every_command() {
+    let folder = Folder::new();
+    folder.write("broken.toml", "clouds = [");
+    folder.write("odd.las", "this is no point cloud");
+    std::fs::create_dir(folder.path("empty")).expect("a folder");
+    std::fs::create_dir(folder.path("folder.toml")).expect("a folder");
+    let made = Command::new("mkfifo").arg(folder.path("pipe.las")).arg(folder.path("pipe.toml")).status();
+    assert!(made.is_ok_and(|status| status.success()));
+    let failures = [
+        ("gone.las", "no such file or built-in scene"),
+        ("empty", "a folder without .las, .laz and .ply files"),
+        ("broken.toml", "not a scene: broken.toml: line 1, column"),
+        ("folder.toml", "a folder, not a file"),
+        ("pipe.toml", "not a regular file"),
+        ("pipe.las", "not a regular file"),
+        ("odd.las", "not a LAS, LAZ or PLY file"),
+    ];
+    for (input, problem) in failures {
+        for command in readers(input) {
+            // What is wrong inside of a file is found when there is a display to show it on.
+            if command[0] == "view" && input.ends_with(".las") && input != "gone.las" {
+                continue;
+            }
+            let outcome = folder.glint_within(PATIENCE, &command);
+            if !lacks_adapter(&outcome) {
+                assert_failed(&outcome, 2, &[problem, input]);
+            }
+        }
+    }
+    for (plan, problem) in [
+        ("gone.toml", "No such file"),
+        ("broken.toml", "broken.toml:1"),
+        ("folder.toml", "a folder"),
+        ("pipe.toml", "not a regular file"),
+    ] {
+        assert_failed(&folder.glint_within(PATIENCE, ["study", plan, "-o", "results"]), 2, &[problem]);
+        assert!(!folder.path("results").exists());
+    }
+    for (view, problem) in [
+        ("gone.toml", "no such file"),
+        ("broken.toml", "line 1"),
+        ("folder.toml", "a folder"),
+        ("pipe.toml", "not a regular file"),
+    ] {
+        let command = ["render", SCENE, "-o", "picture.png", "--camera", view];
+        assert_failed(&folder.glint_within(PATIENCE, command), 2, &[problem]);
+    }
+    assert!(!folder.path("picture.png").exists() && !folder.path("out.copc.laz").exists());
+}
+
+#[test]
+fn files_without_permission_are_bad_input_in_every_command() {
+    use std::os::unix::fs::PermissionsExt as _;
+    // In a namespace where it is mapped to nobody even root may not read what nobody may.
+    let can = Command::new("unshare").args(["-U", "true"]).output().is_ok_and(|output| output.status.success());
+    if !can {
+        assert!(std::env::var_os("CI").is_none(), "no namespaces of users here, and CI is set");
+        return println!("skipped: `unshare -U` does not work here");
+    }
+    let folder = Folder::new();
+    las(&folder, "secret.las", 10);
+    folder.write("secret.toml", PLAN);
+    for name in ["secret.las", "secret.toml"] {
+        std::fs::set_permissions(folder.path(name), std::fs::Permissions::from_mode(0o000)).expect("its permissions");
+    }
+    let mut commands = readers("secret.las");
+    commands.retain(|command| command[0] != "view");
+    commands.extend(readers("secret.toml"));
+    commands.push(vec!["study", "secret.toml", "-o", "results"]);
+    commands.push(vec!["render", SCENE, "-o", "picture.png", "--camera", "secret.toml"]);
+    for command in commands {
+        let outcome = within(&folder, &["-U"], "", &command);
+        if !lacks_adapter(&outcome) {
+            assert_failed(&outcome, 2, &["Permission denied", "secret."]);
+        }
+    }
+}
+
+#[test]
+fn bad_words_are_bad_usage_in_every_command() {
+    let folder = Folder::new();
+    las(&folder, "cloud.las", 10);
+    folder.write("plan.toml", PLAN);
+    let set = |value: &'static str| {
+        let commands = [
+            vec!["render", SCENE, "-o", "picture.png"],
+            vec!["index", "cloud.las"],
+            vec!["study", "plan.toml", "-o", "results"],
+        ];
+        commands.map(|command| [command, vec!["--set", value]].concat())
+    };
+    for command in set("splat.sise=1") {
+        assert_failed(&folder.glint(&command), 2, &["no such parameter; did you mean `splat.size`?"]);
+    }
+    for command in set("splat.size=99") {
+        assert_failed(&folder.glint(&command), 2, &["expected 0.05 to 20"]);
+    }
+    for command in ["info", "render", "index", "methods", "scenes", "study", "doctor", "view"] {
+        assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);
+    }
+    for command in [&["render", SCENE, "-o", "picture.png"][..], &["study", "plan.toml", "-o", "results"]] {
+        let outcome = folder.glint([command, &["--gpu", "no such adapter"]].concat());
+        assert_failed(&outcome, 3, &[]);
+    }
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_a_failure_of_the_work_in_every_command() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("place")).expect("a folder");
+    las(&folder, "cloud.las", 100_000);
+    folder.write("plan.toml", PLAN);
+    let picture = [&["render", SCENE][..], &SMALL].concat();
+    let with = |words: &[&'static str]| [&picture, words].concat();
+    let commands = |place: &'static str| -> Vec<Vec<&str>> {
+        match place {
+            "place" => vec![
+                with(&["-o", "place/a.png"]),
+                with(&["-o", "a.png", "--aov", "depth=place/a.exr"]),
+                with(&["-o", "a.png", "--stats", "place/a.json"]),
+                vec!["index", "cloud.las", "-o", "place/a.copc.laz"],
+                vec!["study", "plan.toml", "--size", "64x48", "--set", FEW_POINTS, "-o", "place"],
+            ],
+            _ => vec![
+                with(&["-o", "gone/a.png"]),
+                with(&["-o", "a.png", "--aov", "depth=gone/a.exr"]),
+                with(&["-o", "a.png", "--stats", "gone/a.json"]),
+                vec!["index", "cloud.las", "-o", "gone/a.copc.laz"],
+            ],
+        }
+    };
+    for command in commands("gone") {
+        let told = "cannot be written: there is no such folder; make it first, or name another place";
+        assert_failed(&folder.glint(&command), 1, &[told, "gone/a."]);
+    }
+    if !can_mount() {
+        return;
+    }
+    for (setting, reason) in [
+        (READ_ONLY, "cannot be written: its disk can only be read; name another place"),
+        (FULL, "cannot be written: the disk is full; make room there, or name another place"),
+    ] {
+        for command in commands("place") {
+            let outcome = within(&folder, &["-rm"], &format!("{setting} || exit 99"), &command);
+            if !lacks_adapter(&outcome) {
+                assert_failed(&outcome, 1, &[reason, "place/"]);
+            }
+        }
+    }
+    let full = |setting: &str, words: &[&str]| within(&folder, &["-rm"], setting, words);
+    for words in [&["methods"][..], &["scenes", "--json"], &["info", "cloud.las"], &["--help"]] {
+        let outcome = full("exec > /dev/full", words);
+        assert_failed(&outcome, 1, &["standard output: cannot be written: the disk is full"]);
+    }
+}
+
+#[test]
+fn a_cache_that_cannot_be_written_is_a_failure_of_the_work_in_every_command() {
+    if !can_mount() {
+        return;
+    }
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("place")).expect("a folder");
+    las(&folder, "cloud.las", 100_000);
+    let render = [&["render", "cloud.las", "-o", "a.png", "--set", "stream.pages=always"][..], &SMALL].concat();
+    for (setting, reason) in [
+        (READ_ONLY, "the cache cannot be written: its disk can only be read"),
+        (FULL, "the cache cannot be written: the disk is full"),
+    ] {
+        let setting = format!("{setting} || exit 99\nexport GLINT_CACHE_DIR=place");
+        for command in [&["index", "cloud.las"][..], &render] {
+            let outcome = within(&folder, &["-rm"], &setting, command);
+            if !lacks_adapter(&outcome) {
+                assert_failed(&outcome, 1, &[reason, "GLINT_CACHE_DIR can name another folder"]);
+            }
+        }
+    }
+    assert!(!folder.path("a.png").exists());
+}
+
+/// Names of all that lies in a folder and below.
+fn names(folder: &Path) -> Vec<OsString> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let below = entries.flat_map(|entry| [vec![entry.file_name()], names(&entry.path())].concat());
+    below.collect()
+}
+
+#[test]
+fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
+    let folder = Folder::new();
+    // Many seconds of work, whatever is done with them.
+    las(&folder, "large.las", 200_000_000);
+    let many = PLAN.replace("repeats = 1", "repeats = 1000");
+    folder.write("plan.toml", many);
+    let render = [&["render", "large.las", "-o", "a.png"][..], &SMALL].concat();
+    let commands: [&[&str]; 5] = [
+        &["info", "--scan", "large.las"],
+        &["index", "large.las"],
+        &["index", "large.las", "-o", "a.copc.laz"],
+        &render,
+        &["study", "plan.toml", "--size", "64x48", "--set", FEW_POINTS, "-o", "results"],
+    ];
+    for words in commands {
+        let mut command = folder.command(words);
+        command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        let mut program = command.spawn().expect("the program starts");
+        std::thread::sleep(Duration::from_secs(3));
+        if let Some(status) = program.try_wait().expect("a child") {
+            // Without an adapter there is nothing to interrupt.
+            assert!(status.code() == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none(), "{words:?}: {status}");
+            println!("skipped: no adapter for {words:?}");
+            continue;
+        }
+        let pressed = Instant::now();
+        let sent = Command::new("kill").args(["-INT", &program.id().to_string()]).status();
+        assert!(sent.is_ok_and(|status| status.success()));
+        let output = program.wait_with_output().expect("its end");
+        assert!(pressed.elapsed() < PATIENCE, "{words:?} ended after {:?}", pressed.elapsed());
+        let messages = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(130), "{words:?}: {messages}");
+        assert_eq!(messages, "glint: interrupted\n", "{words:?}");
+        for name in names(&folder.path("")) {
+            let name = name.to_string_lossy();
+            let is_partial = [".partial", ".unfinished", "a.png", "copc.laz"].iter().any(|part| name.contains(part));
+            assert!(!is_partial && name != "building", "{words:?} left {name}");
+        }
+    }
+}
