@@ -22,6 +22,7 @@ use super::objects::{Objects, Placed};
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, FrameRequest, PickPurpose};
 use super::state::{Effect, State};
+use super::work::Work;
 
 /// Growth of splats and of the field of view per notch: seven notches double.
 const STEP: f32 = 1.1;
@@ -155,7 +156,7 @@ impl State {
 
     fn after_history(&mut self, done: bool, otherwise: &str) {
         if done {
-            self.navigation.camera_moved();
+            self.navigation.camera_moved(self.now);
             let Objects { mirrors, lights, .. } = &self.objects;
             self.log(json!({ "event": "history", "mirrors": mirrors.len(), "lights": lights.len() }));
         } else {
@@ -195,7 +196,7 @@ impl State {
             self.path_prompt = None;
         } else if self.inspection.is_some() {
             self.inspection = None;
-            self.navigation.camera_moved();
+            self.navigation.camera_moved(self.now);
         } else if self.pick_tool {
             self.pick_tool = false;
         } else if self.selected.is_some() {
@@ -294,7 +295,7 @@ impl State {
         }
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");
-        self.effects.push(Effect::SaveScene { path, text: file.to_text() });
+        self.effects.push(Effect::Work(Work::SaveScene { path, text: file.to_text() }));
     }
 
     /// The command that renders what is on the screen, for a POSIX shell.
@@ -389,7 +390,7 @@ impl State {
         }
         self.objects.add_light(id, light);
         self.history.settle(&self.settings, &self.objects);
-        self.navigation.camera_moved();
+        self.navigation.camera_moved(self.now);
         self.selected = Some(id);
         self.warn_of_dark_lights();
     }
@@ -409,7 +410,7 @@ impl State {
 
     fn toggle_inspection(&mut self) {
         if self.inspection.take().is_some() {
-            self.navigation.camera_moved();
+            self.navigation.camera_moved(self.now);
             return;
         }
         if !self.clouds.is_empty() {
@@ -440,7 +441,7 @@ impl State {
         held.update(None, eye, up);
         let is_changed = held.mirror != before;
         if is_changed {
-            self.navigation.camera_moved();
+            self.navigation.camera_moved(self.now);
         }
         let Some(pixel) = cursor else { return };
         let Some(held) = &mut self.inspection else { return };
@@ -455,7 +456,7 @@ impl State {
         };
         let chunks = visible.flat_map(with_bounds);
         let ray = self.sight_line(pixel, chunks.collect());
-        self.effects.push(Effect::Cast(ray));
+        self.effects.push(Effect::Work(Work::Cast(ray)));
     }
 
     /// What a pixel looks along.
@@ -476,7 +477,7 @@ impl State {
         held.known = held.asked.take();
         if surface.is_some() {
             held.update(surface, eye, up);
-            self.navigation.camera_moved();
+            self.navigation.camera_moved(self.now);
         }
     }
 

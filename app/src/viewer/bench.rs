@@ -6,19 +6,18 @@ use std::time::{Duration, Instant};
 
 use egui::Ui;
 use render::Gpu;
-use world::{AutoLight, mirrors};
 
-use super::figures::Figures;
 use super::interface;
 use super::preferences::Preferences;
 use super::render_thread::{Command, RenderThread, Report};
-use super::state::{Effect, Found, State};
-use super::sweep::Sweep;
+use super::state::{Effect, State};
+use super::sweep_files::SweepResult;
+use super::work::Work;
 
 pub struct Bench {
     pub state: State,
     /// What a sweep would have written.
-    pub swept: Option<Box<Sweep>>,
+    pub swept: Option<Box<SweepResult>>,
     thread: RenderThread,
     reports: Receiver<Report>,
 }
@@ -66,12 +65,7 @@ impl Bench {
     pub fn settle(&mut self) {
         let started = Instant::now();
         loop {
-            let rest = self.state.request_frame();
-            self.state.renew_figures();
-            self.state.sync_objects();
-            self.state.sync_sweep();
-            let truth = self.state.sync_truth();
-            let mut is_done = rest.is_none() && truth.is_none();
+            let mut is_done = self.state.step(Instant::now(), false).is_none();
             for effect in std::mem::take(&mut self.state.effects) {
                 is_done &= matches!(effect, Effect::Log(_));
                 self.work(effect);
@@ -101,28 +95,14 @@ impl Bench {
                 let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
                 job.events.iter().for_each(|event| self.state.on_loading(id, event));
             }
-            Effect::FindFigures { key, cloud, basis, up, kept } => {
-                let figures = Box::new(match kept {
-                    Some(kept) => kept.recounted(&cloud, up),
-                    None => Figures::of(&cloud, &basis.color, up),
-                });
-                self.state.on_found(Found::Figures { key, basis, figures });
+            Effect::Work(Work::SaveSweep(sweep)) => self.swept = Some(sweep),
+            Effect::Work(work) => {
+                let found = std::cell::RefCell::new(Vec::new());
+                work.run(&self.state.settings.stream.clone(), |news| found.borrow_mut().push(news));
+                found.into_inner().into_iter().for_each(|news| self.state.on_found(news));
             }
-            Effect::SampleMirror { id, mirror, area_per_point } => {
-                let samples = mirrors::sample(&mirror, area_per_point);
-                self.state.on_found(Found::Samples { id, mirror, area_per_point, samples });
-            }
-            Effect::FindSurroundings { asked, chunks, up } => {
-                let found = AutoLight::around(&chunks, up);
-                self.state.on_found(Found::Surroundings { asked, found });
-            }
-            Effect::Truth(task) => {
-                let answers = std::cell::RefCell::new(Vec::new());
-                task.run(|answer| answers.borrow_mut().push(answer));
-                answers.into_inner().into_iter().for_each(|answer| self.state.on_found(Found::Truth(Box::new(answer))));
-            }
-            Effect::SaveSweep(sweep) => self.swept = Some(sweep),
-            _ => {}
+            // These need a window.
+            Effect::OpenDialog | Effect::Copy(_) | Effect::SetFullScreen(_) | Effect::Log(_) => {}
         }
     }
 }

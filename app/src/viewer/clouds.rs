@@ -171,7 +171,7 @@ pub struct JobEntry {
 }
 
 impl JobEntry {
-    pub fn new(id: u32, inputs: &[Input], progress: Arc<Progress>, lookout: Arc<Lookout>) -> Self {
+    pub fn new(id: u32, inputs: &[Input], progress: Arc<Progress>, lookout: Arc<Lookout>, started: Instant) -> Self {
         let name = match inputs {
             [one] => short_name(&one.name()).to_string(),
             several => format!("{} inputs", several.len()),
@@ -180,7 +180,7 @@ impl JobEntry {
             id,
             name,
             progress,
-            started: Instant::now(),
+            started,
             clouds: BTreeMap::new(),
             stream: StreamStats::default(),
             lookout,

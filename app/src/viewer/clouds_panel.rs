@@ -84,7 +84,8 @@ mod tests {
 
     use super::super::bindings::Action;
     use super::super::figures::Figures;
-    use super::super::state::{Effect, Found};
+    use super::super::state::Effect;
+    use super::super::work::{Found, Work};
     use super::*;
 
     /// The panel over a cloud of two points.
@@ -116,7 +117,7 @@ mod tests {
         let state = harness.state_mut();
         state.renew_figures();
         for effect in std::mem::take(&mut state.effects) {
-            if let Effect::FindFigures { key, cloud, basis, up, .. } = effect {
+            if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
                 let figures = Box::new(Figures::of(&cloud, &basis.color, up));
                 state.on_found(Found::Figures { key, basis, figures });
             }

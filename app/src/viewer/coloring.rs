@@ -12,6 +12,7 @@ use world::{Change, CloudKey};
 use super::figures::{Basis, Figures};
 use super::messages::Level;
 use super::state::{Effect, State};
+use super::work::Work;
 
 impl State {
     /// Asks for colours, histograms and bounds of clouds that have changed. Called every frame of the window.
@@ -32,7 +33,7 @@ impl State {
                 // Ramps of a streamed cloud must not change with what of it is there.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);
-                self.effects.push(Effect::FindFigures { key, cloud, basis, up, kept });
+                self.effects.push(Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }));
             }
         }
     }
@@ -46,7 +47,7 @@ impl State {
             if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
                 let progress = Arc::<Progress>::default();
                 read.insert(Some(progress.clone()));
-                self.effects.push(Effect::ReadColumn { key, source, attribute, progress });
+                self.effects.push(Effect::Work(Work::ReadColumn { key, source, attribute, progress }));
             }
             return;
         }

@@ -56,7 +56,7 @@ impl Frames {
     }
 
     /// Takes in which frame is wanted now. While points come, frames that differ only by them are not drawn too often.
-    pub fn want(&mut self, wanted: &FrameRequest, points_come: bool) -> Next {
+    pub fn want(&mut self, wanted: &FrameRequest, points_come: bool, now: Instant) -> Next {
         if self.requested.as_ref() == Some(wanted) {
             return Next::Nothing;
         }
@@ -67,14 +67,14 @@ impl Frames {
             if self.under_way > 0 {
                 return Next::Wait;
             }
-            let since = self.requested_at.map_or(LOADING_FRAME_INTERVAL, |at| at.elapsed());
+            let since = self.requested_at.map_or(LOADING_FRAME_INTERVAL, |at| now.saturating_duration_since(at));
             if since < LOADING_FRAME_INTERVAL {
                 return Next::WaitFor(LOADING_FRAME_INTERVAL - since);
             }
         }
         self.is_at_rest = false;
         self.requested = Some(wanted.clone());
-        self.requested_at = Some(Instant::now());
+        self.requested_at = Some(now);
         self.under_way += 1;
         Next::Draw
     }

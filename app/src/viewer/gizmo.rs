@@ -315,7 +315,7 @@ fn handles(picture: &Response, state: &mut State, stage: &Stage) {
             }
             Subject::Light(moved) => state.objects.set_light(id, moved),
         }
-        state.navigation.camera_moved();
+        state.navigation.camera_moved(state.now);
     }
 }
 

@@ -30,9 +30,9 @@ const QUIET: Duration = Duration::from_millis(400);
 const STEPS: usize = 500;
 
 impl History {
-    /// Watches what can be undone; called every frame of the window. `is_held`: a mouse button is down or text is being typed.
-    /// Returns when to look again.
-    pub fn watch(&mut self, settings: &Settings, objects: &Objects, is_held: bool) -> Option<Duration> {
+    /// Watches what can be undone; called at every step. `is_held`: a mouse button is down or text is being typed. Returns
+    /// when to look again.
+    pub fn watch(&mut self, settings: &Settings, objects: &Objects, is_held: bool, now: Instant) -> Option<Duration> {
         let Some(settled) = &self.settled else {
             self.settled = Some((settings.clone(), objects.clone()));
             return None;
@@ -43,12 +43,12 @@ impl History {
         }
         match &mut self.changed {
             Some((changed, moved, since)) if changed == settings && moved == objects => {
-                if !is_held && since.elapsed() >= QUIET {
+                if !is_held && now.saturating_duration_since(*since) >= QUIET {
                     self.settle(settings, objects);
                     return None;
                 }
             }
-            changed => *changed = Some((settings.clone(), objects.clone(), Instant::now())),
+            changed => *changed = Some((settings.clone(), objects.clone(), now)),
         }
         Some(QUIET)
     }
@@ -165,7 +165,7 @@ mod tests {
         }
 
         fn watch(&mut self, is_held: bool) {
-            self.history.watch(&self.settings, &self.objects, is_held);
+            self.history.watch(&self.settings, &self.objects, is_held, Instant::now());
         }
 
         fn undo(&mut self) -> bool {

@@ -148,7 +148,7 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut light: SpotLight) {
     });
     if light != before {
         state.objects.set_light(id, light);
-        state.navigation.camera_moved();
+        state.navigation.camera_moved(state.now);
     }
 }
 
@@ -181,7 +181,8 @@ mod tests {
     use world::AutoLight;
 
     use super::super::objects::{GUESSED_LAMP, Origin};
-    use super::super::state::{Effect, Found};
+    use super::super::state::Effect;
+    use super::super::work::{Found, Work};
     use super::*;
 
     fn light_of(surroundings: Surroundings) -> AutoLight {
@@ -203,7 +204,7 @@ mod tests {
     /// What a worker thread would answer to the last question for the surroundings.
     fn answer(state: &mut State, found: Surroundings) {
         let asked = std::mem::take(&mut state.effects).into_iter().rev().find_map(|effect| match effect {
-            Effect::FindSurroundings { asked, .. } => Some(asked),
+            Effect::Work(Work::FindSurroundings { asked, .. }) => Some(asked),
             _ => None,
         });
         state.on_found(Found::Surroundings {
@@ -362,11 +363,11 @@ mod tests {
         let (hidden, shown) = (state.clouds[0].key, false);
         state.effects.clear();
         state.set_visible(hidden, shown);
-        let asks = |effect: &Effect| matches!(effect, Effect::FindSurroundings { .. });
+        let asks = |effect: &Effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. }));
         assert!(!state.effects.iter().any(asks), "there is nothing to be seen");
         state.set_visible(hidden, true);
         let asked = state.effects.iter().find_map(|effect| match effect {
-            Effect::FindSurroundings { asked, .. } => Some(*asked),
+            Effect::Work(Work::FindSurroundings { asked, .. }) => Some(*asked),
             _ => None,
         });
         state.remove_cloud(hidden);

@@ -8,6 +8,7 @@ use world::AutoLight;
 use super::clouds::CloudEntry;
 use super::objects::{Objects, Origin, PlacedLight};
 use super::state::{Effect, State};
+use super::work::Work;
 
 impl State {
     /// Lights that files and a built-in scene bring, less those that are there already.
@@ -38,7 +39,7 @@ impl State {
         let chunks: Vec<Chunk> = visible.flat_map(|entry| entry.cloud.chunks.iter().cloned()).collect();
         if !self.is_loading() && !chunks.is_empty() {
             let (asked, up) = (self.light_search.ask(), self.up());
-            self.effects.push(Effect::FindSurroundings { asked, chunks, up });
+            self.effects.push(Effect::Work(Work::FindSurroundings { asked, chunks, up }));
         }
     }
 

@@ -11,6 +11,7 @@ use super::state::{Effect, State};
 use super::streams;
 use super::theme::{self, grouped};
 use super::widgets::{choice, length, name_label, slider};
+use super::work::Work;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Way {
@@ -188,7 +189,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             if !draft.is_counting {
                 draft.is_counting = true;
                 let (cloud, source) = (entry.cloud.clone(), entry.source.clone());
-                state.effects.push(Effect::CountPoints { cloud, source, wanted: wanted.clone() });
+                state.effects.push(Effect::Work(Work::CountPoints { cloud, source, wanted: wanted.clone() }));
             }
         }
     }
@@ -300,7 +301,7 @@ mod tests {
     use super::super::figures::{Basis, Figures};
     use super::super::preferences::Preferences;
     use super::super::render_thread::Command;
-    use super::super::state::Found;
+    use super::super::work::Found;
     use super::*;
 
     /// Six points of which two are water, and what a worker thread would have found out about them.
@@ -320,7 +321,7 @@ mod tests {
         let figures = Box::new(Figures::of(&cloud, &color, DVec3::Z));
         let basis = Basis { color, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
         state.on_found(Found::Figures { key, basis, figures });
-        state.history.watch(&state.settings, &state.objects, false);
+        state.history.watch(&state.settings, &state.objects, false, state.now);
         state
     }
 
@@ -328,12 +329,12 @@ mod tests {
     fn work(state: &mut State) {
         for effect in std::mem::take(&mut state.effects) {
             match effect {
-                Effect::CountPoints { cloud, wanted, .. } => {
+                Effect::Work(Work::CountPoints { cloud, wanted, .. }) => {
                     let marked = mirrors::mark(&cloud, None, &wanted, &Progress::default());
                     let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
                     state.on_found(Found::Counted { wanted, result: result.map_err(|error| error.to_string()) });
                 }
-                Effect::MarkPoints { key, cloud, wanted, progress, .. } => {
+                Effect::Work(Work::MarkPoints { key, cloud, wanted, progress, .. }) => {
                     let mark = |wanted| mirrors::mark(&cloud, None, wanted, &progress).unwrap();
                     let result = Ok(wanted.iter().map(mark).collect());
                     state.on_found(Found::Marked { key, wanted, result });

@@ -12,6 +12,7 @@ use super::clouds::Sample;
 use super::messages::Level;
 use super::objects::{Marking, ObjectId, unnamed};
 use super::state::{Effect, State};
+use super::work::Work;
 
 impl State {
     /// Those of the scene, and the one that is held over it.
@@ -81,7 +82,7 @@ impl State {
             let stale = self.all_mirrors().find(|(id, mirror)| !is_held(*id) && !is_current(*id, mirror));
             if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
                 self.samples.under_way = Some(id);
-                self.effects.push(Effect::SampleMirror { id, mirror, area_per_point });
+                self.effects.push(Effect::Work(Work::SampleMirror { id, mirror, area_per_point }));
             }
         }
         for entry in &mut self.clouds {
@@ -94,7 +95,7 @@ impl State {
                     let progress = Arc::<Progress>::default();
                     entry.marking = Some((wanted.clone(), progress.clone()));
                     let (key, cloud, source) = (entry.key, entry.cloud.clone(), entry.source.clone());
-                    self.effects.push(Effect::MarkPoints { key, cloud, source, wanted, progress });
+                    self.effects.push(Effect::Work(Work::MarkPoints { key, cloud, source, wanted, progress }));
                 }
                 None => {}
             }

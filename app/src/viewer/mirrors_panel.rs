@@ -173,7 +173,7 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut mirror: Mirror) {
             *placed = mirror;
         }
         if is_moved {
-            state.navigation.camera_moved();
+            state.navigation.camera_moved(state.now);
         }
     }
 }
@@ -211,6 +211,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::super::state::Effect;
+    use super::super::work::{Found, Work};
     use super::*;
 
     /// The panel over a scene of two points.
@@ -277,14 +278,14 @@ mod tests {
             state.sync_objects();
             let effects = std::mem::take(&mut state.effects);
             effects.into_iter().find_map(|effect| match effect {
-                Effect::SampleMirror { id, mirror, area_per_point } => Some((id, mirror, area_per_point)),
+                Effect::Work(Work::SampleMirror { id, mirror, area_per_point }) => Some((id, mirror, area_per_point)),
                 _ => None,
             })
         };
         let (id, mirror, area_per_point) = wanted(&mut harness).expect("its points");
         assert!(wanted(&mut harness).is_none(), "asked for twice");
         let samples = world::mirrors::sample(&mirror, area_per_point);
-        harness.state_mut().on_found(super::super::state::Found::Samples { id, mirror, area_per_point, samples });
+        harness.state_mut().on_found(Found::Samples { id, mirror, area_per_point, samples });
         assert!(wanted(&mut harness).is_none(), "asked for again");
         harness.state_mut().objects.mirrors[0].mirror.name = "ball".into();
         assert!(wanted(&mut harness).is_none(), "a name is no change");

@@ -46,7 +46,9 @@ mod screen;
 mod state;
 mod streaming_panel;
 mod streams;
+mod study_file;
 mod sweep;
+mod sweep_files;
 mod theme;
 mod timings_panel;
 mod truth;
@@ -55,6 +57,7 @@ mod truth_tasks;
 mod tuning;
 mod under_way;
 mod widgets;
+mod work;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -62,18 +65,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use cloud::Progress;
 use clouds::JobEntry;
 use event_log::EventLog;
-use figures::Figures;
 use messages::Level;
 use path_prompt::PathPrompt;
 use preferences::Preferences;
 use render_thread::{Command, RenderThread, Report};
-use scene::{MirrorNormals, MirrorPoints};
 use screen::{Painted, Screen};
 use serde_json::json;
-use state::{Effect, Found, State};
+use state::{Effect, State};
 use truth_tasks::Answer;
 use under_way::{Pass, UnderWay};
 use winit::application::ApplicationHandler;
@@ -81,10 +81,10 @@ use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
-use world::{AutoLight, Request, mirrors};
+use work::{Found, Work};
+use world::Request;
 
 use crate::failure::NoScreen;
-use crate::picture_file;
 
 /// What other threads tell the window.
 enum Wake {
@@ -188,6 +188,7 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn user_event(&mut self, _: &ActiveEventLoop, event: Wake) {
+        self.state.now = Instant::now();
         let is_chunk = matches!(event, Wake::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _));
         match event {
             Wake::Loading(job, event, pass) => {
@@ -222,6 +223,7 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        self.state.now = Instant::now();
         let Some(screen) = &mut self.screen else { return };
         match &event {
             WindowEvent::CloseRequested => {
@@ -336,22 +338,11 @@ impl Viewer {
             }
         });
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
-        state.follow_cursor();
-        let steps = state.history.steps();
-        let again = [state.history.watch(&state.settings, &state.objects, is_held), state.request_frame()];
-        if state.history.steps() != steps {
-            state.log(json!({ "event": "step" }));
-        }
-        state.renew_figures();
-        state.look_around();
-        state.sync_levels();
-        state.sync_objects();
-        state.sync_sweep();
-        let truth = state.sync_truth();
+        let again = state.step(Instant::now(), is_held);
         match painted {
             Painted::Next(delay) => {
                 self.log.on_painted();
-                let delay = again.into_iter().chain([truth]).flatten().fold(delay, Duration::min);
+                let delay = again.map_or(delay, |again| delay.min(again));
                 self.next_paint = Instant::now().checked_add(delay);
                 if delay.is_zero() {
                     screen.window.request_redraw();
@@ -403,73 +394,18 @@ impl Viewer {
                     let job = world::start(inputs.clone(), &self.state.settings_of_next_job());
                     let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
                     let under_way = self.under_way.clone();
-                    self.work("loading events", move |wake| forward(&job, id, &under_way, wake));
+                    self.begin("loading events", move |wake| forward(&job, id, &under_way, wake));
                 }
-                Effect::FindFigures { key, cloud, basis, up, kept } => self.work("figures", move |wake| {
-                    let figures = Box::new(match kept {
-                        Some(kept) => kept.recounted(&cloud, up),
-                        None => Figures::of(&cloud, &basis.color, up),
-                    });
-                    let _ = wake.send_event(Wake::Found(Found::Figures { key, basis, figures }));
-                }),
-                Effect::ReadColumn { key, source, attribute, progress } => self.work("column", move |wake| {
-                    let result = world::read_column(&source, attribute, &progress);
-                    let result = result.map_err(|error| error.to_string());
-                    let _ = wake.send_event(Wake::Found(Found::Column { key, attribute, result }));
-                }),
-                Effect::ReadRecord { picked, record, source } => self.work("record", move |wake| {
-                    let result = source.record(record).map_err(|error| error.to_string());
-                    let _ = wake.send_event(Wake::Found(Found::Record { picked, record, result }));
-                }),
-                Effect::SampleMirror { id, mirror, area_per_point } => self.work("mirror", move |wake| {
-                    let samples = mirrors::sample(&mirror, area_per_point);
-                    let _ = wake.send_event(Wake::Found(Found::Samples { id, mirror, area_per_point, samples }));
-                }),
-                Effect::MarkPoints { key, cloud, source, wanted, progress } => {
-                    self.work("mirror points", move |wake| {
-                        let mark = |wanted| mirrors::mark(&cloud, source.as_deref(), wanted, &progress);
-                        let result = wanted.iter().map(mark).collect::<world::Result<Option<Vec<_>>>>();
-                        let result = result.map_err(|error| format!("{error:#}"));
-                        let _ = wake.send_event(Wake::Found(Found::Marked { key, wanted, result }));
-                    })
-                }
-                Effect::CountPoints { cloud, source, wanted } => self.work("count", move |wake| {
-                    let own = MirrorPoints { normals: MirrorNormals::Own, ..wanted.clone() };
-                    let marked = mirrors::mark(&cloud, source.as_deref(), &own, &Progress::default());
-                    let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
-                    let result = result.map_err(|error| format!("{error:#}"));
-                    let _ = wake.send_event(Wake::Found(Found::Counted { wanted, result }));
-                }),
-                Effect::FindSurroundings { asked, chunks, up } => self.work("surroundings", move |wake| {
-                    let found = AutoLight::around(&chunks, up);
-                    let _ = wake.send_event(Wake::Found(Found::Surroundings { asked, found }));
-                }),
-                Effect::Cast(ray) => self.work("sight line", move |wake| {
-                    let _ = wake.send_event(Wake::Found(Found::Surface(inspection::cast(&ray))));
-                }),
-                Effect::SaveScene { path, text } => self.work("scene", move |wake| {
-                    let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
-                    let _ = wake.send_event(Wake::Found(Found::SceneSaved { path, result }));
-                }),
-                Effect::Truth(task) => {
+                Effect::Work(Work::Truth(task)) => {
                     let kind = task.kind();
-                    let is_begun = self.begin("truth", move |wake| {
-                        task.run(|answer| drop(wake.send_event(Wake::Found(Found::Truth(Box::new(answer))))));
-                    });
-                    if !is_begun {
+                    if !self.begin_work(Work::Truth(task)) {
                         self.state.on_truth(Answer::Failed(kind));
                     }
                 }
-                Effect::AddToStudy { plan, scene, group } => self.work("study", move |wake| {
-                    let result = tuning::add_to_study(&plan, &scene, group).map_err(|error| format!("{error:#}"));
-                    let _ = wake.send_event(Wake::Found(Found::AddedToStudy { plan, result }));
-                }),
-                Effect::SaveSweep(sweep) => self.work("sweep", move |wake| {
-                    let (folder, result) = sweep.save();
-                    let result = result.map_err(|error| format!("{error:#}"));
-                    let _ = wake.send_event(Wake::Found(Found::SweepSaved { folder, result }));
-                }),
-                Effect::OpenDialog => self.work("dialog", |wake| {
+                Effect::Work(work) => {
+                    self.begin_work(work);
+                }
+                Effect::OpenDialog => drop(self.begin("dialog", |wake| {
                     let asked = Instant::now();
                     let dialog = rfd::FileDialog::new()
                         .set_title("Open point clouds")
@@ -477,22 +413,7 @@ impl Viewer {
                         .add_filter("All files", &["*"]);
                     let chosen = dialog.pick_files();
                     let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
-                }),
-                Effect::DeleteIndex(kept) => {
-                    let settings = self.state.settings.stream.clone();
-                    self.work("index", move |wake| {
-                        let result = world::delete(&settings, &kept).map_err(|error| error.to_string());
-                        let _ = wake.send_event(Wake::Found(Found::IndexDeleted { kept, result }));
-                    });
-                }
-                Effect::MeasureCache => {
-                    let settings = self.state.settings.stream.clone();
-                    self.work("cache", move |wake| {
-                        if let Ok(cache) = world::cache(&settings) {
-                            let _ = wake.send_event(Wake::Found(Found::CacheSize(cache.size())));
-                        }
-                    });
-                }
+                })),
                 Effect::Copy(text) => {
                     self.log.write(&json!({ "event": "copied", "text": text }));
                     if let Some(screen) = &mut self.screen {
@@ -513,12 +434,13 @@ impl Viewer {
         }
     }
 
-    /// Runs `task` on a thread of its own.
-    fn work(&mut self, name: &str, task: impl FnOnce(&EventLoopProxy<Wake>) + Send + 'static) {
-        self.begin(name, task);
+    /// Does `work` on a thread of its own; false, with a message, if there is no thread for it.
+    fn begin_work(&mut self, work: Work) -> bool {
+        let stream = self.state.settings.stream.clone();
+        self.begin(work.name(), move |wake| work.run(&stream, |found| drop(wake.send_event(Wake::Found(found)))))
     }
 
-    /// The same; false, with a message, if there is no thread for it.
+    /// Runs `task` on a thread of its own; false, with a message, if there is no thread for it.
     fn begin(&mut self, name: &str, task: impl FnOnce(&EventLoopProxy<Wake>) + Send + 'static) -> bool {
         let wake = self.wake.clone();
         let started = std::thread::Builder::new().name(name.into()).spawn(move || task(&wake));

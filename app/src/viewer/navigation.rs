@@ -51,23 +51,23 @@ pub struct Navigation {
 }
 
 impl Navigation {
-    pub fn camera_moved(&mut self) {
-        self.last_move = Some(Instant::now());
+    pub fn camera_moved(&mut self, now: Instant) {
+        self.last_move = Some(now);
         self.hovered = None;
     }
 
     /// `None` if the camera rests.
-    pub fn time_to_rest(&self) -> Option<Duration> {
-        REST.checked_sub(self.last_move?.elapsed()).filter(|left| !left.is_zero())
+    pub fn time_to_rest(&self, now: Instant) -> Option<Duration> {
+        REST.checked_sub(now.saturating_duration_since(self.last_move?)).filter(|left| !left.is_zero())
     }
 
-    pub fn show_pivot(&mut self) {
-        self.pivot_shown = Some(Instant::now());
+    pub fn show_pivot(&mut self, now: Instant) {
+        self.pivot_shown = Some(now);
     }
 
     /// How long the pivot stays marked.
-    pub fn pivot_mark(&self) -> Option<Duration> {
-        PIVOT_MARK.checked_sub(self.pivot_shown?.elapsed()).filter(|left| !left.is_zero())
+    pub fn pivot_mark(&self, now: Instant) -> Option<Duration> {
+        PIVOT_MARK.checked_sub(now.saturating_duration_since(self.pivot_shown?)).filter(|left| !left.is_zero())
     }
 
     pub fn on_hover(&mut self, pixel: [u32; 2], world: Option<DVec3>) {
@@ -113,7 +113,7 @@ pub fn handle(ui: &Ui, picture: &Response, state: &mut State) {
         state.navigation.picks_before = state.picks.clone();
         act(state, bindings::action(Trigger::Click, state.mode));
     }
-    let rests = [state.navigation.time_to_rest(), state.navigation.pivot_mark()];
+    let rests = [state.navigation.time_to_rest(state.now), state.navigation.pivot_mark(state.now)];
     if let Some(soonest) = rests.into_iter().flatten().min() {
         ui.ctx().request_repaint_after(soonest);
     }
@@ -183,7 +183,7 @@ fn held(ui: &Ui, state: &mut State) {
 /// The camera was moved by hand.
 fn moved(state: &mut State) {
     state.camera_is_placed = true;
-    state.navigation.camera_moved();
+    state.navigation.camera_moved(state.now);
 }
 
 fn drags(picture: &Response, state: &mut State, scale: f64) {
@@ -208,7 +208,7 @@ fn drags(picture: &Response, state: &mut State, scale: f64) {
             moved(state);
         }
         if matches!(action, Some(Action::Orbit | Action::Pan)) {
-            state.navigation.show_pivot();
+            state.navigation.show_pivot(state.now);
         }
     }
 }
@@ -228,7 +228,7 @@ fn wheel(ui: &Ui, state: &mut State) {
         act(state, action.map(|action| action.scaled(notches)));
     }
     if let Some(since) = state.navigation.zoom_since {
-        state.apply_pending_zoom(since.elapsed() >= ZOOM_PATIENCE);
+        state.apply_pending_zoom(state.now.saturating_duration_since(since) >= ZOOM_PATIENCE);
         ui.ctx().request_repaint_after(ZOOM_PATIENCE);
     }
 }
@@ -240,17 +240,17 @@ fn hover(ui: &Ui, picture: &Response, state: &mut State, scale: f64) {
         let from_corner = position - picture.rect.min;
         [from_corner.x, from_corner.y].map(|distance| (f64::from(distance.max(0.0)) * scale) as u32)
     });
-    let navigation = &mut state.navigation;
+    let (navigation, now) = (&mut state.navigation, state.now);
     let Some(pixel) = pixel else {
         (navigation.cursor, navigation.hovered) = (None, None);
         return;
     };
     if navigation.cursor.is_none_or(|(old, _)| old != pixel) {
-        navigation.cursor = Some((pixel, Instant::now()));
+        navigation.cursor = Some((pixel, now));
     }
-    let rested = navigation.cursor.map_or(Duration::ZERO, |(_, since)| since.elapsed());
+    let rested = navigation.cursor.map_or(Duration::ZERO, |(_, since)| now.saturating_duration_since(since));
     let is_known = navigation.hovered.is_some_and(|(known, _)| known == pixel);
-    let is_busy = navigation.asked.is_some() || state.frames.under_way > 0 || navigation.time_to_rest().is_some();
+    let is_busy = navigation.asked.is_some() || state.frames.under_way > 0 || navigation.time_to_rest(now).is_some();
     if is_known || state.frames.shown.is_none() || picture.dragged() {
         return;
     }
@@ -277,7 +277,7 @@ impl State {
     /// Turns of the wheel: done at once if the point under the cursor is known, else when it is.
     pub fn zoom(&mut self, notches: f32) {
         self.navigation.pending_zoom += notches;
-        self.navigation.zoom_since.get_or_insert_with(Instant::now);
+        self.navigation.zoom_since.get_or_insert(self.now);
         if self.navigation.anchor().is_none() && self.navigation.asked.is_none() {
             self.ask_hover();
         }

@@ -32,7 +32,7 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
             wire(&painter, &place, bounds, Stroke::new(1.0, Color32::from_rgb(red, green, blue)));
         }
     }
-    let marked = state.navigation.pivot_mark().and_then(|_| place(shown.request.camera.pivot));
+    let marked = state.navigation.pivot_mark(state.now).and_then(|_| place(shown.request.camera.pivot));
     if let Some(at) = marked {
         pivot(&painter, at);
     }
@@ -148,7 +148,7 @@ mod tests {
     fn nothing_is_painted_before_there_is_a_picture() {
         let mut state = State::with_two_points();
         state.settings.stream.overlay = true;
-        state.navigation.show_pivot();
+        state.navigation.show_pivot(state.now);
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
         assert!(shapes(|painter| paint(painter, rect, &state)).iter().all(|shape| matches!(shape, egui::Shape::Noop)));
     }

@@ -8,6 +8,7 @@ use super::objects::{ObjectId, Placed};
 use super::pick::{Distance, Pick, loaded_attributes};
 use super::render_thread::{PickPurpose, PickedPoint};
 use super::state::{Effect, State};
+use super::work::Work;
 
 impl State {
     /// World position of a point: the file's own coordinates.
@@ -41,7 +42,7 @@ impl State {
                 let mut camera = self.camera;
                 camera.recenter(world);
                 self.jump(self.settings.clone(), camera);
-                self.navigation.show_pivot();
+                self.navigation.show_pivot(self.now);
                 self.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
             (PickPurpose::Pivot, None) => self.messages.note("No point there to turn about"),
@@ -86,7 +87,7 @@ impl State {
         self.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
         self.picks.push(Pick { point, number, cloud, world, record, is_streamed });
         if let Some(source) = source {
-            self.effects.push(Effect::ReadRecord { picked: point, record: number, source });
+            self.effects.push(Effect::Work(Work::ReadRecord { picked: point, record: number, source }));
         }
         if let Some(distance) = self.distance() {
             self.log(json!({

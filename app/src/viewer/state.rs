@@ -1,26 +1,23 @@
 //! What the viewer knows: clouds, jobs, parameters, camera, picks. Plain data that panels edit and tests build without a
 //! window. What has to happen outside (drawing, reading, the clipboard) is left in `effects` for the window to do.
 
-use std::collections::BTreeMap;
 use std::ffi::OsStr;
-use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Chunk, Cloud, Column, Progress};
+use cloud::{Bounds, Progress};
 use glam::DVec3;
 use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings, StandardView};
 use serde_json::json;
-use world::mirrors::{self, Marked};
-use world::{AutoLight, Change, CloudKey, Input, Kept, Lookout};
+use world::mirrors;
+use world::{Change, CloudKey, Input, Lookout};
 
 use super::bindings::Mode;
 use super::clouds::{CloudEntry, JobEntry, Samples, short_name};
-use super::figures::{Basis, Figures};
 use super::frames::{Frames, Next};
 use super::gizmo::Gizmo;
 use super::history::History;
-use super::inspection::{self, Inspection};
+use super::inspection::Inspection;
 use super::lens::Lens;
 use super::light_search::LightSearch;
 use super::marking::Draft;
@@ -31,148 +28,26 @@ use super::path_prompt::PathPrompt;
 use super::pick::Pick;
 use super::preferences::Preferences;
 use super::reflection_figures::FigureHistory;
-use super::render_thread::{self, Command, FrameRequest, PickedPoint, Report};
+use super::render_thread::{self, Command, FrameRequest, Report};
 use super::streams::Pace;
 use super::sweep::{Ask, Sweep};
 use super::theme::grouped;
 use super::truth::TruthView;
-use super::truth_tasks::{Answer, Task};
 use super::tuning::Tuning;
+use super::work::{Found, Work};
 
-/// What the window is to do.
+/// What is to be done outside the state.
 pub enum Effect {
     Render(Command),
     Load {
         inputs: Vec<Input>,
     },
-    FindFigures {
-        key: CloudKey,
-        cloud: Cloud,
-        basis: Basis,
-        up: DVec3,
-        /// Of a streamed cloud: only what is counted is new.
-        kept: Option<Box<Figures>>,
-    },
-    ReadColumn {
-        key: CloudKey,
-        source: Arc<codec::Source>,
-        attribute: usize,
-        progress: Arc<Progress>,
-    },
-    ReadRecord {
-        picked: PickedPoint,
-        /// The number of the point in the file.
-        record: u64,
-        source: Arc<codec::Source>,
-    },
-    SampleMirror {
-        id: ObjectId,
-        mirror: Mirror,
-        /// Of the points around it, squared world units.
-        area_per_point: f64,
-    },
-    /// Finds the points of a cloud that are to reflect, or, without `then`, how many they are.
-    MarkPoints {
-        key: CloudKey,
-        cloud: Cloud,
-        source: Option<Arc<codec::Source>>,
-        wanted: Vec<MirrorPoints>,
-        progress: Arc<Progress>,
-    },
-    CountPoints {
-        cloud: Cloud,
-        source: Option<Arc<codec::Source>>,
-        wanted: MirrorPoints,
-    },
-    /// Finds out whether the sky is open above all points; `asked` tells the answers apart.
-    FindSurroundings {
-        asked: u32,
-        chunks: Vec<Chunk>,
-        up: DVec3,
-    },
-    /// Finds the surface that a ray meets.
-    Cast(inspection::Ray),
-    /// Has the ray tracer work.
-    Truth(Box<Task>),
-    /// Appends a group to a plan of studies, with the scene that it is about.
-    AddToStudy {
-        plan: PathBuf,
-        scene: String,
-        group: toml::Table,
-    },
-    /// Writes what a sweep came to.
-    SaveSweep(Box<Sweep>),
+    Work(Work),
     OpenDialog,
-    SaveScene {
-        path: PathBuf,
-        text: String,
-    },
-    /// Deletes an index that is closed.
-    DeleteIndex(Kept),
-    /// Finds out how large all indexes are.
-    MeasureCache,
     Copy(String),
     SetFullScreen(bool),
     /// A line of the event log.
     Log(serde_json::Value),
-}
-
-/// What a worker thread found.
-pub enum Found {
-    Figures {
-        key: CloudKey,
-        basis: Basis,
-        figures: Box<Figures>,
-    },
-    Column {
-        key: CloudKey,
-        attribute: usize,
-        result: Result<BTreeMap<u64, Arc<Column>>, String>,
-    },
-    Record {
-        picked: PickedPoint,
-        record: u64,
-        result: Result<Vec<(String, String)>, String>,
-    },
-    Samples {
-        id: ObjectId,
-        mirror: Mirror,
-        area_per_point: f64,
-        samples: Vec<Chunk>,
-    },
-    /// `None` if it was cancelled.
-    Marked {
-        key: CloudKey,
-        wanted: Vec<MirrorPoints>,
-        result: Result<Option<Vec<Marked>>, String>,
-    },
-    Counted {
-        wanted: MirrorPoints,
-        result: Result<u64, String>,
-    },
-    Surroundings {
-        asked: u32,
-        found: AutoLight,
-    },
-    Surface(Option<inspection::Surface>),
-    Truth(Box<Answer>),
-    AddedToStudy {
-        plan: PathBuf,
-        result: Result<(), String>,
-    },
-    SweepSaved {
-        folder: PathBuf,
-        result: Result<(), String>,
-    },
-    SceneSaved {
-        path: PathBuf,
-        result: Result<(), String>,
-    },
-    IndexDeleted {
-        kept: Kept,
-        result: Result<(), String>,
-    },
-    CacheSize(u64),
 }
 
 pub struct State {
@@ -223,6 +98,8 @@ pub struct State {
     /// Pixels of the picture.
     pub view_size: [u32; 2],
     pub effects: Vec<Effect>,
+    /// The time, by the clock of whoever drives the state; set at every step and input.
+    pub now: Instant,
     next_cloud: u32,
     next_job: u32,
     next_object: u32,
@@ -283,6 +160,7 @@ impl State {
             frames: Frames::default(),
             view_size: [1, 1],
             effects: Vec::new(),
+            now: Instant::now(),
             next_cloud: 0,
             next_job: 0,
             next_object: 0,
@@ -374,7 +252,7 @@ impl State {
     pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, lookout: Arc<Lookout>) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
-        self.jobs.push(JobEntry::new(id, inputs, progress, lookout));
+        self.jobs.push(JobEntry::new(id, inputs, progress, lookout, self.now));
         id
     }
 
@@ -423,7 +301,7 @@ impl State {
         self.history.settle(&self.settings, &self.objects);
         change(&mut self.objects);
         self.history.settle(&self.settings, &self.objects);
-        self.navigation.camera_moved();
+        self.navigation.camera_moved(self.now);
     }
 
     /// Whole clouds to be turned into mirrors when they have come.
@@ -527,7 +405,7 @@ impl State {
         self.camera = camera;
         self.camera_is_placed = true;
         self.history.after_jump(&self.settings, &self.objects);
-        self.navigation.camera_moved();
+        self.navigation.camera_moved(self.now);
     }
 
     pub fn lens(&self) -> Lens {
@@ -535,6 +413,28 @@ impl State {
     }
 
     // ---- frames ----
+
+    /// Goes on from what has happened since the last step: asks for the frame, the figures and the truth that are wanted now,
+    /// and notes what can be undone. The window and tests take it after each paint. `now` is the time by the caller's clock;
+    /// `is_held`: a mouse button is down or text is being typed. Returns after how long the next step is due, if nothing
+    /// happens before.
+    pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
+        self.now = now;
+        self.follow_cursor();
+        let steps = self.history.steps();
+        let quiet = self.history.watch(&self.settings, &self.objects, is_held, now);
+        let frame = self.request_frame();
+        if self.history.steps() != steps {
+            self.log(json!({ "event": "step" }));
+        }
+        self.renew_figures();
+        self.look_around();
+        self.sync_levels();
+        self.sync_objects();
+        self.sync_sweep();
+        let truth = self.sync_truth();
+        [quiet, frame, truth].into_iter().flatten().min()
+    }
 
     /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
     pub fn request_frame(&mut self) -> Option<Duration> {
@@ -560,7 +460,7 @@ impl State {
             hurried: false,
             light_may_lag: self.light_may_lag(),
         };
-        let rest = self.navigation.time_to_rest();
+        let rest = self.navigation.time_to_rest(self.now);
         let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
         let is_dragged = is_mirror && self.gizmo.is_dragging();
         // The first picture comes soon, and a better one after it.
@@ -570,7 +470,7 @@ impl State {
             wanted.settings = settings;
             wanted.hurried = true;
         }
-        match self.frames.want(&wanted, self.points_come()) {
+        match self.frames.want(&wanted, self.points_come(), self.now) {
             Next::Draw => {}
             Next::Wait => return None,
             Next::WaitFor(time) => return Some(time),
@@ -684,7 +584,7 @@ impl State {
         let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
         state.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
         state.on_loading(job, Event::Finished);
-        state.history.watch(&state.settings, &state.objects, false);
+        state.history.watch(&state.settings, &state.objects, false, state.now);
         state
     }
 }
@@ -721,10 +621,10 @@ mod tests {
     #[test]
     fn a_cloud_that_is_opened_as_a_mirror_reflects_when_it_has_come_and_is_no_step_of_undo() {
         let (mut state, key) = opened();
-        state.history.watch(&state.settings, &state.objects, false);
+        state.history.watch(&state.settings, &state.objects, false, state.now);
         state.await_marking(MirrorPoints::whole("cloud.ply".into()));
         state.await_marking(MirrorPoints::whole("gone.ply".into()));
-        let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
         state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
         state.sync_objects();
         assert!(state.objects.markings.is_empty(), "its points are still to come");
@@ -733,7 +633,7 @@ mod tests {
         assert!(state.messages.all.last().is_some_and(|message| message.text.contains("gone.ply")));
         assert!(!state.history.undo(&mut state.settings, &mut state.objects, &mut state.camera));
         state.sync_objects();
-        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::MarkPoints { .. })));
+        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
         state.remove_cloud(key);
         assert!(state.objects.markings.is_empty());
     }
@@ -753,7 +653,7 @@ mod tests {
         state.on_report(Report::Ready { adapter: "any".into() });
         state.request_frame();
         assert_eq!(state.frames.under_way, 0, "there is nothing to show yet");
-        let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
         state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
         state.request_frame();
         assert_eq!(state.frames.under_way, 1);

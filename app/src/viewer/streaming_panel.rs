@@ -209,7 +209,7 @@ mod tests {
     use world::{Event, Lookout, Opened, Part, Wish};
 
     use super::super::preferences::Preferences;
-    use super::super::state::Found;
+    use super::super::work::{Found, Work};
     use super::*;
 
     /// Two clouds of job 0: the index of the first is being made, that of the second comes next.
@@ -333,7 +333,7 @@ mod tests {
         harness.run_ok();
         let state = harness.state();
         assert!(state.cloud(key).is_none() && state.clouds.len() == 1);
-        let is_deletion = |effect: &Effect| matches!(effect, Effect::DeleteIndex(kept) if kept.folder.as_path() == std::path::Path::new("/cache/0123"));
+        let is_deletion = |effect: &Effect| matches!(effect, Effect::Work(Work::DeleteIndex(kept)) if kept.folder.as_path() == std::path::Path::new("/cache/0123"));
         assert!(state.effects.iter().any(is_deletion));
         assert!(state.jobs[0].lookout.is_closed(0));
     }

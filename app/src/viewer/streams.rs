@@ -13,6 +13,7 @@ use super::clouds::{CloudEntry, JobEntry, Streamed};
 use super::messages::Level;
 use super::state::{Effect, State};
 use super::theme;
+use super::work::Work;
 
 /// Shares of the budgets for what was opened one after the other, by the share that each would take if it had them all. What one
 /// does not need goes to the others; all get the same of what is too little or too much.
@@ -85,7 +86,7 @@ impl State {
             let total = self.cloud(key).map_or(0, |entry| entry.total());
             self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
             if is_kept {
-                self.effects.push(Effect::MeasureCache);
+                self.effects.push(Effect::Work(Work::MeasureCache));
             }
             if !was_indexed {
                 self.frame_while_unplaced(bounds);
@@ -157,7 +158,7 @@ impl State {
     pub fn look_around(&mut self) {
         self.make_room();
         let mut view = self.settings.view.clone();
-        if self.navigation.time_to_rest().is_some() && self.settings.stream.frame_ms > 0.0 {
+        if self.navigation.time_to_rest(self.now).is_some() && self.settings.stream.frame_ms > 0.0 {
             view.point_budget = self.pace.budget(view.point_budget);
         }
         let (camera, size, stream) = (self.camera, self.view_size, self.settings.stream.clone());
@@ -207,7 +208,7 @@ impl State {
         let kept = self.cloud(key).and_then(|entry| entry.pages.as_ref()?.kept().cloned());
         if let Some(kept) = kept {
             self.remove_cloud(key);
-            self.effects.push(Effect::DeleteIndex(kept));
+            self.effects.push(Effect::Work(Work::DeleteIndex(kept)));
         }
     }
 
@@ -216,14 +217,14 @@ impl State {
             Ok(()) => self.say(Level::Note, format!("Index deleted: {} free", theme::bytes(kept.bytes))),
             Err(error) => self.say(Level::Error, error),
         }
-        self.effects.push(Effect::MeasureCache);
+        self.effects.push(Effect::Work(Work::MeasureCache));
     }
 
     /// Learns from a frame what a moving picture can afford.
     pub(super) fn keep_pace(&mut self, milliseconds: f64) {
         let wanted = f64::from(self.settings.stream.frame_ms);
         let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
-        if is_streamed && wanted > 0.0 && self.navigation.time_to_rest().is_some() {
+        if is_streamed && wanted > 0.0 && self.navigation.time_to_rest(self.now).is_some() {
             self.pace.learn(milliseconds, wanted);
         }
     }
@@ -290,7 +291,7 @@ mod tests {
     use super::super::objects::Marking;
     use super::super::preferences::Preferences;
     use super::super::render_thread::{Command, PickPurpose, PickedPoint, Report};
-    use super::super::state::Found;
+    use super::super::work::Found;
     use super::*;
 
     const GRID: Option<Grid> = Some(Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
@@ -351,7 +352,7 @@ mod tests {
             Paged::Indexed { octree: Arc::new(octree()), grid: GRID, was_built: false, has_surfels: true, kept: None };
         state.on_loading(0, Event::Pages { cloud: 0, pages });
         put(&mut state, 0, &[1.0, 7.0]);
-        state.history.watch(&state.settings, &state.objects, false);
+        state.history.watch(&state.settings, &state.objects, false, state.now);
         state
     }
 
@@ -461,7 +462,7 @@ mod tests {
         settle(&mut state);
         state.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
         assert!(!state.is_loading() && !state.points_come());
-        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::FindSurroundings { .. })));
+        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. }))));
         state.camera.eye += DVec3::ONE;
         state.look_around();
         assert!(!state.is_loading() && state.points_come());
@@ -485,7 +486,7 @@ mod tests {
         let pick = &state.picks[0];
         assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.25), true));
         assert_eq!(pick.record, Some(Ok(vec![("intensity".to_string(), "3".to_string())])));
-        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::ReadRecord { .. })));
+        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::ReadRecord { .. }))));
     }
 
     #[test]
@@ -496,7 +497,7 @@ mod tests {
             state.renew_figures();
             let effects = std::mem::take(&mut state.effects);
             let asked = effects.into_iter().find_map(|effect| match effect {
-                Effect::FindFigures { key, cloud, basis, up, kept } => Some((key, cloud, basis, up, kept)),
+                Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }) => Some((key, cloud, basis, up, kept)),
                 _ => None,
             });
             let Some((key, cloud, basis, up, kept)) = asked else { return false };
@@ -560,7 +561,7 @@ mod tests {
         });
         state.sync_objects();
         assert!(state.objects.markings.is_empty());
-        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::MarkPoints { .. })));
+        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
         assert!(state.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
     }
 

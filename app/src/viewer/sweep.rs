@@ -1,7 +1,6 @@
 //! Sweeps: one parameter over a range, in the view at hand, judged by the truth. Frames of a sweep are drawn between those of the
 //! window, whose parameters stay as they are; what comes of it is a contact sheet and a table in a folder of its own.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -11,17 +10,16 @@ use param::{Field, Kind, Value};
 use render::FrameStats;
 use scene::Settings;
 use serde_json::json;
-use study::results::{self, FRAME_MS, Figure, METHOD_MS, Measured};
-use study::{Accuracy, Truth};
+use study::Accuracy;
 
-use super::contact_sheet::{self, Tile};
 use super::messages::Level;
 use super::render_thread::{Captured, Command, FrameRequest};
 use super::state::{Effect, State};
+use super::sweep_files::{Outcome, Row, SweepResult, make_folder};
 use super::truth::{MOST_POINTS, too_many_points};
 use super::truth_tasks::{Judge, SceneKey, Task};
+use super::work::Work;
 use super::{theme, tuning};
-use crate::picture_file;
 
 /// Most values: what a sheet shows and a person waits for.
 const MOST_VALUES: u32 = 64;
@@ -39,33 +37,18 @@ pub struct Ask {
 
 /// A sweep under way.
 pub struct Sweep {
-    key: String,
     /// The frame on the screen when it began.
     view: FrameRequest,
     /// As text, with the parameters that they give.
     values: Vec<(String, Settings)>,
-    rows: Vec<Row>,
+    /// Of the values before the one at hand.
+    result: SweepResult,
     /// Of the value at hand, after a first frame that only makes things ready.
     times: Vec<[f64; 2]>,
     is_warm: bool,
     /// Asked for and not answered.
     is_waiting: bool,
     progress: Arc<Progress>,
-    /// Where it is saved: made when it began.
-    folder: PathBuf,
-}
-
-/// One value, and what it came to unless it failed.
-struct Row {
-    value: String,
-    outcome: Option<Outcome>,
-}
-
-struct Outcome {
-    times: [f64; 2],
-    figures: Accuracy,
-    /// Of a tile's size.
-    picture: Vec<u8>,
 }
 
 /// Whether other values of a parameter show in the view at hand: not those of points that are read, sampled and coloured before
@@ -74,21 +57,6 @@ pub fn can_be_swept(group: &str, field: &Field) -> bool {
     let is_drawn = !["surface", "scene", "color", "stream"].contains(&group);
     let acts = ![("view", "up"), ("view", "point_budget"), ("reflection", "keep")].contains(&(group, field.name));
     is_drawn && acts && !matches!(field.kind, Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. })
-}
-
-/// Makes a new folder for a sweep in the first of some places that allows it; its absolute path.
-fn make_folder(places: &[PathBuf], key: &str) -> std::io::Result<PathBuf> {
-    let mut result = Err(std::io::ErrorKind::NotFound.into());
-    for place in places {
-        let name = |number: u32| place.join(format!("sweep-{}-{number}", key.replace('.', "-")));
-        let is_taken = |error: &std::io::Error| error.kind() == std::io::ErrorKind::AlreadyExists;
-        let tried = (1..).map(name).map(|path| std::fs::create_dir(&path).map(|()| path));
-        result = tried.into_iter().find(|made| !made.as_ref().is_err_and(is_taken)).unwrap_or(result);
-        if result.is_ok() {
-            break;
-        }
-    }
-    result.and_then(std::path::absolute)
 }
 
 /// Where sweeps are saved, the best first.
@@ -149,73 +117,8 @@ impl Ask {
 impl Sweep {
     /// The frame that is at hand.
     fn request(&self) -> Option<FrameRequest> {
-        let (_, settings) = self.values.get(self.rows.len())?;
+        let (_, settings) = self.values.get(self.result.rows.len())?;
         Some(FrameRequest { settings: settings.drawn(), ..self.view.clone() })
-    }
-
-    /// Writes the sheet and the table of the rows that there are; the folder, and what went wrong. Where its own folder cannot be
-    /// written any more, another takes its place.
-    pub fn save(self) -> (PathBuf, anyhow::Result<()>) {
-        let Err(error) = self.write(&self.folder) else { return (self.folder, Ok(())) };
-        match make_folder(&[std::env::temp_dir()], &self.key) {
-            Ok(other) if self.write(&other).is_ok() => (other, Ok(())),
-            _ => (self.folder, Err(error)),
-        }
-    }
-
-    fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        picture_file::write_text(&folder.join("sweep.csv"), &self.table()?)?;
-        let picture = |row: &'_ Row| row.outcome.as_ref().map_or(Vec::new(), |outcome| outcome.picture.clone());
-        let tiles = self.rows.iter().map(|row| Tile { rgba: picture(row), lines: self.label(row) }).collect();
-        let (size, rgba) = contact_sheet::draw(contact_sheet::tile_size(self.view.size), tiles);
-        picture_file::write_png(&folder.join("sheet.png"), size, &rgba)
-    }
-
-    fn label(&self, row: &Row) -> Vec<String> {
-        let name = format!("{} = {}", self.key, row.value);
-        let Some(Outcome { times: [frame, method], figures, .. }) = &row.outcome else {
-            return vec![name, "failed".into()];
-        };
-        let color = figures.image.map_or(f64::NAN, |image| image.delta_e);
-        vec![
-            name,
-            format!("{method:.1} ms of {frame:.1} ms · {:.1} % filled", figures.closed_coverage * 100.0),
-            format!("95 of 100 filled within {:.2} pixels · {color:.2} ΔE", figures.pixel_error.p95),
-        ]
-    }
-
-    /// The table as CSV: a row for each value, with the figures' names that studies use. What was not measured is empty.
-    fn table(&self) -> anyhow::Result<String> {
-        let names = || results::figures().iter().filter(|figure| is_listed(figure)).map(|figure| figure.name.as_str());
-        let mut writer = csv::Writer::from_writer(Vec::new());
-        writer.write_record(["key", "value"].into_iter().chain(names()))?;
-        for Row { value, outcome } in &self.rows {
-            let figures = outcome.as_ref().map_or(BTreeMap::new(), Outcome::named);
-            let cells = names().map(|name| figures.get(name).map_or(String::new(), f64::to_string));
-            writer.write_record([self.key.clone(), value.clone()].into_iter().chain(cells))?;
-        }
-        Ok(String::from_utf8(writer.into_inner()?)?)
-    }
-}
-
-/// Whether the table of a sweep has a figure: times, how much of the mirrors is filled, and all that the traced truth tells.
-fn is_listed(figure: &Figure) -> bool {
-    const ALWAYS: [&str; 5] = [FRAME_MS, METHOD_MS, "mirror_pixels", "coverage", "closed_coverage"];
-    ALWAYS.contains(&figure.name.as_str()) || figure.truth().is_some_and(|(truth, _)| truth == Truth::SameInput)
-}
-
-impl Outcome {
-    /// The figures by their names in studies; those that could not be measured are left out.
-    fn named(&self) -> BTreeMap<String, f64> {
-        let measured = Measured {
-            mirror_pixels: self.figures.mirror_pixels as f64,
-            coverage: Some(self.figures.coverage),
-            closed_coverage: Some(self.figures.closed_coverage),
-            judged: vec![self.figures.clone()],
-            ..Measured::default()
-        };
-        let times = [FRAME_MS, METHOD_MS].map(str::to_owned).into_iter().zip(self.times);
-        measured.figures().into_iter().chain(times).collect()
     }
 }
 
@@ -256,10 +159,9 @@ impl State {
         match values.and_then(|values| Ok((values, folder()?))) {
             Ok((values, folder)) => {
                 self.log(json!({ "event": "sweep", "key": key, "values": values.len() }));
-                let (rows, times, progress) = (Vec::new(), Vec::new(), Arc::default());
-                let (is_warm, is_waiting) = (false, false);
-                let key = key.to_string();
-                self.sweep = Some(Sweep { key, view, values, rows, times, is_warm, is_waiting, progress, folder });
+                let result = SweepResult { key: key.into(), size: view.size, rows: Vec::new(), folder };
+                let (times, progress) = (Vec::new(), Arc::default());
+                self.sweep = Some(Sweep { view, values, result, times, is_warm: false, is_waiting: false, progress });
                 self.sweep_asked = None;
             }
             Err(error) => self.say(Level::Error, error),
@@ -270,11 +172,11 @@ impl State {
     pub fn stop_sweep(&mut self) {
         let Some(sweep) = self.sweep.take() else { return };
         sweep.progress.cancel();
-        if sweep.rows.is_empty() {
+        if sweep.result.rows.is_empty() {
             // Nothing is in it.
-            let _ = std::fs::remove_dir(&sweep.folder);
+            let _ = std::fs::remove_dir(&sweep.result.folder);
         } else {
-            self.effects.push(Effect::SaveSweep(Box::new(sweep)));
+            self.effects.push(Effect::Work(Work::SaveSweep(Box::new(sweep.result))));
         }
     }
 
@@ -330,7 +232,8 @@ impl State {
             Some(scene) => {
                 let (drawn, progress) = (Arc::new(captured.drawn), sweep.progress.clone());
                 let judge = Judge { request, scene, drawn, progress };
-                self.effects.push(Effect::Truth(Box::new(Task::JudgeAlone { judge, picture: captured.picture })));
+                self.effects
+                    .push(Effect::Work(Work::Truth(Box::new(Task::JudgeAlone { judge, picture: captured.picture }))));
             }
             // The points have changed, which ends the sweep.
             None => self.stop_sweep(),
@@ -341,12 +244,13 @@ impl State {
     /// What a value of the sweep came to.
     pub fn on_swept(&mut self, request: &FrameRequest, figures: Accuracy, picture: Vec<u8>) {
         let Some(sweep) = self.sweep.as_mut().filter(|sweep| sweep.request().as_ref() == Some(request)) else { return };
-        let (Some(times), Some((value, _))) = (tuning::medians(&sweep.times), sweep.values.get(sweep.rows.len()))
+        let (Some(times), Some((value, _))) =
+            (tuning::medians(&sweep.times), sweep.values.get(sweep.result.rows.len()))
         else {
             return;
         };
         let outcome = Some(Outcome { times, figures, picture });
-        sweep.rows.push(Row { value: value.clone(), outcome });
+        sweep.result.rows.push(Row { value: value.clone(), outcome });
         sweep.times.clear();
         (sweep.is_warm, sweep.is_waiting) = (false, false);
     }
@@ -354,11 +258,11 @@ impl State {
     /// The value at hand failed: its row stays empty, and the next has its turn. False if no value is waited for.
     pub fn on_value_failed(&mut self, problem: &str) -> bool {
         let Some(sweep) = self.sweep.as_mut().filter(|sweep| sweep.is_waiting) else { return false };
-        let Some((value, _)) = sweep.values.get(sweep.rows.len()) else { return false };
-        let text = format!("{} = {value} failed: {problem}", sweep.key);
+        let Some((value, _)) = sweep.values.get(sweep.result.rows.len()) else { return false };
+        let text = format!("{} = {value} failed: {problem}", sweep.result.key);
         // The others mostly fail in the same way.
-        let is_first = sweep.rows.iter().all(|row| row.outcome.is_some());
-        sweep.rows.push(Row { value: value.clone(), outcome: None });
+        let is_first = sweep.result.rows.iter().all(|row| row.outcome.is_some());
+        sweep.result.rows.push(Row { value: value.clone(), outcome: None });
         sweep.times.clear();
         (sweep.is_warm, sweep.is_waiting) = (false, false);
         if is_first {
@@ -430,7 +334,7 @@ fn contents(ui: &mut Ui, ask: &mut Ask) -> Option<Vec<String>> {
 pub fn progress(ui: &mut Ui, state: &mut State) {
     let Some(sweep) = &state.sweep else { return };
     ui.spinner();
-    let text = format!("sweep of {}: {} of {}", sweep.key, sweep.rows.len() + 1, sweep.values.len());
+    let text = format!("sweep of {}: {} of {}", sweep.result.key, sweep.result.rows.len() + 1, sweep.values.len());
     ui.label(RichText::new(text).small().color(theme::WEAK));
     if ui.small_button("End sweep").on_hover_text("What there is of it is saved").clicked() {
         state.stop_sweep();
@@ -563,7 +467,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         bench.state.start_sweep("splat.size", vec!["1".into(), "2".into()], &[folder.path().to_path_buf()]);
         bench.state.sync_sweep();
-        let is_build = |effect: &Effect| matches!(effect, Effect::Truth(_));
+        let is_build = |effect: &Effect| matches!(effect, Effect::Work(Work::Truth(_)));
         assert!(bench.state.effects.iter().any(is_build), "its scene is being made");
         bench.state.stop_truth();
         bench.settle();

@@ -20,6 +20,7 @@ use super::render_thread::{Captured, Command, FrameRequest};
 use super::state::{Effect, State};
 use super::theme::grouped;
 use super::truth_tasks::{Answer, Judge, Kind, Measure, Pass, SceneKey, Source, Task, Trace};
+use super::work::Work;
 
 /// What a pinned truth shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -344,7 +345,7 @@ impl State {
         }
         let still = self.still_frame().cloned();
         if self.truth.still.as_ref().map(|(known, _)| known) != still.as_ref() {
-            self.truth.still = still.map(|request| (request, Instant::now()));
+            self.truth.still = still.map(|request| (request, self.now));
         }
         let is_judged = self.truth.judges || self.tuning.is_open;
         if self.sweep.is_some() {
@@ -355,7 +356,7 @@ impl State {
             return None;
         }
         let (Some((request, since)), Some(basis)) = (self.truth.still.clone(), basis) else { return None };
-        if let Some(left) = REST.checked_sub(since.elapsed()).filter(|left| !left.is_zero()) {
+        if let Some(left) = REST.checked_sub(self.now.saturating_duration_since(since)).filter(|left| !left.is_zero()) {
             return Some(left);
         }
         self.work_on_truth(request, basis, is_judged);
@@ -414,7 +415,7 @@ impl State {
         let sources = clouds.chain(mirrors).collect();
         let progress = Arc::<Progress>::default();
         self.truth.building = Some((key, progress.clone()));
-        self.effects.push(Effect::Truth(Box::new(Task::Build { key, sources, progress })));
+        self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Build { key, sources, progress }))));
     }
 
     fn trace(&mut self, basis: FrameRequest, judge: &Judge) {
@@ -436,7 +437,7 @@ impl State {
         truth.tracing = Some(tracing);
         let (scene, drawn) = (judge.scene.clone(), judge.drawn.clone());
         let trace = Trace { basis, scene, drawn, refinement, mirrors_alone, progress };
-        self.effects.push(Effect::Truth(Box::new(Task::Trace(Box::new(trace)))));
+        self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Trace(Box::new(trace))))));
     }
 
     fn judge(&mut self, judge: &Judge) {
@@ -446,7 +447,7 @@ impl State {
             if truth.judging.is_none() {
                 let judge = judge.anew();
                 truth.judging = Some((request.clone(), judge.progress.clone()));
-                self.effects.push(Effect::Truth(Box::new(Task::Judge(judge))));
+                self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Judge(judge)))));
             }
             return;
         };
@@ -456,7 +457,7 @@ impl State {
         if let (None, None, Some(pass)) = (verdict.figures.image, &truth.comparing, pass) {
             let (judge, colors) = (judge.anew(), pass.colors.clone());
             truth.comparing = Some((request.clone(), judge.progress.clone()));
-            self.effects.push(Effect::Truth(Box::new(Task::Compare { judge, colors })));
+            self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Compare { judge, colors }))));
         }
     }
 
@@ -486,7 +487,7 @@ impl State {
         if is_asked_for && is_new && truth.drawing.is_none() {
             let judge = judge.anew();
             truth.drawing = Some((label, judge.progress.clone()));
-            self.effects.push(Effect::Truth(Box::new(Task::Difference { judge, measure, colors, pass })));
+            self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Difference { judge, measure, colors, pass }))));
         }
     }
 
@@ -722,7 +723,7 @@ mod tests {
         bench.settle();
         bench.state.settings.reflection.method = scene::Method::Sscr;
         bench.settle();
-        bench.state.history.watch(&bench.state.settings, &bench.state.objects, false);
+        bench.state.history.watch(&bench.state.settings, &bench.state.objects, false, bench.state.now);
         let request = bench.state.still_frame().cloned().unwrap();
         let [frame, method] = bench.state.tuning.times(&request).unwrap();
         assert!(frame > method && method > 0.0, "{frame} {method}");

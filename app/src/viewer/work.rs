@@ -1,0 +1,237 @@
+//! The work that the state asks for and that needs neither the window nor the render thread: reading, counting, sampling,
+//! tracing, writing. The window runs it on threads, tests run it in place; both call `run`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use cloud::{Chunk, Cloud, Column, Progress};
+use glam::DVec3;
+use scene::{Mirror, MirrorNormals, MirrorPoints, Stream};
+use world::mirrors::{self, Marked};
+use world::{AutoLight, CloudKey, Kept};
+
+use super::figures::{Basis, Figures};
+use super::inspection;
+use super::objects::ObjectId;
+use super::render_thread::PickedPoint;
+use super::study_file;
+use super::sweep_files::SweepResult;
+use super::truth_tasks::{Answer, Task};
+use crate::picture_file;
+
+/// Work to be done.
+pub enum Work {
+    FindFigures {
+        key: CloudKey,
+        cloud: Cloud,
+        basis: Basis,
+        up: DVec3,
+        /// Of a streamed cloud: only what is counted is new.
+        kept: Option<Box<Figures>>,
+    },
+    ReadColumn {
+        key: CloudKey,
+        source: Arc<codec::Source>,
+        attribute: usize,
+        progress: Arc<Progress>,
+    },
+    ReadRecord {
+        picked: PickedPoint,
+        /// The number of the point in the file.
+        record: u64,
+        source: Arc<codec::Source>,
+    },
+    SampleMirror {
+        id: ObjectId,
+        mirror: Mirror,
+        /// Of the points around it, squared world units.
+        area_per_point: f64,
+    },
+    /// Finds the points of a cloud that are to reflect.
+    MarkPoints {
+        key: CloudKey,
+        cloud: Cloud,
+        source: Option<Arc<codec::Source>>,
+        wanted: Vec<MirrorPoints>,
+        progress: Arc<Progress>,
+    },
+    /// Counts the points of a cloud that would reflect.
+    CountPoints {
+        cloud: Cloud,
+        source: Option<Arc<codec::Source>>,
+        wanted: MirrorPoints,
+    },
+    /// Finds out whether the sky is open above all points; `asked` tells the answers apart.
+    FindSurroundings {
+        asked: u32,
+        chunks: Vec<Chunk>,
+        up: DVec3,
+    },
+    /// Finds the surface that a ray meets.
+    Cast(inspection::Ray),
+    /// Has the ray tracer work.
+    Truth(Box<Task>),
+    /// Appends a group to a plan of studies, with the scene that it is about.
+    AddToStudy {
+        plan: PathBuf,
+        scene: String,
+        group: toml::Table,
+    },
+    /// Writes what a sweep came to.
+    SaveSweep(Box<SweepResult>),
+    SaveScene {
+        path: PathBuf,
+        text: String,
+    },
+    /// Deletes an index that is closed.
+    DeleteIndex(Kept),
+    /// Finds out how large all indexes are.
+    MeasureCache,
+}
+
+/// What a worker thread found.
+pub enum Found {
+    Figures {
+        key: CloudKey,
+        basis: Basis,
+        figures: Box<Figures>,
+    },
+    Column {
+        key: CloudKey,
+        attribute: usize,
+        result: Result<BTreeMap<u64, Arc<Column>>, String>,
+    },
+    Record {
+        picked: PickedPoint,
+        record: u64,
+        result: Result<Vec<(String, String)>, String>,
+    },
+    Samples {
+        id: ObjectId,
+        mirror: Mirror,
+        area_per_point: f64,
+        samples: Vec<Chunk>,
+    },
+    /// `None` if it was cancelled.
+    Marked {
+        key: CloudKey,
+        wanted: Vec<MirrorPoints>,
+        result: Result<Option<Vec<Marked>>, String>,
+    },
+    Counted {
+        wanted: MirrorPoints,
+        result: Result<u64, String>,
+    },
+    Surroundings {
+        asked: u32,
+        found: AutoLight,
+    },
+    Surface(Option<inspection::Surface>),
+    Truth(Box<Answer>),
+    AddedToStudy {
+        plan: PathBuf,
+        result: Result<(), String>,
+    },
+    SweepSaved {
+        folder: PathBuf,
+        result: Result<(), String>,
+    },
+    SceneSaved {
+        path: PathBuf,
+        result: Result<(), String>,
+    },
+    IndexDeleted {
+        kept: Kept,
+        result: Result<(), String>,
+    },
+    CacheSize(u64),
+}
+
+impl Work {
+    /// The name of the thread that does it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::FindFigures { .. } => "figures",
+            Self::ReadColumn { .. } => "column",
+            Self::ReadRecord { .. } => "record",
+            Self::SampleMirror { .. } => "mirror",
+            Self::MarkPoints { .. } => "mirror points",
+            Self::CountPoints { .. } => "count",
+            Self::FindSurroundings { .. } => "surroundings",
+            Self::Cast(_) => "sight line",
+            Self::SaveScene { .. } => "scene",
+            Self::Truth(_) => "truth",
+            Self::AddToStudy { .. } => "study",
+            Self::SaveSweep(_) => "sweep",
+            Self::DeleteIndex(_) => "index",
+            Self::MeasureCache => "cache",
+        }
+    }
+
+    /// Does it, and hands `found` what came of it: once, or, for the truth, as often as there is news. `stream` says where
+    /// the indexes are.
+    pub fn run(self, stream: &Stream, found: impl Fn(Found)) {
+        match self {
+            Self::FindFigures { key, cloud, basis, up, kept } => {
+                let figures = Box::new(match kept {
+                    Some(kept) => kept.recounted(&cloud, up),
+                    None => Figures::of(&cloud, &basis.color, up),
+                });
+                found(Found::Figures { key, basis, figures });
+            }
+            Self::ReadColumn { key, source, attribute, progress } => {
+                let result = world::read_column(&source, attribute, &progress).map_err(|error| error.to_string());
+                found(Found::Column { key, attribute, result });
+            }
+            Self::ReadRecord { picked, record, source } => {
+                let result = source.record(record).map_err(|error| error.to_string());
+                found(Found::Record { picked, record, result });
+            }
+            Self::SampleMirror { id, mirror, area_per_point } => {
+                let samples = mirrors::sample(&mirror, area_per_point);
+                found(Found::Samples { id, mirror, area_per_point, samples });
+            }
+            Self::MarkPoints { key, cloud, source, wanted, progress } => {
+                let mark = |wanted| mirrors::mark(&cloud, source.as_deref(), wanted, &progress);
+                let result = wanted.iter().map(mark).collect::<world::Result<Option<Vec<_>>>>();
+                let result = result.map_err(|error| format!("{error:#}"));
+                found(Found::Marked { key, wanted, result });
+            }
+            Self::CountPoints { cloud, source, wanted } => {
+                let own = MirrorPoints { normals: MirrorNormals::Own, ..wanted.clone() };
+                let marked = mirrors::mark(&cloud, source.as_deref(), &own, &Progress::default());
+                let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
+                let result = result.map_err(|error| format!("{error:#}"));
+                found(Found::Counted { wanted, result });
+            }
+            Self::FindSurroundings { asked, chunks, up } => {
+                found(Found::Surroundings { asked, found: AutoLight::around(&chunks, up) });
+            }
+            Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),
+            Self::SaveScene { path, text } => {
+                let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
+                found(Found::SceneSaved { path, result });
+            }
+            Self::Truth(task) => task.run(|answer| found(Found::Truth(Box::new(answer)))),
+            Self::AddToStudy { plan, scene, group } => {
+                let result = study_file::add_to_study(&plan, &scene, group).map_err(|error| format!("{error:#}"));
+                found(Found::AddedToStudy { plan, result });
+            }
+            Self::SaveSweep(sweep) => {
+                let (folder, result) = sweep.save();
+                let result = result.map_err(|error| format!("{error:#}"));
+                found(Found::SweepSaved { folder, result });
+            }
+            Self::DeleteIndex(kept) => {
+                let result = world::delete(stream, &kept).map_err(|error| error.to_string());
+                found(Found::IndexDeleted { kept, result });
+            }
+            Self::MeasureCache => {
+                if let Ok(cache) = world::cache(stream) {
+                    found(Found::CacheSize(cache.size()));
+                }
+            }
+        }
+    }
+}
