@@ -19,7 +19,7 @@ use crate::cache::Cache;
 use crate::copc::{self, CopcPages};
 use crate::lattice::{Cell, Lattice};
 use crate::page::{self, Place};
-use crate::records::Layout;
+use crate::records::{Layout, is_believable};
 use crate::storage::Storage;
 use crate::surfels::SurfelFile;
 use crate::{Error, Node, NodeId, Octree, Result, plan};
@@ -487,9 +487,12 @@ fn parse_nodes(reader: &mut Reader<'_>, summary: &Summary, pages_length: u64) ->
         } else if level != 0 {
             return Err(wrong("is not the root"));
         }
+        let ends = [corner, far].map(|end| summary.lattice.world(end));
+        if !ends.into_iter().all(is_believable) {
+            return Err(wrong("lies nowhere"));
+        }
         let mut bounds = Bounds::EMPTY;
-        bounds.include(summary.lattice.world(corner));
-        bounds.include(summary.lattice.world(far));
+        ends.into_iter().for_each(|end| bounds.include(end));
         nodes.push(Node {
             level,
             bounds,
@@ -526,7 +529,10 @@ mod tests {
 
     /// A table of three nodes, without its head.
     fn table() -> Vec<u8> {
-        let grid = Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO };
+        table_on(Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO })
+    }
+
+    fn table_on(grid: Grid) -> Vec<u8> {
         let attributes = vec![Attribute { name: "intensity".into(), column_type: ColumnType::U16 }];
         let summary = Summary {
             key: 7,
@@ -567,6 +573,15 @@ mod tests {
                 }
             }
             assert!(parse_body(&body[..at]).is_err());
+        }
+    }
+
+    #[test]
+    fn nodes_beyond_all_numbers_are_refused() {
+        for (scale, offset) in [(1e307, 0.0), (1e307, -1e308), (0.001, 1e31)] {
+            let grid = Grid { scale: DVec3::splat(scale), offset: DVec3::splat(offset) };
+            let refused = parse_body(&table_on(grid)).unwrap_err();
+            assert!(refused.ends_with("lies nowhere"), "{scale} {offset}: {refused}");
         }
     }
 }
