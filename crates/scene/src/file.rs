@@ -30,6 +30,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight, whole_file};
@@ -48,6 +49,9 @@ const MOST_PARAMETERS: usize = 1000;
 
 /// Characters of a message about a scene.
 const MOST_TOLD: usize = 400;
+
+/// A camera further out is damage: no measure of anything is so large, and its distance to what it looks at has no square.
+const MOST_COORDINATE: f64 = 1e30;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -106,9 +110,12 @@ impl SceneFile {
     pub fn parse(text: &str) -> Result<Self, Error> {
         let file: Self =
             toml::from_str(text).map_err(|error| Error::Malformed { problem: problem_of(&error, text) })?;
-        let is_finite = |camera: &Camera| camera.eye.is_finite() && camera.pivot.is_finite() && camera.up.is_finite();
-        if !file.camera.as_ref().is_none_or(is_finite) {
-            return Err(Error::Malformed { problem: "the camera has coordinates that are not finite".into() });
+        // Comparisons that a NaN fails.
+        let is_near = |place: DVec3| place.abs().cmple(DVec3::splat(MOST_COORDINATE)).all();
+        let is_camera = |camera: &Camera| is_near(camera.eye) && is_near(camera.pivot) && camera.up.is_finite();
+        if !file.camera.as_ref().is_none_or(is_camera) {
+            let problem = format!("the camera's coordinates are not finite, or beyond {MOST_COORDINATE:e}");
+            return Err(Error::Malformed { problem });
         }
         match file.odd_object() {
             Some(problem) => Err(Error::Malformed { problem }),
@@ -217,7 +224,7 @@ fn without_long_quotes(message: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DQuat, DVec3};
+    use glam::DQuat;
 
     use super::*;
     use crate::{MirrorNormals, PointChoice, Shape};
@@ -384,6 +391,9 @@ mod tests {
         let error = SceneFile::parse("clouds = [").unwrap_err().to_string();
         assert!(error.contains("line 1"), "{error}");
         assert!(SceneFile::parse("cluods = []").unwrap_err().to_string().contains("cluods"));
-        assert!(SceneFile::parse("[camera]\neye=[nan,0,0]\npivot=[0,0,0]\nup=[0,0,1]").is_err());
+        for eye in ["nan", "inf", "-1e308"] {
+            let camera = format!("[camera]\neye=[{eye},0,0]\npivot=[0,0,0]\nup=[0,0,1]");
+            assert!(SceneFile::parse(&camera).unwrap_err().to_string().contains("the camera's coordinates"), "{eye}");
+        }
     }
 }
