@@ -11,8 +11,9 @@ use cargo_metadata::{Metadata, MetadataCommand, Package};
 use imports::Imports;
 
 /// Which crate of the workspace may depend on which. Anyone may depend on `param`; `tests` may depend on all.
-const ARROWS: [(&str, &[&str]); 11] = [
+const ARROWS: [(&str, &[&str]); 12] = [
     ("glint", &["study", "world", "render", "stream", "scene", "codec", "cloud"]),
+    ("fuzz", &["study", "stream", "scene", "codec", "cloud"]),
     ("study", &["render", "trace", "scene", "codec", "cloud"]),
     ("world", &["render", "stream", "scene", "codec", "cloud"]),
     ("render", &["scene", "cloud"]),

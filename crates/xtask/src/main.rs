@@ -1,9 +1,10 @@
 //! `cargo xtask run` and `cargo xtask test`: from a fresh clone to a window, and to a tested tree, in one command each.
-//! `cargo xtask baseline` keeps the checksums that pictures are held to.
+//! `cargo xtask baseline` keeps the checksums that pictures are held to. `cargo xtask fuzz` looks for inputs that break parsers.
 //!
 //! All first look for what the system lacks (`needs`) and install it where that is allowed. Everything else is left to
 //! cargo, in the one profile the project uses, so that running, checking and testing share what they compile.
 
+mod fuzz;
 mod needs;
 
 use std::os::unix::fs::DirBuilderExt as _;
@@ -13,6 +14,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 
+use fuzz::Fuzzing;
 use needs::{Display, Machine, Need, Remedy};
 
 const HELP: &str = "\
@@ -21,9 +23,12 @@ cargo xtask run [INPUT...]   Open the viewer on point clouds (.las, .laz, .ply),
                              to glint.png in the current folder.
 cargo xtask baseline         Write the checksums of pictures in tests/baseline anew, for this machine's adapter. Only where a
                              change is meant to change pictures; `cargo xtask test` fails where they differ.
+cargo xtask fuzz [TARGET] [--minutes N]
+                             Try odd inputs on the parsers, led by their coverage: TARGET, or all of crates/fuzz/seeds, for
+                             10 minutes or N in all. Needs a C++ compiler. What breaks something is kept in target/fuzz/found.
 cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed), build and run all tests.
 
-All look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
+All but fuzz look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
 ImageMagick) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
 the line to type and stop.
 
@@ -31,6 +36,8 @@ Environment of `test`: GLINT_TEST_DATA names the folder of real and malformed po
 ../shared/data beside the checkout). Tests that lack a Vulkan adapter or these files say that they are skipped;
 GLINT_REQUIRE_GPU and GLINT_REQUIRE_DATA, when set, make that a failure. CI, when set, sets the first of them, and the
 second where GLINT_TEST_DATA is set or ../shared/data exists.
+
+Environment of `fuzz`: the files in the folder that GLINT_TEST_DATA names are seeds besides those that are kept.
 
 Options of the program itself: cargo run --release --package glint -- --help";
 
@@ -48,15 +55,21 @@ fn main() -> ExitCode {
         ["run", inputs @ ..] if inputs.iter().all(|input| !input.starts_with('-')) => run(inputs),
         ["test"] => test(),
         ["baseline"] => baseline(),
-        _ => {
-            eprintln!("{HELP}");
-            return ExitCode::from(2);
-        }
+        ["fuzz", words @ ..] => match Fuzzing::parse(words) {
+            Some(fuzzing) => fuzz(&fuzzing),
+            None => return misunderstood(),
+        },
+        _ => return misunderstood(),
     };
     result.unwrap_or_else(|error| {
         eprintln!("xtask: {error:#}");
         ExitCode::FAILURE
     })
+}
+
+fn misunderstood() -> ExitCode {
+    eprintln!("{HELP}");
+    ExitCode::from(2)
 }
 
 fn run(inputs: &[&str]) -> Result<ExitCode> {
@@ -142,6 +155,12 @@ fn baseline() -> Result<ExitCode> {
     command.args(["test", "--release", "--workspace", "--locked", "--test", "baseline"]);
     command.current_dir(root()?).env("UPDATE", "1").env("GLINT_REQUIRE_GPU", "1");
     Ok(exit_code(status(&mut command)?))
+}
+
+fn fuzz(fuzzing: &Fuzzing) -> Result<ExitCode> {
+    let files = std::env::var_os("GLINT_TEST_DATA").map(PathBuf::from);
+    let is_clean = fuzz::fuzz(cargo(), &root()?, fuzzing, files.as_deref())?;
+    Ok(if is_clean { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Installs what is missing, or says how to. An error when the user has to act first.

@@ -1,0 +1,195 @@
+//! The parsers, called as the program calls them, and what must hold of all that they give.
+
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use cloud::{CHUNK_POINTS, Chunk, Progress};
+use codec::{Selection, Source};
+use glam::DVec3;
+use scene::{Camera, SceneFile};
+use stream::Pages;
+use study::Plan;
+
+/// Points after which a read is cancelled: a few bytes may rightly stand for billions.
+const MOST_POINTS: u64 = 1 << 20;
+/// What decoders may take: half of the ceiling that bytes of any length have.
+const DECODER_MEMORY: u64 = 32 << 20;
+/// Records that a single one is looked for among, as its compressed chunk is decoded up to it.
+const MOST_RECORDS: u64 = 1 << 16;
+
+/// A file of points: all of it, its positions alone, single records, triangles, the nodes of COPC.
+pub fn cloud(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let path = folder.join("cloud");
+    put(&path, bytes)?;
+    let Ok(source) = codec::open_within(&path, DECODER_MEMORY) else { return Ok(0) };
+    let attributes = vec![true; source.info().attributes.len()];
+    let all = read(&source, &Selection { positions: true, colors: true, normals: true, attributes })?;
+    let positions = read(&source, &Selection { positions: true, ..Selection::default() })?;
+    let mut decoded = all + positions;
+    let points = source.info().points;
+    for point in [0, points / 2, points.saturating_sub(1)] {
+        let point = point.min(MOST_RECORDS);
+        // A damaged one is an error, which is as good as a record.
+        let _ = source.record(point);
+        decoded += point;
+    }
+    if source.is_mesh() {
+        let _ = source.triangles();
+    }
+    if let Some(pages) = Pages::copc(&Arc::new(source)) {
+        decoded += nodes(&pages)?;
+    }
+    Ok(decoded)
+}
+
+fn read(source: &Source, selection: &Selection) -> Result<u64, String> {
+    let progress = Progress::default();
+    let decoded = AtomicU64::new(0);
+    let problem = Mutex::new(None);
+    let outcome = source.read(selection, &progress, &|chunk| {
+        if let Err(found) = check_chunk(&chunk, CHUNK_POINTS) {
+            problem.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(found);
+        }
+        let before = decoded.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+        if before + chunk.len() as u64 >= MOST_POINTS {
+            progress.cancel();
+        }
+    });
+    if let Some(problem) = problem.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(problem);
+    }
+    let (decoded, promised) = (decoded.into_inner(), source.info().points);
+    match outcome {
+        Ok(summary) if summary.points != decoded => {
+            Err(format!("a read of {decoded} points says that it read {}", summary.points))
+        }
+        Ok(_) if decoded > promised => Err(format!("{decoded} points were read of a file of {promised}")),
+        _ => Ok(decoded),
+    }
+}
+
+/// Every column of a chunk has as many values as the chunk has points.
+fn check_chunk(chunk: &Chunk, most: usize) -> Result<(), String> {
+    let points = chunk.len();
+    if points > most {
+        return Err(format!("a chunk of {points} points, expected {most} at most"));
+    }
+    let columns = chunk.columns.iter().flatten().map(|column| column.len());
+    let lengths = columns
+        .chain(chunk.colors.as_ref().map(|values| values.len()))
+        .chain(chunk.normals.as_ref().map(|values| values.len()))
+        .chain(chunk.radii.as_ref().map(|values| values.len()))
+        .chain(chunk.exact_positions.as_ref().map(|values| values.len()));
+    match lengths.into_iter().find(|length| *length != points) {
+        Some(length) => Err(format!("a column of {length} values in a chunk of {points} points")),
+        None => Ok(()),
+    }
+}
+
+/// An index: `nodes`, `pages` and `surfels` in one, as [`join`] puts them.
+pub fn index(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let entry = folder.join("index");
+    fs::create_dir_all(&entry).map_err(|error| error.to_string())?;
+    for (name, bytes) in ["nodes", "pages", "surfels"].into_iter().zip(split(bytes)) {
+        put(&entry.join(name), bytes)?;
+    }
+    match Pages::open(&entry) {
+        Ok(pages) => nodes(&pages),
+        Err(_) => Ok(0),
+    }
+}
+
+/// All nodes of an octree that may be read at once.
+fn nodes(pages: &Pages) -> Result<u64, String> {
+    let octree = pages.octree();
+    let own: u64 = octree.nodes.iter().map(|node| u64::from(node.points)).sum();
+    if octree.points() != own {
+        return Err(format!("the root has {} points below it, its nodes have {own}", octree.points()));
+    }
+    let mut decoded = 0;
+    for (id, node) in octree.ids() {
+        let in_tree = node.parent.is_none_or(|parent| octree.node(parent).children.contains(&Some(id)));
+        if !in_tree || node.bounds.is_empty() {
+            return Err(format!("node {} is no child of its parent, or holds no place", id.0));
+        }
+        // Larger nodes of COPC files are refused by the streamer's budget, not by the reader.
+        if node.points as usize > CHUNK_POINTS || decoded > MOST_POINTS {
+            continue;
+        }
+        let Ok(chunk) = pages.read(id) else { continue };
+        check_chunk(&chunk, node.points as usize)?;
+        if chunk.len() != node.points as usize {
+            return Err(format!("node {} has {} points, expected {}", id.0, chunk.len(), node.points));
+        }
+        decoded += chunk.len() as u64;
+    }
+    Ok(decoded)
+}
+
+/// A scene file. What was read can be written, and read again as the same.
+pub fn scene(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let path = folder.join("scene.toml");
+    put(&path, bytes)?;
+    let Ok((file, _)) = SceneFile::read(&path) else { return Ok(0) };
+    let text = file.to_text();
+    match SceneFile::parse(&text) {
+        Ok(again) if again.to_text() == text => Ok(0),
+        Ok(_) => Err("a scene is another one once it is written and read".into()),
+        Err(error) => Err(format!("a scene cannot be read once it is written: {error}")),
+    }
+}
+
+/// A view, as `--camera` and the clipboard bring it.
+pub fn view(_: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let Ok(file) = SceneFile::parse(&String::from_utf8_lossy(bytes)) else { return Ok(0) };
+    let view = file.view();
+    let level = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
+    let written = SceneFile::new(Vec::new(), view.camera.unwrap_or(level), &view.settings);
+    match SceneFile::parse(&written.to_text()) {
+        Ok(again) if again.view().settings == view.settings => Ok(0),
+        Ok(_) => Err("the parameters of a view are others once it is written and read".into()),
+        Err(error) => Err(format!("a view cannot be read once it is written: {error}")),
+    }
+}
+
+/// A plan of a study, with all of its settings.
+pub fn plan(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let path = folder.join("plan.toml");
+    put(&path, bytes)?;
+    let Ok(plan) = Plan::read(&path) else { return Ok(0) };
+    let cases = plan.cases();
+    if cases.iter().enumerate().any(|(index, case)| case.index != index || case.group >= plan.groups.len()) {
+        return Err("a setting is not at its place in the plan".into());
+    }
+    match Plan::parse("again", &plan.to_text()) {
+        Ok(again) if again == plan => Ok(0),
+        Ok(_) => Err("a plan is another one once it is written and read".into()),
+        Err(error) => Err(format!("a plan cannot be read once it is written: {error}")),
+    }
+}
+
+fn put(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    fs::write(path, bytes).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// Bytes before the three files of an index: the lengths of the first two.
+const LENGTHS: usize = 8;
+
+/// Three files in one.
+pub fn join(files: [&[u8]; 3]) -> Vec<u8> {
+    let lengths = [files[0].len() as u32, files[1].len() as u32].map(u32::to_le_bytes);
+    [lengths.as_flattened(), files[0], files[1], files[2]].concat()
+}
+
+/// The three files; lengths that are too large end with the bytes.
+pub fn split(bytes: &[u8]) -> [&[u8]; 3] {
+    let (lengths, rest) = bytes.split_at(bytes.len().min(LENGTHS));
+    let length = |at: usize| {
+        lengths.get(at..at + 4).map_or(0, |length| u32::from_le_bytes([length[0], length[1], length[2], length[3]]))
+    };
+    let (nodes, rest) = rest.split_at(rest.len().min(length(0) as usize));
+    let (pages, surfels) = rest.split_at(rest.len().min(length(4) as usize));
+    [nodes, pages, surfels]
+}
