@@ -610,7 +610,7 @@ fn tiny_chunks_without_a_table_are_refused_instead_of_set_up_one_by_one() {
     };
     for points in [1, 2, 999] {
         let error = codec::open(file(&without_table(points)).path()).err().unwrap().to_string();
-        assert!(error.contains(&format!("chunks of {points} points without a usable chunk table")), "{error}");
+        assert!(error.contains(&format!("a chunk size of {points} without a usable chunk table")), "{error}");
     }
     assert_eq!(read_bytes(&without_table(1_000)).2.points, 3_000);
 }

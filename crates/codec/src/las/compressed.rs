@@ -108,8 +108,8 @@ impl Compressed {
             }
             None if compressed.vlr.chunk_size() < FEWEST_POINTS_WITHOUT_TABLE => {
                 return Err(malformed(format!(
-                    "chunks of {} points without a usable chunk table, expected {FEWEST_POINTS_WITHOUT_TABLE} or more: \
-                     the record is damaged or the file is cut short; copy it again",
+                    "a chunk size of {} without a usable chunk table, expected {FEWEST_POINTS_WITHOUT_TABLE} or more: the \
+                     record is damaged or the file is cut short; copy it again",
                     compressed.vlr.chunk_size()
                 )));
             }
