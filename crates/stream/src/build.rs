@@ -10,6 +10,7 @@ use codec::{Selection, Source};
 
 use crate::buckets::{self, Bucket, Distribution};
 use crate::cache::{Cache, Identity};
+use crate::entry::{self, BUILDING, RECORDS};
 use crate::lattice::Cell;
 use crate::pages::{self, Pages, Summary, Written};
 use crate::plan::{self, Extent, Plan};
@@ -18,12 +19,12 @@ use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
 use crate::{Error, Result};
 
+/// Bytes for each point that a full disk is said to lack.
+const BYTES_WHILE_MADE: u64 = 40;
 /// Between two looks at an entry that somebody else has locked.
 const LOCK_WAIT: Duration = Duration::from_millis(30);
 /// Bytes that a point takes on the disk while an index is made: a record, and most of a page.
 const WORKING_DISK_BYTES: u64 = 33;
-/// Where an index is made, within its entry.
-const BUILDING: &str = "building";
 /// Points of a bucket: at least, however little memory there is; as many as are fast to sort; at most.
 const BUCKET_POINTS: [u64; 3] = [20_000, 400_000, 1_500_000];
 /// Buckets of a cloud so large that they would be more become larger instead.
@@ -60,8 +61,8 @@ impl Default for BuildOptions {
 /// damaged is made again although somebody may still have it open.
 ///
 /// # Errors
-/// `Cancelled`; `Changed` if a file is not the same at the end; `TooMany`; `Full`; `Empty`; `Io`; `Input` if no file can be read.
-/// Nothing is left behind then.
+/// `Cancelled`; `Changed` if a file is not the same at the end; `TooMany`; `Full`; `NotWritten`; `InTheWay`; `Empty`; `Io`;
+/// `Input` if no file can be read. Nothing is left behind then.
 pub fn build(
     inputs: &[Arc<Source>],
     cache: &Cache,
@@ -102,7 +103,7 @@ fn build_on_disk(
         progress.set_waiting(false);
         // It may have been made since this looked.
         match Pages::open_locked(&entry, None) {
-            Ok(pages) if pages.key() == identity.key => {}
+            Ok(pages) if pages.key() == identity.key && entry::is_own(&entry) => {}
             // It was whole a moment ago: once is enough.
             Err(error) if is_made => return Err(error),
             Ok(_) | Err(_) => {
@@ -122,7 +123,7 @@ struct Unfinished<'a>(&'a Path, bool);
 impl Drop for Unfinished<'_> {
     fn drop(&mut self) {
         if !self.1 {
-            let _ = std::fs::remove_dir_all(self.0);
+            entry::clear(self.0);
         }
     }
 }
@@ -130,26 +131,29 @@ impl Drop for Unfinished<'_> {
 /// Makes an entry whose lock is held.
 fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identity) -> Result<()> {
     let io = |error| Error::not_written(entry, error);
-    if entry.exists() {
-        // Damaged, or of a builder that was killed.
-        std::fs::remove_dir_all(entry).map_err(io)?;
-    }
     check_memory(build.inputs, build.options.memory)?;
     let points = header_points(build.inputs);
+    let not_written = |error: Error| match error {
+        error if error.is_full() => {
+            Error::Full { folder: cache.folder().to_owned(), needed: points.saturating_mul(BYTES_WHILE_MADE) }
+        }
+        error => error.of_cache(cache.folder()),
+    };
     cache.make_room(points.saturating_mul(WORKING_DISK_BYTES));
+    // Of what is there, damaged or of a builder that was killed.
+    entry::start(entry, &cache.aside(entry)).map_err(not_written)?;
     let mut unfinished = Unfinished(entry, false);
     let building = entry.join(BUILDING);
-    std::fs::create_dir_all(&building).map_err(|error| full_or(io(error), cache, points))?;
     let outcome = build.run(&building, identity).and_then(|(summary, nodes)| {
         if let Some(path) = identity.changed() {
             return Err(Error::Changed { path: path.to_owned() });
         }
         std::fs::rename(building.join(pages::PAGES), entry.join(pages::PAGES)).map_err(io)?;
-        std::fs::remove_dir_all(&building).map_err(io)?;
+        std::fs::remove_dir(&building).map_err(io)?;
         pages::write(entry, &summary, nodes)?;
         Pages::open_locked(entry, None).map(drop)
     });
-    outcome.map_err(|error| full_or(error, cache, points))?;
+    outcome.map_err(not_written)?;
     unfinished.1 = true;
     drop(unfinished);
     cache.make_room(0);
@@ -162,15 +166,6 @@ fn first_depth(points: u64, target: u64, memory: u64) -> u8 {
     // Surfaces: four cells below each.
     let levels = |cells: u64| (cells as f64).log(4.0);
     levels(cells).round().min(levels(buckets::most_cells(memory)).floor()) as u8
-}
-
-/// Says what to do about a full disk.
-fn full_or(error: Error, cache: &Cache, points: u64) -> Error {
-    if error.is_full() {
-        Error::Full { folder: cache.folder().to_owned(), needed: points.saturating_mul(40) }
-    } else {
-        error.of_cache(cache.folder())
-    }
 }
 
 /// What is known of all nodes and of all blocks of records must fit, too.
@@ -221,7 +216,7 @@ impl Build<'_> {
                 continue;
             };
             self.expect(2);
-            let path = folder.join("records");
+            let path = folder.join(RECORDS);
             let temporary = Storage::create(&path, self.disk)?;
             let counts = Counts::default();
             let (distributed, warnings) = self.distribute(&plan, &temporary, &counts, extent.is_none())?;

@@ -1,18 +1,19 @@
 //! The folder that keeps indexes: one entry per set of files, named after what they are; the least recently opened goes
-//! first when there are too many.
+//! first when there are too many. What else lies in the folder is left alone (`entry`).
 //!
 //! An entry is a folder; beside it lies its lock file. Whoever builds an entry has its lock alone, whoever reads one shares
 //! it. A lock file is only removed, or renamed with its entry, by somebody who has it locked; and whoever has locked one looks
 //! whether it is still there under its name (`is_current`), so that nobody trusts the lock of a file that is gone.
 
 use std::fs::{File, TryLockError};
+use std::io::ErrorKind::{NotFound, PermissionDenied};
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
 use crate::pages::{self, Pages};
-use crate::{Error, Result, surfels};
+use crate::{Error, Result, entry, surfels};
 
 /// Bytes of a sample of a file's content, and how many lie between its ends.
 const SAMPLE_BYTES: usize = 64 << 10;
@@ -151,11 +152,11 @@ impl Cache {
 
     pub(crate) fn open_known(&self, identity: &Identity) -> Result<Option<Pages>> {
         let entry = self.entry(identity);
-        if !entry.join(pages::NODES).exists() {
+        if !entry::is_own(&entry) || !entry::is_there(&entry.join(pages::NODES)) {
             return Ok(None);
         }
         // A folder that cannot be written to, or without locks, can be read all the same: nobody clears it then.
-        let lock = self.lock_file(&entry).or_else(|_| File::open(lock_path(&entry))).ok();
+        let lock = self.lock_file(&entry).ok().or_else(|| entry::open_regular(&lock_path(&entry)).ok());
         if let Some(lock) = &lock {
             if let Err(TryLockError::WouldBlock) = lock.try_lock_shared() {
                 // Somebody builds or clears it.
@@ -172,14 +173,17 @@ impl Cache {
         match opened.map(|pages| pages.locked_by(lock)) {
             Ok(pages) if pages.key() == identity.key => Ok(Some(pages.kept_in(self))),
             Ok(_) | Err(Error::Damaged { .. }) => Ok(None),
-            Err(Error::Io { reason, .. }) if reason.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            // Made anew it can be read.
+            Err(Error::Io { reason, .. }) if matches!(reason.kind(), NotFound | PermissionDenied) => Ok(None),
             Err(error) => Err(error),
         }
     }
 
     fn lock_file(&self, entry: &Path) -> Result<File> {
-        std::fs::create_dir_all(&self.folder).map_err(|error| Error::not_written(&self.folder, error))?;
-        let file = File::options().create(true).truncate(false).read(true).write(true).open(lock_path(entry));
+        let path = lock_path(entry);
+        let file = std::fs::create_dir_all(&self.folder)
+            .and_then(|()| entry::check_writable(&path))
+            .and_then(|()| File::options().create(true).truncate(false).read(true).write(true).open(&path));
         file.map_err(|error| Error::not_written(&self.folder, error))
     }
 
@@ -203,7 +207,7 @@ impl Cache {
         // One at a time: what one has set aside, the next must not look at as if it were still there.
         let Some(_turn) = self.no_setting_aside() else { return };
         // Nobody builds it.
-        let lock = File::open(lock_path(entry)).ok().filter(|lock| lock.try_lock_shared().is_ok());
+        let lock = entry::open_regular(&lock_path(entry)).ok().filter(|lock| lock.try_lock_shared().is_ok());
         if let Some(lock) = lock.filter(|lock| is_current(lock, &lock_path(entry))) {
             self.set_locked_aside(entry, identity, &lock);
         }
@@ -211,31 +215,38 @@ impl Cache {
 
     /// While the file is kept, no entry is set aside. `None` where that cannot be had.
     pub(crate) fn no_setting_aside(&self) -> Option<File> {
-        let turn = File::options().create(true).truncate(false).write(true).open(self.folder.join("aside.lock"));
+        let path = self.folder.join("aside.lock");
+        entry::check_writable(&path).ok()?;
+        let turn = File::options().create(true).truncate(false).write(true).open(path);
         turn.ok().filter(|turn| turn.lock().is_ok())
     }
 
     /// While its lock is shared.
     fn set_locked_aside(&self, entry: &Path, identity: &Identity, _lock: &File) {
         let is_missing = |error: &Error| match error {
-            Error::Io { reason, .. } => reason.kind() == std::io::ErrorKind::NotFound,
+            Error::Io { reason, .. } => matches!(reason.kind(), NotFound | PermissionDenied),
             error => matches!(error, Error::Damaged { .. }),
         };
         let is_useless = match Pages::open_locked(entry, None) {
             Ok(pages) => pages.key() != identity.key,
             Err(error) => is_missing(&error),
         };
+        let aside = self.aside(entry);
+        // The lock goes last: until then nobody else can have the entry alone.
+        if is_useless && entry::is_own(entry) && !entry::is_there(&aside) && std::fs::rename(entry, &aside).is_ok() {
+            let _ = std::fs::remove_file(aside.join(pages::NODES));
+            let _ = std::fs::rename(lock_path(entry), lock_path(&aside));
+        }
+    }
+
+    /// A name that no entry has, for one that is to make room for another.
+    pub(crate) fn aside(&self, entry: &Path) -> PathBuf {
         let mut name = Fnv::new();
         name.add(entry.as_os_str().as_encoded_bytes());
         name.add(&std::process::id().to_le_bytes());
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         name.add(&now.as_nanos().to_le_bytes());
-        let aside = self.folder.join(format!("{:032x}", name.0));
-        // The lock goes last: until then nobody else can have the entry alone.
-        if is_useless && !aside.exists() && std::fs::rename(entry, &aside).is_ok() {
-            let _ = std::fs::remove_file(aside.join(pages::NODES));
-            let _ = std::fs::rename(lock_path(entry), lock_path(&aside));
-        }
+        self.folder.join(format!("{:032x}", name.0))
     }
 
     /// Forgets an index that turned out to be damaged: the next one who asks for it makes it anew. If only its normals and
@@ -274,7 +285,7 @@ impl Cache {
 
     /// Clears the entry in that folder; false if it is still there because somebody has it open.
     pub fn remove(&self, entry: &Path) -> bool {
-        entry.parent() == Some(&self.folder) && has_key(entry) && self.clear_entry(entry)
+        entry.parent() == Some(&self.folder) && entry::is_own(entry) && self.clear_entry(entry)
     }
 
     /// Clears all entries that are not open.
@@ -288,14 +299,15 @@ impl Cache {
     /// Clears what is no index and will be none: of builders that were killed, set aside, and lock files of nothing.
     fn clear_remains(&self) {
         for entry in self.entries() {
-            if !entry.path.join(pages::NODES).exists() {
+            if !entry::is_there(&entry.path.join(pages::NODES)) {
                 self.clear_entry(&entry.path);
             }
         }
         let Ok(folder) = std::fs::read_dir(&self.folder) else { return };
         for path in folder.flatten().map(|item| item.path()) {
             let entry = path.with_extension("");
-            if path.extension().is_some_and(|extension| extension == "lock") && has_key(&entry) && !entry.exists() {
+            let is_lock = path.extension().is_some_and(|extension| extension == "lock") && entry::has_key(&entry);
+            if is_lock && is_empty_file(&path) && !entry::is_there(&entry) {
                 self.clear_entry(&entry);
             }
         }
@@ -306,10 +318,8 @@ impl Cache {
         if lock.try_lock().is_err() || !is_current(&lock, &lock_path(entry)) {
             return false;
         }
-        // `nodes` goes first: what is left of an entry that cannot be cleared whole must not look like one.
-        let _ = std::fs::remove_file(entry.join(pages::NODES));
-        let is_gone = !entry.exists() || std::fs::remove_dir_all(entry).is_ok();
-        if is_gone && cfg!(unix) {
+        let is_gone = entry::clear(entry);
+        if is_gone && cfg!(unix) && is_empty_file(&lock_path(entry)) {
             let _ = std::fs::remove_file(lock_path(entry));
         }
         is_gone
@@ -318,19 +328,17 @@ impl Cache {
     /// What cannot be read counts as not there.
     fn entries(&self) -> Vec<Entry> {
         let Ok(folder) = std::fs::read_dir(&self.folder) else { return Vec::new() };
-        let is_entry = |path: &PathBuf| has_key(path) && path.is_dir();
         let entry = |path: PathBuf| {
             let used = std::fs::metadata(lock_path(&path)).and_then(|metadata| metadata.modified());
             Entry { bytes: bytes_in(&path), used: used.unwrap_or(SystemTime::UNIX_EPOCH), path }
         };
-        folder.flatten().map(|item| item.path()).filter(is_entry).map(entry).collect()
+        folder.flatten().map(|item| item.path()).filter(|path| entry::is_own(path)).map(entry).collect()
     }
 }
 
-/// Named like an entry.
-fn has_key(path: &Path) -> bool {
-    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    name.len() == 32 && name.bytes().all(|byte| byte.is_ascii_hexdigit())
+/// As lock files are.
+fn is_empty_file(path: &Path) -> bool {
+    std::fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0)
 }
 
 struct Entry {

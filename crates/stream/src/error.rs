@@ -38,10 +38,14 @@ pub enum Error {
     #[error("{path}: the file was changed while it was read; open it again when it is complete")]
     Changed { path: PathBuf },
     #[error(
-        "{folder}: the cache cannot be written: the disk is full, and the pages of this cloud need about {} MB there; make room, or GLINT_CACHE_DIR can name another folder",
+        "{folder}: the cache cannot be written: the disk is full, and the index of this cloud needs about {} MB there; make \
+         room, or GLINT_CACHE_DIR can name another folder",
         needed / 1_000_000 + 1
     )]
     Full { folder: PathBuf, needed: u64 },
+    /// Something that this program has not made has the name of an index.
+    #[error("{path}: this is in the place of an index, and not one that glint has made: move it away or delete it")]
+    InTheWay { path: PathBuf },
     #[error("cancelled")]
     Cancelled,
 }

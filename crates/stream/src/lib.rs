@@ -10,6 +10,7 @@ mod build;
 mod cache;
 mod copc;
 mod cut;
+mod entry;
 mod error;
 mod lattice;
 mod octree;

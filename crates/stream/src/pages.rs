@@ -22,17 +22,21 @@ use crate::page::{self, Place};
 use crate::records::{Layout, is_believable};
 use crate::storage::Storage;
 use crate::surfels::SurfelFile;
-use crate::{Error, Node, NodeId, Octree, Result, plan};
+use crate::{Error, Node, NodeId, Octree, Result, entry, plan};
 
 pub(crate) const NODES: &str = "nodes";
 pub(crate) const PAGES: &str = "pages";
+/// `nodes` until it is whole.
+pub(crate) const UNFINISHED: &str = "nodes.unfinished";
 /// Files of another version are made again.
 pub(crate) const VERSION: u32 = 1;
-const MAGIC: [u8; 8] = *b"glintidx";
+pub(crate) const MAGIC: [u8; 8] = *b"glintidx";
 /// Bytes before the body: magic, version, checksum of the body.
 const HEAD_BYTES: usize = 16;
 /// Bytes of a node in the table.
 const NODE_BYTES: usize = 4 + 4 + 4 + 8 + 4 + 2 * 24;
+/// Bytes of the table without pages, at most: attributes and warnings.
+const MOST_TABLE_BYTES: u64 = 16 << 20;
 /// More levels than any builder makes.
 const MOST_LEVELS: u8 = 63;
 /// Distance between neighbouring points of a node, as a part of its width.
@@ -93,14 +97,20 @@ impl Pages {
     /// # Errors
     /// `Damaged` if it is not whole or of another version, `Io` if it cannot be read.
     pub fn open(entry: &Path) -> Result<Self> {
-        let lock = File::open(crate::cache::lock_path(entry)).ok().filter(|lock| lock.lock_shared().is_ok());
+        let lock = entry::open_regular(&crate::cache::lock_path(entry)).ok().filter(|lock| lock.lock_shared().is_ok());
         Self::open_locked(entry, lock)
     }
 
     pub(crate) fn open_locked(entry: &Path, lock: Option<File>) -> Result<Self> {
         let path = entry.join(NODES);
-        let bytes = std::fs::read(&path).map_err(|error| Error::io(&path, error))?;
         let pages = Storage::open(&entry.join(PAGES))?;
+        let table = Storage::open(&path)?;
+        // A node has a point at least, so the table is no longer than some times the pages.
+        if table.length() > MOST_TABLE_BYTES.saturating_add(pages.length().saturating_mul(NODE_BYTES as u64)) {
+            return Err(Error::damaged(&path, "longer than a table of the nodes of these pages"));
+        }
+        let mut bytes = vec![0; table.length() as usize];
+        table.read(0, &mut bytes)?;
         let damaged = |problem: String| Error::damaged(&path, problem);
         let (summary, octree, places) = parse(&bytes, pages.length()).map_err(damaged)?;
         // Whatever is wrong with them, they are estimated again.
@@ -298,8 +308,8 @@ pub(crate) fn write(folder: &Path, summary: &Summary, nodes: Vec<Written>) -> Re
     write_summary(&mut body, summary);
     write_nodes(&mut body, nodes);
     let path = folder.join(NODES);
-    let unfinished = folder.join("nodes.unfinished");
-    let written = File::create(&unfinished).and_then(|mut file| {
+    let unfinished = folder.join(UNFINISHED);
+    let written = entry::check_writable(&unfinished).and_then(|()| File::create(&unfinished)).and_then(|mut file| {
         file.write_all(&MAGIC)?;
         file.write_all(&VERSION.to_le_bytes())?;
         file.write_all(&crc32fast::hash(&body).to_le_bytes())?;

@@ -21,12 +21,14 @@ use rayon::prelude::*;
 
 use crate::lattice::Cell;
 use crate::storage::Storage;
-use crate::{Error, Node, NodeId, Octree, Pages, Result};
+use crate::{Error, Node, NodeId, Octree, Pages, Result, entry};
 
 pub(crate) const SURFELS: &str = "surfels";
 const UNFINISHED: &str = "surfels.unfinished";
 const DONE: &str = "surfels.done";
 const LOCK: &str = "surfels.lock";
+/// All files that are made here.
+pub(crate) const NAMES: [&str; 4] = [SURFELS, UNFINISHED, DONE, LOCK];
 const MAGIC: [u8; 8] = *b"glintsrf";
 const VERSION: u32 = 2;
 /// Bytes of the head before the checksums: magic, version, checksum of what follows, identity, largest radius.
@@ -189,7 +191,7 @@ pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
 ///
 /// # Errors
 /// `Cancelled`; what is done is kept for the next time. `Damaged` if points are, or if the index was replaced or deleted meanwhile:
-/// what is there instead of it is not touched. `Io` for a COPC file, which is not an index of ours. `Io` with the file's name, a full disk among them: then nothing is kept.
+/// what is there instead of it is not touched. `Io` for a COPC file, which is not an index of ours. `NotWritten`: with a full disk nothing is kept.
 pub fn estimate_surfels(pages: &Pages, options: &SurfelOptions, memory: u64, progress: &Progress) -> Result<()> {
     let most = (memory / WORKING_BYTES).clamp(FEWEST_POINTS, MOST_POINTS);
     let estimated = estimate_in_groups(pages, options, most, progress);
@@ -238,7 +240,8 @@ fn clear(folder: &Path) -> Result<()> {
 fn lock(pages: &Pages, progress: &Progress) -> Result<File> {
     let path = &pages.folder().join(LOCK);
     let file = pages.in_place(|| {
-        let file = File::options().create(true).truncate(false).write(true).open(path);
+        let file = entry::check_writable(path)
+            .and_then(|()| File::options().create(true).truncate(false).write(true).open(path));
         file.map_err(|error| Error::not_written(path, error))
     })?;
     loop {
@@ -385,9 +388,9 @@ impl<'a> Build<'a> {
         let length = data_start(octree.nodes.len()) + POINT_BYTES * octree.points();
         pages.in_place(|| {
             let mut list = Vec::new();
-            let noted = File::open(&done_path).and_then(|mut file| file.read_to_end(&mut list));
-            let same =
-                noted.is_ok() && list.starts_with(&title) && path.metadata().is_ok_and(|file| file.len() == length);
+            let noted = entry::open_regular(&done_path).and_then(|mut file| file.read_to_end(&mut list));
+            let is_as_long = |file: std::fs::Metadata| file.is_file() && file.len() == length;
+            let same = noted.is_ok() && list.starts_with(&title) && path.symlink_metadata().is_ok_and(is_as_long);
             if !same {
                 clear(pages.folder())?;
                 list = title.clone();
@@ -406,7 +409,9 @@ impl<'a> Build<'a> {
             }
             list.truncate(valid);
             let unfinished = Storage::sized(&path, length)?;
-            let done = File::create(&done_path).and_then(|mut file| file.write_all(&list).map(|()| file));
+            let done = entry::check_writable(&done_path)
+                .and_then(|()| File::create(&done_path))
+                .and_then(|mut file| file.write_all(&list).map(|()| file));
             let done = done.map_err(|error| Error::not_written(&done_path, error))?;
             Ok(Self { pages, options, weights, groups, most, unfinished, is_done, done, done_path, points })
         })

@@ -6,9 +6,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use cloud::{Chunk, Progress};
+use cloud::{Chunk, Orientation, Progress, SurfelOptions};
 use codec::Source;
-use stream::{BuildOptions, Cache, Error, NodeId, Pages, Result, build};
+use glam::Vec3;
+use stream::{BuildOptions, Cache, Error, NodeId, Pages, Result, build, estimate_surfels};
 
 mod made_up;
 use made_up::{Point, terrain, write_las};
@@ -73,7 +74,7 @@ fn an_index_is_made_once() {
     assert_eq!(points(&set.build(&other).unwrap()), 100_001);
     assert_eq!(set.entries().len(), 2);
     let names: Vec<_> = std::fs::read_dir(again.folder()).unwrap().flatten().map(|item| item.file_name()).collect();
-    assert_eq!(names.len(), 2, "pages and nodes, nothing else: {names:?}");
+    assert_eq!(names.len(), 3, "pages, nodes and the marker, nothing else: {names:?}");
 }
 
 #[test]
@@ -285,4 +286,154 @@ fn the_least_recently_opened_goes_first_but_never_what_is_open() {
     drop(open);
     set.cache.clear();
     assert_eq!((set.entries().len(), set.cache.size()), (0, 0));
+}
+
+/// Files below a folder with their contents; links as they are.
+fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    for path in std::fs::read_dir(folder).unwrap().map(|item| item.unwrap().path()) {
+        let metadata = path.symlink_metadata().unwrap();
+        found.push((path.clone(), if metadata.is_file() { std::fs::read(&path).unwrap() } else { Vec::new() }));
+        if metadata.is_dir() {
+            found.extend(contents(&path));
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+#[cfg(unix)]
+fn what_another_has_made_is_left_alone_wherever_the_cache_lies() {
+    use std::os::unix::fs::symlink;
+    let set = Set::new(1);
+    let inputs = [set.cloud("a.las", 60_000)];
+    let others = set.path("others");
+    let key = |digit: char| set.cache.folder().join(String::from(digit).repeat(32));
+    let with_files = |folder: &Path, names: &[&str]| {
+        std::fs::create_dir_all(folder).unwrap();
+        names.iter().for_each(|name| std::fs::write(folder.join(name), "of another").unwrap());
+    };
+    with_files(&others, &["nodes", "pages", "glint-index", "letter"]);
+    with_files(&key('0'), &["letter"]);
+    with_files(&key('1'), &["nodes", "pages"]);
+    with_files(&key('2'), &[]);
+    // A folder of ours, but not in its place.
+    let own = set.build(&inputs).unwrap().folder().to_owned();
+    for name in ["nodes", "pages", "glint-index"] {
+        std::fs::copy(own.join(name), others.join(name)).unwrap();
+    }
+    symlink(&others, key('3')).unwrap();
+    symlink(others.join("letter"), key('4').with_extension("lock")).unwrap();
+    with_files(set.cache.folder(), &["letter", "55555555555555555555555555555555.lock"]);
+    let before = contents(&others);
+    let all_others = |path: &Path| !path.starts_with(&own) && path.extension().is_none_or(|e| e != "lock");
+    let in_cache = || contents(set.cache.folder()).into_iter().filter(|(path, _)| all_others(path)).collect::<Vec<_>>();
+    let before_in_cache = in_cache();
+    // Makes room and clears, as the limit is exceeded by far.
+    set.build(&[set.cloud("b.las", 1_000)]).unwrap();
+    set.cache.clear();
+    assert!(!own.exists(), "the first index went");
+    assert_eq!(contents(&others), before);
+    assert_eq!(in_cache(), before_in_cache);
+    assert!(key('4').with_extension("lock").symlink_metadata().is_ok());
+    assert_eq!(std::fs::read(key('5').with_extension("lock")).unwrap(), b"of another");
+    assert!((0..4).all(|digit| !set.cache.remove(&key(char::from(b'0' + digit)))));
+    assert_eq!(contents(&others), before);
+}
+
+#[test]
+#[cfg(unix)]
+fn what_is_in_the_place_of_an_index_is_named_and_stays() {
+    let set = Set::new(u64::MAX);
+    let inputs = [set.cloud("a.las", 10_000)];
+    let entry = set.build(&inputs).unwrap().folder().to_owned();
+    let aside = set.path("aside");
+    std::fs::rename(&entry, &aside).unwrap();
+    let refused = || {
+        assert!(set.cache.open(&inputs).unwrap().is_none());
+        let error = set.build(&inputs).err().unwrap();
+        assert!(matches!(&error, Error::InTheWay { path } if *path == entry), "{error}");
+    };
+    // A link to an index that is right in all else, a folder with something in it, a file.
+    std::os::unix::fs::symlink(&aside, &entry).unwrap();
+    refused();
+    std::fs::remove_file(&entry).unwrap();
+    std::fs::create_dir(&entry).unwrap();
+    std::fs::write(entry.join("letter"), "of another").unwrap();
+    refused();
+    assert_eq!(std::fs::read(entry.join("letter")).unwrap(), b"of another");
+    std::fs::remove_dir_all(&entry).unwrap();
+    std::fs::write(&entry, "of another").unwrap();
+    refused();
+    assert_eq!(std::fs::read(&entry).unwrap(), b"of another");
+    assert!(aside.join("nodes").exists());
+}
+
+#[test]
+#[cfg(unix)]
+fn what_is_no_file_in_an_index_is_set_aside_and_the_index_made_again() {
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+    let make_pipe = |path: &Path| assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+    let make_full_folder = |path: &Path| {
+        std::fs::create_dir(path).unwrap();
+        std::fs::write(path.join("letter"), "of another").unwrap();
+    };
+    let make_unreadable = |path: &Path| {
+        std::fs::write(path, "cannot be read").unwrap();
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o000)).unwrap();
+    };
+    let make_link = |path: &Path| symlink("/dev/zero", path).unwrap();
+    let make_huge = |path: &Path| std::fs::File::create(path).unwrap().set_len(1 << 40).unwrap();
+    let all: [&dyn Fn(&Path); 5] = [&make_pipe, &make_full_folder, &make_unreadable, &make_link, &make_huge];
+    for (kind, make) in all.into_iter().enumerate() {
+        // Pages that are too long are known by their checksums when they are read.
+        for name in ["nodes", "surfels", "glint-index", "pages"].into_iter().take(if kind == 4 { 3 } else { 4 }) {
+            let set = Set::new(u64::MAX);
+            let inputs = [set.cloud("a.las", 5_000)];
+            let entry = set.build(&inputs).unwrap().folder().to_owned();
+            let _ = std::fs::remove_file(entry.join(name));
+            make(&entry.join(name));
+            let pages = set.build(&inputs).unwrap_or_else(|error| panic!("{kind} {name}: {error}"));
+            assert_eq!((pages.folder(), points(&pages)), (entry.as_path(), 5_000), "{kind} {name}");
+            let options = SurfelOptions { neighbours: 8, orientation: Orientation::Up(Vec3::Z) };
+            let estimated = estimate_surfels(&pages, &options, 1 << 30, &Progress::default());
+            let is_lost = name == "surfels" && kind == 1;
+            assert!(estimated.is_ok() || is_lost, "{kind} {name}: {estimated:?}");
+            drop(pages);
+            set.cache.clear();
+            let letters = contents(set.cache.folder()).into_iter().filter(|(path, _)| path.ends_with("letter")).count();
+            assert_eq!(letters, usize::from(kind == 1), "{kind} {name}: what another has put in is kept");
+        }
+    }
+}
+
+#[test]
+fn an_index_without_a_marker_is_known_by_its_table() {
+    let set = Set::new(u64::MAX);
+    let inputs = [set.cloud("a.las", 10_000)];
+    let entry = set.build(&inputs).unwrap().folder().to_owned();
+    std::fs::remove_file(entry.join("glint-index")).unwrap();
+    let pages = set.cache.open(&inputs).unwrap().unwrap();
+    assert_eq!(points(&pages), 10_000);
+    assert!(set.cache.size() > 10_000);
+    drop(pages);
+    set.cache.clear();
+    assert!(!entry.exists());
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_to_is_named_once_with_what_helps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.las");
+    write_las(&path, &terrain(1_000));
+    // Nobody, not even root, makes a folder below a file.
+    let cache = Cache::new(path.join("cache"), u64::MAX);
+    let inputs = [Arc::new(codec::open(&path).unwrap())];
+    let error = build(&inputs, &cache, &OPTIONS, &Progress::default(), &|_| ()).err().unwrap();
+    assert!(matches!(&error, Error::NotWritten { .. }), "{error}");
+    let text = error.to_string();
+    let name = cache.folder().display().to_string();
+    assert!(text.starts_with(&format!("{name}: ")) && text.matches(&name).count() == 1, "{text}");
+    assert!(text.contains("GLINT_CACHE_DIR") && !text.contains(".lock") && !text.contains("building"), "{text}");
 }

@@ -1,0 +1,136 @@
+//! The folder of one index in the cache: how it is told from the folder of another program, and what is deleted in it.
+//!
+//! The cache may lie anywhere, also where it was not meant to: in a folder with other things in it, or with links to them. So a
+//! folder counts as an entry only if it is no link, has the name of an entry and in it the marker that is the first thing
+//! written there; and only names that this program makes are deleted, one by one. Versions before the marker left none:
+//! their entries are known by the first bytes of `nodes`. What they left unfinished has neither and stays.
+
+use std::fs::{File, FileType};
+use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::path::Path;
+
+use crate::{Error, Result, pages, surfels};
+
+/// Where an index is made, within its entry.
+pub const BUILDING: &str = "building";
+/// The records of all points while an index is made, within `BUILDING`.
+pub const RECORDS: &str = "records";
+/// Says that the folder is an entry of the cache.
+pub const MARKER: &str = "glint-index";
+const MARKER_TEXT: &[u8] = b"glint makes this folder again from the point clouds; it may be deleted\n";
+
+/// What is at this path itself, not where it leads to. `None` if nothing is, or it cannot be told.
+fn kind(path: &Path) -> Option<FileType> {
+    std::fs::symlink_metadata(path).ok().map(|metadata| metadata.file_type())
+}
+
+/// Whether there is something at this path, be it a link that leads nowhere.
+pub fn is_there(path: &Path) -> bool {
+    kind(path).is_some()
+}
+
+/// Named like an entry.
+pub fn has_key(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    name.len() == 32 && name.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+}
+
+/// Whether the folder is an entry that this program made.
+pub fn is_own(entry: &Path) -> bool {
+    let starts_with = |name: &str, start: &[u8]| {
+        let file = open_regular(&entry.join(name)).ok();
+        let mut bytes = Vec::new();
+        file.is_some_and(|file| file.take(start.len() as u64).read_to_end(&mut bytes).is_ok() && bytes == start)
+    };
+    let is_marked = || starts_with(MARKER, MARKER_TEXT) || starts_with(pages::NODES, &pages::MAGIC);
+    has_key(entry) && kind(entry).is_some_and(|kind| kind.is_dir()) && is_marked()
+}
+
+/// Nothing, or a regular file: what may be written. Anything else could be another's, or make who opens it wait for ever.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    match kind(path) {
+        Some(kind) if !kind.is_file() => Err(io::Error::other("not a regular file")),
+        _ => Ok(()),
+    }
+}
+
+/// Opens a regular file, not what a link leads to.
+pub fn open_regular(path: &Path) -> io::Result<File> {
+    check_writable(path)?;
+    File::open(path)
+}
+
+/// Makes an empty entry, of what is left of an earlier one if there is one.
+///
+/// # Errors
+/// `InTheWay` if something else has its name, `NotWritten`.
+pub fn start(entry: &Path, aside: &Path) -> Result<()> {
+    let io = |error| Error::not_written(entry, error);
+    if is_own(entry) {
+        clear(entry);
+        if names().any(|(_, name)| is_there(&entry.join(name))) {
+            // A folder with something in it has the name of a file: it is kept.
+            std::fs::rename(entry, aside).map_err(io)?;
+        }
+    }
+    match std::fs::create_dir(entry) {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+            let is_folder = kind(entry).is_some_and(|kind| kind.is_dir());
+            let is_empty = || std::fs::read_dir(entry).is_ok_and(|mut items| items.next().is_none());
+            let is_usable = is_own(entry) || is_folder && is_empty();
+            if !is_usable {
+                return Err(Error::InTheWay { path: entry.to_owned() });
+            }
+        }
+        made => made.map_err(io)?,
+    }
+    if !is_there(&entry.join(MARKER)) {
+        let marked = File::options().write(true).create_new(true).open(entry.join(MARKER));
+        marked.and_then(|mut file| file.write_all(MARKER_TEXT)).map_err(io)?;
+    }
+    std::fs::create_dir(entry.join(BUILDING)).map_err(io)
+}
+
+/// All names that are made in an entry but the marker, and whether they are folders; what is in a folder comes before it.
+fn names() -> impl Iterator<Item = (bool, String)> {
+    // `nodes` goes first: what is left of an entry that cannot be cleared whole must not look like one.
+    let files = [pages::NODES, pages::UNFINISHED, pages::PAGES].into_iter().chain(surfels::NAMES).map(String::from);
+    let building = [RECORDS, pages::PAGES].map(|name| format!("{BUILDING}/{name}"));
+    files.chain(building).map(|name| (false, name)).chain([(true, BUILDING.to_owned())])
+}
+
+/// Deletes what this program has made in an entry of its own, and the entry if nothing else is in it; whether it is gone.
+pub fn clear(entry: &Path) -> bool {
+    if !is_own(entry) {
+        return !is_there(entry);
+    }
+    // A link that was put in the place of the folder is not gone through.
+    let is_building = kind(&entry.join(BUILDING)).is_some_and(|kind| kind.is_dir());
+    for (is_folder, name) in names().filter(|(_, name)| is_building || !name.contains('/')) {
+        let path = entry.join(name);
+        let _ = if is_folder && is_building { std::fs::remove_dir(&path) } else { std::fs::remove_file(&path) };
+    }
+    let is_alone = |items: std::fs::ReadDir| items.flatten().all(|item| item.file_name() == MARKER);
+    if !std::fs::read_dir(entry).is_ok_and(is_alone) {
+        return false;
+    }
+    let _ = std::fs::remove_file(entry.join(MARKER));
+    std::fs::remove_dir(entry).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_entries_are_32_lower_case_hexadecimal_digits() {
+        for (name, is_key) in [
+            ("0123456789abcdef0123456789abcdef", true),
+            ("0123456789ABCDEF0123456789abcdef", false),
+            ("0123456789abcdef0123456789abcde", false),
+            ("0123456789abcdef0123456789abcdeg", false),
+        ] {
+            assert_eq!(has_key(&Path::new("/cache").join(name)), is_key, "{name}");
+        }
+    }
+}
