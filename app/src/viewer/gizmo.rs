@@ -104,7 +104,7 @@ impl Subject {
         }
     }
 
-    fn layouts(&self, stage: &Stage, chosen: Handles) -> Vec<Option<Layout>> {
+    fn layouts(&self, stage: &PictureFrame, chosen: Handles) -> Vec<Option<Layout>> {
         let layout = |(index, place): (usize, &DVec3)| Layout::new(stage, *place, self.handles(index, chosen));
         self.places().iter().enumerate().map(layout).collect()
     }
@@ -150,14 +150,14 @@ impl Gizmo {
 }
 
 /// Between the window and the world: a lens and the rectangle its picture fills.
-pub struct Stage {
+pub struct PictureFrame {
     lens: Lens,
     rect: Rect,
     /// Pixels of the picture per point of the window.
     scale: DVec2,
 }
 
-impl Stage {
+impl PictureFrame {
     /// Of the picture that is shown, so that handles stick to what is seen.
     fn of(state: &State, rect: Rect) -> Option<Self> {
         let request = &state.frames.shown.as_ref()?.request;
@@ -200,7 +200,7 @@ struct Layout {
 }
 
 impl Layout {
-    fn new(stage: &Stage, center: DVec3, parts: Parts) -> Option<Self> {
+    fn new(stage: &PictureFrame, center: DVec3, parts: Parts) -> Option<Self> {
         let middle = stage.place(center)?;
         let units = stage.units(center)?;
         let arrow = |axis: usize| {
@@ -261,7 +261,7 @@ fn to_segment(point: Pos2, from: Pos2, to: Pos2) -> f32 {
 /// its turn.
 pub fn interact(picture: &Response, state: &mut State) {
     state.gizmo.hot_light = None;
-    let Some(stage) = Stage::of(state, picture.rect) else { return };
+    let Some(stage) = PictureFrame::of(state, picture.rect) else { return };
     handles(picture, state, &stage);
     // What is dragged past a symbol, the camera above all, does not stop there.
     let is_pressed = picture.ctx.input(|input| input.pointer.any_down());
@@ -277,7 +277,7 @@ pub fn interact(picture: &Response, state: &mut State) {
     }
 }
 
-fn handles(picture: &Response, state: &mut State, stage: &Stage) {
+fn handles(picture: &Response, state: &mut State, stage: &PictureFrame) {
     let Some((id, name, subject)) = Subject::selected(state) else {
         state.gizmo.hot = None;
         state.gizmo.drag = None;
@@ -320,7 +320,7 @@ fn handles(picture: &Response, state: &mut State, stage: &Stage) {
 }
 
 /// The object with the handle under `pointer`.
-fn dragged(stage: &Stage, drag: &Drag, pointer: Pos2) -> Subject {
+fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Subject {
     let mut subject = drag.start.clone();
     let (place, handle) = drag.grip;
     let start = *subject.place_mut(place);
@@ -381,7 +381,7 @@ fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
 }
 
 /// Where the symbols of lights are: all while somebody looks after lights, or none.
-fn symbols(state: &State, stage: &Stage) -> Vec<(ObjectId, Pos2, Color32)> {
+fn symbols(state: &State, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
     let is_light_selected = state.selected.is_some_and(|id| state.objects.light(id).is_some());
     if !state.light_panel_is_open && !is_light_selected {
         return Vec::new();
@@ -413,7 +413,7 @@ fn lamp(painter: &Painter, at: Pos2, color: Color32, is_hot: bool) {
 }
 
 /// The axis of a light and the rim of its cone, at the distance of its target.
-fn cone(painter: &Painter, stage: &Stage, light: &SpotLight) {
+fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight) {
     let (axis, distance) = ((light.target - light.position).normalize_or_zero(), light.position.distance(light.target));
     let (u, v) = axis.any_orthonormal_pair();
     let rim = |degrees: f32, share: f64| {
@@ -449,7 +449,7 @@ fn cone(painter: &Painter, stage: &Stage, light: &SpotLight) {
 
 /// Draws the handles of the selected object, and the symbols of lights.
 pub fn paint(painter: &Painter, rect: Rect, state: &State) {
-    let Some(stage) = Stage::of(state, rect) else { return };
+    let Some(stage) = PictureFrame::of(state, rect) else { return };
     let painter = painter.with_clip_rect(rect);
     let selected = Subject::selected(state);
     if let Some((_, _, Subject::Light(light))) = &selected {
@@ -523,29 +523,29 @@ mod tests {
 
     use super::*;
 
-    fn stage(projection: Projection) -> Stage {
+    fn stage(projection: Projection) -> PictureFrame {
         let camera =
             Camera::looking(DVec3::new(635_000.0, 848_000.0, 40.0), DVec3::new(0.7, -1.0, 0.5), 12.0, DVec3::Z);
         let view = ViewSettings { projection, ..ViewSettings::default() };
         // A screen of two pixels a point.
         let rect = Rect::from_min_size(pos2(310.0, 20.0), vec2(800.0, 600.0));
-        Stage::new(Lens::new(&camera, &view, [1600, 1200]), [1600, 1200], rect)
+        PictureFrame::new(Lens::new(&camera, &view, [1600, 1200]), [1600, 1200], rect)
     }
 
     fn mirror() -> Mirror {
         Mirror::standing(Shape::Sphere, DVec3::new(635_001.0, 848_000.5, 40.0), DVec3::Z, DVec3::Z, 0.8)
     }
 
-    fn drag(stage: &Stage, handle: Handle, pressed: Pos2) -> Drag {
+    fn drag(stage: &PictureFrame, handle: Handle, pressed: Pos2) -> Drag {
         grab(stage, Subject::Mirror(mirror()), (0, handle), pressed)
     }
 
-    fn grab(stage: &Stage, start: Subject, grip: Grip, pressed: Pos2) -> Drag {
+    fn grab(stage: &PictureFrame, start: Subject, grip: Grip, pressed: Pos2) -> Drag {
         let layout = start.layouts(stage, Handles::All).swap_remove(grip.0).unwrap();
         Drag { grip, start, pressed, layout }
     }
 
-    fn layout(stage: &Stage, handles: Handles) -> Layout {
+    fn layout(stage: &PictureFrame, handles: Handles) -> Layout {
         Subject::Mirror(mirror()).layouts(stage, handles).remove(0).unwrap()
     }
 
@@ -635,7 +635,7 @@ mod tests {
     fn an_arrow_that_points_at_the_eye_cannot_be_grabbed() {
         let camera = Camera::looking(mirror().position, DVec3::X, 12.0, DVec3::Z);
         let rect = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
-        let stage = Stage::new(Lens::new(&camera, &ViewSettings::default(), [800, 600]), [800, 600], rect);
+        let stage = PictureFrame::new(Lens::new(&camera, &ViewSettings::default(), [800, 600]), [800, 600], rect);
         let layout = layout(&stage, Handles::All);
         assert!(layout.arrows[0].is_none() && layout.arrows[1].is_some() && layout.arrows[2].is_some());
         assert_eq!(along_axis(stage.ray(pos2(400.0, 300.0)), mirror().position, DVec3::X), None);

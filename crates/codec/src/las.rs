@@ -24,7 +24,7 @@ use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, Paral
 
 use crate::positioned_file::PositionedFile;
 use crate::{Error, Format, Info, Result, Selection, Summary};
-use columns::{ChunkBuilder, ColorDepth, Plan, TILE_RECORDS};
+use columns::{ChunkBuilder, ColorDepth, ReadPlan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
 pub use copc::{Copc, CopcNode};
 pub use copc_writer::{CopcSummary, write_copc};
@@ -197,10 +197,10 @@ impl LasSource {
         self.copc.as_ref()
     }
 
-    fn plan(&self, selection: &Selection) -> (Plan<'_>, DecompressionSelection) {
+    fn plan(&self, selection: &Selection) -> (ReadPlan<'_>, DecompressionSelection) {
         let mut attributes = selection.attributes.clone();
         attributes.resize(self.layout.attributes.len(), false);
-        let plan = Plan {
+        let plan = ReadPlan {
             layout: &self.layout,
             grid: self.grid,
             positions: selection.positions,
@@ -283,7 +283,7 @@ impl LasSource {
         });
     }
 
-    fn read_plain(&self, block: &Block, plan: &Plan<'_>, buffer: &mut Vec<u8>, tally: &Tally<'_>) {
+    fn read_plain(&self, block: &Block, plan: &ReadPlan<'_>, buffer: &mut Vec<u8>, tally: &Tally<'_>) {
         let length = self.layout.record_length;
         let offset = self.data_start + block.first_point * length as u64;
         // A block is at most BLOCK_BYTES and lies within the file.
@@ -308,7 +308,7 @@ impl LasSource {
         &self,
         compressed: &Compressed,
         block: &Block,
-        plan: &Plan<'_>,
+        plan: &ReadPlan<'_>,
         layers: DecompressionSelection,
         buffer: &mut Vec<u8>,
         tally: &Tally<'_>,

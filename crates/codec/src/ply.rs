@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use crate::brief::brief;
 use crate::positioned_file::PositionedFile;
 use crate::{Error, Format, Info, Result, Selection, Summary};
-use columns::{ChunkBuilder, Plan, Roles, Scalar};
+use columns::{ChunkBuilder, Roles, RowDecoder, Scalar};
 use header::{Element, Encoding, Header, Kind, MAX_HEADER_BYTES};
 use reader::Reader;
 use rows::{Block, Packing, Rows};
@@ -122,7 +122,7 @@ impl PlySource {
             keep[self.scalars[self.roles.position[0]].property] = true;
         }
         let packing = Packing::new(&self.header, self.element(), keep);
-        let plan = Plan::new(&self.scalars, &self.roles, selection, &packing);
+        let plan = RowDecoder::new(&self.scalars, &self.roles, selection, &packing);
 
         let most = rows::chunk_points(self.element());
         progress.set_total(self.rows.count);
@@ -218,7 +218,7 @@ fn read_block(
     file: &PositionedFile,
     (block, most): (Block, usize),
     packing: &Packing,
-    plan: &Plan,
+    plan: &RowDecoder,
     mut give: impl FnMut(Chunk, u64, Bounds),
 ) -> std::io::Result<(u64, u64)> {
     let capacity = (block.rows as usize).min(most);

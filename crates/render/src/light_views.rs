@@ -15,8 +15,8 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, Targets, uniform_buffer};
 
-/// What a frame was made from.
-pub(crate) struct Shown<'a> {
+/// What a frame was made from: the views of lights draw it.
+pub(crate) struct FrameInputs<'a> {
     pub targets: &'a Targets,
     pub lights: &'a Lights,
     pub mapped: &'a [MappedLight],
@@ -54,8 +54,13 @@ impl LightViews {
 ///
 /// # Errors
 /// A shader is refused.
-pub(crate) fn show(recorder: &mut Recorder<'_>, inputs: &Inputs, settings: &Settings, shown: &Shown<'_>) -> Result<()> {
-    let Shown { targets, lights, mapped, virtual_lights, .. } = shown;
+pub(crate) fn show(
+    recorder: &mut Recorder<'_>,
+    inputs: &Inputs,
+    settings: &Settings,
+    shown: &FrameInputs<'_>,
+) -> Result<()> {
+    let FrameInputs { targets, lights, mapped, virtual_lights, .. } = shown;
     let surface = targets.surface();
     let with_maps = virtual_lights.as_ref().and_then(|lights| Some((lights, lights.maps?)));
     let picture_out = targets.picture.bind();
@@ -116,7 +121,7 @@ pub(crate) fn show(recorder: &mut Recorder<'_>, inputs: &Inputs, settings: &Sett
 fn draw_lights(
     recorder: &mut Recorder<'_>,
     inputs: &Inputs,
-    shown: &Shown<'_>,
+    shown: &FrameInputs<'_>,
     views: &wgpu::Buffer,
     in_light_buffer: bool,
 ) -> Result<()> {

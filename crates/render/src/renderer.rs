@@ -235,7 +235,7 @@ impl Renderer {
         let views = reflections.views(settings);
         match (views, reflections.first()) {
             _ if settings.light.show != LightView::Picture => {
-                let shown = light_views::Shown {
+                let shown = light_views::FrameInputs {
                     targets,
                     lights: &self.lights,
                     mapped: &lights,

@@ -69,7 +69,7 @@ impl Surroundings {
     pub fn of(positions: impl Iterator<Item = DVec3>, up: DVec3) -> Self {
         let frame = Frame::new(up);
         let points: Vec<DVec3> = positions.map(|position| frame.local(position)).collect();
-        let room = Plan::new(&points).filter(Plan::is_room).and_then(|plan| plan.room(&frame));
+        let room = GroundPlan::new(&points).filter(GroundPlan::is_room).and_then(|plan| plan.room(&frame));
         room.map_or(Self::OpenSky, Self::Room)
     }
 }
@@ -113,7 +113,7 @@ enum Column {
 }
 
 /// The ground plan of a cloud.
-struct Plan {
+struct GroundPlan {
     /// Low corner of cell (0, 0).
     corner: DVec3,
     edge: f64,
@@ -123,7 +123,7 @@ struct Plan {
     occupied: usize,
 }
 
-impl Plan {
+impl GroundPlan {
     /// `None` for clouds of next to no points or without extent. Coordinates are of a `Frame`, as below.
     fn new(points: &[DVec3]) -> Option<Self> {
         let range = |axis: usize| {

@@ -13,7 +13,7 @@ use crate::cache::{Cache, Identity};
 use crate::entry::{self, BUILDING, RECORDS};
 use crate::lattice::Cell;
 use crate::pages::{self, Pages, Summary, Written};
-use crate::plan::{self, Extent, Plan};
+use crate::plan::{self, Extent, IndexPlan};
 use crate::preview::Preview;
 use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
@@ -208,7 +208,7 @@ impl Build<'_> {
         let mut extent: Option<Extent> = None;
         let mut wide = false;
         loop {
-            let Some(plan) = Plan::new(self.inputs, extent.as_ref(), wide) else {
+            let Some(plan) = IndexPlan::new(self.inputs, extent.as_ref(), wide) else {
                 if extent.is_some() {
                     return Err(self.why_empty(first_path()));
                 }
@@ -278,7 +278,7 @@ impl Build<'_> {
     }
 
     /// Points a bucket should have, and may have.
-    fn bucket_points(&self, plan: &Plan) -> (u64, u64) {
+    fn bucket_points(&self, plan: &IndexPlan) -> (u64, u64) {
         let bytes = BYTES_PER_POINT + plan.layout.stride() as u64;
         let total = header_points(self.inputs);
         let [least, usual, most] = BUCKET_POINTS;
@@ -290,7 +290,7 @@ impl Build<'_> {
     /// headers say.
     fn distribute(
         &self,
-        plan: &Plan,
+        plan: &IndexPlan,
         temporary: &Storage,
         counts: &Counts,
         trusting: bool,
@@ -361,7 +361,13 @@ impl Build<'_> {
     }
 
     /// Buckets that fit memory, and nodes of them.
-    fn nodes(&self, plan: &Plan, distributed: Vec<Bucket>, temporary: &Storage, path: &Path) -> Result<Vec<Written>> {
+    fn nodes(
+        &self,
+        plan: &IndexPlan,
+        distributed: Vec<Bucket>,
+        temporary: &Storage,
+        path: &Path,
+    ) -> Result<Vec<Written>> {
         let (target, most) = self.bucket_points(plan);
         let placing = plan.lattice.placing();
         let memory = self.options.memory / 4;

@@ -27,8 +27,8 @@ const FEWEST_SAMPLES: usize = 16;
 /// Points of a chunk that are looked at to see where the bulk lies.
 const SAMPLES_PER_CHUNK: usize = 64;
 
-/// What is kept of some files.
-pub struct Plan {
+/// What an index keeps of its files.
+pub struct IndexPlan {
     pub layout: Layout,
     pub lattice: Lattice,
     /// The lattice is the finest of the files' own grids.
@@ -44,7 +44,7 @@ pub struct Extent {
     pub bulk: Bounds,
 }
 
-impl Plan {
+impl IndexPlan {
     /// `extent`: what is known better than from the headers.
     pub fn new(inputs: &[Arc<Source>], extent: Option<&Extent>, wide: bool) -> Option<Self> {
         let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);

@@ -1,7 +1,7 @@
 //! The way of a cut into memory: worker threads that read pages in the order of their importance, a cache of decoded chunks
 //! under a byte ceiling, and the changes that whoever draws has to make, in an order in which nothing blinks.
 //!
-//! - A chunk is *shown* from the [`Change::Put`] that hands it over to its [`Change::Drop`]. Shown nodes are closed towards the
+//! - A chunk is *shown* from the [`Change::Put`] that hands it over to its [`Change::Drop`]. ShownNode nodes are closed towards the
 //!   root: a child comes after its parent and goes before it, so no place that had points loses all of them.
 //! - Where points come, their chunks are put first and the radii of those that stand for them shrink afterwards; where points go,
 //!   the radii of those that stay grow first.
@@ -260,7 +260,7 @@ struct Loaded {
 }
 
 /// A node as it was handed over.
-struct Shown {
+struct ShownNode {
     loaded: Loaded,
     generation: u64,
     drawn: Octants,
@@ -278,7 +278,7 @@ struct Entry {
     failed: bool,
     /// Not shown, or to take the place of what is shown. All points, of the cloud's generation.
     loaded: Option<Loaded>,
-    shown: Option<Shown>,
+    shown: Option<ShownNode>,
 }
 
 struct Held {
@@ -374,7 +374,7 @@ impl Loaded {
     }
 }
 
-impl Shown {
+impl ShownNode {
     fn new(loaded: Loaded, generation: u64, radii: Radii) -> Self {
         let drawn = count_octants(&loaded.chunk, loaded.center);
         Self { loaded, generation, drawn, radii }
@@ -427,14 +427,14 @@ impl Held {
     /// Whether what is shown of a wanted node is what is wanted, or more.
     fn is_satisfied(&self, node: NodeId, entry: &Entry) -> bool {
         let points = self.wanted_points(node, entry.wanted) as u64;
-        let enough = |shown: &Shown| shown.generation == self.generation && shown.points() >= points;
+        let enough = |shown: &ShownNode| shown.generation == self.generation && shown.points() >= points;
         entry.failed || entry.shown.as_ref().is_some_and(enough)
     }
 }
 
-/// What is to become of the nodes that are shown, and which come.
+/// The nodes that are dropped, shrunk and added to reach the wanted cut.
 #[derive(Default)]
-struct Plan {
+struct NodeChanges {
     drops: BTreeSet<(usize, NodeId)>,
     /// Points that remain.
     shrinks: BTreeMap<(usize, NodeId), usize>,
@@ -703,11 +703,11 @@ impl State {
         changes
     }
 
-    fn shown(&self, cloud: usize, node: NodeId) -> Option<&Shown> {
+    fn shown(&self, cloud: usize, node: NodeId) -> Option<&ShownNode> {
         self.clouds.get(&cloud)?.entry(node)?.shown.as_ref()
     }
 
-    fn shown_mut(&mut self, cloud: usize, node: NodeId) -> Option<&mut Shown> {
+    fn shown_mut(&mut self, cloud: usize, node: NodeId) -> Option<&mut ShownNode> {
         self.clouds.get_mut(&cloud)?.entries.get_mut(&node)?.shown.as_mut()
     }
 
@@ -727,14 +727,14 @@ impl State {
         victims
     }
 
-    fn plan(&self) -> Plan {
-        let mut plan = Plan::default();
+    fn plan(&self) -> NodeChanges {
+        let mut plan = NodeChanges::default();
         let mut victims = self.victims();
         let mut points = self.shown_points;
         let mut bytes = self.bytes - self.kept_bytes();
         let upcoming = self.queue.iter().take(self.workers);
         let upcoming: u64 = upcoming.filter_map(|(cloud, node)| Some(self.clouds.get(cloud)?.paged.cost(*node))).sum();
-        let mut make_room = |plan: &mut Plan, points: &mut u64, bytes: &mut u64| {
+        let mut make_room = |plan: &mut NodeChanges, points: &mut u64, bytes: &mut u64| {
             let Some(victim) = victims.pop() else { return false };
             let (cloud, node, left) = match victim {
                 Victim::Drop(cloud, node) => (cloud, node, 0),
@@ -769,7 +769,7 @@ impl State {
             let wanted = held.wanted_points(*id, *batches);
             let replaced = match plan.shrinks.remove(&(*cloud, *id)) {
                 Some(left) => left as u64,
-                None => entry.shown.as_ref().map_or(0, Shown::points),
+                None => entry.shown.as_ref().map_or(0, ShownNode::points),
             };
             points -= replaced;
             let mut fits = points + wanted as u64 <= self.budget.points;
@@ -793,7 +793,7 @@ impl State {
     }
 
     /// Where a plan leads, for the clouds that it changes or whose radii are larger than need be.
-    fn targets(&self, plan: &Plan) -> BTreeMap<usize, Target> {
+    fn targets(&self, plan: &NodeChanges) -> BTreeMap<usize, Target> {
         let loose = self.clouds.iter().filter(|(_, held)| !held.loose.is_empty()).map(|(cloud, _)| *cloud);
         let touched: BTreeSet<usize> = loose
             .chain(plan.drops.iter().map(|(cloud, _)| *cloud))
@@ -810,7 +810,7 @@ impl State {
     }
 
     /// What is shown of a cloud when the plan is done.
-    fn drawn_after(&self, cloud: usize, plan: &Plan) -> BTreeMap<NodeId, Drawn> {
+    fn drawn_after(&self, cloud: usize, plan: &NodeChanges) -> BTreeMap<NodeId, Drawn> {
         let Some(held) = self.clouds.get(&cloud) else { return BTreeMap::new() };
         let mut drawn = BTreeMap::new();
         let prefix_of = |loaded: &Loaded, points: usize| {
@@ -839,7 +839,7 @@ impl State {
     }
 
     /// Of nodes that stay, where more must be covered than before.
-    fn grow_radii(&mut self, plan: &Plan, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
+    fn grow_radii(&mut self, plan: &NodeChanges, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
         for (cloud, target) in targets {
             for id in &target.nodes {
                 if let Some(shown) = self.shown_mut(*cloud, *id)
@@ -853,7 +853,12 @@ impl State {
         }
     }
 
-    fn drop_and_shrink(&mut self, plan: &Plan, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
+    fn drop_and_shrink(
+        &mut self,
+        plan: &NodeChanges,
+        targets: &mut BTreeMap<usize, Target>,
+        changes: &mut Vec<Change>,
+    ) {
         for ((cloud, id), points) in &plan.shrinks {
             let Some(entry) = self.clouds.get_mut(cloud).and_then(|held| held.entries.get_mut(id)) else { continue };
             let Some(shown) = entry.shown.take() else { continue };
@@ -861,7 +866,7 @@ impl State {
             self.shown_points -= shown.points();
             let loaded = shown.loaded.first(*points);
             let radii = targets.get_mut(cloud).and_then(|target| target.of(*id, &loaded));
-            let shown = Shown::new(loaded, shown.generation, larger(&radii, &shown.radii));
+            let shown = ShownNode::new(loaded, shown.generation, larger(&radii, &shown.radii));
             self.bytes += shown.loaded.bytes();
             self.shown_points += shown.points();
             changes.push(shown.put(*cloud));
@@ -884,7 +889,7 @@ impl State {
         }
     }
 
-    fn show(&mut self, plan: &Plan, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
+    fn show(&mut self, plan: &NodeChanges, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
         for (cloud, id, points) in &plan.arrivals {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
             let generation = held.generation;
@@ -902,7 +907,7 @@ impl State {
                 }
                 None => self.shown_nodes += 1,
             }
-            let shown = Shown::new(loaded, generation, radii);
+            let shown = ShownNode::new(loaded, generation, radii);
             self.bytes += shown.loaded.bytes();
             self.shown_points += shown.points();
             changes.push(shown.put(*cloud));

@@ -8,7 +8,7 @@
 use render::{Gpu, PassTime, Renderer};
 use scene::Settings;
 use scene::five_mirrors::Variant;
-use study::{IndirectTruth, JudgedLight, Stage, TracedLight};
+use study::{FiveMirrors, IndirectTruth, JudgedLight, TracedLight};
 
 const TRIES: [&str; 19] = [
     "gi.vpls=64 gi.interleave=1",
@@ -92,7 +92,7 @@ fn main() -> anyhow::Result<()> {
         traced.stride
     );
     for variant in variants {
-        let stage = Stage::new(&gpu, variant, &settings)?;
+        let stage = FiveMirrors::new(&gpu, variant, &settings)?;
         let mut rows: Vec<Row> = tries
             .iter()
             .map(|text| {

@@ -10,7 +10,7 @@ use param::Choice as _;
 use render::{Gpu, PassStage, PassTime, Renderer};
 use scene::five_mirrors::Variant;
 use scene::{Method, Settings};
-use study::{Accuracy, Stage};
+use study::{Accuracy, FiveMirrors};
 
 const SIZE: [u32; 2] = [800, 600];
 
@@ -55,7 +55,7 @@ fn main() -> anyhow::Result<()> {
         exact surfaces): median, p95, p99"
     );
     for variant in variants {
-        let stage = Stage::new(&gpu, variant, &settings)?;
+        let stage = FiveMirrors::new(&gpu, variant, &settings)?;
         let tried: Vec<Settings> = tries
             .iter()
             .map(|text| {

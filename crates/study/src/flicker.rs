@@ -51,8 +51,8 @@ pub struct Steps {
     pub pixels: f64,
 }
 
-/// What a frame shows.
-pub struct Shown {
+/// The images of one frame.
+pub struct FrameImages {
     /// World positions of its pixels, NaN where there is nothing.
     pub positions: Vec<[f32; 3]>,
     /// Linear red, green and blue.
@@ -79,7 +79,7 @@ pub fn follow<E>(
     view: &ViewSettings,
     size: [u32; 2],
     steps: Steps,
-    mut draw: impl FnMut(&Camera) -> Result<Shown, E>,
+    mut draw: impl FnMut(&Camera) -> Result<FrameImages, E>,
 ) -> Result<Followed, E> {
     // Pixels of a unit of length at the distance 1; in parallel projection that of the pivot everywhere.
     let focal = f64::from(size[1]) / 2.0 / (f64::from(view.field_of_view).to_radians() / 2.0).tan();

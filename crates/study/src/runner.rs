@@ -14,7 +14,7 @@ use scene::{Camera, ColorBy, Settings};
 
 use crate::chart;
 use crate::file_name::file_name;
-use crate::flicker::{Followed, Shown, Steps, flicker, follow};
+use crate::flicker::{Followed, FrameImages, Steps, flicker, follow};
 use crate::journal::{Folder, FolderError};
 use crate::metrics::Truth;
 use crate::picture;
@@ -548,7 +548,7 @@ fn flickers(
         // Each frame is drawn anew, by what a method remembers of the ones before.
         settings.reflection.keep = false;
         renderer.forget();
-        let draw = |camera: &Camera| -> anyhow::Result<Shown> {
+        let draw = |camera: &Camera| -> anyhow::Result<FrameImages> {
             // From the world's coordinates to those near the scene, and back.
             let camera = Camera { eye: camera.eye + origin, pivot: camera.pivot + origin, ..*camera };
             // The ray tracer's own draw goes on as it would from frame to frame.
@@ -560,7 +560,7 @@ fn flickers(
             if case.method == RAY_TRACE {
                 tracer.ray_trace(&mut drawn, &Progress::default())?;
             }
-            Ok(Shown { positions: drawn.surface.position.as_chunks::<3>().0.to_vec(), colors: drawn.color })
+            Ok(FrameImages { positions: drawn.surface.position.as_chunks::<3>().0.to_vec(), colors: drawn.color })
         };
         let camera = subject.camera;
         let near = Camera { eye: camera.eye - origin, pivot: camera.pivot - origin, ..camera };

@@ -6,7 +6,7 @@ use std::sync::{LazyLock, Mutex, MutexGuard};
 use render::{Aov, Gpu, Renderer};
 use scene::Settings;
 use scene::five_mirrors::Variant;
-use study::{IndirectTruth, JudgedLight, LightError, Stage, TracedLight};
+use study::{FiveMirrors, IndirectTruth, JudgedLight, LightError, TracedLight};
 
 const SIZE: [u32; 2] = [320, 240];
 /// 3072 pixels of 1024 paths each: a noise of three hundredths, which is taken out of the errors.
@@ -15,8 +15,8 @@ const TRACED: TracedLight = TracedLight { stride: 5, paths: 1024, over_mirrors: 
 /// Drivers compile each pass for a while: one renderer, and one scene at a time.
 struct Studio {
     renderer: Renderer,
-    open: Stage,
-    with_sphere: Stage,
+    open: FiveMirrors,
+    with_sphere: FiveMirrors,
     truth: IndirectTruth,
     truth_of_sphere: IndirectTruth,
 }
@@ -32,7 +32,7 @@ static STUDIO: LazyLock<Option<Mutex<Studio>>> = LazyLock::new(|| {
         }
     };
     let settings = settings("");
-    let stage = |variant| Stage::new(&gpu, variant, &settings).unwrap();
+    let stage = |variant| FiveMirrors::new(&gpu, variant, &settings).unwrap();
     let (open, with_sphere) = (stage(Variant::None), stage(Variant::Sphere));
     let truth = open.indirect_truth(&settings, SIZE, TRACED).unwrap();
     let truth_of_sphere = with_sphere.indirect_truth(&settings, SIZE, TRACED).unwrap();

@@ -22,8 +22,8 @@ pub enum ColorDepth {
     Sixteen,
 }
 
-/// What all chunks of one read share.
-pub struct Plan<'a> {
+/// What is decoded of each chunk of one read.
+pub struct ReadPlan<'a> {
     pub layout: &'a Layout,
     pub grid: Grid,
     pub positions: bool,
@@ -35,7 +35,7 @@ pub struct Plan<'a> {
 
 /// A chunk that grows by tiles of records.
 pub struct ChunkBuilder<'a> {
-    plan: &'a Plan<'a>,
+    plan: &'a ReadPlan<'a>,
     first_point: u64,
     points: usize,
     anchor: Option<Anchor>,
@@ -77,7 +77,7 @@ impl Anchor {
 }
 
 impl<'a> ChunkBuilder<'a> {
-    pub fn new(plan: &'a Plan<'a>, first_point: u64, capacity: usize) -> Self {
+    pub fn new(plan: &'a ReadPlan<'a>, first_point: u64, capacity: usize) -> Self {
         let column = |(wanted, property): (&bool, &super::layout::Property)| {
             wanted.then(|| Column::with_capacity(property.reading.column_type(), capacity))
         };

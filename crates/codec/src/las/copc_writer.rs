@@ -66,7 +66,7 @@ pub struct CopcSummary {
 pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Progress) -> Result<Option<CopcSummary>> {
     let sources = open(inputs, output, memory / 2)?;
     let mut warnings = Vec::new();
-    let plan = Plan::new(&sources, memory / 2, &mut warnings)?;
+    let plan = OutputFormat::new(&sources, memory / 2, &mut warnings)?;
     let points: u64 = sources.iter().map(|source| source.info.points).sum();
     progress.set_total(2 * points);
 
@@ -172,8 +172,8 @@ fn bucket_level(points: u64) -> u32 {
     (0..DEEPEST_BUCKETS).find(|level| points >> (2 * level) <= BUCKET_POINTS).unwrap_or(DEEPEST_BUCKETS)
 }
 
-/// What the file's points are.
-struct Plan {
+/// How points stand in the file that is written.
+struct OutputFormat {
     target: Target,
     grid: Grid,
     upgrades: Vec<Upgrade>,
@@ -182,7 +182,7 @@ struct Plan {
     turn: Option<Mutex<()>>,
 }
 
-impl Plan {
+impl OutputFormat {
     /// `memory` bounds what compressing takes, in bytes.
     fn new(sources: &[LasSource], memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
         let first = &sources[0];
@@ -404,7 +404,7 @@ impl LasSource {
 const PIECE_TILES: usize = 16;
 
 struct Job<'a> {
-    plan: Plan,
+    plan: OutputFormat,
     output: &'a Path,
     memory: u64,
     progress: &'a Progress,

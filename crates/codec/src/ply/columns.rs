@@ -132,9 +132,9 @@ struct Field {
     scalar: ColumnType,
 }
 
-/// What to decode from packed rows.
+/// Decodes the wanted columns of packed rows.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct RowDecoder {
     stride: usize,
     big_endian: bool,
     position: Option<[Field; 3]>,
@@ -144,7 +144,7 @@ pub struct Plan {
     columns: Vec<Option<Field>>,
 }
 
-impl Plan {
+impl RowDecoder {
     pub fn new(scalars: &[Scalar], roles: &Roles, selection: &Selection, packing: &Packing) -> Self {
         let field = |index: usize| {
             let Scalar { property, scalar, .. } = scalars[index];
@@ -288,7 +288,7 @@ fn extend_triples<const BIG: bool>(triples: &mut Vec<[f32; 3]>, rows: &[u8], str
 
 /// A chunk that grows by packed rows.
 pub struct ChunkBuilder<'a> {
-    plan: &'a Plan,
+    plan: &'a RowDecoder,
     first_point: u64,
     rows: usize,
     /// Coordinates of a type that f32 holds exactly, or the wider ones.
@@ -302,7 +302,7 @@ pub struct ChunkBuilder<'a> {
 
 impl<'a> ChunkBuilder<'a> {
     /// `capacity`: rows that are known to be in the file.
-    pub fn new(plan: &'a Plan, first_point: u64, capacity: usize) -> Self {
+    pub fn new(plan: &'a RowDecoder, first_point: u64, capacity: usize) -> Self {
         let fits_f32 = plan.position.is_some_and(fit_f32);
         let capacity_if = |wanted: bool| if wanted { capacity } else { 0 };
         Self {

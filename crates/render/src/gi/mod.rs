@@ -27,7 +27,7 @@ use crate::reflection::SurfaceImages;
 use crate::store::{PointStore, Selection};
 use crate::targets::{Image, storage, uniform_buffer};
 use occluders::Occluders;
-use plan::Plan;
+use plan::LightPlan;
 pub(crate) use plan::Sky;
 
 /// Doublings of distance that a shadow map tells apart, below four scene radii.
@@ -65,7 +65,7 @@ struct Places {
     splat: Splat,
     /// Positions, directions and cones of the lights, and which virtual lights are whose.
     cameras: Vec<(FrameCamera, f32, f32)>,
-    plan: Plan,
+    plan: LightPlan,
     shadow_size: u32,
     shadow_points: u32,
     pull_levels: u32,
@@ -85,8 +85,8 @@ struct Asked {
     tint: f32,
 }
 
-/// The virtual lights at hand.
-struct Lights {
+/// The virtual lights that frames are lit by now, on the GPU.
+struct LightBuffers {
     asked: Asked,
     places: Places,
     uniform: Virtual,
@@ -120,7 +120,7 @@ struct SurfaceLight {
 #[derive(Default)]
 pub(crate) struct GlobalIllumination {
     ground: Option<Ground>,
-    lights: Option<Lights>,
+    lights: Option<LightBuffers>,
     surfaces: Vec<SurfaceLight>,
     generations: u64,
     /// Virtual lights stay while nothing but the points changes.
@@ -202,7 +202,7 @@ impl GlobalIllumination {
             gloss: [settings.light.gloss, settings.light.gloss_power],
             tint: settings.mirror.tint,
         };
-        let is_same = |lights: &Lights| {
+        let is_same = |lights: &LightBuffers| {
             let revision = if self.may_lag { lights.asked.revision } else { asked.revision };
             Asked { revision, ..asked.clone() } == lights.asked
         };
@@ -227,7 +227,7 @@ impl GlobalIllumination {
             geometry_revision: store.geometry_revision(),
             splat,
             cameras: lights.iter().map(|light| (light.camera, light.inner, light.outer)).collect(),
-            plan: Plan::new(gi, lights, sky, origin, radius, store.bounds()),
+            plan: LightPlan::new(gi, lights, sky, origin, radius, store.bounds()),
             shadow_size: gi.shadow_size,
             shadow_points: gi.shadow_points,
             pull_levels: gi.pull_levels,
@@ -307,7 +307,7 @@ impl GlobalIllumination {
         }
         self.generations += 1;
         let generation = self.generations;
-        self.lights = Some(Lights { asked, places, uniform, constants, vpls, maps, generation });
+        self.lights = Some(LightBuffers { asked, places, uniform, constants, vpls, maps, generation });
         Ok(())
     }
 
@@ -399,9 +399,9 @@ impl GlobalIllumination {
         recorder.over(&switches, inputs, bindings, groups)
     }
 
-    /// The virtual lights at hand.
+    /// The virtual lights that frames are lit by now, on the GPU.
     pub fn lights(&self) -> Option<VirtualLights<'_>> {
-        let Lights { uniform, constants, vpls, maps, .. } = self.lights.as_ref()?;
+        let LightBuffers { uniform, constants, vpls, maps, .. } = self.lights.as_ref()?;
         let count = uniform.sky_lights + uniform.lights_per_bounce * uniform.bounces;
         let has_maps =
             count > 0 && maps.size() >= u64::from(count) * u64::from(uniform.map_stride) * VIRTUAL_TEXEL_BYTES;
@@ -478,7 +478,7 @@ impl Work<'_> {
         recorder: &mut Recorder<'_>,
         everywhere: &Inputs,
         lights: &[MappedLight],
-        plan: &Plan,
+        plan: &LightPlan,
         shadow_maps: &wgpu::Buffer,
     ) -> Result<()> {
         if plan.flux.is_empty() {

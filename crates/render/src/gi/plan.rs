@@ -47,7 +47,7 @@ pub(super) fn tangent(normal: Vec3) -> Vec3 {
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Plan {
+pub(super) struct LightPlan {
     pub sky: Vec<SkyLight>,
     pub bounces: u32,
     /// `VPL_TRIES` of each light of the first bounce: layer << 24 | texel of the shadow map.
@@ -60,7 +60,7 @@ pub(super) struct Plan {
     pub has_sky_births: bool,
 }
 
-impl Plan {
+impl LightPlan {
     pub fn new(gi: &Gi, lights: &[MappedLight], sky: Option<Sky>, origin: DVec3, radius: f64, bounds: Bounds) -> Self {
         // The finer map of a sun is for direct light.
         let sun = lights.first().filter(|light| light.camera.orthographic);

@@ -128,13 +128,13 @@ pub(super) struct Placed {
 }
 
 /// What the tests on the GPU share: drivers compile each pass for a while.
-struct Stage {
+struct TestGpu {
     gpu: Arc<Gpu>,
     renderer: Renderer,
 }
 
-static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| match Gpu::headless(None) {
-    Ok(gpu) => Renderer::new(gpu.clone()).ok().map(|renderer| Mutex::new(Stage { gpu, renderer })),
+static STAGE: LazyLock<Option<Mutex<TestGpu>>> = LazyLock::new(|| match Gpu::headless(None) {
+    Ok(gpu) => Renderer::new(gpu.clone()).ok().map(|renderer| Mutex::new(TestGpu { gpu, renderer })),
     Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
     Err(error) => {
         println!("skipped: {error}");
@@ -142,7 +142,7 @@ static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| match Gpu::headl
     }
 });
 
-fn stage() -> Option<MutexGuard<'static, Stage>> {
+fn stage() -> Option<MutexGuard<'static, TestGpu>> {
     STAGE.as_ref().map(|stage| stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
 }
 
@@ -171,7 +171,7 @@ fn settings(pairs: &[(&str, &str)]) -> Settings {
 
 const SIZE: [u32; 2] = [64, 48];
 
-impl Stage {
+impl TestGpu {
     fn render(&mut self, store: &PointStore, settings: &Settings, lights: &[SpotLight]) {
         let objects = Objects { lights, ..Objects::default() };
         self.renderer.render(store, &five_mirrors::camera(), settings, objects, SIZE).unwrap();
@@ -214,18 +214,18 @@ fn virtual_lights_carry_the_lamp_s_flux_and_stand_where_it_shines() {
     assert!((sum / on_wall as f64 - 1.0).abs() < 0.01, "{} of the flux", sum / on_wall as f64);
 }
 
-/// Of a surface, what the GPU makes of all pixels.
-struct Shown {
+/// Images of the surfaces that the camera sees, one entry a pixel.
+struct SurfaceImages {
     at: Vec<Vec3>,
     normal: Vec<Vec3>,
     albedo: Vec<Vec3>,
     indirect: Vec<Vec3>,
 }
 
-impl Stage {
-    fn shown(&self, origin: DVec3) -> Shown {
+impl TestGpu {
+    fn shown(&self, origin: DVec3) -> SurfaceImages {
         let at = self.renderer.read_aov_from(Aov::Position, origin).unwrap().data;
-        Shown {
+        SurfaceImages {
             at: at.chunks_exact(3).map(Vec3::from_slice).collect(),
             normal: self.aov(Aov::Normal),
             albedo: self.aov(Aov::Albedo),

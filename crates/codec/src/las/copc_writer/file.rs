@@ -10,7 +10,7 @@ use tempfile::NamedTempFile;
 
 use super::records::Statistics;
 use super::tree::{self, Cube};
-use super::{Compressed, Plan, RANGE_OPTIONS};
+use super::{Compressed, OutputFormat, RANGE_OPTIONS};
 use crate::las::LasSource;
 use crate::las::layout::{bytes, text};
 
@@ -63,7 +63,7 @@ impl Entry {
 
 impl CopcFile {
     /// Writes what comes before the points. Header and info record are written last.
-    pub fn start(file: NamedTempFile, plan: &Plan, sources: &[LasSource]) -> io::Result<Self> {
+    pub fn start(file: NamedTempFile, plan: &OutputFormat, sources: &[LasSource]) -> io::Result<Self> {
         let mut head = vec![0; usize::from(HEADER_LENGTH) + HEAD_LENGTH + INFO_LENGTH];
         let mut laszip = Vec::new();
         plan.vlr.write_to(&mut laszip).map_err(io::Error::other)?;
@@ -122,7 +122,7 @@ impl CopcFile {
     /// Writes what is left; the file is whole then.
     pub fn finish(
         mut self,
-        plan: &Plan,
+        plan: &OutputFormat,
         first: &LasSource,
         cube: &Cube,
         statistics: &Statistics,
@@ -189,7 +189,7 @@ impl CopcFile {
     /// The first file's header with what is different now.
     fn header(
         &self,
-        plan: &Plan,
+        plan: &OutputFormat,
         first: &LasSource,
         statistics: &Statistics,
         evlr: raw::header::Evlr,

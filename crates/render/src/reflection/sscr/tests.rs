@@ -199,13 +199,13 @@ fn clone(picture: &MirrorPicture) -> MirrorPicture {
 }
 
 /// What the tests on the GPU share: drivers compile each pass for a while.
-struct Stage {
+struct TestGpu {
     gpu: Arc<Gpu>,
     pipelines: Pipelines,
 }
 
-static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| match Gpu::headless(None) {
-    Ok(gpu) => Some(Mutex::new(Stage { gpu, pipelines: Pipelines::new() })),
+static STAGE: LazyLock<Option<Mutex<TestGpu>>> = LazyLock::new(|| match Gpu::headless(None) {
+    Ok(gpu) => Some(Mutex::new(TestGpu { gpu, pipelines: Pipelines::new() })),
     Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
     Err(error) => {
         println!("skipped: {error}");
@@ -213,7 +213,7 @@ static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| match Gpu::headl
     }
 });
 
-fn stage() -> Option<MutexGuard<'static, Stage>> {
+fn stage() -> Option<MutexGuard<'static, TestGpu>> {
     STAGE.as_ref().map(|stage| stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
 }
 
@@ -275,11 +275,11 @@ impl Scene {
         }
     }
 
-    fn make(&mut self, stage: &mut Stage, parameters: &Parameters) -> Made {
+    fn make(&mut self, stage: &mut TestGpu, parameters: &Parameters) -> Made {
         self.make_with(stage, &Settings { sscr: parameters.clone(), ..Settings::default() })
     }
 
-    fn make_with(&mut self, stage: &mut Stage, settings: &Settings) -> Made {
+    fn make_with(&mut self, stage: &mut TestGpu, settings: &Settings) -> Made {
         let size = self.picture.size.to_array();
         let camera = FrameCamera::new(&camera(), &settings.view, size, camera().pivot, 2.5);
         let list = self.store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);

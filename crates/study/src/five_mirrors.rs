@@ -9,20 +9,20 @@ use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Method, Settings};
 use trace::{Exact, Geometry, Gloss, Hit, Illumination, Indirect, PixelRays, Ray, Source, Sunlight, indirect_picture};
 
-use crate::flicker::{Flicker, Followed, Shown, Steps, flicker, follow};
+use crate::flicker::{Flicker, Followed, FrameImages, Steps, flicker, follow};
 use crate::light::{LightError, light_error};
 use crate::metrics::{Accuracy, Truth};
 use crate::subject::Subject;
 use crate::truth::{TracedScene, Tracer, View};
 
 /// One of the five mirrors, loaded.
-pub struct Stage {
+pub struct FiveMirrors {
     subject: Subject,
     traced: TracedScene,
     exact: Exact,
 }
 
-/// How the indirect light of exact surfaces is traced, for [`Stage::indirect_truth`].
+/// How the indirect light of exact surfaces is traced, for [`FiveMirrors::indirect_truth`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TracedLight {
     /// One pixel in each square so many pixels wide is traced, anywhere in it: edges of the scene and shares of interleaved
@@ -83,7 +83,7 @@ impl Geometry for WithBlackMirrors<'_> {
     }
 }
 
-impl Stage {
+impl FiveMirrors {
     /// Samples and uploads the scene; `settings.scene` says how many points.
     ///
     /// # Errors
@@ -219,11 +219,11 @@ impl Stage {
         size: [u32; 2],
         frames: u32,
     ) -> anyhow::Result<Flicker> {
-        let draw = |camera: &Camera| -> anyhow::Result<Shown> {
+        let draw = |camera: &Camera| -> anyhow::Result<FrameImages> {
             renderer.render(&self.subject.store, camera, settings, self.subject.objects(), size)?;
             let read =
                 |aov| -> anyhow::Result<Vec<[f32; 3]>> { Ok(renderer.read_aov(aov)?.data.as_chunks::<3>().0.to_vec()) };
-            Ok(Shown { positions: read(Aov::Position)?, colors: read(Aov::Indirect)? })
+            Ok(FrameImages { positions: read(Aov::Position)?, colors: read(Aov::Indirect)? })
         };
         let steps = Steps { frames, pixels: 0.25 };
         let Followed { places, frames: shown } = follow(&five_mirrors::camera(), &settings.view, size, steps, draw)?;
