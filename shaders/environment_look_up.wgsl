@@ -37,8 +37,7 @@ fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
     var position = vec4f(0.0);
     var is_ours = page.is_first == 1u;
     if key.y != 0u {
-        // Wraps below the page's first identity, which the comparison then refuses.
-        let index = key.x - page.first_identity;
+        let index = index_of_identity(key.x);
         is_ours = index < page.point_count;
         if is_ours {
             let depth = depth_from_nearness(key.y);

@@ -27,8 +27,7 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
     let hit = hits[id.y * frame.width + id.x];
     var is_ours = page.is_first == 1u;
     if hit.y != 0u {
-        // Wraps below the page's first identity, which the comparison then refuses.
-        let index = hit.y - 1u - page.first_identity;
+        let index = index_of_identity(hit.y - 1u);
         is_ours = index < page.point_count;
         if is_ours {
             let seen_from = textureLoad(eye_in, id, 0).xyz;

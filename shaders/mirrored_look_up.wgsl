@@ -32,8 +32,7 @@ fn mirrored_look_up(@builtin(global_invocation_id) thread: vec3u) {
     var position = vec4f(0.0);
     var is_ours = page.is_first == 1u;
     if key.y != 0u {
-        // Wraps below the page's first identity, which the comparison then refuses.
-        let index = key.x - page.first_identity;
+        let index = index_of_identity(key.x);
         is_ours = index < page.point_count;
         if is_ours {
             // The mirrored eye's line through the pixel, of linear depth 1.

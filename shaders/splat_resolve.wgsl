@@ -21,8 +21,7 @@ fn splat_resolve(@builtin(global_invocation_id) id: vec3u) {
     var depth = 0.0;
     var is_ours = page.is_first == 1u;
     if key.y != 0u {
-        // Wraps below the page's first identity, which the comparison then refuses.
-        let index = key.x - page.first_identity;
+        let index = index_of_identity(key.x);
         is_ours = index < page.point_count;
         if is_ours {
             depth = depth_from_nearness(key.y);

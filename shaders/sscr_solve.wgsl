@@ -58,7 +58,7 @@ fn splat_point(item: Item, index: u32) {
     // Written so that NaN, which is a point without a place, is not searched for.
     let is_point = dot(q, q) < 3e38;
     if totals.regions > 0u && is_point && !is_hidden(item, point) {
-        let identity = page.first_identity + index;
+        let identity = identities_from + index;
         var last_at = vec2f(-1.0);
         var label = drawn_label(identity);
         if seeds == SSCR_SEEDS_LAST_FRAME && last.place != 0u {

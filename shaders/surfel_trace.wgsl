@@ -21,13 +21,11 @@
 // x: f32 bits of the key that the nearest is chosen by. y: identity of the point + 1, 0: nothing yet. z: f32 bits of the
 // distance. w: tests so far, while they are counted.
 @group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
-@group(1) @binding(10) var<uniform> page: Page;
-
-@group(1) @binding(11) var<storage, read> points: array<vec4u>;
-@group(1) @binding(12) var<storage, read> class_masks: array<u32>;
+@group(1) @binding(10) var<storage, read> points: array<vec4u>;
+@group(1) @binding(11) var<storage, read> class_masks: array<u32>;
 // z: nodes and discs that the ray was tested against.
-@group(1) @binding(13) var views_out: texture_storage_2d<rgba32float, write>;
-@group(1) @binding(14) var<storage, read_write> counters: array<atomic<u32>>;
+@group(1) @binding(12) var views_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(13) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Set while the tests are shown.
 override count_tests: bool = false;
@@ -39,8 +37,8 @@ override use_lists: bool = false;
 struct Nearest {
     key: f32,
     distance: f32,
-    // Disc in the page; NONE if nothing nearer was found.
-    surfel: u32,
+    // Of its point; NONE if nothing was found.
+    identity: u32,
     // So far.
     nodes_tested: u32,
     discs_tested: u32,
@@ -63,7 +61,7 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
     let before = hits[pixel];
     var nearest = Nearest(3e38, 3e38, NONE, 0u, 0u);
     if before.y != 0u {
-        nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), NONE, 0u, 0u);
+        nearest = Nearest(bitcast<f32>(before.x), bitcast<f32>(before.z), before.y - 1u, 0u, 0u);
     }
     let list = (tile.y * ((frame.width + 7u) / 8u) + tile.x) * LIST_WORDS;
     var count = LIST_IS_FULL;
@@ -99,9 +97,9 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
         atomicAdd(&counters[NODES_TESTED], nearest.nodes_tested);
         atomicAdd(&counters[DISCS_TESTED], nearest.discs_tested);
     }
-    if nearest.surfel != NONE {
-        let identity = page.first_identity + order[nearest.surfel];
-        hits[pixel] = vec4u(bitcast<u32>(nearest.key), identity + 1u, bitcast<u32>(nearest.distance), hits[pixel].w);
+    if nearest.identity != NONE {
+        let words = vec3u(bitcast<u32>(nearest.key), nearest.identity + 1u, bitcast<u32>(nearest.distance));
+        hits[pixel] = vec4u(words, hits[pixel].w);
     }
 }
 
@@ -129,12 +127,18 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         for (var k = 0u; k < count; k++) {
             let hit = disc_hit(surfels[first_surfel + k], low, high, scale, origin, ray.direction);
             let key = hit.distance + hit.outside * hit.radius * CENTER_SHARE;
-            var is_nearer = hit.distance > 0.0 && key < nearest.key;
+            var is_nearer = hit.distance > 0.0 && key <= nearest.key;
+            var identity = 0u;
+            if is_nearer {
+                // Of discs that are equally near, the one that comes first: not the one that is met first.
+                identity = place.first_identity + order[first_surfel + k] - place.first_surfel;
+                is_nearer = key < nearest.key || identity < nearest.identity;
+            }
             if filter_classes {
                 is_nearer = is_nearer && is_shown(place, first_surfel + k);
             }
             if is_nearer {
-                nearest = Nearest(key, hit.distance, first_surfel + k, nearest.nodes_tested, nearest.discs_tested);
+                nearest = Nearest(key, hit.distance, identity, nearest.nodes_tested, nearest.discs_tested);
             }
         }
     }

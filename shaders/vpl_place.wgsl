@@ -36,8 +36,7 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
     let layer = hits[id.x] >> 24u;
     let texel = hits[id.x] & 0xffffffu;
     let key = shadows[layer * LAMP_MAP_SIZE * LAMP_MAP_SIZE + texel];
-    // Wraps below the page's first identity, which the comparison then refuses.
-    let index = key.x - page.first_identity;
+    let index = index_of_identity(key.x);
     if index >= page.point_count {
         return;
     }

@@ -14,8 +14,7 @@ fn vpl_points(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= lights.point_count {
         return;
     }
-    // Wraps below the page's first identity, which the comparison then refuses.
-    let index = chosen[id.x].w - page.first_identity;
+    let index = index_of_identity(chosen[id.x].w);
     if index >= page.point_count {
         return;
     }

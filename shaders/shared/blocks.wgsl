@@ -9,6 +9,10 @@ override pixels_only: bool = false;
 // Set while a class is hidden.
 override filter_classes: bool = false;
 
+// A point's identity is this plus its index in the page. Identities follow the order of clouds, chunks and files, never that of
+// places in the store (crates/render/src/identities.rs).
+var<private> identities_from: u32;
+
 // The share of invocation `lane` of a workgroup of 128.
 fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     let block_index = group.x + group.y * groups.x;
@@ -17,6 +21,7 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     }
     let block = blocks[block_index];
     let item = items[block.item];
+    identities_from = block.first_identity - block.first;
     for (var i = lane; i < block.count; i += 128u) {
         splat_point(item, block.first + i);
     }

@@ -16,7 +16,7 @@ fn splat_point(item: Item, index: u32) {
     if clips && dot(frame.clip.xyz, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz) < frame.clip.w {
         return;
     }
-    let identity = page.first_identity + index;
+    let identity = identities_from + index;
     if pixels_only {
         let single = single_of_point(frame, item, point);
         if single.is_drawn {

@@ -12,6 +12,16 @@ struct SurfaceOfPoint {
     normal: vec4f,
 }
 
+// Where the point with an identity lies in the page, or a number that no page has room for. Behind the items of the page's runs
+// of BLOCK_POINTS points, `items_of_runs` tells for each run of identities which run of the page it is.
+fn index_of_identity(identity: u32) -> u32 {
+    let at = (page.point_count + identity) / BLOCK_POINTS;
+    if at >= arrayLength(&items_of_runs) || items_of_runs[at] == 0xffffffffu {
+        return 0xffffffffu;
+    }
+    return items_of_runs[at] * BLOCK_POINTS + identity % BLOCK_POINTS;
+}
+
 fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
     let item = items[items_of_runs[index / BLOCK_POINTS]];
     // Points lie all over memory: what is not asked for is not fetched.

@@ -33,17 +33,18 @@ struct Block {
     // In the page.
     first: u32,
     count: u32,
-    unused: u32,
+    // Of its first point: the others follow.
+    first_identity: u32,
 }
 
 // What differs from page to page of the point store.
 struct Page {
-    // Identity of the page's first point; a point's identity is this plus its index.
-    first_identity: u32,
     block_count: u32,
+    // That it has room for.
     point_count: u32,
     // 1 for the first page of the frame: it writes the empty pixels.
     is_first: u32,
+    unused: u32,
 }
 
 // All there is to know of a point that covers one pixel: the pixel that holds its centre.

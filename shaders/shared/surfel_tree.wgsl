@@ -18,6 +18,11 @@ struct TreePlace {
     first_surfel: u32,
     // First of its cloud's eight words in the class masks.
     class_mask: u32,
+    // Of its first point: the others follow.
+    first_identity: u32,
+    unused_0: u32,
+    unused_1: u32,
+    unused_2: u32,
 }
 
 // A tile's list of runs of nodes: how many, then a place and a node for each. Longer lists cost more than the upper levels of

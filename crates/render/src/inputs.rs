@@ -55,14 +55,13 @@ impl Inputs {
         };
         let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
         let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
-        let page = |first_identity, point_count, is_first, block_count: usize| {
-            let page =
-                Page { first_identity, block_count: block_count as u32, point_count, is_first: u32::from(is_first) };
+        let page = |point_count, is_first, block_count: usize| {
+            let page = Page { block_count: block_count as u32, point_count, is_first: u32::from(is_first), unused: 0 };
             upload("page", uniform, bytemuck::bytes_of(&page))
         };
         let lists = |draw: &PageDraw| {
             let list = |(kind, blocks): (usize, &Vec<Block>)| ListInputs {
-                page: page(draw.first_identity, draw.capacity, false, blocks.len()),
+                page: page(draw.capacity, false, blocks.len()),
                 blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
                 block_count: blocks.len() as u32,
                 pixels_only: kind == 1,
@@ -75,7 +74,7 @@ impl Inputs {
             .enumerate()
             .map(|(index, draw)| PageInputs {
                 number: draw.number,
-                page: page(draw.first_identity, draw.capacity, index == 0, 0),
+                page: page(draw.capacity, index == 0, 0),
                 points: draw.points.clone(),
                 attributes: draw.attributes.clone(),
                 scalars: draw.scalars.clone(),
@@ -88,7 +87,7 @@ impl Inputs {
             let nothing = upload("nothing", storage, &[]);
             pages.push(PageInputs {
                 number: usize::MAX,
-                page: page(0, 0, true, 0),
+                page: page(0, true, 0),
                 points: nothing.clone(),
                 attributes: nothing.clone(),
                 scalars: nothing.clone(),

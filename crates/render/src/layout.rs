@@ -45,9 +45,9 @@ structs! {
         height_axis: Vec4,
     }
     /// What one workgroup splats, of shaders/shared/splat.wgsl.
-    Block { item: u32, first: u32, count: u32, unused: u32 }
+    Block { item: u32, first: u32, count: u32, first_identity: u32 }
     /// What differs from page to page of the store, of shaders/shared/splat.wgsl.
-    Page { first_identity: u32, block_count: u32, point_count: u32, is_first: u32 }
+    Page { block_count: u32, point_count: u32, is_first: u32, unused: u32 }
     /// A light with a shadow map, of shaders/shared/light.wgsl.
     LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
     /// How views of the light are laid out, of shaders/shared/light_view.wgsl.
@@ -89,7 +89,10 @@ structs! {
         leaf: u32,
     }
     /// A chunk's tree among those of its page, of shaders/shared/surfel_tree.wgsl.
-    TreePlace { origin_margin: Vec4, first_node: u32, end_node: u32, first_surfel: u32, class_mask: u32 }
+    TreePlace {
+        origin_margin: Vec4, first_node: u32, end_node: u32, first_surfel: u32, class_mask: u32,
+        first_identity: u32, unused_0: u32, unused_1: u32, unused_2: u32,
+    }
     /// Which draw of a region a search is for, of shaders/sscr_solve.wgsl.
     Round { draw: u32, seed: u32 }
 }

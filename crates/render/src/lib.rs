@@ -7,6 +7,7 @@ mod coloring;
 mod frame;
 mod gi;
 mod gpu;
+mod identities;
 mod image;
 mod inputs;
 mod layout;

@@ -173,8 +173,8 @@ passes! {
     }
     surfel_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read, surfels: Read,
-        order: Read, lists: Read, hits: ReadWrite, page: Uniform, points: Read, class_masks: Read,
-        views_out: Write(Rgba32Float), counters: ReadWrite,
+        order: Read, lists: Read, hits: ReadWrite, points: Read, class_masks: Read, views_out: Write(Rgba32Float),
+        counters: ReadWrite,
     }
     gather_resolve: Method over Pages {
         point_in: Texture, normal_in: Texture, eye_in: Texture, hits: Read, albedo_out: Write(Rgba16Float),

@@ -8,6 +8,7 @@ use scene::{Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Setting
 use crate::frame::{FrameCamera, Objects};
 use crate::gi::{GlobalIllumination, Receiver, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::identities::Identities;
 use crate::image::{Aov, AovImage};
 use crate::inputs::Inputs;
 use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SAME_SURFACE, SPECULAR_WORDS, SURFACE_SUM_BYTES};
@@ -62,8 +63,8 @@ pub struct Renderer {
     camera: Option<FrameCamera>,
     /// Whether the last frame's picture was mapped by the filmic curve.
     is_filmic: bool,
-    /// The store's revision that the last frame was drawn of.
-    drawn: u64,
+    /// The numbers that points had when the last frame was drawn.
+    drawn: Arc<Identities>,
 }
 
 /// All that the surfaces and the reflected points of a frame depend on.
@@ -112,7 +113,7 @@ impl Renderer {
             has_indirect: false,
             camera: None,
             is_filmic: false,
-            drawn: 0,
+            drawn: Arc::default(),
         };
         renderer.warm_up()?;
         Ok(renderer)
@@ -180,7 +181,7 @@ impl Renderer {
             reflections.forget();
         }
         self.kept = None;
-        self.drawn = store.revision();
+        self.drawn = store.identities().clone();
         let points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
 
         let Self { gpu, targets, reflections, .. } = self;
@@ -452,7 +453,7 @@ impl Renderer {
         }
         let Some((_, pixel, [identity, nearness])) = best else { return Ok(None) };
         let linear_depth = f32::from_bits(u32::MAX - nearness);
-        Ok(store.find(identity, self.drawn).map(|(cloud, chunk, index)| Picked {
+        Ok(store.find(identity, &self.drawn).map(|(cloud, chunk, index)| Picked {
             cloud,
             chunk,
             index,

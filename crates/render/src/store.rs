@@ -4,7 +4,7 @@
 //! asked for (colour, normal), and 4 for the attribute shown, while one is shown.
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, unpack_radius};
 use glam::{DVec3, Vec3};
@@ -13,6 +13,7 @@ use scene::{Ramp, Settings, Splat};
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
 use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
+use crate::identities::Identities;
 use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, Block, Item, POINT_BYTES, SCALAR_BYTES};
 use crate::room::Room;
 
@@ -67,7 +68,6 @@ struct PageBuffers {
     attributes: wgpu::Buffer,
     /// Made when the first chunk of the page shows an attribute.
     scalars: Option<wgpu::Buffer>,
-    first_identity: u32,
     room: Room,
 }
 
@@ -78,6 +78,8 @@ impl PageBuffers {
 }
 
 struct StoredCloud {
+    /// Clouds with a smaller number come first.
+    order: u64,
     material: Material,
     /// Of all that may come of it, as far as that is known.
     bounds: Bounds,
@@ -110,8 +112,6 @@ struct StoredChunk {
     points: Chunk,
     /// Another number after each change of the points.
     revision: u64,
-    /// The store's revision when the chunk came to where it lies.
-    placed: u64,
 }
 
 impl StoredChunk {
@@ -141,14 +141,14 @@ impl StoredChunk {
 pub(crate) struct PageDraw {
     /// Number of the page in the store.
     pub number: usize,
-    pub first_identity: u32,
     pub capacity: u32,
     pub points: wgpu::Buffer,
     pub attributes: wgpu::Buffer,
     pub scalars: wgpu::Buffer,
     /// Of discs, and of points that cover one pixel: two kernels draw them.
     pub blocks: [Vec<Block>; 2],
-    /// Which item each run of `BLOCK_POINTS` points of the page belongs to; `u32::MAX` where none is drawn.
+    /// Which item each run of `BLOCK_POINTS` points of the page belongs to; then, for each run of as many identities of the store,
+    /// which run of the page has them. `u32::MAX` where none is drawn.
     pub items_of_runs: Vec<u32>,
 }
 
@@ -161,6 +161,7 @@ pub(crate) struct PlacedChunk<'a> {
     pub page: usize,
     /// In the page; a multiple of `BLOCK_POINTS`.
     pub first: u32,
+    pub first_identity: u32,
     /// Radius of its points whose own is not known yet, world units.
     pub provisional_radius: f32,
     pub largest_radius: f32,
@@ -222,6 +223,8 @@ pub struct PointStore {
     geometry_revision: u64,
     /// See `uploaded_bytes()`.
     uploaded_bytes: u64,
+    /// Made anew when it is asked for after a change.
+    identities: OnceLock<Arc<Identities>>,
 }
 
 impl PointStore {
@@ -240,12 +243,36 @@ impl PointStore {
             revision: next_revision(),
             geometry_revision: next_revision(),
             uploaded_bytes: 0,
+            identities: OnceLock::new(),
         }
     }
 
     fn change(&mut self) {
         self.revision = next_revision();
         self.geometry_revision = self.revision;
+        self.identities = OnceLock::new();
+    }
+
+    /// Says which clouds come first: of points that are equally near, the one of the last cloud is seen. Without it, clouds come
+    /// in the order in which they were added.
+    pub fn set_order(&mut self, cloud: CloudId, order: u64) {
+        self.change();
+        if let Some(cloud) = self.clouds.get_mut(&cloud) {
+            cloud.order = order;
+        }
+    }
+
+    /// The numbers of all points: by cloud, then by the first point of the chunk in its file or index.
+    pub(crate) fn identities(&self) -> &Arc<Identities> {
+        self.identities.get_or_init(|| {
+            let known = self.chunks.iter().filter_map(|(id, chunk)| {
+                let order = self.clouds.get(&chunk.cloud)?.order;
+                Some(((order, chunk.cloud, chunk.points.first_point, *id), chunk.room().len() as u32))
+            });
+            let mut known: Vec<_> = known.collect();
+            known.sort_unstable_by_key(|(order, _)| *order);
+            Arc::new(Identities::new(known.into_iter().map(|((.., id), room)| (id, room))))
+        })
     }
 
     /// Announces how many points there will be at once, so that the next page is as large as those take that are still to come.
@@ -261,6 +288,7 @@ impl PointStore {
         self.clouds.insert(
             id,
             StoredCloud {
+                order: u64::from(id.0),
                 material,
                 bounds: Bounds::EMPTY,
                 visible: true,
@@ -300,7 +328,6 @@ impl PointStore {
                 lacks_radii: true,
                 points: Chunk::new(chunk.first_point, chunk.origin, Vec::new()),
                 revision: 0,
-                placed: next_revision(),
             },
         );
         self.update_chunk(id, chunk, classes)?;
@@ -369,7 +396,6 @@ impl PointStore {
             let mut moved = self.chunks.remove(&id).ok_or_else(not_stored)?;
             self.pages[page].room.release(old);
             (moved.page, moved.range) = self.allocate(count)?;
-            moved.placed = next_revision();
             self.chunks.entry(id).insert_entry(moved).into_mut()
         } else {
             self.pages[page].room.release(old.start + needs..old.end);
@@ -505,7 +531,7 @@ impl PointStore {
         }
     }
 
-    /// Empty pages at the end give their memory back; earlier ones keep the identities of later ones in place.
+    /// Empty pages at the end give their memory back; earlier ones keep the numbers of later ones.
     fn free_pages(&mut self) {
         while self.pages.last().is_some_and(|page| page.room.is_unused()) {
             self.pages.pop();
@@ -554,6 +580,7 @@ impl PointStore {
             bounds: chunk.bounds,
             page: chunk.page,
             first: chunk.range.start,
+            first_identity: self.identities().first_of(id),
             provisional_radius: cloud.provisional_radius,
             largest_radius: if chunk.lacks_radii {
                 chunk.largest_radius.max(cloud.provisional_radius)
@@ -580,9 +607,9 @@ impl PointStore {
 
     /// The chunks of all clouds that are shown, in the order of their identities.
     pub(crate) fn visible_chunks(&self) -> Vec<VisibleChunk<'_>> {
-        let visible = self.chunks.values().filter_map(|chunk| {
+        let visible = self.chunks.iter().filter_map(|(id, chunk)| {
             let cloud = self.clouds.get(&chunk.cloud).filter(|cloud| cloud.visible)?;
-            let first_identity = self.pages[chunk.page].first_identity + chunk.range.start;
+            let first_identity = self.identities().first_of(*id);
             Some(VisibleChunk { points: &chunk.points, first_identity, provisional_radius: cloud.provisional_radius })
         });
         let mut visible: Vec<_> = visible.collect();
@@ -634,15 +661,16 @@ impl PointStore {
         chunks.sort_by_key(|(_, chunk)| (chunk.page, chunk.range.start));
         let mut items = Vec::new();
         let mut chunk_ids = Vec::new();
+        let identities = self.identities();
+        let runs_of = |points: u32| (points / BLOCK_POINTS) as usize;
         let draw = |(number, page): (usize, &PageBuffers)| PageDraw {
             number,
-            first_identity: page.first_identity,
             capacity: page.capacity(),
             points: page.points.clone(),
             attributes: page.attributes.clone(),
             scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
             blocks: Default::default(),
-            items_of_runs: vec![u32::MAX; page.capacity().div_ceil(BLOCK_POINTS) as usize],
+            items_of_runs: vec![u32::MAX; runs_of(page.capacity()) + runs_of(identities.end())],
         };
         let mut pages: Vec<PageDraw> = self.pages.iter().enumerate().map(draw).collect();
         let mut points = 0;
@@ -665,9 +693,11 @@ impl PointStore {
             let kind = usize::from(asks_where_seen && chunk.is_of_single_pixels(cloud, camera, splat));
             for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
                 let count = BLOCK_POINTS.min(chunk.range.end - first);
+                let first_identity = identities.first_of(*id) + first - chunk.range.start;
                 let page = &mut pages[chunk.page];
-                page.items_of_runs[(first / BLOCK_POINTS) as usize] = item;
-                page.blocks[kind].push(Block { item, first, count, unused: 0 });
+                page.items_of_runs[runs_of(first)] = item;
+                page.items_of_runs[runs_of(page.capacity) + runs_of(first_identity)] = first / BLOCK_POINTS;
+                page.blocks[kind].push(Block { item, first, count, first_identity });
             }
         }
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
@@ -696,14 +726,12 @@ impl PointStore {
         }
     }
 
-    /// The chunk, its cloud and the index in it of the point with an identity from the `nearest` buffer of a frame that was drawn
-    /// of the store's revision `drawn`. None where something else lies by now.
-    pub(crate) fn find(&self, identity: u32, drawn: u64) -> Option<(CloudId, ChunkId, usize)> {
-        let page = self.pages.iter().rposition(|page| page.first_identity <= identity)?;
-        let index = identity - self.pages[page].first_identity;
-        let lies_there = |chunk: &StoredChunk| chunk.page == page && chunk.range.contains(&index);
-        let (id, chunk) = self.chunks.iter().find(|(_, chunk)| lies_there(chunk) && chunk.placed <= drawn)?;
-        Some((chunk.cloud, *id, (index - chunk.range.start) as usize))
+    /// The chunk, its cloud and the index in it of the point with an identity from the `nearest` buffer of a frame, by the numbers
+    /// that points had when it was drawn. `None` where that point is gone.
+    pub(crate) fn find(&self, identity: u32, drawn: &Identities) -> Option<(CloudId, ChunkId, usize)> {
+        let (id, index) = drawn.find(identity)?;
+        let chunk = self.chunks.get(&id).filter(|chunk| index < chunk.range.len())?;
+        Some((chunk.cloud, id, index))
     }
 
     /// Room for `count` points, from a multiple of `BLOCK_POINTS` on: a run of that many points has one item. Where enough is free
@@ -731,7 +759,6 @@ impl PointStore {
 
     /// Moves the chunks of a stretch of a page, `taken` points in all, to its lower end.
     fn slide(&mut self, page: usize, stretch: std::ops::Range<u32>, taken: u32) {
-        let placed = next_revision();
         let lies_there = |chunk: &&mut StoredChunk| chunk.page == page && stretch.contains(&chunk.range.start);
         let mut moved: Vec<&mut StoredChunk> = self.chunks.values_mut().filter(lies_there).collect();
         moved.sort_by_key(|chunk| chunk.range.start);
@@ -754,7 +781,7 @@ impl PointStore {
         let mut to = stretch.start;
         for chunk in moved {
             let (count, size) = (chunk.range.len() as u32, chunk.room().len() as u32);
-            (chunk.range, chunk.placed) = (to..to + count, placed);
+            chunk.range = to..to + count;
             to += size;
         }
         room.slid(stretch, taken);
@@ -776,10 +803,10 @@ impl PointStore {
         // Half as much again as there is, where nothing is known: few pages, little of them in vain.
         let wanted = if announced > 0 { announced } else { resident / 2 }.max(room);
         let capacity = wanted.min(largest).next_multiple_of(PAGE_GRAIN).clamp(SMALLEST_PAGE, largest);
-        let first_identity = self.pages.last().map_or(Some(0), |page| page.first_identity.checked_add(page.capacity()));
-        let first_identity = first_identity.filter(|first| first.checked_add(capacity).is_some());
-        let first_identity =
-            first_identity.ok_or_else(|| self.too_large("identities of all points", 8 << 32, 4 << 32))?;
+        // Points have numbers of 32 bits.
+        if resident.checked_add(capacity).is_none() {
+            return Err(self.too_large("identities of all points", 8 << 32, 4 << 32));
+        }
         let scope = self.gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let points = buffer(&self.gpu, "points", u64::from(capacity) * POINT_BYTES);
         let attributes = buffer(&self.gpu, "attributes", u64::from(capacity) * ATTRIBUTE_BYTES);
@@ -789,7 +816,7 @@ impl PointStore {
                 problem: format!("no memory for more points: {error}"),
             });
         }
-        self.pages.push(PageBuffers { points, attributes, scalars: None, first_identity, room: Room::new(capacity) });
+        self.pages.push(PageBuffers { points, attributes, scalars: None, room: Room::new(capacity) });
         Ok(self.pages.len() - 1)
     }
 

@@ -75,6 +75,15 @@ fn classes_of(chunk: &Chunk, index: Option<usize>) -> Option<&[u8]> {
     }
 }
 
+/// Points that stand for mirrors come after those of all clouds.
+const MIRRORS_FROM: u64 = 1 << 63;
+
+/// Where a cloud of the store comes among all: clouds by their keys, each followed by the lists of its points that reflect. So
+/// neither the order in which chunks come nor that in which points are found to reflect is seen in a picture.
+fn order_of(cloud: CloudKey, list: usize) -> u64 {
+    u64::from(cloud.0) << 24 | list as u64
+}
+
 impl Resident {
     pub fn new(gpu: Arc<Gpu>) -> Self {
         let store = PointStore::new(gpu);
@@ -89,6 +98,7 @@ impl Resident {
         match change {
             Change::Open { cloud, provisional_radius } => {
                 let id = self.store.add_cloud(Material::default());
+                self.store.set_order(id, order_of(cloud, 0));
                 self.store.set_provisional_radius(id, provisional_radius);
                 self.clouds.insert(cloud, ResidentCloud::new(id));
             }
@@ -140,6 +150,7 @@ impl Resident {
             Change::Mirror { cloud, mirror, samples } => {
                 self.close(cloud);
                 let (id, ids) = mirrors::upload(&mut self.store, &mirror, &samples)?;
+                self.store.set_order(id, MIRRORS_FROM + order_of(cloud, 0));
                 let parts = samples.iter().map(|chunk| Part::Block(chunk.first_point));
                 let chunks: HashMap<Part, ChunkId> = parts.zip(ids).collect();
                 self.origins.extend(chunks.iter().map(|(part, id)| (*id, (cloud.chunk(*part), None))));
@@ -214,8 +225,9 @@ impl Resident {
             self.store.remove_cloud(before.id);
             before.chunks.values().for_each(|(id, _)| drop(self.origins.remove(id)));
         }
-        for marked in marked {
+        for (number, marked) in marked.iter().enumerate() {
             let id = self.store.add_cloud(marked.material);
+            self.store.set_order(id, order_of(cloud, number + 1));
             resident.reflecting.push(Reflecting { id, chunks: HashMap::new() });
         }
         for (index, (part, chunk)) in chunks.iter().enumerate() {

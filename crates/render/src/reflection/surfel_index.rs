@@ -118,6 +118,8 @@ impl SurfelIndex {
                     end_node: indexed.nodes,
                     first_surfel: chunk.first,
                     class_mask: *class_mask,
+                    first_identity: chunk.first_identity,
+                    ..TreePlace::default()
                 });
             }
             if boxes.is_empty() {

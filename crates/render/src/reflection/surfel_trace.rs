@@ -54,7 +54,6 @@ pub(crate) fn run(
             order: page.order.as_entire_binding(),
             lists: lists.as_entire_binding(),
             hits: gather.hits.as_entire_binding(),
-            page: inputs.page.as_entire_binding(),
             points: inputs.points.as_entire_binding(),
             class_masks: task.supply.class_masks.as_entire_binding(),
             views_out: gather.views.bind(),

@@ -1,0 +1,60 @@
+//! The numbers that points are known by on the GPU: where two are equally near, the number chooses, and random draws follow from
+//! it. It says which cloud, which chunk of it and which point of that, so a picture does not depend on where in the store a
+//! point lies, which follows from the order of arrival.
+
+use std::collections::HashMap;
+
+use crate::store::ChunkId;
+
+#[derive(Default)]
+pub(crate) struct Identities {
+    /// First identity and chunk, in order.
+    chunks: Vec<(u32, ChunkId)>,
+    first: HashMap<ChunkId, u32>,
+    /// One more than the last.
+    end: u32,
+}
+
+impl Identities {
+    /// Numbers the points of chunks in this order; `room`: how many numbers each takes.
+    pub fn new(order: impl Iterator<Item = (ChunkId, u32)>) -> Self {
+        let mut identities = Self::default();
+        for (chunk, room) in order {
+            identities.chunks.push((identities.end, chunk));
+            identities.first.insert(chunk, identities.end);
+            identities.end += room;
+        }
+        identities
+    }
+
+    /// Of a chunk's first point: the others follow.
+    pub fn first_of(&self, chunk: ChunkId) -> u32 {
+        self.first.get(&chunk).copied().unwrap_or_default()
+    }
+
+    pub fn end(&self) -> u32 {
+        self.end
+    }
+
+    /// The chunk that has a number, and the index of the point in it, which may be beyond its last one.
+    pub fn find(&self, identity: u32) -> Option<(ChunkId, usize)> {
+        let after = self.chunks.partition_point(|(first, _)| *first <= identity);
+        let (first, chunk) = self.chunks.get(after.checked_sub(1)?)?;
+        (identity < self.end).then_some((*chunk, (identity - first) as usize))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_point_is_found_by_its_number_and_no_other_number_is_anyones() {
+        let identities = Identities::new([(ChunkId(7), 1024), (ChunkId(3), 2048)].into_iter());
+        assert_eq!([7, 3].map(|chunk| identities.first_of(ChunkId(chunk))), [0, 1024]);
+        assert_eq!(identities.find(1023), Some((ChunkId(7), 1023)));
+        assert_eq!(identities.find(1024), Some((ChunkId(3), 0)));
+        assert_eq!(identities.find(identities.end()), None);
+        assert_eq!(Identities::default().find(0), None);
+    }
+}
