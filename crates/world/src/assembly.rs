@@ -118,8 +118,7 @@ impl Assembly {
             self.stage = None;
         }
         self.pages = Some(pages);
-        let root = self.octree().and_then(|octree| octree.nodes.first());
-        let bounds = root.map_or(Bounds::EMPTY, |root| root.bounds);
+        let bounds = self.index_bounds().unwrap_or(Bounds::EMPTY);
         self.bounds = self.bounds.union(bounds);
         Change::Bounds { cloud: self.key, bounds }
     }
@@ -159,7 +158,8 @@ impl Assembly {
     /// All that puts the cloud on the GPU, in a fixed order.
     pub fn changes(&self) -> Vec<Change> {
         let open = Change::Open { cloud: self.key, provisional_radius: self.provisional_radius };
-        std::iter::once(open).chain(self.puts()).collect()
+        let bounds = self.index_bounds().map(|bounds| Change::Bounds { cloud: self.key, bounds });
+        std::iter::once(open).chain(bounds).chain(self.puts()).collect()
     }
 
     pub fn chunks(&self) -> Vec<(Part, Chunk)> {
@@ -194,6 +194,11 @@ impl Assembly {
             Some(Paged::Indexed { octree, .. }) => Some(octree),
             Some(Paged::Indexing) | None => None,
         }
+    }
+
+    /// The bounds of all points, as the index tells them.
+    pub fn index_bounds(&self) -> Option<Bounds> {
+        Some(self.octree()?.nodes.first()?.bounds)
     }
 
     /// Whether its index was made and not found.
