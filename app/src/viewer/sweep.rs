@@ -16,8 +16,8 @@ use super::messages::Level;
 use super::render_thread::{Captured, Command, FrameRequest};
 use super::state::{Effect, State};
 use super::sweep_files::{Outcome, Row, SweepResult, make_folder};
-use super::truth::{MOST_POINTS, too_many_points};
 use super::truth_tasks::{Judge, SceneKey, Task};
+use super::truth_view::{MOST_POINTS, too_many_points};
 use super::work::Work;
 use super::{theme, tuning};
 

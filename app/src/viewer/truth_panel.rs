@@ -9,8 +9,8 @@ use super::panel::parameters;
 use super::state::State;
 use super::sweep;
 use super::theme::{self, bytes};
-use super::truth::{Activity, BYTES_PER_POINT, Look, PEAK_BYTES_PER_POINT};
 use super::truth_tasks::{ASTRAY_COLOR, Measure, RAMP};
+use super::truth_view::{Activity, BYTES_PER_POINT, Look, PEAK_BYTES_PER_POINT};
 
 const LOOKS: [(Look, &str, &str); 3] = [
     (Look::Truth, "Truth", "What the ray tracer sees in place of the picture"),

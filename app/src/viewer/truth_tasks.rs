@@ -176,6 +176,29 @@ pub enum Answer {
     Failed(Kind),
 }
 
+impl Answer {
+    /// The frame that an answer is about.
+    pub fn request(&self) -> Option<&FrameRequest> {
+        match self {
+            Self::Pass(Pass { basis: request, .. })
+            | Self::TraceEnded { basis: request, .. }
+            | Self::Judged { request, .. }
+            | Self::Compared { request, .. }
+            | Self::Difference { request, .. }
+            | Self::JudgedAlone { request, .. } => Some(request),
+            Self::Built { .. } | Self::Failed(_) => None,
+        }
+    }
+
+    /// Of the points that a scene was made of.
+    pub fn revision(&self) -> Option<u64> {
+        match self {
+            Self::Built { key, .. } => Some(key.revision),
+            _ => None,
+        }
+    }
+}
+
 impl FrameRequest {
     /// The same for all frames with one truth: without what only says how the renderer finds, shades and shows things. The parameters
     /// of methods are left out as a whole.
