@@ -72,7 +72,6 @@ use clouds::JobEntry;
 use event_log::EventLog;
 use messages::Level;
 use path_prompt::PathPrompt;
-use preferences::Preferences;
 use render_thread::{Command, RenderThread, Report};
 use screen::{Painted, Screen};
 use serde_json::json;
@@ -105,7 +104,7 @@ enum Wake {
 /// No display or adapter (`NoScreen`, `render::Error::NoAdapter`), or the graphics device was lost.
 pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     let event_loop = EventLoop::<Wake>::with_user_event().build().map_err(|error| no_screen(&error))?;
-    let (preferences, problem) = Preferences::load();
+    let (preferences, problem) = preferences::load();
     let mut state = State::new(preferences);
     if let Some(problem) = problem {
         state.say(Level::Warning, problem);
@@ -379,7 +378,7 @@ impl Viewer {
             self.state.preferences.window = screen.size();
         }
         self.state.preferences.remember_settings(&self.state.settings);
-        if let Err(error) = self.state.preferences.save() {
+        if let Err(error) = preferences::save(&self.state.preferences) {
             self.state.messages.warning(format!("settings are not kept: {error:#}"));
         }
     }

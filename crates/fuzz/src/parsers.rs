@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use cloud::{CHUNK_POINTS, Chunk, Progress};
 use codec::{Selection, Source};
 use glam::DVec3;
-use scene::{Camera, SceneFile};
+use scene::{Camera, Preferences, SceneFile};
 use stream::Pages;
 use study::Plan;
 
@@ -167,6 +167,22 @@ pub fn plan(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
         Ok(again) if again == plan => Ok(0),
         Ok(_) => Err("a plan is another one once it is written and read".into()),
         Err(error) => Err(format!("a plan cannot be read once it is written: {error}")),
+    }
+}
+
+/// Preferences, with the parameters in them.
+pub fn preferences(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
+    let path = folder.join("viewer.toml");
+    put(&path, bytes)?;
+    let Ok(text) = scene::whole_file::read(&path) else { return Ok(0) };
+    let Ok(preferences) = Preferences::parse(&text) else { return Ok(0) };
+    let (settings, _) = preferences.settings();
+    let mut kept = preferences.clone();
+    kept.remember_settings(&settings);
+    match Preferences::parse(&kept.to_text()) {
+        Ok(again) if again == kept => Ok(0),
+        Ok(_) => Err("preferences are others once they are written and read".into()),
+        Err(error) => Err(format!("preferences cannot be read once they are written: {error}")),
     }
 }
 

@@ -23,7 +23,7 @@ pub struct Target {
 }
 
 /// One for each parser, and for each part of a file that has fields of its own.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 14] = [
     Target { name: "las_header", run: parsers::cloud, mutate: |dice, bytes| las::header(dice, bytes), repair: nothing },
     Target { name: "las_records", run: parsers::cloud, mutate: las::records, repair: nothing },
     Target { name: "las_points", run: parsers::cloud, mutate: |dice, bytes| las::points(dice, bytes), repair: nothing },
@@ -37,6 +37,7 @@ pub const TARGETS: [Target; 13] = [
     Target { name: "scene", run: parsers::scene, mutate: text::change, repair: nothing },
     Target { name: "view", run: parsers::view, mutate: text::change, repair: nothing },
     Target { name: "plan", run: parsers::plan, mutate: text::change, repair: nothing },
+    Target { name: "preferences", run: parsers::preferences, mutate: text::change, repair: nothing },
 ];
 
 fn nothing(_: &mut Vec<u8>) {}

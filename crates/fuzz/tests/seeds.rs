@@ -11,7 +11,9 @@ use fuzz::{MOST_BYTES, TARGETS, Target, folder, join};
 use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
-use scene::{Camera, Mirror, MirrorNormals, MirrorPoints, PointChoice, SceneFile, Settings, Shape, SpotLight};
+use scene::{
+    Camera, Mirror, MirrorNormals, MirrorPoints, PointChoice, Preferences, SceneFile, Settings, Shape, SpotLight,
+};
 
 /// All of them together.
 const MOST_SEED_BYTES: usize = 100_000;
@@ -102,6 +104,7 @@ fn seeds() -> Vec<(&'static str, Seeds)> {
         ("scene", named(vec![("all.toml", scene().into_bytes())])),
         ("view", named(vec![("all.toml", view().into_bytes())])),
         ("plan", named(vec![("sweeps.toml", plan("initial-step")), ("methods.toml", plan("methods"))])),
+        ("preferences", named(vec![("viewer.toml", preferences().into_bytes())])),
     ]
 }
 
@@ -411,6 +414,17 @@ fn view() -> String {
         }
     }
     file.to_text()
+}
+
+fn preferences() -> String {
+    let mut preferences = Preferences::default();
+    ["office.laz", "five-mirrors/sphere"].iter().for_each(|name| preferences.remember_file(name));
+    let mut settings = Settings::default();
+    for (key, text) in [("splat.size", "2.5"), ("edl.strength", "0.5"), ("reflection.method", "sscr")] {
+        settings.set_text(key, text).unwrap();
+    }
+    preferences.remember_settings(&settings);
+    preferences.to_text()
 }
 
 fn plan(name: &str) -> Vec<u8> {

@@ -60,6 +60,8 @@ pub enum Error {
     Unreadable { name: String, kind: std::io::ErrorKind, problem: String },
     #[error("not a scene: {problem}")]
     Malformed { problem: String },
+    #[error("{problem}")]
+    Preferences { problem: String },
 }
 
 /// A scene file as it is written. Relative cloud paths are relative to the file.

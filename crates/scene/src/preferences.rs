@@ -1,0 +1,109 @@
+//! What is kept from one start to the next: recent files, the window's size, parameters. A small TOML file that a person may
+//! edit or delete. Who keeps it says where.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, Settings};
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Preferences {
+    /// Logical pixels.
+    pub window: [u32; 2],
+    pub panel_is_open: bool,
+    /// Newest first, as given to the command line.
+    pub recent: Vec<String>,
+    /// Parameters that differ from their defaults.
+    pub parameters: BTreeMap<String, String>,
+}
+
+impl Default for Preferences {
+    fn default() -> Self {
+        Self { window: [1280, 800], panel_is_open: true, recent: Vec::new(), parameters: BTreeMap::new() }
+    }
+}
+
+/// As many as fit in a menu.
+const RECENT_FILES: usize = 12;
+
+/// What belongs to the data at hand and not to the person: not kept.
+const NOT_KEPT: [&str; 9] = [
+    "color.",
+    "light.by",
+    "light.show",
+    "scene.",
+    "stream.overlay",
+    "stream.pages",
+    "sun.",
+    "tone.exposure",
+    "view.up",
+];
+
+impl Preferences {
+    /// # Errors
+    /// Not TOML, or not of this form: what is wrong, in a line.
+    pub fn parse(text: &str) -> Result<Self, Error> {
+        toml::from_str(text)
+            .map_err(|error| Error::Preferences { problem: param::shortened(error.message(), param::MOST_QUOTED * 4) })
+    }
+
+    pub fn to_text(&self) -> String {
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    pub fn remember_file(&mut self, name: &str) {
+        self.recent.retain(|recent| recent != name);
+        self.recent.insert(0, name.to_string());
+        self.recent.truncate(RECENT_FILES);
+    }
+
+    pub fn remember_settings(&mut self, settings: &Settings) {
+        let kept = |(key, _): &(String, String)| !NOT_KEPT.iter().any(|start| key.starts_with(start));
+        self.parameters = settings.differing().into_iter().filter(kept).collect();
+    }
+
+    /// The defaults with what was kept, and what of it is no longer understood.
+    pub fn settings(&self) -> (Settings, Vec<String>) {
+        let mut settings = Settings::default();
+        let mut warnings = Vec::new();
+        for (key, text) in &self.parameters {
+            if let Err(error) = settings.set_text(key, text) {
+                warnings.push(error.to_string());
+            }
+        }
+        (settings, warnings)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_come_back_but_not_what_belongs_to_the_data() {
+        let mut settings = Settings::default();
+        settings.set_text("splat.size", "2.5").unwrap();
+        settings.set_text("color.by", "class").unwrap();
+        settings.set_text("light.by", "colors").unwrap();
+        let mut preferences = Preferences::default();
+        preferences.remember_settings(&settings);
+        let (back, warnings) = preferences.settings();
+        assert!(warnings.is_empty(), "{warnings:?}");
+        assert_eq!(back.splat.size, 2.5);
+        assert_eq!((back.color, back.light), (crate::Color::default(), crate::Light::default()));
+        assert_eq!(Preferences::parse(&preferences.to_text()).unwrap(), preferences);
+    }
+
+    #[test]
+    fn the_newest_file_is_first_and_listed_once() {
+        let mut preferences = Preferences::default();
+        for index in 0..20 {
+            preferences.remember_file(&format!("{index}.laz"));
+        }
+        preferences.remember_file("15.laz");
+        assert_eq!(preferences.recent.len(), RECENT_FILES);
+        assert_eq!(preferences.recent[..3], ["15.laz", "19.laz", "18.laz"]);
+    }
+}
