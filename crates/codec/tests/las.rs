@@ -654,3 +654,19 @@ fn what_a_file_says_is_quoted_in_a_part_of_a_line() {
         assert!(error.len() < 300, "{} bytes", error.len());
     }
 }
+
+#[test]
+fn chunks_of_one_point_are_read_like_any_other() {
+    for format in [3, 7] {
+        let las = las_file((1, 4), format, &points(format, 60), &[]);
+        let (_, expected, _) = read_bytes(&las);
+        let counts: Vec<usize> = [1, 2, 1, 1, 10].into_iter().cycle().take(20).collect();
+        for chunks in [Chunks::Fixed(1), Chunks::Fixed(59), Chunks::Variable(&counts)] {
+            let laz = compress(&las, &chunks);
+            let (source, cloud, summary) = read_bytes(&laz);
+            assert_eq!((summary.points, &summary.warnings), (60, &vec![]));
+            assert_same(&expected, &cloud, "chunks of one point");
+            assert_eq!(source.record(59).unwrap().len(), source.info().properties.len());
+        }
+    }
+}

@@ -143,6 +143,18 @@ fn layers_of_extra_bytes_take_memory_when_they_are_wanted() {
     assert!(points == Ok(40) && bytes < 80 * MB, "all: {bytes} bytes, {points:?}");
 }
 
+#[test]
+fn a_chunk_of_one_point_takes_no_decoder() {
+    let _alone = alone();
+    for format in [3, 7] {
+        let las = las_file((1, 4), format, &points(format, 300), &[]);
+        let [one, two] = [1, 2].map(|points| file(&compress(&las, &Chunks::Fixed(points))));
+        let [(of_one, read_one), (of_two, read_two)] = [one, two].map(|file| read_all(file.path(), u64::MAX));
+        assert_eq!((read_one, read_two), (Ok(300), Ok(300)));
+        assert!(of_one < MB / 2 && of_two > MB, "{of_one} bytes, {of_two} of chunks of two");
+    }
+}
+
 /// Files below a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|item| item.unwrap().path()).collect();

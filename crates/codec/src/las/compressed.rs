@@ -6,7 +6,7 @@
 //! before and panics are caught around it.
 
 use std::cell::Cell;
-use std::io::BufReader;
+use std::io::{BufReader, Read as _};
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Once;
 
@@ -259,18 +259,32 @@ impl Compressed {
             self.check_memory(layers, Some(found.filled))?;
             points = points.min(found.points);
         }
-        let source = BufReader::with_capacity(READ_AHEAD, file.section(chunk.offset, end));
-        let decompressor = guarded(|| items::decoder(self.vlr.items(), self.layers.is_some(), source, layers))??;
-        Ok(Stream { compressed: self, decompressor, left: points, decoded: 0 })
+        let section = file.section(chunk.offset, end);
+        let source = if points == 1 {
+            Source::First(section)
+        } else {
+            let source = BufReader::with_capacity(READ_AHEAD, section);
+            let decoder = guarded(|| items::decoder(self.vlr.items(), self.layers.is_some(), source, layers))??;
+            Source::Decoder(decoder)
+        };
+        Ok(Stream { compressed: self, source, left: points, decoded: 0 })
     }
 }
 
 /// Records out of one compressed chunk.
 pub struct Stream<'a> {
     compressed: &'a Compressed,
-    decompressor: Box<dyn RecordDecompressor<BufReader<Section<'a>>> + 'a>,
+    source: Source<'a>,
     left: u64,
     decoded: u64,
+}
+
+/// Where records come from.
+enum Source<'a> {
+    /// The first record of a chunk is not compressed. If it is the only one, no decoder is set up, which takes as long as a
+    /// thousand points: files may have a chunk for every point.
+    First(Section<'a>),
+    Decoder(Box<dyn RecordDecompressor<BufReader<Section<'a>>> + 'a>),
 }
 
 impl Stream<'_> {
@@ -283,18 +297,27 @@ impl Stream<'_> {
     pub fn decode(&mut self, records: &mut [u8]) -> (usize, std::result::Result<(), String>) {
         let length = self.compressed.record_length;
         let mut decoded = 0;
+        let decoder = match &mut self.source {
+            Source::First(section) => {
+                let Some(record) = records.get_mut(..length).filter(|_| self.left > 0) else { return (0, Ok(())) };
+                if let Err(error) = section.read_exact(record) {
+                    return (0, Err(error.to_string()));
+                }
+                self.left -= 1;
+                return (1, Ok(()));
+            }
+            Source::Decoder(decoder) => decoder,
+        };
         let outcome = guarded(|| {
             for record in records.chunks_exact_mut(length) {
                 if let Some(points) = self.compressed.restart_after
                     && self.decoded > 0
                     && self.decoded.is_multiple_of(points)
                 {
-                    self.decompressor.reset();
-                    self.decompressor
-                        .set_fields_from(self.compressed.vlr.items())
-                        .map_err(|error| error.to_string())?;
+                    decoder.reset();
+                    decoder.set_fields_from(self.compressed.vlr.items()).map_err(|error| error.to_string())?;
                 }
-                self.decompressor.decompress_next(record).map_err(|error| error.to_string())?;
+                decoder.decompress_next(record).map_err(|error| error.to_string())?;
                 self.decoded += 1;
                 decoded += 1;
             }
