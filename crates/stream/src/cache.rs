@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use crate::pages::{self, Pages};
-use crate::{Error, Result, entry, surfels};
+use crate::{Error, Result, entry, regular_file, surfels};
 
 /// Bytes of a sample of a file's content, and how many lie between its ends.
 const SAMPLE_BYTES: usize = 64 << 10;
@@ -152,11 +152,11 @@ impl Cache {
 
     pub(crate) fn open_known(&self, identity: &Identity) -> Result<Option<Pages>> {
         let entry = self.entry(identity);
-        if !entry::is_own(&entry) || !entry::is_there(&entry.join(pages::NODES)) {
+        if !entry::is_own(&entry) || !regular_file::is_there(&entry.join(pages::NODES)) {
             return Ok(None);
         }
         // A folder that cannot be written to, or without locks, can be read all the same: nobody clears it then.
-        let lock = self.lock_file(&entry).ok().or_else(|| entry::open_regular(&lock_path(&entry)).ok());
+        let lock = self.lock_file(&entry).ok().or_else(|| regular_file::open_regular(&lock_path(&entry)).ok());
         if let Some(lock) = &lock {
             if let Err(TryLockError::WouldBlock) = lock.try_lock_shared() {
                 // Somebody builds or clears it.
@@ -182,7 +182,7 @@ impl Cache {
     fn lock_file(&self, entry: &Path) -> Result<File> {
         let path = lock_path(entry);
         let file = std::fs::create_dir_all(&self.folder)
-            .and_then(|()| entry::check_writable(&path))
+            .and_then(|()| regular_file::check_writable(&path))
             .and_then(|()| File::options().create(true).truncate(false).read(true).write(true).open(&path));
         file.map_err(|error| Error::not_written(&self.folder, error))
     }
@@ -207,7 +207,7 @@ impl Cache {
         // One at a time: what one has set aside, the next must not look at as if it were still there.
         let Some(_turn) = self.no_setting_aside() else { return };
         // Nobody builds it.
-        let lock = entry::open_regular(&lock_path(entry)).ok().filter(|lock| lock.try_lock_shared().is_ok());
+        let lock = regular_file::open_regular(&lock_path(entry)).ok().filter(|lock| lock.try_lock_shared().is_ok());
         if let Some(lock) = lock.filter(|lock| is_current(lock, &lock_path(entry))) {
             self.set_locked_aside(entry, identity, &lock);
         }
@@ -216,7 +216,7 @@ impl Cache {
     /// While the file is kept, no entry is set aside. `None` where that cannot be had.
     pub(crate) fn no_setting_aside(&self) -> Option<File> {
         let path = self.folder.join("aside.lock");
-        entry::check_writable(&path).ok()?;
+        regular_file::check_writable(&path).ok()?;
         let turn = File::options().create(true).truncate(false).write(true).open(path);
         turn.ok().filter(|turn| turn.lock().is_ok())
     }
@@ -233,7 +233,11 @@ impl Cache {
         };
         let aside = self.aside(entry);
         // The lock goes last: until then nobody else can have the entry alone.
-        if is_useless && entry::is_own(entry) && !entry::is_there(&aside) && std::fs::rename(entry, &aside).is_ok() {
+        if is_useless
+            && entry::is_own(entry)
+            && !regular_file::is_there(&aside)
+            && std::fs::rename(entry, &aside).is_ok()
+        {
             let _ = std::fs::remove_file(aside.join(pages::NODES));
             let _ = std::fs::rename(lock_path(entry), lock_path(&aside));
         }
@@ -299,7 +303,7 @@ impl Cache {
     /// Clears what is no index and will be none: of builders that were killed, set aside, and lock files of nothing.
     fn clear_remains(&self) {
         for entry in self.entries() {
-            if !entry::is_there(&entry.path.join(pages::NODES)) {
+            if !regular_file::is_there(&entry.path.join(pages::NODES)) {
                 self.clear_entry(&entry.path);
             }
         }
@@ -307,7 +311,7 @@ impl Cache {
         for path in folder.flatten().map(|item| item.path()) {
             let entry = path.with_extension("");
             let is_lock = path.extension().is_some_and(|extension| extension == "lock") && entry::has_key(&entry);
-            if is_lock && is_empty_file(&path) && !entry::is_there(&entry) {
+            if is_lock && is_empty_file(&path) && !regular_file::is_there(&entry) {
                 self.clear_entry(&entry);
             }
         }

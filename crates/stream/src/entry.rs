@@ -5,10 +5,11 @@
 //! written there; and only names that this program makes are deleted, one by one. Versions before the marker left none:
 //! their entries are known by the first bytes of `nodes`. What they left unfinished has neither and stays.
 
-use std::fs::{File, FileType};
-use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::fs::File;
+use std::io::{ErrorKind, Read as _, Write as _};
 use std::path::Path;
 
+use crate::regular_file::{is_there, kind, open_regular};
 use crate::{Error, Result, pages, surfels};
 
 /// Where an index is made, within its entry.
@@ -18,16 +19,6 @@ pub const RECORDS: &str = "records";
 /// Says that the folder is an entry of the cache.
 pub const MARKER: &str = "glint-index";
 const MARKER_TEXT: &[u8] = b"glint makes this folder again from the point clouds; it may be deleted\n";
-
-/// What is at this path itself, not where it leads to. `None` if nothing is, or it cannot be told.
-fn kind(path: &Path) -> Option<FileType> {
-    std::fs::symlink_metadata(path).ok().map(|metadata| metadata.file_type())
-}
-
-/// Whether there is something at this path, be it a link that leads nowhere.
-pub fn is_there(path: &Path) -> bool {
-    kind(path).is_some()
-}
 
 /// Named like an entry.
 pub fn has_key(path: &Path) -> bool {
@@ -44,20 +35,6 @@ pub fn is_own(entry: &Path) -> bool {
     };
     let is_marked = || starts_with(MARKER, MARKER_TEXT) || starts_with(pages::NODES, &pages::MAGIC);
     has_key(entry) && kind(entry).is_some_and(|kind| kind.is_dir()) && is_marked()
-}
-
-/// Nothing, or a regular file: what may be written. Anything else could be another's, or make who opens it wait for ever.
-pub fn check_writable(path: &Path) -> io::Result<()> {
-    match kind(path) {
-        Some(kind) if !kind.is_file() => Err(io::Error::other("not a regular file")),
-        _ => Ok(()),
-    }
-}
-
-/// Opens a regular file, not what a link leads to.
-pub fn open_regular(path: &Path) -> io::Result<File> {
-    check_writable(path)?;
-    File::open(path)
 }
 
 /// Makes an empty entry, of what is left of an earlier one if there is one.

@@ -20,6 +20,7 @@ mod plan;
 mod preview;
 mod radius_scale;
 mod records;
+mod regular_file;
 mod selection;
 mod storage;
 mod streamer;

@@ -22,7 +22,7 @@ use crate::page::{self, Place};
 use crate::records::{Layout, is_believable};
 use crate::storage::Storage;
 use crate::surfels::SurfelFile;
-use crate::{Error, Node, NodeId, Octree, Result, entry, plan};
+use crate::{Error, Node, NodeId, Octree, Result, plan, regular_file};
 
 pub(crate) const NODES: &str = "nodes";
 pub(crate) const PAGES: &str = "pages";
@@ -97,7 +97,8 @@ impl Pages {
     /// # Errors
     /// `Damaged` if it is not whole or of another version, `Io` if it cannot be read.
     pub fn open(entry: &Path) -> Result<Self> {
-        let lock = entry::open_regular(&crate::cache::lock_path(entry)).ok().filter(|lock| lock.lock_shared().is_ok());
+        let lock =
+            regular_file::open_regular(&crate::cache::lock_path(entry)).ok().filter(|lock| lock.lock_shared().is_ok());
         Self::open_locked(entry, lock)
     }
 
@@ -309,14 +310,15 @@ pub(crate) fn write(folder: &Path, summary: &Summary, nodes: Vec<Written>) -> Re
     write_nodes(&mut body, nodes);
     let path = folder.join(NODES);
     let unfinished = folder.join(UNFINISHED);
-    let written = entry::check_writable(&unfinished).and_then(|()| File::create(&unfinished)).and_then(|mut file| {
-        file.write_all(&MAGIC)?;
-        file.write_all(&VERSION.to_le_bytes())?;
-        file.write_all(&crc32fast::hash(&body).to_le_bytes())?;
-        file.write_all(&body)?;
-        file.sync_data()?;
-        std::fs::rename(&unfinished, &path)
-    });
+    let written =
+        regular_file::check_writable(&unfinished).and_then(|()| File::create(&unfinished)).and_then(|mut file| {
+            file.write_all(&MAGIC)?;
+            file.write_all(&VERSION.to_le_bytes())?;
+            file.write_all(&crc32fast::hash(&body).to_le_bytes())?;
+            file.write_all(&body)?;
+            file.sync_data()?;
+            std::fs::rename(&unfinished, &path)
+        });
     written.map_err(|error| Error::not_written(&path, error))
 }
 

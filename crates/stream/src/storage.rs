@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::{Error, Result, entry};
+use crate::{Error, Result, regular_file};
 
 /// A file that grows at its end and is read anywhere.
 pub struct Storage {
@@ -28,7 +28,7 @@ impl Storage {
     /// An existing file, only to be read. `Damaged` if it is none of ours: a link, a pipe, a folder.
     pub fn open(path: &Path) -> Result<Self> {
         let io = |error| Error::io(path, error);
-        entry::check_writable(path).map_err(|error| Error::damaged(path, error.to_string()))?;
+        regular_file::check_writable(path).map_err(|error| Error::damaged(path, error.to_string()))?;
         let file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
         Ok(Self::new(path, file, length, length))
@@ -36,7 +36,7 @@ impl Storage {
 
     /// A file of `length` bytes, as it is or of zeros where it is shorter, that is written anywhere.
     pub fn sized(path: &Path, length: u64) -> Result<Self> {
-        let file = entry::check_writable(path)
+        let file = regular_file::check_writable(path)
             .and_then(|()| File::options().read(true).write(true).create(true).truncate(false).open(path));
         let file = file.and_then(|file| file.set_len(length).map(|()| file));
         Ok(Self::new(path, file.map_err(|error| Error::not_written(path, error))?, length, length))

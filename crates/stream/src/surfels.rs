@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use crate::lattice::Cell;
 use crate::storage::Storage;
-use crate::{Error, Node, NodeId, Octree, Pages, Result, entry};
+use crate::{Error, Node, NodeId, Octree, Pages, Result, regular_file};
 
 pub(crate) const SURFELS: &str = "surfels";
 const UNFINISHED: &str = "surfels.unfinished";
@@ -240,7 +240,7 @@ fn clear(folder: &Path) -> Result<()> {
 fn lock(pages: &Pages, progress: &Progress) -> Result<File> {
     let path = &pages.folder().join(LOCK);
     let file = pages.in_place(|| {
-        let file = entry::check_writable(path)
+        let file = regular_file::check_writable(path)
             .and_then(|()| File::options().create(true).truncate(false).write(true).open(path));
         file.map_err(|error| Error::not_written(path, error))
     })?;
@@ -388,7 +388,7 @@ impl<'a> Build<'a> {
         let length = data_start(octree.nodes.len()) + POINT_BYTES * octree.points();
         pages.in_place(|| {
             let mut list = Vec::new();
-            let noted = entry::open_regular(&done_path).and_then(|mut file| file.read_to_end(&mut list));
+            let noted = regular_file::open_regular(&done_path).and_then(|mut file| file.read_to_end(&mut list));
             let is_as_long = |file: std::fs::Metadata| file.is_file() && file.len() == length;
             let same = noted.is_ok() && list.starts_with(&title) && path.symlink_metadata().is_ok_and(is_as_long);
             if !same {
@@ -409,7 +409,7 @@ impl<'a> Build<'a> {
             }
             list.truncate(valid);
             let unfinished = Storage::sized(&path, length)?;
-            let done = entry::check_writable(&done_path)
+            let done = regular_file::check_writable(&done_path)
                 .and_then(|()| File::create(&done_path))
                 .and_then(|mut file| file.write_all(&list).map(|()| file));
             let done = done.map_err(|error| Error::not_written(&done_path, error))?;
