@@ -76,7 +76,7 @@ impl Asked {
         let lit = references.iter().find(|(reference, _)| *reference != Reference::Position);
         if let (Some((lit, _)), true) = (lit, has_other_colors) {
             return Err(usage(format!(
-                "--truth exact: the formulas behind `{}` have the scene's own colours, color.by is {}\n\
+                "--truth exact: the formulas behind `{}` have the scene's own colours, color.by is {}; \
                  --truth same_input traces points in the colours that they are drawn in",
                 lit.name(),
                 settings.color.by.name()
