@@ -11,7 +11,13 @@ use crate::terminal::escaped;
 
 /// Views, lights and measures point clouds (LAS, LAZ, PLY).
 #[derive(Debug, Parser)]
-#[command(name = "glint", version, args_conflicts_with_subcommands = true, disable_help_subcommand = true)]
+#[command(
+    name = "glint",
+    version,
+    args_conflicts_with_subcommands = true,
+    disable_help_subcommand = true,
+    after_help = "Exit status: 0 done, 1 the work failed, 2 bad usage or unreadable input, 3 no display or no adapter, 130 interrupted"
+)]
 pub struct CommandLine {
     #[command(subcommand)]
     pub command: Option<Command>,

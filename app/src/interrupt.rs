@@ -13,12 +13,14 @@ static IS_WANTED: AtomicBool = AtomicBool::new(false);
 /// What cannot be stopped for that long, like a driver that compiles shaders, is left behind.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// From here on Ctrl-C asks the work to end; the second time, or when the work does not end, it ends the program at once.
-pub fn catch() {
-    let stop = || {
+/// From here on Ctrl-C asks the work to end, and calls `wake` for what does not look here; the second time, or when the work does
+/// not end, it ends the program at once.
+pub fn catch(wake: impl Fn() + Send + 'static) {
+    let stop = move || {
         if IS_WANTED.swap(true, Ordering::Relaxed) {
             end();
         }
+        wake();
         std::thread::spawn(|| {
             std::thread::sleep(PATIENCE);
             end();

@@ -59,8 +59,12 @@ fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
 
 /// The exit status; what is not an error may still have one that is not 0 (`info` of files of which one is unreadable).
 fn run(line: CommandLine) -> anyhow::Result<u8> {
-    interrupt::catch();
-    match line.command.unwrap_or(Command::View(line.view)) {
+    let command = line.command.unwrap_or(Command::View(line.view));
+    // The window has to be woken.
+    if !matches!(command, Command::View(_)) {
+        interrupt::catch(|| {});
+    }
+    match command {
         Command::View(arguments) => {
             // Checked before the display: a wrong name is wrong everywhere.
             let request = world::resolve(&arguments.inputs);

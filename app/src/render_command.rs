@@ -228,7 +228,9 @@ impl Viewpoint {
             (SceneFile::read(path)?.0, path.display().to_string())
         } else {
             let (word, names) = (path.display(), StandardView::NAMES.join(", "));
-            return Err(usage(format!("--camera {word}: no such file, and none of {names}, scene, -")));
+            return Err(usage(format!(
+                "--camera {word}: no such file, and none of {names}, scene, - (standard input)"
+            )));
         };
         let view = file.view();
         request.refurnish(&file);

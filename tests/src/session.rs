@@ -150,9 +150,20 @@ impl Window<'_> {
         self.wait_for(what, |window| window.session.screenshot(&window.id).filter(&condition))
     }
 
+    /// Ctrl-C in the program's terminal; waits until it has ended.
+    pub fn interrupt(mut self) -> std::process::ExitStatus {
+        let sent = Command::new("kill").args(["-INT", &self.program.id().to_string()]).status();
+        assert!(sent.is_ok_and(|status| status.success()));
+        self.ended()
+    }
+
     /// Has the program end, and waits until it has.
     pub fn quit(mut self) -> std::process::ExitStatus {
         self.press("ctrl+q");
+        self.ended()
+    }
+
+    fn ended(&mut self) -> std::process::ExitStatus {
         let start = Instant::now();
         loop {
             if let Some(status) = self.program.try_wait().expect("a child can be waited for") {

@@ -114,7 +114,7 @@ fn inputs_that_cannot_be_read_are_bad_input_in_every_command() {
     let failures = [
         ("gone.las", "no such file or built-in scene"),
         ("empty", "a folder without .las, .laz and .ply files"),
-        ("broken.toml", "not a scene: broken.toml: line 1, column"),
+        ("broken.toml", "broken.toml: not a scene: line 1, column"),
         ("folder.toml", "a folder, not a file"),
         ("pipe.toml", "not a regular file"),
         ("pipe.las", "not a regular file"),

@@ -394,12 +394,21 @@ fn a_streamed_cloud_is_shown_and_stays_in_the_picture_while_the_camera_flies() {
 
 #[test]
 fn a_window_that_is_closed_while_an_index_is_made_leaves_no_part_of_it_behind() {
+    closed_while_an_index_is_made(|window| assert!(window.quit().success()));
+}
+
+#[test]
+fn ctrl_c_closes_the_window_with_130_and_leaves_no_part_of_an_index_behind() {
+    closed_while_an_index_is_made(|window| assert_eq!(window.interrupt().code(), Some(130)));
+}
+
+fn closed_while_an_index_is_made(close: impl FnOnce(Window<'_>)) {
     let session = Session::start();
     session.folder.write("hills.ply", hills(3_000_000));
     session.folder.write("hills.toml", "clouds = [\"hills.ply\"]\n[parameters]\n\"stream.pages\" = \"always\"\n");
     let window = session.open(["hills.toml"]);
     window.wait_for_event("indexing", 0, |_| true);
-    assert!(window.quit().success());
+    close(window);
     let cache = session.folder.path(".cache/glint/pages");
     let left = std::fs::read_dir(cache).into_iter().flatten().flatten().map(|entry| entry.path());
     let left: Vec<_> = left.filter(|path| path.is_dir()).collect();

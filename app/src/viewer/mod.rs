@@ -86,7 +86,8 @@ use winit::window::WindowId;
 use work::{Found, Work};
 use world::Request;
 
-use crate::failure::NoScreen;
+use crate::failure::{Interrupted, NoScreen};
+use crate::interrupt;
 
 /// What other threads tell the window.
 enum Wake {
@@ -96,6 +97,8 @@ enum Wake {
     Found(Found),
     /// Files chosen in the system's dialog, and how long it took.
     Chosen(Option<Vec<PathBuf>>, Duration),
+    /// Ctrl-C was pressed in the terminal.
+    Interrupted,
 }
 
 /// Opens the window and shows `request` until it is closed. `gpu` as in `Gpu::headless`.
@@ -104,6 +107,8 @@ enum Wake {
 /// No display or adapter (`NoScreen`, `render::Error::NoAdapter`), or the graphics device was lost.
 pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     let event_loop = EventLoop::<Wake>::with_user_event().build().map_err(|error| no_screen(&error))?;
+    let wake = event_loop.create_proxy();
+    interrupt::catch(move || drop(wake.send_event(Wake::Interrupted)));
     let (preferences, problem) = preferences::load();
     let mut state = State::new(preferences);
     if let Some(problem) = problem {
@@ -189,7 +194,7 @@ impl ApplicationHandler<Wake> for Viewer {
         }
     }
 
-    fn user_event(&mut self, _: &ActiveEventLoop, event: Wake) {
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, event: Wake) {
         self.state.now = Instant::now();
         let is_chunk = matches!(event, Wake::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _));
         match event {
@@ -205,6 +210,11 @@ impl ApplicationHandler<Wake> for Viewer {
             }
             Wake::Report(report) => self.on_report(report),
             Wake::Found(found) => self.state.on_found(found),
+            Wake::Interrupted => {
+                self.keep_preferences();
+                self.failure = Some(Interrupted.into());
+                event_loop.exit();
+            }
             Wake::Chosen(Some(paths), _) => {
                 self.state.open(&paths);
             }

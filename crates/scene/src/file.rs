@@ -28,6 +28,7 @@
 //! of one that a built-in scene brings takes its place.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -157,9 +158,10 @@ impl SceneFile {
     /// Not readable, or not a scene; names the file.
     pub fn read(path: &Path) -> Result<(Self, Vec<PathBuf>), Error> {
         let text = whole_file::read(path)?;
-        let mut file = Self::parse(&text).map_err(|error| match error {
-            Error::Malformed { problem } => Error::Malformed { problem: format!("{}: {problem}", path.display()) },
-            other => other,
+        let mut file = Self::parse(&text).map_err(|error| Error::Unreadable {
+            name: path.display().to_string(),
+            kind: ErrorKind::InvalidData,
+            problem: error.to_string(),
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let named = |cloud: &str| {
