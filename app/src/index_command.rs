@@ -25,7 +25,7 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
         if !name.ends_with(".copc.laz") {
             return Err(usage(format!(
                 "{}: the name must end in .copc.laz, which is what will be in it; without -o the index goes into the cache",
-                output.display()
+                scene::shown(output)
             )));
         }
         picture_file::check_place(output)?;
@@ -162,7 +162,7 @@ impl Task<'_> {
         let what = summary(name, points, pages.octree().nodes.len(), pages.bytes());
         // It may have been made by another program while this one waited.
         let effort = if stage.progress.done() == 0 { "was there".to_owned() } else { effort.text(points) };
-        let folder = pages.folder().display();
+        let folder = scene::shown(pages.folder());
         print([format!("{what}, {effort}; normals and radii {:.1} s; {folder}", normals.seconds)])
     }
 
@@ -186,7 +186,7 @@ fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> 
     let write = || codec::write_copc(&paths, output, memory, &progress);
     let (effort, written) = Effort::of(|| progress_bar::watch("writing", &progress, write));
     let codec::CopcSummary { points, nodes, warnings } = written?.ok_or(stream::Error::Cancelled)?;
-    let name = output.display().to_string();
+    let name = scene::shown(output);
     terminal::warn(param::few(warnings, "warnings").iter().map(|warning| format!("{name}: {warning}")));
     let bytes = std::fs::metadata(output).map_or(0, |metadata| metadata.len());
     print([format!("{}, {}", summary(&name, points, nodes, bytes), effort.text(points))])

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use cloud::{Bounds, Progress};
 use codec::{Format, Info};
+use scene::shown;
 use serde::Serialize;
 use world::Input;
 
@@ -68,7 +69,7 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
         let request = world::resolve(std::slice::from_ref(word));
         terminal::warn(&request.warnings);
         if request.inputs.is_empty() {
-            let path = Path::new(word).display().to_string();
+            let path = shown(word);
             inputs.push(Entry::Unreadable { error: format!("{path}: no clouds in it"), path });
         }
         for input in &request.inputs {
@@ -111,7 +112,7 @@ fn entries(input: &Input, scan: bool) -> Vec<Entry> {
 fn file_entry(path: &Path, scan: bool) -> Entry {
     match file_report(path, scan) {
         Ok(report) => Entry::Read(Box::new(report)),
-        Err(error) => Entry::Unreadable { path: path.display().to_string(), error: error.to_string() },
+        Err(error) => Entry::Unreadable { path: shown(path), error: error.to_string() },
     }
 }
 
@@ -119,7 +120,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     let source = codec::open(path)?;
     let info = source.info();
     let mut report = FileReport {
-        path: path.display().to_string(),
+        path: shown(path),
         format: format_name(info.format),
         version: info.version.clone(),
         point_format: info.point_format,

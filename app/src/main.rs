@@ -74,7 +74,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
                 return Err(NoScreen(format!(
                     "no display (neither DISPLAY nor WAYLAND_DISPLAY is set); to write a picture instead: \
                      glint render {} -o picture.png",
-                    name.display()
+                    scene::shown(name)
                 ))
                 .into());
             }

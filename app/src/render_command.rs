@@ -161,7 +161,7 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
         picture_file::check_place(file)?;
         let place = picture_file::place(file);
         if places.contains(&place) {
-            return Err(usage(format!("{}: named for two outputs", file.display())));
+            return Err(usage(format!("{}: named for two outputs", scene::shown(file))));
         }
         places.push(place);
     }
@@ -182,7 +182,7 @@ fn spare_inputs(arguments: &RenderArguments, request: &Request) -> anyhow::Resul
     let images = arguments.aov.iter().map(|(_, path)| path.as_path());
     for output in images.chain([arguments.output.as_path()]).chain(arguments.stats.as_deref()) {
         if read.contains(&picture_file::place(output)) {
-            return Err(usage(format!("{}: named for an input and an output", output.display())));
+            return Err(usage(format!("{}: named for an input and an output", scene::shown(output))));
         }
     }
     Ok(())
@@ -192,7 +192,7 @@ fn needs_extension(path: &Path, extension: &str) -> anyhow::Result<()> {
     if path.extension().is_some_and(|actual| actual.eq_ignore_ascii_case(extension)) {
         return Ok(());
     }
-    Err(usage(format!("{}: the name must end in .{extension}, which is what will be in it", path.display())))
+    Err(usage(format!("{}: the name must end in .{extension}, which is what will be in it", scene::shown(path))))
 }
 
 /// Where the picture is taken from.
@@ -225,9 +225,9 @@ impl Viewpoint {
             let file = SceneFile::parse(&whole_file::read_from(std::io::stdin(), name)?);
             (file.with_context(|| format!("--camera -: {name}"))?, "-".to_owned())
         } else if path.exists() {
-            (SceneFile::read(path)?.0, path.display().to_string())
+            (SceneFile::read(path)?.0, scene::shown(path))
         } else {
-            let (word, names) = (path.display(), StandardView::NAMES.join(", "));
+            let (word, names) = (scene::shown(path), StandardView::NAMES.join(", "));
             return Err(usage(format!(
                 "--camera {word}: no such file, and none of {names}, scene, - (standard input)"
             )));

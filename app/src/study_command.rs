@@ -57,7 +57,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
     }
     let page = output.join("index.html");
     let made = if outcome.runs == 0 { ", nothing was left to do" } else { "" };
-    print([format!("{} settings in {}{made}", outcome.settings, page.display())])?;
+    print([format!("{} settings in {}{made}", outcome.settings, scene::shown(page))])?;
     Ok(status(&folder, outcome.failed))
 }
 
@@ -65,7 +65,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
 fn status(folder: &Folder, failed: usize) -> u8 {
     if failed > 0 {
         let table = folder.path.join("results.csv");
-        let table = table.display();
+        let table = scene::shown(table);
         complain(&format!("settings that failed: {failed}; {table} tells why; run it again to try them again"));
     }
     u8::from(failed > 0)
@@ -83,7 +83,7 @@ fn merge(arguments: &MergeArguments) -> anyhow::Result<u8> {
     if missing > 0 {
         warn([format!("{missing} of {} settings are missing or not finished", joined.cases.len())]);
     }
-    print([format!("{} settings in {}", rows.len(), arguments.output.join("index.html").display())])?;
+    print([format!("{} settings in {}", rows.len(), scene::shown(arguments.output.join("index.html")))])?;
     Ok(status(&joined, rows.iter().filter(|row| row.error.is_some()).count()))
 }
 
@@ -109,7 +109,7 @@ fn plan(name: &OsStr) -> anyhow::Result<Plan> {
         return Ok(Plan::read(path)?);
     }
     let names: Vec<&str> = study::plan_names().collect();
-    let name = path.display().to_string();
+    let name = scene::shown(path);
     let near = param::nearest(&name, names.iter().copied());
     let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
     Err(usage(format!("{name}: no such file or built-in plan{hint}; built-in plans: {}", names.join(", "))))
@@ -139,7 +139,7 @@ fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
 
 /// What was typed, for a folder of any name.
 fn command(name: &OsStr, arguments: &StudyArguments) -> String {
-    let mut words = vec!["glint study".to_owned(), quoted(&name.display().to_string()), "-o DIR".to_owned()];
+    let mut words = vec!["glint study".to_owned(), quoted(&scene::shown(name)), "-o DIR".to_owned()];
     words.extend(arguments.size.map(|[width, height]| format!("--size {width}x{height}")));
     words.extend(arguments.repeats.map(|repeats| format!("--repeats {repeats}")));
     words.extend(arguments.set.iter().map(|(key, value)| format!("--set {}", quoted(&format!("{key}={value}")))));

@@ -218,6 +218,10 @@ fn names_that_are_no_text_are_opened_everywhere() {
         let outcome = folder.glint([OsStr::new("info"), "--json".as_ref(), input.as_ref()]);
         assert_eq!(outcome.status, Some(0), "{outcome}");
         assert_eq!(outcome.json()["inputs"][0]["points"], 3, "{outcome}");
+        assert!(
+            outcome.json()["inputs"][0]["path"].as_str().is_some_and(|path| path.contains(r"pl\xe4tze/")),
+            "{outcome}"
+        );
     }
     let mut image = OsStr::new("depth=").to_owned();
     image.push(&depth);

@@ -285,7 +285,7 @@ impl State {
                     self.log(json!({ "event": "scene_saved", "path": path }));
                     self.messages.note(format!("Scene saved: {}", path.display()));
                 }
-                Err(error) => self.say(Level::Error, format!("{}: {error}", path.display())),
+                Err(error) => self.say(Level::Error, error),
             },
             Found::IndexDeleted { kept, result } => self.on_index_deleted(&kept, result),
             Found::CacheSize(bytes) => self.cache_size = Some(bytes),

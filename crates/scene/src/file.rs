@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight, whole_file};
+use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight, shown, whole_file};
 
 /// Mirrors of a scene at most. Each brings at least 20,000 points, and a reflection of each in each is looked for.
 pub const MOST_MIRRORS: usize = 64;
@@ -159,7 +159,7 @@ impl SceneFile {
     pub fn read(path: &Path) -> Result<(Self, Vec<PathBuf>), Error> {
         let text = whole_file::read(path)?;
         let mut file = Self::parse(&text).map_err(|error| Error::Unreadable {
-            name: path.display().to_string(),
+            name: shown(path),
             kind: ErrorKind::InvalidData,
             problem: error.to_string(),
         })?;
@@ -169,9 +169,9 @@ impl SceneFile {
             if beside.exists() { beside } else { cloud.into() }
         };
         let clouds: Vec<PathBuf> = file.clouds.iter().map(|cloud| named(cloud)).collect();
-        file.clouds = clouds.iter().map(|cloud| cloud.display().to_string()).collect();
+        file.clouds = clouds.iter().map(shown).collect();
         for points in &mut file.mirror_points {
-            points.cloud = named(&points.cloud).display().to_string();
+            points.cloud = shown(named(&points.cloud));
         }
         Ok((file, clouds))
     }

@@ -6,6 +6,7 @@ pub mod five_mirrors;
 mod light;
 mod mirror;
 mod mirror_points;
+mod path_text;
 mod preferences;
 mod settings;
 mod surroundings;
@@ -16,6 +17,7 @@ pub use file::{Error, MOST_MIRRORS, SceneFile, View};
 pub use light::SpotLight;
 pub use mirror::{Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
+pub use path_text::shown;
 pub use preferences::Preferences;
 pub use settings::{
     Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, Method,

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
-use crate::Error;
+use crate::{Error, shown};
 
 /// A scene of a thousand clouds, with a camera path of an hour, takes a tenth of it.
 pub const MOST_BYTES: u64 = 16 << 20;
@@ -15,7 +15,7 @@ pub const MOST_BYTES: u64 = 16 << 20;
 /// # Errors
 /// Not there, not a regular file, larger than `MOST_BYTES`, or not UTF-8; names it.
 pub fn read(path: &Path) -> Result<String, Error> {
-    let name = path.display().to_string();
+    let name = shown(path);
     let unreadable = |reason: io::Error| unreadable(&name, reason.kind(), reason.to_string());
     // Before it is opened, which waits for the other end of a pipe.
     check(&name, &std::fs::metadata(path).map_err(unreadable)?)?;

@@ -157,7 +157,7 @@ impl Loader {
         let up = infos().next().map_or(DVec3::Z, |info| up_of(info, &self.settings));
         let opened = Opened {
             name: file_name(&path),
-            input: path.display().to_string(),
+            input: scene::shown(&path),
             // Points come in the order of pages: what is looked up in a file by a point's number would be another's.
             source: None,
             attributes,
@@ -171,7 +171,7 @@ impl Loader {
             },
         };
         self.send(Event::Opened { cloud, opened })?;
-        let input = path.display().to_string();
+        let input = scene::shown(&path);
         Some(Paging {
             cloud,
             input,

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use cloud::{Attribute, Chunk};
 use glam::DVec3;
-use scene::{SceneSettings, five_mirrors};
+use scene::{SceneSettings, five_mirrors, shown};
 
 use crate::budget::half_of;
 use crate::chunk_key::Part;
@@ -53,7 +53,7 @@ impl Loader {
         for path in input.files() {
             match open_file(path, half_of(self.settings.stream.host_bytes)) {
                 Ok(source) => sources.push(source),
-                Err(error) => self.send(Event::Failed { input: path.display().to_string(), error, is_usage: true })?,
+                Err(error) => self.send(Event::Failed { input: shown(path), error, is_usage: true })?,
             }
         }
         Some(sources)
@@ -100,7 +100,7 @@ impl Loader {
         let up = up_of(info, &self.settings);
         let opened = Opened {
             name: file_name(path),
-            input: path.display().to_string(),
+            input: shown(path),
             source: Some(source.clone()),
             attributes: info.attributes.clone(),
             grid: info.grid,
@@ -168,7 +168,7 @@ impl Loader {
         match read {
             Ok(summary) => self.send(Event::Read { cloud, summary }),
             Err(error) => {
-                let input = loading.source.info().path.display().to_string();
+                let input = shown(&loading.source.info().path);
                 self.send(Event::Failed { input, error: error.to_string(), is_usage: true })?;
                 let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
                 self.send(Event::Read { cloud, summary: codec::Summary { points, ..Default::default() } })

@@ -18,14 +18,14 @@ pub fn open_file(path: &Path, memory: u64) -> Result<Arc<codec::Source>, String>
     let codec::Info { points, warnings, .. } = source.info();
     // A file that is as empty as it says is none of anybody's concern.
     if *points == 0 && !warnings.is_empty() {
-        return Err(format!("{}: no points can be read: {}", path.display(), warnings.join("; ")));
+        return Err(format!("{}: no points can be read: {}", scene::shown(path), warnings.join("; ")));
     }
     Ok(Arc::new(source))
 }
 
 /// What is wrong with a file, each with its name.
 pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
-    info.warnings.iter().map(|warning| format!("{}: {warning}", info.path.display()))
+    info.warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(&info.path)))
 }
 
 /// Files that are streamed, as the clouds that they make: those that are COPC, if all of them are, one each; else all together.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use scene::{Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, five_mirrors};
+use scene::{Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, five_mirrors, shown};
 
 use crate::error::{Error, Result};
 
@@ -34,7 +34,7 @@ impl Input {
     /// As a person would type it.
     pub fn name(&self) -> String {
         match self {
-            Self::File(path) | Self::Tiles { folder: path, .. } => path.display().to_string(),
+            Self::File(path) | Self::Tiles { folder: path, .. } => shown(path),
             Self::BuiltIn { variant, .. } => built_in_name(*variant),
             Self::Unknown { name, .. } => name.clone(),
         }
@@ -128,13 +128,13 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     let mut named = |word: &OsStr, place: &str| {
         input(word, unknown < HINTS).unwrap_or_else(|error| {
             unknown += 1;
-            Input::Unknown { name: word.display().to_string(), error: format!("{place}{error}") }
+            Input::Unknown { name: shown(word), error: format!("{place}{error}") }
         })
     };
     for word in words {
         let path = Path::new(word);
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
-            let name = path.display().to_string();
+            let name = shown(path);
             let (file, clouds) = match SceneFile::read(path) {
                 Ok(scene) => scene,
                 Err(error) => {
@@ -202,15 +202,15 @@ fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
         return Ok(Input::BuiltIn { variant: mirror, without: Vec::new() });
     }
     let path = Path::new(word);
-    let shown = path.display();
+    let name = shown(path);
     if path.is_dir() {
-        return tiles(path).map_err(|problem| format!("{shown}: {problem}"));
+        return tiles(path).map_err(|problem| format!("{name}: {problem}"));
     }
     if path.exists() {
         return Ok(Input::File(path.to_owned()));
     }
     let hint = if has_hint { hint(path) } else { String::new() };
-    Err(format!("{shown}: no such file or built-in scene{hint}"))
+    Err(format!("{name}: no such file or built-in scene{hint}"))
 }
 
 /// What may have been meant by a path where nothing is.
