@@ -244,7 +244,7 @@ fn an_index_that_is_interrupted_clears_away_what_it_has_begun() {
     assert!(interrupt.expect("kill starts").success());
     let output = program.wait_with_output().expect("a child can be waited for");
     let messages = String::from_utf8_lossy(&output.stderr);
-    assert_eq!((output.status.code(), &*messages), (Some(1), "glint: cancelled\n"));
+    assert_eq!((output.status.code(), &*messages), (Some(130), "glint: interrupted\n"));
     assert_eq!((output.stdout.as_slice(), entries(&folder)), (&b""[..], Vec::new()));
 }
 
