@@ -83,7 +83,7 @@ pub fn open(
     let camera = camera(&outline, up);
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
-        let look = job.lookout.look(Viewpoint { camera, size, view, stream, hidden: BTreeSet::new(), share: 1.0 });
+        let look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden: BTreeSet::new(), share: 1.0 });
         loads.receive(&job, look)?;
     }
     drop(job);
@@ -295,7 +295,7 @@ mod tests {
         let input = Input::File(real_data::test_data()?.join(name));
         // Without normals and radii, which do not matter here.
         let job = world::start(vec![input], &Settings::default());
-        job.lookout.stop_all();
+        job.mailbox.stop_all();
         let (mut loads, bar, mut failed) = (Loads::default(), Bar::points("reading"), Few::of("that fail"));
         job.events.iter().for_each(|event| loads.take(event, &bar, &mut failed));
         assert_eq!(loads.status, 0, "{name}");

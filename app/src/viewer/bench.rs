@@ -92,7 +92,7 @@ impl Bench {
             }
             Effect::Load { inputs } => {
                 let job = world::start(inputs.clone(), &self.state.settings);
-                let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
+                let id = self.state.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
                 job.events.iter().for_each(|event| self.state.on_loading(id, event));
             }
             Effect::Work(Work::SaveSweep(sweep)) => self.swept = Some(sweep),

@@ -9,7 +9,7 @@ use cloud::{Bounds, Chunk, Progress};
 use scene::{Mirror, MirrorPoints, Ramp};
 use stream::{Node, NodeId, Octree};
 use world::mirrors::Marked;
-use world::{Assembly, CloudKey, Input, Lookout, Part, StreamStats};
+use world::{Assembly, CloudKey, Input, Mailbox, Part, StreamStats};
 
 use super::figures::{Basis, Figures};
 use super::objects::ObjectId;
@@ -161,7 +161,7 @@ pub struct JobEntry {
     pub clouds: BTreeMap<usize, CloudKey>,
     /// What is there of its streamed clouds, and where it is told from where they are looked at.
     pub stream: StreamStats,
-    pub lookout: Arc<Lookout>,
+    pub mailbox: Arc<Mailbox>,
     /// The number of the last look, 0 before the first one, and the share of the budgets that it had.
     pub look: u64,
     pub share: f64,
@@ -171,7 +171,7 @@ pub struct JobEntry {
 }
 
 impl JobEntry {
-    pub fn new(id: u32, inputs: &[Input], progress: Arc<Progress>, lookout: Arc<Lookout>, started: Instant) -> Self {
+    pub fn new(id: u32, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>, started: Instant) -> Self {
         let name = match inputs {
             [one] => short_name(&one.name()).to_string(),
             several => format!("{} inputs", several.len()),
@@ -183,7 +183,7 @@ impl JobEntry {
             started,
             clouds: BTreeMap::new(),
             stream: StreamStats::default(),
-            lookout,
+            mailbox,
             look: 0,
             share: 1.0,
             has_streamed: false,

@@ -387,7 +387,7 @@ mod tests {
     use cloud::Progress;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use world::Lookout;
+    use world::Mailbox;
 
     use super::super::preferences::Preferences;
     use super::super::state::Effect;
@@ -470,9 +470,9 @@ mod tests {
         let mut harness = harness();
         let progress = Arc::<Progress>::default();
         progress.set_total(100);
-        let lookout = Arc::<Lookout>::default();
-        let stage = lookout.plan(0, Stage::new(Making::Surfels, 100));
-        harness.state_mut().add_job(&[], progress.clone(), lookout);
+        let mailbox = Arc::<Mailbox>::default();
+        let stage = mailbox.plan(0, Stage::new(Making::Surfels, 100));
+        harness.state_mut().add_job(&[], progress.clone(), mailbox);
         harness.run_ok();
         harness.get_by_label("Cancel").click();
         harness.run_ok();

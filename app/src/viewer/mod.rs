@@ -319,10 +319,10 @@ impl Viewer {
         (self.screen, self.render_thread) = (None, None);
         for job in &self.state.jobs {
             job.progress.cancel();
-            job.lookout.end();
+            job.mailbox.end();
         }
         let start = Instant::now();
-        let is_over = |job: &JobEntry| Arc::strong_count(&job.lookout) == 1;
+        let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
         while !self.state.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -404,7 +404,7 @@ impl Viewer {
                 }
                 Effect::Load { inputs } => {
                     let job = world::start(inputs.clone(), &self.state.settings_of_next_job());
-                    let id = self.state.add_job(&inputs, job.progress.clone(), job.lookout.clone());
+                    let id = self.state.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
                     let under_way = self.under_way.clone();
                     self.begin("loading events", move |wake| forward(&job, id, &under_way, wake));
                 }

@@ -220,7 +220,7 @@ impl State {
     pub fn stop_loading(&mut self) {
         for job in self.jobs.iter().filter(|job| self.is_at_work(job)) {
             job.progress.cancel();
-            job.lookout.stop_all();
+            job.mailbox.stop_all();
         }
         self.log(json!({ "event": "cancelled" }));
     }
@@ -245,11 +245,11 @@ impl State {
         // The job of a cloud that is gone need not go on.
         for job in &self.jobs {
             if let Some((index, _)) = job.clouds.iter().find(|(_, cloud)| **cloud == key) {
-                job.lookout.close(*index);
+                job.mailbox.close(*index);
             }
             if !job.clouds.is_empty() && !self.clouds.iter().any(|entry| job.owns(entry.key)) {
                 job.progress.cancel();
-                job.lookout.end();
+                job.mailbox.end();
             }
         }
         self.note_loaded();

@@ -9,7 +9,7 @@ use cloud::Progress;
 use glam::DVec3;
 use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings};
 use serde_json::json;
-use world::{Change, CloudKey, Input, Lookout};
+use world::{Change, CloudKey, Input, Mailbox};
 
 use super::bindings::Mode;
 use super::clouds::{CloudEntry, JobEntry, Samples, short_name};
@@ -247,10 +247,10 @@ impl State {
     }
 
     /// The job that the window started for `inputs`; returns its number.
-    pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, lookout: Arc<Lookout>) -> u32 {
+    pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
-        self.jobs.push(JobEntry::new(id, inputs, progress, lookout, self.now));
+        self.jobs.push(JobEntry::new(id, inputs, progress, mailbox, self.now));
         id
     }
 
@@ -400,7 +400,7 @@ impl State {
             }
         }
         if is_first {
-            self.jobs.iter().for_each(|job| job.lookout.draw_first(true));
+            self.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
         }
         self.render(Command::Frame(Box::new(wanted)));
         rest
@@ -421,7 +421,7 @@ impl State {
     /// What the render thread says, except the picture itself, which the window has taken.
     pub fn on_report(&mut self, report: Report) {
         if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
-            self.jobs.iter().for_each(|job| job.lookout.draw_first(false));
+            self.jobs.iter().for_each(|job| job.mailbox.draw_first(false));
         }
         match report {
             Report::Ready { adapter } => {
@@ -429,7 +429,7 @@ impl State {
                 self.adapter = Some(adapter);
                 // The window is painted before the frame is asked for.
                 let has_points = self.points() > 0;
-                self.jobs.iter().for_each(|job| job.lookout.draw_first(has_points));
+                self.jobs.iter().for_each(|job| job.mailbox.draw_first(has_points));
             }
             // Of clouds that have been removed since.
             Report::Frame(_) if self.clouds.is_empty() => self.frames.give_up(),

@@ -206,7 +206,7 @@ mod tests {
 
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use world::{Event, Lookout, Opened, Part, Wish};
+    use world::{Event, Mailbox, Opened, Part, Wish};
 
     use super::super::preferences::Preferences;
     use super::super::work::{Found, Work};
@@ -215,15 +215,15 @@ mod tests {
     /// Two clouds of job 0: the index of the first is being made, that of the second comes next.
     fn indexing() -> (State, [Arc<Stage>; 2]) {
         let mut state = State::new(Preferences::default());
-        let lookout = Arc::<Lookout>::default();
-        state.add_job(&[], Arc::default(), lookout.clone());
+        let mailbox = Arc::<Mailbox>::default();
+        state.add_job(&[], Arc::default(), mailbox.clone());
         let stages = ["survey.laz", "town.laz"].map(|name| {
             let cloud = state.clouds.len();
             let (name, input, up) = (name.into(), name.into(), glam::DVec3::Z);
             let opened = Opened { name, input, expected_points: 200, up, ..Opened::default() };
             state.on_loading(0, Event::Opened { cloud, opened });
             state.on_loading(0, Event::Pages { cloud, pages: Paged::Indexing });
-            let stage = lookout.plan(cloud, Stage::new(Making::Index, 200));
+            let stage = mailbox.plan(cloud, Stage::new(Making::Index, 200));
             state.on_loading(0, Event::Stage { cloud, stage: stage.clone() });
             stage
         });
@@ -285,14 +285,14 @@ mod tests {
     fn what_was_stopped_is_resumed() {
         let (mut state, _) = indexing();
         state.stop_loading();
-        let lookout = state.jobs[0].lookout.clone();
+        let mailbox = state.jobs[0].mailbox.clone();
         let mut harness = harness(state);
         harness.run_ok();
         harness.query_all_by_label("Resume").nth(1).unwrap().click();
         harness.run_ok();
-        assert_eq!(lookout.rest(), Some(vec![Wish::Resume(1)]));
+        assert_eq!(mailbox.rest(), Some(vec![Wish::Resume(1)]));
         assert!(harness.query_by_label("its index will be made next").is_some());
-        assert!(lookout.plan(1, Stage::new(Making::Index, 200)).is_pending(), "the stop is over");
+        assert!(mailbox.plan(1, Stage::new(Making::Index, 200)).is_pending(), "the stop is over");
     }
 
     #[test]
@@ -335,6 +335,6 @@ mod tests {
         assert!(state.cloud(key).is_none() && state.clouds.len() == 1);
         let is_deletion = |effect: &Effect| matches!(effect, Effect::Work(Work::DeleteIndex(kept)) if kept.folder.as_path() == std::path::Path::new("/cache/0123"));
         assert!(state.effects.iter().any(is_deletion));
-        assert!(state.jobs[0].lookout.is_closed(0));
+        assert!(state.jobs[0].mailbox.is_closed(0));
     }
 }

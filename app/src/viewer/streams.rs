@@ -120,7 +120,7 @@ impl State {
         for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
             let (view, stream) = (view.clone(), stream.clone());
             job.share = share;
-            job.look = job.lookout.look(Viewpoint { camera, size, view, stream, hidden, share });
+            job.look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden, share });
         }
     }
 
@@ -141,14 +141,14 @@ impl State {
     /// Stops what is made for a cloud.
     pub fn stop_making(&mut self, key: CloudKey) {
         if let Some((job, cloud)) = self.job_of(key) {
-            job.lookout.stop(cloud);
+            job.mailbox.stop(cloud);
         }
     }
 
     /// Makes what was stopped of a cloud after all.
     pub fn resume_making(&mut self, key: CloudKey) {
         let Some((job, cloud)) = self.job_of(key) else { return };
-        job.lookout.resume(cloud);
+        job.mailbox.resume(cloud);
         if let Some(entry) = self.cloud_mut(key) {
             entry.stage = None;
         }

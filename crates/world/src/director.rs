@@ -14,7 +14,7 @@ use crate::budget::{CUT_PART, half_of, most_points};
 use crate::chunk_key::Part;
 use crate::error::is_of_inputs;
 use crate::event::{Event, Kept, Paged, StreamStats};
-use crate::lookout::{Arrival, Lookout, Viewpoint};
+use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, Viewpoint};
 
 /// Share of the memory of decoded points that a cut may ask for: the rest is for what is being read and what may be wanted again.
 const CUT_SHARE: f64 = 0.75;
@@ -25,7 +25,7 @@ const WIDTH_UNSEEN: f64 = 1000.0;
 
 /// The thread that streams the clouds of a job.
 pub struct Director {
-    lookout: Arc<Lookout>,
+    mailbox: Arc<Mailbox>,
     events: SyncSender<Event>,
     streamer: Streamer,
     clouds: BTreeMap<usize, Streamed>,
@@ -35,8 +35,8 @@ pub struct Director {
     /// Until somebody looks.
     settings: Settings,
     is_complete: bool,
-    /// Points of previews of clouds whose index is still to be made.
-    previews: u64,
+    /// Points of the previews of clouds whose index is still to be made.
+    previews: BTreeMap<usize, u64>,
     /// Points that were resident beside the last cut.
     held: u64,
     reported: (Instant, StreamStats),
@@ -72,14 +72,14 @@ impl Streamed {
 impl Director {
     /// # Errors
     /// If threads cannot be started.
-    pub fn new(lookout: Arc<Lookout>, events: SyncSender<Event>, settings: &Settings) -> std::io::Result<Self> {
+    pub fn new(mailbox: Arc<Mailbox>, events: SyncSender<Event>, settings: &Settings) -> std::io::Result<Self> {
         let workers = std::thread::available_parallelism().map_or(2, usize::from);
-        let waker = lookout.clone();
+        let waker = mailbox.clone();
         let nothing = Budget { points: 0, bytes: 0 };
         let streamer = Streamer::new(workers, nothing, move || waker.wake())?;
         let reported = (Instant::now(), StreamStats::default());
         Ok(Self {
-            lookout,
+            mailbox,
             events,
             streamer,
             clouds: BTreeMap::new(),
@@ -88,41 +88,27 @@ impl Director {
             demand: 0.0,
             settings: settings.clone(),
             is_complete: false,
-            previews: 0,
+            previews: BTreeMap::new(),
             held: 0,
             reported,
         })
     }
 
-    /// Streams until the lookout ends it, or nobody listens any more.
+    /// Streams until the mailbox ends it, or nobody listens any more.
     pub fn run(mut self) {
         while self.step().is_some() {}
-        self.lookout.end();
+        self.mailbox.end();
     }
 
     fn step(&mut self) -> Option<()> {
-        let lookout = self.lookout.clone();
-        let mut told = lookout.wait(REPORT_INTERVAL);
-        if told.is_over {
-            return None;
+        let News { view, requests } = self.mailbox.wait(REPORT_INTERVAL, self.look)?;
+        let mut is_other = view.is_some();
+        if let Some((look, viewpoint)) = view {
+            (self.look, self.viewpoint) = (look, Some(viewpoint));
         }
-        let arrived = std::mem::take(&mut told.arrived);
-        let closed = std::mem::take(&mut told.closed);
-        let has_moved = told.looks != self.look;
-        if has_moved {
-            self.look = told.looks;
-            self.viewpoint = told.viewpoint.clone();
-        }
-        self.is_complete = told.is_complete && arrived.is_empty();
-        self.previews = told.previews.values().sum();
-        drop(told);
-        let mut is_other = has_moved || !arrived.is_empty() || !closed.is_empty();
-        for cloud in closed {
-            self.clouds.remove(&cloud);
-            self.streamer.remove(cloud);
-        }
-        for arrival in arrived {
-            self.take_in(arrival)?;
+        for request in requests {
+            is_other |= matches!(request, StreamRequest::Arrive(_) | StreamRequest::Close(_));
+            self.obey(request)?;
         }
         is_other |= self.held() != self.held;
         if is_other {
@@ -134,6 +120,23 @@ impl Director {
             self.pass_on(change)?;
         }
         self.report(is_quiet && !is_other)
+    }
+
+    fn obey(&mut self, request: StreamRequest) -> Option<()> {
+        match request {
+            StreamRequest::Arrive(arrival) => {
+                self.previews.remove(&arrival.cloud);
+                self.take_in(*arrival)?;
+            }
+            StreamRequest::Close(cloud) => {
+                self.previews.remove(&cloud);
+                self.clouds.remove(&cloud);
+                self.streamer.remove(cloud);
+            }
+            StreamRequest::KeepRoom { cloud, points } => drop(self.previews.insert(cloud, points)),
+            StreamRequest::Complete(is_complete) => self.is_complete = is_complete,
+        }
+        Some(())
     }
 
     fn take_in(&mut self, arrival: Arrival) -> Option<()> {
@@ -181,7 +184,7 @@ impl Director {
     /// Points that are resident and of no cut: they take their part of the budget.
     fn held(&self) -> u64 {
         let stale = self.clouds.values().flat_map(|streamed| streamed.stale.values());
-        self.previews + stale.sum::<u64>()
+        self.previews.values().chain(stale).sum()
     }
 
     /// Lets go of stale chunks until no more than so many points are held; the finest first, of which others are left.
@@ -301,7 +304,7 @@ impl Director {
                 self.streamer.remove(cloud);
                 // Before whoever mends it can say more of it.
                 self.send(Event::Pages { cloud, pages: Paged::Indexing })?;
-                self.lookout.report_damage(cloud);
+                self.mailbox.report_damage(cloud);
                 Some(())
             }
         }
@@ -314,8 +317,8 @@ impl Director {
         if is_there && self.clouds.values().any(|streamed| !streamed.stale.is_empty()) {
             // The cut takes their place.
             is_there = false;
-            self.let_go(self.previews)?;
-            self.lookout.wake();
+            self.let_go(self.previews.values().sum())?;
+            self.mailbox.wake();
         }
         if is_there {
             let read = |(cloud, streamed): (&usize, &mut Streamed)| Some((*cloud, streamed.summary.take()?));
@@ -427,13 +430,13 @@ mod tests {
     fn clouds_that_are_hidden_leave_their_budget_to_the_others_and_come_back() {
         const BUDGET: usize = 60_000;
         let folder = tempfile::tempdir().unwrap();
-        let lookout = Arc::<Lookout>::default();
+        let mailbox = Arc::<Mailbox>::default();
         let (sender, events) = sync_channel(1000);
         let mut settings = Settings::default();
         settings.view.point_budget = BUDGET as u32;
         settings.stream.detail = 0.01;
         for cloud in [0, 1] {
-            lookout.arrive(Arrival {
+            mailbox.arrive(Arrival {
                 cloud,
                 input: String::new(),
                 pages: square(folder.path(), &format!("{cloud}.ply"), 100_000),
@@ -445,19 +448,19 @@ mod tests {
         }
         let camera =
             Camera::looking(glam::DVec3::new(0.5, 0.5, 2.0), glam::DVec3::new(0.5, 0.5, 0.0), 2.0, glam::DVec3::Y);
-        let director = Director::new(lookout.clone(), sender, &settings).unwrap();
+        let director = Director::new(mailbox.clone(), sender, &settings).unwrap();
         let seen = std::thread::scope(|scope| {
             scope.spawn(|| director.run());
-            scope.spawn(|| lookout.rest());
+            scope.spawn(|| mailbox.rest());
             let look = |hidden: &[usize], share: f64| {
                 let (view, stream) = (settings.view.clone(), settings.stream.clone());
                 let hidden = hidden.iter().copied().collect();
-                lookout.look(Viewpoint { camera, size: [800, 600], view, stream, hidden, share })
+                mailbox.look(Viewpoint { camera, size: [800, 600], view, stream, hidden, share })
             };
             let mut there = [BTreeMap::new(), BTreeMap::new()];
             let looks = [(&[][..], 1.0), (&[0], 1.0), (&[], 1.0), (&[], 1.0 / 3.0)];
             let seen = looks.map(|(hidden, share)| settled(&events, &mut there, look(hidden, share)));
-            lookout.end();
+            mailbox.end();
             seen
         });
         let [(both, demand), (one, _), (again, _), (third, demand_of_third)] = seen;

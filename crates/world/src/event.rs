@@ -101,7 +101,7 @@ pub struct Kept {
 /// What is there of all streamed clouds of a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StreamStats {
-    /// The look that it is about: what `Lookout::look` gave back; 0 before the first one.
+    /// The look that it is about: what `Mailbox::look` gave back; 0 before the first one.
     pub look: u64,
     /// Nothing is left to be done for it: all that it needs is there, and every index is complete.
     pub is_settled: bool,

@@ -14,7 +14,7 @@ use crate::chunk_key::Part;
 use crate::error::is_of_inputs;
 use crate::event::{Event, Opened, Paged};
 use crate::loader::Loader;
-use crate::lookout::{Arrival, Wish};
+use crate::mailbox::{Arrival, Wish};
 use crate::reading::Loading;
 use crate::source::{file_name, file_warnings, surfel_options, up_of};
 use crate::stage::{Making, Stage};
@@ -71,7 +71,7 @@ impl Loader {
         }
         // Before anything of what is there takes the place of the previews.
         let preview_points = self.preview_points() / missing.len().max(1) as u64;
-        missing.iter().for_each(|(paging, _)| self.lookout.keep_room(paging.cloud, preview_points));
+        missing.iter().for_each(|(paging, _)| self.mailbox.keep_room(paging.cloud, preview_points));
         let stream = |(paging, pages)| {
             self.stream(paging, pages, false, HashMap::new());
             paging
@@ -87,7 +87,7 @@ impl Loader {
         self.refine_all(&open)?;
         let mut again = HashSet::new();
         while !open.is_empty() {
-            for wish in self.lookout.rest()? {
+            for wish in self.mailbox.rest()? {
                 let (Wish::Mend(cloud) | Wish::Resume(cloud)) = wish;
                 let Some(paging) = open.iter().copied().find(|paging| paging.cloud == cloud) else { continue };
                 let is_kept = match wish {
@@ -109,7 +109,7 @@ impl Loader {
                 if is_kept {
                     self.refine_all(&[paging])?;
                 } else {
-                    self.lookout.close(cloud);
+                    self.mailbox.close(cloud);
                     open.retain(|paging| paging.cloud != cloud);
                 }
             }
@@ -119,7 +119,7 @@ impl Loader {
 
     /// Makes the index of a cloud if that was stopped; false if there will never be one.
     fn resume(&self, paging: &Paging, preview_points: u64) -> Option<bool> {
-        if self.lookout.stage(paging.cloud).is_none_or(|stopped| stopped.making != Making::Index) {
+        if self.mailbox.stage(paging.cloud).is_none_or(|stopped| stopped.making != Making::Index) {
             return Some(true);
         }
         let stage = self.plan_index(paging)?;
@@ -188,7 +188,7 @@ impl Loader {
     fn stream(&self, paging: &Paging, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
         let estimate = paging.is_native.then(|| self.surfel_options(paging, &pages)).flatten();
         let (cloud, input, pages) = (paging.cloud, paging.input.clone(), Arc::new(pages));
-        self.lookout.arrive(Arrival { cloud, input, pages, is_own: !paging.is_native, was_built, estimate, previews });
+        self.mailbox.arrive(Arrival { cloud, input, pages, is_own: !paging.is_native, was_built, estimate, previews });
     }
 
     /// Points of all previews of the job.
@@ -213,13 +213,13 @@ impl Loader {
         // Where it was stopped before, what was shown then still is: until the new preview is as large.
         let shown: u64 = previews().values().sum();
         let preview_points = if shown < preview_points { preview_points } else { 0 };
-        self.lookout.keep_room(cloud, preview_points + shown);
+        self.mailbox.keep_room(cloud, preview_points + shown);
         let old: Vec<Part> = if preview_points > 0 { previews().keys().copied().collect() } else { Vec::new() };
         let old = Mutex::new(old);
         // Points of the new preview so far.
         let counted = AtomicU64::new(0);
         let preview = |chunk: Chunk| {
-            self.lookout.give_way();
+            self.mailbox.give_way();
             let points = chunk.len() as u64;
             let part = Part::Preview(paging.previews_begun.fetch_add(1, Ordering::Relaxed));
             previews().insert(part, points);
@@ -254,7 +254,7 @@ impl Loader {
             }
             Err(Stopped::Cancelled) => {
                 let points = previews().values().sum();
-                self.lookout.keep_room(cloud, points);
+                self.mailbox.keep_room(cloud, points);
                 let summary = codec::Summary { points, cancelled: true, ..Default::default() };
                 self.send(Event::Read { cloud, summary }).map(|()| false)
             }
@@ -265,7 +265,7 @@ impl Loader {
                 for part in gone.into_keys() {
                     self.send(Event::Dropped { cloud, part })?;
                 }
-                self.lookout.keep_room(cloud, 0);
+                self.mailbox.keep_room(cloud, 0);
                 self.send(Event::Read { cloud, summary: codec::Summary::default() }).map(|()| false)
             }
         }
@@ -284,7 +284,7 @@ impl Loader {
 
     /// How normals and radii of an index of ours are to be estimated, and of how many points, if they are missing.
     fn lacking_surfels(&self, paging: &Paging) -> Option<(SurfelOptions, u64)> {
-        if paging.is_native || self.lookout.is_closed(paging.cloud) {
+        if paging.is_native || self.mailbox.is_closed(paging.cloud) {
             return None;
         }
         let pages = self.cache.as_ref().ok()?.open(&paging.sources).ok()??;
@@ -307,7 +307,7 @@ impl Loader {
         match estimated.and_then(|()| cache.open(&paging.sources)) {
             Ok(Some(pages)) => self.stream(paging, pages, false, HashMap::new()),
             Ok(None) | Err(stream::Error::Cancelled) => {}
-            Err(stream::Error::Damaged { .. }) => self.lookout.report_damage(paging.cloud),
+            Err(stream::Error::Damaged { .. }) => self.mailbox.report_damage(paging.cloud),
             Err(error) => {
                 let (input, is_usage) = (paging.input.clone(), is_of_inputs(&error));
                 self.send(Event::Failed { input, error: error.to_string(), is_usage })?;

@@ -14,7 +14,7 @@ use crate::director::Director;
 use crate::error::Result;
 use crate::event::Event;
 use crate::loader::Loader;
-use crate::lookout::Lookout;
+use crate::mailbox::Mailbox;
 use crate::source::parts;
 use crate::words::Input;
 
@@ -29,13 +29,13 @@ pub struct Job {
     /// surfels.
     pub progress: Arc<Progress>,
     /// Where to tell from where streamed clouds are looked at, and what is not to be made.
-    pub lookout: Arc<Lookout>,
+    pub mailbox: Arc<Mailbox>,
 }
 
 impl Job {
     /// Ends all that is under way; when it has cleared away what it had begun, `Event::Finished` comes.
     pub fn stop(&self) {
-        self.lookout.end();
+        self.mailbox.end();
         self.progress.cancel();
     }
 }
@@ -61,11 +61,11 @@ pub fn start_unseen(inputs: Vec<Input>, settings: &Settings) -> Job {
 fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache: Result<Cache>) -> Job {
     let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
     let progress = Arc::new(Progress::default());
-    let lookout = Arc::new(Lookout::default());
-    let job = Job { events, progress: progress.clone(), lookout: lookout.clone() };
+    let mailbox = Arc::new(Mailbox::default());
+    let job = Job { events, progress: progress.clone(), mailbox: mailbox.clone() };
     let (sender_of_loader, settings) = (sender.clone(), settings.clone());
     let cache = cache.map_err(|error| error.to_string());
-    let loader = Loader { sender: sender_of_loader, progress, lookout, settings, has_preview, cache };
+    let loader = Loader { sender: sender_of_loader, progress, mailbox, settings, has_preview, cache };
     // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
     let started = rayon::ThreadPoolBuilder::new()
         .thread_name(|index| format!("loader {index}"))
@@ -124,7 +124,7 @@ impl Loader {
             let (input, error) = ("streaming".into(), error.to_string());
             Event::Failed { input, error, is_usage: false }
         };
-        let director = match Director::new(self.lookout.clone(), self.sender.clone(), &self.settings) {
+        let director = match Director::new(self.mailbox.clone(), self.sender.clone(), &self.settings) {
             Ok(director) => director,
             Err(error) => return self.send(stopped(error)),
         };
@@ -134,7 +134,7 @@ impl Loader {
                 return self.send(stopped(error));
             }
             let done = self.page_all(paged, opened);
-            self.lookout.end();
+            self.mailbox.end();
             done
         })
     }

@@ -13,7 +13,7 @@ use super::*;
 use crate::budget::most_points;
 use crate::chunk_key::Part;
 use crate::event::Paged;
-use crate::lookout::Viewpoint;
+use crate::mailbox::Viewpoint;
 use crate::reading::Loading;
 use crate::source::open_file;
 
@@ -107,12 +107,12 @@ fn previews_and_cuts_of_all_clouds_together_keep_the_budget() {
     let cache = || Ok(Cache::new(folder.path().join("cache"), u64::MAX));
     // One of them has an index already.
     let first = start_with(inputs[..1].to_vec(), &settings, true, cache());
-    let look = first.lookout.look(viewpoint(&settings));
+    let look = first.mailbox.look(viewpoint(&settings));
     Received::default().settle(&first, look);
     drop(first);
 
     let job = start_with(inputs, &settings, true, cache());
-    let look = job.lookout.look(viewpoint(&settings));
+    let look = job.mailbox.look(viewpoint(&settings));
     let mut received = Received::default();
     received.settle(&job, look);
     assert!(received.most_preview > 0, "there was none: the test would prove nothing");
@@ -133,7 +133,7 @@ fn a_preview_keeps_what_the_gpu_may_hold() {
     settings.stream.gpu_bytes.0 = 2 << 20;
     let most = most_points(&settings.view, &settings.stream);
     let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
-    let look = job.lookout.look(viewpoint(&settings));
+    let look = job.mailbox.look(viewpoint(&settings));
     let mut received = Received::default();
     received.settle(&job, look);
     assert!((1..=most / 2).contains(&received.most_preview), "{}", received.most_preview);
@@ -148,30 +148,30 @@ fn what_was_stopped_is_made_after_all() {
     let settings = settings(scene::Paging::Always, BUDGET);
     let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
     // The preview waits for a picture, and meanwhile the index is stopped.
-    job.lookout.draw_first(true);
+    job.mailbox.draw_first(true);
     let mut received = Received::default();
     while received.read.is_empty() {
         let event = job.events.recv_timeout(PATIENCE).expect("it ends");
         if matches!(event, Event::Stage { .. }) {
             // By then it mostly waits. Where it does not yet, there is no preview to be made anew.
             std::thread::sleep(Duration::from_millis(200));
-            job.lookout.stop_all();
-            job.lookout.draw_first(false);
+            job.mailbox.stop_all();
+            job.mailbox.draw_first(false);
         }
         assert!(!matches!(event, Event::Pages { pages: Paged::Indexed { .. }, .. }), "it was not stopped");
         received.take(event);
     }
     assert!(received.points() < u64::from(BUDGET) / 4, "{}: more than the beginning of a preview", received.points());
-    job.lookout.resume(0);
-    let look = job.lookout.look(viewpoint(&settings));
+    job.mailbox.resume(0);
+    let look = job.mailbox.look(viewpoint(&settings));
     received.settle(&job, look);
     assert!(received.most_preview > u64::from(BUDGET) / 4, "{}: the preview stayed what it was", received.most_preview);
     assert!(received.chunks.keys().all(|(_, part)| matches!(part, Part::Node(_))), "a preview stays");
     assert!((360_000..=400_000).contains(&received.points()), "{}", received.points());
 
     // That all was stopped once does not keep an index from being mended.
-    job.lookout.stop_all();
-    job.lookout.report_damage(0);
+    job.mailbox.stop_all();
+    job.mailbox.report_damage(0);
     loop {
         let event = job.events.recv_timeout(PATIENCE).expect("it is mended");
         if let Event::Stage { stage, .. } = &event {
@@ -182,10 +182,10 @@ fn what_was_stopped_is_made_after_all() {
     }
     let mut moved = viewpoint(&settings);
     moved.camera.eye += DVec3::splat(0.1);
-    let look = job.lookout.look(moved);
+    let look = job.mailbox.look(moved);
     received.settle(&job, look);
     assert!((360_000..=400_000).contains(&received.points()) && received.failed == 0, "{}", received.points());
-    assert!(!job.lookout.is_closed(0));
+    assert!(!job.mailbox.is_closed(0));
 }
 
 #[test]
@@ -197,7 +197,7 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
     let loader = Loader {
         sender,
         progress: Arc::default(),
-        lookout: Arc::default(),
+        mailbox: Arc::default(),
         settings: Settings::default(),
         has_preview: true,
         cache: Err("none".into()),
@@ -215,22 +215,22 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
 
 #[test]
 fn reading_gives_way_to_the_first_picture() {
-    let lookout = Lookout::default();
+    let mailbox = Mailbox::default();
     let order = Mutex::new(Vec::new());
-    lookout.draw_first(true);
+    mailbox.draw_first(true);
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            lookout.give_way();
+            mailbox.give_way();
             order.lock().unwrap().push("read");
         });
         std::thread::sleep(Duration::from_millis(50));
         order.lock().unwrap().push("drawn");
-        lookout.draw_first(false);
+        mailbox.draw_first(false);
     });
     assert_eq!(order.into_inner().unwrap(), ["drawn", "read"]);
     // At other times, and at the end, nothing waits.
-    lookout.give_way();
-    lookout.draw_first(true);
-    lookout.end();
-    lookout.give_way();
+    mailbox.give_way();
+    mailbox.draw_first(true);
+    mailbox.end();
+    mailbox.give_way();
 }

@@ -2,7 +2,7 @@
 //! file and `glint info`.
 //!
 //! [`resolve`] tells what each word names. [`start`] opens and reads it on threads of its own and hands [`Event`]s over as they
-//! come. Where clouds are streamed, the [`Lookout`] tells those threads from where they are looked at.
+//! come. Where clouds are streamed, the [`Mailbox`] tells those threads from where they are looked at.
 
 mod assembly;
 mod budget;
@@ -16,7 +16,7 @@ mod indexing;
 mod job;
 mod light;
 mod loader;
-mod lookout;
+mod mailbox;
 pub mod mirrors;
 mod reading;
 mod resident;
@@ -33,7 +33,7 @@ pub use error::{Error, Result};
 pub use event::{Event, Kept, Opened, Paged, StreamStats};
 pub use job::{Job, start, start_unseen};
 pub use light::AutoLight;
-pub use lookout::{Lookout, Viewpoint, Wish};
+pub use mailbox::{Mailbox, Viewpoint, Wish};
 pub use resident::Resident;
 pub use source::{file_warnings, open_file, parts, read_column, surfel_options, up_of};
 pub use stage::{LEAST_TIME, Making, Stage, Standing};

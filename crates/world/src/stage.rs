@@ -1,5 +1,6 @@
 //! What takes its time for one cloud, its index or its normals and radii: how far it is, how fast it goes, and the wish to stop it.
 
+use std::collections::{BTreeMap, HashSet};
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -106,6 +107,57 @@ impl Stage {
         let (start, before) = *from.get_or_insert((now, done));
         let time = now.duration_since(start);
         (time >= LEAST_TIME && done > before).then(|| (done - before) as f64 / time.as_secs_f64())
+    }
+}
+
+/// What is made for the clouds of a job.
+#[derive(Default)]
+pub(crate) struct Stages {
+    /// By cloud.
+    latest: BTreeMap<usize, Arc<Stage>>,
+    /// Nothing more is to be made.
+    is_stopped: bool,
+    /// Nothing is made for these any more.
+    closed: HashSet<usize>,
+}
+
+impl Stages {
+    /// Already stopped, if that is so of the cloud or of all that is made.
+    pub fn plan(&mut self, cloud: usize, stage: Stage) -> Arc<Stage> {
+        let stage = Arc::new(stage);
+        self.latest.insert(cloud, stage.clone());
+        if self.is_stopped || self.is_closed(cloud) {
+            self.stop(cloud);
+        }
+        stage
+    }
+
+    /// What was planned last for a cloud.
+    pub fn latest(&self, cloud: usize) -> Option<Arc<Stage>> {
+        self.latest.get(&cloud).cloned()
+    }
+
+    pub fn stop(&self, cloud: usize) {
+        self.latest.get(&cloud).iter().for_each(|stage| stage.progress.cancel());
+    }
+
+    pub fn stop_all(&mut self) {
+        self.is_stopped = true;
+        self.latest.values().for_each(|stage| stage.progress.cancel());
+    }
+
+    /// What is planned from now on is made.
+    pub fn go_on(&mut self) {
+        self.is_stopped = false;
+    }
+
+    pub fn close(&mut self, cloud: usize) {
+        self.closed.insert(cloud);
+        self.stop(cloud);
+    }
+
+    pub fn is_closed(&self, cloud: usize) -> bool {
+        self.closed.contains(&cloud)
     }
 }
 
