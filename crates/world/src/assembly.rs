@@ -219,3 +219,62 @@ fn put_column(chunk: &mut Chunk, attribute: usize, columns: &BTreeMap<u64, Arc<C
     }
     chunk.columns[attribute] = Some(column.clone());
 }
+
+#[cfg(test)]
+mod tests {
+    use cloud::{Attribute, ColumnType};
+    use stream::NodeId;
+
+    use super::*;
+
+    fn classes(first_point: u64, values: &[u8]) -> Chunk {
+        let mut chunk = Chunk::new(first_point, DVec3::ZERO, values.iter().map(|at| [f32::from(*at); 3]).collect());
+        chunk.columns = vec![Some(Arc::new(Column::U8(values.to_vec())))];
+        chunk
+    }
+
+    fn opened() -> Assembly {
+        let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+        let warnings = vec!["said at once".to_owned()];
+        Assembly::open(CloudKey(3), Opened { attributes, expected_points: 9, warnings, ..Opened::default() }).0
+    }
+
+    #[test]
+    fn chunks_are_in_the_order_of_their_parts_however_they_come() {
+        let mut cloud = opened();
+        for part in [Part::Node(NodeId(2)), Part::Preview(0), Part::Node(NodeId(0))] {
+            let change = cloud.put(part, classes(0, &[1, 2]));
+            assert!(matches!(change, Change::Put { key, classes: Some(0), .. } if key == CloudKey(3).chunk(part)));
+        }
+        let parts = |cloud: &Assembly| cloud.chunk_bounds().map(|(part, _)| part).collect::<Vec<_>>();
+        assert_eq!(parts(&cloud), [Part::Preview(0), Part::Node(NodeId(0)), Part::Node(NodeId(2))]);
+        cloud.put(Part::Node(NodeId(0)), classes(0, &[8]));
+        assert_eq!((cloud.points, cloud.total()), (5, 9));
+        assert_eq!(cloud.chunk(Part::Node(NodeId(0))).map(Chunk::len), Some(1));
+        assert!(cloud.take_out(Part::Node(NodeId(0))).is_some() && cloud.take_out(Part::Node(NodeId(0))).is_none());
+        assert_eq!((cloud.points, cloud.bounds.max), (4, DVec3::splat(2.0)));
+        assert_eq!(cloud.changes().len(), 3, "the cloud and two chunks");
+    }
+
+    #[test]
+    fn a_column_that_comes_late_reaches_chunks_from_before_and_after_it() {
+        let mut cloud = opened();
+        let bare = |first_point| Chunk { columns: Vec::new(), ..classes(first_point, &[0]) };
+        cloud.put(Part::Block(0), bare(0));
+        let columns = [0, 1].map(|first| (first, Arc::new(Column::U8(vec![first as u8 + 7]))));
+        assert_eq!(cloud.put_late_column(0, columns.into()).len(), 1, "classes are sent again");
+        cloud.put(Part::Block(1), bare(1));
+        for (block, class) in [(0, 7), (1, 8)] {
+            let column = cloud.chunk(Part::Block(block)).and_then(|chunk| chunk.columns[0].clone());
+            assert_eq!(column.map(|column| column.value(0)), Some(f64::from(class)));
+        }
+    }
+
+    #[test]
+    fn what_was_said_when_a_file_was_opened_is_not_said_when_it_is_read() {
+        let warnings = vec!["said at once".to_owned(), "found on the way".to_owned()];
+        let mut cloud = opened();
+        assert_eq!(cloud.end(&codec::Summary { warnings, ..Default::default() }), ["found on the way"]);
+        assert!(cloud.is_read);
+    }
+}
