@@ -155,6 +155,23 @@ fn a_chunk_of_one_point_takes_no_decoder() {
     }
 }
 
+#[test]
+fn lines_that_leave_out_numbers_take_no_more_than_some_of_their_points_do() {
+    let _alone = alone();
+    let ply = |properties: usize, lines: usize| {
+        let properties: String = (0..properties).map(|index| format!("property double p{index}\n")).collect();
+        let axes = "property double x\nproperty double y\nproperty double z\n";
+        let header = format!("ply\nformat ascii 1.0\nelement vertex {lines}\n{axes}{properties}end_header\n");
+        file(&[header.as_bytes(), "0\n".repeat(lines).as_bytes()].concat())
+    };
+    let wide = ply(4_000, 10_000);
+    let (bytes, read) = read_all(wide.path(), u64::MAX);
+    assert_eq!(read, Ok(10_000));
+    assert!(bytes < 64 * MB, "{bytes} bytes");
+    let error = read_all(ply(4_094, 1).path(), u64::MAX).1.unwrap_err();
+    assert!(error.contains("header line 4100") && error.contains("more than 4096 properties"), "{error}");
+}
+
 /// Files below a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|item| item.unwrap().path()).collect();
