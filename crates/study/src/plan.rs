@@ -5,6 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::Path;
+use std::sync::Arc;
 
 use param::{Choice as _, Kind};
 use scene::{Method, Settings};
@@ -20,6 +21,12 @@ pub const RAY_TRACE: &str = "ray_trace";
 
 /// Most settings of a plan: at a second each it would run for a day on the fastest machine.
 const MOST_CASES: usize = 100_000;
+
+/// Bytes that the settings of a plan take, at most: what names and values a few lines repeat may be long.
+const MOST_CASE_BYTES: usize = 32 << 20;
+
+/// Keys that a group sweeps, at most: each doubles the number of settings, or sweeps nothing.
+const MOST_SWEPT: usize = 64;
 
 /// Swept in place of a parameter: the picture's size, as in `640x480`.
 pub const SIZE: &str = "size";
@@ -255,8 +262,8 @@ pub struct Case {
     pub size: [u32; 2],
     /// Swept keys and variables with their values, sorted by key.
     pub swept: Vec<(String, String)>,
-    /// Parameters that plan and group set.
-    pub set: Vec<(String, String)>,
+    /// Parameters that plan and group set; one list for all settings of a group.
+    pub set: Arc<[(String, String)]>,
 }
 
 impl Case {
@@ -425,7 +432,9 @@ impl Plan {
             let combinations: usize = sweeps.iter().map(|(_, values)| values.len()).product();
             let set = self.set.iter().filter(|(key, _)| !group.set.contains_key(*key)).chain(&group.set);
             let set = set.filter(|(key, _)| !group.sweep.contains_key(*key));
-            let set: Vec<(String, String)> = set.map(|(key, value)| (key.clone(), plain_text(value))).collect();
+            let set: Arc<[(String, String)]> = set.map(|(key, value)| (key.clone(), plain_text(value))).collect();
+            // Exactly: a list that grows is there twice while it does.
+            cases.reserve_exact(group.scenes.len() * group.methods.len() * combinations);
             for scene_pattern in &group.scenes {
                 for method in &group.methods {
                     for combination in 0..combinations {
@@ -436,9 +445,7 @@ impl Plan {
                             rest /= values.len();
                         }
                         swept.reverse();
-                        let scene = swept.iter().fold(scene_pattern.clone(), |scene, (key, value)| {
-                            scene.replace(&format!("{{{key}}}"), value)
-                        });
+                        let scene = filled(scene_pattern, &swept);
                         let size = swept.iter().find(|(key, _)| key == SIZE);
                         let Size(size) = size.and_then(|(_, value)| value.parse().ok()).unwrap_or(self.size);
                         cases.push(Case {
@@ -481,7 +488,7 @@ impl Plan {
         if self.groups.is_empty() {
             return Err(problem(&["group"], "no [[group]], expected one or more"));
         }
-        let mut total = 0_usize;
+        let (mut total, mut total_bytes) = (0_usize, 0_usize);
         let mut files: HashMap<String, &str> = HashMap::new();
         for (index, group) in self.groups.iter().enumerate() {
             let number = index.to_string();
@@ -501,10 +508,17 @@ impl Plan {
                 return Err(problem(&[&group_path[..], &["name"]].concat(), text));
             }
             files.insert(file, &group.name);
-            total = total.saturating_add(group.check(&group_path, self)?);
+            let (settings, bytes) = group.check(&group_path, self)?;
+            (total, total_bytes) = (total.saturating_add(settings), total_bytes.saturating_add(bytes));
             if total > MOST_CASES {
                 let text = format!("the plan has {total} settings or more, expected at most {MOST_CASES}");
                 return Err(problem(&[&group_path[..], &["sweep"]].concat(), text));
+            }
+            if total_bytes > MOST_CASE_BYTES {
+                let (bytes, most) = (total_bytes >> 20, MOST_CASE_BYTES >> 20);
+                let text =
+                    format!("the plan's settings take {bytes} MB, expected at most {most}: fewer, or shorter names");
+                return Err(problem(&[&group_path[..], &["scenes"]].concat(), text));
             }
         }
         Ok(())
@@ -512,8 +526,8 @@ impl Plan {
 }
 
 impl Group {
-    /// The number of its settings.
-    fn check(&self, path: &[&str], plan: &Plan) -> Result<usize, Problem> {
+    /// The number of its settings, and the bytes that they take at most.
+    fn check(&self, path: &[&str], plan: &Plan) -> Result<(usize, usize), Problem> {
         let at = |rest: &[&str], text: String| problem(&[path, rest].concat(), text);
         for (key, list) in [("scenes", &self.scenes), ("methods", &self.methods)] {
             if list.is_empty() {
@@ -530,6 +544,11 @@ impl Group {
         self.figures.iter().try_for_each(|name| check(name).map_err(|text| at(&["figures"], text)))?;
         check_set(&self.set, &[path, &["set"]].concat())?;
         let mut count = self.scenes.len().saturating_mul(self.methods.len());
+        if self.sweep.len() > MOST_SWEPT {
+            let text = format!("{} keys are swept, expected at most {MOST_SWEPT}", self.sweep.len());
+            return Err(at(&["sweep"], text));
+        }
+        let mut longest = Vec::new();
         for (key, sweep) in &self.sweep {
             let values = sweep_length(sweep).map_err(|text| at(&["sweep", key], format!("{key}: {text}")))?;
             count = count.saturating_mul(values);
@@ -537,7 +556,8 @@ impl Group {
                 let text = format!("the plan has {count} settings or more, expected at most {MOST_CASES}");
                 return Err(at(&["sweep", key], text));
             }
-            self.check_sweep(key, sweep).map_err(|text| at(&["sweep", key], text))?;
+            let length = self.check_sweep(key, sweep).map_err(|text| at(&["sweep", key], text))?;
+            longest.push((key.as_str(), length));
         }
         for (index, scene) in self.scenes.iter().enumerate() {
             self.check_names(scene).map_err(|text| at(&["scenes", &index.to_string()], text))?;
@@ -545,33 +565,36 @@ impl Group {
         if let Some(bound) = &self.bound {
             check(&bound.figure).and_then(|()| self.check_bound(bound)).map_err(|text| at(&["bound"], text))?;
         }
-        Ok(count)
+        let swept =
+            longest.iter().map(|(key, length)| size_of::<(String, String)>() + key.len() + length).sum::<usize>();
+        let scene = |scene: &String| scene.len().saturating_add(filled_length(scene, &longest));
+        let scene = self.scenes.iter().map(scene).max().unwrap_or(0);
+        Ok((count, count.saturating_mul((size_of::<Case>() + swept).saturating_add(scene))))
     }
 
-    fn check_sweep(&self, key: &str, sweep: &toml::Value) -> Result<(), String> {
+    /// The length of the longest value.
+    fn check_sweep(&self, key: &str, sweep: &toml::Value) -> Result<usize, String> {
         let values = swept_values(key, sweep).map_err(|text| format!("{key}: {text}"))?;
         if let Some(value) = twice(&values) {
             return Err(format!("{key}: the value {value} occurs twice"));
         }
         if key == SIZE {
-            values.iter().try_for_each(|value| value.parse::<Size>().map(|_| ()))
+            values.iter().try_for_each(|value| value.parse::<Size>().map(|_| ()))?;
         } else if key.contains('.') {
-            values.iter().try_for_each(|value| check_parameter(key, value))
-        } else if self.scenes.iter().any(|scene| scene.contains(&format!("{{{key}}}"))) {
-            Ok(())
-        } else {
-            Err(format!("the variable `{key}` is in no scene, expected {{{key}}} in one, or a parameter `group.name`"))
+            values.iter().try_for_each(|value| check_parameter(key, value))?;
+        } else if !self.scenes.iter().any(|scene| scene.contains(&format!("{{{key}}}"))) {
+            return Err(format!(
+                "the variable `{key}` is in no scene, expected {{{key}}} in one, or a parameter `group.name`"
+            ));
         }
+        Ok(values.iter().map(String::len).max().unwrap_or(0))
     }
 
     fn check_names(&self, scene: &str) -> Result<(), String> {
-        let mut rest = scene;
-        while let Some((_, opened)) = rest.split_once('{') {
-            let name = opened.split('}').next().unwrap_or_default();
+        for name in parts(scene).filter_map(|(name, _)| name) {
             if !self.sweep.contains_key(name) {
                 return Err(format!("`{scene}`: the variable `{name}` is not swept, expected it as a key of `sweep`"));
             }
-            rest = opened;
         }
         Ok(())
     }
@@ -589,6 +612,33 @@ impl Group {
         }
         Ok(())
     }
+}
+
+/// The texts of a scene between the names of variables: each name stands before its text, none before the first.
+fn parts(scene: &str) -> impl Iterator<Item = (Option<&str>, &str)> {
+    let (first, rest) = scene.split_once('{').map_or((scene, None), |(first, rest)| (first, Some(rest)));
+    let named = rest.into_iter().flat_map(|rest| rest.split('{'));
+    let named = named.map(|part| part.split_once('}').map_or((Some(part), ""), |(name, text)| (Some(name), text)));
+    std::iter::once((None, first)).chain(named)
+}
+
+/// A scene with the values of variables in place of their names. What a value holds is not replaced again.
+fn filled(scene: &str, swept: &[(String, String)]) -> String {
+    let mut filled = String::new();
+    for (name, text) in parts(scene) {
+        let value = name.and_then(|name| swept.iter().find(|(key, _)| key == name));
+        filled += value.map_or("", |(_, value)| value);
+        filled += text;
+    }
+    filled
+}
+
+/// Bytes of a scene with values of these lengths.
+fn filled_length(scene: &str, lengths: &[(&str, usize)]) -> usize {
+    parts(scene).fold(0, |total, (name, text)| {
+        let value = name.and_then(|name| lengths.iter().find(|(key, _)| *key == name));
+        total.saturating_add(value.map_or(0, |(_, length)| *length)).saturating_add(text.len())
+    })
 }
 
 /// Whether a scene is named by a path, as opposed to a built-in scene's name.

@@ -216,3 +216,25 @@ fn scenes_in_files_are_beside_the_plan() {
     let missing = Plan::read(&folder.path().join("none.toml")).unwrap_err().to_string();
     assert!(missing.contains("none.toml: "), "{missing}");
 }
+
+#[test]
+fn what_a_value_holds_is_not_replaced_again() {
+    let plan = "title = \"t\"\n[[group]]\nscenes = [\"{a}/{b}-{a}\"]\n[group.sweep]\na = [\"{b}{b}\"]\nb = [\"x\"]\n";
+    let cases = Plan::parse("plan", plan).unwrap().cases();
+    assert_eq!(cases[0].scene, "{b}{b}/x-{b}{b}");
+}
+
+#[test]
+fn settings_that_take_too_much_memory_are_refused_before_they_are_made() {
+    let refused = |scene: &str, sweep: &str| {
+        let plan = format!("title = \"t\"\n[[group]]\nscenes = [\"{scene}\"]\n[group.sweep]\n{sweep}\n");
+        Plan::parse("plan", &plan).unwrap_err().to_string()
+    };
+    let range = "v = { from = 0, to = 1, count = 9000 }";
+    let long = "x".repeat(10_000);
+    assert!(refused(&format!("{long}{{v}}"), range).starts_with("plan:3: the plan's settings take "));
+    assert!(refused("{v}", &format!("{range}\n\"gi.bounces\" = [\"{long}\"]")).contains("gi.bounces"));
+    let names: String = (0..3000).map(|index| format!("{{v{index}}}")).collect();
+    let values: String = (0..3000).map(|index| format!("v{index} = [1]\n")).collect();
+    assert!(refused(&format!("{names}{{v}}"), &format!("{values}{range}")).contains("3001 keys are swept"));
+}
