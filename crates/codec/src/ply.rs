@@ -69,6 +69,9 @@ impl PlySource {
         })?;
 
         let rows = rows::locate(&file, &header, vertex).map_err(io_error)?;
+        if header.encoding == Encoding::Ascii {
+            check_length(&rows, element).map_err(header_error)?;
+        }
         let mut warnings = Vec::new();
         if rows.count < element.count {
             let reason = rows.problem.as_deref().unwrap_or("the file ends early");
@@ -318,6 +321,22 @@ fn decide_conventions(
         roles.normals = None;
     }
     Ok(())
+}
+
+/// Whether lines of text are long enough for what the header says: each number that is missing at the end of one takes the time
+/// and memory of a number all the same. A few lines may be as short as they like.
+fn check_length(rows: &Rows, element: &Element) -> std::result::Result<(), String> {
+    /// A number takes a digit and what separates it from the next; one in eight must be there.
+    const NUMBERS_PER_BYTE: u64 = 4;
+    const FEW: u64 = 1 << 20;
+    let (properties, bytes) =
+        (element.properties.len(), rows.end - rows.blocks.first().map_or(rows.end, |first| first.offset));
+    let numbers = rows.count.saturating_mul(properties as u64);
+    if numbers <= FEW || numbers / NUMBERS_PER_BYTE <= bytes {
+        return Ok(());
+    }
+    let (name, count) = (brief(&element.name), rows.count);
+    Err(format!("element {name} has {properties} properties, but its {count} lines only {bytes} bytes"))
 }
 
 /// Says that faces are not shown, and how much of what follows the vertices is missing.

@@ -504,6 +504,16 @@ fn damaged_lines_are_counted_and_keep_their_place() {
 }
 
 #[test]
+fn lines_far_too_short_for_their_header_are_refused_where_they_are_many() {
+    let more: String = (0..100).map(|index| format!("property double a{index}\n")).collect();
+    let header = |lines: usize| format!("element vertex {lines}\n{XYZ}\n{}", more.trim_end());
+    let read = read_bytes(&ascii(&header(1000), &"1 2 3\n".repeat(1000)));
+    assert_eq!((read.positions.len(), read.positions[999]), (1000, DVec3::new(1.0, 2.0, 3.0)));
+    let refused = error_of(&ascii(&header(20_000), &"1 2 3\n".repeat(20_000)));
+    assert!(refused.contains("103 properties, but its 20000 lines only 120000 bytes"), "{refused}");
+}
+
+#[test]
 fn files_cut_short_give_what_is_there() {
     let header = format!("element vertex 4\n{XYZ}");
     // The last line may end inside a number: it is left out.
