@@ -112,7 +112,7 @@ impl SceneFile {
     /// Not TOML, or not of this form: with the line. A mirror or light that cannot be: with its number and name.
     pub fn parse(text: &str) -> Result<Self, Error> {
         let file: Self =
-            toml::from_str(text).map_err(|error| Error::Malformed { problem: problem_of(&error, text) })?;
+            whole_file::from_toml(text).map_err(|error| Error::Malformed { problem: problem_of(&error, text) })?;
         // Comparisons that a NaN fails.
         let is_near = |place: DVec3| place.abs().cmple(DVec3::splat(MOST_COORDINATE)).all();
         let is_camera = |camera: &Camera| is_near(camera.eye) && is_near(camera.pivot) && camera.up.is_finite();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Settings};
+use crate::{Error, Settings, whole_file};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -45,7 +45,7 @@ impl Preferences {
     /// # Errors
     /// Not TOML, or not of this form: what is wrong, in a line.
     pub fn parse(text: &str) -> Result<Self, Error> {
-        toml::from_str(text)
+        whole_file::from_toml(text)
             .map_err(|error| Error::Preferences { problem: param::shortened(error.message(), param::MOST_QUOTED * 4) })
     }
 

@@ -5,10 +5,18 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
+use serde::de::{DeserializeOwned, Error as _};
+
 use crate::{Error, shown};
 
 /// A scene of a thousand clouds, with a camera path of an hour, takes a tenth of it.
 pub const MOST_BYTES: u64 = 16 << 20;
+
+/// What the values of a side file may take in memory while it is taken apart, besides ten times its bytes.
+const MOST_VALUE_BYTES: usize = 48 << 20;
+/// Bytes that a table takes (1 kB measured, with the map of its keys), and a value (280 measured).
+const TABLE_BYTES: usize = 1100;
+const VALUE_BYTES: usize = 300;
 
 /// The text of a side file.
 ///
@@ -51,6 +59,36 @@ pub fn read_from(input: impl Read, name: &str) -> Result<String, Error> {
     })
 }
 
+/// What TOML says. Two bytes of it may be a value, of some hundred bytes in memory, so that they are counted first.
+///
+/// # Errors
+/// Not TOML, not of this form, or more values than there is memory for.
+pub fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T, toml::de::Error> {
+    // A table or list starts with a bracket, or behind the dot of a key.
+    let (mut tables, mut values) = (0, 0);
+    for (at, byte) in text.bytes().enumerate() {
+        match byte {
+            b'.' if !is_of_number(&text.as_bytes()[at + 1..]) => tables += 1,
+            b'[' | b'{' => tables += 1,
+            b',' | b'=' | b'.' => values += 1,
+            _ => {}
+        }
+    }
+    let bytes = TABLE_BYTES * tables + VALUE_BYTES * values;
+    if bytes > MOST_VALUE_BYTES.saturating_add(8 * text.len()) {
+        let problem = format!("{tables} tables and {values} values: too many for a text that is read whole");
+        return Err(toml::de::Error::custom(problem));
+    }
+    toml::from_str(text)
+}
+
+/// Whether what stands behind a dot ends a number, and not a key.
+fn is_of_number(rest: &[u8]) -> bool {
+    let digits = rest.iter().take_while(|byte| byte.is_ascii_alphanumeric() || b"_+-".contains(byte)).count();
+    let next = rest[digits..].iter().find(|byte| !b" \t".contains(byte));
+    rest.first().is_some_and(u8::is_ascii_digit) && !next.is_some_and(|byte| b"=.".contains(byte))
+}
+
 fn too_large(name: &str) -> Error {
     let problem = format!("more than {} MB, expected a text of some kilobytes", MOST_BYTES >> 20);
     unreadable(name, ErrorKind::FileTooLarge, problem)
@@ -84,6 +122,17 @@ mod tests {
         assert!(problem(&path("bytes")).contains("byte 1 is no UTF-8"));
         let missing = read(&path("missing"));
         assert!(matches!(missing, Err(Error::Unreadable { kind: ErrorKind::NotFound, .. })), "{missing:?}");
+    }
+
+    #[test]
+    fn more_values_than_there_is_memory_for_are_refused() {
+        let problem = |text: &str| from_toml::<toml::Table>(text).unwrap_err().to_string();
+        assert!(problem(&format!("a = [{}]", "0,".repeat(4_000_000))).contains("4000001 values: too many"));
+        let keys: String = (0..100_000).map(|index| format!("a{index}.b.c.d.e = 1\n")).collect();
+        assert!(problem(&keys).contains("400000 tables"));
+        // The path of a camera: an hour, ten times a second.
+        let places = "[635619.123, 848899.732, 406.591],\n".repeat(12_000);
+        assert!(from_toml::<toml::Table>(&format!("places = [\n{places}]")).is_ok());
     }
 
     #[cfg(unix)]

@@ -367,7 +367,7 @@ impl Plan {
     /// # Errors
     /// As for [`Plan::read`].
     pub fn parse(place: &str, text: &str) -> Result<Self, PlanError> {
-        let mut plan: Self = toml::from_str(text).map_err(|error| {
+        let mut plan: Self = scene::whole_file::from_toml(text).map_err(|error| {
             let line = error.span().map(|span| line_at(text, span.start));
             let problem = param::shortened(&error.message().trim().replace('\n', "; "), MOST_TOLD);
             PlanError { place: at_line(place, line), problem }
