@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, TextureId, Ui};
 
+use param::Params;
 use scene::{MirrorPoints, Show};
 use world::{LEAST_TIME, Making, Stage, Standing};
 
@@ -19,16 +20,8 @@ use super::{
     streaming_panel, sweep, timings_panel, truth_panel, tuning,
 };
 
-/// Groups of parameters that a panel of their own shows.
-const SHOWN_ELSEWHERE: [&str; 8] = ["color", "light", "sun", "gi", "tone", "edl", "trace", "stream"];
-
-/// Sections of the panel made of parameters alone: title and groups. Groups that no section names get one of their own.
-const SECTIONS: [(&str, &[&str]); 4] = [
-    ("Splats and view", &["splat", "view"]),
-    ("Reflections", &["mirror", "reflection", "environment_map", "sscr"]),
-    ("When streaming", &["stream"]),
-    ("When loading", &["surface", "scene"]),
-];
+/// Sections of parameters that panels of their own show. The others are made of parameters alone.
+const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
 
 /// Draws everything; `picture` is the render thread's last frame.
 pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
@@ -110,21 +103,22 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
         section(ui, "Colour", true, |ui| colors_panel::show(ui, state));
         state.light_panel_is_open = section(ui, "Light", true, |ui| light_panel::show(ui, state));
         section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state));
-        for (title, groups) in SECTIONS {
-            if title == "When streaming" && is_streaming {
+        let mut shown: Vec<&str> = OWN_PANELS.into();
+        // While something is streamed, its parameters are in the section above.
+        shown.extend(is_streaming.then_some(scene::Stream::table().section));
+        for group in state.settings.groups().map(Params::group) {
+            if shown.contains(&group.section) {
                 continue;
             }
-            section(ui, title, !["When streaming", "When loading"].contains(&title), |ui| {
-                if groups.contains(&"sscr") {
+            shown.push(group.section);
+            // What acts when points are read is seldom changed.
+            let acts_at_once = group.fields.iter().any(|field| !field.affects.points);
+            section(ui, group.section, acts_at_once, |ui| {
+                if group.section == scene::Sscr::table().section {
                     presets::show(ui, &mut state.settings);
                 }
-                parameter_groups(ui, state, |name| groups.contains(&name))
+                parameter_groups(ui, state, group.section)
             });
-        }
-        let is_named =
-            |name: &str| SHOWN_ELSEWHERE.contains(&name) || SECTIONS.iter().any(|(_, groups)| groups.contains(&name));
-        if state.settings.groups().iter().any(|params| !is_named(params.group().name)) {
-            section(ui, "More", false, |ui| parameter_groups(ui, state, |name| !is_named(name)));
         }
         section(ui, "Truth", true, |ui| truth_panel::show(ui, state));
         section(ui, "Timings", false, |ui| timings_panel::show(ui, state));
@@ -144,9 +138,9 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut U
     shown.body_response.is_some()
 }
 
-fn parameter_groups(ui: &mut Ui, state: &mut State, wanted: impl Fn(&str) -> bool) {
+fn parameter_groups(ui: &mut Ui, state: &mut State, section: &str) {
     let mut groups: Vec<_> = state.settings.groups_mut().into_iter().collect();
-    groups.retain(|params| wanted(params.group().name));
+    groups.retain(|params| params.group().section == section);
     let are_several = groups.len() > 1;
     for params in groups {
         if are_several {
@@ -458,10 +452,12 @@ mod tests {
         for title in ["Clouds", "Colour", "Mirrors", "Splats and view", "Light", "When loading", "Timings"] {
             assert!(harness.query_all_by_label(title).next().is_some(), "{title}");
         }
-        let named: Vec<&str> = SECTIONS.iter().flat_map(|(_, groups)| groups.iter().copied()).collect();
-        for params in harness.state().settings.groups() {
-            let name = params.group().name;
-            assert!(named.contains(&name) || SHOWN_ELSEWHERE.contains(&name), "{name} has no section");
+        for group in harness.state().settings.groups().map(Params::group) {
+            assert!(harness.query_all_by_label(group.section).next().is_some(), "{}", group.section);
+        }
+        for title in OWN_PANELS {
+            let is_of = |group: &param::Group| group.section == title;
+            assert!(harness.state().settings.groups().map(Params::group).into_iter().any(is_of), "{title}");
         }
     }
 

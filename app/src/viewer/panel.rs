@@ -4,7 +4,6 @@
 use egui::{Id, RichText, Sense, Ui};
 use param::{Field, Kind, Params, Value};
 
-use super::sweep::can_be_swept;
 use super::theme;
 use super::widgets::{NAME_WIDTH, name_label};
 
@@ -69,7 +68,7 @@ fn sweep_asked() -> Id {
 }
 
 fn sweep_menu(response: &egui::Response, group: &str, field: &Field) {
-    if !can_be_swept(group, field) {
+    if !field.can_be_swept() {
         return;
     }
     let is_asked = response.ctx.rect_contains_pointer(response.layer_id, response.rect)

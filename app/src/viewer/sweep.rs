@@ -51,14 +51,6 @@ pub struct Sweep {
     progress: Arc<Progress>,
 }
 
-/// Whether other values of a parameter show in the view at hand: not those of points that are read, sampled and coloured before
-/// anything is drawn, nor what only spares frames that follow others.
-pub fn can_be_swept(group: &str, field: &Field) -> bool {
-    let is_drawn = !["surface", "scene", "color", "stream"].contains(&group);
-    let acts = ![("view", "up"), ("view", "point_budget"), ("reflection", "keep")].contains(&(group, field.name));
-    is_drawn && acts && !matches!(field.kind, Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. })
-}
-
 /// Where sweeps are saved, the best first.
 fn places() -> Vec<PathBuf> {
     let current = std::path::absolute(".").unwrap_or_default();
@@ -128,7 +120,7 @@ impl State {
         let Some((group, name)) = key.split_once('.') else { return };
         let group = self.settings.groups().into_iter().map(param::Params::group).find(|known| known.name == group);
         let field = group.and_then(|group| group.fields.iter().find(|field| field.name == name));
-        let field = field.filter(|field| group.is_some_and(|group| can_be_swept(group.name, field)));
+        let field = field.filter(|field| field.can_be_swept());
         if field.is_none() {
             self.messages.note(format!("{key} changes nothing in the view at hand: there is nothing to sweep"));
         }
@@ -378,7 +370,7 @@ mod tests {
                 let key = format!("{}.{}", group.group().name, field.name);
                 state.ask_sweep(&key);
                 let ask = state.sweep_asked.take();
-                assert_eq!(ask.is_some(), can_be_swept(group.group().name, field), "{key}");
+                assert_eq!(ask.is_some(), field.can_be_swept(), "{key}");
                 assert!(ask.iter().all(|ask| ask.values().is_ok()), "{key}");
                 swept += usize::from(ask.is_some());
             }

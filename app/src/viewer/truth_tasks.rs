@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 use cloud::{Chunk, Cloud, Column, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Objects};
-use scene::{Mirror, Reflection, Settings};
+use scene::Mirror;
 use study::{Accuracy, Drawn, ImageError, Part, Refinement, TracedScene, Tracer, Truth, View, mirrors_of};
 use world::mirrors::{self, Marked};
 
@@ -203,21 +203,7 @@ impl FrameRequest {
     /// The same for all frames with one truth: without what only says how the renderer finds, shades and shows things. The parameters
     /// of methods are left out as a whole.
     pub fn truth_basis(&self) -> Self {
-        let Settings { view, splat, color, light, sun, gi, trace, mirror, reflection, .. } = self.settings.clone();
-        let (others, bounces) = (Settings::default(), gi.bounces);
-        let settings = Settings {
-            view,
-            splat,
-            color,
-            sun,
-            trace,
-            mirror,
-            light: scene::Light { show: others.light.show, ..light },
-            gi: scene::Gi { bounces, ..others.gi },
-            reflection: Reflection { bounces: reflection.bounces, ..others.reflection },
-            ..others
-        };
-        Self { settings, ..self.clone() }
+        Self { settings: self.settings.only(|field| field.affects.truth), ..self.clone() }
     }
 
     fn view(&self) -> View<'_> {
@@ -449,7 +435,7 @@ impl FrameRequest {
     pub fn any() -> Self {
         Self {
             camera: scene::five_mirrors::camera(),
-            settings: Settings::default(),
+            settings: scene::Settings::default(),
             mirrors: Vec::new(),
             lights: Vec::new(),
             sky_is_open: false,
@@ -464,7 +450,7 @@ impl FrameRequest {
 #[cfg(test)]
 mod tests {
     use cloud::{Attribute, ColumnType};
-    use scene::{Method, Quality};
+    use scene::{Method, Quality, Settings};
 
     use super::super::render_thread::hurried;
     use super::*;

@@ -25,6 +25,38 @@ pub struct Field {
     /// Empty for a pure number or a choice.
     pub unit: &'static str,
     pub kind: Kind,
+    pub affects: Affects,
+    pub uses: Uses,
+}
+
+/// What is made anew when a parameter changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Affects {
+    /// What is read, sampled and estimated before anything is drawn.
+    pub points: bool,
+    /// The surfaces that are seen, and what mirrors show of them.
+    pub found: bool,
+    /// The light on them.
+    pub shading: bool,
+    /// What is shown of it all.
+    pub view: bool,
+    /// The ray-traced truth of a view.
+    pub truth: bool,
+}
+
+/// What a parameter can be used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Uses {
+    /// It is a preference of the person and kept from run to run; it does not belong to the data at hand.
+    pub kept: bool,
+    /// Other values show in the view at hand.
+    pub swept: bool,
+}
+
+impl Default for Uses {
+    fn default() -> Self {
+        Self { kept: true, swept: true }
+    }
 }
 
 /// A group of parameters: `group.name` is a parameter's key.
@@ -32,6 +64,8 @@ pub struct Field {
 pub struct Group {
     pub name: &'static str,
     pub help: &'static str,
+    /// Of the panel that it is shown in.
+    pub section: &'static str,
     pub fields: Vec<Field>,
 }
 
@@ -55,6 +89,11 @@ impl Field {
             Kind::Bytes { default, .. } => Value::Bytes(*default),
             Kind::Text { default } => Value::Text(default.clone()),
         }
+    }
+
+    /// Whether pictures of several values of it can stand beside each other.
+    pub fn can_be_swept(&self) -> bool {
+        self.uses.swept && !matches!(self.kind, Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. })
     }
 
     /// The allowed values as a person reads them: `0.1 to 10 m`, `fast, best`, `on, off`.

@@ -7,10 +7,12 @@
 mod field;
 mod value;
 
-pub use field::{Error, Field, Group, Kind, MOST_QUOTED, Params, differing, few, nearest, shortened};
+pub use field::{Affects, Error, Field, Group, Kind, MOST_QUOTED, Params, Uses, differing, few, nearest, shortened};
 pub use value::{Bytes, Choice, Color, Type, Value};
 
-/// Declares parameter groups. Each field is one line: name, type, default and, for numbers, range and unit.
+/// Declares parameter groups. A group says in which section of the panel it is shown and what its parameters affect. Each field is
+/// one line: name, type, default and, for numbers, range and unit; then, where it differs from the group, what it affects, and
+/// whether it is `not(kept)` as a preference or `not(swept)`.
 ///
 /// ```
 /// param::choices! {
@@ -19,11 +21,11 @@ pub use value::{Bytes, Choice, Color, Type, Value};
 /// }
 /// param::params! {
 ///     /// How points become splats.
-///     pub struct Splat = "splat" {
+///     pub struct Splat = "splat" in "Splats" => affects(found truth) {
 ///         /// Radius relative to the spacing of the points.
 ///         size: f32 = 1.0, 0.1..=10.0, "x spacing";
 ///         /// How much care is taken.
-///         quality: Quality = Quality::Best;
+///         quality: Quality = Quality::Best => affects(found) not(kept);
 ///     }
 /// }
 /// use param::Params as _;
@@ -31,13 +33,20 @@ pub use value::{Bytes, Choice, Color, Type, Value};
 /// splat.set_text("size", "2.5").unwrap();
 /// assert_eq!(splat.size, 2.5);
 /// assert!(splat.set_text("size", "99").unwrap_err().to_string().contains("0.1 to 10"));
+/// let [size, quality] = &Splat::table().fields[..] else { panic!() };
+/// assert!(size.affects.truth && size.uses.kept && !quality.affects.truth && !quality.uses.kept);
 /// ```
 #[macro_export]
 macro_rules! params {
     ($(
         $(#[doc = $group_help:literal])*
-        pub struct $Group:ident = $group:literal {
-            $( $(#[doc = $help:literal])* $name:ident: $Type:ty = $default:expr $(, $range:expr, $unit:literal)? ; )*
+        pub struct $Group:ident = $group:literal in $section:literal
+            => affects($($all_affect:ident)*) $(not($($none_is:ident)+))? {
+            $(
+                $(#[doc = $help:literal])*
+                $name:ident: $Type:ty = $default:expr $(, $range:expr, $unit:literal)?
+                    $(=> $(affects($($affects:ident)*))? $(not($($is_not:ident)+))?)? ;
+            )*
         }
     )*) => {$(
         $(#[doc = $group_help])*
@@ -54,9 +63,14 @@ macro_rules! params {
             /// The table of this group.
             pub fn table() -> &'static $crate::Group {
                 static TABLE: std::sync::OnceLock<$crate::Group> = std::sync::OnceLock::new();
+                #[allow(unused_mut)]
+                let (mut affects, mut uses) = ($crate::Affects::default(), $crate::Uses::default());
+                $(affects.$all_affect = true;)*
+                $($(uses.$none_is = false;)+)?
                 TABLE.get_or_init(|| $crate::Group {
                     name: $group,
                     help: concat!($($group_help),*).trim_start(),
+                    section: $section,
                     fields: vec![$( $crate::Field {
                         name: stringify!($name),
                         help: concat!($($help),*).trim_start(),
@@ -66,6 +80,21 @@ macro_rules! params {
                             let mut range: Option<std::ops::RangeInclusive<$Type>> = None;
                             $( range = Some($range); )?
                             <$Type as $crate::Type>::kind($default, range)
+                        },
+                        affects: {
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut own = affects;
+                            $($(
+                                own = $crate::Affects::default();
+                                $(own.$affects = true;)*
+                            )?)?
+                            own
+                        },
+                        uses: {
+                            #[allow(unused_mut)]
+                            let mut own = uses;
+                            $($($(own.$is_not = false;)+)?)?
+                            own
                         },
                     }, )*],
                 })
@@ -85,6 +114,32 @@ macro_rules! params {
             }
         }
     )*};
+}
+
+/// Declares the struct of all parameters: a field for each group, and the lists of them.
+#[macro_export]
+macro_rules! settings {
+    ($(#[doc = $help:literal])* pub struct $Settings:ident { $($field:ident: $Group:ident),* $(,)? }) => {
+        $(#[doc = $help])*
+        #[derive(Clone, Debug, Default, PartialEq)]
+        pub struct $Settings { $(pub $field: $Group),* }
+
+        impl $Settings {
+            /// How many groups there are.
+            pub const GROUPS: usize = [$(stringify!($field)),*].len();
+
+            /// The groups, in order.
+            pub fn groups(&self) -> [&dyn $crate::Params; Self::GROUPS] {
+                [$(&self.$field),*]
+            }
+
+            /// The groups, in order.
+            pub fn groups_mut(&mut self) -> [&mut dyn $crate::Params; Self::GROUPS] {
+                let Self { $($field),* } = self;
+                [$($field),*]
+            }
+        }
+    };
 }
 
 /// Declares an enum whose variants are the choices of a parameter, each with the name people type.
@@ -118,11 +173,11 @@ mod tests {
     }
     params! {
         /// How points become splats.
-        pub struct Splat = "splat" {
+        pub struct Splat = "splat" in "Splats" => affects(found truth) not(swept) {
             /// Radius relative to the spacing of the points.
-            size: f32 = 1.0, 0.1..=10.0, "x spacing";
+            size: f32 = 1.0, 0.1..=10.0, "x spacing" => affects(points);
             /// Steps of the march.
-            steps: u32 = 48, 1..=512, "steps";
+            steps: u32 = 48, 1..=512, "steps" => not(kept);
             /// How much care is taken.
             quality: Quality = Quality::Best;
             /// Whether it is on.
@@ -158,6 +213,16 @@ mod tests {
         let messages = |count: usize| few((0..count).map(|index| index.to_string()).collect(), "numbers");
         assert_eq!(messages(4), ["0", "1", "2", "3"]);
         assert_eq!(messages(20_000), ["0", "1", "2", "and 19997 more numbers"]);
+    }
+
+    #[test]
+    fn a_field_takes_what_its_group_says_unless_it_says_otherwise() {
+        let [size, steps, quality, ..] = &Splat::table().fields[..] else { panic!("no fields") };
+        let of_group = Affects { found: true, truth: true, ..Affects::default() };
+        assert_eq!([size.affects, steps.affects], [Affects { points: true, ..Affects::default() }, of_group]);
+        assert_eq!(steps.uses, Uses { kept: false, swept: false });
+        assert_eq!((quality.affects, quality.uses), (of_group, Uses { kept: true, swept: false }));
+        assert_eq!(Splat::table().section, "Splats");
     }
 
     #[test]

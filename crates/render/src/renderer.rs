@@ -71,24 +71,23 @@ pub struct Renderer {
 #[derive(Clone, PartialEq)]
 struct Kept {
     camera: FrameCamera,
-    /// Light, colours of the mirrors and what is shown are left out.
+    /// Those that affect what is found; the others at their defaults.
     settings: Settings,
+    /// Steps are counted, which are shown.
+    counts_steps: bool,
     revision: u64,
     mirrors: Vec<Mirror>,
 }
 
 impl Kept {
     fn new(camera: FrameCamera, settings: &Settings, store: &PointStore, objects: Objects<'_>) -> Self {
-        let defaults = Settings::default();
-        let mut settings = settings.clone();
-        (settings.light, settings.sun, settings.gi) = (defaults.light, defaults.sun, defaults.gi);
-        (settings.tone, settings.edl, settings.trace) = (defaults.tone, defaults.edl, defaults.trace);
-        (settings.mirror.tint, settings.mirror.fresnel) = (defaults.mirror.tint, defaults.mirror.fresnel);
-        // Steps are counted only while they are shown.
-        if !matches!(settings.reflection.show, Show::Steps | Show::Unconverged) {
-            settings.reflection.show = defaults.reflection.show;
+        Self {
+            camera,
+            settings: settings.only(|field| field.affects.found),
+            counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
+            revision: store.revision(),
+            mirrors: objects.mirrors.to_vec(),
         }
-        Self { camera, settings, revision: store.revision(), mirrors: objects.mirrors.to_vec() }
     }
 }
 

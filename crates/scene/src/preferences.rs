@@ -28,19 +28,6 @@ impl Default for Preferences {
 /// As many as fit in a menu.
 const RECENT_FILES: usize = 12;
 
-/// What belongs to the data at hand and not to the person: not kept.
-const NOT_KEPT: [&str; 9] = [
-    "color.",
-    "light.by",
-    "light.show",
-    "scene.",
-    "stream.overlay",
-    "stream.pages",
-    "sun.",
-    "tone.exposure",
-    "view.up",
-];
-
 impl Preferences {
     /// # Errors
     /// Not TOML, or not of this form: what is wrong, in a line.
@@ -60,8 +47,7 @@ impl Preferences {
     }
 
     pub fn remember_settings(&mut self, settings: &Settings) {
-        let kept = |(key, _): &(String, String)| !NOT_KEPT.iter().any(|start| key.starts_with(start));
-        self.parameters = settings.differing().into_iter().filter(kept).collect();
+        self.parameters = settings.only(|field| field.uses.kept).differing().into_iter().collect();
     }
 
     /// The defaults with what was kept, and what of it is no longer understood.

@@ -1,6 +1,6 @@
 //! Every parameter of the program, in groups. One line here is a flag, a slider, a line of the session file and of the docs.
 
-use param::{Bytes, Params, Value, choices, params};
+use param::{Bytes, Field, Value, choices, params, settings};
 
 use crate::Projection;
 
@@ -110,21 +110,21 @@ choices! {
 
 params! {
     /// The view: projection, up axis, background.
-    pub struct ViewSettings = "view" {
+    pub struct ViewSettings = "view" in "Splats and view" => affects(found truth) {
         /// Perspective or parallel projection.
         projection: Projection = Projection::Perspective;
         /// Vertical field of view; in parallel projection it still sets how much is seen at the pivot's distance.
         field_of_view: f32 = 60.0, 1.0..=150.0, "degrees";
         /// Axis that points up when a cloud is read; auto takes z for LAS and LAZ and for PLY clouds, y for PLY meshes.
-        up: UpAxis = UpAxis::Auto;
+        up: UpAxis = UpAxis::Auto => affects(points truth) not(kept swept);
         /// Colour where there is no point.
-        background: param::Color = param::Color(0x1d20_25ff);
+        background: param::Color = param::Color(0x1d20_25ff) => affects(shading truth);
         /// Most points of streamed clouds that are drawn at once.
-        point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points";
+        point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points" => affects(points truth) not(swept);
     }
 
     /// Splatting: how points become surfaces.
-    pub struct Splat = "splat" {
+    pub struct Splat = "splat" in "Splats and view" => affects(found truth) {
         /// Nearest keeps the front point of a pixel; high averages all points within the depth offset of it, by their weights.
         quality: Quality = Quality::High;
         /// Splat radius relative to the one that the points' spacing asks for.
@@ -142,7 +142,7 @@ params! {
     }
 
     /// Colour of the points.
-    pub struct Color = "color" {
+    pub struct Color = "color" in "Colour" => affects(found truth) not(kept swept) {
         /// What colours the points; auto takes RGB where a cloud has it; for LAS and LAZ without, intensity, else height; else plain.
         by: ColorBy = ColorBy::Auto;
         /// Name of the attribute shown when color.by is attribute (any extra byte or PLY property).
@@ -158,7 +158,7 @@ params! {
     }
 
     /// Eye-dome lighting (Boucheny 2009): a depth cue from the depth image alone.
-    pub struct Edl = "edl" {
+    pub struct Edl = "edl" in "Light" => affects(view) {
         /// Darkness of depth edges; 0 turns it off.
         strength: f32 = 0.4, 0.0..=10.0, "";
         /// Distance of the eight neighbours that are compared.
@@ -166,9 +166,9 @@ params! {
     }
 
     /// Light.
-    pub struct Light = "light" {
+    pub struct Light = "light" in "Light" => affects(shading truth) {
         /// What lights the points: the scene's lights, a sun and a sky, a lamp at the eye, or nothing (the data's own colours); auto takes the scene's lights, else a sun where the sky is open above the points, else inside of a closed room a lamp under its ceiling, else the lamp at the eye.
-        by: Lighting = Lighting::Auto;
+        by: Lighting = Lighting::Auto => not(kept);
         /// Share of the picture that a lamp at the eye lights by the normals; 0 shows the data's own colours.
         headlight: f32 = 0.5, 0.0..=1.0, "share";
         /// Depth by which a surface may lie behind what the light sees before it is in shadow, in texels of the shadow map.
@@ -180,11 +180,11 @@ params! {
         /// Shape of highlights (Phong 1975, Blinn 1977; both scaled to reflect no more than they receive).
         highlight: Highlight = Highlight::Phong;
         /// What is shown instead of the picture, to see where light comes from; reflection.show waits meanwhile.
-        show: LightView = LightView::Picture;
+        show: LightView = LightView::Picture => affects(view) not(kept);
     }
 
     /// Sun and sky.
-    pub struct Sun = "sun" {
+    pub struct Sun = "sun" in "Light" => affects(shading truth) not(kept) {
         /// Where the sun stands, clockwise from north (the y axis, or -z where y points up).
         azimuth: f32 = 225.0, 0.0..=360.0, "degrees";
         /// How high it stands.
@@ -196,9 +196,9 @@ params! {
     }
 
     /// Indirect light by virtual lights (Keller 1997) with imperfect shadow maps (Ritschel et al. 2008).
-    pub struct Gi = "gi" {
+    pub struct Gi = "gi" in "Light" => affects(shading) {
         /// Times that light is reflected between surfaces before it reaches what is seen; 0 leaves direct light and that of the sky.
-        bounces: u32 = 1, 0..=4, "bounces";
+        bounces: u32 = 1, 0..=4, "bounces" => affects(shading truth);
         /// Virtual lights of each bounce.
         vpls: u32 = 256, 16..=4096, "lights";
         /// Spherical lights as large as the surface they stand for (after Hasan et al. 2009) do not sparkle; points are the published ones.
@@ -228,15 +228,15 @@ params! {
     }
 
     /// Tone mapping.
-    pub struct Tone = "tone" {
+    pub struct Tone = "tone" in "Light" => affects(view) {
         /// Exposure: each stop doubles the brightness.
-        exposure: f32 = 0.0, -10.0..=10.0, "stops";
+        exposure: f32 = 0.0, -10.0..=10.0, "stops" => not(kept);
         /// Filmic rolls highlights off (Narkowicz 2015), srgb clips them; auto takes filmic where lights or a sun shine.
         curve: Curve = Curve::Auto;
     }
 
     /// The ray-traced truth.
-    pub struct Trace = "trace" {
+    pub struct Trace = "trace" in "Truth" => affects(truth) {
         /// Paths per pixel that indirect light is averaged over.
         samples: u32 = 16, 1..=65_536, "paths";
         /// Seed of the paths; the same seed gives the same picture.
@@ -244,9 +244,9 @@ params! {
     }
 
     /// Mirrors.
-    pub struct MirrorSettings = "mirror" {
+    pub struct MirrorSettings = "mirror" in "Reflections" => affects(shading truth) {
         /// Mirrors that have a formula: exact casts a ray a pixel, points splats samples of them; auto takes points for the built-in scenes.
-        surface: MirrorSurface = MirrorSurface::Auto;
+        surface: MirrorSurface = MirrorSurface::Auto => affects(found truth);
         /// Share of a mirror's own colour that its reflections take on, as metals do.
         tint: f32 = 0.0, 0.0..=1.0, "share";
         /// Reflect more the flatter the line of sight (Schlick 1994), by this share of the full effect.
@@ -254,19 +254,19 @@ params! {
     }
 
     /// Reflections.
-    pub struct Reflection = "reflection" {
+    pub struct Reflection = "reflection" in "Reflections" => affects(found) {
         /// What finds the reflected points; auto takes sscr_hierarchical.
         method: Method = Method::Auto;
         /// Reflections that are followed, one after the other.
-        bounces: u32 = 1, 0..=8, "bounces";
+        bounces: u32 = 1, 0..=8, "bounces" => affects(found truth);
         /// Keep the reflected points while camera, points, mirrors and parameters stand still, and only shade them anew.
-        keep: bool = true;
+        keep: bool = true => affects() not(swept);
         /// What is shown instead of the picture: uncertain marks reflections that are not to be trusted, the others tell how a method comes to its result; light.show comes first.
-        show: Show = Show::Picture;
+        show: Show = Show::Picture => affects(view);
     }
 
     /// Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
-    pub struct EnvironmentMap = "environment_map" {
+    pub struct EnvironmentMap = "environment_map" in "Reflections" => affects(found) {
         /// Texels along the edge of a map's face; a map has six.
         size: u32 = 256, 16..=1024, "texels";
         /// Where a map is taken to be: infinitely far, so that directions alone count, or on the box about all points (Lagarde, Zanuttini 2012).
@@ -274,7 +274,7 @@ params! {
     }
 
     /// Screen-space curved reflections (Preiner 2010).
-    pub struct Sscr = "sscr" {
+    pub struct Sscr = "sscr" in "Reflections" => affects(found) {
         /// Further random start pixels that are tried where one lies outside of its region; newton and its like also start anew from them.
         seed_attempts: u32 = 6, 0..=16, "attempts";
         /// Halvings that are tried for a step that leaves the region.
@@ -318,7 +318,7 @@ params! {
     }
 
     /// Surface estimation: normals and spacing of clouds that come without.
-    pub struct Surface = "surface" {
+    pub struct Surface = "surface" in "When loading" => affects(points) not(swept) {
         /// Nearest neighbours that a plane is fitted to when a cloud is read.
         neighbours: u32 = 16, 4..=64, "points";
         /// Which way normals point that are estimated when a cloud is read; auto guesses from its shape.
@@ -326,9 +326,9 @@ params! {
     }
 
     /// Streaming: clouds that are larger than memory are drawn from pages on disk.
-    pub struct Stream = "stream" {
+    pub struct Stream = "stream" in "When streaming" => affects(points) not(swept) {
         /// Which clouds are streamed; auto takes those that would fill more than half of host_bytes, and folders of several tiles.
-        pages: Paging = Paging::Auto;
+        pages: Paging = Paging::Auto => not(kept);
         /// Memory of the machine that streamed points may take.
         host_bytes: Bytes = Bytes(4 << 30), Bytes(64 << 20)..=Bytes(1 << 50), "";
         /// Memory of the GPU that streamed points may take.
@@ -342,11 +342,11 @@ params! {
         /// Time that a frame may take while the camera moves: fewer points are drawn to keep it; 0 draws all.
         frame_ms: f32 = 40.0, 0.0..=1000.0, "ms";
         /// Colour points by the level of their page, and draw the boxes of pages.
-        overlay: bool = false;
+        overlay: bool = false => not(kept);
     }
 
     /// Built-in scenes: how they are sampled.
-    pub struct SceneSettings = "scene" {
+    pub struct SceneSettings = "scene" in "When loading" => affects(points) not(kept swept) {
         /// Points of a built-in scene, all its clouds together.
         points: u32 = 1_600_000, 1_000..=100_000_000, "points";
         /// Seed of the random positions; the same seed gives the same points.
@@ -354,25 +354,26 @@ params! {
     }
 }
 
-/// All parameters.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Settings {
-    pub view: ViewSettings,
-    pub splat: Splat,
-    pub color: Color,
-    pub edl: Edl,
-    pub light: Light,
-    pub sun: Sun,
-    pub gi: Gi,
-    pub tone: Tone,
-    pub trace: Trace,
-    pub mirror: MirrorSettings,
-    pub reflection: Reflection,
-    pub environment_map: EnvironmentMap,
-    pub sscr: Sscr,
-    pub surface: Surface,
-    pub stream: Stream,
-    pub scene: SceneSettings,
+settings! {
+    /// All parameters.
+    pub struct Settings {
+        view: ViewSettings,
+        splat: Splat,
+        color: Color,
+        edl: Edl,
+        light: Light,
+        sun: Sun,
+        gi: Gi,
+        tone: Tone,
+        trace: Trace,
+        mirror: MirrorSettings,
+        reflection: Reflection,
+        environment_map: EnvironmentMap,
+        sscr: Sscr,
+        surface: Surface,
+        stream: Stream,
+        scene: SceneSettings,
+    }
 }
 
 impl Settings {
@@ -382,64 +383,16 @@ impl Settings {
         Self { tone, ..self.clone() }
     }
 
-    pub fn groups(&self) -> [&dyn Params; 16] {
-        [
-            &self.view,
-            &self.splat,
-            &self.color,
-            &self.edl,
-            &self.light,
-            &self.sun,
-            &self.gi,
-            &self.tone,
-            &self.trace,
-            &self.mirror,
-            &self.reflection,
-            &self.environment_map,
-            &self.sscr,
-            &self.surface,
-            &self.stream,
-            &self.scene,
-        ]
-    }
-
-    pub fn groups_mut(&mut self) -> [&mut dyn Params; 16] {
-        let Self {
-            view,
-            splat,
-            color,
-            edl,
-            light,
-            sun,
-            gi,
-            tone,
-            trace,
-            mirror,
-            reflection,
-            environment_map,
-            sscr,
-            surface,
-            stream,
-            scene,
-        } = self;
-        [
-            view,
-            splat,
-            color,
-            edl,
-            light,
-            sun,
-            gi,
-            tone,
-            trace,
-            mirror,
-            reflection,
-            environment_map,
-            sscr,
-            surface,
-            stream,
-            scene,
-        ]
+    /// The wanted parameters as they are, all others at their defaults: what depends on no others is the same where these are.
+    pub fn only(&self, is_wanted: impl Fn(&Field) -> bool) -> Self {
+        let mut settings = self.clone();
+        for params in settings.groups_mut() {
+            let fields = params.group().fields.iter().zip(params.values());
+            let value = |(field, value): (&Field, Value)| if is_wanted(field) { value } else { field.default() };
+            let values: Vec<Value> = fields.map(value).collect();
+            params.set_values(&values);
+        }
+        settings
     }
 
     /// Sets the parameter `key` (`group.name`) from text.
