@@ -3,45 +3,19 @@
 
 use std::fmt::Write as _;
 
-use param::{Choice as _, Field, Group, Kind, Value};
-use scene::{Method, Settings, five_mirrors};
+use param::{Field, Group, Kind, Value};
+use scene::{METHODS, Settings, five_mirrors};
 use serde_json::json;
 
 use crate::terminal::{print, print_json};
 use crate::{environment, truth};
 
-/// A line of help for each reflection method.
-fn method_help(method: Method) -> &'static str {
-    match method {
-        Method::Auto => "sscr_hierarchical, in every scene",
-        Method::None => "Mirrors stay plain grey: the scene without reflections",
-        Method::EnvironmentMap => {
-            "A picture of the surroundings from each mirror's middle, looked up by direction alone"
-        }
-        Method::MirroredViewpoint => {
-            "The scene from an eye behind each mirror's plane: exact for flat mirrors; four of them, one reflection"
-        }
-        Method::Sscr => "Screen-space curved reflections as published (Preiner 2010): a root search for each point",
-        Method::SscrHierarchical => {
-            "Nodes of points descend into beams of reflected rays; each ray ends at the disc it meets"
-        }
-        Method::SurfelTrace => "Reflected rays traced through the points as discs, on the GPU",
-    }
-}
-
-fn all_methods() -> impl Iterator<Item = Method> {
-    (0..Method::NAMES.len() as u32).filter_map(Method::from_index)
-}
-
 /// All that `glint render --method` takes. The ray tracer is none of the renderer's methods, and not in the viewer.
 fn methods_with_help() -> impl Iterator<Item = (&'static str, &'static str)> {
-    let of_renderer = all_methods().map(|method| (method.name(), method_help(method)));
+    let of_renderer = METHODS.iter().map(|row| (row.name, row.help));
     of_renderer
         .chain([(truth::RAY_TRACE, "Reflected rays traced through the points on the CPU: the truth (glint render)")])
 }
-
-/// Names that are fixed for methods of later versions, so that asking for one is not taken for a spelling mistake.
-pub const LATER_METHODS: [&str; 4] = ["cubemap_trace", "screen_trace", "sample_cameras", "light_field"];
 
 /// Every parameter: its key and its line of the table.
 fn parameters() -> Vec<(String, Field)> {
@@ -251,6 +225,8 @@ fn parameters_page() -> String {
 mod tests {
     use std::path::Path;
 
+    use scene::Supply;
+
     use super::*;
 
     #[test]
@@ -278,8 +254,13 @@ mod tests {
     }
 
     #[test]
-    fn present_and_later_methods_do_not_overlap() {
-        assert!(methods_with_help().all(|(name, _)| !LATER_METHODS.contains(&name)));
-        assert_eq!(all_methods().count(), Method::NAMES.len());
+    fn every_method_has_a_page_that_the_index_leads_to() {
+        let pages = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/methods");
+        let index = std::fs::read_to_string(pages.join("README.md")).unwrap();
+        let real = METHODS.iter().filter(|row| row.method.chosen() == row.method && row.supply != Supply::Nothing);
+        for row in real {
+            assert!(pages.join(format!("{}.md", row.name)).exists(), "{} has no page", row.name);
+            assert!(index.contains(&format!("[{0}]({0}.md)", row.name)), "the index does not lead to {}", row.name);
+        }
     }
 }

@@ -106,10 +106,10 @@ fn method(name: &str) -> anyhow::Result<Method> {
         // The frame's surface is the renderer's; what mirrors show is put into it afterwards.
         return Ok(Method::None);
     }
-    if let Some(index) = Method::NAMES.iter().position(|known| *known == name) {
-        return Ok(Method::from_index(index as u32).unwrap_or(Method::Auto));
+    if let Some(method) = Method::from_name(name) {
+        return Ok(method);
     }
-    let problem = if listing::LATER_METHODS.contains(&name) { "is not in this version yet" } else { "is unknown" };
+    let problem = if scene::LATER_METHODS.contains(&name) { "is not in this version yet" } else { "is unknown" };
     let available = Method::NAMES.join(", ");
     Err(usage(format!("--method: `{name}` {problem}; available: {available}, {}", truth::RAY_TRACE)))
 }

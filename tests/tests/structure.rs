@@ -37,7 +37,7 @@ const RESERVED: [(&str, &[&str]); 6] = [
 ];
 
 /// Imports that close circles of more than two files: the crate, who imports, and whom. This list may only shrink.
-const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 5] = [
+const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 4] = [
     (
         "glint",
         &[
@@ -59,19 +59,6 @@ const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 5] = [
             ("ply/columns.rs", "lib.rs"),
             // The writer takes what it reads from the reader, which hands the writer on to lib.rs.
             ("las.rs", "las/copc_writer.rs"),
-        ],
-    ),
-    (
-        "render",
-        &[
-            // The methods take `Task` and `MirrorGBuffer` from the file that lists the methods.
-            ("reflection/environment_map.rs", "reflection/mod.rs"),
-            ("reflection/forward.rs", "reflection/mod.rs"),
-            ("reflection/gather.rs", "reflection/mod.rs"),
-            ("reflection/mirror_places.rs", "reflection/mod.rs"),
-            ("reflection/mirrored_viewpoint.rs", "reflection/mod.rs"),
-            ("reflection/sscr.rs", "reflection/mod.rs"),
-            ("reflection/surfel_trace.rs", "reflection/mod.rs"),
         ],
     ),
     ("stream", &[("pages.rs", "cache.rs"), ("storage.rs", "cache.rs")]),
@@ -255,16 +242,33 @@ fn no_source_file_is_left_unfinished() {
     assert!(found.is_empty(), "{found:#?}");
 }
 
+/// What stands in a table, `NAME! { ... }` from the start of a line.
+fn table<'a>(texts: &'a [(String, String)], file: &str, name: &str) -> &'a str {
+    let text = texts.iter().find(|(known, _)| known == file).map(|(_, text)| text.as_str());
+    let table = text.and_then(|text| text.split_once(&format!("\n{name}! {{\n"))?.1.split_once("\n}\n"));
+    table.unwrap_or_else(|| panic!("{file} has no table {name}!")).0
+}
+
+/// Names of the passes.
+fn passes(texts: &[(String, String)]) -> Vec<&str> {
+    let name = |row: &'_ str| Some(row.split_once(" over ")?.0.split_once(':')?.0.len());
+    let rows = table(texts, "crates/render/src/passes.rs", "passes").lines();
+    rows.filter_map(|row| Some(row[..name(row)?].trim())).collect()
+}
+
+/// Variants and names of the methods.
+fn methods(texts: &[(String, String)]) -> Vec<(&str, &str)> {
+    let rows = table(texts, "crates/scene/src/method.rs", "methods").lines();
+    let rows = rows.filter_map(|row| row.trim().split_once(" = \""));
+    rows.filter_map(|(variant, rest)| Some((variant, rest.split_once('"')?.0))).collect()
+}
+
 /// From the rows of the passes and what their shaders import, and those import, on and on.
 #[test]
 fn every_shader_is_used_by_a_pass() {
     let texts = tracked_texts();
     let text = |name: &str| texts.iter().find(|(known, _)| known == name).map(|(_, text)| text.as_str());
-    let table = text("crates/render/src/passes.rs").and_then(|text| text.split_once("\npasses! {\n"));
-    let (_, rows) = table.expect("the table of the passes");
-    let (rows, _) = rows.split_once("\n}\n").expect("the end of the table");
-    let name = |row: &str| row.split_once(" over ").and_then(|(row, _)| Some(row.split_once(':')?.0.trim().to_owned()));
-    let mut open: Vec<String> = rows.lines().filter_map(name).map(|name| format!("shaders/{name}.wgsl")).collect();
+    let mut open: Vec<String> = passes(&texts).iter().map(|name| format!("shaders/{name}.wgsl")).collect();
     let mut used: BTreeSet<String> = BTreeSet::new();
     while let Some(file) = open.pop() {
         let shader = text(&file).unwrap_or_else(|| panic!("{file} is not there"));
@@ -276,6 +280,40 @@ fn every_shader_is_used_by_a_pass() {
     let shaders = texts.iter().map(|(name, _)| name).filter(|name| name.ends_with(".wgsl"));
     let unused: Vec<&String> = shaders.filter(|name| !used.contains(*name)).collect();
     assert!(unused.is_empty(), "no pass reaches {unused:?}");
+}
+
+/// Whoever needs to know something of each pass or method reads it from the tables: a list beside them would go out of date. Names
+/// of one word, like `show`, mean other things too.
+#[test]
+fn only_the_tables_list_passes_and_methods() {
+    let texts = tracked_texts();
+    let (passes, methods) = (passes(&texts), methods(&texts));
+    assert!(passes.len() > 40 && methods.len() > 5, "{passes:?}, {methods:?}");
+    let tables = ["crates/render/src/passes.rs", "crates/render/src/method.rs"];
+    let mut lists = Vec::new();
+    for (file, text) in &texts {
+        let is_ours = ["app/src/", "crates/render/src/", "crates/study/src/", "crates/world/src/"]
+            .iter()
+            .any(|folder| file.starts_with(folder));
+        let is_source = is_ours && file.ends_with(".rs") && !file.ends_with("tests.rs");
+        if !is_source || tables.contains(&file.as_str()) {
+            continue;
+        }
+        let code = text.split("\n#[cfg(test)]\nmod tests").next().unwrap_or(text);
+        let is_quoted = |name: &str| name.contains('_') && code.contains(&format!("\"{name}\""));
+        let named = passes.iter().filter(|name| is_quoted(name)).count();
+        let is_variant = |variant: &str| {
+            let after =
+                |(at, found): (usize, &str)| code[at + found.len()..].starts_with(|c: char| c.is_alphanumeric());
+            let path = format!("Method::{variant}");
+            !["Auto", "None"].contains(&variant) && code.match_indices(&path).any(|found| !after(found))
+        };
+        let chosen = methods.iter().filter(|(variant, name)| is_quoted(name) || is_variant(variant)).count();
+        if named > 1 || chosen > 1 {
+            lists.push(format!("{file}: {named} passes, {chosen} methods"));
+        }
+    }
+    assert!(lists.is_empty(), "{lists:#?}");
 }
 
 #[test]

@@ -13,6 +13,7 @@ mod inputs;
 mod layout;
 mod light_views;
 mod lighting;
+mod method;
 mod passes;
 mod recorder;
 mod reflection;

@@ -14,6 +14,7 @@ use crate::inputs::Inputs;
 use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SAME_SURFACE, SPECULAR_WORDS, SURFACE_SUM_BYTES};
 use crate::light_views;
 use crate::lighting::{DrawnMap, Lights};
+use crate::method::{self, Views};
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder};
 use crate::reflection::{self, ReflectionStats, Reflections, SurfaceImages};
@@ -200,7 +201,7 @@ impl Renderer {
             };
             // What no mirror on the screen needs is not made ready.
             if Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty() {
-                let everywhere = store.draw_list(&frame_camera, settings, reflection::supply(settings));
+                let everywhere = store.draw_list(&frame_camera, settings, method::supply(settings));
                 let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
                 reflections.find(
                     &mut recorder,
@@ -232,8 +233,7 @@ impl Renderer {
             Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
             curve => curve == Curve::Filmic,
         };
-        let views = reflections.views(settings);
-        match (views, reflections.first()) {
+        match (reflections.views(), reflections.first()) {
             _ if settings.light.show != LightView::Picture => {
                 let shown = light_views::FrameInputs {
                     targets,
@@ -246,7 +246,7 @@ impl Renderer {
                 };
                 light_views::show(&mut recorder, &inputs, settings, &shown)?;
             }
-            (views, Some(bounce)) if shows_more(settings, views) => {
+            (views, Some(bounce)) if shows_more(settings, views.as_ref()) => {
                 let [albedo_in, normal_in, position_in] = bounce.seen.bind();
                 let bindings = passes::show {
                     color_in: targets.color.bind(),
@@ -255,12 +255,11 @@ impl Renderer {
                     normal_in,
                     position_in,
                     // What looks for views of a method that has none is not shown.
-                    views_in: views.unwrap_or(&reflections.doubt).bind(),
+                    views_in: views.as_ref().map_or(&reflections.doubt, |views| views.image).bind(),
                     doubt_in: reflections.doubt.bind(),
                     picture_out: targets.picture.bind(),
                 };
-                // Twice the steps that SSCR gives up after by default; rays are tested against more nodes and discs.
-                let most_steps = if settings.reflection.method == Method::Sscr { 60 } else { 400 };
+                let most_steps = views.as_ref().map_or(1, |views| views.most_steps);
                 let switches = [("most_steps", most_steps), ("is_filmic", u32::from(is_filmic))];
                 recorder.over_pixels(&switches, &inputs, bindings)?;
             }
@@ -366,7 +365,7 @@ impl Renderer {
             Aov::MirrorPosition => floats32(&read(&first()?.seen.position)?),
             Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
             Aov::MirrorNormal => floats32(&read(&first()?.seen.normal)?),
-            Aov::Curvature | Aov::Regions => floats32(&read(self.sscr_views()?)?),
+            Aov::Curvature | Aov::Regions => floats32(&read(self.regions()?)?),
             // Four values a pixel, as the others have.
             Aov::Uncertain => {
                 floats32(&read(self.doubt()?)?).into_iter().flat_map(|doubt| [doubt, 0.0, 0.0, 0.0]).collect()
@@ -461,11 +460,11 @@ impl Renderer {
         }))
     }
 
-    /// What SSCR made of the mirror pixels of the last frame.
-    fn sscr_views(&self) -> Result<&Image> {
-        let kept = self.kept.as_ref().filter(|kept| kept.settings.reflection.method == Method::Sscr);
-        let views = kept.zip(self.reflections.as_ref()).and_then(|(kept, found)| found.views(&kept.settings));
-        views.ok_or_else(|| Error::NotRendered("only the method sscr has a curvature map and regions".into()))
+    /// Curvature and regions of the mirror pixels of the last frame.
+    fn regions(&self) -> Result<&Image> {
+        let views = self.reflections.as_ref().and_then(Reflections::views).filter(|views| views.has_regions);
+        let image = views.map(|views| views.image);
+        image.ok_or_else(|| Error::NotRendered("only the method sscr has a curvature map and regions".into()))
     }
 
     fn doubt(&self) -> Result<&Image> {
@@ -705,7 +704,7 @@ fn shade(
 }
 
 /// Whether something is shown instead of the picture. Not all methods have views of their work.
-fn shows_more(settings: &Settings, views: Option<&Image>) -> bool {
+fn shows_more(settings: &Settings, views: Option<&Views<'_>>) -> bool {
     match settings.reflection.show {
         Show::Picture => false,
         Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),

@@ -4,6 +4,7 @@ mod camera;
 mod file;
 pub mod five_mirrors;
 mod light;
+mod method;
 mod mirror;
 mod mirror_points;
 mod path_text;
@@ -15,14 +16,14 @@ pub mod whole_file;
 pub use camera::{Camera, Projection, StandardView};
 pub use file::{Error, MOST_MIRRORS, SceneFile, View};
 pub use light::SpotLight;
+pub use method::{LATER_METHODS, METHODS, Method, MethodRow, RAY_TRACE, Supply};
 pub use mirror::{Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use path_text::shown;
 pub use preferences::Preferences;
 pub use settings::{
-    Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, Method,
-    MirrorSettings, MirrorSurface, Paging, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver,
-    Splat, Sscr, Stop, Stream, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
-    Visibility,
+    Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, MirrorSettings,
+    MirrorSurface, Paging, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Stop,
+    Stream, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
 };
 pub use surroundings::{Room, Surroundings};

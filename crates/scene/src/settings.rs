@@ -2,7 +2,7 @@
 
 use param::{Bytes, Field, Value, choices, params, settings};
 
-use crate::Projection;
+use crate::{Method, Projection};
 
 choices! {
     /// Which world axis points up.
@@ -56,13 +56,6 @@ choices! {
 choices! {
     /// How linear light becomes the colours of the screen.
     pub enum Curve { Auto = "auto", Filmic = "filmic", Srgb = "srgb" }
-}
-choices! {
-    /// How mirrors show what they reflect.
-    pub enum Method {
-        Auto = "auto", None = "none", EnvironmentMap = "environment_map", MirroredViewpoint = "mirrored_viewpoint",
-        Sscr = "sscr", SscrHierarchical = "sscr_hierarchical", SurfelTrace = "surfel_trace",
-    }
 }
 choices! {
     /// Where an environment map is taken to be.

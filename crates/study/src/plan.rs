@@ -16,8 +16,7 @@ use crate::file_name::file_name;
 use crate::metrics::Truth;
 use crate::results;
 
-/// The method that the ray tracer is, beside those of the renderer.
-pub const RAY_TRACE: &str = "ray_trace";
+pub use scene::RAY_TRACE;
 
 /// Most settings of a plan: at a second each it would run for a day on the fastest machine.
 const MOST_CASES: usize = 100_000;

@@ -11,9 +11,9 @@
 use glam::{DMat3, DVec3};
 use scene::{MirrorSurface, Quality, Settings, Splat};
 
-use super::Task;
 use super::gather::Gather;
 use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
+use super::task::Task;
 use crate::frame::FrameCamera;
 use crate::gpu::Result;
 use crate::inputs::Inputs;

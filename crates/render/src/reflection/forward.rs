@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 
-use super::Task;
+use super::task::Task;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::PageInputs;
 use crate::layout::{MIRROR_SUMS, NEAREST_REFLECTION_BYTES, SOLUTION_BYTES};

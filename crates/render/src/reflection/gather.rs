@@ -1,7 +1,7 @@
 //! What methods share that take each mirror pixel to a point: the nearest hit of its reflected ray, if they look for that, and
 //! the Mirror G-Buffer made of what was found.
 
-use super::{MirrorGBuffer, Task};
+use super::task::{MirrorGBuffer, Task};
 use crate::gpu::Result;
 use crate::layout::HIT_BYTES;
 use crate::passes;

@@ -4,7 +4,7 @@
 use cloud::{Bounds, Chunk, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec4};
 
-use super::Task;
+use super::task::Task;
 use crate::gpu::Gpu;
 use crate::layout::{MappedMirror, MappedMirrors, NEAREST_BYTES};
 use crate::store::CloudId;

@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::gather::Gather;
 use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
-use super::{MirrorGBuffer, Task};
+use super::task::{MirrorGBuffer, Task};
 use crate::frame::{FrameCamera, Plane};
 use crate::gpu::Result;
 use crate::inputs::Inputs;

@@ -3,30 +3,26 @@
 //! the method.
 //!
 //! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
-//! `gather`. To add a method: a module with a `run` function, its shaders, and a line in `Methods::run` and `Reflections::views`.
+//! `gather`. To add a method: a module with a `run` function, its shaders, a row of `scene::METHODS`, and an arm of `Methods::run`.
 
 #[cfg(test)]
 mod beam;
-mod environment_map;
+pub(crate) mod environment_map;
 mod formula;
-mod forward;
-mod gather;
+pub(crate) mod forward;
+pub(crate) mod gather;
 mod mirror_places;
-mod mirrored_viewpoint;
-mod sscr;
-mod surfel_index;
-mod surfel_trace;
+pub(crate) mod mirrored_viewpoint;
+pub(crate) mod sscr;
+pub(crate) mod surfel_index;
+pub(crate) mod surfel_trace;
 mod surfel_tree;
+pub(crate) mod task;
 
-use scene::{Method, Mirror, Settings};
+use scene::{Mirror, Settings, Supply};
 
-use environment_map::EnvironmentMap;
 pub(crate) use formula::{mirror_spheres, upload};
-use forward::Forward;
-use gather::Gather;
-use mirrored_viewpoint::MirroredViewpoint;
-use sscr::Sscr;
-use surfel_index::SurfelIndex;
+use task::{MirrorGBuffer, MirrorSurface, Task};
 
 use crate::gpu::Result;
 use crate::inputs::Inputs;
@@ -34,46 +30,11 @@ use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, MIRROR_PIXELS, NODES_TESTED, POINTS_FOUND,
     POINTS_TRIED, POINTS_UNCONVERGED, REGIONS,
 };
+use crate::method::{Methods, Views};
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::store::{PointStore, Selection};
+use crate::store::PointStore;
 use crate::targets::{Image, storage};
-
-/// The mirror pixels of one bounce, as the methods see them. All images are picture-sized.
-pub(crate) struct MirrorSurface {
-    /// xyz: P relative to the camera's eye, world axes. w: specular intensity; 0 where there is no mirror.
-    pub point: Image,
-    /// xyz: where the ray to P came from, relative to the camera's eye. w: linear depth of P as seen from there.
-    pub eye: Image,
-}
-
-/// What is seen by reflection at each pixel: the Mirror G-Buffer.
-pub(crate) struct MirrorGBuffer {
-    /// Linear albedo of Q; its specular intensity.
-    pub albedo: Image,
-    /// World normal at Q towards P; specular power.
-    pub normal: Image,
-    /// Q relative to the camera's eye, world axes. w: coverage; 0 none, 1 found, between: closed from neighbours.
-    pub position: Image,
-}
-
-impl MirrorGBuffer {
-    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
-        Self {
-            albedo: Image::new(device, size, "mirror albedo", wgpu::TextureFormat::Rgba16Float),
-            normal: Image::new(device, size, "mirror normal", wgpu::TextureFormat::Rgba32Float),
-            position: Image::new(device, size, "mirror position", wgpu::TextureFormat::Rgba32Float),
-        }
-    }
-
-    pub fn bind(&self) -> [wgpu::BindingResource<'_>; 3] {
-        [self.albedo.bind(), self.normal.bind(), self.position.bind()]
-    }
-
-    pub fn bytes(&self) -> u64 {
-        [&self.albedo, &self.normal, &self.position].map(Image::bytes).iter().sum()
-    }
-}
 
 /// One bounce.
 pub(crate) struct Bounce {
@@ -138,99 +99,6 @@ pub struct ReflectionStats {
     pub bounces: u32,
 }
 
-/// What a method works on and with.
-pub(crate) struct Task<'a> {
-    /// All visible points, whether or not the camera sees them.
-    pub supply: &'a Inputs,
-    pub settings: &'a Settings,
-    pub store: &'a PointStore,
-    /// All that have a formula.
-    pub mirrors: &'a [Mirror],
-    /// 0 for what the camera sees by one reflection.
-    pub bounce: usize,
-    pub mirror: &'a MirrorSurface,
-    /// xyz: unit normal towards where the ray came from. w: specular power.
-    pub normal: &'a Image,
-    pub seen: &'a MirrorGBuffer,
-    /// Mirrors that are drawn by their formula.
-    pub formulas: Option<&'a wgpu::Buffer>,
-    /// `COUNTERS` words, counted up by the methods, read when the frame is done.
-    pub counters: &'a wgpu::Buffer,
-}
-
-/// The methods, with what each keeps from frame to frame.
-#[derive(Default)]
-struct Methods {
-    size: [u32; 2],
-    index: SurfelIndex,
-    environment: EnvironmentMap,
-    mirrored: MirroredViewpoint,
-    gather: Option<Gather>,
-    forward: Option<Forward>,
-    sscr: Option<Sscr>,
-}
-
-impl Methods {
-    fn bytes(&self) -> u64 {
-        let Self { size: _, index, environment, mirrored, gather, forward, sscr } = self;
-        index.bytes()
-            + environment.bytes()
-            + mirrored.bytes()
-            + gather.as_ref().map_or(0, Gather::bytes)
-            + forward.as_ref().map_or(0, Forward::bytes)
-            + sscr.as_ref().map_or(0, Sscr::bytes)
-    }
-
-    /// # Errors
-    /// A shader is refused, or there is no memory.
-    fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
-        match method {
-            Method::None | Method::Auto => Ok(()),
-            Method::EnvironmentMap => {
-                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
-                self.environment.run(recorder, gather, task)
-            }
-            Method::MirroredViewpoint => {
-                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
-                self.mirrored.run(recorder, gather, task)
-            }
-            Method::SurfelTrace | Method::SscrHierarchical => {
-                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
-                let use_beams = method == Method::SscrHierarchical;
-                surfel_trace::run(recorder, &mut self.index, gather, task, use_beams)
-            }
-            Method::Sscr => {
-                let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
-                let sscr = made(&mut self.sscr, || Sscr::new(recorder.gpu, self.size))?;
-                sscr.run(recorder, forward, task)
-            }
-        }
-    }
-}
-
-/// What is in `place`, made if it is empty.
-fn made<T>(place: &mut Option<T>, make: impl FnOnce() -> Result<T>) -> Result<&mut T> {
-    let value = match place.take() {
-        Some(value) => value,
-        None => make()?,
-    };
-    Ok(place.insert(value))
-}
-
-/// What `auto` stands for.
-fn chosen(method: Method) -> Method {
-    if method == Method::Auto { Method::SscrHierarchical } else { method }
-}
-
-/// What a frame's method needs of the points. Forward methods see mirrors only by their samples; gather methods meet the
-/// formula where there is one.
-pub(crate) fn supply(settings: &Settings) -> Selection {
-    match chosen(settings.reflection.method) {
-        Method::Sscr => Selection::EverywhereWithMirrors,
-        _ => Selection::Everywhere,
-    }
-}
-
 /// The bounces of a frame and what finds them.
 pub(crate) struct Reflections {
     size: [u32; 2],
@@ -247,18 +115,21 @@ impl Reflections {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
         let doubt = Image::new(device, size, "doubt", wgpu::TextureFormat::R32Float);
-        Self { size, bounces: Vec::new(), count: 0, methods: Methods { size, ..Default::default() }, counters, doubt }
+        Self { size, bounces: Vec::new(), count: 0, methods: Methods::new(size), counters, doubt }
     }
 
     /// How many bounces the settings ask for.
     pub fn asked(settings: &Settings) -> usize {
-        if settings.reflection.method == Method::None { 0 } else { settings.reflection.bounces as usize }
+        if settings.reflection.method.row().supply == Supply::Nothing {
+            0
+        } else {
+            settings.reflection.bounces as usize
+        }
     }
 
     /// Forgets what methods keep from frame to frame.
     pub fn forget(&mut self) {
-        self.methods.environment.forget();
-        self.methods.sscr.iter_mut().for_each(Sscr::forget);
+        self.methods.forget();
     }
 
     /// For a frame in which no mirror can be seen.
@@ -280,7 +151,7 @@ impl Reflections {
         formulas: Option<&wgpu::Buffer>,
         camera: SurfaceImages<'_>,
     ) -> Result<()> {
-        let method = chosen(settings.reflection.method);
+        let method = settings.reflection.method.chosen();
         self.count = Self::asked(settings);
         while self.bounces.len() < self.count {
             self.bounces.push(Bounce::new(&recorder.gpu.device, self.size));
@@ -361,15 +232,9 @@ impl Reflections {
         self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes()
     }
 
-    /// How the last frame's method came to its result; x and y (curvature, label) only of SSCR.
-    pub fn views(&self, settings: &Settings) -> Option<&Image> {
-        match chosen(settings.reflection.method) {
-            Method::None | Method::Auto => None,
-            Method::Sscr => self.methods.sscr.as_ref().map(|sscr| &sscr.views),
-            Method::EnvironmentMap | Method::MirroredViewpoint | Method::SurfelTrace | Method::SscrHierarchical => {
-                self.methods.gather.as_ref().map(|gather| &gather.views)
-            }
-        }
+    /// How the last frame's method came to its result; none where no mirror could be seen.
+    pub fn views(&self) -> Option<Views<'_>> {
+        if self.count == 0 { None } else { self.methods.views() }
     }
 
     /// Of the last frame; none where no mirror could be seen.

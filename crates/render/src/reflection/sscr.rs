@@ -13,8 +13,8 @@ mod twin;
 
 use scene::{Distribution, Seeds, Show};
 
-use super::Task;
 use super::forward::{Forward, check_size, picture_buffer};
+use super::task::Task;
 use crate::gpu::{Gpu, Result};
 use crate::layout::{
     CURVATURE_BYTES, ENDING_WORDS, LABEL_BYTES, LEAST_REGION, MIRROR_PIXEL_BYTES, PARENT_BYTES, REGION_BYTES,

@@ -4,9 +4,9 @@
 
 use scene::Show;
 
-use super::Task;
 use super::gather::Gather;
 use super::surfel_index::SurfelIndex;
+use super::task::Task;
 use crate::gpu::Result;
 use crate::layout::LIST_WORDS;
 use crate::passes;

@@ -8,6 +8,8 @@ mod shapes;
 
 use std::path::Path;
 
+use scene::{METHODS, RAY_TRACE};
+
 use crate::file_name::file_name;
 use crate::plan::{Case, Group, Plan, SIZE};
 use crate::results::{self, Figure, METHOD_MS, Row};
@@ -94,21 +96,22 @@ struct Style {
 }
 
 /// Colours that colour-blind people tell apart (Okabe and Ito 2008), the yellow darkened for white paper; shapes tell those of one
-/// colour apart. The same for a method in all charts.
-const METHOD_STYLES: [(&str, Style); 12] = [
-    ("none", Style { color: [120, 120, 120], marker: Marker::Disc }),
-    ("auto", Style { color: [120, 120, 120], marker: Marker::Diamond }),
-    ("sscr", Style { color: [213, 94, 0], marker: Marker::Disc }),
-    ("sscr_hierarchical", Style { color: [0, 114, 178], marker: Marker::Square }),
-    ("surfel_trace", Style { color: [0, 158, 115], marker: Marker::Triangle }),
-    ("ray_trace", Style { color: [0, 0, 0], marker: Marker::Diamond }),
-    ("environment_map", Style { color: [230, 159, 0], marker: Marker::Valley }),
-    ("mirrored_viewpoint", Style { color: [204, 121, 167], marker: Marker::Ring }),
-    ("cubemap_trace", Style { color: [86, 180, 233], marker: Marker::Square }),
-    ("screen_trace", Style { color: [190, 175, 30], marker: Marker::Triangle }),
-    ("sample_cameras", Style { color: [86, 180, 233], marker: Marker::Valley }),
-    ("light_field", Style { color: [204, 121, 167], marker: Marker::Square }),
+/// colour apart. The same for a method in all charts: in the order of `scene::METHODS`, to which methods are only added.
+const METHOD_STYLES: [Style; 11] = [
+    Style { color: [120, 120, 120], marker: Marker::Diamond },
+    Style { color: [120, 120, 120], marker: Marker::Disc },
+    Style { color: [230, 159, 0], marker: Marker::Valley },
+    Style { color: [204, 121, 167], marker: Marker::Ring },
+    Style { color: [213, 94, 0], marker: Marker::Disc },
+    Style { color: [0, 114, 178], marker: Marker::Square },
+    Style { color: [0, 158, 115], marker: Marker::Triangle },
+    Style { color: [86, 180, 233], marker: Marker::Square },
+    Style { color: [190, 175, 30], marker: Marker::Triangle },
+    Style { color: [86, 180, 233], marker: Marker::Valley },
+    Style { color: [204, 121, 167], marker: Marker::Square },
 ];
+/// Of the ray tracer.
+const TRUTH_STYLE: Style = Style { color: [0, 0, 0], marker: Marker::Diamond };
 
 /// For scenes and combinations of values.
 const OTHER_STYLES: [Style; 8] = [
@@ -124,8 +127,11 @@ const OTHER_STYLES: [Style; 8] = [
 
 impl Style {
     fn of_method(method: &str) -> Self {
-        let found = METHOD_STYLES.iter().find(|(name, _)| *name == method);
-        found.map_or(METHOD_STYLES[0].1, |(_, style)| *style)
+        if method == RAY_TRACE {
+            return TRUTH_STYLE;
+        }
+        let at = METHODS.iter().position(|row| row.name == method).unwrap_or_default();
+        METHOD_STYLES[at % METHOD_STYLES.len()]
     }
 }
 

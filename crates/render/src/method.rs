@@ -1,0 +1,132 @@
+//! What each row of `scene::METHODS` does: an arm of `Methods::run`, which also says where the views of its work are.
+
+use scene::{Method, Settings, Supply};
+
+use crate::gpu::Result;
+use crate::recorder::Recorder;
+use crate::reflection::environment_map::EnvironmentMap;
+use crate::reflection::forward::Forward;
+use crate::reflection::gather::Gather;
+use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
+use crate::reflection::sscr::Sscr;
+use crate::reflection::surfel_index::SurfelIndex;
+use crate::reflection::surfel_trace;
+use crate::reflection::task::Task;
+use crate::store::Selection;
+use crate::targets::Image;
+
+/// The methods, with what each keeps from frame to frame.
+#[derive(Default)]
+pub(crate) struct Methods {
+    size: [u32; 2],
+    index: SurfelIndex,
+    environment: EnvironmentMap,
+    mirrored: MirroredViewpoint,
+    gather: Option<Gather>,
+    forward: Option<Forward>,
+    sscr: Option<Sscr>,
+    /// Of the method that ran last.
+    views: Option<Origin>,
+}
+
+/// What made the views.
+#[derive(Clone, Copy)]
+enum Origin {
+    Gather,
+    Sscr,
+}
+
+/// How a method came to its result, pixel by pixel.
+pub(crate) struct Views<'a> {
+    /// x and y: curvature and label, where there are regions. z: steps, or tests of a ray. w: share of searches that were given up.
+    pub image: &'a Image,
+    /// Steps that are shown as many.
+    pub most_steps: u32,
+    /// There is a curvature map, and regions.
+    pub has_regions: bool,
+}
+
+impl Methods {
+    pub fn new(size: [u32; 2]) -> Self {
+        Self { size, ..Self::default() }
+    }
+
+    /// Looks for what the mirror pixels of a bounce see.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
+        self.views = match method {
+            // What `auto` stands for is run in its place.
+            Method::Auto | Method::None => None,
+            Method::EnvironmentMap => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.environment.run(recorder, gather, task)?;
+                Some(Origin::Gather)
+            }
+            Method::MirroredViewpoint => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.mirrored.run(recorder, gather, task)?;
+                Some(Origin::Gather)
+            }
+            Method::SurfelTrace | Method::SscrHierarchical => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                let use_beams = method == Method::SscrHierarchical;
+                surfel_trace::run(recorder, &mut self.index, gather, task, use_beams)?;
+                Some(Origin::Gather)
+            }
+            Method::Sscr => {
+                let forward = made(&mut self.forward, || Forward::new(recorder.gpu, self.size))?;
+                let sscr = made(&mut self.sscr, || Sscr::new(recorder.gpu, self.size))?;
+                sscr.run(recorder, forward, task)?;
+                Some(Origin::Sscr)
+            }
+        };
+        Ok(())
+    }
+
+    /// How the method that ran last came to its result.
+    pub fn views(&self) -> Option<Views<'_>> {
+        match self.views? {
+            Origin::Gather => {
+                let image = &self.gather.as_ref()?.views;
+                Some(Views { image, most_steps: 400, has_regions: false })
+            }
+            // Twice the steps that a search gives up after by default; rays are tested against more nodes and discs.
+            Origin::Sscr => Some(Views { image: &self.sscr.as_ref()?.views, most_steps: 60, has_regions: true }),
+        }
+    }
+
+    /// Forgets what methods keep from frame to frame.
+    pub fn forget(&mut self) {
+        self.environment.forget();
+        self.sscr.iter_mut().for_each(Sscr::forget);
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let Self { size: _, index, environment, mirrored, gather, forward, sscr, views: _ } = self;
+        index.bytes()
+            + environment.bytes()
+            + mirrored.bytes()
+            + gather.as_ref().map_or(0, Gather::bytes)
+            + forward.as_ref().map_or(0, Forward::bytes)
+            + sscr.as_ref().map_or(0, Sscr::bytes)
+    }
+}
+
+/// What is in `place`, made if it is empty.
+fn made<T>(place: &mut Option<T>, make: impl FnOnce() -> Result<T>) -> Result<&mut T> {
+    let value = match place.take() {
+        Some(value) => value,
+        None => make()?,
+    };
+    Ok(place.insert(value))
+}
+
+/// The points that a frame's method needs.
+pub(crate) fn supply(settings: &Settings) -> Selection {
+    match settings.reflection.method.row().supply {
+        Supply::Nothing | Supply::Everything => Selection::Everywhere,
+        Supply::WithMirrors => Selection::EverywhereWithMirrors,
+    }
+}

@@ -1,0 +1,63 @@
+//! What a reflection method is given, and what it fills: the mirror pixels of a bounce, and the Mirror G-Buffer.
+
+use scene::{Mirror, Settings};
+
+use crate::inputs::Inputs;
+use crate::store::PointStore;
+use crate::targets::Image;
+
+/// The mirror pixels of one bounce, as the methods see them. All images are picture-sized.
+pub(crate) struct MirrorSurface {
+    /// xyz: P relative to the camera's eye, world axes. w: specular intensity; 0 where there is no mirror.
+    pub point: Image,
+    /// xyz: where the ray to P came from, relative to the camera's eye. w: linear depth of P as seen from there.
+    pub eye: Image,
+}
+
+/// What is seen by reflection at each pixel: the Mirror G-Buffer.
+pub(crate) struct MirrorGBuffer {
+    /// Linear albedo of Q; its specular intensity.
+    pub albedo: Image,
+    /// World normal at Q towards P; specular power.
+    pub normal: Image,
+    /// Q relative to the camera's eye, world axes. w: coverage; 0 none, 1 found, between: closed from neighbours.
+    pub position: Image,
+}
+
+impl MirrorGBuffer {
+    pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        Self {
+            albedo: Image::new(device, size, "mirror albedo", wgpu::TextureFormat::Rgba16Float),
+            normal: Image::new(device, size, "mirror normal", wgpu::TextureFormat::Rgba32Float),
+            position: Image::new(device, size, "mirror position", wgpu::TextureFormat::Rgba32Float),
+        }
+    }
+
+    pub fn bind(&self) -> [wgpu::BindingResource<'_>; 3] {
+        [self.albedo.bind(), self.normal.bind(), self.position.bind()]
+    }
+
+    pub fn bytes(&self) -> u64 {
+        [&self.albedo, &self.normal, &self.position].map(Image::bytes).iter().sum()
+    }
+}
+
+/// What a method works on and with.
+pub(crate) struct Task<'a> {
+    /// All visible points, whether or not the camera sees them.
+    pub supply: &'a Inputs,
+    pub settings: &'a Settings,
+    pub store: &'a PointStore,
+    /// All that have a formula.
+    pub mirrors: &'a [Mirror],
+    /// 0 for what the camera sees by one reflection.
+    pub bounce: usize,
+    pub mirror: &'a MirrorSurface,
+    /// xyz: unit normal towards where the ray came from. w: specular power.
+    pub normal: &'a Image,
+    pub seen: &'a MirrorGBuffer,
+    /// Mirrors that are drawn by their formula.
+    pub formulas: Option<&'a wgpu::Buffer>,
+    /// `COUNTERS` words, counted up by the methods, read when the frame is done.
+    pub counters: &'a wgpu::Buffer,
+}

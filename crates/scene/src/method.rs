@@ -1,0 +1,99 @@
+//! The reflection methods: a row each in `methods!`. The menu, `--method`, `glint methods`, studies and the law suite walk the
+//! table; what a method does is an arm of `run` in crates/render/src/method.rs, and its page is docs/methods/NAME.md.
+
+/// Which points a method looks for reflections in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Supply {
+    /// None: it finds nothing.
+    Nothing,
+    /// All that are shown. Mirrors that are drawn by their formula are met by it.
+    Everything,
+    /// Also samples of the mirrors that are drawn by their formula: the method sees mirrors only by their points.
+    WithMirrors,
+}
+
+/// A row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct MethodRow {
+    pub method: Method,
+    /// As in `reflection.method`.
+    pub name: &'static str,
+    /// One line for people.
+    pub help: &'static str,
+    pub supply: Supply,
+    /// The group of parameters that only this method reads.
+    pub group: Option<&'static str>,
+}
+
+/// Declares the methods: `Variant = "name", "help", supply, parameter group`.
+macro_rules! methods {
+    ($($Method:ident = $name:literal, $help:literal, $supply:ident, $group:expr;)*) => {
+        param::choices! {
+            /// How mirrors show what they reflect.
+            pub enum Method { $($Method = $name),* }
+        }
+
+        /// Every method, in the order of the menu.
+        pub const METHODS: &[MethodRow] = &[$(MethodRow {
+            method: Method::$Method,
+            name: $name,
+            help: $help,
+            supply: Supply::$supply,
+            group: $group,
+        }),*];
+    };
+}
+
+methods! {
+    Auto = "auto", "sscr_hierarchical, in every scene", Everything, None;
+    None = "none", "Mirrors stay plain grey: the scene without reflections", Nothing, None;
+    EnvironmentMap = "environment_map",
+        "A picture of the surroundings from each mirror's middle, looked up by direction alone",
+        Everything, Some("environment_map");
+    MirroredViewpoint = "mirrored_viewpoint",
+        "The scene from an eye behind each mirror's plane: exact for flat mirrors; four of them, one reflection",
+        Everything, None;
+    Sscr = "sscr",
+        "Screen-space curved reflections as published (Preiner 2010): a root search for each point",
+        WithMirrors, Some("sscr");
+    SscrHierarchical = "sscr_hierarchical",
+        "Nodes of points descend into beams of reflected rays; each ray ends at the disc it meets",
+        Everything, None;
+    SurfelTrace = "surfel_trace", "Reflected rays traced through the points as discs, on the GPU", Everything, None;
+}
+
+/// The ray tracer as a method: it is none of the renderer's.
+pub const RAY_TRACE: &str = "ray_trace";
+
+/// Names that are fixed for methods of later versions, so that asking for one is not taken for a spelling mistake.
+pub const LATER_METHODS: [&str; 4] = ["cubemap_trace", "screen_trace", "sample_cameras", "light_field"];
+
+impl Method {
+    pub fn row(self) -> &'static MethodRow {
+        &METHODS[self as usize]
+    }
+
+    /// The method that is run: `auto` stands for another one.
+    pub fn chosen(self) -> Self {
+        if self == Self::Auto { Self::SscrHierarchical } else { self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Settings;
+
+    #[test]
+    fn every_row_is_found_by_its_method_and_names_a_group_of_parameters() {
+        let settings = Settings::default();
+        let groups: Vec<&str> = settings.groups().iter().map(|params| params.group().name).collect();
+        for row in METHODS {
+            assert_eq!(row.method.row().name, row.name);
+            assert!(row.group.is_none_or(|group| groups.contains(&group)), "{}", row.name);
+            assert!(!row.help.is_empty() && !row.help.contains('\n'), "{}", row.name);
+            assert!(!LATER_METHODS.contains(&row.name) && row.name != RAY_TRACE);
+            assert_eq!(row.method.chosen().row().supply, row.supply, "{}", row.name);
+        }
+    }
+}
