@@ -11,7 +11,6 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud};
 use glam::{DVec3, Vec3};
-use param::{Kind, Params as _, Value};
 use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, Mirror, Settings, Shape};
 
@@ -286,28 +285,6 @@ fn the_second_reflection_is_looked_up_like_the_first() {
     assert!(doubly.len() > 20 && grey == doubly.len(), "{grey} of {}", doubly.len());
     // At outlines, and where the second reflection is of a mirror again, it is none of a wall.
     assert!(walls * 4 > doubly.len() * 3, "{walls} of {}", doubly.len());
-}
-
-#[test]
-fn both_ends_of_every_parameter_of_maps_give_a_finite_picture() {
-    let mut stage = stage_or_skip!();
-    let scene = Scene::new(&stage, room(&[]), vec![sphere(DVec3::ZERO, RADIUS)]);
-    for field in &Settings::default().environment_map.group().fields {
-        let ends = match &field.kind {
-            Kind::U32 { min, max, .. } => vec![Value::U32(*min), Value::U32(*max)],
-            Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
-            other => panic!("{other:?}"),
-        };
-        let mut pictures = Vec::new();
-        for end in ends {
-            let (key, text) = (format!("environment_map.{}", field.name), field.format(&end));
-            scene.render(&mut stage, &by_map(&[(&key, &text)]));
-            let pixels = pixels(&stage, &scene.camera);
-            assert!(pixels.iter().all(|seen| seen.found.is_some_and(DVec3::is_finite)), "{key}={text}");
-            pictures.push(stage.renderer.read_picture().unwrap());
-        }
-        assert!(pictures[0] != pictures[1], "{} has an effect", field.name);
-    }
 }
 
 const FLAT: Shape = Shape::Plane { height: 0.7 };

@@ -11,7 +11,6 @@ use std::sync::Arc;
 use cloud::sampling::Surface;
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DMat3, DQuat, DVec3, Vec3};
-use param::{Kind, Value};
 use render::{Aov, ColorPlan, FrameStats, Material, Objects, PassStage, PassTime, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
@@ -273,24 +272,6 @@ fn pictures_of_odd_sizes_are_right_to_the_last_pixel() {
 }
 
 #[test]
-fn a_mirror_in_an_empty_scene_is_drawn_and_shows_nothing() {
-    let mut stage = stage_or_skip!();
-    let mut scene = Scene::new(&stage, front_camera());
-    scene.mirrors.push(mirror(Shape::Sphere, SPHERE_CENTER, DQuat::IDENTITY, SPHERE_RADIUS));
-    for size in ODD_SIZES {
-        for method in [TRACING[0], TRACING[1], "sscr"] {
-            let stats = scene.render_sized(&mut stage, &by_method(method), size);
-            let found = stats.reflection.unwrap();
-            let mirrors = mask(&stage).iter().filter(|is_mirror| **is_mirror).count();
-            assert!(mirrors > 0 && found.mirror_pixels as usize == mirrors, "{method} {size:?}: {mirrors}");
-            assert_eq!((found.coverage, found.closed_coverage), (0.0, 0.0), "{method} {size:?}");
-            assert!(seen(&stage).iter().all(Option::is_none), "{method} {size:?}");
-            assert_finite(&stage, &format!("{method} {size:?}"));
-        }
-    }
-}
-
-#[test]
 fn a_parallel_projection_is_reflected_in_a_plane_as_the_closed_form_says() {
     let mut stage = stage_or_skip!();
     let back = DVec3::new(0.1, -1.0, 0.5);
@@ -525,58 +506,6 @@ fn a_mirror_that_reflects_nothing_gives_the_same_picture_as_no_reflections() {
     }
 }
 
-#[test]
-fn every_end_of_every_parameter_gives_a_finite_picture() {
-    let mut stage = stage_or_skip!();
-    let mut scene = room_with_blob(&stage, DMat3::IDENTITY);
-    scene.mirrors.push(mirror(Shape::Plane { height: 0.7 }, DVec3::Y * 1.9, facing(-DVec3::Y), 1.2));
-    // Its samples, for `mirror.surface`, and a sampled mirror without a formula.
-    let samples = scene.mirrors[0].sample(1000, 1);
-    let material = Material { specular_intensity: 1.0, specular_power: 1000.0, has_formula: true, as_points: false };
-    scene.add(samples, material);
-    let samples = mirror(Shape::Sphere, DVec3::new(-1.0, 0.8, 0.0), DQuat::IDENTITY, 0.4).sample(1000, 2);
-    scene.add(samples, Material { has_formula: false, ..material });
-    for params in Settings::default().groups() {
-        let group = params.group();
-        let methods: &[&str] = match group.name {
-            "mirror" | "reflection" | "light" => &["sscr_hierarchical", "sscr"],
-            "splat" => &["sscr_hierarchical"],
-            "sscr" => &["sscr"],
-            _ => continue,
-        };
-        for field in &group.fields {
-            let ends = match &field.kind {
-                Kind::F32 { min, max, .. } => vec![Value::F32(*min), Value::F32(*max)],
-                Kind::U32 { min, max, .. } => vec![Value::U32(*min), Value::U32(*max)],
-                Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
-                Kind::Bool { .. } => vec![Value::Bool(false), Value::Bool(true)],
-                _ => continue,
-            };
-            for (end, method) in ends.iter().flat_map(|end| methods.iter().map(move |method| (end, method))) {
-                let (key, text) = (format!("{}.{}", group.name, field.name), field.format(end));
-                let mut settings = settings(&[("reflection.method", method), ("reflection.bounces", "2")]);
-                settings.set_text(&key, &text).unwrap();
-                scene.render_sized(&mut stage, &settings, [64, 48]);
-                let what = format!("{key}={text}, {method}");
-                assert_finite(&stage, &what);
-                let (depth, picture) = (read(&stage, Aov::Depth), stage.renderer.read_picture().unwrap());
-                let drawn: Vec<[u8; 4]> = depth
-                    .iter()
-                    .zip(picture.as_chunks::<4>().0)
-                    .filter_map(|(depth, color)| (!depth.is_nan()).then_some(*color))
-                    .collect();
-                assert!(drawn.len() > 500 && drawn.iter().any(|color| *color != drawn[0]), "{what}: {}", drawn.len());
-                let reflection = &settings.reflection;
-                let found = seen(&stage).iter().flatten().count();
-                let is_looked_for = reflection.method != scene::Method::None && reflection.bounces > 0;
-                // In a picture this small every step of depth is larger than that: all pixels are borders of regions.
-                let is_all_borders = text == "0.001" && key == "sscr.depth_step_threshold";
-                assert_eq!(found > 0, is_looked_for && !is_all_borders, "{what}: {found} mirror pixels see something");
-            }
-        }
-    }
-}
-
 /// Whether reflections were looked for in a frame.
 fn finds_anew(stats: &FrameStats) -> bool {
     stats.passes.iter().any(|pass| pass.name == "surfel_trace")
@@ -634,23 +563,6 @@ fn reflections_are_kept_until_something_they_depend_on_changes() {
     }
     settings.reflection.keep = false;
     assert!(finds_anew(&scene.render(&mut stage, &settings)));
-}
-
-#[test]
-fn a_still_camera_does_not_flicker() {
-    let mut stage = stage_or_skip!();
-    let scene = room_with_blob(&stage, DMat3::IDENTITY);
-    for method in TRACING {
-        let mut frame = || {
-            stage.renderer.forget();
-            scene.render(&mut stage, &by_method(method));
-            (bits(&read(&stage, Aov::MirrorPosition)), bits(&read(&stage, Aov::Color)))
-        };
-        let first = frame();
-        for _ in 0..3 {
-            assert!(frame() == first, "{method}");
-        }
-    }
 }
 
 #[test]
@@ -794,42 +706,6 @@ fn beams_lose_nothing() {
         let differing = images[0].iter().zip(&images[1]).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
         assert!(filled > 1000, "{variant:?}: {filled}");
         assert_eq!(differing, 0, "{variant:?}");
-    }
-}
-
-#[test]
-fn hidden_classes_and_hidden_clouds_are_not_reflected() {
-    let mut stage = stage_or_skip!();
-    let mut scene = sphere_over_floor(&stage);
-    let id = scene.store.add_cloud(Material::default());
-    // A second, lower floor in two classes, seen where the first one is hidden.
-    let corner = DVec3::new(-FLOOR_HALF, -FLOOR_HALF, FLOOR - 0.5);
-    let points = rectangle_points(corner, [DVec3::X, DVec3::Y].map(|axis| axis * (2.0 * FLOOR_HALF)), DISC);
-    let classes: Vec<u8> = points.iter().map(|(at, _)| if at.x < 0.0 { 2 } else { 200 }).collect();
-    scene.store.add_chunk(id, &chunk(&points, [90; 3], DISC), Some(&classes)).unwrap();
-    let first = render::CloudId(0);
-    let mut count = |scene: &Scene, method| {
-        scene.render(&mut stage, &by_method(method));
-        let seen: Vec<DVec3> = seen(&stage).into_iter().flatten().map(|(at, _)| at).collect();
-        let upper = seen.iter().filter(|at| at.z > FLOOR - 0.1).count();
-        let left = seen.iter().filter(|at| at.z < FLOOR - 0.1 && at.x < -DISC).count();
-        [upper, left, seen.iter().filter(|at| at.z < FLOOR - 0.1 && at.x > DISC).count()]
-    };
-    for method in TRACING.into_iter().chain(["sscr"]) {
-        let [upper, left, right] = count(&scene, method);
-        assert!(upper > 300 && upper > 4 * (left + right), "{method}: {upper} {left} {right}");
-        scene.store.set_visible(first, false);
-        let [upper, left, right] = count(&scene, method);
-        assert!(upper == 0 && left > 150 && right > 150, "{method}: {upper} {left} {right}");
-        let mut visible = [true; 256];
-        visible[200] = false;
-        scene.store.set_visible_classes(id, &visible);
-        let [upper, remaining, right] = count(&scene, method);
-        // Pixels that held means of both classes, or were closed, are left to this one.
-        let is_as_before = remaining == left || (method == "sscr" && remaining > left);
-        assert!(upper == 0 && right == 0 && is_as_before, "{method}: {upper} {remaining} of {left} {right}");
-        scene.store.set_visible_classes(id, &[true; 256]);
-        scene.store.set_visible(first, true);
     }
 }
 

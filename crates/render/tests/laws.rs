@@ -1,0 +1,416 @@
+//! Laws that every reflection method obeys, whatever it finds and how: they walk `scene::METHODS`. Where a method breaks one for a
+//! reason that is known, `EXCEPTIONS` says so, and the law holds it to that. What is right is tested beside the methods.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[macro_use]
+mod stage;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use cloud::{Chunk, Cloud, pack_normal, pack_radius};
+use glam::{DMat3, DQuat, DVec3};
+use param::{Field, Group, Kind, Value};
+use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
+use scene::{Camera, METHODS, Method, MethodRow, Mirror, Settings, Shape, Supply};
+
+use stage::Stage;
+
+/// The laws, as docs/methods/README.md tells them.
+const LAWS: [&str; 9] = [
+    "finite",
+    "any size",
+    "no points",
+    "hidden points",
+    "equal stores",
+    "kept",
+    "coverage",
+    "right angle",
+    "finds something",
+];
+
+/// Law, method, and why it is broken.
+const EXCEPTIONS: [(&str, &str, &str); 0] = [];
+
+const SIZE: [u32; 2] = [64, 48];
+
+/// Discs some three pixels wide in a picture of `SIZE`.
+const DISC: f64 = 0.16;
+
+/// A rectangle of one colour, sampled so that its discs close it.
+fn wall(corner: DVec3, edges: [DVec3; 2], color: [u8; 3]) -> Chunk {
+    let counts = edges.map(|edge| (edge.length() / DISC).ceil() as u32);
+    let at = |i: u32, count: u32| (f64::from(i) + 0.5) / f64::from(count);
+    let points: Vec<[f32; 3]> = (0..counts[0] * counts[1])
+        .map(|i| {
+            let (u, v) = (at(i % counts[0], counts[0]), at(i / counts[0], counts[1]));
+            (corner + edges[0] * u + edges[1] * v).as_vec3().to_array()
+        })
+        .collect();
+    let normal = pack_normal(edges[0].cross(edges[1]).normalize().as_vec3());
+    let mut chunk = Chunk::new(0, DVec3::ZERO, points);
+    chunk.colors = Some(Arc::new(vec![[color[0], color[1], color[2], 255]; chunk.len()]));
+    chunk.normals = Some(Arc::new(vec![normal; chunk.len()]));
+    chunk.radii = Some(Arc::new(vec![pack_radius(DISC as f32); chunk.len()]));
+    chunk
+}
+
+const RED: [u8; 3] = [220, 30, 30];
+const GREEN: [u8; 3] = [30, 220, 30];
+const GREY: [u8; 3] = [190, 190, 190];
+/// Class of the green points.
+const GREEN_CLASS: u8 = 5;
+
+struct Scene {
+    store: PointStore,
+    mirrors: Vec<Mirror>,
+    camera: Camera,
+    /// The cloud of red, grey and green walls, whose green points are a class of their own.
+    walls: CloudId,
+    /// A cloud of green points alone.
+    green: CloudId,
+}
+
+/// A corner of a room before a flat and a round mirror with a formula and a round one of points, all turned.
+fn scene(stage: &Stage, turn: DMat3) -> Scene {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let camera = Camera::looking(DVec3::new(0.0, 0.4, 0.0), DVec3::new(-0.2, -1.0, 0.35), 3.2, z);
+    let camera = Camera { eye: turn * camera.eye, pivot: turn * camera.pivot, up: turn * camera.up };
+    let turned = |corner: DVec3, edges: [DVec3; 2], color| wall(turn * corner, edges.map(|edge| turn * edge), color);
+    let mut store = PointStore::new(stage.gpu.clone());
+    let mut add = |chunks: Vec<(Chunk, u8)>, material| {
+        let id = store.add_cloud(material);
+        let add = |(chunk, class): &(Chunk, u8)| store.add_chunk(id, chunk, Some(&vec![*class; chunk.len()])).unwrap();
+        let ids: Vec<_> = chunks.iter().map(add).collect();
+        let cloud = Cloud { chunks: chunks.into_iter().map(|(chunk, _)| chunk).collect(), ..Cloud::default() };
+        let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
+        store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+        id
+    };
+    let walls = vec![
+        (turned(DVec3::new(-2.0, -2.6, -1.2), [x * 4.0, y * 4.2], GREY), 2),
+        (turned(DVec3::new(-2.0, -2.6, -1.2), [y * 4.2, z * 2.4], RED), 2),
+        (turned(DVec3::new(0.4, -2.6, -1.2), [x * 1.4, z * 2.0], GREEN), GREEN_CLASS),
+    ];
+    let walls = add(walls, Material::default());
+    let green = add(vec![(turned(DVec3::new(1.9, -2.6, -1.2), [z * 2.4, y * 4.2], GREEN), 2)], Material::default());
+    let mirror = |shape, position, facing: DVec3, size| {
+        let mirror = Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Y, size);
+        let rotation = DQuat::from_mat3(&turn) * DQuat::from_rotation_arc(DVec3::Z, facing);
+        Mirror { position: turn * position, rotation, ..mirror }
+    };
+    let mirrors = vec![
+        mirror(Shape::Plane { height: 0.8 }, DVec3::new(0.2, 1.5, 0.0), -DVec3::Y, 1.1),
+        mirror(Shape::Sphere, DVec3::new(-0.3, 0.0, -0.4), DVec3::Z, 0.5),
+    ];
+    let reflecting = Material { specular_intensity: 1.0, specular_power: 1000.0, ..Material::default() };
+    for mirror in &mirrors {
+        let samples = mirror.sample(600, 1).into_iter().map(|chunk| (chunk, 0)).collect();
+        add(samples, Material { has_formula: true, ..reflecting });
+    }
+    let of_points = mirror(Shape::Sphere, DVec3::new(0.8, 0.3, 0.3), DVec3::Z, 0.4);
+    add(of_points.sample(600, 2).into_iter().map(|chunk| (chunk, 0)).collect(), reflecting);
+    Scene { store, mirrors, camera, walls, green }
+}
+
+impl Scene {
+    fn render(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
+        let objects = Objects { mirrors: &self.mirrors, ..Objects::default() };
+        stage.renderer.render(&self.store, &self.camera, settings, objects, size).unwrap()
+    }
+
+    /// A frame that nothing is kept for from those before.
+    fn render_anew(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
+        stage.renderer.forget();
+        self.render(stage, settings, size)
+    }
+}
+
+/// By a method, without light from surface to surface: that is no method's.
+fn by(method: &MethodRow) -> Settings {
+    let mut settings = Settings::default();
+    settings.reflection.method = method.method;
+    (settings.gi.bounces, settings.sun.sky) = (0, 0.0);
+    settings
+}
+
+/// The methods that look for something; `auto` is one of them.
+fn finding() -> impl Iterator<Item = &'static MethodRow> {
+    METHODS.iter().filter(|row| row.supply != Supply::Nothing && row.method.chosen() == row.method)
+}
+
+fn is_excepted(law: &str, method: &MethodRow) -> bool {
+    EXCEPTIONS.iter().any(|(excepted, name, _)| *excepted == law && *name == method.name)
+}
+
+fn read(stage: &Stage, aov: Aov) -> Vec<f32> {
+    stage.renderer.read_aov(aov).unwrap().data
+}
+
+/// The picture, and all that is found, to the bit.
+fn bits(stage: &Stage) -> (Vec<u8>, [Vec<u32>; 4]) {
+    let images = [Aov::Color, Aov::MirrorPosition, Aov::MirrorAlbedo, Aov::MirrorNormal];
+    let bits = |aov| read(stage, aov).iter().map(|value| value.to_bits()).collect();
+    (stage.renderer.read_picture().unwrap(), images.map(bits))
+}
+
+/// That all colours are numbers where something is seen, and all places where something is seen in a mirror. Returns pixels drawn,
+/// mirror pixels, and those in which something was found, and was found or closed.
+fn assert_finite(stage: &Stage, what: &str) -> [usize; 4] {
+    let depth = read(stage, Aov::Depth);
+    for aov in [Aov::Color, Aov::Direct] {
+        for (depth, color) in depth.iter().zip(read(stage, aov).as_chunks::<3>().0) {
+            assert!(depth.is_nan() || color.iter().all(|value| value.is_finite()), "{what}: {aov:?} {color:?}");
+        }
+    }
+    let (mut found, mut closed) = (0, 0);
+    for [x, y, z, coverage] in read(stage, Aov::MirrorPosition).as_chunks::<4>().0 {
+        if *coverage > 0.0 {
+            assert!([x, y, z].iter().all(|value| value.is_finite()) && *coverage <= 1.0, "{what}: sees {x} {y} {z}");
+            (found, closed) = (found + usize::from(*coverage == 1.0), closed + 1);
+        }
+    }
+    let mirrors = read(stage, Aov::Mirror).iter().filter(|value| **value > 0.0).count();
+    [depth.iter().filter(|depth| !depth.is_nan()).count(), mirrors, found, closed]
+}
+
+/// Both ends of a parameter's range, and all of its choices.
+fn ends(field: &Field) -> Vec<Value> {
+    match &field.kind {
+        Kind::F32 { min, max, .. } => vec![Value::F32(*min), Value::F32(*max)],
+        Kind::U32 { min, max, .. } => vec![Value::U32(*min), Value::U32(*max)],
+        Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
+        Kind::Bool { .. } => vec![Value::Bool(false), Value::Bool(true)],
+        Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. } => Vec::new(),
+    }
+}
+
+/// Whether a method's picture may differ where a parameter of a group does. What only light and picture depend on is the same
+/// for all methods, and tried by the one that `auto` stands for.
+fn concerns(method: &MethodRow, group: &Group, field: &Field) -> bool {
+    let is_others = METHODS.iter().any(|row| row.group == Some(group.name) && row.name != method.name);
+    let is_drawn = field.affects.found || field.affects.shading || field.affects.view;
+    is_drawn && !is_others && (field.affects.found || method.method == Method::Auto.chosen())
+}
+
+#[test]
+fn finite_at_every_end_of_every_parameter() {
+    let mut stage = stage_or_skip!();
+    let scene = scene(&stage, DMat3::IDENTITY);
+    for method in finding() {
+        for params in Settings::default().groups() {
+            let group = params.group();
+            for field in group.fields.iter().filter(|field| concerns(method, group, field)) {
+                // A row for each method is what the method's own ends are.
+                for end in ends(field).into_iter().filter(|_| (group.name, field.name) != ("reflection", "method")) {
+                    let (key, text) = (format!("{}.{}", group.name, field.name), field.format(&end));
+                    let mut settings = by(method);
+                    settings.reflection.bounces = 2;
+                    if !field.affects.found {
+                        // Light of all kinds, of few virtual lights.
+                        settings.set_text("light.by", "sun").unwrap();
+                        settings.sun.sky = 1.0;
+                        (settings.gi.bounces, settings.gi.vpls, settings.gi.sky_lights) = (1, 16, 4);
+                        settings.gi.shadow_points = 256;
+                    }
+                    settings.set_text(&key, &text).unwrap();
+                    scene.render(&mut stage, &settings, SIZE);
+                    let what = format!("{}, {key}={text}", method.name);
+                    let [drawn, mirrors, found, _] = assert_finite(&stage, &what);
+                    assert!(drawn > 500 && mirrors > 10, "{what}: {drawn} pixels, {mirrors} mirror pixels");
+                    assert!(
+                        found == 0 || settings.reflection.bounces > 0,
+                        "{what}: {found} mirror pixels see something"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn pictures_of_any_size_are_made() {
+    let mut stage = stage_or_skip!();
+    let mut scene = scene(&stage, DMat3::IDENTITY);
+    // So near that the one pixel of the smallest picture is a mirror.
+    scene.camera = Camera::looking(DVec3::new(0.2, 1.5, 0.0), DVec3::new(0.0, -1.0, 0.1), 1.2, DVec3::Z);
+    for method in METHODS {
+        for size in [[1, 1], [1, 9], [17, 1], [33, 19]] {
+            let stats = scene.render(&mut stage, &by(method), size);
+            let what = format!("{}, {size:?}", method.name);
+            let [drawn, mirrors, ..] = assert_finite(&stage, &what);
+            assert!(drawn > 0 && mirrors > 0, "{what}: {drawn} pixels, {mirrors} mirror pixels");
+            assert_eq!(stats.reflection.is_some(), method.supply != Supply::Nothing, "{what}");
+            assert_eq!(stage.renderer.read_picture().unwrap().len(), (size[0] * size[1] * 4) as usize, "{what}");
+        }
+    }
+}
+
+#[test]
+fn without_points_mirrors_show_nothing() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene { store: PointStore::new(stage.gpu.clone()), ..scene(&stage, DMat3::IDENTITY) };
+    for method in METHODS {
+        let stats = scene.render(&mut stage, &by(method), SIZE);
+        let [_, mirrors, ..] = assert_finite(&stage, method.name);
+        assert!(mirrors > 100, "{}: {mirrors} mirror pixels", method.name);
+        let points = read(&stage, Aov::MirrorAlbedo);
+        // Mirrors with a formula show one another.
+        let formula = scene.mirrors[0].color.map(|value| value);
+        let is_of_points = |color: &&[f32; 3]| !color[0].is_nan() && (color[0] - formula[0]).abs() > 0.01;
+        assert_eq!(points.as_chunks::<3>().0.iter().filter(is_of_points).count(), 0, "{}", method.name);
+        assert!(stats.reflection.is_none_or(|found| found.hit_rate.unwrap_or(0.0) == 0.0), "{}", method.name);
+    }
+}
+
+/// Mirror pixels that show something green.
+fn green_pixels(stage: &Stage) -> usize {
+    let data = read(stage, Aov::MirrorAlbedo);
+    data.as_chunks::<3>().0.iter().filter(|[red, green, _]| *green > 2.0 * red).count()
+}
+
+#[test]
+fn hidden_points_are_never_reflected() {
+    let mut stage = stage_or_skip!();
+    let mut scene = scene(&stage, DMat3::IDENTITY);
+    for method in finding() {
+        let settings = by(method);
+        let mut green = |scene: &Scene| {
+            scene.render(&mut stage, &settings, SIZE);
+            green_pixels(&stage)
+        };
+        let all = green(&scene);
+        scene.store.set_visible(scene.green, false);
+        let of_class = green(&scene);
+        assert!(all > of_class && of_class > 0, "{}: {all}, {of_class} green pixels", method.name);
+        let mut shown = [true; 256];
+        shown[usize::from(GREEN_CLASS)] = false;
+        scene.store.set_visible_classes(scene.walls, &shown);
+        assert_eq!(green(&scene), 0, "{}", method.name);
+        scene.store.set_visible(scene.green, true);
+        let of_cloud = green(&scene);
+        assert!(of_cloud > 0 && of_cloud < all, "{}: {of_cloud} of {all}", method.name);
+        scene.store.set_visible_classes(scene.walls, &[true; 256]);
+        assert_eq!(green(&scene), all, "{}: what is shown again is reflected again", method.name);
+    }
+}
+
+#[test]
+fn equal_stores_give_equal_pictures() {
+    let mut stage = stage_or_skip!();
+    let scenes = [scene(&stage, DMat3::IDENTITY), scene(&stage, DMat3::IDENTITY)];
+    for method in METHODS {
+        let [first, second] = scenes.each_ref().map(|scene| {
+            scene.render_anew(&mut stage, &by(method), SIZE);
+            bits(&stage)
+        });
+        assert!(first == second, "{}", method.name);
+    }
+}
+
+#[test]
+fn what_is_kept_equals_what_is_made_anew() {
+    let mut stage = stage_or_skip!();
+    for method in METHODS {
+        let mut scene = scene(&stage, DMat3::IDENTITY);
+        let mut settings = by(method);
+        type Change = fn(&mut Scene, &mut Settings);
+        let changes: [(&str, Change); 5] = [
+            ("nothing", |_, _| ()),
+            ("the tint", |_, settings| settings.mirror.tint = 0.5),
+            ("the camera", |scene, _| scene.camera.orbit(0.02, 0.01)),
+            ("a cloud less", |scene, _| scene.store.set_visible(scene.green, false)),
+            ("a mirror elsewhere", |scene, _| scene.mirrors[1].position.x += 0.1),
+        ];
+        scene.render_anew(&mut stage, &settings, SIZE);
+        for (name, change) in changes {
+            change(&mut scene, &mut settings);
+            let kept = scene.render(&mut stage, &settings, SIZE);
+            let with_kept = bits(&stage);
+            let anew = scene.render_anew(&mut stage, &settings, SIZE);
+            assert!(with_kept == bits(&stage), "{}: {name}", method.name);
+            assert_eq!(kept.reflection, anew.reflection, "{}: {name}", method.name);
+        }
+    }
+}
+
+#[test]
+fn mirrors_see_something_and_stated_coverage_is_what_can_be_counted() {
+    let mut stage = stage_or_skip!();
+    let scene = scene(&stage, DMat3::IDENTITY);
+    for method in finding() {
+        for closes in [true, false] {
+            let mut settings = by(method);
+            settings.splat.close_gaps = closes;
+            let stats = scene.render(&mut stage, &settings, SIZE).reflection.unwrap();
+            let [_, mirrors, found, closed] = assert_finite(&stage, method.name);
+            assert_eq!(stats.mirror_pixels as usize, mirrors, "{}", method.name);
+            let count = |share: f64| (share * mirrors as f64).round() as usize;
+            let stated = [count(stats.coverage), count(stats.closed_coverage)];
+            assert_eq!(stated, [found, closed], "{}, of {mirrors} mirror pixels", method.name);
+            assert!(found * 4 > mirrors, "{}: {found} of {mirrors} mirror pixels see something", method.name);
+        }
+    }
+}
+
+#[test]
+fn turning_scene_and_camera_by_a_right_angle_changes_nothing() {
+    let mut stage = stage_or_skip!();
+    // Exact in 32 bits: x becomes y, y becomes -x.
+    let turn = DMat3::from_cols(DVec3::Y, -DVec3::X, DVec3::Z);
+    let scenes = [scene(&stage, DMat3::IDENTITY), scene(&stage, turn)];
+    let size = [128, 96];
+    for method in METHODS {
+        let mut settings = by(method);
+        settings.set_text("light.by", "headlight").unwrap();
+        let [here, there] = scenes.each_ref().map(|scene| {
+            let stats = scene.render_anew(&mut stage, &settings, size);
+            (stats.reflection, stage.renderer.read_picture().unwrap())
+        });
+        // Each point draws the region that it is looked for in; its number of random draws is that of its place in memory.
+        if let Some([here, there]) =
+            here.0.zip(there.0).map(|(here, there)| [here, there]).filter(|[here, _]| here.hit_rate.is_some())
+        {
+            for (name, here, there) in [
+                ("coverage", here.coverage, there.coverage),
+                ("closed coverage", here.closed_coverage, there.closed_coverage),
+                ("hit rate", here.hit_rate.unwrap_or(0.0), there.hit_rate.unwrap_or(0.0)),
+            ] {
+                assert!((here / there - 1.0).abs() < 0.02, "{}, {name}: {here}, {there}", method.name);
+            }
+            continue;
+        }
+        let pairs = here.1.as_chunks::<4>().0.iter().zip(there.1.as_chunks::<4>().0);
+        let differs = |(a, b): &(&[u8; 4], &[u8; 4])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > 2);
+        let differing = pairs.filter(differs).count();
+        assert!(differing * 1000 <= (size[0] * size[1]) as usize, "{}: {differing} pixels differ", method.name);
+    }
+}
+
+/// The table of methods and laws, as the page has it.
+fn table() -> String {
+    let mut table = format!("| method | {} |\n|---|{}\n", LAWS.join(" | "), "---|".repeat(LAWS.len()));
+    for method in METHODS {
+        let cell = |law: &&str| if is_excepted(law, method) { "no" } else { "holds" };
+        table += &format!("| `{}` | {} |\n", method.name, LAWS.iter().map(cell).collect::<Vec<_>>().join(" | "));
+    }
+    let reasons: BTreeMap<_, _> = EXCEPTIONS.iter().map(|(law, method, why)| ((method, law), why)).collect();
+    for ((method, law), why) in reasons {
+        table += &format!("\n`{method}`, {law}: {why}\n");
+    }
+    table
+}
+
+#[test]
+fn the_page_of_methods_has_the_table_of_laws() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/methods/README.md");
+    let page = std::fs::read_to_string(&path).unwrap();
+    let (before, rest) = page.split_once("<!-- laws -->\n").expect("a place for the table");
+    let (_, after) = rest.split_once("<!-- end -->").expect("its end");
+    let expected = format!("{before}<!-- laws -->\n{}<!-- end -->{after}", table());
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&path, &expected).unwrap();
+    }
+    let page = std::fs::read_to_string(&path).unwrap();
+    assert!(page == expected, "docs/methods/README.md is out of date: run the tests with UPDATE=1 to write it anew");
+}
