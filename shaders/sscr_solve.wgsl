@@ -57,7 +57,7 @@ fn splat_point(item: Item, index: u32) {
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     // Written so that NaN, which is a point without a place, is not searched for.
     let is_point = dot(q, q) < 3e38;
-    if totals.regions > 0u && is_point && !is_hidden(item, point) {
+    if totals.regions > 0u && is_point && is_shown(item.class_mask, point) {
         let identity = identities_from + index;
         var last_at = vec2f(-1.0);
         var label = drawn_label(identity);

@@ -5,6 +5,7 @@
 #import surfel_tree
 #import mirror_ray
 #import counters
+#import visibility
 
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
@@ -29,8 +30,6 @@
 
 // Set while the tests are shown.
 override count_tests: bool = false;
-// Set while a class is hidden.
-override filter_classes: bool = false;
 // Start from the tile's list, not from the top of the tree.
 override use_lists: bool = false;
 
@@ -134,8 +133,9 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
                 identity = place.first_identity + order[first_surfel + k] - place.first_surfel;
                 is_nearer = key < nearest.key || identity < nearest.identity;
             }
-            if filter_classes {
-                is_nearer = is_nearer && is_shown(place, first_surfel + k);
+            // The point is fetched where it matters alone: points lie all over memory.
+            if filter_classes && is_nearer {
+                is_nearer = is_shown(place.class_mask, points[order[first_surfel + k]]);
             }
             if is_nearer {
                 nearest = Nearest(key, hit.distance, identity, nearest.nodes_tested, nearest.discs_tested);
@@ -143,9 +143,4 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         }
     }
     return nearest;
-}
-
-fn is_shown(place: TreePlace, surfel: u32) -> bool {
-    let class_code = (points[order[surfel]].w >> 16u) & 0xffu;
-    return (class_masks[place.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) != 0u;
 }

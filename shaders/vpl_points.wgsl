@@ -6,7 +6,7 @@
 @group(2) @binding(0) var<uniform> lights: Virtual;
 // xyz: bits of the position; w: identity.
 @group(2) @binding(1) var<storage, read> chosen: array<vec4u>;
-// Two a point: normal (zero where there is none), 1 where the point is shown; albedo, specular intensity.
+// Two a point: normal (zero where there is none), 1; albedo, specular intensity.
 @group(2) @binding(2) var<storage, read_write> surfaces: array<vec4f>;
 
 @compute @workgroup_size(64)
@@ -19,9 +19,6 @@ fn vpl_points(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let surface = surface_of_point(index, vec3f(0.0));
-    let item = items[items_of_runs[index / BLOCK_POINTS]];
-    let class_code = (points[index].w >> 16u) & 0xffu;
-    let is_shown = (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) != 0u;
-    surfaces[id.x * OCCLUDER_VECTORS] = vec4f(surface.normal.xyz, select(0.0, 1.0, is_shown));
+    surfaces[id.x * OCCLUDER_VECTORS] = vec4f(surface.normal.xyz, 1.0);
     surfaces[id.x * OCCLUDER_VECTORS + 1u] = surface.albedo;
 }

@@ -9,7 +9,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use anyhow::anyhow;
-use cloud::{Chunk, Cloud, Progress};
+use cloud::{Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
 use scene::{Camera, Mirror, MirrorPoints, Settings};
@@ -31,7 +31,7 @@ pub struct Opened {
     pub status: u8,
     /// Where clouds are streamed.
     pub stream: Option<StreamReport>,
-    /// Of each cloud the file whose points are all in memory, if that is so.
+    /// Of each cloud the file whose points are all in memory and shown, if that is so.
     pub sources: Vec<Option<Arc<codec::Source>>>,
 }
 
@@ -75,7 +75,8 @@ pub fn open(
         return Ok(Err(loads.status));
     }
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
-    let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.chunks));
+    let test = request.visibility.test();
+    let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
     let outline: Vec<DVec3> = outline.chain(own.flat_map(mirrors::outline)).collect();
     let Some(up) = loads.clouds.iter().find(|loaded| loaded.points > 0).map(|loaded| loaded.up) else {
         return Err(usage(format!("{}: no points to show", names.join(", "))));
@@ -88,20 +89,24 @@ pub fn open(
     }
     drop(job);
     let Loads { mut clouds, mirrors: mut placed, status, stream, .. } = loads;
-    let area = mirrors::area_per_point(clouds.iter().flat_map(|loaded| &loaded.cloud.chunks));
+    let area = mirrors::area_per_point(clouds.iter().map(|loaded| &loaded.cloud), &test);
     placed.extend(request.mirrors.iter().map(|mirror| (mirror.clone(), mirrors::sample(mirror, area))));
-    let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.chunks.iter().cloned()).collect();
+    let chunks: Vec<Chunk> = clouds.iter().flat_map(|loaded| loaded.cloud.shown(&test).chunks).collect();
+    if chunks.is_empty() && clouds.iter().any(|loaded| loaded.points > 0) {
+        terminal::warn(["no cloud is seen, the scene hides all classes of their points"]);
+    }
     let light = AutoLight::around(&chunks, up);
     if request.lights.is_empty() && light.lamp_shines(settings.light.by, camera.eye) {
         request.lights.extend(light.lamp());
     }
     let mut resident = Resident::new(gpu.clone());
+    resident.apply(Change::Visibility { visibility: request.visibility.clone() })?;
     resident.apply(Change::Expect { points: clouds.iter().map(|loaded| loaded.points).sum() })?;
     let mut parts = Vec::new();
     for loaded in &mut clouds {
         let is_of = |points: &&MirrorPoints| points.is_of(&loaded.input, &loaded.cloud.name);
         let reflecting: Vec<&MirrorPoints> = request.mirror_points.iter().filter(is_of).collect();
-        parts.extend(upload(&mut resident, loaded, &reflecting, settings)?);
+        parts.extend(upload(&mut resident, loaded, &reflecting, settings, &test)?);
     }
     for points in &request.mirror_points {
         if !clouds.iter().any(|loaded| points.is_of(&loaded.input, &loaded.cloud.name)) {
@@ -118,7 +123,9 @@ pub fn open(
     }
     let (store, lights, sky_is_open) = (resident.store, request.lights, light.sky_is_open());
     let subject = Subject { parts, store, mirrors, lights, sky_is_open, camera, exact };
-    let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| loaded.pages.is_none());
+    // Of a mesh of which some points are hidden, the triangles are not what is drawn.
+    let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
+    let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
     Ok(Ok(Opened { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
 }
 
@@ -237,14 +244,15 @@ impl Loads {
 }
 
 /// Puts a cloud on the GPU in the colours that the settings ask for, and those of its points that reflect as clouds of their
-/// own; gives back what it put there.
+/// own; gives back what of it is shown.
 fn upload(
     resident: &mut Resident,
     loaded: &mut Assembly,
     reflecting: &[&MirrorPoints],
     settings: &Settings,
+    test: &PointTest,
 ) -> anyhow::Result<Vec<Part>> {
-    let (plan, warning) = ColorPlan::new(&loaded.cloud, &settings.color, loaded.up);
+    let (plan, warning) = ColorPlan::new(&loaded.cloud.shown(test), &settings.color, loaded.up);
     if let Some(warning) = warning {
         terminal::warn([warning]);
     }
@@ -266,7 +274,7 @@ fn upload(
     }
     let marked = Arc::new(marked);
     if !marked.is_empty() {
-        let (chunks, classes, marked) = (chunks.clone(), loaded.class_column(), marked.clone());
+        let (chunks, classes, marked) = (chunks.clone(), loaded.cloud.class_column(), marked.clone());
         resident.apply(Change::Mark { cloud, chunks, classes, marked })?;
     }
     resident.apply(Change::Color { cloud, chunks, plan: plan.clone(), up })?;
@@ -277,7 +285,7 @@ fn upload(
         plan: plan.clone(),
         up,
     };
-    Ok(mirrors::parts(&loaded.cloud.chunks, &marked).into_iter().map(part).collect())
+    Ok(mirrors::parts(&loaded.cloud, &marked, test).into_iter().map(part).collect())
 }
 
 #[cfg(test)]

@@ -1,13 +1,12 @@
 // How a splatting pass walks the points of a page, block by block, one workgroup each. The importing pass defines
 // `splat_point(item, index)`.
 #import page_group
+#import visibility
 
 @group(1) @binding(5) var<storage, read> blocks: array<Block>;
 
 // Set for blocks whose points all cover one pixel: then neither radius nor normal matters.
 override pixels_only: bool = false;
-// Set while a class is hidden.
-override filter_classes: bool = false;
 
 // A point's identity is this plus its index in the page. Identities follow the order of clouds, chunks and files, never that of
 // places in the store (crates/render/src/identities.rs).
@@ -25,12 +24,4 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     for (var i = lane; i < block.count; i += 128u) {
         splat_point(item, block.first + i);
     }
-}
-
-fn is_hidden(item: Item, point: vec4u) -> bool {
-    if !filter_classes {
-        return false;
-    }
-    let class_code = (point.w >> 16u) & 0xffu;
-    return (class_masks[item.class_mask + (class_code >> 5u)] & (1u << (class_code & 31u))) == 0u;
 }

@@ -17,7 +17,7 @@ struct Item {
     plain: u32,
     specular_intensity: f32,
     specular_power: f32,
-    // First of this cloud's eight words in the class masks.
+    // See visibility.wgsl.
     class_mask: u32,
     // Height of the origin above the reference height, along the up axis `height_axis`.
     height: f32,

@@ -16,7 +16,7 @@ struct TreePlace {
     end_node: u32,
     // Of its discs in the page, as of its points.
     first_surfel: u32,
-    // First of its cloud's eight words in the class masks.
+    // See visibility.wgsl.
     class_mask: u32,
     // Of its first point: the others follow.
     first_identity: u32,

@@ -282,6 +282,15 @@ fn every_shader_is_used_by_a_pass() {
     assert!(unused.is_empty(), "no pass reaches {unused:?}");
 }
 
+/// Every pass that reads points asks one function whether they are shown.
+#[test]
+fn one_shader_reads_which_points_are_shown() {
+    let texts = tracked_texts();
+    let readers = texts.iter().filter(|(name, text)| name.ends_with(".wgsl") && text.contains("class_masks["));
+    let readers: Vec<&String> = readers.map(|(name, _)| name).collect();
+    assert!(texts.is_empty() || readers == ["shaders/shared/visibility.wgsl"], "{readers:?}");
+}
+
 /// Whoever needs to know something of each pass or method reads it from the tables: a list beside them would go out of date. Names
 /// of one word, like `show`, mean other things too.
 #[test]

@@ -3,7 +3,6 @@
 
 use std::path::{Path, PathBuf};
 
-use cloud::{Bounds, Chunk};
 use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
@@ -14,7 +13,7 @@ use serde_json::json;
 
 use super::bindings::{Action, Handles, Mode};
 use super::clouds::{CloudEntry, short_name};
-use super::inspection::{Inspection, Ray, Surface};
+use super::inspection::{Inspection, Ray, Surface, Target};
 use super::lens::to_vector;
 use super::light_panel;
 use super::messages::Level;
@@ -91,7 +90,7 @@ impl State {
             Action::CopyView => {
                 let text = SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings()) }.to_text();
                 self.effects.push(Effect::Copy(text));
-                self.messages.note(self.copied("View copied as text"));
+                self.messages.note("View copied as text");
             }
             Action::SaveScene => self.save_scene(),
             Action::AddMirror(shape) => self.add_mirror(shape),
@@ -130,7 +129,7 @@ impl State {
             }
             Action::CopyCommandLine => {
                 self.effects.push(Effect::Copy(self.command_line()));
-                self.messages.note(self.copied("Command line copied"));
+                self.messages.note("Command line copied");
             }
             Action::Undo => {
                 let done = self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera);
@@ -225,8 +224,8 @@ impl State {
         }
     }
 
-    /// Mirrors and lights of a view: mirrors whose names are known move there, others are added; lights take the place of all
-    /// that there were.
+    /// Mirrors, lights and hidden classes of a view: mirrors whose names are known move there, others are added; lights take the
+    /// place of all that there were, and the classes that it hides alone are hidden.
     fn take_objects(&mut self, file: &SceneFile) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
@@ -246,6 +245,7 @@ impl State {
             }
             self.warn_of_dark_lights();
         }
+        self.objects.visibility = file.visibility.clone();
         self.history.after_jump(&self.settings, &self.objects);
     }
 
@@ -450,24 +450,25 @@ impl State {
         }
         held.asked = Some(pixel);
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
-        let with_bounds = |entry: &CloudEntry| {
-            let bounds = entry.chunk_bounds().map(|(_, bounds)| bounds);
-            entry.cloud.chunks.iter().cloned().zip(bounds).collect::<Vec<_>>()
+        let targets = |entry: &CloudEntry| {
+            let (classes, chunks) = (entry.cloud.class_column(), entry.cloud.chunks.iter().cloned());
+            let target = |(chunk, (_, bounds))| Target { chunk, bounds, classes };
+            chunks.zip(entry.chunk_bounds()).map(target).collect::<Vec<_>>()
         };
-        let chunks = visible.flat_map(with_bounds);
-        let ray = self.sight_line(pixel, chunks.collect());
+        let ray = self.sight_line(pixel, visible.flat_map(targets).collect());
         self.effects.push(Effect::Work(Work::Cast(ray)));
     }
 
     /// What a pixel looks along.
-    pub fn sight_line(&self, pixel: [u32; 2], chunks: Vec<(Chunk, Bounds)>) -> Ray {
+    pub fn sight_line(&self, pixel: [u32; 2], targets: Vec<Target>) -> Ray {
         let lens = self.lens();
         let pixel = to_vector(pixel);
         let (origin, direction) = lens.ray(pixel);
         let (_, beside) = lens.ray(pixel + DVec2::X * CAST_RADIUS);
         let is_parallel = self.settings.view.projection == Projection::Orthographic;
         let width = lens.units_per_pixel(self.camera.pivot).filter(|_| is_parallel).unwrap_or(0.0) * CAST_RADIUS;
-        Ray { origin, direction, spread: direction.distance(beside), width, chunks }
+        let test = self.objects.visibility.test();
+        Ray { origin, direction, spread: direction.distance(beside), width, targets, test }
     }
 
     /// What a sight line has met. Beyond the scan the mirror stays where it was.
@@ -479,13 +480,6 @@ impl State {
             held.update(surface, eye, up);
             self.navigation.camera_moved(self.now);
         }
-    }
-
-    /// What was done, and what the copy does not say of the picture.
-    fn copied(&self, done: &str) -> String {
-        let hides_classes = self.visible_classes.contains(&false);
-        let lacking = if hides_classes { "; hidden classes are not part of it, all will be shown" } else { "" };
-        format!("{done}{lacking}")
     }
 
     fn save_picture(&mut self) {
@@ -557,16 +551,28 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_that_shows_more_classes_says_so() {
-        let mut state = State::new(Preferences::default());
-        let note = |state: &State| state.messages.all.last().map_or(String::new(), |message| message.text.clone());
-        state.act(Action::CopyView);
-        assert_eq!(note(&state), "View copied as text");
-        state.set_class_visible([7], false);
-        for action in [Action::CopyView, Action::CopyCommandLine] {
-            state.act(action);
-            assert!(note(&state).contains("hidden classes"), "{}", note(&state));
-        }
+    fn hidden_classes_are_copied_saved_and_pasted_and_a_view_that_shows_all_shows_them_again() {
+        let mut one = State::with_two_points();
+        let view = |state: &mut State| {
+            state.act(Action::CopyView);
+            let Some(Effect::Copy(text)) = state.effects.pop() else { panic!("nothing was copied") };
+            text
+        };
+        let all = view(&mut one);
+        one.show_classes([7, 18], false);
+        let hiding = view(&mut one);
+        assert!(hiding.contains("hidden_classes = [7, 18]"), "{hiding}");
+        assert!(one.command_line().contains("hidden_classes = [7, 18]"), "{}", one.command_line());
+        assert!(one.view_as_scene().contains("hidden_classes = [7, 18]"));
+        let mut other = State::new(Preferences::default());
+        other.paste_view(&hiding);
+        assert_eq!(other.objects.visibility, one.objects.visibility);
+        one.paste_view(&all);
+        assert!(one.objects.visibility.shows_all());
+        one.act(Action::Undo);
+        assert_eq!(one.objects.visibility, other.objects.visibility);
+        one.act(Action::Undo);
+        assert!(one.objects.visibility.shows_all());
     }
 
     #[test]

@@ -118,7 +118,7 @@ mod tests {
         state.renew_figures();
         for effect in std::mem::take(&mut state.effects) {
             if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
-                let figures = Box::new(Figures::of(&cloud, &basis.color, up));
+                let figures = Box::new(Figures::of(&cloud, &basis.color, &basis.visibility, up));
                 state.on_found(Found::Figures { key, basis, figures });
             }
         }

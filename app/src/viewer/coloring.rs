@@ -21,6 +21,7 @@ impl State {
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
                 color: color.clone(),
+                visibility: self.objects.visibility.clone(),
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
                 late_columns: entry.late_columns(),
@@ -29,7 +30,8 @@ impl State {
             if entry.figures_basis.as_ref() != Some(&basis) {
                 entry.figures_under_way = true;
                 let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
-                let same_color = entry.figures_basis.as_ref().is_some_and(|old| old.color == basis.color);
+                let is_same = |old: &Basis| old.color == basis.color && old.visibility == basis.visibility;
+                let same_color = entry.figures_basis.as_ref().is_some_and(is_same);
                 // Ramps of a streamed cloud must not change with what of it is there.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);

@@ -41,7 +41,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         *classes.entry(*class).or_default() += count;
     }
     // Files whose points are all of one class say nothing by it.
-    if classes.len() > 1 || state.visible_classes.contains(&false) {
+    if classes.len() > 1 || !state.objects.visibility.shows_all() {
         ui.separator();
         class_list(ui, state, &classes);
     }
@@ -159,20 +159,20 @@ fn class_list(ui: &mut Ui, state: &mut State, classes: &BTreeMap<u8, u64>) {
         ui.label(RichText::new("Classes").strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             if ui.small_button("None").clicked() {
-                state.set_class_visible(0..=255, false);
+                state.show_classes(0..=255, false);
             }
             if ui.small_button("All").clicked() {
-                state.set_class_visible(0..=255, true);
+                state.show_classes(0..=255, true);
             }
         });
     });
     for (class, count) in classes {
-        let visible = state.visible_classes[usize::from(*class)];
+        let visible = state.objects.visibility.test().shows(Some(*class));
         let name = class_name(*class);
         let name = if name.is_empty() { "user-defined or reserved" } else { name };
         ui.horizontal(|ui| {
             if eye(ui, visible, &format!("class {class}")).clicked() {
-                state.set_class_visible([*class], !visible);
+                state.show_classes([*class], !visible);
             }
             let [red, green, blue, _] = class_color(*class);
             let (swatch, _) = ui.allocate_exact_size(vec2(10.0, 10.0), Sense::hover());
@@ -204,10 +204,12 @@ mod tests {
         assert!(harness.query_by_label("2 ground").is_some());
         harness.get_by_label("Show class 6").click();
         harness.run();
-        assert!(!harness.state().visible_classes[6] && harness.state().visible_classes[2]);
+        let hidden =
+            |harness: &egui_kittest::Harness<'_, State>| harness.state().objects.visibility.hidden_classes.clone();
+        assert_eq!(hidden(&harness), [6].into());
         harness.get_by_label("All").click();
         harness.run();
-        assert!(harness.state().visible_classes[6]);
+        assert!(hidden(&harness).is_empty());
     }
 
     #[test]

@@ -1,13 +1,15 @@
 //! What a worker thread finds out about a cloud: how it is coloured, the histogram, its classes, and the box to frame.
 
-use cloud::{Bounds, Cloud, Column};
+use cloud::{Bounds, Cloud};
 use glam::DVec3;
 use render::ColorPlan;
+use scene::Visibility;
 
 /// What the figures depend on: a change asks for new ones.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Basis {
     pub color: scene::Color,
+    pub visibility: Visibility,
     /// While loading: doublings of the number of points, so that figures are renewed a few times, not for each chunk.
     pub doublings: u32,
     pub is_read: bool,
@@ -22,11 +24,11 @@ pub struct Figures {
     pub plan: ColorPlan,
     /// Why the plan is not what was asked for.
     pub warning: Option<String>,
-    /// Over `plan.full_range`; empty for colours that are no ramp.
+    /// Of the points that are shown, over `plan.full_range`; empty for colours that are no ramp.
     pub histogram: Vec<u32>,
-    /// Points of each class that occurs, by class.
+    /// Points of each class that occurs, by class, hidden ones too.
     pub classes: Vec<(u8, u64)>,
-    /// Without stray points.
+    /// Of the points that are shown, without stray points.
     pub bounds: Bounds,
     /// What to frame.
     pub outline: Vec<DVec3>,
@@ -36,28 +38,27 @@ pub struct Figures {
 const HISTOGRAM_BINS: usize = 128;
 
 impl Figures {
-    pub fn of(cloud: &Cloud, color: &scene::Color, up: DVec3) -> Self {
-        let (plan, warning) = ColorPlan::new(cloud, color, up);
-        let histogram = plan.histogram(cloud, up, HISTOGRAM_BINS);
-        let bounds = cloud::robust_bounds(&cloud.chunks);
-        let outline = cloud::robust_outline(&cloud.chunks);
+    pub fn of(cloud: &Cloud, color: &scene::Color, visibility: &Visibility, up: DVec3) -> Self {
+        let shown = cloud.shown(&visibility.test());
+        let (plan, warning) = ColorPlan::new(&shown, color, up);
+        let histogram = plan.histogram(&shown, up, HISTOGRAM_BINS);
+        let bounds = cloud::robust_bounds(&shown.chunks);
+        let outline = cloud::robust_outline(&shown.chunks);
         Self { plan, warning, histogram, classes: classes(cloud), bounds, outline }
     }
 
     /// Counts anew what is there of a cloud; colours and bounds stay.
-    pub fn recounted(self, cloud: &Cloud, up: DVec3) -> Self {
-        let histogram = self.plan.histogram(cloud, up, HISTOGRAM_BINS);
+    pub fn recounted(self, cloud: &Cloud, visibility: &Visibility, up: DVec3) -> Self {
+        let histogram = self.plan.histogram(&cloud.shown(&visibility.test()), up, HISTOGRAM_BINS);
         Self { histogram, classes: classes(cloud), ..self }
     }
 }
 
 fn classes(cloud: &Cloud) -> Vec<(u8, u64)> {
-    let Some(index) = cloud.column_of("classification") else { return Vec::new() };
+    let column = cloud.class_column();
     let mut counts = [0_u64; 256];
-    for chunk in &cloud.chunks {
-        if let Some(Column::U8(values)) = chunk.columns.get(index).and_then(Option::as_deref) {
-            values.iter().for_each(|class| counts[usize::from(*class)] += 1);
-        }
+    for class in cloud.chunks.iter().filter_map(|chunk| chunk.classes(column)).flatten() {
+        counts[usize::from(*class)] += 1;
     }
     (0..=255).zip(counts).filter(|(_, count)| *count > 0).collect()
 }
@@ -80,7 +81,7 @@ pub fn share_below(histogram: &[u32], place: f64) -> f64 {
 mod tests {
     use std::sync::Arc;
 
-    use cloud::{Attribute, Chunk, ColumnType};
+    use cloud::{Attribute, Chunk, Column, ColumnType};
 
     use super::*;
 
@@ -102,5 +103,25 @@ mod tests {
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
         assert_eq!(classes(&cloud), [(2, 2), (6, 1), (255, 1)]);
+    }
+
+    #[test]
+    fn figures_are_of_what_is_shown_but_hidden_classes_are_counted() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, (0..40).map(|at| [at as f32; 3]).collect());
+        chunk.columns = vec![Some(Arc::new(Column::U8((0..40).map(|at| if at < 30 { 2 } else { 7 }).collect())))];
+        let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+        let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+        let color = scene::Color { by: scene::ColorBy::Height, ..scene::Color::default() };
+        let of = |hidden_classes: &[u8]| {
+            let visibility = Visibility { hidden_classes: hidden_classes.iter().copied().collect() };
+            Figures::of(&cloud, &color, &visibility, DVec3::Z)
+        };
+        let (all, some, none) = (of(&[]), of(&[7]), of(&[2, 7]));
+        assert_eq!((all.bounds.max, some.bounds.max), (DVec3::splat(39.0), DVec3::splat(29.0)));
+        assert_eq!((all.plan.full_range.1, some.plan.full_range.1), (39.0, 29.0));
+        assert!(none.bounds.is_empty() && none.outline.is_empty());
+        assert_eq!(some.classes, [(2, 30), (7, 10)]);
+        let again = all.recounted(&cloud, &Visibility { hidden_classes: [2].into() }, DVec3::Z);
+        assert_eq!(again.histogram.iter().sum::<u32>(), 10);
     }
 }

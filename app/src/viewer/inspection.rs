@@ -4,7 +4,7 @@
 //! The surface under the cursor is found here by the sight line among the points themselves, off the window's thread: the
 //! picture shows the mirror in front of it.
 
-use cloud::{Bounds, Chunk, unpack_normal, unpack_radius};
+use cloud::{Bounds, Chunk, PointTest, unpack_normal, unpack_radius};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 use scene::{Mirror, Shape};
@@ -47,7 +47,18 @@ pub struct Ray {
     /// World units by which it widens per unit, and at its beginning: a few pixels.
     pub spread: f64,
     pub width: f64,
-    pub chunks: Vec<(Chunk, Bounds)>,
+    pub targets: Vec<Target>,
+    /// Which of their points are shown: the others are not met.
+    pub test: PointTest,
+}
+
+/// A chunk that a sight line may meet.
+#[derive(Clone)]
+pub struct Target {
+    pub chunk: Chunk,
+    pub bounds: Bounds,
+    /// The column that holds the classes of its points.
+    pub classes: Option<usize>,
 }
 
 /// Shares of the way to the eye, so that the mirror is as large on the screen near by as far away: a quarter of the picture's
@@ -112,18 +123,16 @@ const SAME_SURFACE: f64 = 4.0;
 
 /// The surface that a sight line meets first: the mean of the points around it. `None` if it passes all of them.
 pub fn cast(ray: &Ray) -> Option<Surface> {
-    let reached: Vec<&Chunk> = ray
-        .chunks
-        .iter()
-        .filter(|(_, bounds)| {
-            let (depth, aside) = ray.depth_and_distance(bounds.center() - ray.origin);
-            let radius = bounds.radius();
-            depth > -radius && aside <= radius + ray.width_at(depth + radius)
-        })
-        .map(|(chunk, _)| chunk)
-        .collect();
+    let is_reached = |target: &&Target| {
+        let (depth, aside) = ray.depth_and_distance(target.bounds.center() - ray.origin);
+        let radius = target.bounds.radius();
+        depth > -radius && aside <= radius + ray.width_at(depth + radius)
+    };
+    let reached: Vec<&Target> = ray.targets.iter().filter(is_reached).collect();
     // Depths of points that the ray meets. In f32 from the chunk's origin: a few pixels are what counts.
-    let hits = |chunk: &Chunk| -> Vec<(f64, usize)> {
+    let hits = |Target { chunk, classes, .. }: &Target| -> Vec<(f64, usize)> {
+        let classes = chunk.classes(*classes);
+        let is_shown = |index: &usize| ray.test.shows(classes.map(|classes| classes[*index]));
         let origin = (ray.origin - chunk.origin).as_vec3();
         let direction = ray.direction.as_vec3();
         let hit = |(index, position): (usize, &[f32; 3])| {
@@ -135,9 +144,10 @@ pub fn cast(ray: &Ray) -> Option<Surface> {
             (depth > 0.0 && offset.length_squared() - depth * depth < reach * reach)
                 .then_some((f64::from(depth), index))
         };
-        chunk.positions.iter().enumerate().filter_map(hit).collect()
+        chunk.positions.iter().enumerate().filter_map(hit).filter(|(_, index)| is_shown(index)).collect()
     };
-    let found: Vec<(&Chunk, Vec<(f64, usize)>)> = reached.par_iter().map(|chunk| (*chunk, hits(chunk))).collect();
+    let found: Vec<(&Chunk, Vec<(f64, usize)>)> =
+        reached.par_iter().map(|target| (&target.chunk, hits(target))).collect();
     let nearest = found.iter().flat_map(|(_, hits)| hits).map(|(depth, _)| *depth).reduce(f64::min)?;
     let deepest = nearest + SAME_SURFACE * ray.width_at(nearest);
     let (mut count, mut depths, mut normals) = (0.0, 0.0, Vec3::ZERO);
@@ -171,12 +181,12 @@ impl Ray {
 mod tests {
     use std::sync::Arc;
 
-    use cloud::{pack_normal, pack_radius};
+    use cloud::{Column, pack_normal, pack_radius};
 
     use super::*;
 
     /// Two walls across the x axis, at x = 10 and x = 20, at coordinates of seven digits.
-    fn walls() -> Vec<(Chunk, Bounds)> {
+    fn walls() -> Vec<Target> {
         let wall = |x: f32, first_point: u64| {
             let positions: Vec<[f32; 3]> =
                 (0..10_000).map(|i| [x, (i % 100) as f32 * 0.1 - 5.0, (i / 100) as f32 * 0.1 - 5.0]).collect();
@@ -186,15 +196,15 @@ mod tests {
                 radii: Some(Arc::new(vec![pack_radius(0.1); positions.len()])),
                 ..Chunk::new(first_point, DVec3::new(635_000.0, 848_000.0, 0.0), positions)
             };
-            let bounds = chunk.bounds();
-            (chunk, bounds)
+            Target { bounds: chunk.bounds(), chunk, classes: None }
         };
         vec![wall(20.0, 0), wall(10.0, 10_000)]
     }
 
     fn ray(direction: DVec3) -> Ray {
         let origin = DVec3::new(635_000.0, 848_000.0, 0.0);
-        Ray { origin, direction: direction.normalize(), spread: 1e-3, width: 0.0, chunks: walls() }
+        let (direction, test) = (direction.normalize(), PointTest::default());
+        Ray { origin, direction, spread: 1e-3, width: 0.0, targets: walls(), test }
     }
 
     #[test]
@@ -205,7 +215,19 @@ mod tests {
         assert!(surface.normal.dot(-DVec3::X) > 0.999);
         assert_eq!(cast(&ray(DVec3::NEG_X)), None);
         assert_eq!(cast(&ray(DVec3::Z)), None);
-        assert_eq!(cast(&Ray { chunks: Vec::new(), ..ray(DVec3::X) }), None);
+        assert_eq!(cast(&Ray { targets: Vec::new(), ..ray(DVec3::X) }), None);
+    }
+
+    #[test]
+    fn a_sight_line_passes_hidden_points() {
+        let mut ray = ray(DVec3::X);
+        let near = &mut ray.targets[1];
+        near.chunk.columns = vec![Some(Arc::new(Column::U8(vec![7; near.chunk.len()])))];
+        near.classes = Some(0);
+        let distance = |ray: &Ray| (cast(ray).unwrap().position.x - ray.origin.x).round();
+        assert_eq!(distance(&ray), 10.0);
+        ray.test = PointTest::hiding([7]);
+        assert_eq!(distance(&ray), 20.0);
     }
 
     #[test]

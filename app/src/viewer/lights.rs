@@ -1,6 +1,6 @@
 //! The lights of what is open: those that files bring, those that a person sets, and the one that comes of itself.
 
-use cloud::Chunk;
+use cloud::Cloud;
 use scene::{Lighting, SpotLight};
 use serde_json::json;
 use world::AutoLight;
@@ -36,10 +36,11 @@ impl State {
     /// Asks what is around the points that are shown, once they are all there.
     pub(super) fn ask_surroundings(&mut self) {
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
-        let chunks: Vec<Chunk> = visible.flat_map(|entry| entry.cloud.chunks.iter().cloned()).collect();
-        if !self.is_loading() && !chunks.is_empty() {
+        let clouds: Vec<Cloud> = visible.map(|entry| entry.cloud.clone()).collect();
+        if !self.is_loading() && clouds.iter().any(|cloud| !cloud.chunks.is_empty()) {
             let (asked, up) = (self.light_search.ask(), self.up());
-            self.effects.push(Effect::Work(Work::FindSurroundings { asked, chunks, up }));
+            let test = self.objects.visibility.test();
+            self.effects.push(Effect::Work(Work::FindSurroundings { asked, clouds, test, up }));
         }
     }
 

@@ -317,9 +317,9 @@ mod tests {
         state.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
         state.on_loading(job, Event::Finished);
         let (key, cloud) = (state.clouds[0].key, state.clouds[0].cloud.clone());
-        let color = state.settings.color.clone();
-        let figures = Box::new(Figures::of(&cloud, &color, DVec3::Z));
-        let basis = Basis { color, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
+        let (color, visibility) = (state.settings.color.clone(), state.objects.visibility.clone());
+        let figures = Box::new(Figures::of(&cloud, &color, &visibility, DVec3::Z));
+        let basis = Basis { color, visibility, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
         state.on_found(Found::Figures { key, basis, figures });
         state.history.watch(&state.settings, &state.objects, false, state.now);
         state

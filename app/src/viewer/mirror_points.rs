@@ -61,11 +61,11 @@ impl State {
             return;
         }
         self.refuse_marking_streamed();
-        let clouds = &self.clouds;
+        let (clouds, test) = (&self.clouds, self.objects.visibility.test());
         let area_per_point = *self
             .samples
             .area_per_point
-            .get_or_insert_with(|| mirrors::area_per_point(clouds.iter().flat_map(|entry| &entry.cloud.chunks)));
+            .get_or_insert_with(|| mirrors::area_per_point(clouds.iter().map(|entry| &entry.cloud), &test));
         if self.samples.under_way.is_none() {
             let is_current = |id: ObjectId, mirror: &Mirror| {
                 self.samples.of.get(&id).is_some_and(|sample| {
@@ -125,7 +125,7 @@ impl State {
             Ok(Some(marked)) => {
                 let marked = Arc::new(marked);
                 (entry.marked, entry.marks) = (wanted, marked.clone());
-                let (chunks, classes, name) = (entry.chunks(), entry.class_column(), entry.cloud.name.clone());
+                let (chunks, classes, name) = (entry.chunks(), entry.cloud.class_column(), entry.cloud.name.clone());
                 let count: u64 = marked.iter().map(|marked| marked.count).sum();
                 self.change(Change::Mark { cloud: key, chunks, classes, marked });
                 self.frames.points_changed();

@@ -1,7 +1,8 @@
-//! What stands in the scene besides clouds, as a person edits it: mirrors, points that are turned into mirrors, and lights. All
-//! of it is restored by one step of undo. How it gets to the render thread: `State::sync_objects`; lights go with each frame.
+//! What stands in the scene besides clouds, as a person edits it: mirrors, points that are turned into mirrors, and lights; and
+//! which points of the clouds are shown. All of it is restored by one step of undo. How it gets to the render thread:
+//! `State::sync_objects` and `State::sync_visibility`; lights go with each frame.
 
-use scene::{Mirror, MirrorPoints, SceneFile, SpotLight, five_mirrors};
+use scene::{Mirror, MirrorPoints, SceneFile, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
 /// A mirror or a light, as long as it exists and when it comes back by undo. Never used twice.
@@ -58,6 +59,8 @@ pub struct Objects {
     pub lights: Vec<PlacedLight>,
     /// Somebody took the last light away: none is to come of itself.
     pub no_guess: bool,
+    /// Which points of the clouds are shown.
+    pub visibility: Visibility,
 }
 
 impl Objects {
@@ -162,6 +165,7 @@ impl Objects {
             mirrors: self.mirrors.iter().filter(|placed| !is_brought(placed)).map(|p| p.mirror.clone()).collect(),
             mirror_points: mirror_points.collect(),
             lights: self.lights.iter().filter(|_| !are_brought).map(|placed| placed.light).collect(),
+            visibility: self.visibility.clone(),
             ..SceneFile::default()
         }
     }

@@ -58,10 +58,6 @@ impl State {
         let key = self.next_cloud_key();
         let (assembly, change) = Assembly::open(key, opened);
         self.change(change);
-        if self.visible_classes.contains(&false) {
-            let visible = Box::new(self.visible_classes);
-            self.change(Change::ShowClasses { cloud: key, visible });
-        }
         self.clouds.push(CloudEntry::new(assembly));
         if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
             entry.clouds.insert(index, key);
@@ -83,7 +79,8 @@ impl State {
         self.change(change);
         if let Some((cloud, chunks, up)) = uncolored {
             // What is drawn before the figures are known has colours, too.
-            let (plan, _) = ColorPlan::new(&cloud, &self.settings.color, up);
+            let shown = cloud.shown(&self.objects.visibility.test());
+            let (plan, _) = ColorPlan::new(&shown, &self.settings.color, up);
             if plan.missing_column(&cloud).is_none() {
                 self.change(Change::Color { cloud: key, chunks, plan, up });
             }
@@ -270,13 +267,29 @@ impl State {
         }
     }
 
-    pub fn set_class_visible(&mut self, classes: impl IntoIterator<Item = u8>, visible: bool) {
-        for class in classes {
-            self.visible_classes[usize::from(class)] = visible;
+    /// Shows or hides classes in all clouds, in one step of undo.
+    pub fn show_classes(&mut self, classes: impl IntoIterator<Item = u8>, is_shown: bool) {
+        self.edit_objects(|objects| {
+            let hidden = &mut objects.visibility.hidden_classes;
+            for class in classes {
+                if is_shown {
+                    hidden.remove(&class);
+                } else {
+                    hidden.insert(class);
+                }
+            }
+        });
+    }
+
+    /// Brings the render thread to what is shown now. Called before each frame is asked for.
+    pub(super) fn sync_visibility(&mut self) {
+        let visibility = &self.objects.visibility;
+        if *visibility != self.drawn_visibility {
+            self.drawn_visibility = visibility.clone();
+            self.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
+            self.samples.area_per_point = None;
+            self.frames.points_changed();
+            self.ask_surroundings();
         }
-        for key in self.clouds.iter().map(|entry| entry.key).collect::<Vec<_>>() {
-            self.change(Change::ShowClasses { cloud: key, visible: Box::new(self.visible_classes) });
-        }
-        self.frames.points_changed();
     }
 }

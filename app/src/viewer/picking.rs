@@ -1,9 +1,10 @@
 //! What is found under a pixel of the picture, and what comes of it.
 
+use cloud::{Bounds, Chunk};
 use glam::DVec3;
 use serde_json::json;
 
-use super::inspection;
+use super::inspection::{self, Target};
 use super::objects::{ObjectId, Placed};
 use super::pick::{Distance, Pick, loaded_attributes};
 use super::render_thread::{PickPurpose, PickedPoint};
@@ -65,7 +66,9 @@ impl State {
         let lens = self.lens();
         let hit = |placed: &Placed| {
             let sample = self.samples.of.get(&placed.id)?;
-            let ray = self.sight_line(pixel, sample.chunks.clone());
+            let target =
+                |(chunk, bounds): &(Chunk, Bounds)| Target { chunk: chunk.clone(), bounds: *bounds, classes: None };
+            let ray = self.sight_line(pixel, sample.chunks.iter().map(target).collect());
             Some((placed.id, inspection::cast(&ray)?.position))
         };
         let depth = |world: DVec3| lens.forward().dot(world - self.camera.eye);

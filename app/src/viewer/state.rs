@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Progress;
 use glam::DVec3;
-use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings};
+use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings, Visibility};
 use serde_json::json;
 use world::{Change, CloudKey, Input, Mailbox};
 
@@ -74,7 +74,6 @@ pub struct State {
     pub camera_is_placed: bool,
     pub mode: Mode,
     pub navigation: Navigation,
-    pub visible_classes: [bool; 256],
     pub picks: Vec<Pick>,
     pub pick_tool: bool,
     pub raw_colors: bool,
@@ -113,6 +112,7 @@ pub struct State {
     pub(super) levels_are_shown: bool,
     /// As the render thread was told.
     pub(super) expected_points: u64,
+    pub(super) drawn_visibility: Visibility,
 }
 
 impl State {
@@ -139,7 +139,6 @@ impl State {
             camera_is_placed: false,
             mode: Mode::Orbit,
             navigation: Navigation::default(),
-            visible_classes: [true; 256],
             picks: Vec::new(),
             pick_tool: false,
             raw_colors: false,
@@ -169,6 +168,7 @@ impl State {
             cache_size: None,
             levels_are_shown: false,
             expected_points: 0,
+            drawn_visibility: Visibility::default(),
         }
     }
 
@@ -241,6 +241,7 @@ impl State {
             self.bring_mirror(mirror, None);
         }
         self.awaited_markings.extend(request.mirror_points);
+        self.rewrite_objects(|objects| objects.visibility.hide(&request.visibility));
         if !request.inputs.is_empty() {
             self.effects.push(Effect::Load { inputs: request.inputs });
         }
@@ -341,6 +342,7 @@ impl State {
         self.follow_cursor();
         let steps = self.history.steps();
         let quiet = self.history.watch(&self.settings, &self.objects, is_held, now);
+        self.sync_visibility();
         let frame = self.request_frame();
         if self.history.steps() != steps {
             self.log(json!({ "event": "step" }));

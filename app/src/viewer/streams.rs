@@ -453,8 +453,8 @@ mod tests {
             });
             let Some((key, cloud, basis, up, kept)) = asked else { return false };
             let figures = match kept {
-                Some(kept) => kept.recounted(&cloud, up),
-                None => super::super::figures::Figures::of(&cloud, &basis.color, up),
+                Some(kept) => kept.recounted(&cloud, &basis.visibility, up),
+                None => super::super::figures::Figures::of(&cloud, &basis.color, &basis.visibility, up),
             };
             state.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
             true

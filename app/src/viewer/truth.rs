@@ -157,13 +157,12 @@ impl State {
             }
             return;
         }
-        let visible_classes = self.visible_classes.contains(&false).then(|| Box::new(self.visible_classes));
+        let test = self.objects.visibility.test();
         let clouds = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
             let (cloud, up) = (entry.cloud.clone(), entry.up);
             let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
-            let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud, &self.settings.color, up).0);
-            let (marked, visible_classes) = (entry.marks.clone(), visible_classes.clone());
-            Source::Cloud { cloud, plan, up, marked, visible_classes }
+            let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud.shown(&test), &self.settings.color, up).0);
+            Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test }
         });
         let mirrors = self.samples.of.values().map(|sample| {
             let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();

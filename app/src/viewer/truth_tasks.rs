@@ -5,9 +5,9 @@ use std::panic::AssertUnwindSafe;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use cloud::{Chunk, Cloud, Column, Progress};
+use cloud::{Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
-use render::{ColorPlan, Objects};
+use render::{ColorPlan, Material, Objects};
 use scene::Mirror;
 use study::{Accuracy, Drawn, ImageError, Part, Refinement, TracedScene, Tracer, Truth, View, mirrors_of};
 use world::mirrors::{self, Marked};
@@ -31,18 +31,8 @@ impl SceneKey {
 
 /// Points of the window, before they are parted into what reflects and what does not.
 pub enum Source {
-    Cloud {
-        cloud: Cloud,
-        plan: ColorPlan,
-        up: DVec3,
-        marked: Arc<Vec<Marked>>,
-        /// `None` if all are shown.
-        visible_classes: Option<Box<[bool; 256]>>,
-    },
-    Mirror {
-        mirror: Mirror,
-        chunks: Vec<Chunk>,
-    },
+    Cloud { cloud: Cloud, plan: ColorPlan, up: DVec3, marked: Arc<Vec<Marked>>, test: PointTest },
+    Mirror { mirror: Mirror, chunks: Vec<Chunk> },
 }
 
 pub enum Task {
@@ -220,38 +210,18 @@ impl Source {
                 let cloud = Cloud { name: mirror.name.clone(), chunks, ..Cloud::default() };
                 vec![Part::of_mirror(&mirror, cloud)]
             }
-            Self::Cloud { mut cloud, plan, up, marked, visible_classes } => {
-                let classes = cloud.column_of("classification");
-                let parts = mirrors::parts(&std::mem::take(&mut cloud.chunks), &marked).into_iter();
-                let materials = parts.map(|(material, chunks)| {
-                    let shown =
-                        chunks.into_iter().filter_map(|chunk| shown(chunk, classes, visible_classes.as_deref()));
-                    (shown.collect(), (material.specular_intensity, material.specular_power))
-                });
-                let part = |(chunks, (specular_intensity, specular_power))| Part {
+            Self::Cloud { cloud, plan, up, marked, test } => {
+                let part = |(material, chunks): (Material, Vec<Chunk>)| Part {
                     cloud: Cloud { chunks, ..cloud.clone() },
-                    specular_intensity,
-                    specular_power,
+                    specular_intensity: material.specular_intensity,
+                    specular_power: material.specular_power,
                     plan: plan.clone(),
                     up,
                 };
-                materials.map(part).collect()
+                mirrors::parts(&cloud, &marked, &test).into_iter().map(part).collect()
             }
         }
     }
-}
-
-/// The points of a chunk whose classes are shown; `None` if there are none.
-fn shown(chunk: Chunk, classes: Option<usize>, visible: Option<&[bool; 256]>) -> Option<Chunk> {
-    let column = classes.and_then(|index| chunk.columns.get(index)?.as_deref());
-    let chunk = match (column, visible) {
-        (Some(Column::U8(values)), Some(visible)) => {
-            let is_shown = |point: &u32| visible[usize::from(values[*point as usize])];
-            chunk.select(&(0..chunk.len() as u32).filter(is_shown).collect::<Vec<_>>())
-        }
-        _ => chunk,
-    };
-    (!chunk.is_empty()).then_some(chunk)
 }
 
 impl Task {
@@ -449,7 +419,7 @@ impl FrameRequest {
 
 #[cfg(test)]
 mod tests {
-    use cloud::{Attribute, ColumnType};
+    use cloud::{Attribute, Column, ColumnType};
     use scene::{Method, Quality, Settings};
 
     use super::super::render_thread::hurried;
@@ -506,16 +476,13 @@ mod tests {
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
         let (plan, _) = ColorPlan::new(&cloud, &scene::Color::default(), DVec3::Z);
-        let mut visible = [true; 256];
-        let points = |visible_classes| {
+        let points = |test| {
             let (cloud, plan, marked) = (cloud.clone(), plan.clone(), Arc::default());
-            let parts = Source::Cloud { cloud, plan, up: DVec3::Z, marked, visible_classes }.parts();
+            let parts = Source::Cloud { cloud, plan, up: DVec3::Z, marked, test }.parts();
             parts.iter().map(|part| part.cloud.len()).sum::<u64>()
         };
-        assert_eq!(points(None), 4);
-        visible[2] = false;
-        assert_eq!(points(Some(Box::new(visible))), 2);
-        visible = [false; 256];
-        assert_eq!(points(Some(Box::new(visible))), 0);
+        assert_eq!(points(PointTest::default()), 4);
+        assert_eq!(points(PointTest::hiding([2])), 2);
+        assert_eq!(points(PointTest::hiding(0..=255)), 0);
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, Column, Progress};
+use cloud::{Chunk, Cloud, Column, PointTest, Progress};
 use glam::DVec3;
 use scene::{Mirror, MirrorNormals, MirrorPoints, Stream};
 use world::mirrors::{self, Marked};
@@ -62,10 +62,11 @@ pub enum Work {
         source: Option<Arc<codec::Source>>,
         wanted: MirrorPoints,
     },
-    /// Finds out whether the sky is open above all points; `asked` tells the answers apart.
+    /// Finds out whether the sky is open above all points that are shown; `asked` tells the answers apart.
     FindSurroundings {
         asked: u32,
-        chunks: Vec<Chunk>,
+        clouds: Vec<Cloud>,
+        test: PointTest,
         up: DVec3,
     },
     /// Finds the surface that a ray meets.
@@ -175,8 +176,8 @@ impl Work {
         match self {
             Self::FindFigures { key, cloud, basis, up, kept } => {
                 let figures = Box::new(match kept {
-                    Some(kept) => kept.recounted(&cloud, up),
-                    None => Figures::of(&cloud, &basis.color, up),
+                    Some(kept) => kept.recounted(&cloud, &basis.visibility, up),
+                    None => Figures::of(&cloud, &basis.color, &basis.visibility, up),
                 });
                 found(Found::Figures { key, basis, figures });
             }
@@ -205,7 +206,8 @@ impl Work {
                 let result = result.map_err(|error| format!("{error:#}"));
                 found(Found::Counted { wanted, result });
             }
-            Self::FindSurroundings { asked, chunks, up } => {
+            Self::FindSurroundings { asked, clouds, test, up } => {
+                let chunks: Vec<Chunk> = clouds.iter().flat_map(|cloud| cloud.shown(&test).chunks).collect();
                 found(Found::Surroundings { asked, found: AutoLight::around(&chunks, up) });
             }
             Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),

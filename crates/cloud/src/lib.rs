@@ -14,6 +14,7 @@ mod robust;
 pub mod sampling;
 mod smoothing;
 mod surfels;
+mod visibility;
 
 pub use bounds::Bounds;
 pub use chunk::{Chunk, Cloud, Grid};
@@ -27,6 +28,7 @@ pub use surfels::{
     MeshNormals, Orientation, RadiusCount, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
     guess_orientation, normals_from_triangles, provisional_radius,
 };
+pub use visibility::PointTest;
 
 /// Points a chunk holds at most when a reader is free to choose (2.4 MB of 36-byte LAS records).
 pub const CHUNK_POINTS: usize = 65_536;

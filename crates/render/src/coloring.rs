@@ -77,9 +77,9 @@ impl ColorPlan {
             ColorBy::Height => Some(ColorSource::Height),
             ColorBy::Rgb if has_colors => Some(ColorSource::Rgb),
             ColorBy::Rgb => lacks("RGB colours".into()),
-            ColorBy::Class => cloud
-                .column_of("classification")
-                .map_or_else(|| lacks("classification".into()), |_| Some(ColorSource::Class)),
+            ColorBy::Class => {
+                cloud.class_column().map_or_else(|| lacks("classification".into()), |_| Some(ColorSource::Class))
+            }
             ColorBy::Attribute => cloud.column_of(&color.attribute).map_or_else(
                 || lacks(format!("attribute `{}`", color.attribute)),
                 |index| Some(ColorSource::Column(index)),
@@ -109,7 +109,7 @@ impl ColorPlan {
     pub fn missing_column(&self, cloud: &Cloud) -> Option<usize> {
         let index = match self.source {
             ColorSource::Column(index) => index,
-            ColorSource::Class => cloud.column_of("classification")?,
+            ColorSource::Class => cloud.class_column()?,
             _ => return None,
         };
         let lacking = cloud.chunks.iter().any(|chunk| chunk.columns.get(index).is_none_or(Option::is_none));

@@ -6,9 +6,10 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, OnceLock};
 
-use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, unpack_radius};
+use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, PointTest, unpack_radius};
 use glam::{DVec3, Vec3};
-use scene::{Ramp, Settings, Splat};
+use rayon::prelude::*;
+use scene::{Ramp, Settings, Splat, Visibility};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
 use crate::frame::FrameCamera;
@@ -85,7 +86,6 @@ struct StoredCloud {
     bounds: Bounds,
     visible: bool,
     provisional_radius: f32,
-    class_mask: [u32; 8],
     source: ColorSource,
     low: f64,
     high: f64,
@@ -100,19 +100,47 @@ struct StoredChunk {
     page: usize,
     range: std::ops::Range<u32>,
     origin: DVec3,
-    bounds: Bounds,
+    shown: Shown,
     /// In place of the colours of its points.
     tint: Option<[u8; 4]>,
     /// Which column its scalars hold, and what was taken off them.
     scalars: Option<(usize, f64)>,
-    /// Largest known splat radius, world units.
-    largest_radius: f32,
-    lacks_radii: bool,
-    /// The points themselves, shared with whoever loaded them; without columns.
+    /// The points themselves, shared with whoever loaded them; of the columns there is only that of the classes.
     points: Chunk,
     /// Another number after each change of the points.
     revision: u64,
 }
+
+/// What is known of the points of a chunk that are shown.
+struct Shown {
+    points: u32,
+    bounds: Bounds,
+    /// Largest known splat radius, world units.
+    largest_radius: f32,
+    lacks_radii: bool,
+}
+
+impl Shown {
+    fn of(points: &Chunk, test: &PointTest) -> Self {
+        // What else the points have need not be copied.
+        let chunk = Chunk { exact_positions: None, colors: None, normals: None, ..points.clone() };
+        let chunk = chunk.shown(CLASSES, test);
+        // Packed radii grow with the radius.
+        let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
+        Self {
+            points: chunk.len() as u32,
+            bounds: chunk.bounds(),
+            largest_radius: largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0),
+            lacks_radii: chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS)),
+        }
+    }
+}
+
+/// Where chunks of the store have the classes of their points.
+const CLASSES: Option<usize> = Some(0);
+
+/// Words of the class masks: those of points without a class come first, then those of all others.
+const UNCLASSED: [u32; 8] = [u32::MAX; 8];
 
 impl StoredChunk {
     /// All that it takes of its page.
@@ -122,13 +150,13 @@ impl StoredChunk {
 
     /// Of any of its splats, world units.
     fn largest_radius(&self, cloud: &StoredCloud, splat: &Splat) -> f64 {
-        let provisional = if self.lacks_radii { cloud.provisional_radius } else { 0.0 };
-        f64::from(self.largest_radius.max(provisional)) * f64::from(splat.size)
+        let provisional = if self.shown.lacks_radii { cloud.provisional_radius } else { 0.0 };
+        f64::from(self.shown.largest_radius.max(provisional)) * f64::from(splat.size)
     }
 
     /// Whether no point of the chunk can cover more than one pixel.
     fn is_of_single_pixels(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
-        let scale = camera.most_pixels_per_unit(self.bounds.center(), self.bounds.radius());
+        let scale = camera.most_pixels_per_unit(self.shown.bounds.center(), self.shown.bounds.radius());
         let pixels = self.largest_radius(cloud, splat) * scale;
         // The limits as disc_of_point in splat.wgsl has them.
         let (least, most) =
@@ -157,6 +185,7 @@ pub(crate) struct PlacedChunk<'a> {
     pub points: &'a Chunk,
     /// Another number after each change of the points.
     pub revision: u64,
+    /// Of the points that are shown.
     pub bounds: Bounds,
     pub page: usize,
     /// In the page; a multiple of `BLOCK_POINTS`.
@@ -165,6 +194,7 @@ pub(crate) struct PlacedChunk<'a> {
     /// Radius of its points whose own is not known yet, world units.
     pub provisional_radius: f32,
     pub largest_radius: f32,
+    pub shown: ShownPoints<'a>,
 }
 
 /// A chunk of a cloud that is shown.
@@ -174,11 +204,25 @@ pub(crate) struct VisibleChunk<'a> {
     pub first_identity: u32,
     /// Radius of its points whose own is not known yet, world units.
     pub provisional_radius: f32,
+    pub shown_points: usize,
+    pub shown: ShownPoints<'a>,
 }
 
-impl VisibleChunk<'_> {
-    pub fn len(&self) -> usize {
-        self.points.len()
+/// Which points of a chunk are shown.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct ShownPoints<'a> {
+    /// The classes of the points and the test of them, if the points have classes and the test hides any.
+    tested: Option<(&'a [u8], PointTest)>,
+}
+
+impl<'a> ShownPoints<'a> {
+    fn of(points: &'a Chunk, test: &PointTest) -> Self {
+        let classes = points.classes(CLASSES).filter(|_| !test.shows_all());
+        Self { tested: classes.map(|classes| (classes, *test)) }
+    }
+
+    pub fn has(&self, index: usize) -> bool {
+        self.tested.is_none_or(|(classes, test)| test.shows(Some(classes[index])))
     }
 }
 
@@ -213,6 +257,8 @@ pub struct PointStore {
     next_cloud: u32,
     next_chunk: u32,
     ramp: Ramp,
+    /// Which points are shown.
+    test: PointTest,
     /// Points announced by `reserve`.
     reserved: u32,
     /// Stands in for buffers a page does not have.
@@ -238,6 +284,7 @@ impl PointStore {
             next_cloud: 0,
             next_chunk: 0,
             ramp: Ramp::Turbo,
+            test: PointTest::default(),
             reserved: 0,
             nothing,
             revision: next_revision(),
@@ -293,7 +340,6 @@ impl PointStore {
                 bounds: Bounds::EMPTY,
                 visible: true,
                 provisional_radius: 0.0,
-                class_mask: [u32::MAX; 8],
                 source: ColorSource::Plain,
                 low: 0.0,
                 high: 1.0,
@@ -305,11 +351,11 @@ impl PointStore {
         id
     }
 
-    /// Uploads a chunk. `classes`: its classification, if it has one.
+    /// Uploads a chunk. `classes`: the column that holds the classes of its points, if it has them.
     ///
     /// # Errors
     /// More points than a page holds, or no more memory.
-    pub fn add_chunk(&mut self, cloud: CloudId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<ChunkId> {
+    pub fn add_chunk(&mut self, cloud: CloudId, chunk: &Chunk, classes: Option<usize>) -> Result<ChunkId> {
         self.check_size(chunk.len())?;
         let (page, range) = self.allocate(chunk.len() as u32)?;
         let id = ChunkId(self.next_chunk);
@@ -321,11 +367,9 @@ impl PointStore {
                 page,
                 range,
                 origin: chunk.origin,
-                bounds: chunk.bounds(),
+                shown: Shown { points: 0, bounds: Bounds::EMPTY, largest_radius: 0.0, lacks_radii: true },
                 tint: None,
                 scalars: None,
-                largest_radius: 0.0,
-                lacks_radii: true,
                 points: Chunk::new(chunk.first_point, chunk.origin, Vec::new()),
                 revision: 0,
             },
@@ -340,21 +384,20 @@ impl PointStore {
     ///
     /// # Errors
     /// The chunk is not in the store, has more points than a page holds, or there is no more memory: then it is taken out.
-    pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<&[u8]>) -> Result<()> {
+    pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<usize>) -> Result<()> {
         self.fit(id, chunk.len())?;
         self.change();
         let stored = self.chunks.get_mut(&id).ok_or_else(not_stored)?;
-        // Packed radii grow with the radius.
-        let largest = chunk.radii.as_ref().and_then(|radii| radii.iter().max());
-        stored.largest_radius = largest.and_then(|packed| unpack_radius(*packed)).unwrap_or(0.0);
-        (stored.origin, stored.bounds) = (chunk.origin, chunk.bounds());
+        stored.origin = chunk.origin;
         // Those that are the same lie where they lay.
         let has_same_looks = Arc::ptr_eq(&stored.points.positions, &chunk.positions)
             && is_same(&stored.points.colors, &chunk.colors)
             && is_same(&stored.points.normals, &chunk.normals);
-        stored.points = Chunk { columns: Vec::new(), ..chunk.clone() };
+        let column = classes.and_then(|index| chunk.columns.get(index));
+        stored.points = Chunk { columns: column.cloned().into_iter().collect(), ..chunk.clone() };
+        stored.shown = Shown::of(&stored.points, &self.test);
         stored.revision = self.revision;
-        stored.lacks_radii = chunk.radii.as_ref().is_none_or(|radii| radii.contains(&NO_RADIUS));
+        let classes = chunk.classes(classes);
         let page = &self.pages[stored.page];
         let first = u64::from(stored.range.start);
         let points: Vec<[u32; 4]> = (0..chunk.len())
@@ -498,12 +541,13 @@ impl PointStore {
         }
     }
 
-    /// Which classes of a cloud are drawn.
-    pub fn set_visible_classes(&mut self, cloud: CloudId, visible: &[bool; 256]) {
-        self.change();
-        if let Some(cloud) = self.clouds.get_mut(&cloud) {
-            let word = |word: usize| (0..32).fold(0, |bits, bit| bits | u32::from(visible[word * 32 + bit]) << bit);
-            cloud.class_mask = std::array::from_fn(word);
+    /// Says which points of all clouds are shown.
+    pub fn set_visibility(&mut self, visibility: &Visibility) {
+        let test = visibility.test();
+        if self.test != test {
+            self.test = test;
+            self.change();
+            self.chunks.par_iter_mut().for_each(|(_, chunk)| chunk.shown = Shown::of(&chunk.points, &test));
         }
     }
 
@@ -544,8 +588,8 @@ impl PointStore {
             let cloud = self.clouds.get(&chunk.cloud)?;
             let reflects = cloud.material.specular_intensity > 0.0;
             let reach = chunk.largest_radius(cloud, &settings.splat);
-            (cloud.visible && reflects && !chunk.bounds.is_empty())
-                .then(|| (chunk.bounds.center(), chunk.bounds.radius() + reach))
+            let bounds = chunk.shown.bounds;
+            (cloud.visible && reflects && !bounds.is_empty()).then(|| (bounds.center(), bounds.radius() + reach))
         })
     }
 
@@ -556,7 +600,8 @@ impl PointStore {
         for (id, chunk) in &self.chunks {
             let Some(cloud) = self.clouds.get(&chunk.cloud) else { continue };
             let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
-            if cloud.visible && cloud.material.specular_intensity > 0.0 && !by_formula && !chunk.bounds.is_empty() {
+            let is_seen = cloud.visible && !chunk.shown.bounds.is_empty();
+            if is_seen && cloud.material.specular_intensity > 0.0 && !by_formula {
                 mirrors.entry(chunk.cloud).or_default().push(*id);
             }
         }
@@ -577,16 +622,17 @@ impl PointStore {
         Some(PlacedChunk {
             points: &chunk.points,
             revision: chunk.revision,
-            bounds: chunk.bounds,
+            bounds: chunk.shown.bounds,
             page: chunk.page,
             first: chunk.range.start,
             first_identity: self.identities().first_of(id),
             provisional_radius: cloud.provisional_radius,
-            largest_radius: if chunk.lacks_radii {
-                chunk.largest_radius.max(cloud.provisional_radius)
+            largest_radius: if chunk.shown.lacks_radii {
+                chunk.shown.largest_radius.max(cloud.provisional_radius)
             } else {
-                chunk.largest_radius
+                chunk.shown.largest_radius
             },
+            shown: ShownPoints::of(&chunk.points, &self.test),
         })
     }
 
@@ -610,7 +656,13 @@ impl PointStore {
         let visible = self.chunks.iter().filter_map(|(id, chunk)| {
             let cloud = self.clouds.get(&chunk.cloud).filter(|cloud| cloud.visible)?;
             let first_identity = self.identities().first_of(*id);
-            Some(VisibleChunk { points: &chunk.points, first_identity, provisional_radius: cloud.provisional_radius })
+            Some(VisibleChunk {
+                points: &chunk.points,
+                first_identity,
+                provisional_radius: cloud.provisional_radius,
+                shown_points: chunk.shown.points as usize,
+                shown: ShownPoints::of(&chunk.points, &self.test),
+            })
         });
         let mut visible: Vec<_> = visible.collect();
         visible.sort_by_key(|chunk| chunk.first_identity);
@@ -635,12 +687,12 @@ impl PointStore {
         self.uploaded_bytes
     }
 
-    /// World bounds of the visible clouds.
+    /// World bounds of what is shown of the visible clouds, and of what is still to come of them.
     pub fn bounds(&self) -> Bounds {
         let shown =
             self.chunks.values().filter(|chunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible));
         let told = self.clouds.values().filter(|cloud| cloud.visible).map(|cloud| cloud.bounds);
-        told.chain(shown.map(|chunk| chunk.bounds)).fold(Bounds::EMPTY, Bounds::union)
+        told.chain(shown.map(|chunk| chunk.shown.bounds)).fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// The ramp's colours, then those of the classes.
@@ -654,9 +706,6 @@ impl PointStore {
         let splat = &settings.splat;
         let asks_where_seen = !matches!(selection, Selection::Everywhere | Selection::EverywhereWithMirrors);
         let with_mirrors = matches!(selection, Selection::SeenWithMirrors | Selection::EverywhereWithMirrors);
-        let mut cloud_ids: Vec<CloudId> = self.clouds.keys().copied().collect();
-        cloud_ids.sort();
-        let class_masks: Vec<u32> = cloud_ids.iter().flat_map(|id| self.clouds[id].class_mask).collect();
         let mut chunks: Vec<(&ChunkId, &StoredChunk)> = self.chunks.iter().collect();
         chunks.sort_by_key(|(_, chunk)| (chunk.page, chunk.range.start));
         let mut items = Vec::new();
@@ -676,20 +725,21 @@ impl PointStore {
         let mut points = 0;
         for (id, chunk) in chunks {
             let cloud = &self.clouds[&chunk.cloud];
+            let bounds = chunk.shown.bounds;
             // Splats reach beyond their points.
             let reach = chunk.largest_radius(cloud, splat);
             let margin = f64::from(splat.min_pixels) * 0.5;
-            let is_seen = !asks_where_seen || camera.sees(chunk.bounds.center(), chunk.bounds.radius() + reach, margin);
+            let is_seen = !asks_where_seen || camera.sees(bounds.center(), bounds.radius() + reach, margin);
             let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
             let is_left_out = selection == Selection::SeenBesides(chunk.cloud) || (by_formula && !with_mirrors);
-            if !cloud.visible || chunk.bounds.is_empty() || !is_seen || is_left_out {
+            if !cloud.visible || bounds.is_empty() || !is_seen || is_left_out {
                 continue;
             }
-            let mask = cloud_ids.binary_search(&chunk.cloud).unwrap_or_default() as u32 * 8;
+            let mask = chunk.points.classes(CLASSES).map_or(0, |_| UNCLASSED.len() as u32);
             let item = items.len() as u32;
             items.push(self.item(chunk, cloud, camera, mask));
             chunk_ids.push(*id);
-            points += chunk.range.len() as u64;
+            points += u64::from(chunk.shown.points);
             let kind = usize::from(asks_where_seen && chunk.is_of_single_pixels(cloud, camera, splat));
             for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
                 let count = BLOCK_POINTS.min(chunk.range.end - first);
@@ -701,7 +751,8 @@ impl PointStore {
             }
         }
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
-        let filter_classes = class_masks.iter().any(|word| *word != u32::MAX);
+        let class_masks = [UNCLASSED, self.test.class_words()].concat();
+        let filter_classes = !self.test.shows_all();
         DrawList { pages, items, chunks: chunk_ids, class_masks, filter_classes, points }
     }
 

@@ -8,11 +8,11 @@ mod stage;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, pack_normal, pack_radius};
+use cloud::{Chunk, Cloud, Column, pack_normal, pack_radius};
 use glam::{DMat3, DQuat, DVec3};
 use param::{Field, Group, Kind, Value};
 use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
-use scene::{Camera, METHODS, Method, MethodRow, Mirror, Settings, Shape, Supply};
+use scene::{Camera, METHODS, Method, MethodRow, Mirror, Settings, Shape, SpotLight, Supply, Visibility};
 
 use stage::Stage;
 
@@ -65,10 +65,13 @@ struct Scene {
     store: PointStore,
     mirrors: Vec<Mirror>,
     camera: Camera,
-    /// The cloud of red, grey and green walls, whose green points are a class of their own.
-    walls: CloudId,
     /// A cloud of green points alone.
     green: CloudId,
+}
+
+/// The chunk with a class for all of its points.
+fn of_class(chunk: &Chunk, class: u8) -> Chunk {
+    Chunk { columns: vec![Some(Arc::new(Column::U8(vec![class; chunk.len()])))], ..chunk.clone() }
 }
 
 /// A corner of a room before a flat and a round mirror with a formula and a round one of points, all turned.
@@ -80,7 +83,7 @@ fn scene(stage: &Stage, turn: DMat3) -> Scene {
     let mut store = PointStore::new(stage.gpu.clone());
     let mut add = |chunks: Vec<(Chunk, u8)>, material| {
         let id = store.add_cloud(material);
-        let add = |(chunk, class): &(Chunk, u8)| store.add_chunk(id, chunk, Some(&vec![*class; chunk.len()])).unwrap();
+        let add = |(chunk, class): &(Chunk, u8)| store.add_chunk(id, &of_class(chunk, *class), Some(0)).unwrap();
         let ids: Vec<_> = chunks.iter().map(add).collect();
         let cloud = Cloud { chunks: chunks.into_iter().map(|(chunk, _)| chunk).collect(), ..Cloud::default() };
         let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
@@ -92,7 +95,7 @@ fn scene(stage: &Stage, turn: DMat3) -> Scene {
         (turned(DVec3::new(-2.0, -2.6, -1.2), [y * 4.2, z * 2.4], RED), 2),
         (turned(DVec3::new(0.4, -2.6, -1.2), [x * 1.4, z * 2.0], GREEN), GREEN_CLASS),
     ];
-    let walls = add(walls, Material::default());
+    add(walls, Material::default());
     let green = add(vec![(turned(DVec3::new(1.9, -2.6, -1.2), [z * 2.4, y * 4.2], GREEN), 2)], Material::default());
     let mirror = |shape, position, facing: DVec3, size| {
         let mirror = Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Y, size);
@@ -110,7 +113,7 @@ fn scene(stage: &Stage, turn: DMat3) -> Scene {
     }
     let of_points = mirror(Shape::Sphere, DVec3::new(0.8, 0.3, 0.3), DVec3::Z, 0.4);
     add(of_points.sample(600, 2).into_iter().map(|chunk| (chunk, 0)).collect(), reflecting);
-    Scene { store, mirrors, camera, walls, green }
+    Scene { store, mirrors, camera, green }
 }
 
 impl Scene {
@@ -283,15 +286,53 @@ fn hidden_points_are_never_reflected() {
         scene.store.set_visible(scene.green, false);
         let of_class = green(&scene);
         assert!(all > of_class && of_class > 0, "{}: {all}, {of_class} green pixels", method.name);
-        let mut shown = [true; 256];
-        shown[usize::from(GREEN_CLASS)] = false;
-        scene.store.set_visible_classes(scene.walls, &shown);
+        scene.store.set_visibility(&Visibility { hidden_classes: [GREEN_CLASS].into() });
         assert_eq!(green(&scene), 0, "{}", method.name);
         scene.store.set_visible(scene.green, true);
         let of_cloud = green(&scene);
         assert!(of_cloud > 0 && of_cloud < all, "{}: {of_cloud} of {all}", method.name);
-        scene.store.set_visible_classes(scene.walls, &[true; 256]);
+        scene.store.set_visibility(&Visibility::default());
         assert_eq!(green(&scene), all, "{}: what is shown again is reflected again", method.name);
+    }
+}
+
+/// Neither by standing in the way, nor by widening the scene, nor by taking the places of shown points among those that cast
+/// indirect shadows.
+#[test]
+fn hidden_points_leave_no_trace() {
+    let mut stage = stage_or_skip!();
+    let mut scene = scene(&stage, DMat3::IDENTITY);
+    let lamp = SpotLight {
+        position: DVec3::new(0.0, 1.0, 1.0),
+        target: DVec3::new(0.0, -1.0, -1.0),
+        intensity: [10.0; 3],
+        inner_degrees: 40.0,
+        outer_degrees: 60.0,
+    };
+    let mut render = |scene: &Scene, method| {
+        let mut settings = by(method);
+        (settings.gi.bounces, settings.gi.vpls, settings.gi.shadow_points) = (1, 32, 1000);
+        let objects = Objects { mirrors: &scene.mirrors, lights: &[lamp], ..Objects::default() };
+        stage.renderer.forget();
+        let stats = stage.renderer.render(&scene.store, &scene.camera, &settings, objects, SIZE).unwrap();
+        (bits(&stage), read(&stage, Aov::Indirect).iter().map(|value| value.to_bits()).collect::<Vec<_>>(), stats)
+    };
+    let without: Vec<_> = METHODS.iter().map(|method| render(&scene, method)).collect();
+    let near = wall(DVec3::new(-1.0, 0.8, -1.0), [DVec3::X * 2.0, DVec3::Z * 2.0], GREEN);
+    let far = wall(DVec3::new(30.0, 40.0, 20.0), [DVec3::X * 5.0, DVec3::Z * 5.0], GREEN);
+    let cloud = scene.store.add_cloud(Material::default());
+    for chunk in [near, far] {
+        scene.store.add_chunk(cloud, &of_class(&chunk, GREEN_CLASS + 1), Some(0)).unwrap();
+    }
+    for (method, (picture, ..)) in METHODS.iter().zip(&without) {
+        assert!(render(&scene, method).0 != *picture, "{}: the points are seen", method.name);
+    }
+    scene.store.set_visibility(&Visibility { hidden_classes: [GREEN_CLASS + 1].into() });
+    for (method, (picture, indirect, stats)) in METHODS.iter().zip(&without) {
+        let hidden = render(&scene, method);
+        assert!(hidden.0 == *picture, "{}", method.name);
+        assert!(hidden.1 == *indirect, "{}: indirect light", method.name);
+        assert_eq!(hidden.2.points_drawn, stats.points_drawn, "{}", method.name);
     }
 }
 
@@ -315,11 +356,14 @@ fn what_is_kept_equals_what_is_made_anew() {
         let mut scene = scene(&stage, DMat3::IDENTITY);
         let mut settings = by(method);
         type Change = fn(&mut Scene, &mut Settings);
-        let changes: [(&str, Change); 5] = [
+        let changes: [(&str, Change); 6] = [
             ("nothing", |_, _| ()),
             ("the tint", |_, settings| settings.mirror.tint = 0.5),
             ("the camera", |scene, _| scene.camera.orbit(0.02, 0.01)),
             ("a cloud less", |scene, _| scene.store.set_visible(scene.green, false)),
+            ("a class less", |scene, _| {
+                scene.store.set_visibility(&Visibility { hidden_classes: [GREEN_CLASS].into() })
+            }),
             ("a mirror elsewhere", |scene, _| scene.mirrors[1].position.x += 0.1),
         ];
         scene.render_anew(&mut stage, &settings, SIZE);

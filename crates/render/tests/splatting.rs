@@ -11,7 +11,7 @@ use cloud::{Attribute, Chunk, Cloud, Column, ColumnType, pack_normal, pack_radiu
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use param::{Kind, Value};
 use render::{Aov, ColorPlan, Material, Objects, PointStore};
-use scene::{Camera, Settings};
+use scene::{Camera, Settings, Visibility};
 
 use stage::Stage;
 
@@ -264,7 +264,9 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
     let mut store = PointStore::new(stage.gpu.clone());
     let cloud = store.add_cloud(Material::default());
     let classes: Vec<u8> = (0..2_000).map(|i| if i % 2 == 0 { 2 } else { 200 }).collect();
-    store.add_chunk(cloud, &chunk(&points, DVec3::ZERO), Some(&classes)).unwrap();
+    let mut chunk = chunk(&points, DVec3::ZERO);
+    chunk.columns = vec![None, Some(Arc::new(Column::U8(classes)))];
+    store.add_chunk(cloud, &chunk, Some(1)).unwrap();
     let mut drawn = |store: &PointStore| {
         stage
             .renderer
@@ -273,15 +275,20 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
         stage.renderer.read_aov(Aov::Depth).unwrap().data.iter().filter(|depth| !depth.is_nan()).count()
     };
     let all = drawn(&store);
-    let mut visible = [true; 256];
-    visible[200] = false;
-    store.set_visible_classes(cloud, &visible);
+    let hiding = |classes: &[u8]| Visibility { hidden_classes: classes.iter().copied().collect() };
+    store.set_visibility(&hiding(&[200]));
     let half = drawn(&store);
     assert!(half > all / 3 && half < all * 3 / 4, "{half} of {all}");
-    visible[2] = false;
-    store.set_visible_classes(cloud, &visible);
+    store.set_visibility(&hiding(&[200, 2]));
     assert_eq!(drawn(&store), 0);
-    store.set_visible_classes(cloud, &[true; 256]);
+    assert!(store.bounds().is_empty());
+    // Points without a class are not hidden by the class that they would have on the GPU.
+    let bare = store.add_cloud(Material::default());
+    store.add_chunk(bare, &chunk, None).unwrap();
+    store.set_visibility(&hiding(&[200, 2, 0]));
+    assert_eq!(drawn(&store), all);
+    store.remove_cloud(bare);
+    store.set_visibility(&hiding(&[]));
     store.set_visible(cloud, false);
     assert_eq!(drawn(&store), 0);
 }

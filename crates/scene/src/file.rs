@@ -8,6 +8,8 @@
 //! up = [0.0, 0.0, 1.0]
 //! [parameters]
 //! "splat.size" = 2.0
+//! [visibility]
+//! hidden_classes = [7, 18]
 //! [[mirrors]]
 //! name = "ball"
 //! shape = "sphere"                     # or { plane = { height = 0.75 } }, { paraboloid = { focal_length = 0.6 } }, ...
@@ -34,7 +36,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight, shown, whole_file};
+use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight, Visibility, shown, whole_file};
 
 /// Mirrors of a scene at most. Each brings at least 20,000 points, and a reflection of each in each is looked for.
 pub const MOST_MIRRORS: usize = 64;
@@ -77,6 +79,9 @@ pub struct SceneFile {
     /// Parameters that differ from their defaults, `group.name` to value.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, toml::Value>,
+    /// Which points of the clouds are shown.
+    #[serde(default, skip_serializing_if = "Visibility::shows_all")]
+    pub visibility: Visibility,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mirrors: Vec<Mirror>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -309,6 +314,7 @@ mod tests {
         let example = page.split("```toml").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
         let file = SceneFile::parse(example).unwrap();
         assert_eq!((file.mirrors.len(), file.lights.len(), file.mirror_points.len()), (2, 1, 1));
+        assert_eq!(file.visibility.hidden_classes, [7, 18].into());
         assert!(file.view().warnings.is_empty());
     }
 

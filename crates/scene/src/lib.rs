@@ -11,6 +11,7 @@ mod path_text;
 mod preferences;
 mod settings;
 mod surroundings;
+mod visibility;
 pub mod whole_file;
 
 pub use camera::{Camera, Projection, StandardView};
@@ -22,8 +23,9 @@ pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use path_text::shown;
 pub use preferences::Preferences;
 pub use settings::{
-    Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, Light, LightView, Lighting, MirrorSettings,
-    MirrorSurface, Paging, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Stop,
-    Stream, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight, Visibility,
+    Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, KeptPoints, Light, LightView, Lighting,
+    MirrorSettings, MirrorSurface, Paging, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver,
+    Splat, Sscr, Stop, Stream, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
+pub use visibility::Visibility;

@@ -78,7 +78,7 @@ choices! {
 }
 choices! {
     /// What a mirror pixel keeps of the points that are reflected into it.
-    pub enum Visibility { Nearest = "nearest", Accumulated = "accumulated" }
+    pub enum KeptPoints { Nearest = "nearest", Accumulated = "accumulated" }
 }
 choices! {
     /// What gives up the search for a point's mirror pixel.
@@ -295,7 +295,7 @@ params! {
         /// Share the points out by the regions' pixels, or equally.
         distribution: Distribution = Distribution::Weighted;
         /// Keep the nearest point of a mirror pixel, or the mean of all within the depth offset.
-        visibility: Visibility = Visibility::Accumulated;
+        visibility: KeptPoints = KeptPoints::Accumulated;
         /// Keep each point's pixel from the depth pass instead of searching for it twice.
         solve_once: bool = false;
         /// What finds the mirror pixel of a point; interleaved bracketing and bisection is the published one.

@@ -173,7 +173,7 @@ impl Part {
     /// The points in the colours that they are drawn in, with places from `origin`.
     pub(crate) fn painted(&self, origin: DVec3) -> Vec<Chunk> {
         let ramp = render::ramp_colors(self.plan.ramp);
-        let classes = self.cloud.attributes.iter().position(|attribute| attribute.name == "classification");
+        let classes = self.cloud.class_column();
         let axis = self.up.abs().max_position();
         let on_ramp = |value: f64| {
             let range = self.plan.high - self.plan.low;

@@ -92,7 +92,7 @@ impl Assembly {
                 self.chunk_bounds.insert(index, bounds);
             }
         }
-        Change::Put { key: self.key.chunk(part), chunk, classes: self.class_column() }
+        Change::Put { key: self.key.chunk(part), chunk, classes: self.cloud.class_column() }
     }
 
     /// Forgets a chunk; `None` if it was not there.
@@ -146,11 +146,11 @@ impl Assembly {
             put_column(chunk, attribute, &columns);
         }
         self.late_columns.insert(attribute, columns);
-        if self.class_column() == Some(attribute) { self.puts() } else { Vec::new() }
+        if self.cloud.class_column() == Some(attribute) { self.puts() } else { Vec::new() }
     }
 
     fn puts(&self) -> Vec<Change> {
-        let classes = self.class_column();
+        let classes = self.cloud.class_column();
         let put = |(part, chunk)| Change::Put { key: self.key.chunk(part), chunk, classes };
         self.chunks().into_iter().map(put).collect()
     }
@@ -204,11 +204,6 @@ impl Assembly {
     /// Whether its index was made and not found.
     pub fn was_built(&self) -> bool {
         matches!(self.pages, Some(Paged::Indexed { was_built: true, .. }))
-    }
-
-    /// The column that holds the classes of the points.
-    pub fn class_column(&self) -> Option<usize> {
-        self.cloud.column_of("classification")
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use cloud::{Bounds, Chunk};
 use glam::DVec3;
 use render::ColorPlan;
-use scene::Mirror;
+use scene::{Mirror, Visibility};
 
 use crate::chunk_key::{ChunkKey, CloudKey, Part};
 use crate::mirrors::Marked;
@@ -49,9 +49,9 @@ pub enum Change {
         cloud: CloudKey,
         is_visible: bool,
     },
-    ShowClasses {
-        cloud: CloudKey,
-        visible: Box<[bool; 256]>,
+    /// Says which points of all clouds are shown.
+    Visibility {
+        visibility: Visibility,
     },
     /// Says which points of a cloud reflect, by lists for these chunks; they are clouds of their own on the GPU.
     Mark {

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use cloud::{Chunk, Cloud, Progress, SPLAT_OVERLAP, unpack_radius};
+use cloud::{Chunk, Cloud, PointTest, Progress, SPLAT_OVERLAP, unpack_radius};
 use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, Material, PointStore};
 use scene::{ColorBy, Mirror, MirrorNormals, MirrorPoints};
@@ -17,13 +17,23 @@ const SEED: u64 = 1;
 /// Of so many points one is looked at: a prime, so that no pattern of a scanner is caught in step.
 const LOOKED_AT: usize = 61;
 
-/// The share of a surface that a typical point of some chunks stands for, squared world units; NaN where no radius is known.
-pub fn area_per_point<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> f64 {
-    let mut radii: Vec<u16> = chunks
-        .filter_map(|chunk| chunk.radii.as_ref())
-        .flat_map(|radii| radii.iter().step_by(LOOKED_AT))
-        .copied()
-        .collect();
+/// The share of a surface that a typical point of what is shown of some clouds stands for, squared world units; NaN where no
+/// radius is known.
+pub fn area_per_point<'a>(clouds: impl Iterator<Item = &'a Cloud>, test: &PointTest) -> f64 {
+    let mut radii: Vec<u16> = Vec::new();
+    for cloud in clouds {
+        let column = cloud.class_column().filter(|_| !test.shows_all());
+        for chunk in &cloud.chunks {
+            let Some(own) = &chunk.radii else { continue };
+            match chunk.classes(column) {
+                Some(classes) => {
+                    let shown = own.iter().zip(classes).filter(|(_, class)| test.shows(Some(**class)));
+                    radii.extend(shown.map(|(radius, _)| radius).step_by(LOOKED_AT));
+                }
+                None => radii.extend(own.iter().step_by(LOOKED_AT)),
+            }
+        }
+    }
     let middle = radii.len() / 2;
     if radii.is_empty() {
         return f64::NAN;
@@ -105,15 +115,18 @@ pub fn part(chunk: &Chunk, index: usize, marked: &[Marked]) -> Parted {
     Parted { rest: Chunk { positions: Arc::new(positions), ..chunk.clone() }, reflecting }
 }
 
-/// Parts all chunks of a cloud: the rest comes first, which reflects nothing, then the points of each list, without empty chunks.
-pub fn parts(chunks: &[Chunk], marked: &[Marked]) -> Vec<(Material, Vec<Chunk>)> {
+/// Parts what is shown of a cloud: the rest comes first, which reflects nothing, then the points of each list, without empty
+/// chunks.
+pub fn parts(cloud: &Cloud, marked: &[Marked], test: &PointTest) -> Vec<(Material, Vec<Chunk>)> {
+    let classes = cloud.class_column();
     let materials = std::iter::once(Material::default()).chain(marked.iter().map(|marked| marked.material));
     let mut parts: Vec<(Material, Vec<Chunk>)> = materials.map(|material| (material, Vec::new())).collect();
-    for (index, chunk) in chunks.iter().enumerate() {
+    for (index, chunk) in cloud.chunks.iter().enumerate() {
         let Parted { rest, reflecting } = part(chunk, index, marked);
         let taken = std::iter::once(rest).chain(reflecting.into_iter().map(|(taken, _)| taken));
         for ((_, chunks), part) in parts.iter_mut().zip(taken) {
-            chunks.extend((!part.is_empty()).then_some(part));
+            let shown = part.shown(classes, test);
+            chunks.extend((!shown.is_empty()).then_some(shown));
         }
     }
     parts
@@ -188,11 +201,12 @@ mod tests {
     #[test]
     fn a_mirror_among_points_is_as_dense_as_they_are() {
         let walls = scene::five_mirrors::sample(scene::five_mirrors::Variant::None, 1_000_000, 1).remove(0);
-        let area = area_per_point(walls.chunks.iter());
+        let walls = Cloud { chunks: walls.chunks, ..Cloud::default() };
+        let area = area_per_point([&walls].into_iter(), &PointTest::default());
         // Of 40 square units, by the radii's overlap of 1.5 instead of that of estimated ones.
         let expected = 40.0 / 1e6 * (1.5 / f64::from(SPLAT_OVERLAP)).powi(2);
         assert!((area / expected - 1.0).abs() < 1e-2, "{area} instead of {expected}");
-        assert!(area_per_point(std::iter::empty()).is_nan());
+        assert!(area_per_point(std::iter::empty(), &PointTest::default()).is_nan());
         let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 0.3);
         let points: usize = sample(&mirror, area).iter().map(Chunk::len).sum();
         assert_eq!(points, mirror.sample_count(area));

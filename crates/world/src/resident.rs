@@ -28,7 +28,6 @@ struct ResidentCloud {
     /// How the cloud and its points that reflect are coloured.
     color: Option<(ColorPlan, DVec3)>,
     is_visible: bool,
-    visible_classes: Option<Box<[bool; 256]>>,
 }
 
 /// Points of a cloud that reflect, as a cloud of the store.
@@ -41,7 +40,7 @@ struct Reflecting {
 impl ResidentCloud {
     fn new(id: CloudId) -> Self {
         let chunks = HashMap::new();
-        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true, visible_classes: None }
+        Self { id, chunks, reflecting: Vec::new(), color: None, is_visible: true }
     }
 
     fn ids(&self) -> impl Iterator<Item = CloudId> {
@@ -64,14 +63,6 @@ impl Reflecting {
         });
         let (chunks, ids) = known.unzip();
         (Cloud { chunks, ..Cloud::default() }, ids)
-    }
-}
-
-/// The classes of a chunk whose column `index` they are.
-fn classes_of(chunk: &Chunk, index: Option<usize>) -> Option<&[u8]> {
-    match chunk.columns.get(index?)?.as_deref()? {
-        cloud::Column::U8(classes) => Some(classes.as_slice()),
-        _ => None,
     }
 }
 
@@ -140,12 +131,7 @@ impl Resident {
                     resident.ids().for_each(|id| self.store.set_visible(id, is_visible));
                 }
             }
-            Change::ShowClasses { cloud, visible } => {
-                if let Some(resident) = self.clouds.get_mut(&cloud) {
-                    resident.ids().for_each(|id| self.store.set_visible_classes(id, &visible));
-                    resident.visible_classes = Some(visible);
-                }
-            }
+            Change::Visibility { visibility } => self.store.set_visibility(&visibility),
             Change::Mark { cloud, chunks, classes, marked } => return self.mark(cloud, &chunks, classes, &marked),
             Change::Mirror { cloud, mirror, samples } => {
                 self.close(cloud);
@@ -181,7 +167,6 @@ impl Resident {
 
     fn put(&mut self, key: ChunkKey, chunk: Chunk, classes: Option<usize>) -> Result<()> {
         let Some(resident) = self.clouds.get_mut(&key.cloud) else { return Ok(()) };
-        let classes = classes_of(&chunk, classes);
         let id = match resident.chunks.get(&key.part) {
             Some(&id) => {
                 if let Err(error) = self.store.update_chunk(id, &chunk, classes) {
@@ -233,21 +218,18 @@ impl Resident {
         for (index, (part, chunk)) in chunks.iter().enumerate() {
             let Some(id) = resident.chunks.get(part) else { continue };
             let parted = mirrors::part(chunk, index, marked);
-            self.store.update_chunk(*id, &parted.rest, classes_of(chunk, classes))?;
+            self.store.update_chunk(*id, &parted.rest, classes)?;
             for (reflecting, (taken, indices)) in resident.reflecting.iter_mut().zip(parted.reflecting) {
                 if taken.is_empty() {
                     continue;
                 }
-                let id = self.store.add_chunk(reflecting.id, &taken, classes_of(&taken, classes))?;
+                let id = self.store.add_chunk(reflecting.id, &taken, classes)?;
                 self.origins.insert(id, (cloud.chunk(*part), Some(indices.clone())));
                 reflecting.chunks.insert(*part, (id, indices));
             }
         }
         for reflecting in &resident.reflecting {
             self.store.set_visible(reflecting.id, resident.is_visible);
-            if let Some(visible) = &resident.visible_classes {
-                self.store.set_visible_classes(reflecting.id, visible);
-            }
             if let Some((plan, up)) = &resident.color {
                 let (known, ids) = reflecting.stored(chunks);
                 self.store.set_color(reflecting.id, &known, &ids, plan, *up)?;

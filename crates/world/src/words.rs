@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use scene::{Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, five_mirrors, shown};
+use scene::{Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, Visibility, five_mirrors, shown};
 
 use crate::error::{Error, Result};
 
@@ -61,6 +61,8 @@ pub struct Request {
     pub mirror_points: Vec<MirrorPoints>,
     /// Of scene files.
     pub lights: Vec<SpotLight>,
+    /// Which points are shown: what one scene file hides is hidden in all clouds.
+    pub visibility: Visibility,
     pub warnings: Vec<String>,
 }
 
@@ -92,11 +94,14 @@ impl Request {
         (self.lights.is_empty() && self.inputs.iter().any(is_built_in)).then(five_mirrors::light)
     }
 
-    /// Takes in what a view brings to the scene that it is of: its lights take the place of all, its mirrors and marked points
-    /// that of the same ones.
+    /// Takes in what a view brings to the scene that it is of: its lights take the place of all, as do its hidden classes, its
+    /// mirrors and marked points that of the same ones.
     pub fn refurnish(&mut self, file: &SceneFile) {
         if !file.lights.is_empty() {
             self.lights.clear();
+        }
+        if !file.visibility.shows_all() {
+            self.visibility = Visibility::default();
         }
         let is_same = |a: &Mirror, b: &Mirror| a == b || (!a.name.is_empty() && a.name == b.name);
         self.mirrors.retain(|known| !file.mirrors.iter().any(|mirror| is_same(known, mirror)));
@@ -104,11 +109,12 @@ impl Request {
         self.furnish(file);
     }
 
-    /// Takes in the mirrors and lights of a scene file.
+    /// Takes in the mirrors and lights of a scene file, and hides what it hides.
     pub fn furnish(&mut self, file: &SceneFile) {
         self.mirrors.extend(file.mirrors.iter().cloned());
         self.mirror_points.extend(file.mirror_points.iter().cloned());
         self.lights.extend(file.lights.iter().copied());
+        self.visibility.hide(&file.visibility);
         for input in &mut self.inputs {
             if let Input::BuiltIn { without, .. } = input {
                 without.extend(file.mirrors.iter().map(|mirror| mirror.name.clone()));
@@ -333,6 +339,19 @@ mod tests {
         assert_eq!(request.mirrors, view.mirrors);
         request.refurnish(&SceneFile::default());
         assert_eq!(request.lights.len(), 1, "a view without lights leaves those that are there");
+    }
+
+    #[test]
+    fn scene_files_hide_classes_together_and_a_view_hides_its_own() {
+        let hiding = |classes: &str| SceneFile::parse(&format!("[visibility]\nhidden_classes = {classes}\n")).unwrap();
+        let mut request = Request::default();
+        request.furnish(&hiding("[7, 18]"));
+        request.furnish(&hiding("[2]"));
+        assert_eq!(request.visibility.hidden_classes, [2, 7, 18].into());
+        request.refurnish(&hiding("[]"));
+        assert_eq!(request.visibility.hidden_classes, [2, 7, 18].into());
+        request.refurnish(&hiding("[6]"));
+        assert_eq!(request.visibility.hidden_classes, [6].into());
     }
 
     #[test]

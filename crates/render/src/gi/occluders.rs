@@ -33,7 +33,7 @@ pub(crate) struct Occluders {
 }
 
 impl Occluders {
-    /// About `per_subset` points in each subset, up to an eighth fewer, placed from `origin`; of so few one a cell.
+    /// Of the points that are shown, about `per_subset` in each subset, up to an eighth fewer, placed from `origin`; of so few one a cell.
     ///
     /// Cells no wider than samples lie apart each offer one point. Tile by tile of 8 x 8 x 8 cells, those that are taken are a
     /// systematic sample over the summed squares of the splat radii, along the tile's Morton curve.
@@ -44,16 +44,17 @@ impl Occluders {
             let packed = chunk.points.radii.as_ref().map_or(NO_RADIUS, |radii| radii[index]);
             if packed == NO_RADIUS { square(chunk.provisional_radius) } else { squares[usize::from(packed)] }
         };
-        let is_somewhere =
-            |chunk: &VisibleChunk<'_>, index: &usize| Vec3::from(chunk.points.positions[*index]).is_finite();
+        let is_somewhere = |chunk: &VisibleChunk<'_>, index: &usize| {
+            chunk.shown.has(*index) && Vec3::from(chunk.points.positions[*index]).is_finite()
+        };
         let weight_of = |chunk: &VisibleChunk<'_>| -> f64 {
-            (0..chunk.len()).filter(|index| is_somewhere(chunk, index)).map(|index| weight(chunk, index)).sum()
+            (0..chunk.points.len()).filter(|index| is_somewhere(chunk, index)).map(|index| weight(chunk, index)).sum()
         };
         let total: f64 = chunks.par_iter().map(weight_of).sum();
         if !(total > 0.0 && total.is_finite()) {
             return Self { subsets: 1, ..Self::default() };
         }
-        let points: usize = chunks.iter().map(VisibleChunk::len).sum();
+        let points: usize = chunks.iter().map(|chunk| chunk.shown_points).sum();
         let subsets = (points / per_subset.max(1) as usize).clamp(1, MOST_SUBSETS);
         let count = (subsets * per_subset as usize).min(points);
         // In eighths of an octave: it stays as it is while a few points come and go.
@@ -62,7 +63,9 @@ impl Occluders {
         let units = STEP as f64 / step;
         let cells_of = |cells: &mut Cells, (number, chunk): (usize, &VisibleChunk<'_>)| -> Vec<(u64, Cell)> {
             let place = lattice.placing(chunk.points.origin);
-            for (index, position) in chunk.points.positions.iter().enumerate() {
+            for (index, position) in
+                chunk.points.positions.iter().enumerate().filter(|(index, _)| chunk.shown.has(*index))
+            {
                 let Some((key, distance)) = place(*position) else { continue };
                 let area = (weight(chunk, index) * units) as u64;
                 cells.add(chunks, key, Cell { area, distance, chunk: number as u32, index: index as u32 });
@@ -236,6 +239,7 @@ mod tests {
     use cloud::{Chunk, pack_radius};
 
     use super::*;
+    use crate::store::ShownPoints;
 
     #[derive(Clone, Copy, Debug, PartialEq)]
     struct Point {
@@ -290,7 +294,8 @@ mod tests {
         let visible: Vec<VisibleChunk<'_>> = chunks
             .iter()
             .map(|points| {
-                let chunk = VisibleChunk { points, first_identity, provisional_radius: 0.0 };
+                let (shown_points, shown) = (points.len(), ShownPoints::default());
+                let chunk = VisibleChunk { points, first_identity, provisional_radius: 0.0, shown_points, shown };
                 first_identity += points.len() as u32;
                 chunk
             })

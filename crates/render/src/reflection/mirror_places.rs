@@ -7,7 +7,7 @@ use glam::{DVec3, Vec4};
 use super::task::Task;
 use crate::gpu::Gpu;
 use crate::layout::{MappedMirror, MappedMirrors, NEAREST_BYTES};
-use crate::store::CloudId;
+use crate::store::{CloudId, ShownPoints};
 use crate::targets::storage;
 
 /// Points of a mirror that stand for all of it: enough for a mean that is right to a few hundredths of the mirror's size.
@@ -31,7 +31,7 @@ pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
         let placed: Vec<_> = ids.iter().filter_map(|id| task.store.placed(*id)).collect();
         let bounds = placed.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds));
         let radius = placed.iter().map(|chunk| chunk.largest_radius).fold(0.0, f32::max);
-        let chunks: Vec<&Chunk> = placed.iter().map(|chunk| chunk.points).collect();
+        let chunks: Vec<_> = placed.iter().map(|chunk| (chunk.points, chunk.shown)).collect();
         let bounds = widened(bounds, f64::from(radius) * splat_size);
         MirrorPlace { cloud: Some(cloud), bounds, samples: samples(&chunks) }
     };
@@ -39,11 +39,10 @@ pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
     let exact = task.mirrors.iter().filter(|mirror| task.settings.mirror.surface.is_exact(mirror.as_points));
     places.extend(exact.filter(|mirror| mirror.specular_intensity > 0.0).map(|mirror| {
         let sampled = mirror.sample(MOST_SAMPLES, 1);
-        let chunks: Vec<&Chunk> = sampled.iter().collect();
-        let bounds = chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
-        let radii = chunks.iter().flat_map(|chunk| chunk.radii.iter().flat_map(|radii| radii.iter()));
+        let bounds = sampled.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
+        let radii = sampled.iter().flat_map(|chunk| chunk.radii.iter().flat_map(|radii| radii.iter()));
         let radius = radii.filter_map(|radius| unpack_radius(*radius)).fold(0.0, f32::max);
-        MirrorPlace { cloud: None, bounds: widened(bounds, f64::from(radius)), samples: samples(&chunks) }
+        MirrorPlace { cloud: None, bounds: widened(bounds, f64::from(radius)), samples: samples(&whole(&sampled)) }
     }));
     places
 }
@@ -52,15 +51,21 @@ fn widened(bounds: Bounds, by: f64) -> Bounds {
     Bounds { min: bounds.min - by, max: bounds.max + by }
 }
 
-/// At most `MOST_SAMPLES` points, evenly among those of the chunks; without those that have no normal.
-pub(crate) fn samples(chunks: &[&Chunk]) -> Vec<(DVec3, DVec3)> {
-    let count: usize = chunks.iter().map(|chunk| chunk.len()).sum();
+/// Chunks of which all points are shown.
+pub(crate) fn whole(chunks: &[Chunk]) -> Vec<(&Chunk, ShownPoints<'_>)> {
+    chunks.iter().map(|chunk| (chunk, ShownPoints::default())).collect()
+}
+
+/// At most `MOST_SAMPLES` points, evenly among those of the chunks; without those that are hidden or have no normal.
+pub(crate) fn samples(chunks: &[(&Chunk, ShownPoints<'_>)]) -> Vec<(DVec3, DVec3)> {
+    let count: usize = chunks.iter().map(|(chunk, _)| chunk.len()).sum();
     let step = count.div_ceil(MOST_SAMPLES).max(1);
     let mut samples = Vec::new();
     let mut next = 0;
-    for chunk in chunks {
+    for (chunk, shown) in chunks {
         while next < chunk.len() {
-            let normal = chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[next]));
+            let normals = chunk.normals.as_ref().filter(|_| shown.has(next));
+            let normal = normals.and_then(|normals| unpack_normal(normals[next]));
             samples.extend(normal.map(|normal| (chunk.position(next), normal.as_dvec3())));
             next += step;
         }
@@ -126,13 +131,13 @@ mod tests {
             chunk
         };
         let chunks = [chunk(0.0, 3000), chunk(1.0, 1), chunk(2.0, 6000)];
-        let found = samples(&chunks.iter().collect::<Vec<_>>());
+        let found = samples(&whole(&chunks));
         assert!(found.len() <= MOST_SAMPLES && found.len() > MOST_SAMPLES / 2, "{}", found.len());
         let first = found.iter().filter(|(at, _)| at.z == 0.0).count();
         assert!(first.abs_diff(found.len() / 3) <= 1, "{first} of {}", found.len());
         assert!(found.iter().all(|(_, normal)| normal.distance(DVec3::Z) < 1e-4));
         // All of a few; none without a normal.
-        assert_eq!(samples(&[&chunks[1]]).len(), 1);
-        assert!(samples(&[&Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]])]).is_empty());
+        assert_eq!(samples(&whole(&chunks[1..2])).len(), 1);
+        assert!(samples(&whole(&[Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]])])).is_empty());
     }
 }

@@ -138,7 +138,7 @@ mod tests {
     use scene::{Camera, Mirror, Projection, Shape, ViewSettings};
 
     use super::*;
-    use crate::reflection::mirror_places::samples;
+    use crate::reflection::mirror_places::{samples, whole};
 
     fn frame_camera(projection: Projection) -> FrameCamera {
         let camera = Camera::looking(DVec3::new(500_000.0, 0.0, 0.0), DVec3::new(0.2, -0.5, 1.0), 4.0, DVec3::Y);
@@ -150,7 +150,7 @@ mod tests {
         let at = DVec3::new(500_000.0, 0.0, 0.0);
         let mirror = Mirror { position: at, ..Mirror::standing(shape, at, normal, DVec3::Y, 0.5) };
         let chunks = mirror.sample(3000, 1);
-        plane_of(&samples(&chunks.iter().collect::<Vec<_>>()), camera)
+        plane_of(&samples(&whole(&chunks)), camera)
     }
 
     #[test]

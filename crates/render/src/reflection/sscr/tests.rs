@@ -559,7 +559,7 @@ fn reflected(pixel: &MirrorPixel) -> Vec3 {
 #[test]
 fn what_is_seen_in_a_pixel_lies_along_its_reflected_ray() {
     let Some(mut stage) = stage() else { return };
-    for visibility in [scene::Visibility::Accumulated, scene::Visibility::Nearest] {
+    for visibility in [scene::KeptPoints::Accumulated, scene::KeptPoints::Nearest] {
         let mut scene = Scene::new(&stage.gpu, Variant::Sphere, SMALL, 200_000);
         let made = scene.make(&mut stage, &Parameters { visibility, ..Parameters::default() });
         // In pixels: over the change of the reflected direction to the next pixels.
