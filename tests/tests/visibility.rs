@@ -1,0 +1,201 @@
+//! What a scene file hides: pictures, mirrors, light and truth are as if it were not there, without a window and in one.
+
+use std::collections::BTreeMap;
+
+use tests::{Folder, Outcome, Session};
+
+/// A point of a LAS file.
+struct Point {
+    position: [f64; 3],
+    color: [u8; 3],
+    class: u8,
+}
+
+/// Of coordinates. Offsets in f32 are exact, wherever chunks begin.
+const STEP: f64 = 1.0 / 1024.0;
+
+/// A file 1.2 of point format 2.
+fn las<'a>(points: impl Iterator<Item = &'a Point> + Clone) -> Vec<u8> {
+    let count = points.clone().count() as u32;
+    let mut file = b"LASF".to_vec();
+    file.resize(24, 0);
+    file.extend([1, 2]);
+    file.resize(94, 0);
+    file.extend(227_u16.to_le_bytes());
+    file.extend(227_u32.to_le_bytes());
+    file.extend(0_u32.to_le_bytes());
+    file.push(2);
+    file.extend(26_u16.to_le_bytes());
+    file.extend(count.to_le_bytes());
+    file.extend(count.to_le_bytes());
+    file.resize(131, 0);
+    file.extend([STEP; 3].iter().flat_map(|scale| scale.to_le_bytes()));
+    file.resize(179, 0);
+    for axis in 0..3 {
+        let values = || points.clone().map(|point| point.position[axis]);
+        for end in [values().fold(f64::MIN, f64::max), values().fold(f64::MAX, f64::min)] {
+            file.extend(end.to_le_bytes());
+        }
+    }
+    for point in points {
+        file.extend(point.position.iter().flat_map(|value| ((value / STEP).round() as i32).to_le_bytes()));
+        // Intensity; the only return.
+        file.extend([0, 0, 0b1001, point.class, 0, 0, 0, 0]);
+        file.extend(point.color.iter().flat_map(|value| (u16::from(*value) * 257).to_le_bytes()));
+    }
+    file
+}
+
+/// A floor and two walls of classes 2 and 6; then noise, so far from them that their normals do not know of it: some of it right
+/// before the camera, and some far beyond the walls.
+fn points() -> Vec<Point> {
+    let even = |index: u32| [0.754_877_666, 0.569_840_29].map(|step: f64| (f64::from(index) * step).fract());
+    let wall = |index: u32| {
+        let ([u, v], axis) = (even(index), (index % 3) as usize);
+        let mut position = [0.0; 3];
+        position[(axis + 1) % 3] = 4.0 * u;
+        position[(axis + 2) % 3] = 4.0 * v;
+        let color = [90 + 60 * axis as u8, (150.0 * u) as u8 + 60, (150.0 * v) as u8 + 60];
+        Point { position, color, class: if axis == 2 { 2 } else { 6 } }
+    };
+    let noise = |index: u32| {
+        let [u, v] = even(index);
+        let position =
+            if index.is_multiple_of(2) { [5.0, 3.0 * u + 3.0, 3.0 * v + 1.0] } else { [60.0 + u, 90.0, 30.0 * v] };
+        Point { position, color: [20, 250, 20], class: if index.is_multiple_of(3) { 7 } else { 18 } }
+    };
+    (0..45_000).map(wall).chain((0..15_000).map(noise)).collect()
+}
+
+const SCENE: &str = "[camera]\neye = [7.0, 6.0, 3.5]\npivot = [1.0, 1.0, 1.0]\nup = [0.0, 0.0, 1.0]\n\
+    [parameters]\n\"gi.vpls\" = 64\n\"gi.shadow_points\" = 1000\n\"trace.samples\" = 4\n\
+    [[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\nposition = [1.5, 1.5, 1.2]\nsize = 0.8\n\
+    [[lights]]\nposition = [3.0, 3.0, 3.8]\ntarget = [0.5, 0.5, 0.0]\nintensity = [20.0, 19.0, 17.0]\n\
+    inner_degrees = 40.0\nouter_degrees = 60.0\n";
+const HIDING: &str = "[visibility]\nhidden_classes = [7, 18]\n";
+
+/// All that a run writes by name: the picture, images of it and of its truth, and what its statistics say of points and accuracy.
+fn rendered(folder: &Folder, scene: &str, method: &str, arguments: &[&str]) -> Option<BTreeMap<&'static str, Vec<u8>>> {
+    let images = ["depth", "normal", "indirect", "mirror_position", "reference_position", "reference_color"];
+    let aovs: Vec<String> = images.iter().map(|name| format!("{name}={name}.exr")).collect();
+    let common = ["render", scene, "-o", "picture.png", "--size", "96x72", "--method", method, "--stats", "stats.json"];
+    let aovs = aovs.iter().flat_map(|aov| ["--aov", aov]);
+    let outcome = folder.glint(common.into_iter().chain(aovs).chain(arguments.iter().copied()));
+    if lacks_adapter(&outcome) {
+        return None;
+    }
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let read = |name: &str| std::fs::read(folder.path(name)).expect("a file that was written");
+    let mut written: BTreeMap<_, _> = images.iter().map(|name| (*name, read(&format!("{name}.exr")))).collect();
+    let stats: serde_json::Value = serde_json::from_slice(&read("stats.json")).expect("JSON");
+    written.insert("picture", read("picture.png"));
+    written.insert("points drawn", stats["points"]["drawn"].to_string().into());
+    written.insert("mirror pixels", stats["mirror_pixels"].to_string().into());
+    written.insert("accuracy", stats["accuracy"].to_string().into());
+    Some(written)
+}
+
+/// Whether this run must not be passed over for want of an adapter.
+fn lacks_adapter(outcome: &Outcome) -> bool {
+    let lacks = outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none();
+    if lacks {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+    }
+    lacks
+}
+
+#[test]
+fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
+    let folder = Folder::new();
+    let points = points();
+    folder.write("all.las", las(points.iter()));
+    folder.write("shown.las", las(points.iter().filter(|point| ![7, 18].contains(&point.class))));
+    folder.write("all.toml", format!("clouds = [\"all.las\"]\n{SCENE}"));
+    folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{HIDING}"));
+    folder.write("shown.toml", format!("clouds = [\"shown.las\"]\n{SCENE}"));
+    folder.write("view.toml", format!("{SCENE}{HIDING}"));
+    for method in ["surfel_trace", "sscr"] {
+        let Some(mut shown) = rendered(&folder, "shown.toml", method, &[]) else { return };
+        let hiding = rendered(&folder, "hiding.toml", method, &[]).expect("an adapter");
+        assert!(shown["mirror pixels"].len() >= 3, "{method}: fewer than 100 mirror pixels");
+        if method == "surfel_trace" {
+            // Discs have their places in boxes that hold hidden points too, in steps of a 1023rd of these.
+            ["mirror_position", "accuracy"].iter().for_each(|name| drop(shown.remove(name)));
+        }
+        for (name, written) in &shown {
+            assert!(hiding[name] == *written, "{method}: {name}");
+        }
+    }
+    let all = rendered(&folder, "all.toml", "surfel_trace", &[]).expect("an adapter");
+    let hiding = rendered(&folder, "hiding.toml", "surfel_trace", &[]).expect("an adapter");
+    let view = rendered(&folder, "all.toml", "surfel_trace", &["--camera", "view.toml"]).expect("an adapter");
+    assert!(
+        all["picture"] != hiding["picture"] && view["picture"] == hiding["picture"],
+        "--camera FILE hides what it says"
+    );
+    // Framed without a camera: what is hidden takes no room.
+    let framed = |name: &str, scene: &str| {
+        let words = ["render", scene, "-o", name, "--size", "96x72", "--camera", "iso", "--set", "gi.vpls=64"];
+        let outcome = folder.glint(words);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        std::fs::read(folder.path(name)).expect("the picture")
+    };
+    assert!(framed("a.png", "hiding.toml") == framed("b.png", "shown.toml"), "framing differs");
+    folder.write("none.toml", "clouds = [\"all.las\"]\n[visibility]\nhidden_classes = [2, 6, 7, 18]\n");
+    let outcome = folder.glint(["render", "none.toml", "-o", "none.png", "--size", "96x72"]);
+    assert!(outcome.status == Some(0) && outcome.messages.contains("hides all classes"), "{outcome}");
+}
+
+#[test]
+fn a_study_measures_what_the_scene_shows() {
+    let folder = Folder::new();
+    let points = points();
+    folder.write("all.las", las(points.iter()));
+    folder.write("shown.las", las(points.iter().filter(|point| ![7, 18].contains(&point.class))));
+    folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{HIDING}"));
+    folder.write("shown.toml", format!("clouds = [\"shown.las\"]\n{SCENE}"));
+    let figures = |scene: &str| {
+        let plan = format!(
+            "title = 'one'\nsize = '96x72'\nrepeats = 1\n[[group]]\nscenes = ['{scene}.toml']\nmethods = ['sscr']\n"
+        );
+        folder.write("plan.toml", plan);
+        let outcome = folder.glint(["study", "plan.toml", "-o", scene]);
+        if lacks_adapter(&outcome) {
+            return None;
+        }
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        let text = std::fs::read_to_string(folder.path(&format!("{scene}/results.json"))).expect("the results");
+        let results: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        let row = results[0].as_object().expect("a row");
+        let is_of_picture = |key: &str| key.starts_with("same_input") || key == "hit_rate" || key == "mirror_pixels";
+        let figures: Vec<_> = row.iter().filter(|(key, _)| is_of_picture(key)).collect();
+        assert!(figures.iter().filter(|(_, value)| value.is_number()).count() > 8, "{figures:?}");
+        Some(format!("{figures:?}"))
+    };
+    assert_eq!(figures("hiding"), figures("shown"));
+}
+
+#[test]
+fn the_window_hides_what_a_scene_file_hides_and_saves_it() {
+    let session = Session::start();
+    session.folder.write("all.las", las(points().iter()));
+    session.folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{HIDING}"));
+    let window = session.open(["hiding.toml"]);
+    window.wait_for_event("settled", 0, |_| true);
+    window.press("F12");
+    let saved = window.wait_for_event("saved", 0, |_| true);
+    window.press("ctrl+s");
+    let scene = window.wait_for_event("scene_saved", 0, |_| true);
+    assert!(window.quit().success());
+    let picture = image::open(session.folder.path(saved["path"].as_str().expect("a path"))).expect("the saved picture");
+    let size = format!("{}x{}", picture.width(), picture.height());
+    let scene = scene["path"].as_str().expect("a path");
+    for scene in ["hiding.toml", scene] {
+        let rendered = session.folder.glint(["render", scene, "--size", &size, "-o", "rendered.png"]);
+        assert_eq!(rendered.status, Some(0), "{rendered}");
+        let rendered = image::open(session.folder.path("rendered.png")).expect("the rendered picture");
+        assert!(rendered.into_rgba8() == picture.clone().into_rgba8(), "{scene} is another picture");
+    }
+    let text = std::fs::read_to_string(session.folder.path(scene)).expect("the saved scene");
+    assert!(text.contains("hidden_classes = [7, 18]"), "{text}");
+}
