@@ -3,7 +3,7 @@
 //! the method.
 //!
 //! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
-//! `gather`. To add a method: a module with a `run` function, its shaders, a row of `scene::METHODS`, and an arm of `Methods::run`.
+//! `gather`. How to add a method: docs/architecture.md, "Reflections".
 
 #[cfg(test)]
 mod beam;
