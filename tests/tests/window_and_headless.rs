@@ -18,29 +18,35 @@ fn room(points: u32) -> Vec<u8> {
         (position, [80 + 50 * axis as u8, (150.0 * u) as u8 + 60, (150.0 * v) as u8 + 60])
     };
     let twins = (0..points).step_by(10).map(|index| (point(index).0, [250, 20, 20]));
-    ply((0..points).map(point).chain(twins).collect())
+    ply((0..points).map(point).chain(twins).map(|point| (point, 1)).collect())
 }
 
-/// A hilly square of coloured points.
+/// A hilly square of coloured points, and among them noise of class 7 high above.
 fn hills(points: u32) -> Vec<u8> {
     let point = |index: u32| {
         let [x, y] = [0.754_877_666, 0.569_840_29].map(|step: f64| (f64::from(index) * step).fract() * 100.0);
         let z = 4.0 * (x / 9.0).sin() * (y / 14.0).cos();
-        ([x, y, z], [x * 2.5, 140.0 + z * 20.0, y * 2.5].map(|value| value as u8))
+        let color = [x * 2.5, 140.0 + z * 20.0, y * 2.5].map(|value| value as u8);
+        if index.is_multiple_of(50) { (([x, y, z + 12.0], [0, 0, 0]), 7) } else { (([x, y, z], color), 2) }
     };
     ply((0..points).map(point).collect())
 }
 
-fn ply(points: Vec<([f64; 3], [u8; 3])>) -> Vec<u8> {
+/// Place and colour.
+type Point = ([f64; 3], [u8; 3]);
+
+/// Points, each with its class.
+fn ply(points: Vec<(Point, u8)>) -> Vec<u8> {
     let mut file = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
-         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar classification\nend_header\n",
         points.len()
     )
     .into_bytes();
-    for (position, color) in points {
+    for ((position, color), class) in points {
         file.extend(position.iter().flat_map(|value| (*value as f32).to_le_bytes()));
         file.extend(color);
+        file.push(class);
     }
     file
 }
@@ -78,12 +84,12 @@ fn a_room_with_the_lamp_that_it_gets_is_the_same_in_the_window_and_without_one()
 }
 
 #[test]
-fn a_streamed_cloud_under_sun_and_sky_is_the_same_in_the_window_and_without_one() {
+fn a_streamed_cloud_of_which_a_class_is_hidden_is_the_same_in_the_window_and_without_one() {
     let session = Session::start();
     session.folder.write("hills.ply", hills(400_000));
     let scene = "clouds = [\"hills.ply\"]\n[camera]\neye = [20.0, -30.0, 40.0]\npivot = [50.0, 40.0, 0.0]\n\
                  up = [0.0, 0.0, 1.0]\n[parameters]\n\"stream.pages\" = \"always\"\n\"view.point_budget\" = 150000\n\
-                 \"gi.vpls\" = 64\n";
+                 \"gi.vpls\" = 64\n[visibility]\nhidden_classes = [7]\n";
     session.folder.write("hills.toml", scene);
     let surroundings = compare(&session, "hills.toml");
     assert_eq!(surroundings["sky_is_open"], true);
