@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
-use scene::{
-    Camera, ColorBy, Lighting, MOST_MIRRORS, Mirror, Projection, SceneFile, Settings, Shape, SpotLight, StandardView,
-};
+use scene::{Camera, ColorBy, Lighting, Mirror, Object, Projection, SceneFile, Settings, Shape, StandardView};
 use serde_json::json;
 
 use super::bindings::{Action, Handles, Mode};
@@ -17,7 +15,7 @@ use super::inspection::{Inspection, Ray, Surface, Target};
 use super::lens::to_vector;
 use super::light_panel;
 use super::messages::Level;
-use super::objects::{Objects, Placed};
+use super::objects::{ObjectId, Objects, Placed};
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, FrameRequest, PickPurpose};
 use super::state::{Effect, State};
@@ -29,8 +27,6 @@ const STEP: f32 = 1.1;
 const TILT_STEP: f64 = 0.087;
 /// Size of a mirror that is added, over the scene's radius: a tenth of the scene across.
 const MIRROR_SIZE: f64 = 0.1;
-/// How far beside a light its copy stands, over the distance to its target.
-const LIGHT_ASIDE: f64 = 0.1;
 /// Pixels about the cursor that its sight line takes in: as when a point is picked.
 const CAST_RADIUS: f64 = 4.0;
 
@@ -101,10 +97,7 @@ impl State {
             Action::Duplicate => self.duplicate(),
             Action::Delete => {
                 if let Some(id) = self.selected.take() {
-                    self.edit_objects(|objects| {
-                        objects.mirrors.retain(|placed| placed.id != id);
-                        objects.remove_light(id);
-                    });
+                    self.edit_objects(|objects| objects.remove(id));
                 }
             }
             Action::AddSpot => self.add_spot(),
@@ -241,7 +234,7 @@ impl State {
             self.objects.lights.clear();
             for light in &file.lights {
                 let id = self.next_object_id();
-                self.objects.add_light(id, *light);
+                self.objects.add(id, Object::Light(*light));
             }
             self.warn_of_dark_lights();
         }
@@ -327,35 +320,40 @@ impl State {
         let (point, normal) = picked.unwrap_or((self.camera.pivot, None));
         let to_eye = self.camera.eye - point;
         let normal = normal.map_or(up, |normal| if normal.dot(to_eye) < 0.0 { -normal } else { normal });
-        let name = self.objects.free_name(shape.name(), None);
+        let name = shape.name().to_owned();
         let mirror = Mirror { name, ..Mirror::standing(shape, point, normal, up, size) };
-        self.place(mirror);
+        let id = self.next_object_id();
+        self.place(id, Object::Mirror(mirror));
     }
 
-    fn place(&mut self, mirror: Mirror) {
-        if self.objects.mirrors.len() >= MOST_MIRRORS {
-            return self.messages.note(format!("There are {MOST_MIRRORS} mirrors, and no room for more"));
+    /// Adds an object in one step of undo, and selects it. A light shines then.
+    fn place(&mut self, id: ObjectId, object: Object) {
+        let kind = object.kind();
+        if self.objects.count(kind) >= kind.most {
+            return self.messages.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
         }
-        let id = self.next_object_id();
-        self.log(json!({
-            "event": "mirror", "name": mirror.name, "position": mirror.position.to_array(), "size": mirror.size,
-        }));
-        self.edit_objects(|objects| objects.mirrors.push(Placed { id, mirror, input: None }));
+        let (position, is_light) = (object.places()[0].to_array(), matches!(object, Object::Light(_)));
+        self.history.settle(&self.settings, &self.objects);
+        if is_light && self.settings.light.by != Lighting::Auto {
+            self.settings.light.by = Lighting::Lights;
+        }
+        self.objects.add(id, object);
+        self.history.settle(&self.settings, &self.objects);
+        let name = self.objects.get(id).map(|(name, _)| name);
+        self.log(json!({ "event": kind.name, "name": name, "position": position }));
+        self.navigation.camera_moved(self.now);
         self.selected = Some(id);
+        if is_light {
+            self.warn_of_dark_lights();
+        }
     }
 
     fn duplicate(&mut self) {
-        let Some(id) = self.selected else { return };
-        if let Some(light) = self.objects.light(id) {
-            let aside = self.camera.right() * (light.position.distance(light.target) * LIGHT_ASIDE);
-            return self.place_light(SpotLight { position: light.position + aside, ..*light });
+        let selected = self.selected.and_then(|id| self.objects.get(id));
+        if let Some((_, object)) = selected {
+            let (id, copy) = (self.next_object_id(), object.beside(self.camera.right()));
+            self.place(id, copy);
         }
-        let Some(mirror) = self.objects.mirror(id) else { return };
-        let name = self.objects.free_name(&mirror.name, None);
-        // Beside it, so that it can be seen and grabbed.
-        let aside = self.camera.right() * (mirror.shape.reach() * mirror.size);
-        let copy = Mirror { name, position: mirror.position + aside, ..mirror.clone() };
-        self.place(copy);
     }
 
     // ---- lights ----
@@ -376,23 +374,9 @@ impl State {
 
     /// Adds a spot light where the eye is.
     fn add_spot(&mut self) {
-        self.place_light(light_panel::spot(self.camera.eye, self.camera.pivot, self.settings.view.field_of_view));
-    }
-
-    /// Adds a light, lets it shine and selects it.
-    fn place_light(&mut self, light: SpotLight) {
+        let light = light_panel::spot(self.camera.eye, self.camera.pivot, self.settings.view.field_of_view);
         let id = self.next_object_id();
-        self.log(json!({ "event": "light", "position": light.position.to_array() }));
-        // One step of undo.
-        self.history.settle(&self.settings, &self.objects);
-        if self.settings.light.by != Lighting::Auto {
-            self.settings.light.by = Lighting::Lights;
-        }
-        self.objects.add_light(id, light);
-        self.history.settle(&self.settings, &self.objects);
-        self.navigation.camera_moved(self.now);
-        self.selected = Some(id);
-        self.warn_of_dark_lights();
+        self.place(id, Object::Light(light));
     }
 
     /// Says so after lights came of which not all shine.
@@ -425,11 +409,7 @@ impl State {
     fn pin_inspection(&mut self) {
         let Some(mut held) = self.inspection.take() else { return };
         if let Some(mirror) = held.mirror.take() {
-            let (id, name) = (held.id, self.objects.free_name(&mirror.name, None));
-            let mirror = Mirror { name, ..mirror };
-            self.log(json!({ "event": "mirror", "name": mirror.name, "position": mirror.position.to_array() }));
-            self.edit_objects(|objects| objects.mirrors.push(Placed { id, mirror, input: None }));
-            self.selected = Some(id);
+            self.place(held.id, Object::Mirror(mirror));
         }
     }
 
@@ -532,6 +512,8 @@ fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
+    use scene::MOST_MIRRORS;
+
     use super::super::preferences::Preferences;
     use super::*;
 
@@ -611,7 +593,8 @@ mod tests {
         let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
         // Would end the view and go on as commands.
         mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
-        state.place(mirror.clone());
+        let id = state.next_object_id();
+        state.place(id, Object::Mirror(mirror.clone()));
         let (words, input) = run_by_shell(&state.command_line());
         let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
             ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
@@ -630,7 +613,7 @@ mod tests {
         let view =
             SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
         assert_eq!(view.camera.map(|camera| camera.pivot), Some(state.camera.pivot));
-        assert_eq!(view.mirrors[0].name, mirror.name);
+        assert_eq!(view.mirrors[0].name, mirror.name.trim());
     }
 
     #[test]

@@ -5,12 +5,12 @@
 
 use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
 use glam::{DQuat, DVec2, DVec3};
-use scene::{Mirror, SpotLight};
+use scene::{Object, SpotLight};
 use serde_json::json;
 
 use super::bindings::Handles;
 use super::lens::Lens;
-use super::objects::{ObjectId, PlacedLight};
+use super::objects::ObjectId;
 use super::state::State;
 use super::theme;
 
@@ -43,71 +43,36 @@ type Grip = (usize, Handle);
 struct Drag {
     grip: Grip,
     /// The object as it was when it was grabbed.
-    start: Subject,
+    start: Object,
     /// Points of the window.
     pressed: Pos2,
     /// Where the handles were.
     layout: Layout,
 }
 
-/// What is selected.
-#[derive(Clone, Debug, PartialEq)]
-enum Subject {
-    Mirror(Mirror),
-    Light(SpotLight),
+/// The object that is selected, with its name.
+fn selected(state: &State) -> Option<(ObjectId, String, Object)> {
+    let id = state.selected?;
+    let (name, object) = state.objects.get(id)?;
+    Some((id, name.to_owned(), object))
 }
 
-impl Subject {
-    fn selected(state: &State) -> Option<(ObjectId, String, Self)> {
-        let id = state.selected?;
-        let mirror =
-            || Some((id, state.objects.mirror(id)?.name.clone(), Self::Mirror(state.objects.mirror(id)?.clone())));
-        let light = || {
-            let placed = state.objects.lights.iter().find(|placed| placed.id == id)?;
-            Some((id, placed.name.clone(), Self::Light(placed.light)))
+/// Of the handles that are chosen, those that an object has at each of its places. One that is only moved has all of its own.
+fn layouts(object: &Object, stage: &PictureFrame, chosen: Handles) -> Vec<Option<Layout>> {
+    let kind = object.kind();
+    let shows = |part: Handles| chosen == Handles::All || chosen == part;
+    let moves = shows(Handles::Move) || !(kind.can_turn || kind.can_scale);
+    let layout = |(index, place): (usize, &DVec3)| {
+        let is_first = index == 0;
+        let parts = Parts {
+            arrows: is_first && moves,
+            dot: moves,
+            rings: is_first && kind.can_turn && shows(Handles::Turn),
+            square: is_first && kind.can_scale && shows(Handles::Scale),
         };
-        mirror().or_else(light)
-    }
-
-    /// Where it can be held.
-    fn places(&self) -> Vec<DVec3> {
-        match self {
-            Self::Mirror(mirror) => vec![mirror.position],
-            Self::Light(light) => vec![light.position, light.target],
-        }
-    }
-
-    fn place_mut(&mut self, place: usize) -> &mut DVec3 {
-        match self {
-            Self::Mirror(mirror) => &mut mirror.position,
-            Self::Light(light) => {
-                if place == 0 {
-                    &mut light.position
-                } else {
-                    &mut light.target
-                }
-            }
-        }
-    }
-
-    /// What of the handles it has at a place.
-    fn handles(&self, place: usize, chosen: Handles) -> Parts {
-        let shows = |part: Handles| chosen == Handles::All || chosen == part;
-        match self {
-            Self::Mirror(_) => Parts {
-                arrows: shows(Handles::Move),
-                dot: shows(Handles::Move),
-                rings: shows(Handles::Turn),
-                square: shows(Handles::Scale),
-            },
-            Self::Light(_) => Parts { arrows: place == 0, dot: true, rings: false, square: false },
-        }
-    }
-
-    fn layouts(&self, stage: &PictureFrame, chosen: Handles) -> Vec<Option<Layout>> {
-        let layout = |(index, place): (usize, &DVec3)| Layout::new(stage, *place, self.handles(index, chosen));
-        self.places().iter().enumerate().map(layout).collect()
-    }
+        Layout::new(stage, *place, parts)
+    };
+    object.places().iter().enumerate().map(layout).collect()
 }
 
 /// Kinds of handles that are shown.
@@ -278,12 +243,12 @@ pub fn interact(picture: &Response, state: &mut State) {
 }
 
 fn handles(picture: &Response, state: &mut State, stage: &PictureFrame) {
-    let Some((id, name, subject)) = Subject::selected(state) else {
+    let Some((id, name, object)) = selected(state) else {
         state.gizmo.hot = None;
         state.gizmo.drag = None;
         return;
     };
-    let layouts = subject.layouts(stage, state.gizmo.handles);
+    let layouts = layouts(&object, stage, state.gizmo.handles);
     let input = picture.ctx.input(|input| (input.pointer.latest_pos(), input.pointer.press_origin()));
     let (Some(pointer), pressed) = input else {
         state.gizmo.hot = None;
@@ -291,8 +256,8 @@ fn handles(picture: &Response, state: &mut State, stage: &PictureFrame) {
     };
     if !picture.ctx.input(|input| input.pointer.button_down(PointerButton::Primary)) {
         if state.gizmo.drag.take().is_some() {
-            let event = if matches!(subject, Subject::Light(_)) { "light_moved" } else { "mirror_moved" };
-            let places: Vec<[f64; 3]> = subject.places().iter().map(DVec3::to_array).collect();
+            let event = format!("{}_moved", object.kind().name);
+            let places: Vec<[f64; 3]> = object.places().iter().map(DVec3::to_array).collect();
             state.log(json!({ "event": event, "name": name, "position": places[0], "target": places.get(1) }));
         }
         state.gizmo.hot = if picture.contains_pointer() { grip_at(&layouts, pointer) } else { None };
@@ -301,37 +266,30 @@ fn handles(picture: &Response, state: &mut State, stage: &PictureFrame) {
         if let Some((grip, layout)) = grip_at(&layouts, pressed).and_then(|grip| Some((grip, layouts[grip.0].clone()?)))
         {
             state.gizmo.hot = Some(grip);
-            state.gizmo.drag = Some(Drag { grip, start: subject.clone(), pressed, layout });
+            state.gizmo.drag = Some(Drag { grip, start: object.clone(), pressed, layout });
         }
     }
     let Some(drag) = &state.gizmo.drag else { return };
     let moved = dragged(stage, drag, pointer);
-    if moved != subject {
-        match moved {
-            Subject::Mirror(moved) => {
-                if let Some(mirror) = state.objects.mirror_mut(id) {
-                    *mirror = moved;
-                }
-            }
-            Subject::Light(moved) => state.objects.set_light(id, moved),
-        }
+    if moved != object {
+        state.objects.set(id, moved);
         state.navigation.camera_moved(state.now);
     }
 }
 
 /// The object with the handle under `pointer`.
-fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Subject {
-    let mut subject = drag.start.clone();
+fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Object {
+    let mut object = drag.start.clone();
     let (place, handle) = drag.grip;
-    let start = *subject.place_mut(place);
-    match (handle, &mut subject) {
-        (Handle::Arrow(axis), subject) => {
+    let Some(&start) = object.places().get(place) else { return object };
+    match handle {
+        Handle::Arrow(axis) => {
             let along = |at: Pos2| along_axis(stage.ray(at), start, AXES[axis]);
             if let (Some(from), Some(to)) = (along(drag.pressed), along(pointer)) {
-                *subject.place_mut(place) += AXES[axis] * (to - from);
+                object.move_place(place, AXES[axis] * (to - from));
             }
         }
-        (Handle::Dot, subject) => {
+        Handle::Dot => {
             let on_plane = |at: Pos2| {
                 let (origin, direction) = stage.ray(at);
                 let facing = stage.lens.forward();
@@ -339,22 +297,19 @@ fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Subject {
             };
             let shift = on_plane(pointer) - on_plane(drag.pressed);
             if shift.is_finite() {
-                *subject.place_mut(place) += shift;
+                object.move_place(place, shift);
             }
         }
-        (Handle::Ring(axis), Subject::Mirror(mirror)) => {
+        Handle::Ring(axis) => {
             let angle = drag.layout.rings[axis].as_deref().map_or(0.0, |ring| turned(ring, drag.pressed, pointer));
-            mirror.rotation = (DQuat::from_axis_angle(AXES[axis], angle) * mirror.rotation).normalize();
+            object.turn(DQuat::from_axis_angle(AXES[axis], angle));
         }
-        (Handle::Square, Subject::Mirror(mirror)) => {
+        Handle::Square => {
             let outward: Vec2 = vec2(1.0, -1.0).normalized();
-            let factor = ((pointer - drag.pressed).dot(outward) / DOUBLING).exp2();
-            mirror.size = (mirror.size * f64::from(factor)).clamp(mirror.size * 1e-3, mirror.size * 1e3);
+            object.scale(f64::from(((pointer - drag.pressed).dot(outward) / DOUBLING).exp2()));
         }
-        // A light has no such handles.
-        (Handle::Ring(_) | Handle::Square, Subject::Light(_)) => {}
     }
-    subject
+    object
 }
 
 /// Where on a line through `center` the sight line comes closest; `None` if they are nearly parallel.
@@ -380,20 +335,24 @@ fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
     f64::from((pointer - pressed).dot(tangent) / length)
 }
 
-/// Where the symbols of lights are: all while somebody looks after lights, or none.
+/// Where the symbols of objects are: all while somebody looks after lights, or none.
 fn symbols(state: &State, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
-    let is_light_selected = state.selected.is_some_and(|id| state.objects.light(id).is_some());
-    if !state.light_panel_is_open && !is_light_selected {
+    let has_symbol = |object: &Object| object.kind().has_symbol;
+    if !state.light_panel_is_open && !selected(state).is_some_and(|(.., object)| has_symbol(&object)) {
         return Vec::new();
     }
-    let symbol = |placed: &PlacedLight| Some((placed.id, stage.place(placed.light.position)?, shade_of(&placed.light)));
-    state.objects.lights.iter().filter_map(symbol).collect()
+    let objects = state.objects.all().filter(|(.., object)| has_symbol(object));
+    objects.filter_map(|(id, _, object)| Some((id, stage.place(object.places()[0])?, color_of(&object)))).collect()
 }
 
-/// The colour of a light, as bright as the screen can show it.
-fn shade_of(light: &SpotLight) -> Color32 {
-    let strongest = light.intensity.into_iter().fold(f32::MIN_POSITIVE, f32::max);
-    let [red, green, blue] = light.intensity.map(|part| part / strongest);
+/// The colour of what an object gives back or sends out, as bright as the screen can show it.
+fn color_of(object: &Object) -> Color32 {
+    let color = match object {
+        Object::Mirror(mirror) => mirror.color,
+        Object::Light(light) => light.intensity,
+    };
+    let strongest = color.into_iter().fold(f32::MIN_POSITIVE, f32::max);
+    let [red, green, blue] = color.map(|part| part / strongest);
     egui::Rgba::from_rgb(red, green, blue).into()
 }
 
@@ -413,7 +372,7 @@ fn lamp(painter: &Painter, at: Pos2, color: Color32, is_hot: bool) {
 }
 
 /// The axis of a light and the rim of its cone, at the distance of its target.
-fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight) {
+fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight, color: Color32) {
     let (axis, distance) = ((light.target - light.position).normalize_or_zero(), light.position.distance(light.target));
     let (u, v) = axis.any_orthonormal_pair();
     let rim = |degrees: f32, share: f64| {
@@ -430,7 +389,6 @@ fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight) {
             }
         }
     };
-    let color = shade_of(light);
     line(light.position, light.target, Stroke::new(1.0, color.gamma_multiply(0.7)));
     for (degrees, strength) in [(light.inner_degrees, 0.35), (light.outer_degrees, 0.8)] {
         let stroke = Stroke::new(1.2, color.gamma_multiply(strength));
@@ -451,17 +409,17 @@ fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight) {
 pub fn paint(painter: &Painter, rect: Rect, state: &State) {
     let Some(stage) = PictureFrame::of(state, rect) else { return };
     let painter = painter.with_clip_rect(rect);
-    let selected = Subject::selected(state);
-    if let Some((_, _, Subject::Light(light))) = &selected {
-        cone(&painter, &stage, light);
+    let selected = selected(state);
+    if let Some((.., object @ Object::Light(light))) = &selected {
+        cone(&painter, &stage, light, color_of(object));
     }
     for (id, at, color) in symbols(state, &stage) {
         lamp(&painter, at, color, state.gizmo.hot_light == Some(id));
     }
-    let Some((_, name, subject)) = selected else { return };
+    let Some((_, name, object)) = selected else { return };
     let held = state.gizmo.drag.as_ref().map(|drag| drag.grip);
     let hot = held.or(state.gizmo.hot);
-    for (place, layout) in subject.layouts(&stage, state.gizmo.handles).into_iter().enumerate() {
+    for (place, layout) in layouts(&object, &stage, state.gizmo.handles).into_iter().enumerate() {
         let Some(layout) = layout else { continue };
         // While something is dragged the others would be in the way.
         let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);
@@ -519,7 +477,7 @@ fn paint_layout(painter: &Painter, layout: &Layout, held: Option<Handle>, hot: O
 
 #[cfg(test)]
 mod tests {
-    use scene::{Camera, Projection, Shape, ViewSettings};
+    use scene::{Camera, Mirror, Projection, Shape, ViewSettings};
 
     use super::*;
 
@@ -537,22 +495,22 @@ mod tests {
     }
 
     fn drag(stage: &PictureFrame, handle: Handle, pressed: Pos2) -> Drag {
-        grab(stage, Subject::Mirror(mirror()), (0, handle), pressed)
+        grab(stage, Object::Mirror(mirror()), (0, handle), pressed)
     }
 
-    fn grab(stage: &PictureFrame, start: Subject, grip: Grip, pressed: Pos2) -> Drag {
-        let layout = start.layouts(stage, Handles::All).swap_remove(grip.0).unwrap();
+    fn grab(stage: &PictureFrame, start: Object, grip: Grip, pressed: Pos2) -> Drag {
+        let layout = layouts(&start, stage, Handles::All).swap_remove(grip.0).unwrap();
         Drag { grip, start, pressed, layout }
     }
 
     fn layout(stage: &PictureFrame, handles: Handles) -> Layout {
-        Subject::Mirror(mirror()).layouts(stage, handles).remove(0).unwrap()
+        layouts(&Object::Mirror(mirror()), stage, handles).remove(0).unwrap()
     }
 
-    fn as_mirror(subject: Subject) -> Mirror {
-        match subject {
-            Subject::Mirror(mirror) => mirror,
-            Subject::Light(_) => panic!("a mirror became a light"),
+    fn as_mirror(object: Object) -> Mirror {
+        match object {
+            Object::Mirror(mirror) => mirror,
+            Object::Light(_) => panic!("a mirror became a light"),
         }
     }
 
@@ -626,7 +584,7 @@ mod tests {
             assert_eq!(found(&layout, layout.arrows[axis].unwrap()), Some(Handle::Arrow(axis)));
         }
         assert_eq!(found(&layout, layout.center + vec2(300.0, 200.0)), None);
-        let turning = Subject::Mirror(mirror()).layouts(&stage, Handles::Turn).remove(0).unwrap();
+        let turning = layouts(&Object::Mirror(mirror()), &stage, Handles::Turn).remove(0).unwrap();
         assert_eq!(found(&turning, turning.center), None);
         assert!(found(&turning, turning.rings[2].as_ref().unwrap()[5]).is_some());
     }
@@ -650,19 +608,19 @@ mod tests {
             60.0,
         );
         let places = [light.position, light.target].map(|place| stage.place(place).unwrap());
-        let layouts = Subject::Light(light).layouts(&stage, Handles::All);
+        let layouts = super::layouts(&Object::Light(light), &stage, Handles::All);
         for (place, at) in places.into_iter().enumerate() {
             assert_eq!(grip_at(&layouts, at), Some((place, Handle::Dot)));
-            let drag = grab(&stage, Subject::Light(light), (place, Handle::Dot), at);
-            let Subject::Light(moved) = dragged(&stage, &drag, at + vec2(30.0, -20.0)) else { panic!("no light") };
+            let drag = grab(&stage, Object::Light(light), (place, Handle::Dot), at);
+            let Object::Light(moved) = dragged(&stage, &drag, at + vec2(30.0, -20.0)) else { panic!("no light") };
             let now = [moved.position, moved.target].map(|place| stage.place(place).unwrap());
             assert!((now[place] - at - vec2(30.0, -20.0)).length() < 0.1);
             assert_eq!(now[1 - place], places[1 - place], "the other end stays");
         }
         // Up along its arrow, and no handles that would turn or scale it.
         let end = layouts[0].as_ref().unwrap().arrows[2].unwrap();
-        let drag = grab(&stage, Subject::Light(light), (0, Handle::Arrow(2)), end);
-        let Subject::Light(moved) = dragged(&stage, &drag, end - vec2(0.0, 25.0)) else { panic!("no light") };
+        let drag = grab(&stage, Object::Light(light), (0, Handle::Arrow(2)), end);
+        let Object::Light(moved) = dragged(&stage, &drag, end - vec2(0.0, 25.0)) else { panic!("no light") };
         let shift = moved.position - light.position;
         assert!(shift.z > 0.0 && shift.truncate().length() < 1e-6 && moved.target == light.target, "{shift}");
         assert!(layouts.iter().flatten().all(|layout| layout.square.is_none() && layout.rings[0].is_none()));

@@ -4,7 +4,7 @@
 use egui::{CollapsingHeader, RichText, Ui};
 use glam::DVec3;
 use render::MOST_LIGHTS;
-use scene::{Lighting, SpotLight};
+use scene::{Lighting, Object, SpotLight};
 
 use super::bindings::{self, Action};
 use super::mirrors_panel::object_list;
@@ -147,7 +147,7 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut light: SpotLight) {
         }
     });
     if light != before {
-        state.objects.set_light(id, light);
+        state.objects.set(id, Object::Light(light));
         state.navigation.camera_moved(state.now);
     }
 }
@@ -486,7 +486,7 @@ mod tests {
         state.act(Action::CopyView);
         let Some(Effect::Copy(text)) = state.effects.pop() else { panic!("nothing was copied") };
         let id = state.objects.lights[0].id;
-        state.objects.set_light(id, SpotLight { position: DVec3::splat(9.0), ..before });
+        state.objects.set(id, Object::Light(SpotLight { position: DVec3::splat(9.0), ..before }));
         state.paste_view(&text);
         assert_eq!(state.objects.lights.iter().map(|placed| placed.light).collect::<Vec<_>>(), [before]);
     }

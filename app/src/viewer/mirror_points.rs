@@ -53,7 +53,7 @@ impl State {
                 self.frames.points_changed();
             }
         }
-        if self.selected.is_some_and(|id| self.objects.mirror(id).is_none() && self.objects.light(id).is_none()) {
+        if self.selected.is_some_and(|id| self.objects.get(id).is_none()) {
             self.selected = None;
         }
         // The spacing of the points is known when they are all there.

@@ -2,7 +2,7 @@
 
 use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
-use scene::{Mirror, Shape};
+use scene::{Mirror, Object, Shape};
 
 use super::bindings::{self, Action};
 use super::marking;
@@ -169,9 +169,7 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut mirror: Mirror) {
     });
     if mirror != before && mirror.problem().is_none() {
         let is_moved = unnamed(&mirror) != unnamed(&before);
-        if let Some(placed) = state.objects.mirror_mut(id) {
-            *placed = mirror;
-        }
+        state.objects.set(id, Object::Mirror(mirror));
         if is_moved {
             state.navigation.camera_moved(state.now);
         }

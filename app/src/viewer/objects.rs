@@ -2,7 +2,7 @@
 //! which points of the clouds are shown. All of it is restored by one step of undo. How it gets to the render thread:
 //! `State::sync_objects` and `State::sync_visibility`; lights go with each frame.
 
-use scene::{Mirror, MirrorPoints, SceneFile, SpotLight, Visibility, five_mirrors};
+use scene::{Mirror, MirrorPoints, Object, ObjectKind, SceneFile, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
 /// A mirror or a light, as long as it exists and when it comes back by undo. Never used twice.
@@ -68,33 +68,67 @@ impl Objects {
         self.mirrors.iter().find(|placed| placed.id == id).map(|placed| &placed.mirror)
     }
 
-    pub fn mirror_mut(&mut self, id: ObjectId) -> Option<&mut Mirror> {
-        self.mirrors.iter_mut().find(|placed| placed.id == id).map(|placed| &mut placed.mirror)
-    }
-
     pub fn light(&self, id: ObjectId) -> Option<&SpotLight> {
         self.lights.iter().find(|placed| placed.id == id).map(|placed| &placed.light)
     }
 
-    /// Changes a light, if it is one then. What somebody changes is theirs.
-    pub fn set_light(&mut self, id: ObjectId, light: SpotLight) {
-        let Some(index) = self.lights.iter().position(|placed| placed.id == id) else { return };
-        if self.lights[index].light != light && light.problem().is_none() {
-            self.accept_guess();
-            (self.lights[index].light, self.lights[index].origin) = (light, Origin::Person);
+    /// All objects with their names.
+    pub fn all(&self) -> impl Iterator<Item = (ObjectId, &str, Object)> {
+        let mirrors = self.mirrors.iter();
+        let mirrors = mirrors.map(|p| (p.id, p.mirror.name.as_str(), Object::Mirror(p.mirror.clone())));
+        let lights = self.lights.iter().map(|p| (p.id, p.name.as_str(), Object::Light(p.light)));
+        mirrors.chain(lights)
+    }
+
+    pub fn get(&self, id: ObjectId) -> Option<(&str, Object)> {
+        self.all().find(|(known, ..)| *known == id).map(|(_, name, object)| (name, object))
+    }
+
+    pub fn count(&self, kind: &ObjectKind) -> usize {
+        self.all().filter(|(.., object)| object.kind() == kind).count()
+    }
+
+    /// Changes an object, if it is one of its kind then. What somebody changes is theirs.
+    pub fn set(&mut self, id: ObjectId, object: Object) {
+        if object.problem().is_some() {
+            return;
+        }
+        match object {
+            Object::Mirror(mirror) => {
+                if let Some(placed) = self.mirrors.iter_mut().find(|placed| placed.id == id) {
+                    placed.mirror = mirror;
+                }
+            }
+            Object::Light(light) => {
+                let is_other = |placed: &PlacedLight| placed.id == id && placed.light != light;
+                if let Some(index) = self.lights.iter().position(is_other) {
+                    self.accept_guess();
+                    (self.lights[index].light, self.lights[index].origin) = (light, Origin::Person);
+                }
+            }
         }
     }
 
-    pub fn add_light(&mut self, id: ObjectId, light: SpotLight) {
-        self.accept_guess();
-        let name = self.free_light_name("spot");
-        self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
+    /// Adds an object under a name that is free.
+    pub fn add(&mut self, id: ObjectId, object: Object) {
+        match object {
+            Object::Mirror(mirror) => {
+                let mirror = Mirror { name: self.free_name(&mirror.name, None), ..mirror };
+                self.mirrors.push(Placed { id, mirror, input: None });
+            }
+            Object::Light(light) => {
+                self.accept_guess();
+                let name = self.free_light_name("spot");
+                self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
+            }
+        }
     }
 
-    pub fn remove_light(&mut self, id: ObjectId) {
-        let before = self.lights.len();
+    pub fn remove(&mut self, id: ObjectId) {
+        let lights = self.lights.len();
+        self.mirrors.retain(|placed| placed.id != id);
         self.lights.retain(|placed| placed.id != id);
-        self.no_guess |= self.lights.len() < before && self.lights.is_empty();
+        self.no_guess |= self.lights.len() < lights && self.lights.is_empty();
     }
 
     /// Hangs the lamp of a room where no other light is, with `id` if there is no such lamp yet; `None`: takes it away.
@@ -221,15 +255,15 @@ mod tests {
         assert_eq!(objects.scene_file(&inputs).lights, []);
         assert_eq!(objects.scene_file(&["office.laz".into()]).lights, [light]);
         let moved = SpotLight { position: light.position * 0.5, ..light };
-        objects.set_light(id, moved);
+        objects.set(id, Object::Light(moved));
         assert_eq!(objects.scene_file(&inputs).lights, [moved]);
         let guess = PlacedLight { id, name: GUESSED_LAMP.into(), light, origin: Origin::Guess };
         let mut room = Objects { lights: vec![guess], ..Objects::default() };
         assert_eq!(room.scene_file(&["office.laz".into()]).lights, []);
-        room.add_light(ObjectId(9), moved);
+        room.add(ObjectId(9), Object::Light(moved));
         assert_eq!(room.scene_file(&["office.laz".into()]).lights, [light, moved]);
         // What is no light is not taken.
-        objects.set_light(id, SpotLight { target: moved.position, ..moved });
+        objects.set(id, Object::Light(SpotLight { target: moved.position, ..moved }));
         assert_eq!(objects.light(id), Some(&moved));
     }
 

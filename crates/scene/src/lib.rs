@@ -7,6 +7,7 @@ mod light;
 mod method;
 mod mirror;
 mod mirror_points;
+mod object;
 mod path_text;
 mod preferences;
 mod settings;
@@ -20,6 +21,7 @@ pub use light::SpotLight;
 pub use method::{LATER_METHODS, METHODS, Method, MethodRow, RAY_TRACE, Supply};
 pub use mirror::{Mirror, Shape};
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
+pub use object::{Object, ObjectKind};
 pub use path_text::shown;
 pub use preferences::Preferences;
 pub use settings::{

@@ -1,0 +1,152 @@
+//! What stands in a scene beside its clouds: one value for objects of any kind, and one table of what can be done with each kind.
+//! Scene files keep a list for each kind.
+
+use glam::{DQuat, DVec3};
+
+use crate::{MOST_MIRRORS, Mirror, SpotLight};
+
+/// How far beside a light its copy stands, over the distance to its target.
+const LIGHT_ASIDE: f64 = 0.1;
+/// Smallest and largest factor of one change of size: an object must not vanish.
+const FACTORS: [f64; 2] = [1e-3, 1e3];
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Object {
+    Mirror(Mirror),
+    Light(SpotLight),
+}
+
+/// What can be done with objects of a kind. All kinds can be selected, moved, copied, deleted and saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ObjectKind {
+    /// In messages and events.
+    pub name: &'static str,
+    /// The places that an object is moved by.
+    pub places: &'static [&'static str],
+    pub can_turn: bool,
+    pub can_scale: bool,
+    /// An object is drawn as a symbol in the picture, by which it is selected. Others are selected by the points that stand for
+    /// them.
+    pub has_symbol: bool,
+    /// Objects of the kind that a scene may have.
+    pub most: usize,
+}
+
+const MIRROR: ObjectKind = ObjectKind {
+    name: "mirror",
+    places: &["position"],
+    can_turn: true,
+    can_scale: true,
+    has_symbol: false,
+    most: MOST_MIRRORS,
+};
+
+const LIGHT: ObjectKind = ObjectKind {
+    name: "light",
+    places: &["position", "target"],
+    can_turn: false,
+    can_scale: false,
+    has_symbol: true,
+    most: usize::MAX,
+};
+
+impl Object {
+    pub fn kind(&self) -> &'static ObjectKind {
+        match self {
+            Self::Mirror(_) => &MIRROR,
+            Self::Light(_) => &LIGHT,
+        }
+    }
+
+    /// World positions of the kind's places, in order.
+    pub fn places(&self) -> Vec<DVec3> {
+        match self {
+            Self::Mirror(mirror) => vec![mirror.position],
+            Self::Light(light) => vec![light.position, light.target],
+        }
+    }
+
+    pub fn move_place(&mut self, index: usize, shift: DVec3) {
+        match (self, index) {
+            (Self::Mirror(mirror), 0) => mirror.position += shift,
+            (Self::Light(light), 0) => light.position += shift,
+            (Self::Light(light), 1) => light.target += shift,
+            (Self::Mirror(_) | Self::Light(_), _) => {}
+        }
+    }
+
+    /// Turns it about its first place; a kind that cannot turn stays as it is.
+    pub fn turn(&mut self, rotation: DQuat) {
+        match self {
+            Self::Mirror(mirror) => mirror.rotation = (rotation * mirror.rotation).normalize(),
+            Self::Light(_) => {}
+        }
+    }
+
+    /// Scales it about its first place; a kind that cannot scale stays as it is.
+    pub fn scale(&mut self, factor: f64) {
+        match self {
+            Self::Mirror(mirror) => mirror.size *= factor.clamp(FACTORS[0], FACTORS[1]),
+            Self::Light(_) => {}
+        }
+    }
+
+    /// The same one beside it in a direction (unit vector), so that both can be seen and grabbed.
+    pub fn beside(&self, direction: DVec3) -> Self {
+        match self {
+            Self::Mirror(mirror) => {
+                let aside = direction * (mirror.shape.reach() * mirror.size);
+                Self::Mirror(Mirror { position: mirror.position + aside, ..mirror.clone() })
+            }
+            Self::Light(light) => {
+                let aside = direction * (light.position.distance(light.target) * LIGHT_ASIDE);
+                Self::Light(SpotLight { position: light.position + aside, ..*light })
+            }
+        }
+    }
+
+    /// What makes it none of its kind, in words, if anything does.
+    pub fn problem(&self) -> Option<String> {
+        match self {
+            Self::Mirror(mirror) => mirror.problem(),
+            Self::Light(light) => light.problem(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Shape, five_mirrors};
+
+    fn one_of_each() -> [Object; 2] {
+        let mirror = Mirror::standing(Shape::Blob, DVec3::new(1.0, 2.0, 3.0), DVec3::Z, DVec3::Z, 0.5);
+        [Object::Mirror(mirror), Object::Light(five_mirrors::light())]
+    }
+
+    #[test]
+    fn objects_can_do_what_the_table_says_of_their_kinds_and_nothing_else() {
+        for object in one_of_each() {
+            let (kind, changed) = (object.kind(), |change: &dyn Fn(&mut Object)| {
+                let mut changed = object.clone();
+                change(&mut changed);
+                assert_eq!(changed.kind(), object.kind());
+                assert_eq!(changed.problem(), None, "{}", object.kind().name);
+                (changed != object, changed)
+            });
+            assert_eq!(object.places().len(), kind.places.len());
+            for place in 0..kind.places.len() + 1 {
+                let (is_changed, moved) = changed(&|object| object.move_place(place, DVec3::X));
+                assert_eq!(is_changed, place < kind.places.len(), "{} {place}", kind.name);
+                for (index, (before, after)) in object.places().into_iter().zip(moved.places()).enumerate() {
+                    assert_eq!(after - before, if index == place { DVec3::X } else { DVec3::ZERO });
+                }
+            }
+            assert_eq!(changed(&|object| object.turn(DQuat::from_rotation_y(0.4))).0, kind.can_turn, "{}", kind.name);
+            assert_eq!(changed(&|object| object.scale(2.0)).0, kind.can_scale, "{}", kind.name);
+            assert!(changed(&|object| object.scale(0.0)).1.problem().is_none());
+            let (is_elsewhere, copy) = changed(&|object| *object = object.beside(DVec3::X));
+            assert!(is_elsewhere && copy.places()[0].x > object.places()[0].x, "{}", kind.name);
+        }
+    }
+}
