@@ -12,7 +12,8 @@ use glam::{DVec3, Vec3};
 use laz::laszip::{ChunkTable, LazItemRecordBuilder};
 use laz::{LazVlr, LazVlrBuilder, ParLasZipCompressor};
 use scene::{
-    Camera, Mirror, MirrorNormals, MirrorPoints, PointChoice, Preferences, SceneFile, Settings, Shape, SpotLight,
+    Camera, CameraPath, Keyframe, Mirror, MirrorNormals, MirrorPoints, PointChoice, Preferences, SceneFile, Settings,
+    Shape, SpotLight,
 };
 
 /// All of them together.
@@ -400,6 +401,12 @@ fn scene() -> String {
         .zip(normals)
         .map(|(points, normals)| MirrorPoints { points, normals, ..MirrorPoints::whole("office.laz".into()) })
         .collect();
+    file.visibility.hidden_classes = [7, 18].into();
+    let keyframe = |time: f64| {
+        let Camera { eye, pivot, up } = level();
+        Keyframe { time, eye: eye + DVec3::Y * time, pivot, up }
+    };
+    file.paths = vec![CameraPath { name: "tour".into(), keyframes: vec![keyframe(0.0), keyframe(2.5)] }];
     file.to_text()
 }
 

@@ -36,6 +36,19 @@ const POLE_MARGIN: f64 = 0.0087;
 const CLOSEST_RADII: f64 = 1.2;
 
 impl Camera {
+    /// A camera further out is damage: no measure of anything is so large, and its distance to what it looks at has no square.
+    pub(crate) const MOST_COORDINATE: f64 = 1e30;
+
+    /// Whether a camera may stand there. A NaN is nowhere.
+    pub(crate) fn is_near(place: DVec3) -> bool {
+        place.abs().cmple(DVec3::splat(Self::MOST_COORDINATE)).all()
+    }
+
+    /// As a scene file gives it: with any length of `up`, and even if the eye is at the pivot or straight above it.
+    pub fn from_eye(eye: DVec3, pivot: DVec3, up: DVec3) -> Self {
+        Self::looking(pivot, eye - pivot, eye.distance(pivot), up)
+    }
+
     /// From `pivot + back * distance`, `back` pointing from the pivot to the eye.
     pub fn looking(pivot: DVec3, back: DVec3, distance: f64, up: DVec3) -> Self {
         let back = if back.normalize_or_zero() == DVec3::ZERO { DVec3::X } else { back.normalize() };

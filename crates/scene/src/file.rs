@@ -25,6 +25,13 @@
 //! cloud = "office.laz"
 //! points = { class = 9 }               # or "all", { box = { min, max } }, { attribute = { name, low, high } }
 //! normals = "flatten"                  # or "own", { smooth = { radius } }, { fit = { neighbours } }
+//! [[paths]]                            # of the camera, for `glint record`
+//! name = "tour"
+//! [[paths.keyframes]]
+//! time = 0.0                           # seconds
+//! eye = [1.0, 2.0, 1.7]
+//! pivot = [4.0, 4.0, 1.5]
+//! up = [0.0, 0.0, 1.0]
 //! ```
 //! The same text without `clouds` is what "copy view" puts on the clipboard and what `--camera` reads. A mirror with the name
 //! of one that a built-in scene brings takes its place.
@@ -33,10 +40,11 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use toml::de::DeTable;
 
-use crate::{Camera, Mirror, MirrorPoints, Settings, SpotLight, Visibility, shown, whole_file};
+use crate::camera_path::PathProblem;
+use crate::{Camera, CameraPath, Mirror, MirrorPoints, Settings, SpotLight, Visibility, shown, whole_file};
 
 /// Mirrors of a scene at most. Each brings at least 20,000 points, and a reflection of each in each is looked for.
 pub const MOST_MIRRORS: usize = 64;
@@ -53,8 +61,8 @@ const MOST_PARAMETERS: usize = 1000;
 /// Characters of a message about a scene.
 const MOST_TOLD: usize = 400;
 
-/// A camera further out is damage: no measure of anything is so large, and its distance to what it looks at has no square.
-const MOST_COORDINATE: f64 = 1e30;
+/// Paths of the camera, each for a recording of its own.
+const MOST_PATHS: usize = 64;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -89,6 +97,9 @@ pub struct SceneFile {
     /// Points of the clouds that reflect.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mirror_points: Vec<MirrorPoints>,
+    /// Ways of the camera.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub paths: Vec<CameraPath>,
 }
 
 /// A view read from text: camera and parameters, with what was not understood.
@@ -118,17 +129,34 @@ impl SceneFile {
     pub fn parse(text: &str) -> Result<Self, Error> {
         let file: Self =
             whole_file::from_toml(text).map_err(|error| Error::Malformed { problem: problem_of(&error, text) })?;
-        // Comparisons that a NaN fails.
-        let is_near = |place: DVec3| place.abs().cmple(DVec3::splat(MOST_COORDINATE)).all();
-        let is_camera = |camera: &Camera| is_near(camera.eye) && is_near(camera.pivot) && camera.up.is_finite();
+        let is_camera =
+            |camera: &Camera| Camera::is_near(camera.eye) && Camera::is_near(camera.pivot) && camera.up.is_finite();
         if !file.camera.as_ref().is_none_or(is_camera) {
-            let problem = format!("the camera's coordinates are not finite, or beyond {MOST_COORDINATE:e}");
+            let most = Camera::MOST_COORDINATE;
+            let problem = format!("the camera's coordinates are not finite, or beyond {most:e}");
             return Err(Error::Malformed { problem });
         }
-        match file.odd_object() {
+        match file.odd_object().or_else(|| file.odd_path(text)) {
             Some(problem) => Err(Error::Malformed { problem }),
             None => Ok(file),
         }
+    }
+
+    /// The first path that cannot be, and why, with the line in the text that the scene was read from.
+    fn odd_path(&self, text: &str) -> Option<String> {
+        for (index, path) in self.paths.iter().enumerate() {
+            let is_again = self.paths[..index].iter().any(|before| before.name == path.name);
+            let again = || PathProblem { keyframe: None, key: "name", problem: "another path has this name".into() };
+            let Some(odd) = path.problem().or_else(|| is_again.then(again)) else { continue };
+            let name = param::shortened(&path.name, param::MOST_QUOTED);
+            let keyframe = odd.keyframe.map_or(String::new(), |keyframe| format!(", keyframe {}", keyframe + 1));
+            let problem = format!("path {} (`{name}`){keyframe}: {}: {}", index + 1, odd.key, odd.problem);
+            return Some(match start_of(text, index, &odd) {
+                Some(start) => at_line(text, start, &problem),
+                None => problem,
+            });
+        }
+        None
     }
 
     /// The first object that cannot be, and why.
@@ -142,6 +170,7 @@ impl SceneFile {
             (self.clouds.len(), MOST_CLOUDS, "clouds"),
             (self.mirrors.len(), MOST_MIRRORS, "mirrors"),
             (self.mirror_points.len(), MOST_MIRROR_POINTS, "mirror_points"),
+            (self.paths.len(), MOST_PATHS, "paths"),
             (self.parameters.len(), MOST_PARAMETERS, "parameters"),
         ];
         if let Some((count, most, what)) = counts.into_iter().find(|(count, most, _)| count > most) {
@@ -198,9 +227,7 @@ impl SceneFile {
                 warnings.push(error.to_string());
             }
         }
-        let camera = self
-            .camera
-            .map(|camera| Camera::looking(camera.pivot, camera.eye - camera.pivot, camera.distance(), camera.up));
+        let camera = self.camera.map(|camera| Camera::from_eye(camera.eye, camera.pivot, camera.up));
         View { camera, settings, warnings: param::few(warnings, "parameters that are not understood") }
     }
 }
@@ -208,7 +235,23 @@ impl SceneFile {
 /// What is wrong with a text that is no scene: where, what, and the line, as much of them as a person reads.
 fn problem_of(error: &toml::de::Error, text: &str) -> String {
     let message = without_long_quotes(error.message());
-    let Some(start) = error.span().map(|span| span.start) else { return message };
+    match error.span() {
+        Some(span) => at_line(text, span.start, &message),
+        None => message,
+    }
+}
+
+/// Where the value at fault is in the text of a scene, a byte.
+fn start_of(text: &str, path: usize, odd: &PathProblem) -> Option<usize> {
+    let root = DeTable::parse(text).ok()?;
+    let path = root.get_ref().get("paths")?.get_ref().get(path)?;
+    let keyframe = |index: usize| path.get_ref().get("keyframes")?.get_ref().get(index);
+    let table = odd.keyframe.and_then(keyframe).unwrap_or(path);
+    Some(table.get_ref().get(odd.key).unwrap_or(table).span().start)
+}
+
+/// A message with the line and column of a byte of the text, and as much of the line as a person reads.
+fn at_line(text: &str, start: usize, message: &str) -> String {
     let before = text.get(..start).unwrap_or(text);
     let line_start = before.rfind('\n').map_or(0, |end| end + 1);
     let line = text[line_start..].lines().next().unwrap_or_default();
@@ -233,10 +276,10 @@ fn without_long_quotes(message: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use glam::DQuat;
+    use glam::{DQuat, DVec3};
 
     use super::*;
-    use crate::{MirrorNormals, PointChoice, Shape};
+    use crate::{Keyframe, MirrorNormals, PointChoice, Shape};
 
     #[test]
     fn a_view_survives_its_text_to_the_last_digit() {
@@ -261,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn mirrors_lights_and_marked_points_survive_the_text_to_the_last_digit() {
+    fn mirrors_lights_marked_points_and_paths_survive_the_text_to_the_last_digit() {
         let rotation = DQuat::from_euler(glam::EulerRot::ZXY, 0.1, 1.2, -2.3);
         let mirrors: Vec<Mirror> = Shape::ALL
             .into_iter()
@@ -282,6 +325,9 @@ mod tests {
         };
         let (min, max) = (DVec3::new(1e6 + 0.1, 0.0, 0.0), DVec3::new(1e6 + 0.3, 1.0, 2.0));
         let by_name = PointChoice::Attribute { name: "Deviation, 2nd".into(), low: -0.1, high: 0.3 };
+        let keyframe = |time: f64| Keyframe { time, eye: max * time, pivot: min, up: DVec3::new(0.1, 0.0, 1.0 / 3.0) };
+        let path =
+            |name: &str| CameraPath { name: name.into(), keyframes: [0.0, 0.1, 1.0 / 3.0].map(keyframe).to_vec() };
         let file = SceneFile {
             mirrors,
             lights: vec![crate::five_mirrors::light()],
@@ -291,6 +337,7 @@ mod tests {
                 points(PointChoice::Box { min, max }, MirrorNormals::Smooth { radius: 0.1 }),
                 points(by_name, MirrorNormals::Fit { neighbours: 12 }),
             ],
+            paths: ["tour", "way back"].map(path).to_vec(),
             ..SceneFile::default()
         };
         let text = file.to_text();
@@ -315,6 +362,7 @@ mod tests {
         let file = SceneFile::parse(example).unwrap();
         assert_eq!((file.mirrors.len(), file.lights.len(), file.mirror_points.len()), (2, 1, 1));
         assert_eq!(file.visibility.hidden_classes, [7, 18].into());
+        assert_eq!((file.paths.len(), file.paths[0].keyframes.len()), (1, 2));
         assert!(file.view().warnings.is_empty());
     }
 
@@ -341,6 +389,47 @@ mod tests {
         assert!(refusal(&format!("{points}points = {{ class = 256 }}")).contains("line 3"));
         let empty = "points = { attribute = { name = \"wet\", low = 2, high = 1 } }";
         assert!(refusal(&format!("{points}{empty}")).contains("range of wet"));
+    }
+
+    #[test]
+    fn odd_paths_are_refused_with_line_and_key() {
+        const FIRST: &str = "time = 1.0\neye = [1, 2, 3]\npivot = [4, 4, 1]\nup = [0, 0, 1]\n";
+        let refusal = |text: &str| SceneFile::parse(text).unwrap_err().to_string();
+        // The second keyframe begins in line 9, after an empty one.
+        let second = |keyframe: &str| {
+            refusal(&format!(
+                "[[paths]]\nname = \"tour\"\n[[paths.keyframes]]\n{FIRST}\n[[paths.keyframes]]\n{keyframe}"
+            ))
+        };
+        let changed = |from: &str, to: &str| second(&FIRST.replace(from, to));
+        let late = "time: 1, expected more than the 1 of the keyframe before, in `time = 1.0`";
+        assert_eq!(second(FIRST), format!("not a scene: line 10, column 8: path 1 (`tour`), keyframe 2: {late}"));
+        for (time, told) in [("nan", "time: NaN"), ("-1", "time: -1, expected seconds from 0 on"), ("inf", "time: inf")]
+        {
+            let told = format!("line 10, column 8: path 1 (`tour`), keyframe 2: {told}");
+            assert!(changed("1.0", time).contains(&told), "{}", changed("1.0", time));
+        }
+        let later = FIRST.replace("1.0", "2.0");
+        let wrong = |from: &str, to: &str| second(&later.replace(from, to));
+        assert!(wrong("[1, 2", "[nan, 2").contains("line 11, column 7: path 1 (`tour`), keyframe 2: eye: not finite"));
+        assert!(
+            wrong("[4, 4", "[1e31, 4").contains("line 12, column 9: path 1 (`tour`), keyframe 2: pivot: not finite")
+        );
+        assert!(wrong("[0, 0, 1]", "[0, 0, 0]").contains("line 13, column 6: path 1 (`tour`), keyframe 2: up: no dir"));
+        assert!(wrong("up =", "roll =").contains("line 13, column 1: unknown field `roll`"));
+        assert!(wrong("up = [0, 0, 1]\n", "").contains("missing field `up`"));
+        let whole = |name: &str| format!("[[paths]]\nname = \"{name}\"\n[[paths.keyframes]]\n{FIRST}");
+        let twice = "line 9, column 8: path 2 (`tour`): name: another path has this name";
+        assert!(refusal(&[whole("tour"), whole("tour")].concat()).contains(twice));
+        assert!(SceneFile::parse(&[whole("tour"), whole("way back")].concat()).is_ok());
+        assert!(refusal(&whole(" ")).contains("line 2, column 8: path 1 (` `): name: a path needs a name"));
+        let none = "line 1, column 1: path 1 (`a`): keyframes: a path needs at least one keyframe";
+        assert!(refusal("[[paths]]\nname = \"a\"").contains(none));
+        assert!(
+            refusal("[[paths]]\nname = \"a\"\nkeyframes = []").contains("line 3, column 13: path 1 (`a`): keyframes")
+        );
+        let many: String = (0..65).map(|index| whole(&format!("tour {index}"))).collect();
+        assert!(refusal(&many).contains("65 paths, expected at most 64"));
     }
 
     #[test]

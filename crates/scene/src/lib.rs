@@ -1,6 +1,7 @@
 //! What is looked at and how: camera, parameters, scene files, built-in scenes.
 
 mod camera;
+mod camera_path;
 mod file;
 pub mod five_mirrors;
 mod light;
@@ -16,6 +17,7 @@ mod visibility;
 pub mod whole_file;
 
 pub use camera::{Camera, Projection, StandardView};
+pub use camera_path::{CameraPath, Keyframe};
 pub use file::{Error, MOST_MIRRORS, SceneFile, View};
 pub use light::SpotLight;
 pub use method::{LATER_METHODS, METHODS, Method, MethodRow, RAY_TRACE, Supply};

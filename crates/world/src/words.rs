@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use scene::{Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, Visibility, five_mirrors, shown};
+use scene::{CameraPath, Mirror, MirrorPoints, SceneFile, Settings, SpotLight, View, Visibility, five_mirrors, shown};
 
 use crate::error::{Error, Result};
 
@@ -63,6 +63,8 @@ pub struct Request {
     pub lights: Vec<SpotLight>,
     /// Which points are shown: what one scene file hides is hidden in all clouds.
     pub visibility: Visibility,
+    /// Of scene files. Of those that have one name the last one counts.
+    pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
 }
 
@@ -109,8 +111,10 @@ impl Request {
         self.furnish(file);
     }
 
-    /// Takes in the mirrors and lights of a scene file, and hides what it hides.
+    /// Takes in the mirrors, lights and paths of a scene file, and hides what it hides.
     pub fn furnish(&mut self, file: &SceneFile) {
+        self.paths.retain(|known| !file.paths.iter().any(|path| path.name == known.name));
+        self.paths.extend(file.paths.iter().cloned());
         self.mirrors.extend(file.mirrors.iter().cloned());
         self.mirror_points.extend(file.mirror_points.iter().cloned());
         self.lights.extend(file.lights.iter().copied());
