@@ -5,8 +5,8 @@
 //!   root: a child comes after its parent and goes before it, so no place that had points loses all of them.
 //! - Where points come, their chunks are put first and the radii of those that stand for them shrink afterwards; where points go,
 //!   the radii of those that stay grow first.
-//! - What the last cut does not want stays shown until the budget needs its place; then the least recently wanted goes first. It
-//!   stays in memory after that as long as there is room.
+//! - What the last cut does not want stays shown until the budget needs its place, or goes at once where nothing else is to be
+//!   shown; the least recently wanted goes first. It stays in memory after that as long as there is room.
 //! - The ceiling counts all decoded chunks: shown, kept and being read. A chunk that is dropped counts no more from the call of
 //!   [`Streamer::changes`] that says so, though the caller may hold it for a little longer.
 
@@ -155,6 +155,11 @@ impl Streamer {
         self.shared.work.notify_all();
     }
 
+    /// Whether nothing is to be shown but what the last cut wants: then what is there at the end does not depend on earlier cuts.
+    pub fn show_only_wanted(&self, only_wanted: bool) {
+        self.shared.lock().only_wanted = only_wanted;
+    }
+
     /// Points that are shown and bytes of decoded chunks, at most.
     pub fn set_budget(&self, budget: Budget) {
         let mut state = self.shared.lock();
@@ -299,6 +304,8 @@ struct State {
     /// The last cut, whole and as far as the budget goes.
     asked: Vec<Wanted>,
     wanted: Vec<Wanted>,
+    /// Nothing else stays shown.
+    only_wanted: bool,
     cuts: u64,
     generations: u64,
     /// Nodes to be read, next first.
@@ -474,6 +481,7 @@ impl State {
             clouds: BTreeMap::new(),
             asked: Vec::new(),
             wanted: Vec::new(),
+            only_wanted: false,
             cuts: 0,
             generations: 0,
             queue: VecDeque::new(),
@@ -753,7 +761,7 @@ impl State {
         let has_room = |points: u64, bytes: u64| {
             points <= self.budget.points && bytes.saturating_add(upcoming) <= self.budget.bytes
         };
-        while !has_room(points, bytes) && make_room(&mut plan, &mut points, &mut bytes) {}
+        while (self.only_wanted || !has_room(points, bytes)) && make_room(&mut plan, &mut points, &mut bytes) {}
 
         let mut coming = BTreeSet::new();
         for Wanted { cloud, node: id, batches } in &self.wanted {

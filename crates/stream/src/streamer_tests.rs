@@ -272,6 +272,25 @@ fn what_is_not_wanted_stays_until_its_place_is_needed() {
 }
 
 #[test]
+fn nothing_but_what_is_wanted_is_shown_where_that_is_asked_for() {
+    let octree = Arc::new(terrain(4));
+    let shown_from = |eyes: &[DVec3]| {
+        let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
+        streamer.show_only_wanted(true);
+        streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
+        let mut drawer = Drawer::default();
+        for eye in eyes {
+            streamer.want(cut_from(&octree, *eye, 20_000));
+            drawer.settle(&streamer);
+        }
+        let chunks = drawer.chunks.into_iter();
+        chunks.map(|(key, chunk)| (key, chunk.positions, chunk.radii)).collect::<Vec<_>>()
+    };
+    let [near, far, last] = [100.0, 900.0, 500.0].map(|place| DVec3::new(place, place, 100.0));
+    assert_eq!(shown_from(&[near, far, last]), shown_from(&[last]));
+}
+
+#[test]
 fn a_smaller_budget_is_kept_at_once_and_a_larger_one_used() {
     let octree = Arc::new(terrain(3));
     let streamer = Streamer::new(2, PLENTY, || {}).unwrap();
