@@ -1,6 +1,7 @@
 //! The command line as clap reads it: words to plain values. What the values mean is decided where they are used.
 
 use std::ffi::OsString;
+use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::builder::{OsStringValueParser, TypedValueParser as _};
@@ -33,6 +34,8 @@ pub enum Command {
     Info(InfoArguments),
     /// Write the picture the viewer would show
     Render(RenderArguments),
+    /// Write pictures along a path of a scene file
+    Record(RecordArguments),
     /// Make the index that large clouds are streamed from ahead of time, or write it as COPC; the viewer makes it by itself
     Index(IndexArguments),
     /// List the reflection methods and every parameter
@@ -114,6 +117,32 @@ pub struct RenderArguments {
     /// Seed of the built-in scenes' points; short for --set scene.seed=N
     #[arg(long, value_name = "N")]
     pub seed: Option<u32>,
+    #[command(flatten)]
+    pub gpu: GpuArgument,
+}
+
+#[derive(Debug, Args)]
+pub struct RecordArguments {
+    /// A scene file (`.toml`) with a path of the camera
+    pub scene: OsString,
+    /// Path of the scene file to go along; the only one if not given
+    #[arg(long, value_name = "NAME")]
+    pub path: Option<String>,
+    /// Folder for the pictures, frame-000000.png and so on; made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Width and height of the pictures, pixels
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1280x720", value_parser = parse_size)]
+    pub size: [u32; 2],
+    /// Pictures a second of the path
+    #[arg(long, value_name = "N", default_value = "30", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub fps: u32,
+    /// Frames of the path to record, from A to before B; all if not given
+    #[arg(long, value_name = "A..B", value_parser = parse_frames)]
+    pub frames: Option<Range<u32>>,
+    /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
     #[command(flatten)]
     pub gpu: GpuArgument,
 }
@@ -208,6 +237,12 @@ fn parse_size(text: &str) -> Result<[u32; 2], String> {
     }
 }
 
+fn parse_frames(text: &str) -> Result<Range<u32>, String> {
+    let ends = text.split_once("..").and_then(|(start, end)| Some((start.parse().ok()?, end.parse().ok()?)));
+    let (start, end) = ends.ok_or("expected the first frame and the one after the last, as in 0..300")?;
+    if start < end { Ok(start..end) } else { Err("the second number must be larger than the first".into()) }
+}
+
 fn parse_truth(text: &str) -> Result<study::Truth, String> {
     match text {
         "same_input" => Ok(study::Truth::SameInput),
@@ -300,6 +335,14 @@ mod tests {
     }
 
     #[test]
+    fn frames_are_from_a_number_to_before_another() {
+        assert_eq!(parse_frames("10..12"), Ok(10..12));
+        for wrong in ["", "5", "..", "5..", "..5", "5..5", "6..5", "-1..5", "1...5", "1..=5", "0..99999999999"] {
+            assert!(parse_frames(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
     fn pairs_are_split_at_the_first_equals_sign() {
         assert_eq!(parse_pair("color.attribute=a=b"), Ok(("color.attribute".into(), "a=b".into())));
         assert_eq!(parse_pair("color.attribute="), Ok(("color.attribute".into(), String::new())));
@@ -333,6 +376,9 @@ mod tests {
             &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
             &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
             &["glint", "info"],
+            &["glint", "record", "a.toml"],
+            &["glint", "record", "a.toml", "-o", "a", "--frames", "3..3"],
+            &["glint", "record", "a.toml", "-o", "a", "--fps", "0"],
             &["glint", "index"],
             &["glint", "study"],
             &["glint", "study", "methods"],

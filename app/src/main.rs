@@ -10,6 +10,7 @@ mod interrupt;
 mod listing;
 mod picture_file;
 mod progress_bar;
+mod record_command;
 mod render_command;
 mod study_command;
 mod subject;
@@ -83,6 +84,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         }
         Command::Info(arguments) => info::run(&arguments),
         Command::Render(arguments) => render_command::run(&arguments),
+        Command::Record(arguments) => record_command::run(&arguments),
         Command::Index(arguments) => index_command::run(&arguments),
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),

@@ -29,8 +29,8 @@ impl Bar {
         bar
     }
 
-    /// That counts settings of a study.
-    pub fn settings() -> Self {
+    /// That counts settings of a study, or pictures of a recording.
+    pub fn counted() -> Self {
         Self(ProgressBar::new(0).with_style(style("{bar:40} {pos} of {len}, {eta} left  {msg}")))
     }
 

@@ -49,11 +49,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         check_is_made(*aov, &settings, &asked)?;
     }
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
-    let largest = gpu.device.limits().max_texture_dimension_2d;
-    if arguments.size.iter().any(|side| *side > largest) {
-        let [width, height] = arguments.size;
-        return Err(usage(format!("--size {width}x{height}: {} draws at most {largest} pixels a side", gpu.info.name)));
-    }
+    check_size(&gpu, arguments.size)?;
     terminal::warn(&request.warnings);
 
     let camera = |outline: &[DVec3], up| viewpoint.camera(outline, up, &settings, arguments.size);
@@ -99,6 +95,18 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(status)
+}
+
+/// Refuses pictures that are larger than the adapter can draw.
+///
+/// # Errors
+/// If so: bad usage.
+pub fn check_size(gpu: &Gpu, [width, height]: [u32; 2]) -> anyhow::Result<()> {
+    let largest = gpu.device.limits().max_texture_dimension_2d;
+    if width.max(height) > largest {
+        return Err(usage(format!("--size {width}x{height}: {} draws at most {largest} pixels a side", gpu.info.name)));
+    }
+    Ok(())
 }
 
 fn method(name: &str) -> anyhow::Result<Method> {

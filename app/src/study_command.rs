@@ -38,7 +38,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
     let about = format!("To measure this again: {}", command(name, arguments));
     let mut folder = Folder::open(output, plan, &about)?;
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
-    let bar = Bar::settings();
+    let bar = Bar::counted();
     let mut show = |state: State<'_>| {
         bar.set(state.done as u64, state.total as u64);
         let next = state.next.map(|case| {

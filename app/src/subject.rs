@@ -84,7 +84,8 @@ pub fn open(
     let camera = camera(&outline, up);
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
-        let look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden: BTreeSet::new(), share: 1.0 });
+        let hidden = BTreeSet::new();
+        let look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden, share: 1.0, is_alone: true });
         loads.receive(&job, look)?;
     }
     drop(job);

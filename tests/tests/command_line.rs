@@ -89,7 +89,7 @@ fn help_and_version_are_results() {
     let folder = Folder::new();
     let help = folder.glint(["--help"]);
     assert_done(&help);
-    for command in ["info", "render", "methods", "scenes", "doctor"] {
+    for command in ["info", "render", "record", "methods", "scenes", "doctor"] {
         assert!(help.text().contains(command), "{help}");
         assert_done(&folder.glint([command, "--help"]));
     }

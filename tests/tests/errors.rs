@@ -13,6 +13,10 @@ const FEW_POINTS: &str = "scene.points=20000";
 const SMALL: [&str; 4] = ["--size", "64x48", "--set", FEW_POINTS];
 /// A study of one setting.
 const PLAN: &str = "title = 'one'\nrepeats = 1\n[[group]]\nscenes = ['five-mirrors/none']\nmethods = ['none']\n";
+/// A path of one picture, and one of more than anybody waits for.
+const PATH: &str =
+    "[[paths]]\nname = 'still'\n[[paths.keyframes]]\ntime = 0\neye = [0, -9, 2]\npivot = [0, 0, 1]\nup = [0, 0, 1]\n";
+const LONG_PATH: &str = "[[paths.keyframes]]\ntime = 9999\neye = [0, 9, 2]\npivot = [0, 0, 1]\nup = [0, 0, 1]\n";
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A LAS file 1.2 of point format 0 whose points are all zero, of which the disk holds none.
@@ -96,6 +100,7 @@ const READ_ONLY: &str = "mount -t tmpfs none place && mount -o remount,ro place"
 fn readers(input: &str) -> Vec<Vec<&str>> {
     let render = [&["render", input, "-o", "picture.png"][..], &SMALL].concat();
     let mut commands = vec![vec!["info", input], vec!["info", "--json", input], render];
+    commands.push([&["record", input, "-o", "pictures"][..], &SMALL].concat());
     commands.push(vec!["index", input]);
     commands.push(vec!["index", input, "-o", "out.copc.laz"]);
     commands.push(vec!["view", input]);
@@ -122,8 +127,8 @@ fn inputs_that_cannot_be_read_are_bad_input_in_every_command() {
     ];
     for (input, problem) in failures {
         for command in readers(input) {
-            // What is wrong inside of a file is found when there is a display to show it on.
-            if command[0] == "view" && input.ends_with(".las") && input != "gone.las" {
+            // What is wrong inside of a file is found when there is a display to show it on, and recordings are made of scene files.
+            if ["view", "record"].contains(&command[0]) && input.ends_with(".las") && input != "gone.las" {
                 continue;
             }
             let outcome = folder.glint_within(PATIENCE, &command);
@@ -151,6 +156,7 @@ fn inputs_that_cannot_be_read_are_bad_input_in_every_command() {
         assert_failed(&folder.glint_within(PATIENCE, command), 2, &[problem]);
     }
     assert!(!folder.path("picture.png").exists() && !folder.path("out.copc.laz").exists());
+    assert!(!folder.path("pictures").exists());
 }
 
 #[test]
@@ -169,7 +175,7 @@ fn files_without_permission_are_bad_input_in_every_command() {
         std::fs::set_permissions(folder.path(name), std::fs::Permissions::from_mode(0o000)).expect("its permissions");
     }
     let mut commands = readers("secret.las");
-    commands.retain(|command| command[0] != "view");
+    commands.retain(|command| !["view", "record"].contains(&command[0]));
     commands.extend(readers("secret.toml"));
     commands.push(vec!["study", "secret.toml", "-o", "results"]);
     commands.push(vec!["render", SCENE, "-o", "picture.png", "--camera", "secret.toml"]);
@@ -186,9 +192,11 @@ fn bad_words_are_bad_usage_in_every_command() {
     let folder = Folder::new();
     las(&folder, "cloud.las", 10);
     folder.write("plan.toml", PLAN);
+    folder.write("tour.toml", format!("clouds = ['{SCENE}']\n{PATH}"));
     let set = |value: &'static str| {
         let commands = [
             vec!["render", SCENE, "-o", "picture.png"],
+            vec!["record", "tour.toml", "-o", "pictures"],
             vec!["index", "cloud.las"],
             vec!["study", "plan.toml", "-o", "results"],
         ];
@@ -200,10 +208,14 @@ fn bad_words_are_bad_usage_in_every_command() {
     for command in set("splat.size=99") {
         assert_failed(&folder.glint(&command), 2, &["expected 0.05 to 20"]);
     }
-    for command in ["info", "render", "index", "methods", "scenes", "study", "doctor", "view"] {
+    for command in ["info", "render", "record", "index", "methods", "scenes", "study", "doctor", "view"] {
         assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);
     }
-    for command in [&["render", SCENE, "-o", "picture.png"][..], &["study", "plan.toml", "-o", "results"]] {
+    let record = ["record", "tour.toml", "-o", "pictures"];
+    for words in [&["--path", "tour"][..], &["--frames", "0..2"]] {
+        assert_failed(&folder.glint([&record, words].concat()), 2, &["still"]);
+    }
+    for command in [&["render", SCENE, "-o", "picture.png"][..], &["study", "plan.toml", "-o", "results"], &record] {
         let outcome = folder.glint([command, &["--gpu", "no such adapter"]].concat());
         assert_failed(&outcome, 3, &[]);
     }
@@ -215,6 +227,8 @@ fn outputs_that_cannot_be_written_are_a_failure_of_the_work_in_every_command() {
     std::fs::create_dir(folder.path("place")).expect("a folder");
     las(&folder, "cloud.las", 100_000);
     folder.write("plan.toml", PLAN);
+    folder.write("tour.toml", format!("clouds = ['{SCENE}']\n{PATH}"));
+    let record = |output: &'static str| [&["record", "tour.toml", "-o", output][..], &SMALL].concat();
     let picture = [&["render", SCENE][..], &SMALL].concat();
     let with = |words: &[&'static str]| [&picture, words].concat();
     let commands = |place: &'static str| -> Vec<Vec<&str>> {
@@ -224,6 +238,8 @@ fn outputs_that_cannot_be_written_are_a_failure_of_the_work_in_every_command() {
                 with(&["-o", "a.png", "--aov", "depth=place/a.exr"]),
                 with(&["-o", "a.png", "--stats", "place/a.json"]),
                 vec!["index", "cloud.las", "-o", "place/a.copc.laz"],
+                record("place/a."),
+                record("place"),
                 vec!["study", "plan.toml", "--size", "64x48", "--set", FEW_POINTS, "-o", "place"],
             ],
             _ => vec![
@@ -231,6 +247,7 @@ fn outputs_that_cannot_be_written_are_a_failure_of_the_work_in_every_command() {
                 with(&["-o", "a.png", "--aov", "depth=gone/a.exr"]),
                 with(&["-o", "a.png", "--stats", "gone/a.json"]),
                 vec!["index", "cloud.las", "-o", "gone/a.copc.laz"],
+                record("gone/a."),
             ],
         }
     };
@@ -298,11 +315,14 @@ fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
     let many = PLAN.replace("repeats = 1", "repeats = 1000");
     folder.write("plan.toml", many);
     let render = [&["render", "large.las", "-o", "a.png"][..], &SMALL].concat();
-    let commands: [&[&str]; 5] = [
+    folder.write("tour.toml", format!("clouds = ['{SCENE}']\n{PATH}{LONG_PATH}"));
+    let record = [&["record", "tour.toml", "-o", "pictures"][..], &SMALL].concat();
+    let commands: [&[&str]; 6] = [
         &["info", "--scan", "large.las"],
         &["index", "large.las"],
         &["index", "large.las", "-o", "a.copc.laz"],
         &render,
+        &record,
         &["study", "plan.toml", "--size", "64x48", "--set", FEW_POINTS, "-o", "results"],
     ];
     for words in commands {

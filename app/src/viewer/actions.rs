@@ -288,6 +288,7 @@ impl State {
         }
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");
+        let file = SceneFile { paths: self.paths.clone(), ..file };
         self.effects.push(Effect::Work(Work::SaveScene { path, text: file.to_text() }));
     }
 

@@ -1,5 +1,7 @@
 //! Where the camera stands so that everything is in the picture, and how it gets there.
 
+use std::time::Instant;
+
 use cloud::Bounds;
 use glam::DVec3;
 use scene::{Camera, Settings, StandardView};
@@ -84,9 +86,16 @@ impl State {
         self.navigation.camera_moved(self.now);
     }
 
+    /// Puts the camera where a recording has it at `now`: no move that would be drawn in a hurry. Streamed clouds are looked at from
+    /// there at once.
+    pub fn stand(&mut self, camera: Camera, now: Instant) {
+        self.now = now;
+        self.camera = camera;
+        self.camera_is_placed = true;
+        self.look_around();
+    }
+
     pub fn lens(&self) -> Lens {
         Lens::new(&self.camera, &self.settings.view, self.view_size)
     }
-
-    // ---- frames ----
 }

@@ -14,11 +14,13 @@ mod clouds_panel;
 mod coloring;
 mod colors_panel;
 mod contact_sheet;
+mod effects;
 mod event_log;
 mod figures;
 mod frames;
 mod framing;
 mod gizmo;
+mod headless;
 mod history;
 mod inspection;
 mod interface;
@@ -68,22 +70,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use clouds::JobEntry;
+use effects::{Effects, News};
 use event_log::EventLog;
+pub use headless::Headless;
 use messages::Level;
 use path_prompt::PathPrompt;
-use render_thread::{Command, RenderThread, Report};
+use render_thread::Report;
 use screen::{Painted, Screen};
 use serde_json::json;
 use state::{Effect, State};
-use truth_tasks::Answer;
-use under_way::{Pass, UnderWay};
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::WindowId;
-use work::{Found, Work};
 use world::Request;
 
 use crate::failure::{Interrupted, NoScreen};
@@ -91,10 +91,7 @@ use crate::interrupt;
 
 /// What other threads tell the window.
 enum Wake {
-    /// An event of a job, and with a chunk its pass to the render thread.
-    Loading(u32, world::Event, Option<Pass>),
-    Report(Report),
-    Found(Found),
+    News(News),
     /// Files chosen in the system's dialog, and how long it took.
     Chosen(Option<Vec<PathBuf>>, Duration),
     /// Ctrl-C was pressed in the terminal.
@@ -114,14 +111,15 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     if let Some(problem) = problem {
         state.say(Level::Warning, problem);
     }
+    let wake = event_loop.create_proxy();
+    let tell = move |news| wake.send_event(Wake::News(news)).is_ok();
     let mut viewer = Viewer {
         wake: event_loop.create_proxy(),
         state,
         request: Some(request),
         wanted_gpu: gpu,
         screen: None,
-        render_thread: None,
-        under_way: Arc::default(),
+        effects: Effects::new(world::start, Arc::new(tell)),
         log: EventLog::from_environment()?,
         next_paint: None,
         title: String::new(),
@@ -130,7 +128,8 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
         failure: None,
     };
     let ended = event_loop.run_app(&mut viewer);
-    viewer.close();
+    viewer.screen = None;
+    viewer.effects.close(&viewer.state);
     if let Err(error) = ended {
         // winit's own text tells where in its source, which helps nobody here.
         tracing::error!("window: {error}");
@@ -156,8 +155,7 @@ struct Viewer {
     request: Option<Request>,
     wanted_gpu: Option<String>,
     screen: Option<Screen>,
-    render_thread: Option<RenderThread>,
-    under_way: Arc<UnderWay>,
+    effects: Effects,
     log: EventLog,
     next_paint: Option<Instant>,
     title: String,
@@ -171,8 +169,6 @@ struct Viewer {
 
 /// While chunks stream in, the window is painted at most this often.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
-/// The program ends as long after the window at most.
-const CLOSING_TIME: Duration = Duration::from_secs(3);
 /// A dialog that ends sooner was never shown: there is no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);
 
@@ -196,20 +192,10 @@ impl ApplicationHandler<Wake> for Viewer {
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, event: Wake) {
         self.state.now = Instant::now();
-        let is_chunk = matches!(event, Wake::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _));
+        let is_chunk =
+            matches!(event, Wake::News(News::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _)));
         match event {
-            Wake::Loading(job, event, pass) => {
-                let is_end = matches!(event, world::Event::Finished);
-                self.state.on_loading(job, event);
-                if let Some(pass) = pass {
-                    self.state.render(Command::Arrived(pass));
-                }
-                if is_end {
-                    self.keep_preferences();
-                }
-            }
-            Wake::Report(report) => self.on_report(report),
-            Wake::Found(found) => self.state.on_found(found),
+            Wake::News(news) => self.on_news(news),
             Wake::Interrupted => {
                 self.keep_preferences();
                 self.failure = Some(Interrupted.into());
@@ -297,13 +283,8 @@ impl Viewer {
         let lost = self.device_lost.clone();
         screen.gpu.device.set_device_lost_callback(move |_, _| lost.store(true, Ordering::Relaxed));
         screen.gpu.device.on_uncaptured_error(Arc::new(|error| tracing::error!("window: {error}")));
-        let wake = self.wake.clone();
-        let report = move |report| {
-            // A window that is closed needs no reports.
-            let _ = wake.send_event(Wake::Report(report));
-        };
-        let started = RenderThread::start(screen.gpu.clone(), self.wanted_gpu.clone(), report);
-        self.render_thread = Some(started.context("no thread for the renderer")?);
+        let started = self.effects.draw_for(screen.gpu.clone(), self.wanted_gpu.clone());
+        started.context("no thread for the renderer")?;
         self.screen = Some(screen);
         self.log.write(&json!({ "event": "window" }));
         if let Some(request) = self.request.take() {
@@ -312,20 +293,6 @@ impl Viewer {
         self.do_effects();
         self.request_paint();
         Ok(())
-    }
-
-    /// Ends what is loaded and made. What is half made is cleared away, unless that takes too long.
-    fn close(&mut self) {
-        (self.screen, self.render_thread) = (None, None);
-        for job in &self.state.jobs {
-            job.progress.cancel();
-            job.mailbox.end();
-        }
-        let start = Instant::now();
-        let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
-        while !self.state.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
-            std::thread::sleep(Duration::from_millis(5));
-        }
     }
 
     fn request_paint(&self) {
@@ -375,12 +342,16 @@ impl Viewer {
         }
     }
 
-    fn on_report(&mut self, report: Report) {
-        if let (Report::Frame(frame), Some(screen)) = (&report, &mut self.screen) {
+    fn on_news(&mut self, news: News) {
+        if let (News::Report(Report::Frame(frame)), Some(screen)) = (&news, &mut self.screen) {
             // The state decides whether it is shown.
             screen.set_picture(frame.texture.clone());
         }
-        self.state.on_report(report);
+        let is_loaded = matches!(news, News::Loading(_, world::Event::Finished, _));
+        self.state.on_news(news);
+        if is_loaded {
+            self.keep_preferences();
+        }
     }
 
     fn keep_preferences(&mut self) {
@@ -396,89 +367,40 @@ impl Viewer {
     /// Does what the state asks for.
     fn do_effects(&mut self) {
         for effect in std::mem::take(&mut self.state.effects) {
-            match effect {
-                Effect::Render(command) => {
-                    if let Some(thread) = &self.render_thread {
-                        thread.send(command);
-                    }
+            match self.effects.run(&mut self.state, effect) {
+                Some(Effect::OpenDialog) => {
+                    let wake = self.wake.clone();
+                    let choose = move || {
+                        let asked = Instant::now();
+                        let dialog = rfd::FileDialog::new()
+                            .set_title("Open point clouds")
+                            .add_filter("Point clouds and scenes", &["las", "laz", "ply", "toml"])
+                            .add_filter("All files", &["*"]);
+                        let chosen = dialog.pick_files();
+                        let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
+                    };
+                    effects::begin(&mut self.state, "dialog", choose);
                 }
-                Effect::Load { inputs } => {
-                    let job = world::start(inputs.clone(), &self.state.settings_of_next_job());
-                    let id = self.state.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
-                    let under_way = self.under_way.clone();
-                    self.begin("loading events", move |wake| forward(&job, id, &under_way, wake));
-                }
-                Effect::Work(Work::Truth(task)) => {
-                    let kind = task.kind();
-                    if !self.begin_work(Work::Truth(task)) {
-                        self.state.on_truth(Answer::Failed(kind));
-                    }
-                }
-                Effect::Work(work) => {
-                    self.begin_work(work);
-                }
-                Effect::OpenDialog => drop(self.begin("dialog", |wake| {
-                    let asked = Instant::now();
-                    let dialog = rfd::FileDialog::new()
-                        .set_title("Open point clouds")
-                        .add_filter("Point clouds and scenes", &["las", "laz", "ply", "toml"])
-                        .add_filter("All files", &["*"]);
-                    let chosen = dialog.pick_files();
-                    let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
-                })),
-                Effect::Copy(text) => {
+                Some(Effect::Copy(text)) => {
                     self.log.write(&json!({ "event": "copied", "text": text }));
                     if let Some(screen) = &mut self.screen {
                         screen.input.set_clipboard_text(text);
                     }
                 }
-                Effect::SetFullScreen(on) => {
+                Some(Effect::SetFullScreen(on)) => {
                     if let Some(screen) = &self.screen {
                         let borderless = winit::window::Fullscreen::Borderless(None);
                         screen.window.set_fullscreen(on.then_some(borderless));
                     }
                 }
-                Effect::Log(event) => self.log.write(&event),
+                Some(Effect::Log(event)) => self.log.write(&event),
+                Some(Effect::Render(_) | Effect::Load { .. } | Effect::Work(_)) | None => {}
             }
         }
         if self.log.has_news() {
             self.request_paint();
         }
     }
-
-    /// Does `work` on a thread of its own; false, with a message, if there is no thread for it.
-    fn begin_work(&mut self, work: Work) -> bool {
-        let stream = self.state.settings.stream.clone();
-        self.begin(work.name(), move |wake| work.run(&stream, |found| drop(wake.send_event(Wake::Found(found)))))
-    }
-
-    /// Runs `task` on a thread of its own; false, with a message, if there is no thread for it.
-    fn begin(&mut self, name: &str, task: impl FnOnce(&EventLoopProxy<Wake>) + Send + 'static) -> bool {
-        let wake = self.wake.clone();
-        let started = std::thread::Builder::new().name(name.into()).spawn(move || task(&wake));
-        if let Err(error) = &started {
-            self.state.messages.error(format!("{name}: no thread: {error}"));
-        }
-        started.is_ok()
-    }
-}
-
-/// Hands the events of a job on until it ends; a loading thread that dies ends it, too.
-fn forward(job: &world::Job, id: u32, under_way: &Arc<UnderWay>, wake: &EventLoopProxy<Wake>) {
-    for event in &job.events {
-        let is_end = matches!(event, world::Event::Finished);
-        let pass = match &event {
-            world::Event::Chunk { chunk, .. } => Some(under_way.enter(chunk.size_in_bytes() as u64)),
-            _ => None,
-        };
-        if wake.send_event(Wake::Loading(id, event, pass)).is_err() || is_end {
-            return;
-        }
-    }
-    let error = "loading stopped unexpectedly".to_string();
-    let _ =
-        wake.send_event(Wake::Loading(id, world::Event::Failed { input: String::new(), error, is_usage: false }, None));
-    let _ = wake.send_event(Wake::Loading(id, world::Event::Finished, None));
 }
 
 /// Says that nothing can be drawn any more; the program ends when it is acknowledged.

@@ -252,6 +252,7 @@ impl State {
         self.note_loaded();
         if is_last {
             self.camera_is_placed = false;
+            self.paths.clear();
             self.frames.shown = None;
             self.light_search.forget();
         }

@@ -8,6 +8,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
@@ -56,7 +57,7 @@ pub enum Command {
         pixel: [u32; 2],
         purpose: PickPurpose,
     },
-    /// Draws once more and writes a PNG file.
+    /// Writes a picture as a PNG file, and draws it for that unless it is the last one that was drawn.
     Save {
         request: Box<FrameRequest>,
         path: PathBuf,
@@ -136,6 +137,7 @@ pub enum Report {
 /// The window's end. Dropping it ends the thread after the frame it is at.
 pub struct RenderThread {
     commands: Sender<Command>,
+    thread: JoinHandle<()>,
 }
 
 /// Pixels around the cursor in which a point counts as meant: a fingertip's precision with a mouse.
@@ -167,13 +169,20 @@ impl RenderThread {
                 report(Report::Lost("the renderer stopped unexpectedly".into()));
             }
         };
-        std::thread::Builder::new().name("render".into()).spawn(work)?;
-        Ok(Self { commands })
+        let thread = std::thread::Builder::new().name("render".into()).spawn(work)?;
+        Ok(Self { commands, thread })
     }
 
     pub fn send(&self, command: Command) {
         // A thread that has ended has reported why.
         let _ = self.commands.send(command);
+    }
+
+    /// Ends the thread, and waits for the frame that it is at.
+    pub fn end(self) {
+        drop(self.commands);
+        // It caught its own panics.
+        let _ = self.thread.join();
     }
 }
 
@@ -252,7 +261,7 @@ impl Worker {
                 report(Report::Picked { pixel, purpose, point });
             }
             Command::Save { request, path } => {
-                self.render(&request)?;
+                self.hold(&request, true)?;
                 let pixels = self.renderer.read_picture()?;
                 report(match picture_file::write_png(&path, request.size, &pixels) {
                     Ok(()) => Report::Saved(path),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Progress;
 use glam::DVec3;
-use scene::{Camera, Lighting, Mirror, MirrorPoints, Settings, Visibility};
+use scene::{Camera, CameraPath, Lighting, Mirror, MirrorPoints, Settings, Visibility};
 use serde_json::json;
 use world::{Change, CloudKey, Input, Mailbox};
 
@@ -113,6 +113,10 @@ pub struct State {
     /// As the render thread was told.
     pub(super) expected_points: u64,
     pub(super) drawn_visibility: Visibility,
+    /// Ways of the camera that scene files bring.
+    pub paths: Vec<CameraPath>,
+    /// Pictures are recorded: only final ones are drawn, and none depends on those before it.
+    pub is_recorded: bool,
 }
 
 impl State {
@@ -169,6 +173,8 @@ impl State {
             levels_are_shown: false,
             expected_points: 0,
             drawn_visibility: Visibility::default(),
+            paths: Vec::new(),
+            is_recorded: false,
         }
     }
 
@@ -242,6 +248,8 @@ impl State {
         }
         self.awaited_markings.extend(request.mirror_points);
         self.rewrite_objects(|objects| objects.visibility.hide(&request.visibility));
+        self.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
+        self.paths.extend(request.paths);
         if !request.inputs.is_empty() {
             self.effects.push(Effect::Load { inputs: request.inputs });
         }
@@ -363,6 +371,9 @@ impl State {
         if self.adapter.is_none() || self.view_size.contains(&0) || is_empty {
             return None;
         }
+        if self.is_recorded && (self.points_come() || !self.light_search.is_known()) {
+            return None;
+        }
         let mut settings = self.settings.clone();
         if self.raw_colors {
             settings.edl.strength = 0.0;
@@ -384,7 +395,7 @@ impl State {
         let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
         let is_dragged = is_mirror && self.gizmo.is_dragging();
         // The first picture comes soon, and a better one after it.
-        let is_hurried = is_first || rest.is_some() && self.frames.is_slow();
+        let is_hurried = !self.is_recorded && (is_first || rest.is_some() && self.frames.is_slow());
         let hurried = is_hurried.then(|| render_thread::hurried(&wanted.settings, is_dragged));
         if let Some(settings) = hurried.filter(|hurried| *hurried != wanted.settings) {
             wanted.settings = settings;

@@ -113,6 +113,7 @@ impl State {
             view.point_budget = self.pace.budget(view.point_budget);
         }
         let (camera, size, stream) = (self.camera, self.view_size, self.settings.stream.clone());
+        let is_alone = self.is_recorded;
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
         let hidden: Vec<BTreeSet<usize>> = streaming().map(|job| self.hidden(job)).collect();
@@ -120,7 +121,7 @@ impl State {
         for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
             let (view, stream) = (view.clone(), stream.clone());
             job.share = share;
-            job.look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden, share });
+            job.look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden, share, is_alone });
         }
     }
 

@@ -256,6 +256,7 @@ impl Director {
         let whole = Budget { points: most, bytes: (bytes * CUT_SHARE) as u64 };
         let demand = if share < 1.0 { demand(&cut(whole), &trees, whole) } else { demand(&wanted, &trees, whole) };
         let demand = (demand + self.held as f64 / most.max(1) as f64).min(1.0);
+        self.streamer.show_only_wanted(self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.is_alone));
         self.streamer.want(wanted);
         self.demand = demand;
         Some(())
@@ -455,7 +456,7 @@ mod tests {
             let look = |hidden: &[usize], share: f64| {
                 let (view, stream) = (settings.view.clone(), settings.stream.clone());
                 let hidden = hidden.iter().copied().collect();
-                mailbox.look(Viewpoint { camera, size: [800, 600], view, stream, hidden, share })
+                mailbox.look(Viewpoint { camera, size: [800, 600], view, stream, hidden, share, is_alone: false })
             };
             let mut there = [BTreeMap::new(), BTreeMap::new()];
             let looks = [(&[][..], 1.0), (&[0], 1.0), (&[], 1.0), (&[], 1.0 / 3.0)];

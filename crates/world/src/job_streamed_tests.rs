@@ -49,7 +49,7 @@ fn settings(pages: scene::Paging, point_budget: u32) -> Settings {
 fn viewpoint(settings: &Settings) -> Viewpoint {
     let camera = Camera::looking(DVec3::new(1.0, 0.5, 0.0), DVec3::Z, 2.0, DVec3::Y);
     let (view, stream) = (settings.view.clone(), settings.stream.clone());
-    Viewpoint { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0 }
+    Viewpoint { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0, is_alone: false }
 }
 
 /// What a receiver has: points by cloud and part.

@@ -26,6 +26,8 @@ pub struct Viewpoint {
     pub hidden: BTreeSet<usize>,
     /// Of the budgets that the job may have, 0 to 1.
     pub share: f64,
+    /// What only earlier views needed goes at once, so that what is there in the end depends on this view alone.
+    pub is_alone: bool,
 }
 
 /// What the threads of a job are told: the latest view of the streamed clouds, and requests in their order.

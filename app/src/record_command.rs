@@ -1,0 +1,236 @@
+//! `glint record`: pictures along a path of a scene file. Each is the one that the window shows when the camera rests there, and
+//! that `glint render` writes: all that the view needs has been streamed in, and nothing is drawn in a hurry.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, anyhow};
+use render::Gpu;
+use scene::{Camera, CameraPath, Settings, View};
+use world::{Input, Request};
+
+use crate::command_line::RecordArguments;
+use crate::failure::usage;
+use crate::progress_bar::Bar;
+use crate::render_command::check_size;
+use crate::viewer::Headless;
+use crate::{picture_file, terminal};
+
+/// The numbers in the names of the pictures have six digits.
+const MOST_FRAMES: u32 = 1_000_000;
+
+/// Between opening a scene, which moves the camera, and the beginning of the path: by then the camera rests.
+const REST: Duration = Duration::from_secs(1);
+
+/// Records; the exit status is 2 if one of several inputs could not be read and the pictures show the others.
+///
+/// # Errors
+/// Bad usage, nothing that can be read, no adapter, a file that cannot be written, Ctrl-C.
+pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
+    let folder = arguments.output.as_path();
+    let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
+    request.check()?;
+    if folder.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mp4")) {
+        let name = scene::shown(folder);
+        return Err(usage(format!("{name}: films are not in this version yet; name a folder for the pictures")));
+    }
+    let path = path(&request, arguments)?;
+    let recording = Recording { frames: frames(&path, arguments)?, path, fps: arguments.fps, folder };
+    prepare(&mut request, &recording, arguments)?;
+    let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
+    check_size(&gpu, arguments.size)?;
+    let is_new = !folder.exists();
+    if is_new {
+        std::fs::create_dir(folder).map_err(|reason| codec::Error::not_written(folder, reason))?;
+    }
+    let recorded = recording.record(gpu, request, arguments);
+    if is_new {
+        // Where there are pictures, this does nothing.
+        let _ = std::fs::remove_dir(folder);
+    }
+    recorded
+}
+
+/// The path that is asked for, or the only one.
+fn path(request: &Request, arguments: &RecordArguments) -> anyhow::Result<CameraPath> {
+    let names: Vec<&str> = request.paths.iter().map(|path| path.name.as_str()).collect();
+    let available = names.join(", ");
+    match (&arguments.path, request.paths.as_slice()) {
+        (_, []) => {
+            let name = scene::shown(Path::new(&arguments.scene));
+            Err(usage(format!("{name}: it has no path of the camera; [[paths]] of a scene file are such")))
+        }
+        (None, [only]) => Ok(only.clone()),
+        (None, _) => Err(usage(format!("--path: there are several, name one of them: {available}"))),
+        (Some(wanted), paths) => {
+            let known = paths.iter().find(|path| path.name == *wanted);
+            known.cloned().ok_or_else(|| usage(format!("--path: `{wanted}` is unknown; available: {available}")))
+        }
+    }
+}
+
+/// The frames that are asked for, or all.
+fn frames(path: &CameraPath, arguments: &RecordArguments) -> anyhow::Result<Range<u32>> {
+    // The last picture is shown until the path ends. A product that is a whole number but for its last digits counts as one.
+    let all = (path.duration() * f64::from(arguments.fps) - 1e-6).ceil().max(1.0) as u32;
+    let frames = arguments.frames.clone().unwrap_or(0..all);
+    if frames.end > all {
+        let Range { start, end } = frames;
+        return Err(usage(format!(
+            "--frames {start}..{end}: path `{}` has {all} frames at {} a second, from 0 on",
+            path.name, arguments.fps
+        )));
+    }
+    if frames.end > MOST_FRAMES {
+        return Err(usage(format!("path `{}` has {all} frames, expected at most {MOST_FRAMES}", path.name)));
+    }
+    Ok(frames)
+}
+
+/// Sets parameters, and the camera to the beginning of the path: light and ranges of colours follow from what is seen first, which
+/// must not depend on which frames are recorded.
+fn prepare(request: &mut Request, recording: &Recording<'_>, arguments: &RecordArguments) -> anyhow::Result<()> {
+    let (settings, warnings) = (Settings::default(), Vec::new());
+    let view = request.view.get_or_insert(View { camera: None, settings, warnings });
+    view.camera = Some(recording.camera(0)?);
+    for (key, value) in &arguments.set {
+        view.settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
+    }
+    Ok(())
+}
+
+struct Recording<'a> {
+    path: CameraPath,
+    frames: Range<u32>,
+    fps: u32,
+    folder: &'a Path,
+}
+
+impl Recording<'_> {
+    /// Seconds of the path.
+    fn time(&self, frame: u32) -> f64 {
+        f64::from(frame) / f64::from(self.fps)
+    }
+
+    fn camera(&self, frame: u32) -> anyhow::Result<Camera> {
+        self.path.camera(self.time(frame)).ok_or_else(|| anyhow!("path `{}` has no keyframes", self.path.name))
+    }
+
+    fn picture(&self, frame: u32) -> PathBuf {
+        self.folder.join(format!("frame-{frame:06}.png"))
+    }
+
+    /// Writes the pictures; returns the exit status.
+    fn record(&self, gpu: std::sync::Arc<Gpu>, request: Request, arguments: &RecordArguments) -> anyhow::Result<u8> {
+        picture_file::check_place(&self.picture(self.frames.start))?;
+        let names = request.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");
+        let opened = Instant::now();
+        let mut viewer = Headless::open(gpu, arguments.gpu.gpu.clone(), arguments.size, request, opened)?;
+        if self.write(&mut viewer, opened + REST)? {
+            let (count, folder) = (self.frames.len(), scene::shown(self.folder));
+            terminal::print([format!("{count} pictures in {folder}")])?;
+        } else if viewer.status() == 0 {
+            return Err(usage(format!("{names}: no points to show")));
+        }
+        Ok(viewer.status())
+    }
+
+    /// False if there is nothing to show. `start` is the time of the first frame by the clock that the viewer is handed, which
+    /// ticks by the frame.
+    fn write(&self, viewer: &mut Headless, start: Instant) -> anyhow::Result<bool> {
+        let reading = Bar::points("reading");
+        let is_there = viewer.settle(self.camera(0)?, start, &reading)?.is_some();
+        reading.end();
+        if !is_there {
+            return Ok(false);
+        }
+        let bar = Bar::counted();
+        let mut is_told = false;
+        for (done, frame) in self.frames.clone().enumerate() {
+            bar.set(done as u64, self.frames.len() as u64);
+            let now = start + Duration::from_secs_f64(self.time(frame));
+            let Some(points) = viewer.write(&self.picture(frame), self.camera(frame)?, now, &bar)? else {
+                return Ok(false);
+            };
+            if points == 0 && !std::mem::replace(&mut is_told, true) {
+                let warning = format!("frame {frame}: the picture is empty, the camera looks past all points");
+                bar.suspend(|| terminal::warn([warning]));
+            }
+        }
+        bar.end();
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+    use crate::command_line::{Command, CommandLine};
+    use crate::failure::exit_status;
+
+    const KEYFRAME: &str = "eye = [0, -5, 1]\npivot = [0, 0, 1]\nup = [0, 0, 1]\n";
+
+    fn arguments(words: &[&str]) -> RecordArguments {
+        let all = ["glint", "record"].iter().chain(words);
+        match CommandLine::try_parse_from(all).unwrap().command {
+            Some(Command::Record(arguments)) => arguments,
+            _ => panic!("not a record command"),
+        }
+    }
+
+    fn path_until(time: &str) -> String {
+        format!("[[paths.keyframes]]\ntime = 0\n{KEYFRAME}[[paths.keyframes]]\ntime = {time}\n{KEYFRAME}")
+    }
+
+    /// What `glint record` says to bad words, all of which must be found before an adapter is looked for.
+    fn refusal(words: &[&str]) -> String {
+        let error = run(&arguments(words)).unwrap_err();
+        assert_eq!(exit_status(&error), 2, "{error:#}");
+        format!("{error:#}")
+    }
+
+    #[test]
+    fn bad_words_are_refused_by_name_before_any_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, paths: &[&str]| {
+            let path = folder.path().join(name);
+            let paths: String =
+                paths.iter().map(|name| format!("[[paths]]\nname = \"{name}\"\n{}", path_until("2"))).collect();
+            std::fs::write(&path, format!("clouds = [\"five-mirrors/none\"]\n{paths}")).unwrap();
+            path.display().to_string()
+        };
+        let (none, one, two) = (put("none.toml", &[]), put("one.toml", &["a"]), put("two.toml", &["tour", "way back"]));
+        let output = folder.path().join("pictures").display().to_string();
+        let refusal = |words: &[&str]| refusal(&[words, &["-o", &output]].concat());
+        assert!(refusal(&["five-mirrors/none"]).contains("five-mirrors/none: it has no path"));
+        assert!(refusal(&[&none]).contains("none.toml: it has no path of the camera; [[paths]]"));
+        assert!(refusal(&[&two]).contains("there are several, name one of them: tour, way back"));
+        assert!(refusal(&[&two, "--path", "tuor"]).contains("`tuor` is unknown; available: tour, way back"));
+        assert!(
+            refusal(&[&one, "--frames", "50..61"]).contains("--frames 50..61: path `a` has 60 frames at 30 a second")
+        );
+        assert!(refusal(&[&one, "--set", "splat.sise=1"]).contains("did you mean `splat.size`?"));
+        assert!(refusal(&["gone.toml"]).starts_with("gone.toml: "));
+        assert!(super::tests::refusal(&[&one, "-o", "a.mp4"]).contains("a.mp4: films are not in this version yet"));
+        assert!(!Path::new(&output).exists());
+    }
+
+    #[test]
+    fn frames_are_shown_from_the_beginning_of_a_path_to_its_end() {
+        let count = |duration: &str, fps: &str| {
+            let file = scene::SceneFile::parse(&format!("[[paths]]\nname = \"a\"\n{}", path_until(duration))).unwrap();
+            frames(&file.paths[0], &arguments(&["a", "-o", "b", "--fps", fps])).map(|frames| frames.end)
+        };
+        let counts = [("10", "30"), ("1.1", "10"), ("1.01", "10"), ("0.001", "1"), ("0.3", "10")];
+        assert_eq!(counts.map(|(duration, fps)| count(duration, fps).unwrap()), [300, 11, 11, 1, 3]);
+        let refused = count("100000", "30").unwrap_err().to_string();
+        assert!(refused.contains("path `a` has 3000000 frames, expected at most 1000000"), "{refused}");
+        assert!(count("1e300", "30").is_err());
+        let still =
+            scene::SceneFile::parse(&format!("[[paths]]\nname = \"a\"\n[[paths.keyframes]]\ntime = 0\n{KEYFRAME}"));
+        assert_eq!(frames(&still.unwrap().paths[0], &arguments(&["a", "-o", "b"])).unwrap(), 0..1);
+    }
+}

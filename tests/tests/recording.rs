@@ -1,0 +1,160 @@
+//! Pictures along a path of the camera: over a streamed cloud, frame by frame the same as `glint render` gives and as any other
+//! recording of the same path.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use tests::{Folder, Outcome};
+
+/// Longer than any step of a run on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(240);
+
+/// A hilly square of coloured points with blocks on it, as binary PLY.
+fn hills(points: u32) -> Vec<u8> {
+    let mut file = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {points}\nproperty float x\nproperty float y\n\
+         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+    )
+    .into_bytes();
+    for index in 0..points {
+        // Steps of the plastic number fill the square evenly.
+        let [x, y] = [0.754_877_666, 0.569_840_29].map(|step: f64| (f64::from(index) * step).fract() * 100.0);
+        let is_block = (x / 20.0).fract() < 0.3 && (y / 25.0).fract() < 0.3;
+        let z = if is_block { 9.0 } else { 4.0 * (x / 9.0).sin() * (y / 14.0).cos() };
+        file.extend([x, y, z].iter().flat_map(|value| (*value as f32).to_le_bytes()));
+        file.extend([x * 2.5, 140.0 + z * 10.0, y * 2.5].map(|value| value as u8));
+    }
+    file
+}
+
+const FIRST_EYE: &str = "eye = [20.0, -30.0, 40.0]\npivot = [50.0, 40.0, 0.0]\nup = [0.0, 0.0, 1.0]\n";
+const LAST_EYE: &str = "eye = [95.0, 90.0, 15.0]\npivot = [50.0, 50.0, 0.0]\nup = [0.0, 0.1, 1.0]\n";
+
+/// A scene of a streamed cloud that is seen from the beginning of a path of two keyframes, half a second apart.
+fn streamed_scene() -> String {
+    format!(
+        "clouds = [\"hills.ply\"]\n[camera]\n{FIRST_EYE}[parameters]\n\"stream.pages\" = \"always\"\n\"gi.vpls\" = 16\n\
+         [[paths]]\nname = \"tour\"\n[[paths.keyframes]]\ntime = 0.0\n{FIRST_EYE}\
+         [[paths.keyframes]]\ntime = 0.5\n{LAST_EYE}"
+    )
+}
+
+/// A folder with the scene and its cloud.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("hills.ply", hills(400_000));
+    folder.write("tour.toml", streamed_scene());
+    folder
+}
+
+fn record(folder: &Folder, output: &str, words: &[&str]) -> Outcome {
+    let common = ["record", "tour.toml", "-o", output, "--size", "96x64", "--fps", "10"];
+    folder.glint_within(PATIENCE, common.iter().chain(words))
+}
+
+/// Whether this run must be passed over for want of an adapter.
+fn lacks_adapter(outcome: &Outcome) -> bool {
+    let lacks = outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none();
+    if lacks {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+    }
+    lacks
+}
+
+/// Names of all that lies in a folder, in their order.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+fn bytes(path: PathBuf) -> Vec<u8> {
+    std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+#[test]
+fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_time() {
+    let folder = folder();
+    let outcome = record(&folder, "pictures", &["--path", "tour"]);
+    if lacks_adapter(&outcome) {
+        return;
+    }
+    assert_eq!((outcome.status, outcome.messages.as_str()), (Some(0), ""), "{outcome}");
+    assert_eq!(outcome.text(), "5 pictures in pictures\n");
+    let pictures = names(&folder.path("pictures"));
+    assert_eq!(pictures, (0..5).map(|frame| format!("frame-{frame:06}.png")).collect::<Vec<_>>());
+    let picture = |at: &str, frame: usize| bytes(folder.path(at).join(&pictures[frame]));
+
+    let rendered = folder.glint(["render", "tour.toml", "-o", "first.png", "--size", "96x64"]);
+    assert_eq!(rendered.status, Some(0), "{rendered}");
+    assert!(picture("pictures", 0) == bytes(folder.path("first.png")), "the first picture is another than a render");
+    let first = image::open(folder.path("first.png")).expect("a PNG").into_rgba8();
+    assert!(tests::colors(&first) > 100, "{} colours", tests::colors(&first));
+    for frame in 1..5 {
+        assert!(picture("pictures", frame) != picture("pictures", frame - 1), "frame {frame} shows no other view");
+    }
+
+    let again = record(&folder, "again", &[]);
+    assert_eq!(again.status, Some(0), "{again}");
+    for frame in 0..5 {
+        assert!(picture("again", frame) == picture("pictures", frame), "frame {frame} is another the second time");
+    }
+
+    // What was seen on the way there leaves no trace.
+    let part = record(&folder, "part", &["--frames", "3..4"]);
+    assert_eq!(part.text(), "1 pictures in part\n", "{part}");
+    assert_eq!(names(&folder.path("part")), [pictures[3].as_str()]);
+    assert!(picture("part", 3) == picture("pictures", 3), "the frame depends on those before it");
+}
+
+#[test]
+fn inputs_that_cannot_be_shown_are_said_and_leave_no_folder() {
+    let folder = folder();
+    folder.write("odd.las", "this is no point cloud");
+    let scene = |clouds: &str| streamed_scene().replace("\"hills.ply\"", clouds);
+    folder.write("tour.toml", scene("\"odd.las\""));
+    let outcome = record(&folder, "pictures", &[]);
+    if lacks_adapter(&outcome) {
+        return;
+    }
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    assert!(outcome.messages.contains("odd.las: not a LAS, LAZ or PLY file"), "{outcome}");
+    assert_eq!((outcome.messages.lines().count(), folder.path("pictures").exists()), (1, false), "{outcome}");
+    // The others are shown.
+    folder.write("tour.toml", scene("\"odd.las\", \"hills.ply\""));
+    let outcome = record(&folder, "pictures", &["--frames", "4..5"]);
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    assert_eq!(outcome.messages.lines().count(), 1, "{outcome}");
+    assert_eq!(names(&folder.path("pictures")), ["frame-000004.png"]);
+}
+
+#[test]
+#[cfg(unix)]
+fn ctrl_c_ends_a_recording_with_130_and_leaves_whole_pictures() {
+    let folder = folder();
+    // More pictures than anybody waits for.
+    folder.write("tour.toml", streamed_scene().replace("time = 0.5", "time = 10000.0"));
+    let words = ["record", "tour.toml", "-o", "pictures", "--size", "96x64"];
+    let mut program = folder.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+    let start = Instant::now();
+    while !folder.path("pictures/frame-000001.png").exists() {
+        if let Some(status) = program.try_wait().expect("a child") {
+            assert!(status.code() == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none(), "{status}");
+            return println!("skipped: no adapter");
+        }
+        assert!(start.elapsed() < PATIENCE, "no picture comes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let sent = Command::new("kill").args(["-INT", &program.id().to_string()]).status();
+    assert!(sent.is_ok_and(|status| status.success()));
+    let output = program.wait_with_output().expect("its end");
+    let messages = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), &*messages), (Some(130), "glint: interrupted\n"));
+    for name in names(&folder.path("pictures")) {
+        let picture =
+            image::open(folder.path("pictures").join(&name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!((picture.width(), picture.height()), (96, 64), "{name}");
+    }
+}
