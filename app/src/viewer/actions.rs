@@ -556,6 +556,10 @@ mod tests {
         assert_eq!(one.objects.visibility, other.objects.visibility);
         one.act(Action::Undo);
         assert!(one.objects.visibility.shows_all());
+        one.act(Action::Redo);
+        assert_eq!(one.objects.visibility, other.objects.visibility);
+        one.remove_cloud(one.clouds[0].key);
+        assert!(one.objects.visibility.shows_all(), "what is hidden goes with the last cloud");
     }
 
     #[test]

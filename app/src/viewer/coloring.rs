@@ -57,6 +57,8 @@ impl State {
         let same_points = entry.figures_basis.as_ref().is_some_and(|old| {
             old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
         });
+        // Whoever hides points looks on from where they are.
+        let same_visibility = entry.figures_basis.as_ref().is_none_or(|old| old.visibility == basis.visibility);
         // Chunks of streamed clouds are coloured as they come.
         let same_points = same_points || entry.is_indexed();
         entry.figures_basis = Some(basis);
@@ -74,7 +76,7 @@ impl State {
             self.say(Level::Warning, warning.clone());
             self.warned.push(warning);
         }
-        if outline_changed {
+        if outline_changed && same_visibility {
             self.frame_while_unplaced(self.bounds());
         }
     }

@@ -2,6 +2,7 @@
 
 use cloud::{Chunk, Surfels};
 use render::ColorPlan;
+use scene::Visibility;
 use serde_json::json;
 use world::{Assembly, Change, CloudKey, Event, Opened, Part, Stage, Standing};
 
@@ -229,8 +230,12 @@ impl State {
         let is_last = self.clouds.is_empty();
         // Built-in scenes have no file.
         let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
-        // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them.
+        // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them and what
+        // is hidden.
         self.rewrite_objects(|objects| {
+            if is_last {
+                objects.visibility = Visibility::default();
+            }
             objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
             objects.no_guess &= !is_last;
             objects.markings.retain(|marking| marking.key != key);
