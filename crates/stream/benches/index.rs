@@ -1,7 +1,6 @@
 //! Makes the index of `GLINT_BENCH_CLOUD` (files, separated by colons) with `GLINT_BENCH_MEMORY` MiB (1024), in a fresh
-//! cache folder below `GLINT_BENCH_FOLDER` (the system's temporary folder), and says what it took; with `GLINT_BENCH_SURFELS` normals and
-//! radii, too. Linux only: the figures
-//! are from /proc.
+//! cache folder below `GLINT_BENCH_FOLDER` (the system's temporary folder), and prints time and memory. With
+//! `GLINT_BENCH_SURFELS` it also estimates normals and radii. Linux only: the figures are from /proc.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed bench")]
 
 use std::sync::Arc;
@@ -10,7 +9,7 @@ use std::time::Instant;
 use cloud::Progress;
 use stream::{BuildOptions, Cache, build, coarsest, estimate_surfels};
 
-/// CPU seconds of this process so far; ticks are hundredths of a second.
+/// The CPU seconds of this process so far; ticks are hundredths of a second.
 fn cpu_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
     let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
@@ -58,7 +57,7 @@ fn main() {
     assert_eq!(read as f64, points);
     println!("read back at {:.1} M points per CPU second", points / 1e6 / (cpu_seconds() - start));
     if std::env::var_os("GLINT_BENCH_SURFELS").is_some() {
-        // The peak from here on.
+        // Resets the peak of the memory.
         std::fs::write("/proc/self/clear_refs", "5").unwrap();
         let (start, cpu) = (Instant::now(), cpu_seconds());
         let orientation = cloud::guess_orientation(&coarsest(&pages, 500_000).unwrap(), glam::Vec3::Z);

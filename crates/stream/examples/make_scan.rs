@@ -1,8 +1,9 @@
 //! Writes an airborne scan of any size: `cargo run --release -p stream --example make_scan -- 100000000 scan.las`.
 //!
-//! Five overlapping flight strips of zig-zag scan lines over fractal terrain with blocks of a town (flat and gabled roofs,
-//! facades, streets) and trees with two returns; 10 points a square metre, LAS 1.4, point format 7, millimetres, UTM. The
-//! same count and seed give the same file. Memory does not depend on the count. A name that ends in `.laz` is compressed.
+//! Five overlapping flight strips of zig-zag scan lines over fractal terrain with blocks of a town (flat and gabled
+//! roofs, facades, streets) and trees with two returns; 10 points a square metre, LAS 1.4, point format 7, millimetres,
+//! UTM. The same count and seed give the same file. Memory does not depend on the count. A file whose name ends in
+//! `.laz` is compressed.
 
 use std::fs::File;
 use std::io::{BufWriter, Seek as _, SeekFrom, Write};
@@ -14,21 +15,21 @@ use rayon::prelude::*;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// Bytes of a record of point format 7.
+/// The size of a record of point format 7 in bytes.
 const RECORD: usize = 36;
-/// Where a header has the point format; its highest bit says that points are compressed.
+/// The offset of the point format in a header; its highest bit says that points are compressed.
 const POINT_FORMAT: usize = 104;
-/// Metres.
+/// The step of the grid in metres.
 const SCALE: f64 = 0.001;
 const OFFSET: [f64; 3] = [431_000.0, 5_412_000.0, 0.0];
 const STRIPS: u64 = 5;
-/// Points a square metre where strips overlap as they do on average.
+/// Points per square metre where strips overlap as they do on average.
 const DENSITY: f64 = 10.0;
-/// Width of all strips over the width of the area.
+/// The width of all strips divided by the width of the area.
 const OVERLAP: f64 = 1.25;
-/// Tangent of the largest scan angle, 20 degrees.
+/// The tangent of the largest scan angle, 20 degrees.
 const STEEPEST: f64 = 0.364;
-/// Points made before they are written.
+/// The number of points made before they are written.
 const BATCH: usize = 1 << 20;
 const WKT: &str = "PROJCS[\"WGS 84 / UTM zone 32N\",GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563]],PRIMEM[\"Greenwich\",0],UNIT[\"degree\",0.0174532925199433]],PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],PARAMETER[\"central_meridian\",9],PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\",0],UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32632\"]]";
 
@@ -41,7 +42,7 @@ fn main() -> Result<()> {
     }
 }
 
-/// Writes under a temporary name beside `path` and renames when all is written.
+/// Writes under a temporary name beside `path` and renames the file when it is complete.
 fn make(path: &Path, points: u64, seed: u64) -> Result<()> {
     let mut name = path.file_name().ok_or("no file name")?.to_owned();
     name.push(".part");
@@ -77,7 +78,7 @@ fn make(path: &Path, points: u64, seed: u64) -> Result<()> {
     Ok(std::fs::rename(part, PathBuf::from(path))?)
 }
 
-/// The header and its records, bounds and counts still empty.
+/// The header and its records, with empty bounds and counts.
 fn header(laz: Option<&LazVlr>) -> Result<Vec<u8>> {
     let mut builder = las::Builder::from((1, 4));
     builder.point_format = las::point::Format::new(7)?;
@@ -97,15 +98,15 @@ fn header(laz: Option<&LazVlr>) -> Result<Vec<u8>> {
     }
     let mut bytes = Vec::new();
     builder.into_header()?.write_to(&mut bytes)?;
-    // `las` without its own compressor writes no header of compressed points.
+    // `las` without its own compressor does not mark the header's points as compressed.
     bytes[POINT_FORMAT] |= u8::from(laz.is_some()) << 7;
     Ok(bytes)
 }
 
-/// What a header says of the points.
+/// The values of a header that depend on the points.
 #[derive(Default)]
 struct Summary {
-    /// Lower and upper corner, in steps of the grid; `None` before the first point.
+    /// The lower and upper corner, in steps of the grid; `None` before the first point.
     bounds: Option<([i32; 3], [i32; 3])>,
     by_return: [u64; 2],
 }
@@ -157,12 +158,12 @@ fn union((low, high): ([i32; 3], [i32; 3]), (l, h): ([i32; 3], [i32; 3])) -> ([i
     (std::array::from_fn(|i| low[i].min(l[i])), std::array::from_fn(|i| high[i].max(h[i])))
 }
 
-/// Where the scanner looks, pulse by pulse.
+/// The scanner's path, pulse by pulse.
 struct Scan {
     points: u64,
-    /// Metres, of the square that is scanned.
+    /// The side of the scanned square in metres.
     size: f64,
-    /// Metres between pulses along and across a line.
+    /// The distance between pulses along and across a line in metres.
     step: f64,
     strip_width: f64,
     landscape: Landscape,
@@ -174,7 +175,7 @@ impl Scan {
         let strip_width = OVERLAP * size / STRIPS as f64;
         let step = (OVERLAP / DENSITY).sqrt();
         let mut scan = Self { points, size, step, strip_width, landscape: Landscape::new(seed) };
-        // Trees give two returns: pulses are further apart by what a sample of the lines says.
+        // Trees give two returns: a sample of the lines tells how much further apart pulses must be.
         let lines = scan.lines();
         let sample: Vec<(u64, u64)> = (0..lines.min(200)).map(|i| (i % STRIPS, i * lines / lines.min(200))).collect();
         let records: usize = sample.par_iter().map(|(strip, line)| scan.line(*strip, *line).len() / RECORD).sum();
@@ -182,17 +183,18 @@ impl Scan {
         scan
     }
 
-    /// Lines of a strip.
+    /// The number of lines of a strip.
     fn lines(&self) -> u64 {
         ((self.size / self.step) as u64).max(1)
     }
 
-    /// Pulses of a line.
+    /// The number of pulses of a line.
     fn pulses(&self) -> u64 {
         ((self.strip_width / self.step) as u64).max(1)
     }
 
-    /// Gives `write` all records in the order of flight. The last strip ends, or goes on, where the count is reached.
+    /// Passes all records to `write` in the order of flight. The last strip is cut or prolonged so that the count is
+    /// reached.
     fn records(&self, write: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let mut left = self.points as usize * RECORD;
         let at_once = (BATCH as u64 / self.pulses()).max(1);
@@ -212,7 +214,7 @@ impl Scan {
         Ok(())
     }
 
-    /// Records of one scan line.
+    /// The records of one scan line.
     fn line(&self, strip: u64, line: u64) -> Vec<u8> {
         let pulses = self.pulses();
         let middle = self.size * (strip as f64 + 0.5) / STRIPS as f64;
@@ -242,7 +244,7 @@ impl Scan {
 struct Echo {
     /// Metres from the area's corner.
     place: [f64; 3],
-    /// Of the LAS specification.
+    /// The class of the LAS specification.
     class: u8,
     intensity: u16,
     color: [u16; 3],
@@ -263,17 +265,17 @@ fn part(noise: u64, which: u32) -> f64 {
     f64::from((noise >> (16 * which)) as u16) / 32_768.0 - 1.0
 }
 
-/// Lattice points of a noise table along an axis.
+/// The number of lattice points of a noise table along an axis.
 const TABLE: usize = 256;
-/// Metres from one street to the next.
+/// The distance between streets in metres.
 const BLOCK: f64 = 100.0;
 const STREET: f64 = 10.0;
-/// Metres of a building's plot.
+/// The width of a building's plot in metres.
 const PLOT: f64 = 22.5;
-/// Metres a tree has for itself.
+/// The distance between trees in metres.
 const TREE: f64 = 7.0;
 
-/// Terrain, town and trees: what is where is a function of the place and the seed.
+/// Terrain, town and trees, as functions of the place and the seed.
 struct Landscape {
     seed: u64,
     table: Vec<f32>,
@@ -281,9 +283,9 @@ struct Landscape {
 
 /// A building that stands at a place.
 struct Building {
-    /// Of the roof there.
+    /// The height of the roof at the place.
     height: f64,
-    /// Edges of the plot's walls in x.
+    /// The x coordinates of the plot's walls.
     walls: [f64; 2],
     hue: u64,
 }
@@ -308,7 +310,7 @@ impl Landscape {
         top * (1.0 - v) + bottom * v
     }
 
-    /// Height of the ground, metres.
+    /// The height of the ground in metres.
     fn ground(&self, x: f64, y: f64) -> f64 {
         let (mut height, mut length) = (300.0, 2000.0);
         for octave in 0..8 {
@@ -319,7 +321,7 @@ impl Landscape {
         height
     }
 
-    /// A number of a cell.
+    /// A pseudorandom number for a cell.
     fn cell(&self, kind: u64, column: i64, row: i64) -> u64 {
         hash(hash(self.seed ^ (kind << 60) ^ column as u64) ^ row as u64)
     }
@@ -333,7 +335,7 @@ impl Landscape {
         x.rem_euclid(BLOCK) < STREET || y.rem_euclid(BLOCK) < STREET
     }
 
-    /// In a town.
+    /// The building at a place in a town.
     fn building(&self, x: f64, y: f64) -> Option<Building> {
         if Self::is_street(x, y) {
             return None;
@@ -361,8 +363,8 @@ impl Landscape {
         Some(Building { height, walls: [middle_x - half_x, middle_x + half_x], hue: random >> 8 })
     }
 
-    /// What a pulse sends back that would meet level ground at (x, y), and comes in at a slope of `slope` metres of x a metre
-    /// of height, from the strip's middle.
+    /// The returns of a pulse that would meet level ground at (x, y) and whose slope is `slope` metres of x per metre
+    /// of height, away from the strip's middle.
     fn echoes(&self, x: f64, y: f64, slope: f64, noise: u64) -> [Option<Echo>; 2] {
         let ground = self.ground(x, y) + 0.02 * part(noise, 2);
         if self.is_town(x, y) {
@@ -388,7 +390,7 @@ impl Landscape {
     }
 
     fn town_echo(&self, x: f64, y: f64, ground: f64, slope: f64, noise: u64) -> Echo {
-        // From above along the beam: the first building that is higher than the beam is what it meets.
+        // Goes down the beam: it meets the first building that is higher than the beam.
         for step in (0..8).rev() {
             let at = x - slope * f64::from(step) * 2.5;
             let Some(building) = self.building(at, y) else { continue };
@@ -408,7 +410,7 @@ impl Landscape {
     }
 
     fn echo(&self, place: [f64; 3], class: u8, color: [u8; 3], noise: u64) -> Echo {
-        // As coarse as a scanner's: what compresses badly would make the file twice as large.
+        // As coarse as a scanner's: values that compress badly would make the file twice as large.
         let shade = 28 + (noise >> 62) as u16;
         let brightness = color.iter().map(|channel| u16::from(*channel)).sum::<u16>();
         let intensity = (brightness / 8 + (noise >> 60) as u16) * 256;

@@ -1,20 +1,20 @@
-//! The progressive order of a page's points: of their ranks along a Morton curve every sixteenth makes a batch, and batches
-//! come in an order that halves the gaps. So any prefix of batches is an even subset of the page.
+//! The progressive order of a page's points: every sixteenth rank along a Morton curve belongs to the same batch, and
+//! the batches are ordered so that the gaps halve. So any prefix of batches is an even subset of the page.
 
-/// Batches of a page.
+/// The number of batches of a page.
 pub const BATCHES: usize = 16;
 
-/// Remainder by [`BATCHES`] of the Morton ranks that the batch holds: its four bits turned round.
+/// The remainder modulo [`BATCHES`] of the Morton ranks in the batch: its four bits reversed.
 pub fn rank_of_batch(batch: usize) -> usize {
     (batch & 1) << 3 | (batch & 2) << 1 | (batch & 4) >> 1 | (batch & 8) >> 3
 }
 
-/// Points in the first so many batches of a page of `points`; all of them for [`BATCHES`] and more.
+/// The number of points in the first `batches` batches of a page of `points`; all of them for [`BATCHES`] and more.
 pub fn prefix(points: usize, batches: usize) -> usize {
     (0..batches.min(BATCHES)).map(|batch| (points + BATCHES - 1 - rank_of_batch(batch)) / BATCHES).sum()
 }
 
-/// Morton ranks of a page's points in the order it keeps them.
+/// The Morton ranks of a page's points in the order in which the page keeps them.
 pub(crate) fn order(points: usize) -> impl Iterator<Item = usize> {
     (0..BATCHES).flat_map(move |batch| (rank_of_batch(batch)..points).step_by(BATCHES))
 }

@@ -1,5 +1,4 @@
-//! Points sorted roughly: buckets, which are cells of the octree small enough to be held in memory, kept in one temporary
-//! file.
+//! Sorts points roughly into buckets: cells of the octree small enough to fit in memory, stored in one temporary file.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Mutex, MutexGuard, PoisonError, RwLock};
@@ -9,32 +8,33 @@ use crate::lattice::{Cell, DEPTH, KEY_LEVELS, Placing, below, morton};
 use crate::records::Layout;
 use crate::storage::Storage;
 
-/// Levels below a bucket whose occupied cells are known: nodes of the seven levels above it choose among these.
+/// The number of levels below a bucket whose occupied cells are known: nodes of the seven levels above it choose among
+/// these.
 pub const KNOWN_LEVELS: u8 = 6;
-/// Cells of the last of them, a bit each.
+/// The size in bytes of a bitmap of the cells of the lowest of these levels.
 const KNOWN_BYTES: usize = 1 << (3 * KNOWN_LEVELS as usize - 3);
-/// Most levels one distribution goes down.
+/// The largest number of levels that one distribution goes down.
 const MOST_DEPTH: u8 = KEY_LEVELS - KNOWN_LEVELS;
-/// Cells that a bucket is cut into at most, as far as a sample tells.
+/// The largest number of cells that a bucket is split into, as estimated from a sample.
 const MOST_CELLS: u64 = 4096;
-/// Cells of a distribution that are worth its pass however little memory there is.
+/// The least number of cells that is worth a distribution, however little memory there is.
 const FEWEST_CELLS: u64 = 64;
-/// A bucket of this level is not cut any further: a node of it could not tell enough cells apart.
+/// A bucket of this level is not split further: its nodes could not distinguish enough cells.
 pub const LAST_LEVEL: u8 = DEPTH - 7;
-/// Bytes a bucket is written in.
+/// The size in bytes of the blocks in which a bucket is written.
 const BLOCK_BYTES: usize = 128 << 10;
 
 /// The points in one cell.
 pub struct Bucket {
     pub cell: Cell,
     pub points: u64,
-    /// Where in the temporary file its records are: offset, bytes.
+    /// The offsets and sizes in bytes of its records in the temporary file.
     extents: Vec<(u64, u32)>,
-    /// Records that are not written yet.
+    /// The records that are not written yet.
     buffer: Vec<u8>,
-    /// Cells with points in them, by levels below it.
+    /// For each number of levels below the bucket, the number of cells that hold points.
     occupied: [u32; KNOWN_LEVELS as usize + 1],
-    /// Cannot be cut: its points are in one place.
+    /// Whether it cannot be split because its points are in one place.
     pub heap: bool,
 }
 
@@ -44,7 +44,7 @@ impl Bucket {
         Self { cell, points: 0, extents: Vec::new(), buffer: Vec::new(), occupied, heap: false }
     }
 
-    /// Cells `depth` levels below it that have points in them; `depth` up to `KNOWN_LEVELS`.
+    /// The number of cells `depth` levels below it that hold points; `depth` is at most `KNOWN_LEVELS`.
     pub fn occupied(&self, depth: u8) -> u64 {
         if self.heap { 1 } else { u64::from(self.occupied[usize::from(depth)]) }
     }
@@ -58,7 +58,7 @@ impl Bucket {
         Ok(())
     }
 
-    /// Its records, at most `bytes` at once (a block at least).
+    /// Passes its records to `give`, at most `bytes` at once (but at least a block).
     pub fn read(&self, storage: &Storage, bytes: usize, mut give: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let mut records = Vec::with_capacity(bytes.min(self.extents.iter().map(|extent| extent.1 as usize).sum()));
         for &(offset, length) in &self.extents {
@@ -90,7 +90,7 @@ impl Bucket {
         Ok(records)
     }
 
-    /// Makes it one of its parent's, with that of a neighbour.
+    /// Adds the records of a child to this bucket of its parent.
     fn merge(&mut self, child: Self) {
         self.points += child.points;
         self.extents.extend(child.extents);
@@ -105,7 +105,7 @@ impl Bucket {
 /// A bucket that points are still added to.
 struct Open {
     bucket: Bucket,
-    /// Which of the cells `KNOWN_LEVELS` below it have points.
+    /// A bitmap of the cells `KNOWN_LEVELS` below it that hold points.
     occupied: Box<[u8; KNOWN_BYTES]>,
 }
 
@@ -114,9 +114,9 @@ impl Open {
         Self { bucket: Bucket::new(cell), occupied: Box::new([0; KNOWN_BYTES]) }
     }
 
-    /// Makes it one of its parent's, with that of a neighbour.
+    /// Adds a child to this bucket of its parent.
     fn merge(&mut self, child: Self) {
-        // Eight cells, a byte, become one.
+        // Eight cells, which are a byte, become one.
         let start = child.bucket.cell.octant() * KNOWN_BYTES / 8;
         for (index, byte) in child.occupied.iter().enumerate() {
             self.occupied[start + index / 8] |= u8::from(*byte != 0) << (index % 8);
@@ -135,27 +135,28 @@ impl Open {
     }
 }
 
-/// Cells that points can be sorted into with `memory` bytes, half of it for the records that are not written yet.
+/// The number of cells that points can be sorted into with `memory` bytes; half of them hold records that are not
+/// written yet.
 pub fn most_cells(memory: u64) -> u64 {
     (memory / (2 * KNOWN_BYTES as u64)).max(FEWEST_CELLS)
 }
 
-/// Sorts records into the buckets of one level below a cell. Used by many threads at once. Goes on a level further up when there
-/// are more buckets than were expected, as where points fill space rather than lie on surfaces.
+/// Sorts records into the buckets of one level below a cell. Many threads use it at once. Moves up a level when there
+/// are more buckets than expected, as where points fill space rather than lie on surfaces.
 pub struct Distribution<'a> {
     pub layout: &'a Layout,
     pub placing: Placing,
     storage: &'a Storage,
     base: Cell,
-    /// Buckets, at most.
+    /// The largest number of buckets.
     most: usize,
-    /// Bytes a bucket keeps in memory.
+    /// The number of bytes that a bucket keeps in memory.
     block: usize,
     level: RwLock<Level>,
 }
 
 struct Level {
-    /// Levels below the base.
+    /// The number of levels below the base.
     depth: u8,
     buckets: HashMap<u64, Mutex<Open>>,
 }
@@ -165,8 +166,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl<'a> Distribution<'a> {
-    /// Into cells `depth` levels below `base`, or fewer so that no more than the `expected` buckets (eight at least) come of it.
-    /// Their records take about `memory` bytes, and as much what is known of them.
+    /// Sorts into cells `depth` levels below `base`, or fewer levels so that there are no more than `expected` buckets
+    /// (but at least eight). Their records take about `memory` bytes, and their bitmaps as much.
     pub fn new(
         layout: &'a Layout,
         placing: Placing,
@@ -182,13 +183,14 @@ impl<'a> Distribution<'a> {
         Self { layout, placing, storage, base, most: expected as usize, block, level }
     }
 
-    /// Adds records that lie in the base.
+    /// Adds records that lie in the base cell.
     pub fn add(&self, records: &[u8]) -> Result<()> {
         let stride = self.layout.stride();
         let known = 3 * u32::from(KNOWN_LEVELS);
         let depth = self.level.read().unwrap_or_else(PoisonError::into_inner).depth;
         let shift = 3 * u32::from(KEY_LEVELS - depth - KNOWN_LEVELS);
-        // Neighbours in the file are mostly neighbours in space: few cells per chunk, and the next point is in the same one.
+        // Neighbours in the file are mostly neighbours in space: a chunk has few cells, and the next point is usually
+        // in the same one.
         let mut slots: HashMap<u64, u32> = HashMap::new();
         let mut cells: Vec<(u64, usize)> = Vec::new();
         let mut points: Vec<(u32, u32)> = Vec::with_capacity(records.len() / stride);
@@ -227,11 +229,11 @@ impl<'a> Distribution<'a> {
         Ok(())
     }
 
-    /// Adds records of one cell `depth` levels below the base; `bits` say in which cells below that they lie.
+    /// Adds the records of one cell `depth` levels below the base; `bits` are the numbers of their cells further below.
     fn add_to(&self, depth: u8, cell: u64, records: &[u8], bits: &[u32]) -> Result<()> {
         loop {
             let level = self.level.read().unwrap_or_else(PoisonError::into_inner);
-            // It may have gone further up since the cell was found.
+            // The level may have moved up since the cell was found.
             let up = 3 * u32::from(depth - level.depth);
             if let Some(open) = level.buckets.get(&(cell >> up)) {
                 let Open { bucket, occupied } = &mut *locked(open);
@@ -261,7 +263,7 @@ impl<'a> Distribution<'a> {
         Ok(())
     }
 
-    /// A bucket for a cell `depth` levels below the base.
+    /// Makes a bucket for a cell `depth` levels below the base.
     fn open(&self, depth: u8, cell: u64) -> Result<()> {
         let mut level = self.level.write().unwrap_or_else(PoisonError::into_inner);
         loop {
@@ -278,7 +280,7 @@ impl<'a> Distribution<'a> {
         }
     }
 
-    /// Joins all buckets of a parent.
+    /// Moves up a level: joins all buckets of each parent.
     fn go_up(&self, level: &mut Level) -> Result<()> {
         level.depth -= 1;
         let depth = level.depth;
@@ -300,7 +302,7 @@ impl<'a> Distribution<'a> {
     }
 }
 
-/// Cuts a bucket that is too large for memory: distributed again, further down, and all of it on the disk.
+/// Splits a bucket that is too large for memory: distributes it again further down, all of it on the disk.
 pub fn split(
     bucket: &Bucket,
     layout: &Layout,
@@ -322,7 +324,7 @@ pub fn split(
     Ok(parts)
 }
 
-/// Levels to go down so that no part is too large, as far as a sample of it tells; and the parts this makes.
+/// The number of levels to go down so that no part is too large, estimated from a sample; and the number of parts.
 fn split_depth(
     bucket: &Bucket,
     layout: &Layout,
@@ -359,7 +361,7 @@ fn split_depth(
     Ok((MOST_DEPTH, parts))
 }
 
-/// Joins neighbours that are small: buckets of up to `most_points`, along the Morton curve.
+/// Joins small neighbours to buckets of up to `most_points`, along the Morton curve.
 pub fn merge(buckets: Vec<Bucket>, most_points: u64) -> Vec<Bucket> {
     let mut merged = Vec::new();
     let mut levels: Vec<Vec<Bucket>> = Vec::new();
@@ -370,7 +372,7 @@ pub fn merge(buckets: Vec<Bucket>, most_points: u64) -> Vec<Bucket> {
         }
         levels[level].push(bucket);
     }
-    // Cells with a bucket below them that stays one.
+    // The cells above buckets that are not joined any further.
     let mut divided: HashSet<Cell> = HashSet::new();
     for level in (1..levels.len()).rev() {
         let mut families: HashMap<Cell, Vec<Bucket>> = HashMap::new();
@@ -381,7 +383,7 @@ pub fn merge(buckets: Vec<Bucket>, most_points: u64) -> Vec<Bucket> {
         divided = divided.into_iter().map(|cell: Cell| cell.ancestor((level - 1) as u8)).collect();
         for (parent, mut children) in families {
             let points: u64 = children.iter().map(|child| child.points).sum();
-            // One that is alone gets no larger in its parent's place.
+            // A single child gets no larger in its parent's place.
             let fits = children.len() == 1 || points <= most_points && children.iter().all(|child| !child.heap);
             if !fits || divided.contains(&parent) {
                 divided.insert(parent);

@@ -1,4 +1,4 @@
-//! Makes the index of some files: distribution to buckets, then nodes, in a folder of the cache.
+//! Makes the index of some files in a folder of the cache: distributes the points to buckets, then builds the nodes.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -19,31 +19,33 @@ use crate::storage::Storage;
 use crate::tree::{BYTES_PER_POINT, Tree};
 use crate::{Error, Result};
 
-/// Bytes for each point that a full disk is said to lack.
+/// The disk space per point in bytes that the error of a full disk states.
 const BYTES_WHILE_MADE: u64 = 40;
-/// Between two looks at an entry that somebody else has locked.
+/// The time between two attempts to lock an entry that somebody else has locked.
 const LOCK_WAIT: Duration = Duration::from_millis(30);
-/// Bytes that a point takes on the disk while an index is made: a record, and most of a page.
+/// The disk space of a point in bytes while an index is made: a record, and most of a page.
 const WORKING_DISK_BYTES: u64 = 33;
-/// Points of a bucket: at least, however little memory there is; as many as are fast to sort; at most.
+/// The number of points of a bucket: the least, however little memory there is; the number that is fast to sort; the
+/// most.
 const BUCKET_POINTS: [u64; 3] = [20_000, 400_000, 1_500_000];
-/// Buckets of a cloud so large that they would be more become larger instead.
+/// The largest number of buckets; larger clouds get larger buckets instead of more.
 const MOST_BUCKETS: u64 = 1000;
-/// Cells of the first distribution per bucket that comes of it: clouds are not even, and joining cells is free.
+/// The number of cells of the first distribution per resulting bucket: clouds are uneven, and joining cells costs
+/// nothing.
 const CELLS_PER_BUCKET: u64 = 6;
 
-/// Points for each byte of what is kept of all of them: where each block of records is (16 bytes for 32 KiB), and the nodes (some
-/// 330 bytes for 17,700 points).
+/// The number of points per byte of the tables that stay in memory: the offsets of the blocks of records (16 bytes for
+/// 32 KiB), and the nodes (some 330 bytes for 17,700 points).
 const POINTS_PER_TABLE_BYTE: u64 = 25;
-/// No file has more, whatever its header says.
+/// An upper limit for any file, whatever its header says.
 const MOST_POINTS_PER_BYTE: u64 = 64;
 
-/// How an index is made.
+/// The limits for making an index.
 #[derive(Clone, Debug)]
 pub struct BuildOptions {
-    /// Bytes to work in, besides what decoding takes (some 20 MB a core).
+    /// The working memory in bytes, besides what decoding takes (some 20 MB a core).
     pub memory: u64,
-    /// Points that are shown meanwhile, at most.
+    /// The largest number of points in the preview.
     pub preview_points: u64,
 }
 
@@ -53,16 +55,17 @@ impl Default for BuildOptions {
     }
 }
 
-/// The index of some files as one cloud: the one in the cache, or made now. `progress` counts each point twice, as it is
-/// read and as it gets its node; once more where headers do not tell, or not truly, where the points are. `preview` gets an
-/// even share of the points, from many threads at once; its `first_point` counts through all files.
+/// The index of some files as one cloud: the one in the cache, or one made now. `progress` counts each point twice,
+/// when it is read and when it is put in a node; and once more where headers lack the bounds or state wrong ones.
+/// `preview` receives an even share of the points, from many threads at once; its `first_point` counts through all
+/// files.
 ///
-/// A file that cannot be read, or not to its end, is left out from there on with a warning, if others can. An index that was found to be
-/// damaged is made again although somebody may still have it open.
+/// A file that cannot be read to its end is left out from there on with a warning, if others can be read. An index that
+/// was found to be damaged is made again although somebody may still have it open.
 ///
 /// # Errors
-/// `Cancelled`; `Changed` if a file is not the same at the end; `TooMany`; `Full`; `NotWritten`; `InTheWay`; `Empty`; `Io`;
-/// `Input` if no file can be read. Nothing is left behind then.
+/// `Cancelled`; `Changed` if a file is not the same at the end; `TooMany`; `Full`; `NotWritten`; `InTheWay`; `Empty`;
+/// `Io`; `Input` if no file can be read. Nothing is left behind then.
 pub fn build(
     inputs: &[Arc<Source>],
     cache: &Cache,
@@ -73,7 +76,7 @@ pub fn build(
     build_on_disk(inputs, cache, options, progress, preview, u64::MAX)
 }
 
-/// `disk`: bytes each file may have.
+/// The same; `disk` limits the size of each file in bytes.
 fn build_on_disk(
     inputs: &[Arc<Source>],
     cache: &Cache,
@@ -101,10 +104,10 @@ fn build_on_disk(
             continue;
         };
         progress.set_waiting(false);
-        // It may have been made since this looked.
+        // Another builder may have made it since the last look.
         match Pages::open_locked(&entry, None) {
             Ok(pages) if pages.key() == identity.key && entry::is_own(&entry) => {}
-            // It was whole a moment ago: once is enough.
+            // This builder made it a moment ago, so making it again would not help.
             Err(error) if is_made => return Err(error),
             Ok(_) | Err(_) => {
                 let preview = Preview::new(options.preview_points, header_points(inputs), preview);
@@ -117,7 +120,7 @@ fn build_on_disk(
     }
 }
 
-/// Removes a folder unless it is told not to.
+/// Clears an entry when it is dropped, unless the flag is set.
 struct Unfinished<'a>(&'a Path, bool);
 
 impl Drop for Unfinished<'_> {
@@ -128,7 +131,7 @@ impl Drop for Unfinished<'_> {
     }
 }
 
-/// Makes an entry whose lock is held.
+/// Makes an entry whose lock the caller holds.
 fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identity) -> Result<()> {
     let io = |error| Error::not_written(entry, error);
     check_memory(build.inputs, build.options.memory)?;
@@ -140,7 +143,7 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
         error => error.of_cache(cache.folder()),
     };
     cache.make_room(points.saturating_mul(WORKING_DISK_BYTES));
-    // Of what is there, damaged or of a builder that was killed.
+    // Clears what is left of a damaged entry or of a builder that was killed.
     entry::start(entry, &cache.aside(entry)).map_err(not_written)?;
     let mut unfinished = Unfinished(entry, false);
     let building = entry.join(BUILDING);
@@ -160,15 +163,15 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
     Ok(())
 }
 
-/// Levels of the first distribution, of which buckets of `target` points are joined or cut.
+/// The depth in levels of the first distribution, whose cells are joined or split into buckets of `target` points.
 fn first_depth(points: u64, target: u64, memory: u64) -> u8 {
     let cells = if points > target { points.saturating_mul(CELLS_PER_BUCKET) / target } else { 1 };
-    // Surfaces: four cells below each.
+    // Points lie on surfaces, so each cell has about four occupied ones below it.
     let levels = |cells: u64| (cells as f64).log(4.0);
     levels(cells).round().min(levels(buckets::most_cells(memory)).floor()) as u8
 }
 
-/// What is known of all nodes and of all blocks of records must fit, too.
+/// Checks that the tables of all nodes and of all blocks of records fit in memory.
 fn check_memory(inputs: &[Arc<Source>], budget: u64) -> Result<()> {
     let length = |input: &Arc<Source>| std::fs::metadata(&input.info().path).map_or(0, |file| file.len());
     let believable = inputs.iter().map(length).sum::<u64>().saturating_mul(MOST_POINTS_PER_BYTE);
@@ -177,7 +180,7 @@ fn check_memory(inputs: &[Arc<Source>], budget: u64) -> Result<()> {
     if needed > budget { Err(Error::TooMany { points, needed, budget }) } else { Ok(()) }
 }
 
-/// Points of all files, as far as their headers are to be believed.
+/// The number of points of all files, as far as their headers can be believed.
 fn header_points(inputs: &[Arc<Source>]) -> u64 {
     inputs.iter().fold(0, |sum, input| sum.saturating_add(input.info().points))
 }
@@ -191,14 +194,14 @@ struct Build<'a> {
     disk: u64,
 }
 
-/// What came of reading all files.
+/// The counts from reading all files.
 #[derive(Default)]
 struct Counts {
     points: AtomicU64,
     skipped: AtomicU64,
-    /// Points whose integers need more bits.
+    /// The number of points whose integers need more bits.
     misfits: AtomicU64,
-    /// There are points outside of the cube.
+    /// Whether there are points outside the cube.
     outside: AtomicBool,
 }
 
@@ -222,7 +225,7 @@ impl Build<'_> {
             let (distributed, warnings) = self.distribute(&plan, &temporary, &counts, extent.is_none())?;
             let outside = extent.is_none() && counts.outside.load(Ordering::Relaxed);
             if outside || (!plan.layout.wide && counts.misfits.load(Ordering::Relaxed) > 0) {
-                // The headers are wrong: again, with what the points say.
+                // The headers are wrong: read again with the measured extent.
                 wide |= counts.misfits.load(Ordering::Relaxed) > 0;
                 extent = Some(self.measure()?);
                 drop(temporary);
@@ -247,13 +250,13 @@ impl Build<'_> {
         }
     }
 
-    /// So many passes over all points are still to come.
+    /// Adds `passes` passes over all points to the total of the progress.
     fn expect(&self, passes: u64) {
         let points = header_points(self.inputs).saturating_mul(passes);
         self.progress.set_total(self.progress.done().saturating_add(points));
     }
 
-    /// Where the points are, when headers do not tell. They are shown as soon as that.
+    /// Measures where the points are, when headers do not say. The preview is filled during this pass.
     fn measure(&self) -> Result<Extent> {
         self.expect(3);
         let layout = plan::layout(self.inputs, true);
@@ -271,13 +274,13 @@ impl Build<'_> {
         extent
     }
 
-    /// The error of the first file that cannot be read, or that there are no points.
+    /// The error of the first file that cannot be read, or `Empty`.
     fn why_empty(&self, path: PathBuf) -> Error {
         let error = |input: &Arc<Source>| input.read(&codec::Selection::default(), &Progress::default(), &|_| ()).err();
         self.inputs.iter().find_map(error).map_or(Error::Empty { path }, Error::Input)
     }
 
-    /// Points a bucket should have, and may have.
+    /// The number of points that a bucket should have, and the most that it may have.
     fn bucket_points(&self, plan: &IndexPlan) -> (u64, u64) {
         let bytes = BYTES_PER_POINT + plan.layout.stride() as u64;
         let total = header_points(self.inputs);
@@ -286,8 +289,8 @@ impl Build<'_> {
         (target, (self.options.memory / 4 / bytes).max(2 * least))
     }
 
-    /// Reads all files and sorts their points into buckets. `trusting`: stop at the first point that is not where the
-    /// headers say.
+    /// Reads all files and sorts their points into buckets. With `trusting` it stops at the first point that is not
+    /// where the headers say.
     fn distribute(
         &self,
         plan: &IndexPlan,
@@ -360,7 +363,7 @@ impl Build<'_> {
         Ok((distribution.finish(), warnings))
     }
 
-    /// Buckets that fit memory, and nodes of them.
+    /// Joins and splits buckets until they fit in memory, and builds nodes of them.
     fn nodes(
         &self,
         plan: &IndexPlan,
@@ -408,7 +411,7 @@ mod tests {
         for memory in [64_u64 << 20, 256 << 20, 1 << 30, 16 << 30].map(|bytes| bytes / 4) {
             let depths: Vec<u8> = (3..18).map(|digits| first_depth(10_u64.pow(digits), 400_000, memory)).collect();
             assert!(depths.is_sorted() && depths[0] == 0, "{depths:?}");
-            // Of 32 KiB each, and as much for records.
+            // Cells of 32 KiB each, and as much for records.
             assert!((1_u64 << (2 * depths[depths.len() - 1])) << 16 <= memory, "{depths:?}");
         }
         assert_eq!(first_depth(100_000_000, 400_000, 1 << 28), 5);
@@ -439,7 +442,8 @@ mod tests {
         let cache = Cache::new(folder.path().join("cache"), u64::MAX);
         let options = BuildOptions { memory: 1 << 20, preview_points: 0 };
         let index = |disk| build_on_disk(&inputs, &cache, &options, &Progress::default(), &|_| (), disk);
-        // Too small for the records; large enough for these (which stay in memory as far as they may), not for pages.
+        // The first size is too small for the records; the others are large enough for these (which stay in memory
+        // where they may), but not for the pages.
         for disk in [10_000, 1_000_000, 2_500_000] {
             let error = index(disk).err().unwrap();
             assert!(matches!(&error, Error::Full { folder, .. } if folder == cache.folder()), "{error}");

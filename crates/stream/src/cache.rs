@@ -1,9 +1,9 @@
-//! The folder that keeps indexes: one entry per set of files, named after what they are; the least recently opened goes
-//! first when there are too many. What else lies in the folder is left alone (`entry`).
+//! The folder that keeps indexes: one entry per set of files, with a name made from their identity. When the entries
+//! take too much room, the least recently opened is cleared first. Anything else in the folder is left alone (`entry`).
 //!
-//! An entry is a folder; beside it lies its lock file. Whoever builds an entry has its lock alone, whoever reads one shares
-//! it. A lock file is only removed, or renamed with its entry, by somebody who has it locked; and whoever has locked one looks
-//! whether it is still there under its name (`is_current`), so that nobody trusts the lock of a file that is gone.
+//! An entry is a folder; its lock file lies beside it. A builder of an entry holds its lock exclusively, readers share
+//! it. A lock file is removed, or renamed with its entry, only by a holder of the lock; and whoever has locked one
+//! checks that the file still has its name (`is_current`), so that nobody trusts the lock of a removed file.
 
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind::{NotFound, PermissionDenied};
@@ -15,18 +15,18 @@ use std::time::SystemTime;
 use crate::pages::{self, Pages};
 use crate::{Error, Result, entry, regular_file, surfels};
 
-/// Bytes of a sample of a file's content, and how many lie between its ends.
+/// The size of a sample of a file's content in bytes, and the number of samples between those at its ends.
 const SAMPLE_BYTES: usize = 64 << 10;
 const INNER_SAMPLES: u64 = 4;
 
-/// Where indexes are kept.
+/// The folder of indexes and its limit.
 #[derive(Clone, Debug)]
 pub struct Cache {
     folder: PathBuf,
     limit: u64,
 }
 
-/// What a set of files was when it was looked at.
+/// The identity of a set of files when they were looked at.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Identity {
     pub key: u128,
@@ -48,7 +48,7 @@ impl Stamp {
 }
 
 impl Identity {
-    /// Paths, sizes, times and samples of the contents.
+    /// Hashes paths, sizes, times and samples of the contents.
     pub fn of(inputs: &[Arc<codec::Source>]) -> Result<Self> {
         let mut hash = Fnv::new();
         hash.add(&pages::VERSION.to_le_bytes());
@@ -71,7 +71,7 @@ impl Identity {
         self.stamps.iter().map(|stamp| stamp.path.as_path())
     }
 
-    /// The first file that is not what it was.
+    /// The first file that has changed since.
     pub fn changed(&self) -> Option<&Path> {
         let changed = |stamp: &&Stamp| Stamp::of(&stamp.path).ok().as_ref() != Some(*stamp);
         self.stamps.iter().find(changed).map(|stamp| stamp.path.as_path())
@@ -92,7 +92,7 @@ fn add_samples(hash: &mut Fnv, path: &Path, length: u64) -> std::io::Result<()> 
     Ok(())
 }
 
-/// FNV-1a of 128 bits. Nobody gains by a collision in their own cache.
+/// FNV-1a with 128 bits. Nobody gains by a collision in their own cache.
 struct Fnv(u128);
 
 impl Fnv {
@@ -112,7 +112,8 @@ pub(crate) fn lock_path(entry: &Path) -> PathBuf {
     entry.with_extension("lock")
 }
 
-/// The file under this name is still the open one. Elsewhere than on Unix lock files stay, so it always is.
+/// Whether the open file is still the one with this name. Lock files are removed on Unix only, so elsewhere it always
+/// is.
 #[cfg(unix)]
 pub(crate) fn is_current(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt as _;
@@ -129,7 +130,7 @@ pub(crate) fn is_current(_: &File, _: &Path) -> bool {
 }
 
 impl Cache {
-    /// Keeps up to `limit` bytes in a folder, which is made when it is needed.
+    /// Keeps up to `limit` bytes in `folder`, which is made when it is needed.
     pub fn new(folder: PathBuf, limit: u64) -> Self {
         Self { folder, limit }
     }
@@ -142,7 +143,7 @@ impl Cache {
         self.folder.join(format!("{:032x}", identity.key))
     }
 
-    /// The index of these files, if there is one; what is damaged counts as missing.
+    /// The index of these files, if there is one; a damaged one counts as missing.
     ///
     /// # Errors
     /// If the files cannot be read.
@@ -155,25 +156,25 @@ impl Cache {
         if !entry::is_own(&entry) || !regular_file::is_there(&entry.join(pages::NODES)) {
             return Ok(None);
         }
-        // A folder that cannot be written to, or without locks, can be read all the same: nobody clears it then.
+        // An entry in a folder that cannot be written to, or without locks, can still be read: nobody clears it then.
         let lock = self.lock_file(&entry).ok().or_else(|| regular_file::open_regular(&lock_path(&entry)).ok());
         if let Some(lock) = &lock {
             if let Err(TryLockError::WouldBlock) = lock.try_lock_shared() {
                 // Somebody builds or clears it.
                 return Ok(None);
             }
-            // When it was last used; a clock that cannot be set only makes the order of clearing worse.
+            // The lock file's time is the time of last use. If it cannot be set, only the order of clearing suffers.
             let _ = lock.set_modified(SystemTime::now());
         }
         let opened = Pages::open_locked(&entry, None);
-        // Renamed meanwhile: what was opened may be another's.
+        // The entry was renamed meanwhile: the files opened may belong to another one.
         if lock.as_ref().is_some_and(|lock| !is_current(lock, &lock_path(&entry))) {
             return Ok(None);
         }
         match opened.map(|pages| pages.locked_by(lock)) {
             Ok(pages) if pages.key() == identity.key => Ok(Some(pages.kept_in(self))),
             Ok(_) | Err(Error::Damaged { .. }) => Ok(None),
-            // Made anew it can be read.
+            // It can be read when it has been made anew.
             Err(Error::Io { reason, .. }) if matches!(reason.kind(), NotFound | PermissionDenied) => Ok(None),
             Err(error) => Err(error),
         }
@@ -187,8 +188,8 @@ impl Cache {
         file.map_err(|error| Error::not_written(&self.folder, error))
     }
 
-    /// Has the entry alone; `None` if somebody else has it. Where files cannot be locked everybody has it: two who build
-    /// the same then disturb each other, and one of them says so.
+    /// Locks an entry exclusively; `None` if somebody else has locked it. Where files cannot be locked everybody gets
+    /// the entry: two who build the same one then disturb each other, and one of them reports it.
     pub(crate) fn try_lock(&self, entry: &Path) -> Result<Option<File>> {
         let file = self.lock_file(entry)?;
         match file.try_lock() {
@@ -198,22 +199,23 @@ impl Cache {
         }
     }
 
-    /// Renames an entry that is damaged but still open somewhere, so that it can be made anew at once; it is cleared when
-    /// nobody has it open any more. Where open files cannot be renamed a builder waits for that instead.
+    /// Renames an entry that is damaged but still open somewhere, so that it can be made anew at once. The renamed
+    /// entry is cleared when nobody has it open any more. Where open files cannot be renamed, a builder waits for that
+    /// instead.
     pub(crate) fn set_aside(&self, entry: &Path, identity: &Identity) {
         if !cfg!(unix) {
             return;
         }
-        // One at a time: what one has set aside, the next must not look at as if it were still there.
+        // One at a time: a second one must not look at an entry that the first has just set aside.
         let Some(_turn) = self.no_setting_aside() else { return };
-        // Nobody builds it.
+        // A shared lock shows that nobody builds the entry.
         let lock = regular_file::open_regular(&lock_path(entry)).ok().filter(|lock| lock.try_lock_shared().is_ok());
         if let Some(lock) = lock.filter(|lock| is_current(lock, &lock_path(entry))) {
             self.set_locked_aside(entry, identity, &lock);
         }
     }
 
-    /// While the file is kept, no entry is set aside. `None` where that cannot be had.
+    /// Prevents entries from being set aside while the file is kept. `None` where the file cannot be locked.
     pub(crate) fn no_setting_aside(&self) -> Option<File> {
         let path = self.folder.join("aside.lock");
         regular_file::check_writable(&path).ok()?;
@@ -221,7 +223,7 @@ impl Cache {
         turn.ok().filter(|turn| turn.lock().is_ok())
     }
 
-    /// While its lock is shared.
+    /// Sets an entry aside; the caller holds a shared lock of it.
     fn set_locked_aside(&self, entry: &Path, identity: &Identity, _lock: &File) {
         let is_missing = |error: &Error| match error {
             Error::Io { reason, .. } => matches!(reason.kind(), NotFound | PermissionDenied),
@@ -232,7 +234,7 @@ impl Cache {
             Err(error) => is_missing(&error),
         };
         let aside = self.aside(entry);
-        // The lock goes last: until then nobody else can have the entry alone.
+        // The lock is renamed last: until then nobody else can lock the entry exclusively.
         if is_useless
             && entry::is_own(entry)
             && !regular_file::is_there(&aside)
@@ -243,7 +245,7 @@ impl Cache {
         }
     }
 
-    /// A name that no entry has, for one that is to make room for another.
+    /// A name that no entry has, for one that makes room for another.
     pub(crate) fn aside(&self, entry: &Path) -> PathBuf {
         let mut name = Fnv::new();
         name.add(entry.as_os_str().as_encoded_bytes());
@@ -253,8 +255,8 @@ impl Cache {
         self.folder.join(format!("{:032x}", name.0))
     }
 
-    /// Forgets an index that turned out to be damaged: the next one who asks for it makes it anew. If only its normals and
-    /// radii are damaged, only they are forgotten.
+    /// Forgets an index that turned out to be damaged: it is made anew for the next caller who asks for it. If only its
+    /// normals and radii are damaged, only they are forgotten.
     pub fn discard(&self, pages: Pages) {
         if pages.has_bad_surfels_only() {
             let path = pages.folder().join(surfels::SURFELS);
@@ -262,16 +264,16 @@ impl Cache {
             let _ = std::fs::remove_file(path);
             return;
         }
-        // The rest goes when it is made anew: others may still read it.
+        // The other files are removed when the index is made anew: others may still read them.
         let _ = std::fs::remove_file(pages.folder().join(pages::NODES));
     }
 
-    /// Bytes of all entries.
+    /// The size of all entries in bytes.
     pub fn size(&self) -> u64 {
         self.entries().iter().map(|entry| entry.bytes).sum()
     }
 
-    /// Clears entries, least recently opened first, until `bytes` more find room. Leaves those that are open.
+    /// Clears entries, least recently opened first, until there is room for `bytes` more. Leaves those that are open.
     pub(crate) fn make_room(&self, bytes: u64) {
         self.clear_remains();
         let mut entries = self.entries();
@@ -287,7 +289,7 @@ impl Cache {
         }
     }
 
-    /// Clears the entry in that folder; false if it is still there because somebody has it open.
+    /// Clears the entry in that folder. Returns false if it is still there because somebody has it open.
     pub fn remove(&self, entry: &Path) -> bool {
         entry.parent() == Some(&self.folder) && entry::is_own(entry) && self.clear_entry(entry)
     }
@@ -300,7 +302,8 @@ impl Cache {
         self.clear_remains();
     }
 
-    /// Clears what is no index and will be none: of builders that were killed, set aside, and lock files of nothing.
+    /// Clears folders and files that are not and will never be an index: those of builders that were killed, entries
+    /// set aside, and lock files without an entry.
     fn clear_remains(&self) {
         for entry in self.entries() {
             if !regular_file::is_there(&entry.path.join(pages::NODES)) {
@@ -329,7 +332,7 @@ impl Cache {
         is_gone
     }
 
-    /// What cannot be read counts as not there.
+    /// The entries of the folder; those that cannot be read are left out.
     fn entries(&self) -> Vec<Entry> {
         let Ok(folder) = std::fs::read_dir(&self.folder) else { return Vec::new() };
         let entry = |path: PathBuf| {
@@ -340,7 +343,7 @@ impl Cache {
     }
 }
 
-/// As lock files are.
+/// Whether the path is an empty regular file, as lock files are.
 fn is_empty_file(path: &Path) -> bool {
     std::fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0)
 }
@@ -351,7 +354,7 @@ struct Entry {
     used: SystemTime,
 }
 
-/// Bytes of the files in a folder and those below it.
+/// The size in bytes of all files in a folder and below it.
 pub(crate) fn bytes_in(folder: &Path) -> u64 {
     let Ok(items) = std::fs::read_dir(folder) else { return 0 };
     let bytes = |item: std::fs::DirEntry| match item.metadata() {

@@ -1,4 +1,4 @@
-//! The nodes of a COPC file as pages: nothing has to be made, only the order of points within a node.
+//! Reads the nodes of a COPC file as pages: no index has to be made, only the points within a node are reordered.
 
 use std::sync::Arc;
 
@@ -14,21 +14,21 @@ use crate::{Node, NodeId, Octree, Result};
 pub struct CopcPages {
     source: Arc<Source>,
     selection: Selection,
-    /// Columns of the selection among those of the file.
+    /// The indices of the selected columns among those of the file.
     columns: Vec<usize>,
-    /// As the octree's.
+    /// The nodes, in the octree's order.
     nodes: Vec<CopcNode>,
 }
 
 impl CopcPages {
-    /// Chunks get the attributes of these `columns` of the file, in their order.
+    /// `columns` are the indices of the file's attributes that chunks get, in their order.
     pub fn new(source: Arc<Source>, nodes: Vec<CopcNode>, columns: Vec<usize>) -> Self {
         let attributes = (0..source.info().attributes.len()).map(|index| columns.contains(&index)).collect();
         let selection = Selection { positions: true, colors: source.info().has_colors, normals: false, attributes };
         Self { source, selection, columns, nodes }
     }
 
-    /// Bytes of a node in the file.
+    /// The size of a node in the file in bytes.
     pub fn page_bytes(&self, node: usize) -> usize {
         self.nodes[node].bytes as usize
     }
@@ -53,13 +53,13 @@ pub fn octree(copc: &Copc, grid: &Grid, header_bounds: Option<Bounds>) -> Octree
         let common = header_bounds
             .map(|header| Bounds { min: header.min.max(cube.min), max: header.max.min(cube.max) })
             .unwrap_or(cube);
-        // Headers that round, or lie.
+        // They have nothing in common where headers round, or lie.
         if common.is_empty() { cube } else { common }
     };
     let mut nodes: Vec<Node> = Vec::with_capacity(copc.nodes.len());
     let mut first_point = 0;
     for (index, node) in copc.nodes.iter().enumerate() {
-        // Nodes come level by level, sorted by their cell, and every parent is there.
+        // Nodes come level by level, sorted by their cell, and every parent is in the list.
         let parent = (node.level > 0).then(|| {
             let parent = (node.level - 1, node.cell.map(|cell| cell / 2));
             copc.nodes.binary_search_by_key(&parent, |node| (node.level, node.cell)).unwrap_or(0)
@@ -95,7 +95,7 @@ fn cube(corner: DVec3, width: f64, level: u32, cell: [u32; 3]) -> Bounds {
     Bounds { min, max: min + width }
 }
 
-/// Points of a chunk in the order that pages keep.
+/// The points of a chunk in the order that pages keep.
 fn in_batches(chunk: &Chunk, cube: &Bounds) -> Vec<u32> {
     let cells = f64::from(1_u32 << KEY_LEVELS);
     let factor = cells / (cube.max.x - cube.min.x);

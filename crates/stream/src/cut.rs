@@ -1,9 +1,10 @@
-//! The cut: which nodes a view needs, and how many batches of each, under a point and byte budget.
+//! The cut: the nodes that a view needs, and the number of batches of each, within a budget of points and bytes.
 //!
-//! A *measure* says how far apart, in pixels, the points of a node come to lie on the screen: 0 where the node does not matter.
-//! It is any function, so that a mirror can ask by reflected size; [`ViewMeasure`] is that of a camera. A node is wanted where the
-//! points of its parent would lie further apart than the finest distance asked for, and the coarsest places come first. That
-//! order does not depend on the budget: a larger one only goes further along it, so more budget never shows less of any place.
+//! A *measure* says how far apart, in pixels, the points of a node are on the screen; 0 where the node does not matter.
+//! It can be any function, so that a mirror can ask by reflected size; [`ViewMeasure`] is that of a camera. A node is
+//! wanted where the points of its parent are further apart than the finest distance asked for, and the coarsest places
+//! come first. That order does not depend on the budget: a larger budget only goes further along it, so it never shows
+//! less of any place.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -13,46 +14,47 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::{BATCHES, Node, NodeId, Octree, prefix};
 
-/// What may be used at most.
+/// The most that a cut may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
     pub points: u64,
-    /// Of decoded points.
+    /// The size of the decoded points in bytes.
     pub bytes: u64,
 }
 
 /// A cloud that a cut is made of.
 #[derive(Clone, Copy, Debug)]
 pub struct Tree<'a> {
-    /// What the caller calls it.
+    /// The caller's number of the cloud.
     pub cloud: usize,
     pub octree: &'a Octree,
-    /// Bytes of one decoded point, without `exact_positions`.
+    /// The size of one decoded point in bytes, without `exact_positions`.
     pub point_bytes: u64,
 }
 
-/// A part of a cut.
+/// A node of a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wanted {
     pub cloud: usize,
     pub node: NodeId,
-    /// 1 ..= [`BATCHES`].
+    /// The number of batches, 1 ..= [`BATCHES`].
     pub batches: usize,
 }
 
 /// A node whose parent is in the cut. The greatest comes next.
 struct Candidate {
-    /// Pixels between the parent's points; infinite for a root.
+    /// The distance between the parent's points in pixels; infinite for a root.
     pixels: f64,
     level: u8,
-    /// Place in the list of trees.
+    /// The index in the list of trees.
     tree: usize,
     node: NodeId,
 }
 
 impl Ord for Candidate {
     fn cmp(&self, other: &Self) -> Ordering {
-        // Coarse levels first, then in the order of trees and nodes: the same cut whatever order the heap is filled in.
+        // Coarse levels first, then the order of trees and nodes: the cut does not depend on the order in which the
+        // heap is filled.
         let rest = |c: &Self| (c.level, c.tree, c.node);
         self.pixels.total_cmp(&other.pixels).then_with(|| rest(other).cmp(&rest(self)))
     }
@@ -73,7 +75,8 @@ impl PartialEq for Candidate {
 impl Eq for Candidate {}
 
 impl Budget {
-    /// Batches of a node that fit, and takes them out. All of them, or as many as there is room for.
+    /// Takes the batches of a node out of the budget: all of them, or as many as there is room for. Returns their
+    /// number.
     fn take(&mut self, points: u32, batches: usize, point_bytes: u64) -> usize {
         let fits = |batches: usize| {
             let points = prefix(points as usize, batches) as u64;
@@ -87,12 +90,12 @@ impl Budget {
     }
 }
 
-/// The cut of all trees together: parents before children, coarse to fine; the last may be a part of a node's batches. Each
-/// root is in it whatever its measure, so that no cloud is ever without points; where not even the roots fit, each gives the same
-/// number of batches.
+/// The cut of all trees together: parents before children, coarse to fine; the last node may have only a part of its
+/// batches. Each root is in it whatever its measure, so that no cloud is ever without points; if not even the roots
+/// fit, each gives the same number of batches.
 ///
-/// `measure` gets the tree's `cloud`, the tree and a node, and gives the distance in pixels between neighbouring points of the
-/// node's level; 0 or NaN: not wanted. Takes a few milliseconds for 100 thousand nodes.
+/// `measure` receives the tree's `cloud`, the tree and a node, and returns the distance in pixels between neighbouring
+/// points of the node's level; nodes with 0 or NaN are not wanted. Takes a few milliseconds for 100 thousand nodes.
 pub fn choose(
     trees: &[Tree],
     measure: impl Fn(usize, &Octree, &Node) -> f64,
@@ -129,7 +132,7 @@ pub fn choose(
     cut
 }
 
-/// Batches that each root can give.
+/// The number of batches that each root can give.
 fn root_batches(trees: &[Tree], budget: Budget) -> usize {
     let fits = |batches: usize| {
         let (mut points, mut bytes) = (0_u64, 0_u64);
@@ -156,41 +159,42 @@ fn add_children(
     let Tree { cloud, octree, .. } = trees[tree];
     for id in parent.children.into_iter().flatten() {
         let node = octree.node(id);
-        // The parent's points lie twice as far apart as the node's own.
+        // The parent's points are twice as far apart as the node's own.
         let pixels = 2.0 * measure(cloud, octree, node);
         if pixels > finest_pixels && pixels > 0.0 {
-            // Nothing matters more than what it is a part of.
+            // No node is more urgent than its parent.
             let pixels = pixels.min(parent_pixels);
             heap.push(Candidate { pixels, level: node.level, tree, node: id });
         }
     }
 }
 
-/// The measure of a camera: the distance between a node's points as seen at the nearest place of its bounds.
+/// The measure of a camera: the distance between a node's points at the nearest place of its bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewMeasure {
-    /// World coordinates.
+    /// The position in world coordinates.
     eye: DVec3,
-    /// Normals, into the picture, and offsets: a position `p` is seen where `normal.dot(p - eye) >= offset` for all.
+    /// Normals, which point into the picture, and offsets: a position `p` is in view where `normal.dot(p - eye) >=
+    /// offset` for all.
     planes: Vec<(DVec3, f64)>,
     scale: PixelScale,
-    /// Weight of nodes outside of the picture, 0 to 1.
+    /// The weight of nodes outside the picture, 0 to 1.
     unseen: f64,
 }
 
 /// How large things appear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum PixelScale {
-    /// Perspective.
+    /// Perspective: pixels per radian.
     PerRadian(f64),
     /// Parallel rays: pixels per world unit.
     PerUnit(f64),
 }
 
 impl ViewMeasure {
-    /// `view_from_world` has the rows right, up and forward, as `scene::Camera` gives them; `tangents` are those of half of the
-    /// picture's angles (half its width and height at a distance of 1); `height` is the picture's, in pixels. `unseen` is how much
-    /// nodes outside of the picture count, 0 to 1.
+    /// `view_from_world` has the rows right, up and forward, as `scene::Camera` gives them. `tangents` are those of
+    /// half the picture's angles (half its width and height at a distance of 1). `height` is the picture's height in
+    /// pixels. `unseen` is the weight of nodes outside the picture, 0 to 1.
     pub fn perspective(eye: DVec3, view_from_world: DMat3, tangents: DVec2, height: f64, unseen: f64) -> Self {
         let [right, up, forward] = rows(view_from_world);
         let planes = vec![
@@ -204,7 +208,8 @@ impl ViewMeasure {
         Self { eye, planes, scale: PixelScale::PerRadian(per_radian), unseen: unseen.clamp(0.0, 1.0) }
     }
 
-    /// Parallel rays. `half` is half the picture's width and height in world units; what lies behind the eye is seen, too.
+    /// A view with parallel rays. `half` is half the picture's width and height in world units. Points behind the eye
+    /// are in view, too.
     pub fn parallel(eye: DVec3, view_from_world: DMat3, half: DVec2, height: f64, unseen: f64) -> Self {
         let [right, up, _] = rows(view_from_world);
         let planes = vec![(right, -half.x), (-right, -half.x), (up, -half.y), (-up, -half.y)];
@@ -212,7 +217,8 @@ impl ViewMeasure {
         Self { eye, planes, scale: PixelScale::PerUnit(per_unit), unseen: unseen.clamp(0.0, 1.0) }
     }
 
-    /// Pixels between neighbouring points of the node's level, where it is nearest; less by `unseen` outside of the picture.
+    /// The distance in pixels between neighbouring points of the node's level, where it is nearest; weighted by
+    /// `unseen` outside the picture.
     pub fn pixels(&self, octree: &Octree, node: &Node) -> f64 {
         if node.bounds.is_empty() {
             return 0.0;
@@ -222,14 +228,14 @@ impl ViewMeasure {
             PixelScale::PerUnit(scale) => scale * spacing,
             PixelScale::PerRadian(scale) => {
                 let nearest = self.eye.clamp(node.bounds.min, node.bounds.max);
-                // Nearer than one spacing there is nothing to see of it: about the eye all levels count the same.
+                // The eye is never nearer than one spacing, so all levels count the same around it.
                 scale * spacing / nearest.distance(self.eye).max(spacing)
             }
         };
         if self.is_seen(node.bounds) { pixels } else { pixels * self.unseen }
     }
 
-    /// Whether any of the box may lie in the picture.
+    /// Whether a part of the box may lie in the picture.
     fn is_seen(&self, bounds: Bounds) -> bool {
         self.planes.iter().all(|(normal, offset)| {
             let furthest = DVec3::select(normal.cmpge(DVec3::ZERO), bounds.max, bounds.min);

@@ -11,7 +11,7 @@ fn trees(octrees: &[Octree]) -> Vec<Tree<'_>> {
     octrees.iter().enumerate().map(|(cloud, octree)| Tree { cloud, octree, point_bytes: 20 }).collect()
 }
 
-/// Looking down -z from above the corner of a cube of width 1024.
+/// A view down -z from `eye`, above the corner of a cube of width 1024.
 fn view(eye: DVec3, unseen: f64) -> ViewMeasure {
     let down = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::NEG_Z).transpose();
     ViewMeasure::perspective(eye, down, DVec2::new(1.0, 1.0), 1000.0, unseen)
@@ -94,7 +94,7 @@ fn a_node_is_wanted_where_its_parents_points_lie_too_far_apart() {
     let chosen = |id| cut.iter().any(|wanted| wanted.node == id);
     let mut coarse = 0;
     for (id, node) in octrees[0].ids().skip(1) {
-        // The tree is regular and the measure falls towards the leaves: no parent stands in the way.
+        // The tree is regular and the measure falls towards the leaves: every parent of a wanted node is wanted.
         assert_eq!(chosen(id), 2.0 * view.pixels(&octrees[0], node) > finest, "{id:?}");
         coarse += usize::from(!chosen(id));
     }
@@ -104,7 +104,7 @@ fn a_node_is_wanted_where_its_parents_points_lie_too_far_apart() {
 #[test]
 fn the_nearest_and_the_seen_are_finest() {
     let octrees = [filled(5, 1000)];
-    // Over the corner at the origin, looking down: what lies at x or y above 600 is out of the picture.
+    // The eye is over the corner at the origin and looks down: places at x or y above 600 are out of the picture.
     let eye = DVec3::new(100.0, 100.0, 1500.0);
     let view = view(eye, 0.25);
     let cut = choose(&trees(&octrees), by_view(&view), Budget { points: 400_000, bytes: u64::MAX }, 0.0);
@@ -136,7 +136,7 @@ fn unseen_nodes_count_as_much_as_they_are_told_to() {
     assert!(seen > 0.0);
     assert!((unseen(0.3) / seen - 0.3).abs() < 1e-12);
     assert_eq!(unseen(0.0), 0.0);
-    // Nothing but the root of what is not seen at all, and the root always.
+    // Of a tree out of view only the root is chosen, but that always.
     let view = ViewMeasure::perspective(eye, up, DVec2::ONE, 1000.0, 0.0);
     let octrees = [octree];
     assert_eq!(choose(&trees(&octrees), by_view(&view), EVERYTHING, 0.0).len(), 1);
@@ -170,7 +170,7 @@ fn a_picture_sees_boxes_that_reach_into_it() {
 
 #[test]
 fn another_measure_chooses_other_nodes() {
-    // As seen in a mirror in the plane x = 0: from the eye's mirror image, and nothing counts that is not there.
+    // The view in a mirror in the plane x = 0: from the eye's mirror image, without nodes that are not seen in it.
     let octrees = [filled(4, 1000)];
     let budget = Budget { points: 60_000, bytes: u64::MAX };
     let finest_near = |eye: DVec3| {
@@ -227,7 +227,7 @@ fn a_camera_that_moves_a_little_changes_little() {
         choose(&trees(&octrees), by_view(&view), budget, 0.0).into_iter().map(|wanted| wanted.node).collect()
     };
     let before = cut(400.0);
-    // A tenth of a percent of the distance to what is seen.
+    // The eye moves by a tenth of a percent of its distance.
     let after = cut(400.2);
     let changed = before.symmetric_difference(&after).count();
     assert!(before.len() > 400 && changed * 20 < before.len(), "{changed} of {}", before.len());

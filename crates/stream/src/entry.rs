@@ -1,9 +1,10 @@
-//! The folder of one index in the cache: how it is told from the folder of another program, and what is deleted in it.
+//! The folder of one index in the cache: how it is distinguished from folders of other programs, and what may be
+//! deleted in it.
 //!
-//! The cache may lie anywhere, also where it was not meant to: in a folder with other things in it, or with links to them. So a
-//! folder counts as an entry only if it is no link, has the name of an entry and in it the marker that is the first thing
-//! written there; and only names that this program makes are deleted, one by one. Versions before the marker left none:
-//! their entries are known by the first bytes of `nodes`. What they left unfinished has neither and stays.
+//! The cache may lie anywhere, even by mistake in a folder that holds other things or links to them. So a folder counts
+//! as an entry only if it is no link, has the name of an entry and contains the marker, which is the first file written
+//! there; and only names that this program makes are deleted, one by one. Versions before the marker wrote none: their
+//! entries are recognised by the first bytes of `nodes`. Entries that they left unfinished have neither and stay.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read as _, Write as _};
@@ -12,15 +13,15 @@ use std::path::Path;
 use crate::regular_file::{is_there, kind, open_regular};
 use crate::{Error, Result, pages, surfels};
 
-/// Where an index is made, within its entry.
+/// The folder within an entry in which an index is made.
 pub const BUILDING: &str = "building";
-/// The records of all points while an index is made, within `BUILDING`.
+/// The file in `BUILDING` that holds the records of all points while an index is made.
 pub const RECORDS: &str = "records";
-/// Says that the folder is an entry of the cache.
+/// The file that marks a folder as an entry of the cache.
 pub const MARKER: &str = "glint-index";
 const MARKER_TEXT: &[u8] = b"glint makes this folder again from the point clouds; it may be deleted\n";
 
-/// Named like an entry.
+/// Whether the path has the name of an entry.
 pub fn has_key(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     name.len() == 32 && name.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
@@ -37,7 +38,7 @@ pub fn is_own(entry: &Path) -> bool {
     has_key(entry) && kind(entry).is_some_and(|kind| kind.is_dir()) && is_marked()
 }
 
-/// Makes an empty entry, of what is left of an earlier one if there is one.
+/// Makes an empty entry; clears what an earlier one left there.
 ///
 /// # Errors
 /// `InTheWay` if something else has its name, `NotWritten`.
@@ -46,7 +47,7 @@ pub fn start(entry: &Path, aside: &Path) -> Result<()> {
     if is_own(entry) {
         clear(entry);
         if names().any(|(_, name)| is_there(&entry.join(name))) {
-            // A folder with something in it has the name of a file: it is kept.
+            // A folder with other content has the name of one of our files: it is kept.
             std::fs::rename(entry, aside).map_err(io)?;
         }
     }
@@ -68,20 +69,22 @@ pub fn start(entry: &Path, aside: &Path) -> Result<()> {
     std::fs::create_dir(entry.join(BUILDING)).map_err(io)
 }
 
-/// All names that are made in an entry but the marker, and whether they are folders; what is in a folder comes before it.
+/// The names of all files and folders in an entry except the marker, each with whether it is a folder. The content of a
+/// folder comes before the folder.
 fn names() -> impl Iterator<Item = (bool, String)> {
-    // `nodes` goes first: what is left of an entry that cannot be cleared whole must not look like one.
+    // `nodes` is deleted first: an entry that cannot be cleared whole must not look like an index.
     let files = [pages::NODES, pages::UNFINISHED, pages::PAGES].into_iter().chain(surfels::NAMES).map(String::from);
     let building = [RECORDS, pages::PAGES].map(|name| format!("{BUILDING}/{name}"));
     files.chain(building).map(|name| (false, name)).chain([(true, BUILDING.to_owned())])
 }
 
-/// Deletes what this program has made in an entry of its own, and the entry if nothing else is in it; whether it is gone.
+/// Deletes what this program has made in one of its entries, and the entry itself if it holds nothing else. Returns
+/// whether the entry is gone.
 pub fn clear(entry: &Path) -> bool {
     if !is_own(entry) {
         return !is_there(entry);
     }
-    // A link that was put in the place of the folder is not gone through.
+    // If a link has replaced the folder, it is not followed.
     let is_building = kind(&entry.join(BUILDING)).is_some_and(|kind| kind.is_dir());
     for (is_folder, name) in names().filter(|(_, name)| is_building || !name.contains('/')) {
         let path = entry.join(name);

@@ -1,40 +1,40 @@
-//! What can go wrong with pages.
+//! The errors of making and reading an index.
 
 use std::path::{Path, PathBuf};
 
-/// What is wrong and where. Messages are for people: one or two lines.
+/// Says what is wrong and where, in one or two lines for people.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The message has the reason, so that is not a source: it would be told twice.
+    /// The message contains the reason. So the reason is not given as `source` as well: it would be printed twice.
     #[error("{path}: {reason}")]
     Io { path: PathBuf, reason: std::io::Error },
-    /// A file of the cache; `of_cache` puts the cache's own folder in the place of its name.
+    /// A file of the cache cannot be written; `of_cache` replaces its name by the cache's own folder.
     #[error(
         "{path}: the cache cannot be written: {}; GLINT_CACHE_DIR can name another folder",
         codec::why_unwritten(reason)
     )]
     NotWritten { path: PathBuf, reason: std::io::Error },
-    /// Pages that are not what was written: they are made again, never trusted.
+    /// The pages on disk are not those that were written. They are made again, never trusted.
     #[error("{path}: {problem}")]
     Damaged { path: PathBuf, problem: String },
     #[error(transparent)]
     Input(#[from] codec::Error),
-    /// A page that does not belong to its tree.
+    /// A page does not belong to its tree.
     #[error("a page has {found} points instead of {expected}")]
     PageSize { found: u64, expected: u64 },
-    /// A decoder that cannot cope with what it was given.
+    /// A decoder could not cope with its input.
     #[error("reading a page came to an unexpected end: {0}")]
     Panicked(String),
-    /// Whole nodes are read, and this one does not fit.
+    /// Nodes are read whole, and this one does not fit in memory.
     #[error("a node takes {} MiB, half of the memory for points is {} MiB: stream.host_bytes is too small for it", bytes >> 20, budget >> 21)]
     TooLarge { bytes: u64, budget: u64 },
-    /// What is kept of all nodes while an index is made grows with the points.
+    /// While an index is made, the tables of its nodes and blocks stay in memory; they grow with the number of points.
     #[error("an index of {points} points takes {} MiB besides the points at hand, the memory for making it is {} MiB: stream.host_bytes is too small for it", needed >> 20, budget >> 20)]
     TooMany { points: u64, needed: u64, budget: u64 },
-    /// Nothing to make pages of.
+    /// The input has no points to make pages of.
     #[error("{path}: no points")]
     Empty { path: PathBuf },
-    /// A file that was written to while its pages were made.
+    /// A file was written to while its pages were made.
     #[error("{path}: the file was changed while it was read; open it again when it is complete")]
     Changed { path: PathBuf },
     #[error(
@@ -43,7 +43,7 @@ pub enum Error {
         needed / 1_000_000 + 1
     )]
     Full { folder: PathBuf, needed: u64 },
-    /// Something that this program has not made has the name of an index.
+    /// A file or folder that this program did not make has the name of an index.
     #[error("{path}: this is in the place of an index, and not one that glint has made: move it away or delete it")]
     InTheWay { path: PathBuf },
     #[error("cancelled")]
@@ -61,13 +61,13 @@ impl Error {
         Self::NotWritten { path: path.to_owned(), reason }
     }
 
-    /// There is no more room for what was to be written.
+    /// Whether the disk or a quota is full.
     pub(crate) fn is_full(&self) -> bool {
         use std::io::ErrorKind::{QuotaExceeded, StorageFull};
         matches!(self, Self::NotWritten { reason, .. } if matches!(reason.kind(), StorageFull | QuotaExceeded))
     }
 
-    /// Of what cannot be written the folder that a person knows, instead of a file in it.
+    /// Replaces the name of a file that cannot be written by the folder of the cache, which a person knows.
     pub(crate) fn of_cache(self, folder: &Path) -> Self {
         match self {
             Self::NotWritten { reason, .. } => Self::not_written(folder, reason),

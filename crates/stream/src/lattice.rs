@@ -1,21 +1,21 @@
-//! Integer coordinates of points, and the cells of the octree they lie in.
+//! Integer coordinates of points, and the cells of the octree in which they lie.
 
 use cloud::Grid;
 use glam::DVec3;
 
-/// Levels of cells that places tell apart: a place has as many bits per axis.
+/// The number of cell levels that a place distinguishes; it has as many bits per axis.
 pub const DEPTH: u8 = 42;
-/// Levels that one key tells apart.
+/// The number of levels that one key distinguishes.
 pub const KEY_LEVELS: u8 = 21;
 const KEY_MASK: u64 = (1 << KEY_LEVELS) - 1;
 
-/// The lattice all points of an index lie on, `offset + integer * scale`, and the root's cube.
+/// The lattice on which all points of an index lie, `offset + integer * scale`, and the root's cube.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lattice {
     pub grid: Grid,
-    /// Lower corner of the root's cube, world coordinates.
+    /// The lower corner of the root's cube, in world coordinates.
     pub corner: DVec3,
-    /// Width of the root's cube, world units.
+    /// The width of the root's cube in world units.
     pub width: f64,
 }
 
@@ -24,7 +24,7 @@ impl Lattice {
         DVec3::from(at.map(|value| value as f64)) * self.grid.scale + self.grid.offset
     }
 
-    /// From lattice steps to places.
+    /// The conversion from lattice steps to places.
     pub fn placing(&self) -> Placing {
         let cells = f64::from(DEPTH).exp2() / self.width;
         Placing {
@@ -42,11 +42,11 @@ pub struct Placing {
 }
 
 impl Placing {
-    /// What lies outside of the cube counts to the cells at its sides.
+    /// The place of a point; points outside the cube count to the cells at its sides.
     #[inline]
     pub fn place(&self, at: [i64; 3]) -> [u64; 3] {
         const LAST: u64 = (1 << DEPTH) - 1;
-        // `as` makes negative numbers 0.
+        // `as` turns negative numbers into 0.
         std::array::from_fn(|axis| ((at[axis] as f64 * self.factor[axis] + self.start[axis]) as u64).min(LAST))
     }
 
@@ -69,7 +69,7 @@ pub fn below(place: [u64; 3], level: u8) -> [u32; 3] {
     })
 }
 
-/// Rank along the Morton curve: bits of x, y, z in turns, x lowest.
+/// The rank along the Morton curve: bits of x, y, z in turn, x lowest.
 #[inline]
 pub fn morton(at: [u32; 3]) -> u64 {
     #[inline]
@@ -88,25 +88,25 @@ pub fn morton(at: [u32; 3]) -> u64 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Cell {
     pub level: u8,
-    /// Cubes of this level before it, per axis.
+    /// The number of cubes of this level before it, per axis.
     pub at: [u64; 3],
 }
 
 impl Cell {
     pub const ROOT: Self = Self { level: 0, at: [0; 3] };
 
-    /// The cell of `level`, up to its own, that holds it.
+    /// The cell of `level` (its own or above) that contains it.
     pub fn ancestor(self, level: u8) -> Self {
         let up = self.level - level.min(self.level);
         Self { level: self.level - up, at: self.at.map(|value| value >> up) }
     }
 
-    /// `None` for the root.
+    /// The cell above; `None` for the root.
     pub fn parent(self) -> Option<Self> {
         (self.level > 0).then(|| self.ancestor(self.level - 1))
     }
 
-    /// Which of its parent's children it is.
+    /// Its number among its parent's children.
     pub fn octant(self) -> usize {
         (0..3).map(|axis| ((self.at[axis] & 1) as usize) << axis).sum()
     }
@@ -121,7 +121,7 @@ impl Cell {
         (0..levels).rev().fold(self, |cell, level| cell.child((rank >> (3 * level) & 7) as usize))
     }
 
-    /// Sorts cells that do not hold one another along the Morton curve. For levels up to `DEPTH`.
+    /// A key that sorts cells along the Morton curve, if none contains another. For levels up to `DEPTH`.
     pub fn rank(self) -> u128 {
         let aligned = self.at.map(|value| value << (DEPTH - self.level.min(DEPTH)));
         let high = morton(below(aligned, 0));

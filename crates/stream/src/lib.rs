@@ -1,8 +1,10 @@
-//! Clouds larger than memory: an octree of pages on disk, which of them a view needs, and their way into memory under a budget.
+//! Streams clouds that are larger than memory: an octree of pages on disk, the choice of the pages that a view needs,
+//! and a thread that loads them within a budget.
 //!
-//! An [`Octree`] says where points lie and how many; [`Pages`] reads the points of one of its nodes. Each point is stored once:
-//! inner nodes hold an even subset of what lies in their cube, and what is drawn of a place is all nodes from the root down to
-//! where the view stops. A page's points come in batches: any prefix of them is an even subset, too.
+//! An [`Octree`] says where the points lie and how many there are; [`Pages`] reads the points of one of its nodes. Each
+//! point is stored once: an inner node holds an even subset of the points in its cube, and a place is drawn from all
+//! nodes from the root down to the level at which the view stops. The points of a page come in batches: any prefix of
+//! them is an even subset, too.
 
 mod batches;
 mod buckets;

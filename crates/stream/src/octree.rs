@@ -1,34 +1,34 @@
-//! Where points lie in a tree of cubes, and how many: all that is known of a cloud before its pages are read.
+//! Where points lie in a tree of cubes and how many there are: all that is known of a cloud before its pages are read.
 
 use cloud::Bounds;
 use glam::DVec3;
 
-/// A node of one octree: its place in [`Octree::nodes`].
+/// A node of one octree, as an index into [`Octree::nodes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId(pub u32);
 
-/// A cube and what is stored for it.
+/// A cube and the numbers of the points stored for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// 0 for the root.
+    /// The level in the tree; 0 for the root.
     pub level: u8,
-    /// Of its finite points and those of all nodes below it, world coordinates.
+    /// The bounds of its finite points and those of all nodes below it, in world coordinates.
     pub bounds: Bounds,
-    /// Its own points.
+    /// The number of its own points.
     pub points: u32,
-    /// Its chunk may keep `exact_positions`.
+    /// Whether its chunk may have `exact_positions`.
     pub is_exact: bool,
-    /// Its own points and those of all nodes below it.
+    /// The number of its own points and those of all nodes below it.
     pub total: u64,
-    /// Points of all nodes before it: tells chunks apart.
+    /// The number of points of all nodes before it; identifies the chunk.
     pub first_point: u64,
     pub parent: Option<NodeId>,
-    /// In the octant with bit 0 set for the upper half in x, bit 1 in y, bit 2 in z.
+    /// The child in each octant; bit 0 of the octant is set for the upper half in x, bit 1 in y, bit 2 in z.
     pub children: [Option<NodeId>; 8],
 }
 
 impl Node {
-    /// Bytes of a decoded point, where one without `exact_positions` takes so many.
+    /// The size of a decoded point in bytes; `usual` is the size of one without `exact_positions`.
     pub fn point_bytes(&self, usual: u64) -> u64 {
         usual.saturating_add(if self.is_exact { size_of::<[f64; 3]>() as u64 } else { 0 })
     }
@@ -37,11 +37,11 @@ impl Node {
 /// The nodes of a cloud, parents before their children; the first is the root.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Octree {
-    /// Lower corner of the root's cube, world coordinates.
+    /// The lower corner of the root's cube, in world coordinates.
     pub corner: DVec3,
-    /// Width of the root's cube, world units.
+    /// The width of the root's cube in world units.
     pub width: f64,
-    /// Distance between neighbouring points of the root, world units; half of it a level further down.
+    /// The distance between neighbouring points of the root in world units; it halves with each level.
     pub spacing: f64,
     pub nodes: Vec<Node>,
 }
@@ -51,17 +51,17 @@ impl Octree {
         &self.nodes[id.0 as usize]
     }
 
-    /// Points of all nodes.
+    /// The number of points of all nodes.
     pub fn points(&self) -> u64 {
         self.nodes.first().map_or(0, |root| root.total)
     }
 
-    /// Distance between neighbouring points of a node of that level, world units.
+    /// The distance between neighbouring points of a node of that level, in world units.
     pub fn spacing_at(&self, level: u8) -> f64 {
         self.spacing / f64::from(level).exp2()
     }
 
-    /// Nodes with what they are called.
+    /// All nodes with their ids.
     pub fn ids(&self) -> impl Iterator<Item = (NodeId, &Node)> {
         self.nodes.iter().enumerate().map(|(index, node)| (NodeId(index as u32), node))
     }

@@ -1,7 +1,7 @@
-//! The bytes of a page: one column after the other, points in batch order.
+//! The format of a page: one column after the other, points in batch order.
 //!
 //! Positions are lattice integers relative to the page's own corner, with as many bits per axis as its extent needs,
-//! joined to whole bytes: 32 m by 32 m by 8 m on a millimetre grid take 6 bytes a point.
+//! packed into whole bytes: 32 m by 32 m by 8 m on a millimetre grid take 6 bytes a point.
 
 use std::sync::Arc;
 
@@ -11,17 +11,17 @@ use crate::batches;
 use crate::lattice::Lattice;
 use crate::records::{Layout, each_type};
 
-/// Points that decide where the origin of a page is that is larger than that.
+/// The number of points whose median is the origin of a page that is too large for f32 offsets from its middle.
 const MEDIAN_POINTS: usize = 99;
-/// Bytes of a position that is written as it is, three 64-bit integers, because it needs more than 128 bits.
+/// The size in bytes of a position of more than 128 bits: it is written as three 64-bit integers.
 const WIDE: usize = 24;
 
-/// Where the points of a page lie; tells how positions are written, too.
+/// The extent of a page's points; it also determines how their positions are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// Least lattice integers.
+    /// The least lattice integers.
     pub corner: [i64; 3],
-    /// Greatest lattice integers; none is less than that of the corner.
+    /// The greatest lattice integers, never less than those of the corner.
     pub far: [i64; 3],
 }
 
@@ -30,12 +30,12 @@ impl Place {
         self.far[axis].abs_diff(self.corner[axis])
     }
 
-    /// Of each axis, x lowest.
+    /// The number of bits per axis, x lowest.
     fn bits(&self) -> [u32; 3] {
         std::array::from_fn(|axis| u64::BITS - self.extent(axis).leading_zeros())
     }
 
-    /// A point takes.
+    /// The size of a position in bytes.
     fn position_bytes(&self) -> usize {
         match self.bits().iter().sum::<u32>() {
             bits @ 0..=128 => bits.div_ceil(8) as usize,
@@ -43,7 +43,7 @@ impl Place {
         }
     }
 
-    /// Bytes of a page.
+    /// The size of a page in bytes.
     pub fn length(&self, layout: &Layout, points: usize) -> usize {
         points * (self.position_bytes() + layout.widths().sum::<usize>())
     }
@@ -57,7 +57,7 @@ impl Place {
         let steps = |at: [i64; 3]| -> [u64; 3] { std::array::from_fn(|axis| at[axis].abs_diff(self.corner[axis])) };
         match self.position_bytes() {
             0 => {}
-            // Fixed lengths are much faster to copy.
+            // Copying is much faster with a fixed length.
             length @ 1..=8 => at.map(steps).for_each(|[a, b, c]| {
                 let word = (shifted(b, x) | shifted(c, x + y) | a).to_le_bytes();
                 match length {
@@ -77,7 +77,7 @@ impl Place {
         }
     }
 
-    /// Gives the lattice integers of all points, in order.
+    /// Calls `give` with the lattice integers of all points, in order.
     fn read(&self, points: usize, bytes: &[u8], mut give: impl FnMut([i64; 3])) {
         let [x, y, z] = self.bits();
         match self.position_bytes() {
@@ -88,7 +88,8 @@ impl Place {
                     let part = |skip: u32, bits: u32| word.checked_shr(skip).unwrap_or(0) & ones(bits);
                     give(self.at_steps([part(0, x), part(x, y), part(x + y, z)]));
                 };
-                // Eight bytes at once, of which the last belong to the next point; the last points have none.
+                // Reads eight bytes at once, of which the last belong to the next point; the last points are read one
+                // by one.
                 let whole = points.saturating_sub(8usize.div_ceil(length));
                 for index in 0..whole {
                     let mut word = [0; 8];
@@ -112,7 +113,8 @@ impl Place {
         }
     }
 
-    /// What offsets are relative to: half-way, so that they are short; in a page too large for that, where most points are.
+    /// The lattice integers that offsets are relative to: the middle, which keeps offsets short; in a page too large
+    /// for that, the place where most points are.
     fn origin(&self, points: usize, bytes: &[u8]) -> [i64; 3] {
         if self.fits_f32() {
             return self.at_steps([0, 1, 2].map(|axis| self.extent(axis) / 2));
@@ -132,7 +134,7 @@ impl Place {
         })
     }
 
-    /// F32 offsets from the middle lose nothing.
+    /// Whether f32 offsets from the middle are exact.
     pub fn fits_f32(&self) -> bool {
         (0..3).all(|axis| self.extent(axis) < Grid::F32_STEPS)
     }
@@ -146,7 +148,7 @@ fn ones(bits: u32) -> u64 {
     u64::MAX.checked_shr(u64::BITS - bits).unwrap_or(0)
 }
 
-/// A page of `records`, which are in the order of the Morton curve.
+/// Writes a page of `records`, which are in the order of the Morton curve.
 pub fn encode(layout: &Layout, records: &[u8]) -> (Place, Vec<u8>) {
     let stride = layout.stride();
     let points = records.len() / stride;
@@ -165,7 +167,7 @@ pub fn encode(layout: &Layout, records: &[u8]) -> (Place, Vec<u8>) {
     for width in layout.widths() {
         let end = start + width;
         match width {
-            // Fixed lengths are much faster to copy.
+            // Copying is much faster with a fixed length.
             0 => {}
             1 => bytes.extend(ordered().map(|record| record[start])),
             2 => ordered().for_each(|record| bytes.extend_from_slice(&[record[start], record[start + 1]])),
@@ -178,8 +180,8 @@ pub fn encode(layout: &Layout, records: &[u8]) -> (Place, Vec<u8>) {
     (place, bytes)
 }
 
-/// The points of a page. `bytes` are as many as `Place::length` says. `exact`: the lattice is the files' own, so what f32
-/// offsets lose of it is kept beside them.
+/// Reads the points of a page. `bytes` has the length that `Place::length` gives. `exact`: the lattice is the files'
+/// own grid, so the precision that f32 offsets lose is kept beside them.
 pub fn decode(
     layout: &Layout,
     lattice: &Lattice,

@@ -1,9 +1,10 @@
-//! An index that can be read: the octree of a cloud and the points of each of its nodes. A COPC file is one; all others are made:
+//! A readable index: the octree of a cloud and the points of each of its nodes. A COPC file is an index as it is; for
+//! all other files one is made:
 //!
-//! A folder holds two files. `pages` is the points, one page per node. `nodes` says what they are: the lattice, the
-//! attributes and, for each node, where its page lies and what its checksum is. `nodes` is written last and put in place
-//! at once, so an index is whole or not there. Both are checked when they are read: sizes against the files before
-//! anything is allocated, contents against checksums.
+//! A folder holds two files. `pages` contains the points, one page per node. `nodes` describes them: the lattice, the
+//! attributes and, for each node, the offset of its page and its checksum. `nodes` is written last and renamed into
+//! place, so an index is either whole or absent. Both files are checked when they are read: sizes against the files
+//! before anything is allocated, contents against checksums.
 
 use std::fs::File;
 use std::io::Write as _;
@@ -26,36 +27,36 @@ use crate::{Error, Node, NodeId, Octree, Result, plan, regular_file};
 
 pub(crate) const NODES: &str = "nodes";
 pub(crate) const PAGES: &str = "pages";
-/// `nodes` until it is whole.
+/// The name of `nodes` while it is being written.
 pub(crate) const UNFINISHED: &str = "nodes.unfinished";
-/// Files of another version are made again.
+/// Indexes of another version are made again.
 pub(crate) const VERSION: u32 = 1;
 pub(crate) const MAGIC: [u8; 8] = *b"glintidx";
 /// Bytes before the body: magic, version, checksum of the body.
 const HEAD_BYTES: usize = 16;
-/// Bytes of a node in the table.
+/// The size of a node's row in the table, in bytes.
 const NODE_BYTES: usize = 4 + 4 + 4 + 8 + 4 + 2 * 24;
-/// Bytes of the table without pages, at most: attributes and warnings.
+/// The largest size of the table without its nodes in bytes: attributes and warnings.
 const MOST_TABLE_BYTES: u64 = 16 << 20;
 /// More levels than any builder makes.
 const MOST_LEVELS: u8 = 63;
-/// Distance between neighbouring points of a node, as a part of its width.
+/// The number of distances between neighbouring points of a node across its width.
 pub(crate) const SPACINGS_PER_WIDTH: f64 = 128.0;
 
-/// An index that can be read by many threads at once.
+/// An index that many threads can read at once.
 pub struct Pages {
     folder: PathBuf,
     summary: Summary,
     octree: Octree,
     points: Points,
     surfels: Option<SurfelFile>,
-    /// What it is kept in, if it was opened there.
+    /// The cache that holds it, if it was opened there.
     cache: Option<Cache>,
-    /// Shared as long as the index is open, so that nobody clears it away.
+    /// A shared lock for as long as the index is open, so that nobody clears it.
     _lock: Option<File>,
 }
 
-/// Where its points are read from.
+/// Where the points of nodes are read from.
 enum Points {
     Own { places: Vec<Page>, pages: Storage },
     Copc(CopcPages),
@@ -64,13 +65,13 @@ enum Points {
 /// What an index says of itself besides its nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Summary {
-    /// Tells what it was made from.
+    /// The identity of the files that it was made from.
     pub key: u128,
-    /// The lattice is the finest of the files' own grids.
+    /// Whether the lattice is the finest of the files' own grids.
     pub on_grid: bool,
     pub lattice: Lattice,
     pub layout: Layout,
-    /// Points left out because they are not finite.
+    /// The number of points left out because they are not finite.
     pub skipped: u64,
     pub warnings: Vec<String>,
 }
@@ -83,7 +84,7 @@ pub(crate) struct Page {
     pub checksum: u32,
 }
 
-/// A node as a builder makes it.
+/// A node as a builder writes it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Written {
     pub cell: Cell,
@@ -92,7 +93,7 @@ pub(crate) struct Written {
 }
 
 impl Pages {
-    /// The index in a folder.
+    /// Opens the index in a folder.
     ///
     /// # Errors
     /// `Damaged` if it is not whole or of another version, `Io` if it cannot be read.
@@ -106,7 +107,7 @@ impl Pages {
         let path = entry.join(NODES);
         let pages = Storage::open(&entry.join(PAGES))?;
         let table = Storage::open(&path)?;
-        // A node has a point at least, so the table is no longer than some times the pages.
+        // Every node has a point at least, so the pages bound the length of the table.
         if table.length() > MOST_TABLE_BYTES.saturating_add(pages.length().saturating_mul(NODE_BYTES as u64)) {
             return Err(Error::damaged(&path, "longer than a table of the nodes of these pages"));
         }
@@ -114,7 +115,7 @@ impl Pages {
         table.read(0, &mut bytes)?;
         let damaged = |problem: String| Error::damaged(&path, problem);
         let (summary, octree, places) = parse(&bytes, pages.length()).map_err(damaged)?;
-        // Whatever is wrong with them, they are estimated again.
+        // If the file of normals and radii cannot be used for whatever reason, they are estimated again.
         let surfels = SurfelFile::open(entry, summary.key, &octree).ok();
         let points = Points::Own { places, pages };
         Ok(Self { folder: entry.to_owned(), summary, octree, points, surfels, cache: None, _lock: lock })
@@ -135,7 +136,7 @@ impl Pages {
         }
     }
 
-    /// Does something in the folder, if it is still this index's own.
+    /// Runs `change` on the folder if it still belongs to this index.
     ///
     /// # Errors
     /// `Damaged` if the index was set aside, made anew or deleted since it was opened.
@@ -150,7 +151,7 @@ impl Pages {
         }
     }
 
-    /// The points are what was written, normals and radii are not. Reads all of them.
+    /// Whether the normals and radii are damaged but the points are not. Reads all of them.
     pub(crate) fn has_bad_surfels_only(&self) -> bool {
         let Some(surfels) = &self.surfels else { return false };
         let nodes = || (0..self.octree.nodes.len() as u32).into_par_iter().map(NodeId);
@@ -159,8 +160,8 @@ impl Pages {
             && nodes().all(|node| self.read_page(node).is_ok())
     }
 
-    /// The index that a COPC file brings; `None` for other files. Nodes may have no points of their own, or more than a chunk has
-    /// elsewhere, up to `codec::Copc::MOST_POINTS`.
+    /// The index that a COPC file contains; `None` for other files. Its nodes may have no points of their own, or more
+    /// points than a chunk has elsewhere, up to `codec::Copc::MOST_POINTS`.
     pub fn copc(source: &Arc<Source>) -> Option<Self> {
         let copc = source.copc()?;
         let info = source.info();
@@ -183,17 +184,17 @@ impl Pages {
         Some(Self { folder: info.path.clone(), summary, octree, points, surfels: None, cache: None, _lock: None })
     }
 
-    /// The file itself is the index.
+    /// Whether the index is a COPC file itself.
     pub fn is_copc(&self) -> bool {
         matches!(self.points, Points::Copc(_))
     }
 
-    /// Where it is: a folder, or the COPC file.
+    /// The folder of the index, or the COPC file.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Bytes of it on the disk.
+    /// The size of the index on the disk in bytes.
     pub fn bytes(&self) -> u64 {
         if self.is_copc() {
             std::fs::metadata(&self.folder).map_or(0, |file| file.len())
@@ -202,7 +203,7 @@ impl Pages {
         }
     }
 
-    /// Tells what it was made from: the same for the same files, unchanged. Of a COPC file 0.
+    /// The identity of the files that it was made from: equal for the same, unchanged files. 0 for a COPC file.
     pub fn key(&self) -> u128 {
         self.summary.key
     }
@@ -211,7 +212,7 @@ impl Pages {
         &self.octree
     }
 
-    /// What the columns of chunks are, in their order.
+    /// The attributes in the order of the chunks' columns.
     pub fn attributes(&self) -> &[Attribute] {
         &self.summary.layout.attributes
     }
@@ -225,12 +226,12 @@ impl Pages {
         self.summary.layout.color_bytes > 0
     }
 
-    /// The files brought normals.
+    /// Whether the files had normals.
     pub fn has_normals(&self) -> bool {
         self.summary.layout.normals
     }
 
-    /// Normals and radii of all points are known.
+    /// Whether normals and radii of all points are known.
     pub fn has_surfels(&self) -> bool {
         self.surfels.is_some()
     }
@@ -240,24 +241,24 @@ impl Pages {
         self.surfels.as_ref().map(SurfelFile::options)
     }
 
-    /// Points of the files that are in no node because they are not finite.
+    /// The number of points of the files that are in no node because they are not finite.
     pub fn skipped_points(&self) -> u64 {
         self.summary.skipped
     }
 
-    /// What was wrong with the files when the index was made.
+    /// The warnings about the files from when the index was made.
     pub fn warnings(&self) -> &[String] {
         &self.summary.warnings
     }
 
-    /// Bytes of a decoded point, its normal and radius included; more in a node that [`Node::is_exact`].
+    /// The size of a decoded point in bytes, with its normal and radius; larger in a node that [`Node::is_exact`].
     pub fn point_bytes(&self) -> u64 {
         let columns: usize = self.attributes().iter().map(|attribute| attribute.column_type.size()).sum();
         // Position, normal and radius; colour; attributes.
         (12 + 4 + 2 + 4 * usize::from(self.has_colors()) + columns) as u64
     }
 
-    /// Bytes of a page on disk.
+    /// The size of a page on disk in bytes.
     pub fn page_bytes(&self, node: NodeId) -> usize {
         let index = node.0 as usize;
         match &self.points {
@@ -270,11 +271,11 @@ impl Pages {
         page.place.length(&self.summary.layout, self.octree.nodes[index].points as usize)
     }
 
-    /// All points of a node in batch order, with all that the index has of them. The first `prefix` of them are an even
+    /// All points of a node in batch order, with all columns of the index. The first `prefix` of them are an even
     /// subset.
     ///
     /// # Errors
-    /// `Damaged` if the page is not what was written, `Io` if it cannot be read; of a COPC file `Input`.
+    /// `Damaged` if the page is not what was written, `Io` if it cannot be read, `Input` for a COPC file.
     pub fn read(&self, node: NodeId) -> Result<Chunk> {
         let mut chunk = self.read_page(node)?;
         if let Some(surfels) = &self.surfels {
@@ -284,7 +285,7 @@ impl Pages {
         Ok(chunk)
     }
 
-    /// As the files had it, without estimates.
+    /// The points as the files had them, without estimates.
     pub(crate) fn read_page(&self, node: NodeId) -> Result<Chunk> {
         let index = node.0 as usize;
         let (places, pages) = match &self.points {
@@ -303,7 +304,7 @@ impl Pages {
     }
 }
 
-/// Writes `nodes` and puts it in place.
+/// Writes `nodes` and renames it into place.
 pub(crate) fn write(folder: &Path, summary: &Summary, nodes: Vec<Written>) -> Result<()> {
     let mut body = Vec::new();
     write_summary(&mut body, summary);
@@ -345,7 +346,7 @@ fn write_text(body: &mut Vec<u8>, text: &str) {
     body.extend(text.as_bytes());
 }
 
-/// Parents first: by level, then by place.
+/// Sorts parents before children: by level, then by position.
 fn write_nodes(body: &mut Vec<u8>, mut nodes: Vec<Written>) {
     let order = |cell: &Cell| (cell.level, cell.at[2], cell.at[1], cell.at[0]);
     nodes.sort_unstable_by_key(|node| order(&node.cell));

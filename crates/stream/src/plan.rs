@@ -1,4 +1,4 @@
-//! What an index of some files keeps of them, and the lattice and cube it puts them in.
+//! Chooses which columns an index keeps of its files, and the lattice and the cube in which it places the points.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,42 +10,43 @@ use crate::lattice::Lattice;
 use crate::records::{Layout, MOST_STEPS, is_believable};
 use crate::{Error, Result};
 
-/// Attributes that are kept, if a file has them.
+/// The attributes that an index keeps if a file has them.
 const KEPT: [&str; 3] = ["intensity", "classification", "return_number"];
-/// Of the bulk of the points of files without a grid: the step of their lattice as a part of it. Finer than what f32
-/// coordinates in the same place tell apart.
+/// The number of lattice steps across the bulk of the points, for files without a grid. The steps are finer than the
+/// differences that f32 coordinates can hold there.
 const STEPS: f64 = (1_u64 << 30) as f64;
-/// Room about the bounds, as a part of them: headers round.
+/// The margin around the bounds as a fraction of their size: headers round.
 const MARGIN: f64 = 1e-3;
-/// World units: narrower, numbers lose their precision.
+/// The least width of the cube in world units; below it numbers lose their precision.
 const LEAST_WIDTH: f64 = 1e-30;
-/// World units from the bulk of the points within which all are kept. Beyond, a point that is also further than `STEPS`
-/// times the bulk's size would make the lattice too coarse for all others: it is left out.
+/// The distance in world units from the bulk of the points within which all points are kept. A point that is further
+/// away than this and than `STEPS` times the bulk's size would make the lattice too coarse for all others: it is left
+/// out.
 const FARTHEST: f64 = 1e12;
-/// Points of a sample of which the farthest one at each end may be a stray.
+/// The smallest sample in which the farthest point at each end of an axis is taken for a stray.
 const FEWEST_SAMPLES: usize = 16;
-/// Points of a chunk that are looked at to see where the bulk lies.
+/// The number of points per chunk that are sampled to find the bulk.
 const SAMPLES_PER_CHUNK: usize = 64;
 
-/// What an index keeps of its files.
+/// What an index keeps of its files, and where it places their points.
 pub struct IndexPlan {
     pub layout: Layout,
     pub lattice: Lattice,
-    /// The lattice is the finest of the files' own grids.
+    /// Whether the lattice is the finest of the files' own grids.
     pub on_grid: bool,
-    /// Per file: what is read, and which of its columns is which of the layout's attributes.
+    /// For each file: the selection to read, and for each attribute of the layout its column in the file.
     pub inputs: Vec<(Selection, Vec<Option<usize>>)>,
 }
 
-/// What reading all positions tells.
+/// The extent of the points, found by reading all positions.
 pub struct Extent {
     pub bounds: Bounds,
-    /// Without the points that lie farthest out.
+    /// The bounds without the points that lie farthest out.
     pub bulk: Bounds,
 }
 
 impl IndexPlan {
-    /// `extent`: what is known better than from the headers.
+    /// `extent` is the measured extent, where it is known better than from the headers.
     pub fn new(inputs: &[Arc<Source>], extent: Option<&Extent>, wide: bool) -> Option<Self> {
         let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
         let header_bounds =
@@ -64,7 +65,8 @@ impl IndexPlan {
             (None, None) => return None,
         };
         let corner = bounds.center() - DVec3::splat(width / 2.0);
-        // Height is mostly the least extent: then the ground is in the lower half, not cut by the middle of the cube.
+        // Height is usually the least extent. With the cube's floor at the lowest point, the ground lies in the lower
+        // half and is not cut by the middle of the cube.
         let corner = corner.with_z(bounds.min.z - width * MARGIN);
         let is_narrow = grid.is_some_and(|grid| is_within(&bounds, &grid, f64::from(i32::MAX)));
         let layout = layout(inputs, wide || !is_narrow);
@@ -73,8 +75,8 @@ impl IndexPlan {
         Some(Self { layout, lattice, on_grid: grid.is_some(), inputs })
     }
 
-    /// A chunk of a file with this grid as it can be put on the lattice: where that is another grid, what f32 offsets have lost
-    /// comes back first.
+    /// Prepares a chunk of a file with this grid for the lattice. Where the lattice has another grid, the precision
+    /// that f32 offsets have lost is restored first.
     pub fn exact(&self, chunk: Chunk, grid: Option<Grid>) -> Chunk {
         let Some(grid) = grid.filter(|grid| self.on_grid && !is_one_grid(grid, &self.lattice.grid)) else {
             return chunk;
@@ -85,7 +87,7 @@ impl IndexPlan {
     }
 }
 
-/// What records of some files hold.
+/// The layout of the records of some files.
 pub fn layout(inputs: &[Arc<Source>], wide: bool) -> Layout {
     let infos = || inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
     let has_colors = infos().any(|info| info.has_colors);
@@ -98,8 +100,8 @@ pub fn layout(inputs: &[Arc<Source>], wide: bool) -> Layout {
     }
 }
 
-/// On each axis the finest grid of any file, if all have one: coordinates on it, and on coarser ones of which it is a part, are
-/// kept as they are, all others to half of its step.
+/// The finest grid of any file on each axis, if all files have one. Coordinates on it, and on coarser grids that are
+/// part of it, are kept exactly; all others are rounded by half of its step at most.
 fn finest_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
     let first = grids.next()??;
     grids.try_fold(first, |finest, grid| {
@@ -110,13 +112,14 @@ fn finest_grid(mut grids: impl Iterator<Item = Option<Grid>>) -> Option<Grid> {
     })
 }
 
-/// What lies on one of these grids lies on the other: the same steps, and offsets whole steps apart.
+/// Whether points on one of these grids also lie on the other: the steps are equal and the offsets differ by whole
+/// steps.
 fn is_one_grid(a: &Grid, b: &Grid) -> bool {
     let shift = (a.offset - b.offset) / b.scale;
     a.scale == b.scale && (shift - shift.round()).abs().max_element() < 1e-3
 }
 
-/// All of these places are so few steps from the grid's offset.
+/// Whether all of these places are within `steps` steps of the grid's offset.
 fn is_within(bounds: &Bounds, grid: &Grid, steps: f64) -> bool {
     let reach = |corner: DVec3| ((corner - grid.offset) / grid.scale).abs().max_element();
     reach(bounds.min).max(reach(bounds.max)) < steps
@@ -125,24 +128,24 @@ fn is_within(bounds: &Bounds, grid: &Grid, steps: f64) -> bool {
 fn lattice_for(extent: &Extent) -> Grid {
     let bulk = [extent.bulk, extent.bounds].map(|bounds| bounds.size().max_element());
     let size = bulk.into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0).max(LEAST_WIDTH);
-    // Integers of the farthest points have 61 bits.
+    // The integers of the farthest points have 61 bits.
     let step = (size.log2().floor().exp2() / STEPS).max(extent.bounds.size().max_element() / 61_f64.exp2());
     Grid { scale: DVec3::splat(step), offset: extent.bulk.center() }
 }
 
-/// Attributes that the index of some files has: what the columns of its chunks will be.
+/// The attributes that the index of some files has, in the order of its chunks' columns.
 pub fn index_attributes(inputs: &[Arc<Source>]) -> Vec<Attribute> {
     let infos = inputs.iter().map(|input| input.info()).filter(|info| info.points > 0);
     kept_attributes(infos.map(|info| info.attributes.as_slice()))
 }
 
-/// Of what files offer, the attributes that pages have.
+/// Those of the attributes offered by some files that pages keep.
 pub fn kept_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
     let find = |name: &&str| offered.clone().flatten().find(|attribute| attribute.name == **name).cloned();
     KEPT.iter().filter_map(find).collect()
 }
 
-/// What is read of a file, and which of its columns is which of the layout's attributes.
+/// The selection to read of a file, and for each attribute of the layout its column in the file.
 pub fn selection(input: &Source, layout: &Layout) -> (Selection, Vec<Option<usize>>) {
     let offered = &input.info().attributes;
     let column = |kept: &Attribute| offered.iter().position(|attribute| attribute.name == kept.name);
@@ -152,8 +155,8 @@ pub fn selection(input: &Source, layout: &Layout) -> (Selection, Vec<Option<usiz
     (selection, columns)
 }
 
-/// Reads the positions of all files, and what else `selections` ask for. `seen` gets all chunks, each with the number of its
-/// file.
+/// Reads the positions of all files and the columns that `selections` name. `seen` receives all chunks, each with the
+/// number of its file.
 pub fn measure(
     inputs: &[Arc<Source>],
     selections: &[Selection],
@@ -178,7 +181,7 @@ pub fn measure(
             drop(bounds);
             seen(file, chunk);
         };
-        // What cannot be read is said when it is read for good.
+        // Errors are ignored here: the real read of the file reports them.
         let _ = input.read(selection, &reading, &look);
         if progress.is_cancelled() {
             return Err(Error::Cancelled);
@@ -192,12 +195,12 @@ pub fn measure(
     Ok(Extent { bounds: Bounds { min: bounds.min.max(near.min), max: bounds.max.min(near.max) }, bulk })
 }
 
-/// Where the file says that a point is.
+/// The position of a point as the file states it.
 fn place_of(chunk: &Chunk, index: usize) -> DVec3 {
     chunk.exact_positions.as_ref().map_or_else(|| chunk.position(index), |exact| DVec3::from(exact[index]))
 }
 
-/// Of the points that may be true.
+/// The bounds of the points with believable positions.
 fn bounds_of(chunk: &Chunk) -> Bounds {
     let places = (0..chunk.len()).map(|index| place_of(chunk, index));
     places.filter(|place| is_believable(*place)).fold(Bounds::EMPTY, |mut bounds, place| {
@@ -206,19 +209,19 @@ fn bounds_of(chunk: &Chunk) -> Bounds {
     })
 }
 
-/// Numbers that can be computed with.
+/// Whether the grid's numbers can be computed with.
 fn is_sane(grid: &Grid) -> bool {
     let scale = grid.scale.abs();
     scale.min_element() >= LEAST_WIDTH && is_believable(scale) && is_believable(grid.offset)
 }
 
-/// Indices spread evenly over `count`, at most `most` or so.
+/// Up to about `most` indices, spread evenly over `count`.
 pub fn spread(count: usize, most: usize) -> Vec<u32> {
     let most = most.min(count);
     (0..most).map(|index| (index * count / most) as u32).collect()
 }
 
-/// Bounds without the hundredth part of the points at either end of each axis.
+/// The bounds without the outermost hundredth of the points at either end of each axis.
 fn bulk(sample: &[DVec3]) -> Bounds {
     let stray = if sample.len() < FEWEST_SAMPLES { 0 } else { (sample.len() / 100).max(1) };
     let axis = |axis: usize| {

@@ -1,4 +1,4 @@
-//! What is shown of files while their index is made: an even share of their points.
+//! Takes an even share of the points of some files, which is shown while their index is made.
 
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,16 +8,16 @@ use cloud::{Chunk, Column};
 use crate::plan::spread;
 use crate::records::{Layout, joined};
 
-/// Points of a chunk that is shown, at least: shares of what is read at a time can be a few points, and each chunk takes its room
-/// and time where it is drawn.
+/// The least number of points of a preview chunk: the share of one read can be a few points, and each chunk costs
+/// memory and time where it is drawn.
 const CHUNK_POINTS: usize = 8192;
-/// Of points beside others that have a colour.
+/// The colour of points without one among others that have one.
 const WHITE: [u8; 4] = [255; 4];
 
 pub struct Preview<'a> {
-    /// Points that are shown, at most.
+    /// The largest number of points in the preview.
     most: u64,
-    /// Points of all files, as far as their headers are to be believed.
+    /// The number of points of all files, as far as their headers can be believed.
     total: u64,
     show: &'a (dyn Fn(Chunk) + Sync),
     taken: Mutex<Taken>,
@@ -25,10 +25,10 @@ pub struct Preview<'a> {
 
 #[derive(Default)]
 struct Taken {
-    /// Chunks that gave their share, by their first point among all files.
+    /// The chunks that gave their share, by their first point among all files.
     chunks: HashSet<u64>,
     points: u64,
-    /// Not shown yet, with columns in the layout's order.
+    /// The chunks that are not shown yet, with columns in the layout's order.
     waiting: Vec<Chunk>,
 }
 
@@ -42,8 +42,8 @@ impl<'a> Preview<'a> {
         self.most > 0
     }
 
-    /// Takes the share of a chunk, once however often it is read. `columns`: those that hold the layout's attributes;
-    /// `first_point`: of its file among all.
+    /// Takes the share of a chunk, once however often it is read. `columns` are those that hold the layout's
+    /// attributes; `first_point` is the number of its file's first point among all files.
     pub fn add(&self, layout: &Layout, chunk: &Chunk, columns: &[Option<usize>], first_point: u64) {
         let first = first_point.saturating_add(chunk.first_point);
         let share = (self.most as f64 / self.total.max(1) as f64).min(1.0);
@@ -66,7 +66,7 @@ impl<'a> Preview<'a> {
         }
     }
 
-    /// Shows what is left.
+    /// Shows the chunks that still wait.
     pub fn finish(&self, layout: &Layout) {
         let waiting = std::mem::take(&mut self.taken.lock().unwrap_or_else(PoisonError::into_inner).waiting);
         if !waiting.is_empty() {
@@ -75,7 +75,7 @@ impl<'a> Preview<'a> {
     }
 }
 
-/// Chunks as one, which begins where the first does.
+/// Joins chunks into one, which begins where the first does.
 fn one_of(layout: &Layout, chunks: &[Chunk]) -> Chunk {
     fn all<'a, T: Copy + 'a>(parts: impl Iterator<Item = Option<&'a Arc<Vec<T>>>>) -> Option<Arc<Vec<T>>> {
         let parts = parts.collect::<Option<Vec<_>>>()?;

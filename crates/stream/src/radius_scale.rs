@@ -1,13 +1,14 @@
-//! How much larger splats are drawn where only a part of a place's points is.
+//! Enlarges splats where only some of a place's points are drawn.
 //!
-//! Radii of pages are those of all points together. Where only some are drawn, each stands for a larger share of the surface: the
-//! share grows by (all points) / (points drawn), the radius by its square root. A place is an octant of the deepest node that
-//! is drawn there, and points of all levels grow alike in it. Packed radii are logarithms, so growing is a sum; it goes in
-//! eighths of an octave, so that few chunks change as others come and go. Where all is drawn nothing changes.
+//! The radii in pages are those of all points together. Where only some are drawn, each represents a larger share of
+//! the surface: the share grows by (all points) / (points drawn), the radius by its square root. A place is an octant
+//! of the deepest node that is drawn there, and the points of all levels in it grow alike. Packed radii are logarithms,
+//! so growth is an addition; it goes in eighths of an octave, so that few chunks change as others come and go. Where
+//! all points are drawn nothing changes.
 //!
-//! That is right on average. Trees and facades have more points than the surface that is seen of them, and a scanner's
-//! surroundings more than the rest of their place. What is drawn is spaced evenly all the same, so radii that grow stay within
-//! [`LARGEST_SPACINGS`] and [`SMALLEST_SPACINGS`].
+//! That is right on average. Trees and facades have more points than their visible surface needs, and the surroundings
+//! of a scanner have more than the rest of their place. The points drawn are spaced evenly all the same, so enlarged
+//! radii stay within [`LARGEST_SPACINGS`] and [`SMALLEST_SPACINGS`].
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -17,30 +18,31 @@ use glam::{DVec3, Vec3};
 
 use crate::{NodeId, Octree};
 
-/// Steps of a packed radius that double it.
+/// The number of steps of a packed radius that double it.
 const STEPS_PER_OCTAVE: u16 = 2048;
 const EIGHTH: u16 = STEPS_PER_OCTAVE / 8;
 
-/// Radii that grow stay between these, in distances between the points that are drawn at a place. One point of each cell of a
-/// grid is drawn, and a surface meets up to 1.5 cells for each that it would fill. 0.8 leaves no holes; pictures of a tenth of the
-/// points come nearer to those of all than with 0.88 and 1 (docs/performance.md).
+/// The bounds of enlarged radii, in distances between the points that are drawn at a place. One point of each cell of a
+/// grid is drawn, and a surface meets up to 1.5 cells for each that it would fill. 0.8 leaves no holes; pictures of a
+/// tenth of the points come nearer to those of all than with 0.88 and 1 (docs/performance.md).
 pub const LARGEST_SPACINGS: f64 = 0.8;
 const SMALLEST_SPACINGS: f64 = 0.6;
 
-/// A node's own points by octant.
+/// The number of a node's own points in each octant.
 pub type Octants = [u32; 8];
-/// What is drawn of a node itself.
+/// How much of a node is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Drawn {
-    /// All of its own points.
+    /// The number of its own points.
     pub own: Octants,
-    /// Those of them that are drawn.
+    /// The number of its own points that are drawn.
     pub drawn: Octants,
 }
 
-/// Middle of a node's cube, world coordinates.
+/// The middle of a node's cube in world coordinates.
 pub fn cube_center(octree: &Octree, id: NodeId) -> DVec3 {
-    // The octants on the way up, which is as long as the tree is deep: a damaged tree's parents still come before their children.
+    // The octants on the way up, as many as the tree is deep: even in a damaged tree parents come before their
+    // children.
     let mut octants = Vec::new();
     let mut child = id;
     while let Some(parent) = octree.node(child).parent.filter(|parent| *parent < child) {
@@ -57,68 +59,68 @@ pub fn cube_center(octree: &Octree, id: NodeId) -> DVec3 {
     center
 }
 
-/// The octants of a chunk's points, in their order. Points that are not finite count as the first.
+/// The octant of each of a chunk's points. Points that are not finite count as the first octant.
 fn octants(chunk: &Chunk, center: DVec3) -> impl Iterator<Item = usize> {
     let center = (center - chunk.origin).as_vec3();
     chunk.positions.iter().map(move |position| Vec3::from(*position).cmpge(center).bitmask() as usize)
 }
 
-/// How many of a chunk's points lie in which octant of the cube with that middle.
+/// The number of a chunk's points in each octant of the cube with that middle.
 pub fn count_octants(chunk: &Chunk, center: DVec3) -> Octants {
     count_first_octants(chunk, center, chunk.len())
 }
 
-/// The same of the chunk's first so many points.
+/// The same for the chunk's first `points` points.
 pub fn count_first_octants(chunk: &Chunk, center: DVec3, points: usize) -> Octants {
     let mut counts = [0; 8];
     octants(chunk, center).take(points).for_each(|octant| counts[octant] += 1);
     counts
 }
 
-/// Packed radii of a chunk's points; `None` where they have none.
+/// The packed radii of a chunk's points; `None` if they have none.
 pub type Radii = Option<Arc<Vec<u16>>>;
 
-/// How much radii grow, place by place.
+/// How much radii grow at each place.
 #[derive(Clone, Debug, Default)]
 pub struct Field {
-    /// Parents before children.
+    /// The cells, parents before children.
     cells: Vec<Cell>,
     indices: BTreeMap<NodeId, u32>,
 }
 
-/// The cube of a node that is drawn, or that has one below it.
+/// The cube of a node that is drawn, or that has such a node below it.
 #[derive(Clone, Debug)]
 struct Cell {
     center: DVec3,
-    /// Of the children's cells; 0, which is no child, where there is none.
+    /// The indices of the children's cells; 0, which is no child, where there is none.
     children: [u32; 8],
-    /// In octants without a child's cell.
+    /// The growth in octants without a child's cell.
     growths: [Growth; 8],
 }
 
 /// How radii grow at a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Growth {
-    /// Of an octave.
+    /// The growth in eighths of an octave.
     eighths: u8,
-    /// Packed: no radius is made larger than this, and none is left smaller.
+    /// The bounds as packed radii: no radius is made larger than `largest`, and none is left below `smallest`.
     largest: u16,
     smallest: u16,
 }
 
-/// What is drawn in an octant of a cell by the node and those above it.
+/// What a node and those above it draw in an octant of a cell.
 #[derive(Clone, Copy)]
 struct Above {
-    /// Points, as many as there would be if they were spread like those of the nodes below them.
+    /// The number of points, if those of nodes above are spread like this node's own.
     all: f64,
-    /// Those of them that are drawn.
+    /// The number of these points that are drawn.
     drawn: f64,
-    /// Distance between those, world units.
+    /// The distance between drawn points in world units.
     spacing: f64,
 }
 
 impl Field {
-    /// `drawn`: all nodes of which something is.
+    /// `drawn` has all nodes of which something is drawn.
     pub fn new(octree: &Octree, drawn: &BTreeMap<NodeId, Drawn>) -> Self {
         let above = |id: NodeId| octree.node(id).parent.filter(|parent| *parent < id);
         let mut nodes: BTreeSet<NodeId> = BTreeSet::new();
@@ -148,7 +150,7 @@ impl Field {
                 false => f64::INFINITY,
             };
             let octants: [Above; 8] = std::array::from_fn(|octant| {
-                // One more in each, so that what is above never vanishes.
+                // One is added in each octant, so that the share of nodes above never vanishes.
                 let share = (f64::from(own[octant]) + 1.0) / (own_points + 8.0);
                 Above {
                     all: from_above.all * share + f64::from(own[octant]),
@@ -172,7 +174,7 @@ impl Field {
         field
     }
 
-    /// Nodes whose points lie in places that are other ones in the other field.
+    /// The nodes whose points lie in places that have other growths in the other field.
     pub fn changed(&self, other: &Self, octree: &Octree) -> BTreeSet<NodeId> {
         let mut changed = BTreeSet::new();
         let nodes: BTreeSet<&NodeId> = self.indices.keys().chain(other.indices.keys()).collect();
@@ -191,8 +193,8 @@ impl Field {
         changed
     }
 
-    /// The radii of a node's chunk, none smaller than it is; the same ones where nothing changes. Points without a radius stay so.
-    /// Radii that were estimated at the spacing of what is drawn need no bounds.
+    /// The radii of a node's chunk, none smaller than before; the same vector where nothing changes. Points without a
+    /// radius get none. Radii that were estimated at the spacing of the drawn points need no bounds.
     pub fn radii(&self, id: NodeId, chunk: &Chunk, has_bounds: bool) -> Radii {
         let radii = chunk.radii.as_ref()?;
         let Some(&first) = self.indices.get(&id) else { return Some(radii.clone()) };
@@ -204,7 +206,7 @@ impl Field {
         Some(if grown == **radii { radii.clone() } else { Arc::new(grown) })
     }
 
-    /// At a position in a cell.
+    /// The growth at a position in a cell.
     fn growth(&self, mut cell: u32, position: DVec3) -> Growth {
         loop {
             let Cell { center, children, growths } = &self.cells[cell as usize];
@@ -218,7 +220,7 @@ impl Field {
 }
 
 impl Growth {
-    /// `hidden`: points of the child that is there, and not drawn.
+    /// `hidden` is the number of points of the child in the octant, which is not drawn.
     fn new(place: Above, hidden: Option<u64>) -> Self {
         let total = place.all + hidden.map_or(0.0, |points| points as f64);
         if total <= place.drawn || place.drawn == 0.0 {
@@ -226,7 +228,7 @@ impl Growth {
         }
         let packed = |spacings: f64| pack_radius((spacings * place.spacing) as f32);
         Self {
-            // Twice the octaves of the radius are those of the area.
+            // Twice the radius's octaves are the area's octaves.
             eighths: (4.0 * (total / place.drawn).log2()).round() as u8,
             largest: packed(LARGEST_SPACINGS),
             smallest: if hidden.is_some() { packed(SMALLEST_SPACINGS) } else { 0 },
@@ -239,7 +241,7 @@ impl Growth {
     }
 }
 
-/// The larger radius of each point of the first; the other may have more or fewer.
+/// The larger radius of each point of `radii`; `other` may have more or fewer points.
 pub fn larger(radii: &Radii, other: &Radii) -> Radii {
     let (radii, other) = (radii.as_ref()?, other.as_deref().map_or(&[][..], |other| other.as_slice()));
     if radii.iter().zip(other).all(|(a, b)| a >= b) {
@@ -249,21 +251,21 @@ pub fn larger(radii: &Radii, other: &Radii) -> Radii {
     Some(Arc::new(radii.iter().zip(others).map(|(a, b)| *a.max(&b)).collect()))
 }
 
-/// Whether no radius is larger than in `other` by half an octave, 41 %, or more.
+/// Whether no radius exceeds its counterpart in `other` by half an octave (41 %) or more.
 pub fn is_near(radii: &Radii, other: &Radii) -> bool {
     let (Some(radii), Some(other)) = (radii, other) else { return true };
     radii.iter().zip(other.iter()).all(|(radius, other)| radius.saturating_sub(*other) < STEPS_PER_OCTAVE / 2)
 }
 
-/// Radii that were estimated from a node's own points, made those of full density: what they grow by where only that node is
-/// drawn is taken off.
+/// Converts radii that were estimated from a node's own points to full density: divides by the growth that they get
+/// where only that node is drawn.
 pub fn to_full_density(radii: &mut [u16], chunk: &Chunk, octree: &Octree, id: NodeId) {
     let center = cube_center(octree, id);
     let own = count_octants(chunk, center);
     let node = octree.node(id);
     let steps: [i32; 8] = std::array::from_fn(|octant| {
         let total = f64::from(own[octant]) + node.children[octant].map_or(0, |child| octree.node(child).total) as f64;
-        // No own points: no radius to change.
+        // An octant without own points has no radius to change.
         let scale = if own[octant] == 0 { 1.0 } else { (total / f64::from(own[octant])).sqrt() };
         (scale.log2() * f64::from(STEPS_PER_OCTAVE)).round() as i32
     });

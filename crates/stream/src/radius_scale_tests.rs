@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::test_trees::{page, random, terrain, terrain_page};
 
-/// Of the nodes that `is_drawn` says, all points.
+/// Draws all points of the nodes that `is_drawn` accepts.
 fn drawn(octree: &Octree, is_drawn: impl Fn(NodeId) -> bool) -> BTreeMap<NodeId, Drawn> {
     let ids = octree.ids().map(|(id, _)| id).filter(|id| is_drawn(*id));
     ids.map(|id| {
@@ -17,7 +17,7 @@ fn drawn(octree: &Octree, is_drawn: impl Fn(NodeId) -> bool) -> BTreeMap<NodeId,
 fn middles_of_cubes_are_those_of_their_boxes() {
     let octree = random(9, 200);
     for (id, node) in octree.ids() {
-        // Bounds of synthetic nodes are their cubes.
+        // The bounds of synthetic nodes are their cubes.
         assert_eq!(cube_center(&octree, id), node.bounds.center(), "{id:?}");
     }
 }
@@ -40,13 +40,13 @@ fn a_point_that_is_not_finite_is_counted_once() {
     assert_eq!(count_octants(&chunk, DVec3::ZERO), [1, 1, 0, 0, 0, 0, 0, 1]);
 }
 
-/// Of a node's octants that no child covers.
+/// The growths in a node's octants that no child covers.
 fn growths(octree: &Octree, drawn: &BTreeMap<NodeId, Drawn>, id: NodeId) -> [Growth; 8] {
     let field = Field::new(octree, drawn);
     field.cells[field.indices[&id] as usize].growths
 }
 
-/// Of nodes of [`terrain`], all points.
+/// Draws all points of nodes of [`terrain`].
 fn whole(octree: &Octree, ids: impl IntoIterator<Item = NodeId>) -> BTreeMap<NodeId, Drawn> {
     let whole = |id| {
         let own = count_octants(&terrain_page(octree, id), cube_center(octree, id));
@@ -55,7 +55,7 @@ fn whole(octree: &Octree, ids: impl IntoIterator<Item = NodeId>) -> BTreeMap<Nod
     ids.into_iter().map(whole).collect()
 }
 
-/// At a position, from the root on.
+/// The growth at a position, found from the root.
 fn growth_at(field: &Field, position: DVec3) -> Growth {
     field.growth(0, position)
 }
@@ -94,8 +94,8 @@ fn a_root_alone_stands_for_all_points_of_each_octant() {
 fn points_of_all_levels_grow_alike_at_a_place() {
     let octree = terrain(2);
     let [first, second, third, fourth] = std::array::from_fn(|octant| octree.nodes[0].children[octant].unwrap());
-    // In the first octant of the root all that there is, in the second all but the last level, in the third a quarter of that, in
-    // the fourth nothing.
+    // The first octant of the root is drawn whole, the second without the last level, the third a quarter of that, and
+    // the fourth not at all.
     let leaves = octree.node(first).children.into_iter().flatten();
     let mut drawn = whole(&octree, [NodeId(0), first, second, third].into_iter().chain(leaves));
     drawn.get_mut(&third).unwrap().drawn = [16, 16, 16, 16, 0, 0, 0, 0];
@@ -184,7 +184,7 @@ fn extreme_counts_have_a_scale() {
     assert_eq!(eighths(1.0, 1.0, Some(u64::MAX)), 255);
 }
 
-/// World units.
+/// Applies a growth to a radius in world units.
 fn apply(growth: Growth, radius: f32) -> f32 {
     cloud::unpack_radius(growth.apply(pack_radius(radius), true)).unwrap()
 }

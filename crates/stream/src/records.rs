@@ -1,16 +1,16 @@
-//! Points on their way through the builder: records of a few bytes that are sorted, sampled and cut into pages.
+//! The records of points in the builder: a few bytes each, which are sorted, sampled and cut into pages.
 
 use cloud::{Attribute, Chunk, Column, ColumnType, NO_NORMAL};
 use glam::{DVec3, Vec3};
 
 use crate::lattice::Lattice;
 
-/// What a record holds, in this order: lattice integers, colours, normal, attributes. Little-endian, no gaps.
+/// The content of a record, in this order: lattice integers, colours, normal, attributes. Little-endian, without gaps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
-    /// Lattice integers have 64 bits; else 32.
+    /// Whether lattice integers have 64 bits; else they have 32.
     pub wide: bool,
-    /// 0, 3 (red, green, blue) or 4 (with opacity).
+    /// The number of bytes: 0, 3 (red, green, blue) or 4 (with opacity).
     pub color_bytes: usize,
     pub normals: bool,
     pub attributes: Vec<Attribute>,
@@ -39,24 +39,24 @@ macro_rules! each_type {
 }
 pub(crate) use each_type;
 
-/// Coordinates beyond this, in world units, are damage: no measure of anything is so large, and f32 ends soon after.
+/// Coordinates beyond this, in world units, are damage: no measurement is so large, and f32 ends soon after.
 pub const MOST_COORDINATE: f64 = 1e30;
-/// Lattice integers of a point: the distance of two is an i64.
+/// The limit of a point's lattice integers; the distance of any two below it is an i64.
 pub const MOST_STEPS: f64 = (3_u64 << 60) as f64;
 
-/// Where a point may be.
+/// Whether a point may really be at this place.
 pub fn is_believable(place: DVec3) -> bool {
     place.abs().cmple(DVec3::splat(MOST_COORDINATE)).all()
 }
 
-/// Records of a chunk.
+/// The records of a chunk.
 pub struct Encoded {
     pub records: Vec<u8>,
-    /// Points left out because they are not finite, or too far away to be true.
+    /// The number of points left out because they are not finite, or too far away to be true.
     pub skipped: u64,
-    /// Points whose integers do not fit 32 bits although the layout says so: their records are wrong.
+    /// The number of points whose integers do not fit 32 bits although the layout says so; their records are wrong.
     pub misfits: u64,
-    /// Least and greatest lattice integers.
+    /// The least lattice integers; `greatest` has the greatest.
     pub least: [f64; 3],
     pub greatest: [f64; 3],
 }
@@ -66,7 +66,7 @@ impl Layout {
         if self.wide { 24 } else { 12 }
     }
 
-    /// Bytes of a record that follow the position, all of which a page keeps as they are: colours, normal, attributes.
+    /// The sizes in bytes of the columns after the position, which a page keeps unchanged: colours, normal, attributes.
     pub fn widths(&self) -> impl Iterator<Item = usize> {
         let normal = if self.normals { 4 } else { 0 };
         [self.color_bytes, normal]
@@ -74,12 +74,12 @@ impl Layout {
             .chain(self.attributes.iter().map(|attribute| attribute.column_type.size()))
     }
 
-    /// Bytes of a record.
+    /// The size of a record in bytes.
     pub fn stride(&self) -> usize {
         self.position_bytes() + self.widths().sum::<usize>()
     }
 
-    /// Lattice integers of a record.
+    /// The lattice integers of a record.
     #[inline]
     pub fn at(&self, record: &[u8]) -> [i64; 3] {
         if self.wide {
@@ -101,7 +101,8 @@ impl Layout {
         }
     }
 
-    /// Records of the finite points of a chunk. `columns`: where in the chunk each attribute is, if it is there.
+    /// The records of the finite points of a chunk. `columns` has the index of each attribute's column in the chunk, if
+    /// it has one.
     pub fn encode(&self, chunk: &Chunk, lattice: &Lattice, columns: &[Option<usize>]) -> Encoded {
         let stride = self.stride();
         let mut records = vec![0; chunk.len() * stride];
@@ -156,7 +157,8 @@ impl Layout {
         Encoded { records, skipped, misfits, least, greatest }
     }
 
-    /// Writes lattice integers; indices of the points that are not finite, and how many do not fit.
+    /// Writes lattice integers. Returns the indices of the points that are not finite, and the number of those that do
+    /// not fit.
     fn encode_positions(
         &self,
         chunk: &Chunk,
@@ -199,7 +201,7 @@ impl Layout {
     }
 }
 
-/// Columns one after the other in another type, as near as that can be.
+/// Joins columns into one of another type, converting values as nearly as possible.
 pub fn joined(columns: &[&Column], column_type: ColumnType) -> Column {
     let mut joined = Column::with_capacity(column_type, columns.iter().map(|column| column.len()).sum());
     each_type!(&mut joined, Number, values => {

@@ -1,21 +1,23 @@
-//! Opens regular files only: what stands in the cache's folder may be a link, a pipe or a folder, which would lead elsewhere or make
-//! who opens it wait for ever.
+//! Opens regular files only: a name in the cache's folder may be a link, a pipe or a folder, which would lead elsewhere
+//! or block for ever.
 
 use std::fs::{File, FileType};
 use std::io;
 use std::path::Path;
 
-/// What is at this path itself, not where it leads to. `None` if nothing is, or it cannot be told.
+/// The type of what is at this path itself, without following links. `None` if nothing is there, or if it cannot be
+/// found out.
 pub fn kind(path: &Path) -> Option<FileType> {
     std::fs::symlink_metadata(path).ok().map(|metadata| metadata.file_type())
 }
 
-/// Whether there is something at this path, be it a link that leads nowhere.
+/// Whether something is at this path, even a link that leads nowhere.
 pub fn is_there(path: &Path) -> bool {
     kind(path).is_some()
 }
 
-/// Checks that nothing is at a path, or a regular file: what may be written. Anything else could be another's.
+/// Checks that a path may be written: that it is a regular file, or nothing. Anything else could belong to another
+/// program.
 ///
 /// # Errors
 /// If something else is there.
@@ -26,7 +28,7 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Opens a regular file, not what a link leads to.
+/// Opens a regular file without following links.
 ///
 /// # Errors
 /// If there is none, or it cannot be read.

@@ -1,4 +1,4 @@
-//! Which points stand for all: sorted points, and one of each cell taken out of them.
+//! Chooses the points that represent the others: sorts points and takes one of each cell.
 
 use crate::lattice::{KEY_LEVELS, Placing, below, morton};
 use crate::records::Layout;
@@ -6,16 +6,16 @@ use crate::records::Layout;
 /// A point that is in no node yet.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
-    /// Rank along the Morton curve below some level.
+    /// The rank along the Morton curve below some level.
     pub key: u64,
-    /// The same, axis by axis.
+    /// The same position as integers per axis.
     pub at: [u32; 3],
-    /// Of its record.
+    /// The index of its record.
     pub index: u32,
 }
 
-/// Candidates of `indices` along the Morton curve below `level`. Points of equal keys come in the order of their records'
-/// bytes, so that the order they came in does not matter.
+/// Candidates for `indices` along the Morton curve below `level`. Points with equal keys are sorted by the bytes of
+/// their records, so that the order of arrival does not matter.
 pub fn sorted(
     layout: &Layout,
     placing: &Placing,
@@ -35,7 +35,7 @@ pub fn sorted(
     keys.into_iter().map(|(key, index)| Candidate { key, at: place(index), index }).collect()
 }
 
-/// Thins cells out evenly where there are too many for a node: which of them give a point.
+/// Decides which cells give a point, evenly, where there are too many cells for a node.
 #[derive(Clone, Copy, Debug)]
 pub struct Thinning {
     cells: u64,
@@ -44,7 +44,7 @@ pub struct Thinning {
 }
 
 impl Thinning {
-    /// Up to `limit` out of `cells` cells give a point; the next cell is number `next`.
+    /// Up to `limit` of `cells` cells give a point; `next` is the number of the next cell.
     pub fn new(cells: u64, limit: u64, next: u64) -> Self {
         Self { cells, limit, next }
     }
@@ -58,18 +58,18 @@ impl Thinning {
     }
 }
 
-/// Key bits below cells that are `depth` levels under the level of the keys.
+/// The number of key bits below cells that are `depth` levels under the level of the keys.
 fn shift(depth: u8) -> u32 {
     3 * u32::from(KEY_LEVELS - depth)
 }
 
-/// Cells with points in them.
+/// The number of cells that hold points.
 pub fn count_cells(points: &[Candidate], depth: u8) -> u64 {
     points.chunk_by(|a, b| a.key >> shift(depth) == b.key >> shift(depth)).count() as u64
 }
 
-/// Takes the point nearest the middle of each cell `depth` levels under the level of the keys; the others are moved to the
-/// front, in order. Returns how many are left.
+/// Takes the point nearest the middle of each cell `depth` levels under the level of the keys, and moves the others to
+/// the front, in order. Returns how many are left.
 pub fn take(points: &mut [Candidate], depth: u8, mut thinning: Thinning, taken: &mut Vec<Candidate>) -> usize {
     let shift = shift(depth);
     let cell_mask = ((1_u64 << (KEY_LEVELS - depth)) - 1) as u32;

@@ -1,4 +1,4 @@
-//! Files that are written and read at any place by many threads.
+//! Files that many threads write and read at any offset.
 
 use std::fs::File;
 use std::io;
@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::{Error, Result, regular_file};
 
-/// A file that grows at its end and is read anywhere.
+/// A file that grows at its end and is read at any offset.
 pub struct Storage {
     path: PathBuf,
     end: AtomicU64,
-    /// Bytes it may grow to; tests make disks small with it.
+    /// The largest size in bytes; tests simulate small disks with it.
     limit: u64,
     #[cfg(unix)]
     file: File,
@@ -25,7 +25,7 @@ impl Storage {
         Ok(Self::new(path, file.map_err(|error| Error::not_written(path, error))?, 0, limit))
     }
 
-    /// An existing file, only to be read. `Damaged` if it is none of ours: a link, a pipe, a folder.
+    /// Opens an existing file for reading only. `Damaged` if it is not a regular file but a link, a pipe or a folder.
     pub fn open(path: &Path) -> Result<Self> {
         let io = |error| Error::io(path, error);
         regular_file::check_writable(path).map_err(|error| Error::damaged(path, error.to_string()))?;
@@ -34,7 +34,8 @@ impl Storage {
         Ok(Self::new(path, file, length, length))
     }
 
-    /// A file of `length` bytes, as it is or of zeros where it is shorter, that is written anywhere.
+    /// Opens a file for writing at any offset and gives it `length` bytes: existing ones are kept, missing ones are
+    /// zero.
     pub fn sized(path: &Path, length: u64) -> Result<Self> {
         let file = regular_file::check_writable(path)
             .and_then(|()| File::options().read(true).write(true).create(true).truncate(false).open(path));
@@ -52,7 +53,7 @@ impl Storage {
         &self.path
     }
 
-    /// It is still the file under its name.
+    /// Whether the open file is still the one with its name.
     pub fn is_in_place(&self) -> bool {
         #[cfg(unix)]
         let file = &self.file;
@@ -61,12 +62,12 @@ impl Storage {
         crate::cache::is_current(file, &self.path)
     }
 
-    /// Bytes in it.
+    /// The size of the file in bytes.
     pub fn length(&self) -> u64 {
         self.end.load(Ordering::Relaxed)
     }
 
-    /// Writes `bytes` behind all others; returns where.
+    /// Appends `bytes` and returns their offset.
     pub fn append(&self, bytes: &[u8]) -> Result<u64> {
         let offset = self.end.fetch_add(bytes.len() as u64, Ordering::Relaxed);
         let written = if offset + bytes.len() as u64 > self.limit {
@@ -78,12 +79,12 @@ impl Storage {
         Ok(offset)
     }
 
-    /// Writes `bytes` from byte `offset` on, within the file.
+    /// Writes `bytes` at byte `offset`, within the file.
     pub fn write(&self, offset: u64, bytes: &[u8]) -> Result<()> {
         self.write_at(offset, bytes).map_err(|error| Error::not_written(&self.path, error))
     }
 
-    /// Fills `buffer` from byte `offset` on.
+    /// Fills `buffer` from byte `offset`.
     pub fn read(&self, offset: u64, buffer: &mut [u8]) -> Result<()> {
         self.read_at(offset, buffer).map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof => Error::damaged(&self.path, "the file is cut short"),
@@ -91,7 +92,7 @@ impl Storage {
         })
     }
 
-    /// Waits until all of it is on the disk.
+    /// Waits until the whole file is on the disk.
     pub fn sync(&self) -> Result<()> {
         #[cfg(unix)]
         let synced = self.file.sync_data();

@@ -1,13 +1,14 @@
-//! Normals and radii of all points of an index, estimated after it is complete.
+//! Estimates normals and radii of all points of an index once it is complete.
 //!
-//! A neighbourhood must be seen at full density, and a place's points are spread over a node, all nodes below it and its
-//! ancestors. So the tree is divided into *groups*: octants whose nodes hold a bounded number of points together. A group is
-//! read whole, with the points of its ancestors that lie in it and a margin of its neighbours' points, goes through
-//! `cloud::estimate_part`, and its part of the file is written. Ancestors fill up group by group.
+//! A neighbourhood must be seen at full density, and a place's points are spread over a node, all nodes below it and
+//! its ancestors. So the tree is divided into *groups*: octants whose nodes hold a bounded number of points together. A
+//! group is read whole, with the points of its ancestors that lie in it and a margin of its neighbours' points;
+//! `cloud::estimate_part` estimates it, and its part of the file is written. The blocks of ancestors fill up group by
+//! group.
 //!
-//! The file `surfels` holds six bytes a point, node after node: packed normals, then packed radii, in the page's order. It
-//! grows under another name beside a list of the groups that are done, from which a build that was killed goes on; its head
-//! with the checksums is written last.
+//! The file `surfels` holds six bytes a point, node after node: packed normals, then packed radii, in the page's order.
+//! It is written under another name beside a list of the finished groups, from which a build that was killed goes on;
+//! its head with the checksums is written last.
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};
@@ -27,47 +28,50 @@ pub(crate) const SURFELS: &str = "surfels";
 const UNFINISHED: &str = "surfels.unfinished";
 const DONE: &str = "surfels.done";
 const LOCK: &str = "surfels.lock";
-/// All files that are made here.
+/// The names of all files that are made here.
 pub(crate) const NAMES: [&str; 4] = [SURFELS, UNFINISHED, DONE, LOCK];
 const MAGIC: [u8; 8] = *b"glintsrf";
 const VERSION: u32 = 2;
-/// Bytes of the head before the checksums: magic, version, checksum of what follows, identity, largest radius.
+/// The size in bytes of the head before the checksums: magic, version, checksum of the remainder, identity, largest
+/// radius.
 const HEAD_BYTES: usize = 16 + IDENTITY_BYTES + 2;
 /// Key of the index, nodes, points, neighbours, orientation.
 const IDENTITY_BYTES: usize = 16 + 4 + 8 + 4 + 1 + 24;
-/// Bytes of an entry of the list of groups: group, points, checksum of both.
+/// The size in bytes of an entry in the list of groups: group, points, checksum of both.
 const DONE_BYTES: usize = 4 + 8 + 4;
-/// Bytes of a packed normal and a packed radius.
+/// The size in bytes of a packed normal and a packed radius.
 const POINT_BYTES: u64 = 6;
-/// Memory a point takes while it is estimated: position, order, boxes, results twice (about 30 measured, in groups of
-/// 12.5 million points).
+/// The memory in bytes that a point takes while it is estimated: position, order, boxes, results twice (about 30
+/// measured, in groups of 12.5 million points).
 const WORKING_BYTES: u64 = 40;
-/// Points of a group however much memory there is: half a minute of one core, the most that a cancel waits or a kill loses.
+/// The most points of a group, however much memory there is: half a minute of one core, the longest that a cancel waits
+/// or a kill loses.
 const MOST_POINTS: u64 = 1 << 24;
-/// Points below which a group is not worth its margin.
+/// The least limit of a group's points: smaller groups are not worth their margin.
 const FEWEST_POINTS: u64 = 1 << 16;
-/// Cells are not divided further: what is deeper lies in one place.
+/// Cells at this level are not divided: points further down lie in one place.
 const DEEPEST: u8 = 21;
-/// Width of the margin in distances between neighbours, if the group's points lie evenly on its largest face. Sixteen
-/// neighbours are within 2.3 distances, so a place may be a hundred times sparser than its group and still be exact.
+/// The width of the margin in distances between neighbours, if the group's points lie evenly on its largest face.
+/// Sixteen neighbours are within 2.3 distances, so a place may be a hundred times sparser than its group and still be
+/// exact.
 const MARGIN: f64 = 22.0;
 
 /// The complete file of an index.
 pub(crate) struct SurfelFile {
     storage: Storage,
     options: SurfelOptions,
-    /// Packed; larger ones count as this.
+    /// The largest radius, packed; larger ones are cut to it.
     largest: u16,
     checksums: Vec<u32>,
 }
 
 impl SurfelFile {
-    /// `Damaged` if it is not of this index.
+    /// Opens the file of an index; `Damaged` if it belongs to another one.
     pub fn open(folder: &Path, key: u128, octree: &Octree) -> Result<Self> {
         let storage = Storage::open(&folder.join(SURFELS))?;
         let damaged = |problem: &str| Error::damaged(storage.path(), problem);
         let nodes = octree.nodes.len();
-        // Sizes are believed only if the file has them.
+        // The expected size is checked against the file before anything is allocated.
         if storage.length() != data_start(nodes) + POINT_BYTES * octree.points() {
             return Err(damaged("not as large as the index says"));
         }
@@ -89,12 +93,12 @@ impl SurfelFile {
         Ok(Self { storage, options, largest, checksums })
     }
 
-    /// How they were estimated.
+    /// The options of the estimate.
     pub fn options(&self) -> &SurfelOptions {
         &self.options
     }
 
-    /// Packed normals and radii of a node, in the order of its page.
+    /// The packed normals and radii of a node, in the order of its page.
     pub fn read(&self, octree: &Octree, node: NodeId) -> Result<Surfels> {
         let bytes = read_block(&self.storage, octree, node)?;
         if crc32fast::hash(&bytes) != self.checksums[node.0 as usize] {
@@ -106,7 +110,7 @@ impl SurfelFile {
     }
 }
 
-/// Byte of the first node's surfels.
+/// The offset in bytes of the first node's normals and radii.
 fn data_start(nodes: usize) -> u64 {
     HEAD_BYTES as u64 + 4 * nodes as u64
 }
@@ -134,7 +138,7 @@ fn pack(surfels: &Surfels) -> Vec<u8> {
     normals.chain(surfels.radii.iter().flat_map(|radius| radius.to_le_bytes())).collect()
 }
 
-/// What surfels depend on.
+/// The bytes that identify the input of the estimate.
 fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
     let (kind, direction) = match options.orientation {
         Orientation::Up(up) => (0, up.as_dvec3()),
@@ -150,7 +154,7 @@ fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
     bytes
 }
 
-/// Of neighbours and orientation as `identity` writes them.
+/// Reads neighbours and orientation as `identity` writes them.
 fn read_options(bytes: &[u8]) -> Option<SurfelOptions> {
     let (neighbours, rest) = bytes.split_first_chunk::<4>()?;
     let (kind, rest) = rest.split_first()?;
@@ -165,8 +169,8 @@ fn read_options(bytes: &[u8]) -> Option<SurfelOptions> {
     Some(SurfelOptions { neighbours: u32::from_le_bytes(*neighbours) as usize, orientation })
 }
 
-/// The levels nearest to the root that hold up to `points` points together: enough of a cloud to guess from
-/// (`cloud::guess_orientation`). Always the root.
+/// The points of the levels nearest to the root that have up to `points` points together, but at least the root's:
+/// enough of a cloud to guess from (`cloud::guess_orientation`).
 pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
     let nodes = &pages.octree().nodes;
     let mut per_level = vec![0_u64; 1 + usize::from(u8::MAX)];
@@ -182,16 +186,18 @@ pub fn coarsest(pages: &Pages, points: u64) -> Result<Vec<Chunk>> {
     wanted.into_par_iter().map(|node| pages.read(node)).collect()
 }
 
-/// Estimates normals and radii of all points; opened anew, `pages` has them. Those that the files brought are kept. What is
-/// there already, with the same options, is not made again. Uses about `memory` bytes; `progress` counts points, those in
-/// margins as well. One estimates at a time: others wait and find it done.
+/// Estimates normals and radii of all points; `pages` has them when it is opened anew. Normals and radii that the files
+/// have are kept. An existing estimate with the same options is not repeated. Uses about `memory` bytes; `progress`
+/// counts points, including those in margins. Only one program estimates at a time: others wait and find the result.
 ///
-/// The result is that of `cloud::estimate` over the whole cloud, but for ties between neighbours equally far and for points
-/// whose nearest neighbours are further than the margin beyond the limits of their group (docs/scale.md says how many).
+/// The result is that of `cloud::estimate` over the whole cloud, except for ties between neighbours at equal distances
+/// and for points whose nearest neighbours are further outside their group than the margin (docs/scale.md says how
+/// many).
 ///
 /// # Errors
-/// `Cancelled`; what is done is kept for the next time. `Damaged` if points are, or if the index was replaced or deleted meanwhile:
-/// what is there instead of it is not touched. `Io` for a COPC file, which is not an index of ours. `NotWritten`: with a full disk nothing is kept.
+/// `Cancelled`; finished groups are kept for the next time. `Damaged` if points are, or if the index was replaced or
+/// deleted meanwhile: whatever replaces it is not touched. `Io` for a COPC file, which is not an index of ours.
+/// `NotWritten`: with a full disk nothing is kept.
 pub fn estimate_surfels(pages: &Pages, options: &SurfelOptions, memory: u64, progress: &Progress) -> Result<()> {
     let most = (memory / WORKING_BYTES).clamp(FEWEST_POINTS, MOST_POINTS);
     let estimated = estimate_in_groups(pages, options, most, progress);
@@ -199,7 +205,7 @@ pub fn estimate_surfels(pages: &Pages, options: &SurfelOptions, memory: u64, pro
     estimated.map_err(|error| error.of_cache(pages.folder().parent().unwrap_or(pages.folder())))
 }
 
-/// With groups of up to `most` points.
+/// The same in groups of up to `most` points.
 fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progress: &Progress) -> Result<()> {
     let folder = pages.folder();
     if pages.is_copc() {
@@ -225,7 +231,7 @@ fn estimate_in_groups(pages: &Pages, options: &SurfelOptions, most: u64, progres
     Ok(())
 }
 
-/// Removes what a build left that did not finish.
+/// Removes what an unfinished estimate left.
 fn clear(folder: &Path) -> Result<()> {
     for name in [DONE, UNFINISHED] {
         let path = folder.join(name);
@@ -256,23 +262,23 @@ fn lock(pages: &Pages, progress: &Progress) -> Result<File> {
     }
 }
 
-/// Octants of a node that are estimated together, or all of the tree.
+/// Octants of a node that are estimated together, or the whole tree.
 #[derive(Debug, Default, PartialEq)]
 struct Group {
     cells: Vec<Cell>,
-    /// The nodes of the cells; a cell without one has points of its ancestors only.
+    /// The nodes of the cells; a cell without a node has points of its ancestors only.
     nodes: Vec<NodeId>,
-    /// Ancestors of the cells, root first.
+    /// The ancestors of the cells, root first.
     above: Vec<NodeId>,
 }
 
-/// The points of the node and all below it lie at one place, and nothing but the place is known of them: one of them stands for
-/// all.
+/// Whether all points of the node and those below it lie at one place, and have no normals that could differ: then one
+/// of them stands for all.
 fn is_one_place(pages: &Pages, node: &Node) -> bool {
     node.bounds.min == node.bounds.max && !pages.has_normals()
 }
 
-/// Points of each node and those below it, but one for a page whose points lie at one place.
+/// For each node, the number of its points and those below it; a page whose points lie at one place counts as one.
 fn weights(pages: &Pages) -> Vec<u64> {
     let nodes = &pages.octree().nodes;
     let own = |node: &Node| if is_one_place(pages, node) { 1 } else { u64::from(node.points) };
@@ -285,7 +291,8 @@ fn weights(pages: &Pages) -> Vec<u64> {
     weights
 }
 
-/// Parts of space that hold every point once, each with `most` points at most, by their weight, beside those of its ancestors.
+/// Divides space into groups so that every point is in exactly one. The weights of a group's nodes sum to `most` at
+/// most, without its ancestors' points.
 fn groups(octree: &Octree, weights: &[u64], most: u64) -> Vec<Group> {
     struct Division<'a> {
         octree: &'a Octree,
@@ -326,8 +333,9 @@ fn groups(octree: &Octree, weights: &[u64], most: u64) -> Vec<Group> {
     division.groups
 }
 
-/// A cell in the world, upper sides excluded. Neighbours share their sides to the bit, and sides that are also sides of
-/// `within` are open: each position is in exactly one cell of a division of `within`, even one that rounding has moved out.
+/// The box of a cell in the world, without its upper sides. Neighbours share their sides to the bit, and sides that are
+/// also sides of `within` are open: each position is in exactly one cell of a division of `within`, even one that
+/// rounding has moved out.
 fn space(octree: &Octree, cell: Cell, within: Cell) -> Bounds {
     let width = octree.width / f64::from(cell.level).exp2();
     let below = cell.level - within.level.min(cell.level);
@@ -346,19 +354,20 @@ fn holds(space: &Bounds, position: DVec3) -> bool {
     position.cmpge(space.min).all() && position.cmplt(space.max).all()
 }
 
-/// Points of one node that a group sees.
+/// The points of one node that a group reads.
 struct Part {
     node: NodeId,
     chunk: Chunk,
     own: Own,
 }
 
-/// Which points of a part are the group's own: what it writes.
+/// The points of a part that belong to the group itself: the group writes their results.
 enum Own {
     All,
-    /// All of so many, which lie at one place: the part has one of them.
+    /// All points of the node, which lie at one place; the part contains only one of them. The number is that of the
+    /// node's points.
     Equal(usize),
-    /// Index in the part's chunk, index in the node.
+    /// Pairs of the index in the part's chunk and the index in the node.
     Some(Vec<(u32, u32)>),
 }
 
@@ -369,16 +378,16 @@ struct Build<'a> {
     groups: Vec<Group>,
     most: u64,
     unfinished: Storage,
-    /// Groups that are done, and where more are noted.
+    /// For each group, whether it is done; the file `done` lists the groups that are.
     is_done: Vec<bool>,
     done: File,
     done_path: PathBuf,
-    /// Own points of the groups that are done.
+    /// The number of own points of the groups that are done.
     points: u64,
 }
 
 impl<'a> Build<'a> {
-    /// Goes on from what is there if it was made in the same way.
+    /// Continues an earlier estimate if it was made in the same way.
     fn start(pages: &'a Pages, options: &'a SurfelOptions, most: u64, identity: &[u8]) -> Result<Self> {
         let octree = pages.octree();
         let weights = weights(pages);
@@ -395,7 +404,7 @@ impl<'a> Build<'a> {
                 clear(pages.folder())?;
                 list = title.clone();
             }
-            // An entry that was cut short is written over.
+            // An entry that was cut short is overwritten.
             let (entries, _) = list[title.len()..].as_chunks::<DONE_BYTES>();
             let (mut is_done, mut points, mut valid) = (vec![false; groups.len()], 0, title.len());
             for entry in entries {
@@ -427,7 +436,7 @@ impl<'a> Build<'a> {
                 continue;
             }
             let own = self.estimate(&self.groups[index], progress)?;
-            // The list must not name what is not on the disk.
+            // The list must not name a group whose results are not on the disk.
             self.unfinished.sync()?;
             let noted = self.done.write_all(&write_entry(index, own)).and_then(|()| self.done.sync_data());
             noted.map_err(|error| Error::not_written(&self.done_path, error))?;
@@ -436,7 +445,7 @@ impl<'a> Build<'a> {
         Ok(())
     }
 
-    /// Returns the group's own points.
+    /// Estimates a group. Returns the number of its own points.
     fn estimate(&self, group: &Group, progress: &Progress) -> Result<u64> {
         let parts = self.load(group)?;
         let own_points = |part: &Part| match &part.own {
@@ -457,8 +466,8 @@ impl<'a> Build<'a> {
         Ok(own)
     }
 
-    /// The points a group sees. Its margin becomes narrower until what is in it are not more than half as many points as a
-    /// group may have.
+    /// Reads the points that a group needs. Narrows its margin until it holds at most half as many points as a group
+    /// may have.
     fn load(&self, group: &Group) -> Result<Vec<Part>> {
         let octree = self.pages.octree();
         let points: u64 = group.nodes.iter().map(|node| self.weights[node.0 as usize]).sum();
@@ -470,7 +479,7 @@ impl<'a> Build<'a> {
             let view = View { pages: self.pages, group, margin, others: &others, most: self.most / 2 };
             let mut wanted = Vec::new();
             view.find(NodeId(0), &mut wanted);
-            // Sums are rounded the same way in every run.
+            // The fixed order makes sums round the same way in every run.
             wanted.sort_unstable_by_key(|(node, _)| *node);
             let parts: Option<Vec<Part>> = wanted
                 .into_par_iter()
@@ -508,7 +517,7 @@ impl<'a> Build<'a> {
         self.unfinished.write(block_start(octree, node), &bytes)
     }
 
-    /// Writes the head and gives the file its name.
+    /// Writes the head and gives the file its final name.
     fn finish(&self, identity: &[u8]) -> Result<()> {
         let octree = self.pages.octree();
         let path = self.unfinished.path();
@@ -542,37 +551,37 @@ fn write_entry(group: usize, points: u64) -> Vec<u8> {
     entry
 }
 
-/// Group and points; `None` if it was not written whole.
+/// Group and points; `None` if the entry was not written whole.
 fn read_entry(entry: &[u8; DONE_BYTES]) -> Option<(usize, u64)> {
     let (group, points) = (entry.first_chunk::<4>()?, entry[4..].first_chunk::<8>()?);
     let (group, points) = (u32::from_le_bytes(*group) as usize, u64::from_le_bytes(*points));
     (write_entry(group, points) == entry).then_some((group, points))
 }
 
-/// What a node is to a group.
+/// How a node's points relate to a group.
 #[derive(Clone, Copy, PartialEq)]
 enum Role {
     /// All of its points are the group's.
     Below,
     /// Those of its points that lie in the group are the group's.
     Above,
-    /// Holds neighbours.
+    /// Its points are neighbours of the group's.
     Beside,
 }
 
-/// What a group sees with a margin of some width.
+/// Reads what a group needs, with a margin of some width.
 struct View<'a> {
     pages: &'a Pages,
     group: &'a Group,
-    /// World units.
+    /// The width of the margin in world units.
     margin: f64,
-    /// Points in the margin so far, and how many it may be. A margin of 0 has no limit.
+    /// The number of points in the margin so far; `most` is their limit. A margin of 0 has no limit.
     others: &'a AtomicU64,
     most: u64,
 }
 
 impl View<'_> {
-    /// Nodes that hold some of it.
+    /// Finds the nodes that hold some of the points.
     fn find(&self, node: NodeId, found: &mut Vec<(NodeId, Role)>) {
         let octree = self.pages.octree();
         let Some(Node { bounds, children, .. }) = octree.nodes.get(node.0 as usize) else { return };
@@ -594,7 +603,7 @@ impl View<'_> {
     }
 
     fn find_below(&self, node: NodeId, found: &mut Vec<(NodeId, Role)>) {
-        // A chain of nodes may be deep where points lie in one place.
+        // A chain of nodes may be deep where points lie in one place, so this does not recurse.
         let mut open = vec![node];
         while let Some(node) = open.pop() {
             found.push((node, Role::Below));
@@ -607,7 +616,7 @@ impl View<'_> {
         Bounds { min: min - self.margin, max: max + self.margin }
     }
 
-    /// `None` if the margin holds too many points.
+    /// The part that a node gives; `None` if the margin holds too many points.
     fn read(&self, node: NodeId, role: Role) -> Result<Option<Part>> {
         let mut chunk = self.pages.read_page(node)?;
         chunk.colors = None;

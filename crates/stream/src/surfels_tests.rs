@@ -9,7 +9,7 @@ use crate::{BuildOptions, Cache, build};
 
 const OPTIONS: SurfelOptions = SurfelOptions { neighbours: 16, orientation: Orientation::Up(Vec3::Z) };
 
-/// Hills on a millimetre grid, 5 points a square metre, and a sparse corner.
+/// Hills on a millimetre grid with 5 points a square metre, and a sparse corner.
 fn hills(points: u64) -> Vec<[i32; 3]> {
     let size = (points as f64 / 5.0).sqrt();
     let unit = |seed: u64| (cloud::hash(seed) >> 11) as f64 / (1_u64 << 53) as f64;
@@ -64,7 +64,7 @@ fn reopened(pages: &Pages) -> Pages {
     Pages::open(pages.folder()).unwrap()
 }
 
-/// Packed normal and radius by place, in millimetres.
+/// The packed normal and radius of each place in millimetres.
 fn by_place<'a>(chunks: impl Iterator<Item = (&'a Chunk, &'a [u32], &'a [u16])>) -> HashMap<[i64; 3], (u32, u16)> {
     let mut found = HashMap::new();
     for (chunk, normals, radii) in chunks {
@@ -82,7 +82,7 @@ fn paged(chunks: &[Chunk]) -> HashMap<[i64; 3], (u32, u16)> {
     )
 }
 
-/// What `cloud::estimate` makes of the whole file in memory.
+/// What `cloud::estimate` computes from the whole file in memory.
 fn in_memory(source: &codec::Source) -> HashMap<[i64; 3], (u32, u16)> {
     let chunks = Mutex::new(Vec::new());
     let selection = codec::Selection { positions: true, ..Default::default() };
@@ -92,7 +92,7 @@ fn in_memory(source: &codec::Source) -> HashMap<[i64; 3], (u32, u16)> {
     by_place(chunks.iter().zip(&surfels).map(|(chunk, surfels)| (chunk, &surfels.normals[..], &surfels.radii[..])))
 }
 
-/// Share of the points whose normal is more than half a degree off, or whose radius is more than a thousandth.
+/// The share of the points whose normal differs by more than half a degree, or whose radius by more than a thousandth.
 fn differing(paged: &HashMap<[i64; 3], (u32, u16)>, memory: &HashMap<[i64; 3], (u32, u16)>) -> f64 {
     assert_eq!(paged.len(), memory.len());
     let differs = |(place, (normal, radius)): &(&[i64; 3], &(u32, u16))| {
@@ -117,7 +117,7 @@ fn surfels_of_one_group_are_those_of_the_cloud_in_memory() {
     let pages = reopened(&pages);
     assert!(pages.has_surfels());
     let chunks = all(&pages);
-    // The same chunks: the same to the bit.
+    // The same chunks give the same result to the bit.
     let mut bare = chunks.clone();
     bare.iter_mut().for_each(|chunk| (chunk.normals, chunk.radii) = (None, None));
     let expected = cloud::estimate(&bare, &OPTIONS, &Progress::default()).unwrap();
@@ -125,7 +125,7 @@ fn surfels_of_one_group_are_those_of_the_cloud_in_memory() {
         assert_eq!(chunk.normals.as_deref(), Some(&expected.normals));
         assert_eq!(chunk.radii.as_deref(), Some(&expected.radii));
     }
-    // The file's chunks have other origins and another order: the same but for rounding and ties.
+    // The file's chunks have other origins and another order: the result is the same but for rounding and ties.
     let share = differing(&paged(&chunks), &in_memory(&source));
     assert!(share < 1e-3, "{share}");
 }
@@ -177,7 +177,7 @@ fn an_estimate_that_was_killed_goes_on_from_the_groups_that_are_done() {
         let own = build.estimate(&build.groups[index], &Progress::default()).unwrap();
         build.done.write_all(&write_entry(index, own)).unwrap();
     }
-    // Killed amid an entry.
+    // The estimate is killed while it writes an entry.
     build.done.write_all(&write_entry(3, 17)[..9]).unwrap();
     drop(build);
     assert!(!reopened(&pages).has_surfels(), "what is not complete is not there");
@@ -284,7 +284,8 @@ fn a_hundred_thousand_points_at_one_place_are_one_in_memory() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("heap.las");
     let mut points = hills(30_000);
-    // Nodes so far down that no group divides them: two places of many points a millimetre apart, and one point far away.
+    // Nodes so far down that no group divides them: two places with many points, a millimetre apart, and one point far
+    // away.
     points.extend((0..150_000).map(|index| [50_000 + index % 2, 50_000, 1000]));
     points.push([2_000_000_000, 2_000_000_000, 0]);
     write_las(&path, &points);
@@ -302,7 +303,7 @@ fn a_hundred_thousand_points_at_one_place_are_one_in_memory() {
     let progress = Progress::default();
     estimate_in_groups(&pages, &OPTIONS, 20_000, &progress).unwrap();
     assert_eq!(progress.done(), progress.total());
-    // What shares a page or a chunk with the far point may lie a few centimetres off there.
+    // Points that share a page or a chunk with the far point may be a few centimetres off.
     let (mut paged, mut memory) = (paged(&all(&reopened(&pages))), in_memory(&source));
     paged.retain(|place, _| memory.contains_key(place));
     memory.retain(|place, _| paged.contains_key(place));
@@ -327,7 +328,7 @@ fn an_estimate_whose_index_is_replaced_or_deleted_touches_nothing_else() {
         std::fs::rename(&folder, &aside).unwrap();
         let theirs = ["nodes", "pages", UNFINISHED, DONE];
         if replaced {
-            // The same index, made by somebody who estimates, too.
+            // The same index, made by another program that estimates, too.
             std::fs::create_dir(&folder).unwrap();
             for name in &theirs[..2] {
                 std::fs::copy(aside.join(name), folder.join(name)).unwrap();

@@ -8,21 +8,21 @@ use glam::DVec3;
 use crate::batches::order;
 use crate::{Node, NodeId, Octree};
 
-/// Width of all root cubes; their corner is the origin.
+/// The width of all root cubes; their corner is the origin.
 const WIDTH: f64 = 1024.0;
 
-/// A terrain: every cell of the lowest layer has a node, down to so many levels below the root, each with so many points.
+/// A terrain: every cell of the lowest layer has a node with `points` points, down to `levels` levels below the root.
 pub fn filled(levels: u8, points: u32) -> Octree {
     build(|_, octant| octant < 4, levels, |_| points, usize::MAX)
 }
 
-/// Nodes here and there, at most so many, of various sizes.
+/// Up to `nodes` nodes at random places, of various sizes.
 pub fn random(seed: u64, nodes: usize) -> Octree {
     let of = |key: u64, salt: u64| cloud::hash(key ^ seed.wrapping_mul(0x9e37_79b9).wrapping_add(salt << 40));
     build(|key, octant| of(key, octant as u64 + 1) % 3 != 0, 6, |key| 1 + (of(key, 77) % 2000) as u32, nodes)
 }
 
-/// Level by level. `is_there` and `points` get a key that each node has its own of.
+/// Builds a tree level by level. `is_there` and `points` receive a key that is unique to each node.
 fn build(is_there: impl Fn(u64, usize) -> bool, levels: u8, points: impl Fn(u64) -> u32, at_most: usize) -> Octree {
     let mut octree = Octree { corner: DVec3::ZERO, width: WIDTH, spacing: WIDTH / 128.0, nodes: Vec::new() };
     let node = |level, corner: DVec3, width: f64, points, parent| Node {
@@ -83,15 +83,16 @@ pub fn page(octree: &Octree, id: NodeId) -> Chunk {
     chunk
 }
 
-/// Points along a side of a node of [`terrain`].
+/// The number of points along a side of a node of [`terrain`].
 const SIDE: u32 = 16;
 
-/// A flat square of so many levels below the root. Nodes hold `SIDE` by `SIDE` points, in the middle of the cells of a grid.
+/// A flat square down to `levels` levels below the root. Nodes hold `SIDE` by `SIDE` points, in the middle of the cells
+/// of a grid.
 pub fn terrain(levels: u8) -> Octree {
     Octree { spacing: WIDTH / f64::from(SIDE), ..filled(levels, SIDE * SIDE) }
 }
 
-/// A node of [`terrain`]: its points in the order of their batches, with the radius that all points together need.
+/// The points of a node of [`terrain`] in batch order, with the radius that all points together need.
 pub fn terrain_page(octree: &Octree, id: NodeId) -> Chunk {
     let node = octree.node(id);
     let cell = node.bounds.size().x / f64::from(SIDE);

@@ -1,9 +1,9 @@
-//! Buckets to the nodes of the octree, from the root down, several buckets at once.
+//! Builds the nodes of the octree from buckets, from the root down, several buckets at once.
 //!
 //! The node of level L takes one point of each cell of level L + 7. A cell of that size lies within a bucket as long as
-//! the bucket is at most seven levels below the node, so each bucket chooses for the nodes above it on its own; how many
-//! cells there are in all, which says how much they must be thinned out, is known from the distribution. For nodes still
-//! further up, whose cells hold whole buckets, the largest bucket in a cell gives the cell's point.
+//! the bucket is at most seven levels below the node, so each bucket chooses for the nodes above it on its own. The
+//! distribution has counted those cells, and their number decides how much they are thinned. For nodes still further
+//! up, whose cells hold whole buckets, the largest bucket in a cell gives the cell's point.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -22,16 +22,17 @@ use crate::{Error, Result};
 
 /// A node's cells are this many levels below it: 128 along each edge.
 const CELL_LEVELS: u8 = 7;
-/// A node of so many points or fewer has no children.
+/// A node with this many points or fewer has no children.
 const LEAF_POINTS: usize = 40_000;
-/// Cells that give a node a point, at most.
+/// The largest number of cells that give a node a point.
 const NODE_CELLS: u64 = 50_000;
-/// A child of fewer points is part of its parent.
+/// A child with fewer points is joined to its parent.
 const FEW_POINTS: usize = 2_000;
-/// Bytes that a bucket takes in memory for each point besides its record: keys while they are sorted, then candidates.
+/// The memory in bytes that a bucket takes for each point besides its record: keys while they are sorted, then
+/// candidates.
 pub const BYTES_PER_POINT: u64 = 16 + 24 + 8;
 
-/// What the nodes are made of and where they go.
+/// The input of the nodes, and where their pages are written.
 pub struct Tree<'a> {
     pub layout: &'a Layout,
     pub placing: Placing,
@@ -43,40 +44,40 @@ pub struct Tree<'a> {
 /// A node above the buckets, until all below it are done.
 #[derive(Default)]
 struct Ancestor {
-    /// Children that are not done.
+    /// The number of children that are not done.
     waiting: usize,
-    /// Records that buckets chose, with the buckets' numbers.
+    /// The records that buckets chose, with the buckets' numbers.
     parts: Vec<(usize, Vec<u8>)>,
-    /// Children of few points: their records.
+    /// The records of children with few points.
     small: Vec<(Cell, Vec<u8>)>,
-    /// Has children that are nodes.
+    /// Whether it has children that are nodes.
     divided: bool,
 }
 
-/// What a bucket chooses for the node above it of one level.
+/// The points that a bucket gives to its ancestor at one level.
 #[derive(Clone, Copy)]
 enum Share {
     Nothing,
-    /// The one point of a cell that holds the bucket.
+    /// One point, for a cell that holds the whole bucket.
     One,
-    /// A point of each cell `depth` levels below the bucket.
+    /// One point for each cell `depth` levels below the bucket.
     Cells {
         depth: u8,
         thinning: Thinning,
     },
 }
 
-/// Bytes that are lent to the buckets under way.
+/// The bytes that are lent to the buckets being worked on.
 struct Memory {
     free: Mutex<u64>,
     returned: Condvar,
 }
 
-/// All threads work on this.
+/// The state that all threads share.
 struct Work<'a> {
     tree: &'a Tree<'a>,
     buckets: &'a [Bucket],
-    /// Per bucket, per level above it.
+    /// For each bucket, its share for each level above it.
     shares: Vec<Vec<Share>>,
     ancestors: Mutex<HashMap<Cell, Ancestor>>,
     written: Mutex<Vec<Written>>,
@@ -87,8 +88,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Tree<'_> {
-    /// Writes the pages of all nodes. `buckets` are in the order of the Morton curve. Holds about `memory` bytes, or one
-    /// bucket.
+    /// Writes the pages of all nodes. `buckets` are in the order of the Morton curve. Uses about `memory` bytes, or the
+    /// memory of one bucket.
     pub fn build(&self, buckets: &[Bucket], memory: u64) -> Result<Vec<Written>> {
         let work = Work {
             tree: self,
@@ -145,10 +146,10 @@ impl Memory {
     }
 }
 
-/// What each bucket chooses for each level above it.
+/// For each bucket, what it gives to each level above it.
 fn shares(buckets: &[Bucket]) -> Vec<Vec<Share>> {
     let mut cells: HashMap<Cell, u64> = HashMap::new();
-    // The largest bucket in each cell that holds whole buckets, the first of equals.
+    // For each cell that holds whole buckets, the largest bucket in it; the first of equal ones.
     let mut largest: HashMap<Cell, (u64, usize)> = HashMap::new();
     let known = |bucket: &Bucket, level: u8| {
         let depth = (level + CELL_LEVELS).checked_sub(bucket.cell.level)?;
@@ -219,7 +220,7 @@ impl Work<'_> {
                 Share::One => left = take(&mut points[..left], 0, Thinning::new(1, 1, 0), &mut taken),
                 Share::Cells { depth, thinning } => {
                     left = take(&mut points[..left], depth, thinning, &mut taken);
-                    // No node is without points that has some below it.
+                    // A node with points below it is never without points.
                     if taken.is_empty() && left > FEW_POINTS {
                         left = take(&mut points[..left], 0, Thinning::new(1, 1, 0), &mut taken);
                     }
@@ -238,7 +239,7 @@ impl Work<'_> {
         self.done(bucket.cell, small)
     }
 
-    /// A bucket whose points are all in one place, too many to be held at once.
+    /// Writes a bucket whose points are all in one place and too many to be in memory at once.
     fn heap_bucket(&self, index: usize) -> Result<()> {
         let bucket = &self.buckets[index];
         let stride = self.tree.layout.stride();
@@ -281,7 +282,8 @@ impl Work<'_> {
         }
     }
 
-    /// Writes the node of `cell` and those below it. `points` have keys below `base`, the cell's level or one above.
+    /// Writes the node of `cell` and those below it. The keys of `points` are below level `base`, the cell's level or
+    /// the one above.
     fn grow(&self, records: &[u8], cell: Cell, points: &mut [Candidate], base: u8) -> Result<()> {
         let layout = self.tree.layout;
         if self.tree.progress.is_cancelled() {
@@ -329,7 +331,7 @@ impl Work<'_> {
         }
     }
 
-    /// Tells the node above that a child is done: with its records if they are few and no node.
+    /// Tells the node above that a child is done. If the child has too few points for a node, `small` is its records.
     fn done(&self, mut cell: Cell, mut small: Option<Vec<u8>>) -> Result<()> {
         while let Some(parent) = cell.parent() {
             let ancestor = {
@@ -351,7 +353,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Writes a node above the buckets, unless it has so few points that they go on to its parent.
+    /// Writes a node above the buckets; if it has too few points, returns their records for its parent instead.
     fn finish(&self, cell: Cell, mut ancestor: Ancestor) -> Result<Option<Vec<u8>>> {
         let stride = self.tree.layout.stride();
         ancestor.parts.sort_by_key(|(bucket, _)| *bucket);
@@ -379,7 +381,7 @@ impl Work<'_> {
         self.write(records, cell, &points)
     }
 
-    /// Writes a node. `points` are along the Morton curve.
+    /// Writes a node. `points` are in the order of the Morton curve.
     fn write(&self, records: &[u8], cell: Cell, points: &[Candidate]) -> Result<()> {
         let (place, bytes) = page::encode(self.tree.layout, &self.gather(records, points));
         let checksum = crc32fast::hash(&bytes);
@@ -390,7 +392,7 @@ impl Work<'_> {
     }
 }
 
-/// Where the nodes of points that no cell tells apart are: the first in `cell`, eight below each.
+/// The cell of a node of points that no cell separates: the first node is `cell`, and each has eight below it.
 fn heap_cell(cell: Cell, node: usize) -> Cell {
     if node == 0 { cell } else { heap_cell(cell, (node - 1) / 8).child((node - 1) % 8) }
 }

@@ -1,4 +1,4 @@
-//! What an index holds is what the files hold, whatever they are and however little memory there is.
+//! An index holds exactly what the files hold, whatever they are and however little memory there is.
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
 
 use std::collections::HashMap;
@@ -47,7 +47,7 @@ fn add(bag: &mut Bag, cloud: &Cloud, chunk: &Chunk, columns: &[usize]) {
         if !world.is_finite() {
             continue;
         }
-        // In steps of the grid, from the middle of the world: files may have different offsets.
+        // In steps of the grid from the world's origin: files may have different offsets.
         let at = cloud.grid.map_or(world, |grid| world / grid.scale);
         let color = chunk.colors.as_ref().map_or([0; 4], |colors| colors[index]);
         let normal = chunk.normals.as_ref().map_or(0, |normals| normals[index]);
@@ -98,7 +98,7 @@ fn points_in(pages: &Pages) -> Bag {
     bag
 }
 
-/// Says which points differ, not all of them.
+/// Fails with the points that differ, but not with all of them.
 fn assert_same(found: &Bag, expected: &Bag) {
     let count = |bag: &Bag| bag.values().sum::<usize>();
     let wrong = expected.iter().filter(|(point, count)| found.get(*point) != Some(count)).take(3).collect::<Vec<_>>();
@@ -139,7 +139,7 @@ fn every_point_of_the_test_data_is_in_one_node() {
         let Ok(files) = std::fs::read_dir(folder.join(section)) else { continue };
         for path in files.flatten().map(|file| file.path()).filter(|path| path.extension().is_some_and(|e| e != "ply"))
         {
-            // The large ones take a while; what is in them is in the small ones, too.
+            // Large files take a while; their formats occur in the small ones, too.
             let Some(source) = codec::open(&path).ok().filter(|source| (1..300_000).contains(&source.info().points))
             else {
                 continue;
@@ -154,7 +154,7 @@ fn every_point_of_the_test_data_is_in_one_node() {
             if (size / info.grid.unwrap().scale).max_element() < (1 << 23) as f64 {
                 assert_holds_all(&inputs, &pages);
             } else {
-                // Chunks of the file are too coarse themselves.
+                // The file's own chunks are too coarse.
                 assert_same_places(&inputs, &pages, size.max_element() * 0.5_f64.powi(22));
             }
             seen += 1;
@@ -163,7 +163,7 @@ fn every_point_of_the_test_data_is_in_one_node() {
     assert!(seen > 20, "{seen} files");
 }
 
-/// Pairs each point of a file with one of an index that is at the same place, as nearly as `tolerance`.
+/// Pairs each point of a file with one of an index whose place differs by `tolerance` at most.
 fn assert_same_places(inputs: &[Arc<Source>], pages: &Pages, tolerance: f64) {
     type Rest = ([u8; 4], u32);
     let points = |chunk: &Chunk| -> Vec<(DVec3, Rest)> {
@@ -234,7 +234,7 @@ fn points_of_ply_files_come_back_to_less_than_their_own_precision() {
     assert!(seen > 10, "{seen} files");
 }
 
-/// Cubes of all nodes: lower corner and width.
+/// The cubes of all nodes: lower corner and width.
 fn cubes(pages: &Pages) -> Vec<(DVec3, f64)> {
     let octree = pages.octree();
     let mut cubes = vec![(octree.corner, octree.width)];
@@ -399,7 +399,7 @@ fn several_files_are_one_cloud() {
         write_las_with(&path, &terrain(60_000), SCALE, [OFFSET[0] + shift, OFFSET[1], OFFSET[2]], |_, _| ());
         open(&path)
     };
-    // Next to the first, four thousand kilometres away (its grid integers from there take more than 32 bits).
+    // One next to the first, one four thousand kilometres away (its grid integers from there take more than 32 bits).
     for (shift, name) in [(1_000.0, "near"), (4_000_000.0, "far")] {
         let inputs = [file(&format!("{name}-one.las"), 0.0), file(&format!("{name}-two.las"), shift)];
         let pages = index_with(&inputs, folder.path(), &tiny_memory());
@@ -447,7 +447,7 @@ fn decoded_points_take_as_many_bytes_as_an_index_says() {
         let pages = index(&[open(&path)], folder.path());
         let mut exact = 0;
         for (id, node) in pages.octree().ids() {
-            // It has neither normals nor radii yet.
+            // The index has neither normals nor radii yet.
             let bytes = pages.read(id).unwrap().size_in_bytes() as u64 + 6 * u64::from(node.points);
             assert_eq!(bytes, u64::from(node.points) * node.point_bytes(pages.point_bytes()));
             exact += usize::from(node.is_exact);

@@ -1,4 +1,4 @@
-//! A COPC file is an index as it is: what its pages hold is what is read of the file as LAZ.
+//! A COPC file is an index as it is: its pages hold the points that reading the file as LAZ gives.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 #[path = "../../../tests/src/real_data.rs"]
@@ -21,7 +21,7 @@ fn data(name: &str) -> Option<PathBuf> {
     Some(test_data()?.join("copc").join(name))
 }
 
-/// How often each point is there: grid integers, colour and attributes.
+/// How often each point occurs: grid integers, colour and attributes.
 type Bag = BTreeMap<([i64; 3], Option<[u8; 4]>, Vec<u64>), u32>;
 
 fn add(bag: &mut Bag, source: &Source, chunk: &Chunk, columns: &[usize]) {
@@ -88,7 +88,7 @@ fn a_prefix_of_a_node_is_an_even_subset_of_it() {
     let source = Arc::new(codec::open(&path).unwrap());
     let chunk = Pages::copc(&source).unwrap().read(NodeId(0)).unwrap();
     assert!(chunk.len() > cloud::CHUNK_POINTS, "a node larger than other chunks");
-    // Cells of an eighth of the width: a quarter of the points has a quarter of each cell's, more or less.
+    // Cells of an eighth of the width: a quarter of the points has about a quarter of each cell's.
     let bounds = chunk.bounds();
     let cells = |points: usize| {
         let mut counts = BTreeMap::<[i32; 3], f64>::new();
@@ -105,14 +105,14 @@ fn a_prefix_of_a_node_is_an_even_subset_of_it() {
     }
 }
 
-/// A plain file is none, and one with empty nodes streams like any other.
+/// A plain file has no pages, and one with empty nodes streams like any other.
 #[test]
 fn a_copc_file_streams_whole_with_nodes_that_are_empty() {
     let Some(path) = data("ellipsoid_las14_pf7_plain.laz") else { return };
     assert!(Pages::copc(&Arc::new(codec::open(&path).unwrap())).is_none());
 
     let path = data("simple_with_hierarchy_page.copc.laz").unwrap();
-    // The root's points in a node that was not there: the root is then without points.
+    // The root's points are moved to a node that did not exist, so the root has no points.
     let mut file = std::fs::read(path).unwrap();
     let root = u64::from_le_bytes(file[469..477].try_into().unwrap()) as usize;
     let entries = u64::from_le_bytes(file[477..485].try_into().unwrap()) as usize / 32;

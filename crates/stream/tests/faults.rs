@@ -1,4 +1,4 @@
-//! What goes wrong is said, leaves nothing behind, and what is kept is never wrong.
+//! Faults are reported, leave nothing behind, and never leave a wrong index.
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
 
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ impl Set {
         build(inputs, &self.cache, &OPTIONS, &Progress::default(), &|_| ())
     }
 
-    /// Folders of indexes, whole or not.
+    /// The folders of indexes, whole or not.
     fn entries(&self) -> Vec<PathBuf> {
         let Ok(folder) = std::fs::read_dir(self.cache.folder()) else { return Vec::new() };
         folder.flatten().map(|item| item.path()).filter(|path| path.is_dir()).collect()
@@ -143,7 +143,7 @@ fn a_killed_builder_is_cleared_up_after() {
     assert!(!entry.join("building").exists());
 }
 
-/// Runs a build during which `happens` once.
+/// Runs a build during which `happens` is called once.
 fn disturbed(set: &Set, inputs: &[Arc<Source>], progress: &Progress, happens: impl Fn() + Sync) -> Result<Pages> {
     let calls = AtomicU64::new(0);
     let once = |_: Chunk| {
@@ -192,7 +192,7 @@ fn a_cancelled_build_leaves_nothing() {
     match built {
         Err(Error::Cancelled) => assert!(set.entries().is_empty()),
         Err(error) => panic!("{error}"),
-        // It was faster.
+        // The build was faster than the cancel.
         Ok(pages) => assert_eq!(points(&pages), 300_000),
     }
 }
@@ -201,7 +201,7 @@ fn a_cancelled_build_leaves_nothing() {
 fn a_file_that_cannot_be_read_is_left_out() {
     let set = Set::new(u64::MAX);
     let inputs = [set.cloud("a.las", 50_000), set.cloud("bad.las", 50_000), set.cloud("b.las", 60_000)];
-    // Nothing of it is left but its header.
+    // Only its header is left.
     std::fs::File::options().write(true).open(set.path("bad.las")).unwrap().set_len(227).unwrap();
     let pages = set.build(&inputs).unwrap();
     assert_eq!(points(&pages), 110_000);
@@ -288,7 +288,7 @@ fn the_least_recently_opened_goes_first_but_never_what_is_open() {
     assert_eq!((set.entries().len(), set.cache.size()), (0, 0));
 }
 
-/// Files below a folder with their contents; links as they are.
+/// The files below a folder with their contents; links are not followed.
 fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     for path in std::fs::read_dir(folder).unwrap().map(|item| item.unwrap().path()) {
@@ -318,7 +318,7 @@ fn what_another_has_made_is_left_alone_wherever_the_cache_lies() {
     with_files(&key('0'), &["letter"]);
     with_files(&key('1'), &["nodes", "pages"]);
     with_files(&key('2'), &[]);
-    // A folder of ours, but not in its place.
+    // An index folder of ours, but in another place.
     let own = set.build(&inputs).unwrap().folder().to_owned();
     for name in ["nodes", "pages", "glint-index"] {
         std::fs::copy(own.join(name), others.join(name)).unwrap();
@@ -330,7 +330,7 @@ fn what_another_has_made_is_left_alone_wherever_the_cache_lies() {
     let all_others = |path: &Path| !path.starts_with(&own) && path.extension().is_none_or(|e| e != "lock");
     let in_cache = || contents(set.cache.folder()).into_iter().filter(|(path, _)| all_others(path)).collect::<Vec<_>>();
     let before_in_cache = in_cache();
-    // Makes room and clears, as the limit is exceeded by far.
+    // Both make room and clear, as the limit is far exceeded.
     set.build(&[set.cloud("b.las", 1_000)]).unwrap();
     set.cache.clear();
     assert!(!own.exists(), "the first index went");
@@ -355,7 +355,7 @@ fn what_is_in_the_place_of_an_index_is_named_and_stays() {
         let error = set.build(&inputs).err().unwrap();
         assert!(matches!(&error, Error::InTheWay { path } if *path == entry), "{error}");
     };
-    // A link to an index that is right in all else, a folder with something in it, a file.
+    // A link to an otherwise valid index, a folder with content, and a file.
     std::os::unix::fs::symlink(&aside, &entry).unwrap();
     refused();
     std::fs::remove_file(&entry).unwrap();
@@ -387,7 +387,7 @@ fn what_is_no_file_in_an_index_is_set_aside_and_the_index_made_again() {
     let make_huge = |path: &Path| std::fs::File::create(path).unwrap().set_len(1 << 40).unwrap();
     let all: [&dyn Fn(&Path); 5] = [&make_pipe, &make_full_folder, &make_unreadable, &make_link, &make_huge];
     for (kind, make) in all.into_iter().enumerate() {
-        // Pages that are too long are known by their checksums when they are read.
+        // Pages that are too long are recognised by their checksums when they are read.
         for name in ["nodes", "surfels", "glint-index", "pages"].into_iter().take(if kind == 4 { 3 } else { 4 }) {
             let set = Set::new(u64::MAX);
             let inputs = [set.cloud("a.las", 5_000)];
@@ -427,7 +427,7 @@ fn a_folder_that_cannot_be_written_to_is_named_once_with_what_helps() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.las");
     write_las(&path, &terrain(1_000));
-    // Nobody, not even root, makes a folder below a file.
+    // Not even root can make a folder below a file.
     let cache = Cache::new(path.join("cache"), u64::MAX);
     let inputs = [Arc::new(codec::open(&path).unwrap())];
     let error = build(&inputs, &cache, &OPTIONS, &Progress::default(), &|_| ()).err().unwrap();

@@ -1,4 +1,5 @@
-//! Points far from all others, and grids that do not agree, spoil neither the places of points nor the nodes they lie in.
+//! Points far from all others, and grids that do not agree, spoil neither the places of points nor the nodes in which
+//! they lie.
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test")]
 
 use std::collections::HashMap;
@@ -12,7 +13,7 @@ use stream::{BuildOptions, Cache, Pages, build};
 mod made_up;
 use made_up::{Point, terrain, write_las_with};
 
-/// Nodes of fewer points are pages of next to nothing.
+/// Nodes with fewer points than this are wasteful pages.
 const FEW_POINTS: u32 = 1_000;
 
 fn index(paths: &[&Path], options: &BuildOptions) -> Pages {
@@ -22,21 +23,21 @@ fn index(paths: &[&Path], options: &BuildOptions) -> Pages {
     build(&inputs, &cache, options, &Progress::default(), &|_| ()).unwrap()
 }
 
-/// World positions of all points, as exact as they are known.
+/// The world positions of all points, as exact as they are known.
 fn places(pages: &Pages) -> Vec<DVec3> {
     let cloud = Cloud { grid: pages.grid(), ..Cloud::default() };
     let nodes = pages.octree().ids().map(|(node, _)| pages.read(node).unwrap());
     nodes.flat_map(|chunk| (0..chunk.len()).map(|at| cloud.world_position(&chunk, at)).collect::<Vec<_>>()).collect()
 }
 
-/// Every point is found within `tolerance` (on each axis) of where it should be; none twice.
+/// Every point is found within `tolerance` (on each axis) of where it should be, and none twice.
 fn assert_places(found: &[DVec3], expected: impl Iterator<Item = DVec3>, tolerance: f64) {
     let cell = |place: DVec3| (place / (2.0 * tolerance)).floor().to_array().map(|value| value as i64);
     let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
     found.iter().for_each(|place| cells.entry(cell(*place)).or_default().push(*place));
     for place in expected {
         let near = |candidate: &DVec3| (*candidate - place).abs().max_element() <= tolerance;
-        // Its own cell first.
+        // The point's own cell comes first.
         let taken = (13..40).map(|side| side % 27).any(|side| {
             let [x, y, z] = cell(place);
             let candidates = cells.get_mut(&[x + side % 3 - 1, y + side / 3 % 3 - 1, z + side / 9 - 1]);
@@ -63,7 +64,7 @@ fn points_far_away_leave_the_others_where_they_are() {
     let scale = 0.01;
     let mut points = terrain(1_000_000);
     points.iter_mut().for_each(|point| point.at = point.at.map(|value| value / 10));
-    // A thousand kilometres away, among the others and first of all.
+    // Points a thousand kilometres away, the first of all and some among the others.
     for index in 0..100 {
         let far = std::array::from_fn(|_| noise.below(200_000_000) as i32 - 100_000_000);
         points[index * 9_999] = Point { at: far, ..Point::default() };
@@ -78,7 +79,7 @@ fn points_far_away_leave_the_others_where_they_are() {
     }
 }
 
-/// Binary, doubles.
+/// Writes a binary file with doubles.
 fn write_ply(path: &Path, points: &[DVec3]) {
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nend_header\n",
@@ -116,13 +117,14 @@ fn points_of_a_ply_file_that_are_far_away_or_no_numbers_leave_the_others_where_t
 fn tiles_on_different_grids_keep_their_places_to_half_of_their_steps() {
     let tiles = [
         (0.001, [500_000.0, 5_000_000.0, 0.0]),
-        // A part of the first.
+        // A grid that is a part of the first.
         (0.01, [501_000.0, 5_000_000.12, 7.0]),
-        // Half a step off, a third of a step off.
+        // Grids that are half a step and a third of a step off.
         (0.001, [500_000.000_5, 5_001_000.000_3, 0.0]),
         (0.01, [501_000.003_333, 5_001_000.007, -12.345_678]),
         (0.0001, [500_123.456_789, 5_000_987.654_321, 0.1]),
-        // So far away that steps of the finest take more than 32 bits, and f32 no longer tells those of an inner node.
+        // So far away that steps of the finest take more than 32 bits, and f32 no longer distinguishes those of an
+        // inner node.
         (0.01, [800_000.0, 5_300_000.0, 0.0]),
     ];
     let folder = tempfile::tempdir().unwrap();

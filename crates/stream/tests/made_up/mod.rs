@@ -31,12 +31,13 @@ pub fn terrain(count: usize) -> Vec<Point> {
     (0..count).map(point).collect()
 }
 
-/// LAS 1.2 with a header that says what is true.
+/// Writes LAS 1.2 with a truthful header.
 pub fn write_las(path: &Path, points: &[Point]) {
     write_las_with(path, points, SCALE, OFFSET, |_, _| ());
 }
 
-/// With a grid of its own and a header that may say anything: the closure gets the least and greatest coordinates.
+/// Writes LAS with another grid and a header that may say anything: the closure gets the least and greatest
+/// coordinates.
 pub fn write_las_with(
     path: &Path,
     points: &[Point],
