@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// An axis-aligned box, f64 world units. Empty when any `min` exceeds its `max`.
+/// An axis-aligned box in f64 world units. It is empty when any `min` exceeds its `max`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     pub min: DVec3,

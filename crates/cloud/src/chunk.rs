@@ -6,28 +6,29 @@ use glam::{DVec3, Vec3};
 
 use crate::{Attribute, Bounds, Column};
 
-/// Up to some 65 thousand points. Vectors sit behind `Arc`, so a chunk is cheap to clone and one column can be added or
-/// replaced (normals that were estimated later) while the others are shared.
+/// Up to some 65 thousand points. The vectors are behind `Arc`, so a chunk is cheap to clone and one column can be
+/// added or replaced (normals that were estimated later) while the others are shared.
 ///
 /// Every column that is present has `len()` entries. A point that is not finite in the file keeps its place with a NaN
-/// position, so that indices stay the file's.
+/// position, so that indices are those of the file.
 #[derive(Clone, Debug)]
 pub struct Chunk {
-    /// Index in the file of the chunk's first point; the others follow in file order.
+    /// The index in the file of the chunk's first point; the others follow in file order.
     pub first_point: u64,
-    /// World position that `positions` are relative to.
+    /// The world position that `positions` are relative to.
     pub origin: DVec3,
-    /// Offsets from `origin`, world units.
+    /// The offsets from `origin` in world units.
     pub positions: Arc<Vec<[f32; 3]>>,
-    /// The file's own coordinates where f32 offsets cannot give them back (PLY doubles, LAS points millions of steps apart).
+    /// The file's own coordinates, where f32 offsets cannot represent them (PLY doubles, LAS points millions of steps
+    /// apart).
     pub exact_positions: Option<Arc<Vec<[f64; 3]>>>,
     /// sRGB red, green, blue; the fourth byte is opacity (255 where the file has none).
     pub colors: Option<Arc<Vec<[u8; 4]>>>,
-    /// Packed by `pack_normal`.
+    /// The normals, packed by `pack_normal`.
     pub normals: Option<Arc<Vec<u32>>>,
-    /// Splat radius, packed by `pack_radius`.
+    /// The splat radii, packed by `pack_radius`.
     pub radii: Option<Arc<Vec<u16>>>,
-    /// One per attribute of the cloud, in its order; `None` until it is read.
+    /// One column for each attribute of the cloud, in its order; `None` until it is read.
     pub columns: Vec<Option<Arc<Column>>>,
 }
 
@@ -54,12 +55,13 @@ impl Chunk {
         self.positions.is_empty()
     }
 
-    /// World position of point `index` to the precision of the f32 offset; `Cloud::world_position` gives the file's own.
+    /// The world position of point `index` to the precision of the f32 offset; `Cloud::world_position` gives the file's
+    /// own.
     pub fn position(&self, index: usize) -> DVec3 {
         self.origin + Vec3::from(self.positions[index]).as_dvec3()
     }
 
-    /// Bounds of the finite points.
+    /// The bounds of the finite points.
     pub fn bounds(&self) -> Bounds {
         let mut min = Vec3::INFINITY;
         let mut max = Vec3::NEG_INFINITY;
@@ -76,8 +78,8 @@ impl Chunk {
         Bounds { min: self.origin + min.as_dvec3(), max: self.origin + max.as_dvec3() }
     }
 
-    /// Some of its points as a chunk of their own, in the order of `indices`, with all that is known of them. Their indices in
-    /// the file no longer follow one another.
+    /// Some of its points with all their columns as a chunk of their own, in the order of `indices`. Their indices in
+    /// the file are no longer consecutive.
     pub fn select(&self, indices: &[u32]) -> Self {
         fn of<T: Copy>(values: &[T], indices: &[u32]) -> Arc<Vec<T>> {
             Arc::new(indices.iter().map(|index| values[*index as usize]).collect())
@@ -105,7 +107,7 @@ impl Chunk {
     }
 }
 
-/// The lattice a file's coordinates lie on: `offset + integer * scale` per axis (LAS).
+/// The lattice on which a file's coordinates lie: `offset + integer * scale` per axis (LAS).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
     pub scale: DVec3,
@@ -113,22 +115,22 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Steps from an origin within which f32 offsets tell all points apart.
+    /// The number of steps from an origin within which f32 offsets distinguish all points.
     pub const F32_STEPS: u64 = 1 << 23;
 
-    /// F32 offsets lose nothing of points within these bounds, so their chunks need no `exact_positions`.
+    /// Whether f32 offsets are exact for points within these bounds, so that their chunks need no `exact_positions`.
     pub fn fits_f32(&self, bounds: Bounds) -> bool {
         (bounds.size() / self.scale.abs()).max_element() < Self::F32_STEPS as f64
     }
 }
 
-/// A cloud: chunks in file order, and what their columns mean.
+/// A cloud: its chunks in file order, and the names and types of their columns.
 #[derive(Clone, Debug, Default)]
 pub struct Cloud {
     pub name: String,
-    /// What `Chunk::columns` hold, in order.
+    /// The attributes that `Chunk::columns` hold, in order.
     pub attributes: Vec<Attribute>,
-    /// Set where the file stores scaled integers.
+    /// The grid, if the file stores scaled integers.
     pub grid: Option<Grid>,
     pub chunks: Vec<Chunk>,
 }
@@ -142,7 +144,7 @@ impl Cloud {
         self.chunks.iter().all(Chunk::is_empty)
     }
 
-    /// The column of an attribute.
+    /// The index of an attribute's column.
     pub fn column_of(&self, attribute: &str) -> Option<usize> {
         self.attributes.iter().position(|known| known.name == attribute)
     }
@@ -151,8 +153,8 @@ impl Cloud {
         self.chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()))
     }
 
-    /// The file's own coordinates of a point: exact doubles where kept, else snapped to the file's grid, which undoes the
-    /// rounding of the f32 offset: chunks wider than 8 million grid steps keep doubles.
+    /// A point's coordinates as the file has them: exact doubles if the chunk has them, else snapped to the file's
+    /// grid. Snapping undoes the rounding of the f32 offset, as chunks wider than 8 million grid steps keep doubles.
     pub fn world_position(&self, chunk: &Chunk, index: usize) -> DVec3 {
         if let Some(exact) = &chunk.exact_positions {
             return DVec3::from(exact[index]);

@@ -1,6 +1,6 @@
-//! One scalar attribute of every point of a chunk, kept in the type the file has.
+//! One scalar attribute of every point of a chunk, in the type that the file has.
 
-/// Scalar types a column can have.
+/// The scalar types of columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColumnType {
     U8,
@@ -32,7 +32,7 @@ impl ColumnType {
         }
     }
 
-    /// Bytes one value takes.
+    /// The size of one value in bytes.
     pub fn size(self) -> usize {
         match self {
             Self::U8 | Self::I8 => 1,
@@ -43,7 +43,7 @@ impl ColumnType {
     }
 }
 
-/// Name and type of an attribute a file offers.
+/// The name and the type of an attribute that a file has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attribute {
     pub name: String,
@@ -123,12 +123,12 @@ impl Column {
     }
 
     #[allow(clippy::unnecessary_cast, reason = "one of the ten types is f64 already")]
-    /// Value of point `index` as f64 (64-bit integers above 2^53 lose digits; `text` does not).
+    /// The value of point `index` as f64 (64-bit integers above 2^53 lose digits; `text` does not).
     pub fn value(&self, index: usize) -> f64 {
         each_type!(self, values => values[index] as f64)
     }
 
-    /// Value of point `index` as a person reads it, in full precision.
+    /// The value of point `index` as a person reads it, in full precision.
     pub fn text(&self, index: usize) -> String {
         each_type!(self, values => values[index].to_string())
     }

@@ -1,7 +1,7 @@
 //! Points and their attributes in memory: chunks, bounds, normals, spacing, sampling of analytic surfaces.
 //!
-//! Knows no files, no paths and no GPU. A cloud is a list of chunks; a chunk has an f64 origin of its own and f32
-//! offsets from it, so that coordinates of seven digits lose nothing on the way to the screen.
+//! This crate knows no files, no paths and no GPU. A cloud is a list of chunks; a chunk has an f64 origin of its own
+//! and f32 offsets from it, so that coordinates of seven digits lose no precision on the way to the screen.
 
 mod bounds;
 mod chunk;
@@ -30,5 +30,5 @@ pub use surfels::{
 };
 pub use visibility::PointTest;
 
-/// Points a chunk holds at most when a reader is free to choose (2.4 MB of 36-byte LAS records).
+/// The most points of a chunk when a reader is free to choose (2.4 MB of 36-byte LAS records).
 pub const CHUNK_POINTS: usize = 65_536;

@@ -1,11 +1,12 @@
-//! The exact k nearest neighbours of every point of a cloud, in little memory and whatever chunks the points came in.
+//! Finds the exact k nearest neighbours of every point of a cloud with little memory, however the points are divided
+//! into chunks.
 //!
 //! Points are divided by planes into *tiles* of some 50 thousand, and each tile by medians into *bricks* of at most 32,
-//! with a tree of boxes over them. What stays in memory for the whole cloud is four bytes of order and 1.5 bytes of boxes
-//! a point. A tile is then searched by one thread: it copies its own points, relative to an origin in their middle, and
+//! with a tree of boxes over them. For the whole cloud four bytes of order and 1.5 bytes of boxes a point stay in
+//! memory. A tile is then searched by one thread: it copies its own points, relative to an origin in their middle, and
 //! copies bricks of other tiles only when a search reaches them, so there is no halo whose width could be wrong.
 //!
-//! A library's k-d tree over everything would hold all positions a second time, and one per tile would need that halo;
+//! A library's k-d tree over everything would store all positions a second time, and one per tile would need that halo;
 //! `benches/normals.rs` runs `kiddo` beside this search.
 
 use std::collections::HashMap;
@@ -17,25 +18,25 @@ use rayon::prelude::*;
 
 use crate::{Bounds, Chunk, Progress, hash};
 
-/// Points a tile holds at most when planes through the medians of a sample divide evenly: its copy stays in a core's
+/// The most points of a tile when planes through the medians of a sample divide evenly: its copy stays in a core's
 /// second-level cache.
 const TILE_POINTS: usize = 65_536;
-/// Points of a tile that decide where it is divided.
+/// The number of points per tile that decide where space is divided.
 const SAMPLE_PER_TILE: usize = 256;
-/// Points of a brick at most. Fewer cost more boxes, more cost more distances; 16 and 24 were slower.
+/// The most points of a brick. Fewer cost more boxes, more cost more distances; 16 and 24 were slower.
 const BRICK_POINTS: usize = 32;
-/// Points of a tile that tell how exact offsets are there.
+/// The number of a tile's points from which the precision of its offsets is estimated.
 const REACH_SAMPLE: usize = 99;
 
 /// The points of a list of chunks under one running index.
 pub struct Points<'a> {
     chunks: &'a [Chunk],
-    /// Index of each chunk's first point, and the number of points at the end.
+    /// The index of each chunk's first point, and the number of points at the end.
     starts: Vec<u32>,
 }
 
 impl<'a> Points<'a> {
-    /// At most `u32::MAX` points.
+    /// Numbers the points of `chunks`, at most `u32::MAX`.
     pub fn new(chunks: &'a [Chunk]) -> Self {
         let mut starts = vec![0];
         let mut total = 0;
@@ -50,7 +51,7 @@ impl<'a> Points<'a> {
         self.starts.last().map_or(0, |&total| total as usize)
     }
 
-    /// Chunk of point `index`, and its index there.
+    /// The chunk of point `index`, and its index there.
     pub fn locate(&self, index: u32) -> (usize, usize) {
         let chunk = self.starts.partition_point(|&start| start <= index) - 1;
         (chunk, (index - self.starts[chunk]) as usize)
@@ -61,7 +62,7 @@ impl<'a> Points<'a> {
         self.chunks[chunk].position(local)
     }
 
-    /// Median of the largest components of the offsets of some of these points.
+    /// The median of the largest components of some of these points' offsets.
     fn usual_reach(&self, indices: &[u32]) -> f64 {
         let step = indices.len().div_ceil(REACH_SAMPLE).max(1);
         let mut reaches: Vec<f32> = indices
@@ -90,8 +91,8 @@ impl Box3 {
         points.iter().fold(empty, |all, (point, _)| Self { min: all.min.min(*point), max: all.max.max(*point) })
     }
 
-    /// Never more than the squared distance to a point inside, in f32 as computed by `Nearest::scan`: the same
-    /// differences are rounded the same way.
+    /// The squared distance to a point. It is never more than that to a point inside the box as `Nearest::scan`
+    /// computes it in f32: the same differences are rounded the same way.
     fn distance_squared(&self, point: Vec3) -> f32 {
         let outside = (self.min - point).max(point - self.max).max(Vec3::ZERO);
         outside.x * outside.x + outside.y * outside.y + outside.z * outside.z
@@ -105,7 +106,7 @@ impl Box3 {
 /// Planes that divide space into `2^depth` cells, through the medians of a sample.
 struct Planes {
     depth: u32,
-    /// Axis and coordinate, in heap order from index 1.
+    /// The axis and coordinate of each plane, in heap order from index 1.
     planes: Vec<(usize, f64)>,
     cells: Vec<Bounds>,
     /// A position amid each cell's points; a stray point in the cell does not move it.
@@ -120,7 +121,7 @@ impl Planes {
             .map(|i| points.position((i * points.len() as u64 / wanted as u64) as u32))
             .filter(|position| position.is_finite())
             .collect();
-        // A cloud that is mostly not finite leaves a small sample; every cell must still get some of it.
+        // A cloud of mostly points that are not finite gives a small sample; every cell must still get some of it.
         let depth = tiles.ilog2().min((sample.len() / 16).max(1).ilog2());
         let everywhere = Bounds { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
         let mut planes = Self { depth, planes: vec![(0, 0.0); 1 << depth], cells: Vec::new(), middles: Vec::new() };
@@ -167,9 +168,9 @@ impl Planes {
 /// The points of one cell, arranged in bricks.
 struct Tile {
     origin: DVec3,
-    /// Other tiles' points lie outside it.
+    /// The points of other tiles lie outside this cell.
     cell: Bounds,
-    /// Its points in `Tiles::order`: one of each place, brick by brick, then the others.
+    /// The range of its points in `Tiles::order`: one of each place, brick by brick, then the others.
     range: Range<usize>,
     places: Places,
 }
@@ -180,7 +181,7 @@ struct Places {
     count: usize,
     /// The tree of boxes, in heap order from index 1; the second half are the bricks. Empty if the tile is.
     boxes: Vec<Box3>,
-    /// Of each point that is not the first of its place: which place that is. Ascending.
+    /// For each point that is not the first of its place, the index of that place. Ascending.
     of_others: Vec<u32>,
 }
 
@@ -189,14 +190,14 @@ impl Tile {
         self.places.boxes.len() / 2
     }
 
-    /// Places of a brick.
+    /// The places of a brick.
     fn brick(&self, brick: usize) -> Range<usize> {
         let start = |brick| brick_start(self.places.count, self.bricks(), brick);
         start(brick)..start(brick + 1)
     }
 
-    /// A box of this tile in the coordinates of another, wider by more than coordinates are rounded: half a unit in the
-    /// last place of f32 in either tile and of f64 in the world, with room to spare.
+    /// A box of this tile in the coordinates of another. It is widened by more than the rounding of coordinates: half a
+    /// unit in the last place of f32 in either tile and of f64 in the world, and some more.
     fn box_seen_from(&self, home: &Tile, local: &Box3) -> Box3 {
         let shift = self.origin - home.origin;
         let world = 1e-15 * (self.origin.abs() + home.origin.abs());
@@ -210,16 +211,16 @@ fn brick_start(points: usize, bricks: usize, brick: usize) -> usize {
     (points as u64 * brick as u64 / bricks as u64) as usize
 }
 
-/// All finite points in tiles, ready to be searched.
+/// All finite points in tiles, ready for searches.
 pub struct Tiles<'a> {
     points: &'a Points<'a>,
-    /// Point indices, tile by tile and brick by brick.
+    /// The indices of the points, tile by tile and brick by brick.
     order: Vec<u32>,
     tiles: Vec<Tile>,
 }
 
 impl<'a> Tiles<'a> {
-    /// `None` when cancelled.
+    /// Builds the tiles; `None` when cancelled.
     pub fn new(points: &'a Points<'a>, progress: &Progress) -> Option<Self> {
         let planes = Planes::new(points);
         let (order, ends) = sort_into_cells(points, &planes, progress)?;
@@ -247,12 +248,12 @@ impl<'a> Tiles<'a> {
         self.tiles.len()
     }
 
-    /// Finite points of a tile.
+    /// The number of finite points of a tile.
     pub fn points_of(&self, tile: usize) -> usize {
         self.tiles[tile].range.len()
     }
 
-    /// Calls `visit` with the neighbours of each point of a tile, each searched for `count` others (`1 ..= LANES`).
+    /// Calls `visit` with the neighbours of each point of a tile; for each it searches `count` others (`1 ..= LANES`).
     pub fn search<const LANES: usize>(
         &self,
         tile: usize,
@@ -282,7 +283,7 @@ impl<'a> Tiles<'a> {
     }
 }
 
-/// The indices of the finite points cell by cell, in rising order within each, and where each cell ends.
+/// The indices of the finite points cell by cell, in rising order within each, and the end of each cell.
 fn sort_into_cells(points: &Points, planes: &Planes, progress: &Progress) -> Option<(Vec<u32>, Vec<usize>)> {
     // A counting sort in parallel: every group of chunks counts its points per cell, then knows where its own go.
     let per_group = points.chunks.len().div_ceil(4 * rayon::current_num_threads()).max(1);
@@ -308,7 +309,7 @@ fn sort_into_cells(points: &Points, planes: &Planes, progress: &Progress) -> Opt
     if progress.is_cancelled() {
         return None;
     }
-    // Every slot is written once; atomics are how several threads may do so without unsafe code.
+    // Every slot is written once; atomics let several threads do so without unsafe code.
     let order: Vec<AtomicU32> = (0..total).map(|_| AtomicU32::new(0)).collect();
     groups.par_iter().zip(&mut cursors).for_each(|(group, cursor)| {
         for_each_cell(points, planes, group, progress, |index, cell| {
@@ -319,7 +320,7 @@ fn sort_into_cells(points: &Points, planes: &Planes, progress: &Progress) -> Opt
     (!progress.is_cancelled()).then(|| (order.into_iter().map(AtomicU32::into_inner).collect(), ends))
 }
 
-/// Calls `each` with index and cell of the finite points of some chunks.
+/// Calls `each` with the index and the cell of each finite point of some chunks.
 fn for_each_cell(
     points: &Points,
     planes: &Planes,
@@ -370,13 +371,13 @@ fn arrange(points: &Points, order: &mut [u32], origin: DVec3) -> Places {
 }
 
 /// For each point the first of those at its place. Points nearer to one another than four steps of the offsets in their
-/// chunks are at one place: a point that a file has twice may be that much off in another chunk.
+/// chunks are at one place: a point that a file has twice may differ by that much in another chunk.
 fn firsts_of_places(points: &Points, order: &[u32], local: impl Fn(u32) -> Vec3) -> Vec<u32> {
     let step = points.usual_reach(order).log2().ceil().exp2() * 2.0_f64.powi(-22);
     let place = |index: u32| {
         let local = local(index).as_dvec3();
         let cell = if step > 0.0 { (local / step).round() } else { local };
-        // Adding zero makes the two zeros one.
+        // Adding zero makes the two zeros equal.
         (cell + DVec3::ZERO).to_array().into_iter().fold(0, |mixed, value| hash(mixed ^ value.to_bits()))
     };
     let mut places: Vec<(u64, u32)> = order.iter().zip(0..).map(|(&index, at)| (place(index), at)).collect();
@@ -389,7 +390,7 @@ fn firsts_of_places(points: &Points, order: &[u32], local: impl Fn(u32) -> Vec3)
     firsts
 }
 
-/// Splits the points of a node, which `covered` bricks are to hold, at the median of the longest side of their box.
+/// Splits the points of a node, which are to fill the bricks `covered`, at the median of the longest side of their box.
 fn halve(located: &mut [(Vec3, u32)], total: usize, node: usize, covered: Range<usize>, boxes: &mut [Box3]) {
     boxes[node] = Box3::of(located);
     if covered.len() == 1 {
@@ -407,15 +408,15 @@ fn halve(located: &mut [(Vec3, u32)], total: usize, node: usize, covered: Range<
     halve(right, total, 2 * node + 1, middle..covered.end, boxes);
 }
 
-/// The neighbours of one point: as many as were asked for, all others as near as the last of them (so that ties do not
-/// depend on the order of the points), and fewer only where the cloud has no more. Of many points at one place one counts:
-/// a cloud whose points are all stored many times has the neighbours it would have if they were stored once.
+/// The neighbours of one point: as many as were asked for, all others at the distance of the last of them (so that ties
+/// do not depend on the order of the points), and fewer only if the cloud has no more. Several points at one place
+/// count as one: a cloud that stores every point many times gives the same neighbours as one that stores it once.
 pub struct Neighbourhood {
-    /// Offset from the point and squared distance; those beyond `distance_squared` are not neighbours.
+    /// The offset from the point and the squared distance; candidates beyond `distance_squared` are not neighbours.
     candidates: Vec<(Vec3, f32)>,
-    /// Squared distance of the last of the neighbours asked for.
+    /// The squared distance of the last neighbour asked for.
     pub distance_squared: f32,
-    /// Neighbours asked for, or all there are.
+    /// The number of neighbours asked for, or of all there are.
     pub count: usize,
 }
 
@@ -427,9 +428,9 @@ impl Neighbourhood {
 
 /// The nearest distances so far.
 struct Nearest<const LANES: usize> {
-    /// Squared, ascending; infinite where none was found.
+    /// The squared distances, ascending; infinite where none was found.
     distances: [f32; LANES],
-    /// Squared distance beyond which nothing matters any more.
+    /// The squared distance beyond which points are ignored.
     bound: f32,
     count: usize,
 }
@@ -474,7 +475,7 @@ impl<const LANES: usize> Nearest<LANES> {
 struct View {
     tile: usize,
     boxes: Vec<Box3>,
-    /// Where each brick's points start among the search's copies, or `ABSENT`.
+    /// The start of each brick's points among the search's copies, or `ABSENT`.
     starts: Vec<u32>,
 }
 
@@ -482,9 +483,9 @@ struct View {
 struct Other {
     tile: usize,
     bounds: Box3,
-    /// Squared distance from its bounds to those of the home tile.
+    /// The squared distance from its bounds to those of the home tile.
     distance_squared: f32,
-    /// Made when a search reaches it.
+    /// The view of the tile, made when a search reaches it.
     view: Option<View>,
 }
 
@@ -501,9 +502,9 @@ struct Search<'a, const LANES: usize> {
     home_view: View,
     /// The home tile's cell in its own coordinates.
     cell: Box3,
-    /// Nearest first.
+    /// The other tiles, nearest first.
     others: Vec<Other>,
-    /// Nodes a visit has yet to look into and their squared distances.
+    /// The nodes that a visit has still to look into, with their squared distances.
     pending: Vec<(f32, usize)>,
     previous: Option<Vec3>,
     neighbourhood: Neighbourhood,
@@ -541,21 +542,22 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         search
     }
 
-    /// Neighbours of point `local` of `brick` of the home tile.
+    /// The neighbours of point `local` of `brick` of the home tile.
     fn run(&mut self, brick: usize, local: usize) -> &Neighbourhood {
         let point = Vec3::new(self.x[local], self.y[local], self.z[local]);
         if !point.is_finite() {
-            // Further from the rest of its tile than f32 reaches.
+            // The point is further from the rest of its tile than f32 reaches.
             self.neighbourhood = Neighbourhood { candidates: Vec::new(), distance_squared: 0.0, count: 0 };
             self.previous = None;
             return &self.neighbourhood;
         }
         let radius = self.neighbourhood.distance_squared.sqrt();
         match self.previous {
-            // So near that f32 cannot square how far: thousands of them cost one search.
+            // The point is so near to the previous one that f32 cannot square the distance: thousands of such points
+            // cost one search.
             Some(previous) if previous.distance_squared(point) == 0.0 => return &self.neighbourhood,
             // The ball about this point that contains the ball about the previous one contains as many points, unless
-            // some of them are this very place; the margin is far above the rounding of an f32.
+            // some of them are at this very place; the margin is far above the rounding of an f32.
             Some(previous) => self.within((radius + previous.distance(point)).powi(2) * 1.000_01, brick, point),
             None => self.within(f32::MAX, brick, point),
         }
@@ -566,12 +568,12 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         &self.neighbourhood
     }
 
-    /// Neighbours of a point no further than the square root of `bound`, and none whose squared distance overflows: a cloud
-    /// of random numbers is not searched from end to end for each of them.
+    /// The neighbours of a point no further than the square root of `bound`. Squared distances that overflow find none,
+    /// so that a cloud of random numbers is not searched from end to end for each point.
     fn within(&mut self, bound: f32, brick: usize, point: Vec3) {
         self.neighbourhood.candidates.clear();
         let mut nearest = Nearest::<LANES>::new(self.count, bound.min(f32::MAX));
-        // Up from the point's own brick, visiting what hangs on the other side of each node.
+        // Goes up from the point's own brick and visits the subtree on the other side of each node.
         let mut node = brick + self.home_view.starts.len();
         self.visit(None, node, point, &mut nearest);
         while node > 1 {
@@ -597,7 +599,7 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         self.neighbourhood.distance_squared = if found > 0 { nearest.distances[found - 1] } else { 0.0 };
     }
 
-    /// Considers what hangs below a node of the home tile, or of one of the others.
+    /// Searches the subtree of a node of the home tile, or of one of the others.
     fn visit(&mut self, other: Option<usize>, root: usize, point: Vec3, nearest: &mut Nearest<LANES>) {
         let view = match other {
             None => Some(&mut self.home_view),
@@ -633,10 +635,10 @@ impl<'a, const LANES: usize> Search<'a, LANES> {
         }
     }
 
-    /// Makes sure of the view of one of the others.
+    /// Makes the view of another tile if there is none yet.
     fn reach(&mut self, other: usize) {
         let home = &self.tiles.tiles[self.home];
-        // Stray points may reach far into the cloud; what they brought must not pile up.
+        // Stray points may reach far into the cloud; the copies that they cause must not accumulate.
         if self.x.len() > 8 * TILE_POINTS.max(home.places.count) {
             for values in [&mut self.x, &mut self.y, &mut self.z] {
                 values.truncate(home.places.count);

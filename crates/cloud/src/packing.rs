@@ -3,13 +3,13 @@
 
 use glam::{Vec2, Vec3};
 
-/// Packed normal of a point that has none.
+/// The packed normal of a point that has none.
 pub const NO_NORMAL: u32 = 0x8000_8000;
-/// Packed radius of a point whose spacing is not known yet.
+/// The packed radius of a point whose spacing is not known yet.
 pub const NO_RADIUS: u16 = 0;
 
-/// Unit normal to two snorm16 octahedral coordinates (x in the low half). A zero or not finite vector gives `NO_NORMAL`.
-/// Worst error about 0.003 degrees.
+/// Packs a unit normal into two snorm16 octahedral coordinates (x in the low half). A zero vector or one that is not
+/// finite gives `NO_NORMAL`. The worst error is about 0.003 degrees.
 pub fn pack_normal(normal: Vec3) -> u32 {
     let sum = normal.x.abs() + normal.y.abs() + normal.z.abs();
     if !(sum > 0.0 && sum.is_finite()) {
@@ -33,18 +33,20 @@ pub fn unpack_normal(packed: u32) -> Option<Vec3> {
     Some(Vec3::new(flat.x, flat.y, z).normalize_or(Vec3::Z))
 }
 
-/// The reflection over the diagonals that folds the lower half of the octahedron out.
+/// Reflects over the diagonals, which unfolds the lower half of the octahedron.
 fn fold(p: Vec2) -> Vec2 {
     let sign = |v: f32| if v >= 0.0 { 1.0 } else { -1.0 };
     Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
 }
 
-/// Steps per doubling of the radius: 0.034 % from one step to the next.
+/// The number of steps per doubling of the radius: 0.034 % from one step to the next.
 const RADIUS_STEPS: f32 = 2048.0;
-/// Smallest radius is 2^-20, the largest 2^12: bunny in metres to survey in feet.
+/// The binary logarithm of the smallest radius, 2^-20; the largest is 2^12: from the bunny in metres to a survey in
+/// feet.
 const RADIUS_LOG_MIN: f32 = -20.0;
 
-/// World-space radius to a 16-bit logarithm; clamped to 2^-20 ..= 2^12, `NO_RADIUS` if not positive and finite.
+/// Packs a radius in world units as a 16-bit logarithm; clamped to 2^-20 ..= 2^12, `NO_RADIUS` if not positive and
+/// finite.
 pub fn pack_radius(radius: f32) -> u16 {
     if !(radius > 0.0 && radius.is_finite()) {
         return NO_RADIUS;
@@ -69,7 +71,7 @@ mod tests {
             let ring = (1.0 - z * z).sqrt();
             let normal = Vec3::new(ring * angle.cos(), ring * angle.sin(), z);
             let back = unpack_normal(pack_normal(normal)).unwrap();
-            // By the sine: the cosine of so small an angle rounds to one.
+            // Computed from the sine: the cosine of so small an angle rounds to one.
             let angle = normal.cross(back).length().asin().to_degrees();
             assert!(angle < 0.01 && normal.dot(back) > 0.0, "{normal} became {back}");
         }

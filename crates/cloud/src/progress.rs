@@ -1,4 +1,4 @@
-//! How far a long task is, and the wish to stop it. Shared by the worker threads and whoever watches.
+//! The progress of a long task, and the request to stop it. Worker threads and observers share it.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -28,7 +28,7 @@ impl Progress {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Another program has begun the same task, and this one waits for what comes of it.
+    /// Says whether another program has begun the same task and this one waits for its result.
     pub fn set_waiting(&self, waiting: bool) {
         self.waiting.store(waiting, Ordering::Relaxed);
     }
@@ -37,7 +37,7 @@ impl Progress {
         self.waiting.load(Ordering::Relaxed)
     }
 
-    /// Asks the task to stop at its next chunk; what it has delivered stays.
+    /// Asks the task to stop at its next chunk; chunks that it has delivered stay.
     pub fn cancel(&self) {
         self.cancelled.store(true, Ordering::Relaxed);
     }

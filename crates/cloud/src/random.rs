@@ -1,9 +1,9 @@
-//! Random numbers that are the same every time: SplitMix64 (Steele, Lea, Flood 2014).
+//! Reproducible random numbers: SplitMix64 (Steele, Lea, Flood 2014).
 
-/// What the state of SplitMix64 grows by with each number: 2^64 over the golden ratio.
+/// The increment of SplitMix64's state: 2^64 over the golden ratio.
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Mixes a number so that numbers close to each other have nothing in common any more.
+/// Hashes a number so that close numbers give unrelated results.
 pub fn hash(value: u64) -> u64 {
     let mut mixed = value.wrapping_add(STEP);
     mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -11,7 +11,7 @@ pub fn hash(value: u64) -> u64 {
     mixed ^ (mixed >> 31)
 }
 
-/// A sequence of random numbers. Holds its state, which is the seed at first.
+/// A sequence of random numbers. The field is the state, which is the seed at first.
 pub struct Random(pub u64);
 
 impl Random {
@@ -21,7 +21,7 @@ impl Random {
         number
     }
 
-    /// Draws a number from 0 up to, and without, `end`, which is not 0. Small ends are met evenly.
+    /// Draws a number below `end`, which is not 0. Small ends give an even distribution.
     pub fn below(&mut self, end: u64) -> u64 {
         self.draw() % end
     }

@@ -1,24 +1,25 @@
 //! Figures about a whole cloud that a few stray points do not spoil: the box to frame, and the range and histogram of a
-//! scalar to colour by. Percentiles come from a sample spread evenly over the cloud, always the same one.
+//! scalar to colour by. Percentiles come from a sample that is spread evenly over the cloud and always the same.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::{Bounds, Chunk, hash};
 
-/// Points in a sample: the first percentile is then off by about a thirtieth of a percent of the points.
+/// The number of points in a sample: the error of the first percentile is then about a thirtieth of a percent of the
+/// points.
 const SAMPLE_POINTS: u64 = 100_000;
-/// Part of the points that may be stray on either side of an axis.
+/// The share of the points that may be stray on either side of an axis.
 const STRAY: f64 = 0.01;
-/// Below this many points no one of them can be told to be stray.
+/// With fewer points than this none is taken for stray.
 const FEWEST: usize = 16;
 
-/// A number each point has.
+/// A number that each point has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scalar {
-    /// `Chunk::columns[i]`; chunks without it are left out.
+    /// The value in `Chunk::columns[i]`; chunks without the column are left out.
     Column(usize),
-    /// World coordinate x, y or z (0 ..= 2): height is one of them.
+    /// The world coordinate x, y or z (0 ..= 2): height is one of them.
     Axis(usize),
 }
 
@@ -30,7 +31,7 @@ impl Scalar {
         }
     }
 
-    /// NaN where there is none.
+    /// The value of a point; NaN if it has none.
     fn value(self, chunk: &Chunk, index: usize) -> f64 {
         match self {
             Self::Column(column) => {
@@ -41,8 +42,8 @@ impl Scalar {
     }
 }
 
-/// Up to `SAMPLE_POINTS` chunk-and-index pairs out of some chunks: one from each of as many equal stretches, at a place
-/// drawn by hash, so that no regular pattern in the file is caught in step.
+/// Up to `SAMPLE_POINTS` pairs of a chunk and an index: one from each of as many equal stretches, at a place drawn by
+/// hash, so that the sample does not follow a regular pattern in the file.
 fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> impl Iterator<Item = (&'a Chunk, usize)> {
     let mut ends = Vec::new();
     let mut total = 0;
@@ -60,16 +61,17 @@ fn spread_indices<'a>(chunks: impl Iterator<Item = &'a Chunk>) -> impl Iterator<
     })
 }
 
-/// The finite ones of up to 100 thousand world positions, spread evenly over the points; always the same ones.
+/// Up to 100 thousand world positions, spread evenly over the points, without those that are not finite. They are the
+/// same in every call.
 pub fn spread_sample(chunks: &[Chunk]) -> impl Iterator<Item = DVec3> {
     spread_indices(chunks.iter()).map(|(chunk, index)| chunk.position(index)).filter(|position| position.is_finite())
 }
 
-/// Bounds of a cloud without its stray points; the full bounds if there are none.
+/// The bounds of a cloud without its stray points; the full bounds if it has none.
 ///
 /// A point is stray if it lies, along some axis, beyond the middle 98 % of the points by more than the width of these
-/// plus a tenth of the cloud's: terrain keeps its towers, a room what is seen through its windows, and whatever stays
-/// wrongly makes a framed picture at most three times too wide. Less than 1 % of the points can be stray.
+/// plus a tenth of the cloud's: terrain keeps its towers, a room keeps the view through its windows, and points that
+/// stay wrongly make a framed picture at most three times too wide. Less than 1 % of the points can be stray.
 pub fn robust_bounds(chunks: &[Chunk]) -> Bounds {
     let boxes: Vec<Bounds> = chunks.par_iter().map(Chunk::bounds).collect();
     let full = boxes.iter().fold(Bounds::EMPTY, |all, bounds| all.union(*bounds));
@@ -101,11 +103,12 @@ pub fn robust_bounds(chunks: &[Chunk]) -> Bounds {
     inside.reduce(|| Bounds::EMPTY, Bounds::union)
 }
 
-/// Directions an outline is taken in: a point that sticks out between two of them is missed by a hundredth of the size.
+/// The number of directions of an outline: a point that sticks out between two of them is missed by a hundredth of the
+/// size.
 const OUTLINE_DIRECTIONS: u64 = 256;
 
-/// The points that stick out furthest, stray ones left out, in a few hundred directions: a stand-in for the whole cloud when
-/// it is to be framed. From a sample of 100 thousand points; empty for a cloud without points.
+/// The outermost points, without stray ones, in a few hundred directions: they stand for the whole cloud when it is
+/// framed. Taken from a sample of 100 thousand points; empty for a cloud without points.
 pub fn robust_outline(chunks: &[Chunk]) -> Vec<DVec3> {
     let fence = robust_bounds(chunks);
     let center = fence.center();
@@ -123,8 +126,9 @@ pub fn robust_outline(chunks: &[Chunk]) -> Vec<DVec3> {
     (0..OUTLINE_DIRECTIONS).into_par_iter().filter_map(extreme).map(|point| point * size + center).collect()
 }
 
-/// The values below which the shares `low` and `high` (0 ..= 1) of the points lie, from a sample of 100 thousand points.
-/// `None` if no value is finite; both the same for a constant. `(0.0, 1.0)` is not the full range of a large cloud.
+/// The values below which the shares `low` and `high` (0 ..= 1) of the points lie, from a sample of 100 thousand
+/// points. `None` if no value is finite; both are equal for a constant. `(0.0, 1.0)` does not give the full range of a
+/// large cloud.
 pub fn percentile_range(chunks: &[Chunk], scalar: Scalar, low: f64, high: f64) -> Option<(f64, f64)> {
     let mut values: Vec<f64> = spread_indices(chunks.iter().filter(|chunk| scalar.is_in(chunk)))
         .map(|(chunk, index)| scalar.value(chunk, index))
@@ -138,8 +142,8 @@ pub fn percentile_range(chunks: &[Chunk], scalar: Scalar, low: f64, high: f64) -
     Some((at(low), at(high)))
 }
 
-/// How many points have a value in each of `bins` equal steps from `low` to `high` inclusive. Values outside and NaN are
-/// not counted; a range of one value puts that value in the first bin.
+/// The number of points whose value is in each of `bins` equal steps from `low` to `high` inclusive. Values outside and
+/// NaN are not counted; a range of one value puts that value in the first bin.
 pub fn histogram(chunks: &[Chunk], scalar: Scalar, (low, high): (f64, f64), bins: usize) -> Vec<u32> {
     let count = |chunk: &Chunk| {
         let mut counts = vec![0; bins];

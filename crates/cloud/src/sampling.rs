@@ -1,9 +1,9 @@
-//! Points spread evenly by area over analytic surfaces, with exact normals: the built-in scenes, and clouds whose truth is
-//! known.
+//! Spreads points evenly by area over analytic surfaces, with exact normals: for the built-in scenes, and for clouds
+//! whose truth is known.
 //!
-//! A surface is cut into as many cells of equal area as there are to be points, and each cell gets one point at a place
-//! drawn by hash (stratified sampling), so a surface has no clumps and no holes and the same seed gives the same points.
-//! Positions and normals are in the surface's own coordinates; `Placement` moves them.
+//! A surface is cut into as many cells of equal area as points are asked for, and each cell gets one point at a place
+//! drawn by hash (stratified sampling), so a surface has no clumps and no holes and the same seed gives the same
+//! points. Positions and normals are in the surface's own coordinates; `Placement` moves them.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,11 +15,13 @@ use crate::random::hash;
 /// A surface in its own coordinates. Areas are in squared world units.
 #[derive(Clone, Copy, Debug)]
 pub enum Surface {
-    /// `corner + u edges[0] + v edges[1]`, 0 <= u, v <= 1, edges at right angles; the normal is along their cross product.
+    /// `corner + u edges[0] + v edges[1]`, 0 <= u, v <= 1, edges at right angles; the normal is along their cross
+    /// product.
     Rectangle { corner: DVec3, edges: [DVec3; 2] },
-    /// About the origin; normals outwards.
+    /// A sphere about the origin with outward normals.
     Sphere { radius: f64 },
-    /// z = (x^2 + y^2) / (4 focal_length) inside x^2 + y^2 <= rim_radius^2; normals on the hollow side, towards the focus.
+    /// z = (x^2 + y^2) / (4 focal_length) inside x^2 + y^2 <= rim_radius^2; normals on the hollow side, towards the
+    /// focus.
     Paraboloid { focal_length: f64, rim_radius: f64 },
     /// A tube of radius `tube` whose middle is the circle of radius `ring` in z = 0; `tube < ring`; normals outwards.
     Torus { ring: f64, tube: f64 },
@@ -27,8 +29,8 @@ pub enum Surface {
     Star(StarShape),
 }
 
-/// A star-shaped surface by its radius over direction. `radius` is any smooth positive function of the three
-/// components of the direction, and `gradient` the derivatives by these, as if they were independent.
+/// A star-shaped surface, given by its radius as a function of the direction. `radius` is any smooth positive function
+/// of the three components of the direction, and `gradient` its derivatives by these, as if they were independent.
 #[derive(Clone, Copy, Debug)]
 pub struct StarShape {
     pub radius: fn(DVec3) -> f64,
@@ -36,7 +38,7 @@ pub struct StarShape {
 }
 
 impl StarShape {
-    /// Gradient of the radius along the unit sphere: the part across `direction`.
+    /// The gradient of the radius along the unit sphere: its part across `direction`.
     fn slope(&self, direction: DVec3) -> DVec3 {
         let gradient = (self.gradient)(direction);
         gradient - direction * gradient.dot(direction)
@@ -49,7 +51,7 @@ impl StarShape {
         radius * (radius * radius + self.slope(direction).length_squared()).sqrt()
     }
 
-    /// Point and normal in a direction. f(p) = |p| - r(p / |p|) has the gradient d - slope / r.
+    /// The point and the normal in a direction. f(p) = |p| - r(p / |p|) has the gradient d - slope / r.
     pub fn point(&self, direction: DVec3) -> SurfacePoint {
         let radius = (self.radius)(direction);
         SurfacePoint {
@@ -66,7 +68,7 @@ pub struct SurfacePoint {
     pub normal: DVec3,
 }
 
-/// Where a surface stands in the world: turned, scaled, moved, in this order.
+/// The placement of a surface in the world: it is turned, scaled and moved, in this order.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
     pub rotation: DMat3,
@@ -97,7 +99,7 @@ impl Surface {
         }
     }
 
-    /// `count` points, evenly by area.
+    /// `count` points, spread evenly by area.
     pub fn sample(&self, count: usize, seed: u64) -> Vec<SurfacePoint> {
         match *self {
             Self::Rectangle { corner, edges: [u, v] } => {
@@ -150,7 +152,7 @@ impl Surface {
                 )
             }
             Self::Torus { ring, tube } => {
-                // Area up to the angle a around the tube is proportional to ring a + tube sin a.
+                // The area up to the angle a around the tube is proportional to ring a + tube sin a.
                 let share = |angle: f64| (ring * angle + tube * angle.sin()) / (TAU * ring);
                 let angle = |down: f64| {
                     // Newton from the middle of the two bounds of the solution; the slope is at least ring - tube.
@@ -186,10 +188,10 @@ impl Surface {
 }
 
 /// Cuts a surface into rows of about the height of a cell and every row into cells, all of the same area, and places a
-/// point in each. The rows lie at `down` = 0 ..= 1, which is even in area, and so does `across` within a row.
+/// point in each. `down` = 0 ..= 1 is the place of a row and even in area; so is `across` within a row.
 ///
 /// `width` is the length of the longest row and `relative_width(down)` that of others relative to it; `height` is the
-/// length across the rows, of which `down(part)` gives the share of area before a part.
+/// length across the rows, and `down(part)` the share of the area before a part of it.
 fn sample_rows(
     count: usize,
     seed: u64,
@@ -202,10 +204,10 @@ fn sample_rows(
     if count == 0 {
         return Vec::new();
     }
-    // Rows as many as square cells are high, for the mean width.
+    // The number of rows makes cells square at the mean width.
     let mean_width = (0..64).map(|i| relative_width(down((f64::from(i) + 0.5) / 64.0))).sum::<f64>() / 64.0;
     let rows = (count as f64 * height / (width * mean_width)).sqrt().round().clamp(1.0, count as f64) as usize;
-    // The first cell of every row; a row's edges are then where whole cells end, so that all cells are equal.
+    // The first cell of every row; rows end where whole cells end, so that all cells are equal.
     let firsts: Vec<usize> =
         (0..=rows).map(|row| (down(row as f64 / rows as f64) * count as f64).round() as usize).collect();
     let row_points = |row: usize| {
@@ -220,27 +222,27 @@ fn sample_rows(
     (0..rows).into_par_iter().flat_map_iter(row_points).collect()
 }
 
-/// Unit vector at height z, `turn` of the way round.
+/// The unit vector at height z, `turn` of the way round.
 fn on_sphere(turn: f64, z: f64) -> DVec3 {
     let ring = (1.0 - z * z).max(0.0).sqrt();
     let (sin, cos) = (TAU * turn).sin_cos();
     DVec3::new(ring * cos, ring * sin, z)
 }
 
-/// Area of the paraboloid inside a radius: the integral of 2 pi s sqrt(1 + (s / 2f)^2).
+/// The area of the paraboloid inside a radius: the integral of 2 pi s sqrt(1 + (s / 2f)^2).
 fn paraboloid_area(focal_length: f64, radius: f64) -> f64 {
     let slope = radius / (2.0 * focal_length);
     8.0 / 3.0 * PI * focal_length * focal_length * ((1.0 + slope * slope).powf(1.5) - 1.0)
 }
 
-/// The radius that holds an area.
+/// The radius that encloses an area.
 fn paraboloid_radius(focal_length: f64, area: f64) -> f64 {
     let growth = 1.0 + 3.0 * area / (8.0 * PI * focal_length * focal_length);
     2.0 * focal_length * (growth.powf(2.0 / 3.0) - 1.0).max(0.0).sqrt()
 }
 
-/// Steps of the quadrature from pole to pole, and half those around. The midpoint rule's error at the poles is
-/// (pi / steps)^2 / 12, about 1e-5; around, the integrand is periodic and the rule exact up to 256 waves.
+/// The number of steps of the quadrature from pole to pole, and half the number around. The midpoint rule's error at
+/// the poles is (pi / steps)^2 / 12, about 1e-5; around, the integrand is periodic and the rule exact up to 256 waves.
 const AREA_STEPS: usize = 256;
 
 fn star_area(shape: &StarShape) -> f64 {
@@ -252,18 +254,18 @@ fn star_area(shape: &StarShape) -> f64 {
             .sum();
         sum * sin
     };
-    // Collected before it is summed: the order of the sum, and so its last digit, must not depend on the threads.
+    // Collected before they are summed: the order of the sum, and so its last digit, must not depend on the threads.
     let rings: Vec<f64> = (0..AREA_STEPS).into_par_iter().map(ring).collect();
     rings.iter().sum::<f64>() * down * TAU / around as f64
 }
 
-/// Directions looked at per point of a star-shaped surface. A direction is chosen at most once while the area per solid
-/// angle stays below as many times its mean.
+/// The number of directions drawn per point of a star-shaped surface. A direction is chosen at most once while the area
+/// per solid angle stays below this many times its mean.
 const DIRECTIONS_PER_POINT: usize = 6;
 
-/// Directions even in solid angle, of which every one is chosen with a probability proportional to the surface's area per
-/// solid angle there. They are gone through along a Morton curve and chosen whenever the area behind has grown by one
-/// point's share (systematic sampling), so that nearby points keep apart.
+/// Draws directions evenly by solid angle and chooses each with a probability proportional to the surface's area per
+/// solid angle there. It goes through them along a Morton curve and chooses one whenever the area behind has grown by
+/// one point's share (systematic sampling), so that nearby points keep apart.
 fn sample_star(shape: &StarShape, count: usize, seed: u64) -> Vec<SurfacePoint> {
     let mut directions = Surface::Sphere { radius: 1.0 }.sample(count * DIRECTIONS_PER_POINT, hash(seed));
     sort_along_curve(&mut directions);
@@ -281,7 +283,7 @@ fn sample_star(shape: &StarShape, count: usize, seed: u64) -> Vec<SurfacePoint> 
     chosen.into_par_iter().map(|direction| shape.point(direction)).collect()
 }
 
-/// Uniform in 0 .. 1 from a seed and a running number.
+/// A uniform number in 0 .. 1 from a seed and a running number.
 fn random(seed: u64, number: u64) -> f64 {
     // 53 bits: the digits of an f64.
     (hash(hash(seed).wrapping_add(number)) >> 11) as f64 / (1_u64 << 53) as f64
@@ -306,7 +308,7 @@ pub fn sort_along_curve(points: &mut Vec<SurfacePoint>) {
     *points = keys.into_par_iter().map(|(_, index)| points[index as usize]).collect();
 }
 
-/// Ten bits, two zeros after each.
+/// Ten bits with two zeros after each.
 fn spread(value: u32) -> u32 {
     let mut bits = value & 0x3ff;
     bits = (bits | bits << 16) & 0x0300_00ff;
@@ -332,7 +334,7 @@ mod tests {
     }
 
     const BUMPY: StarShape = StarShape { radius: bumpy_radius, gradient: bumpy_gradient };
-    /// An ellipsoid as a star: area and normals are known otherwise.
+    /// An ellipsoid as a star: its area and normals are known otherwise.
     const SPHEROID: StarShape = StarShape {
         radius: |d| (d.x * d.x + d.y * d.y + 4.0 * d.z * d.z).sqrt().recip(),
         gradient: |d| -DVec3::new(d.x, d.y, 4.0 * d.z) * (d.x * d.x + d.y * d.y + 4.0 * d.z * d.z).powf(-1.5),
@@ -349,13 +351,13 @@ mod tests {
         ]
     }
 
-    /// Sum over cells of (seen - expected)^2 / expected, and the number of cells less one.
+    /// The sum over cells of (seen - expected)^2 / expected, and the number of cells less one.
     fn chi_square(counts: &[f64], expected: &[f64]) -> (f64, f64) {
         let sum = counts.iter().zip(expected).map(|(seen, expected)| (seen - expected).powi(2) / expected).sum();
         (sum, counts.len() as f64 - 1.0)
     }
 
-    /// Far above the 99.9 % quantile for independent points; stratified ones stay far below it.
+    /// The limit is far above the 99.9 % quantile for independent points; stratified ones stay far below it.
     fn assert_uniform(counts: &[f64], expected: &[f64], what: &str) {
         let (statistic, freedom) = chi_square(counts, expected);
         assert!(statistic < freedom + 3.1 * (2.0 * freedom).sqrt(), "{what}: {statistic} for {freedom} degrees");
@@ -445,7 +447,7 @@ mod tests {
                 let column = ((d.y.atan2(d.x) / TAU).rem_euclid(1.0) * 12.0).min(11.0) as usize;
                 counts[12 * row + column] += 1.0;
             }
-            // Areas of flat triangles over a fine grid of directions: no use of the density under test.
+            // Areas of flat triangles over a fine grid of directions, without the density under test.
             let fine = 40;
             let place = |row: usize, column: usize| {
                 let d = on_sphere(column as f64 / (12 * fine) as f64, (row as f64 / (6 * fine) as f64 - 1.0).min(1.0));
@@ -533,7 +535,7 @@ mod tests {
         let mut points = Surface::Sphere { radius: 1.0 }.sample(10_000, 1);
         let way =
             |points: &[SurfacePoint]| points.windows(2).map(|p| p[0].position.distance(p[1].position)).sum::<f64>();
-        // Out of order: every 37th point in turn.
+        // Taking every 37th point in turn puts them out of order.
         points = (0..10_000).map(|i| points[i * 37 % 10_000]).collect();
         let mut sorted = points.clone();
         sort_along_curve(&mut sorted);

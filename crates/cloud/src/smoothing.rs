@@ -1,5 +1,5 @@
-//! Normals for points that are to reflect: those of a scan are too rough. Either the mean of the normals around, or the plane
-//! through the neighbours, or the plane through all of them.
+//! Makes normals for points that are to reflect: those of a scan are too rough. They come from the mean of the normals
+//! around, from the plane through the neighbours, or from the plane through all points.
 
 use std::collections::HashMap;
 
@@ -8,12 +8,12 @@ use glam::{DMat3, DVec3, Vec3};
 use crate::surfels::smallest_eigenvector;
 use crate::{Bounds, Chunk, NO_NORMAL, Orientation, Progress, SurfelOptions, estimate, pack_normal, unpack_normal};
 
-/// Mean normals of the points that `marks` names (one list per chunk, one entry per point), from those alone; others keep
-/// theirs. A list per chunk, packed. `progress` counts points; `None` when cancelled.
+/// The mean normals of the points that `marks` names (one list per chunk, one entry per point), from those points
+/// alone; others keep theirs. Returns a packed list per chunk. `progress` counts points; `None` when cancelled.
 ///
-/// The mean is weighted: normals are shared out to the corners of a grid and gathered again, each time by a tent over two
-/// cells, whose variance is a sixth of a cell squared. Two tents are as wide as an even disc of `radius` if a cell is
-/// sqrt(3) / 2 of it. So the cost does not depend on the radius.
+/// The mean is weighted: normals are distributed to the corners of a grid and gathered again, each time by a tent over
+/// two cells, whose variance is a sixth of a cell squared. Two tents are as wide as an even disc of `radius` if a cell
+/// is sqrt(3) / 2 of it. So the cost does not depend on the radius.
 pub fn smoothed_normals(
     chunks: &[Chunk],
     marks: &[Vec<bool>],
@@ -62,7 +62,8 @@ fn normal_of(chunk: &Chunk, index: usize) -> Option<Vec3> {
     chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[index]))
 }
 
-/// The grid corners around a position in cells, and their trilinear weights; corner 0 of weight 0 for one that is not finite.
+/// The grid corners around a position in cells, and their trilinear weights; corner 0 with weight 0 for a position that
+/// is not finite.
 fn corners(position: DVec3) -> [([i64; 3], f32); 8] {
     let low = position.floor();
     let part = position - low;
@@ -76,8 +77,8 @@ fn corners(position: DVec3) -> [([i64; 3], f32); 8] {
     })
 }
 
-/// Normals of the points that `marks` names from the planes through their nearest neighbours among those, turned to the side
-/// that each point's own normal is on; others keep theirs. `progress` counts points; `None` when cancelled.
+/// The normals of the points that `marks` names, from the planes through their nearest neighbours among those points,
+/// turned to the side of each point's own normal; others keep theirs. `progress` counts points; `None` when cancelled.
 pub fn refitted_normals(
     chunks: &[Chunk],
     marks: &[Vec<bool>],
@@ -106,8 +107,8 @@ pub fn refitted_normals(
     Some(chunks.iter().zip(marks).zip(fitted).map(refit).collect())
 }
 
-/// The normal of the plane through all points that `marks` names, on the side of most of their normals; `None` for points
-/// that lie on a line.
+/// The normal of the plane through all points that `marks` names, on the side of most of their normals; `None` for
+/// points on a line.
 pub fn plane_normal(chunks: &[Chunk], marks: &[Vec<bool>]) -> Option<Vec3> {
     let marked = || {
         let of_chunk = |(chunk, marks): (&'_ Chunk, &'_ Vec<bool>)| -> Vec<usize> {
@@ -121,7 +122,7 @@ pub fn plane_normal(chunks: &[Chunk], marks: &[Vec<bool>]) -> Option<Vec3> {
     let (mut count, mut mean, mut side) = (0.0, DVec3::ZERO, Vec3::ZERO);
     for (chunk, index) in marked() {
         count += 1.0;
-        // Running, so that seven-digit coordinates keep their digits.
+        // A running mean, so that seven-digit coordinates keep their digits.
         mean += (chunk.position(index) - mean) / count;
         side += normal_of(chunk, index).unwrap_or_default();
     }
@@ -144,8 +145,8 @@ mod tests {
 
     use super::*;
 
-    /// Water: a square of points 0.1 apart in a plane tilted by 5 degrees, with waves of normals of 10 degrees that average
-    /// to nothing; then one point of the shore.
+    /// Water: a square of points 0.1 apart in a plane tilted by 5 degrees, whose normals have waves of 10 degrees with
+    /// a mean of zero; then one point of the shore.
     fn water() -> (Vec<Chunk>, Vec<Vec<bool>>, Vec3) {
         let tilt = 5.0_f32.to_radians();
         let up = Vec3::new(-tilt.sin(), 0.0, tilt.cos());
@@ -188,8 +189,8 @@ mod tests {
 
     #[test]
     fn smoothing_is_as_wide_as_its_radius_says() {
-        // Normals along a ramp that are bent at x = 0: the mean over an even disc of radius R in the middle of one side, at a
-        // distance of 0.25 R from the bend, is known.
+        // Normals along a ramp that bend at x = 0: the mean over an even disc of radius R in the middle of one side, at
+        // a distance of 0.25 R from the bend, is known.
         let mut positions = Vec::new();
         let mut normals = Vec::new();
         let bend = 0.1_f32;

@@ -1,8 +1,8 @@
-//! Normals and splat radii of points that have none.
+//! Estimates normals and splat radii of points that have none.
 //!
 //! The normal of a point is the direction in which its neighbourhood is thinnest: the eigenvector of the smallest
-//! eigenvalue of the covariance of the point and its k nearest neighbours (Hoppe et al. 1992, section 3.2). Its sign is
-//! not in the points; an `Orientation` decides it.
+//! eigenvalue of the covariance of the point and its k nearest neighbours (Hoppe et al. 1992, section 3.2). The points
+//! do not determine its sign; an `Orientation` does.
 //!
 //! The splat radius follows from the distance r to the k-th neighbour. The disc of that radius holds k other points of
 //! a locally flat surface, so a point's share of area is pi r^2 / k, and a splat of 2 sqrt(area / (pi n)) has the
@@ -17,20 +17,21 @@ use crate::neighbours::{Neighbourhood, Points, Tiles};
 use crate::robust::{robust_bounds, spread_sample};
 use crate::{Bounds, Chunk, NO_NORMAL, NO_RADIUS, Progress, pack_normal, pack_radius, unpack_radius};
 
-/// Splat radius over the radius of a disc with a point's share of area. Points that fall at random leave exp(-2^2) = 2 % of a
-/// surface bare; scans, more even, leave less.
+/// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
+/// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
-/// A splat's largest radius over the median one. The spacing of a scan from one place grows with the distance, and five
-/// times the median distance covers most of it, while a stray point in the sky stays a dot instead of hiding the rest.
+/// The largest radius of a splat relative to the median one. The spacing of a scan from one place grows with the
+/// distance, and five times the median distance covers most of it, while a stray point in the sky stays a dot instead
+/// of hiding everything else.
 const LARGEST_RADIUS: f32 = 5.0;
-/// Neighbourhoods narrower than this times their length (in variance: squared) are lines, which have no normal; below it
-/// f32 rounding of the covariance would turn the normal by a degree.
+/// Neighbourhoods narrower than this times their length (in variance: squared) are lines, which have no normal; below
+/// it f32 rounding of the covariance would turn the normal by a degree.
 const THINNEST: f64 = 1e-5;
 
-/// Which of the two sides of a surface normals point to.
+/// The side of a surface to which normals point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Orientation {
-    /// Along this direction: ground and roofs seen from the air.
+    /// Along this direction: for ground and roofs seen from the air.
     Up(Vec3),
     /// Towards this world position: the scanner, or the middle of a room.
     Toward(DVec3),
@@ -41,7 +42,7 @@ pub enum Orientation {
 /// How normals and radii are estimated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfelOptions {
-    /// Neighbours of a point, itself not counted; held within 3 ..= 64.
+    /// The number of neighbours of a point, itself not counted; clamped to 3 ..= 64.
     pub neighbours: usize,
     pub orientation: Orientation,
 }
@@ -53,21 +54,22 @@ impl SurfelOptions {
     }
 }
 
-/// What was estimated for one chunk: one entry per point, in its order.
+/// The estimate for one chunk: one entry per point, in its order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surfels {
-    /// Packed by `pack_normal`: the chunk's own where it has them, `NO_NORMAL` where the neighbourhood is a line, a
-    /// single place or not finite.
+    /// The normals, packed by `pack_normal`: the chunk's own where it has them, `NO_NORMAL` where the neighbourhood is
+    /// a line, a single place or not finite.
     pub normals: Vec<u32>,
-    /// Packed by `pack_radius`; `NO_RADIUS` for points that are not finite, and for a cloud that is all one place.
+    /// The radii, packed by `pack_radius`; `NO_RADIUS` for points that are not finite, and for a cloud at a single
+    /// place.
     pub radii: Vec<u16>,
 }
 
-/// Normals and radii of all points, on all cores; one entry per chunk, in order. `progress` counts points.
+/// Estimates normals and radii of all points, on all cores; one entry per chunk, in order. `progress` counts points.
 /// `None` when cancelled.
 ///
-/// Needs about 6 bytes a point beside the result, and some 5 MB a thread. Clouds of 2^32 points and more are
-/// taken in parts whose points do not see one another.
+/// Needs about 6 bytes a point beside the result, and some 5 MB a thread. Clouds of 2^32 points and more are divided
+/// into parts whose points do not see one another.
 pub fn estimate(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     progress.set_total(chunks.iter().map(|chunk| chunk.len() as u64).sum());
     let mut surfels = Vec::with_capacity(chunks.len());
@@ -100,12 +102,12 @@ fn parts(chunks: &[Chunk], limit: usize) -> Vec<&[Chunk]> {
     parts
 }
 
-/// As [`estimate`] for a part of a cloud: radii are not limited, since how large the largest may be follows from all of
-/// the cloud's ([`RadiusCount`]), and `progress` is not told a total. Less than 2^32 points.
+/// The same as [`estimate`] for a part of a cloud, with two differences: radii are not limited, since the limit follows
+/// from all of the cloud's radii ([`RadiusCount`]), and the total of `progress` is not set. For less than 2^32 points.
 pub fn estimate_part(chunks: &[Chunk], options: &SurfelOptions, progress: &Progress) -> Option<Vec<Surfels>> {
     let points = Points::new(chunks);
     let tiles = Tiles::new(&points, progress)?;
-    // Tiles write where their points are, all over the chunks: atomics let them without unsafe code.
+    // A tile's points are scattered over the chunks: atomics let the tiles write them without unsafe code.
     let results: Vec<(Vec<AtomicU32>, Vec<AtomicU16>)> = chunks
         .par_iter()
         .map(|chunk| {
@@ -158,7 +160,7 @@ fn splat_radius(neighbourhood: &Neighbourhood) -> f32 {
     SPLAT_OVERLAP * (neighbourhood.distance_squared / neighbourhood.count as f32).sqrt()
 }
 
-/// How often each radius occurs in a cloud, to know its largest one.
+/// Counts how often each radius occurs in a cloud, to find the largest allowed one.
 pub struct RadiusCount(Vec<u64>);
 
 impl Default for RadiusCount {
@@ -173,7 +175,7 @@ impl RadiusCount {
         radii.iter().for_each(|&radius| self.0[usize::from(radius)] += 1);
     }
 
-    /// Five times the median, packed: larger ones are to be made that large. Packed radii are in the order of the radii.
+    /// Five times the median, packed; larger radii are cut to it. Packed radii sort like the radii.
     pub fn largest(&self) -> u16 {
         let known = || self.0.iter().enumerate().filter(|(radius, _)| *radius != usize::from(NO_RADIUS));
         let half = known().map(|(_, count)| count).sum::<u64>() / 2;
@@ -187,7 +189,7 @@ impl RadiusCount {
     }
 }
 
-/// The direction in which a point and its neighbours are thinnest; either sign.
+/// The direction in which a point and its neighbours are thinnest; its sign is arbitrary.
 fn normal(neighbourhood: &Neighbourhood) -> Option<Vec3> {
     if neighbourhood.count < 2 {
         return None;
@@ -212,8 +214,9 @@ fn normal(neighbourhood: &Neighbourhood) -> Option<Vec3> {
     ))
 }
 
-/// Unit eigenvector of the smallest eigenvalue of a covariance, if the two smaller ones can be told apart and the points
-/// are no line. Eigenvalues in closed form (Smith 1961), in f64 because two nearly equal ones lose half the digits.
+/// The unit eigenvector of the smallest eigenvalue of a covariance, if the two smaller ones differ and the points are
+/// not on a line. The eigenvalues have a closed form (Smith 1961); it is in f64 because two nearly equal ones lose half
+/// the digits.
 pub(crate) fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
     let mean = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z) / 3.0;
     let centred = covariance - DMat3::from_diagonal(DVec3::splat(mean));
@@ -229,7 +232,8 @@ pub(crate) fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
     if middle <= THINNEST * largest {
         return None;
     }
-    // The rows of the shifted matrix span the other two eigenvectors; of their cross products the longest is exact.
+    // The rows of the shifted matrix span the other two eigenvectors; the longest of their cross products is the exact
+    // one.
     let shifted = covariance - DMat3::from_diagonal(DVec3::splat(smallest));
     let [x, y, z] = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
     let crosses = [x.cross(y), y.cross(z), z.cross(x)];
@@ -237,7 +241,8 @@ pub(crate) fn smallest_eigenvector(covariance: DMat3) -> Option<Vec3> {
     longest.try_normalize().map(|normal| normal.as_vec3())
 }
 
-/// The sign of a normal at a world position; the same for either sign given.
+/// Turns a normal at a world position to the side that `orientation` asks for; the result is the same for both signs of
+/// the input.
 fn orient(normal: Vec3, position: DVec3, orientation: Orientation) -> Vec3 {
     let outward = match orientation {
         Orientation::Up(up) => up,
@@ -250,8 +255,8 @@ fn orient(normal: Vec3, position: DVec3, orientation: Orientation) -> Vec3 {
     if along < 0.0 { -normal } else { normal }
 }
 
-/// Guesses from its shape which side of a cloud was seen: the inside of a room, the top of a landscape, or the outside of
-/// an object. `up` is the axis that is vertical.
+/// Guesses from its shape which side of a cloud was scanned: the inside of a room, the top of a landscape, or the
+/// outside of an object. `up` is the vertical axis.
 ///
 /// - A room has a floor and a ceiling: the lowest and the highest tenth of its height hold an eighth of the points each
 ///   (a sphere, a cylinder or a box without lids has a tenth there, terrain next to nothing at the top).
@@ -274,7 +279,7 @@ pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
         lowest += usize::from(share < 0.1);
         highest += usize::from(share > 0.9);
     }
-    // A level field is no room, whatever its noise looks like.
+    // A level field is not a room, whatever its noise looks like.
     let room = 8 * lowest >= total && 8 * highest >= total && height > 0.02 * width;
     if room {
         Orientation::Toward(bounds.center())
@@ -288,14 +293,14 @@ pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
 /// Normals from the faces of a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshNormals {
-    /// Packed by `pack_normal`, per chunk; `NO_NORMAL` for vertices of no triangle with an area.
+    /// The normals per chunk, packed by `pack_normal`; `NO_NORMAL` for vertices of no triangle with an area.
     pub normals: Vec<Vec<u32>>,
-    /// Triangles that name a vertex that does not exist.
+    /// The number of triangles that name a vertex that does not exist.
     pub skipped_triangles: usize,
 }
 
-/// Vertex normals of a mesh whose vertices are the points of `chunks` in order: the mean of the normals of the triangles
-/// about a vertex, weighted by area. Counter-clockwise triangles are seen from outside.
+/// The vertex normals of a mesh whose vertices are the points of `chunks` in order: the mean of the normals of the
+/// triangles about a vertex, weighted by area. Triangles are counter-clockwise as seen from outside.
 pub fn normals_from_triangles(chunks: &[Chunk], triangles: &[[u32; 3]]) -> MeshNormals {
     let mut starts = Vec::with_capacity(chunks.len());
     let mut total = 0;
@@ -317,7 +322,7 @@ pub fn normals_from_triangles(chunks: &[Chunk], triangles: &[[u32; 3]]) -> MeshN
         }
         let corners = triangle.map(locate);
         let [a, b, c] = corners.map(|(chunk, local)| chunks[chunk].position(local));
-        // Twice the area long.
+        // Its length is twice the area.
         let normal = (b - a).cross(c - a).as_vec3();
         if normal.is_finite() {
             corners.into_iter().for_each(|(chunk, local)| sums[chunk][local] += normal);
@@ -327,16 +332,16 @@ pub fn normals_from_triangles(chunks: &[Chunk], triangles: &[[u32; 3]]) -> MeshN
     MeshNormals { normals, skipped_triangles }
 }
 
-/// A splat radius to show points with until theirs is estimated: `points` spread evenly over the largest face of the
-/// box. About right for terrain and facades; up to 3 times too small for rooms and closed objects, whose surface is
-/// several faces, and too large where the scan is much denser than on average. 0 for an empty box or a single place.
+/// A splat radius for points until theirs is estimated: it assumes `points` points spread evenly over the largest face
+/// of the box. About right for terrain and facades; up to 3 times too small for rooms and closed objects, whose surface
+/// is several faces, and too large where the scan is much denser than on average. 0 for an empty box or a single place.
 pub fn provisional_radius(bounds: Bounds, points: u64) -> f32 {
     let size = bounds.size();
     let mut sides = size.to_array();
     sides.sort_by(f64::total_cmp);
     let area = sides[2] * sides[1];
     let points = points.max(1) as f64;
-    // Points on a line are as far apart as its length over their number.
+    // Points on a line are its length divided by their number apart.
     let apart = (area / (std::f64::consts::PI * points)).sqrt().max(sides[2] / (2.0 * points));
     SPLAT_OVERLAP * apart as f32
 }

@@ -1,12 +1,12 @@
-//! The plain test of what is visible: asked of every point that something is made of on the CPU. `scene::Visibility` keeps and
-//! saves what is hidden; shaders/shared/visibility.wgsl asks the same of every point on the GPU.
+//! Tests on the CPU whether a point is shown; everything that is computed from points asks it. `scene::Visibility`
+//! keeps and saves what is hidden; shaders/shared/visibility.wgsl does the same test on the GPU.
 
 use crate::{Chunk, Cloud, Column};
 
-/// Which points are shown. A point without a class is never hidden by class.
+/// Decides which points are shown. A point without a class is never hidden by class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointTest {
-    /// A bit for each class; 1: shown.
+    /// A bit for each class; 1 means shown.
     class_words: [u32; 8],
 }
 
@@ -27,7 +27,7 @@ impl PointTest {
         *self == Self::default()
     }
 
-    /// As the GPU tests them: class `c` is shown if bit `c % 32` of word `c / 32` is set.
+    /// The words that the GPU tests: class `c` is shown if bit `c % 32` of word `c / 32` is set.
     pub fn class_words(&self) -> [u32; 8] {
         self.class_words
     }
@@ -38,7 +38,7 @@ impl PointTest {
 }
 
 impl Chunk {
-    /// The classes of the points, if column `index` holds any.
+    /// The classes of the points, if column `index` contains classes.
     pub fn classes(&self, index: Option<usize>) -> Option<&[u8]> {
         match self.columns.get(index?)?.as_deref()? {
             Column::U8(classes) => Some(classes),
@@ -46,7 +46,7 @@ impl Chunk {
         }
     }
 
-    /// The points that are shown; `classes`: the column that holds their classes.
+    /// The points that are shown; `classes` is the index of the column that holds their classes.
     pub fn shown(&self, classes: Option<usize>, test: &PointTest) -> Self {
         let Some(classes) = self.classes(classes).filter(|_| !test.shows_all()) else { return self.clone() };
         let is_shown = |index: &u32| test.shows(Some(classes[*index as usize]));
@@ -56,7 +56,7 @@ impl Chunk {
 }
 
 impl Cloud {
-    /// The column that holds the classes of the points.
+    /// The index of the column that holds the classes of the points.
     pub fn class_column(&self) -> Option<usize> {
         self.column_of("classification")
     }
