@@ -1,10 +1,10 @@
-//! The table of a parameter group, and everything that is read off it: parsing, printing, checking, WGSL.
+//! The table of a parameter group, and everything that is derived from it: parsing, printing, checking, WGSL.
 
 use std::fmt::Write as _;
 
 use crate::{Bytes, Color, Value};
 
-/// What a field may hold.
+/// The type of a field, with its default and its range.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     Bool { default: bool },
@@ -22,34 +22,34 @@ pub struct Field {
     pub name: &'static str,
     /// One line of help.
     pub help: &'static str,
-    /// Empty for a pure number or a choice.
+    /// The unit; empty for a pure number or a choice.
     pub unit: &'static str,
     pub kind: Kind,
     pub affects: Affects,
     pub uses: Uses,
 }
 
-/// What is made anew when a parameter changes.
+/// What a change of a parameter makes out of date.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Affects {
-    /// What is read, sampled and estimated before anything is drawn.
+    /// The points that are read, sampled and estimated before anything is drawn.
     pub points: bool,
-    /// The surfaces that are seen, and what mirrors show of them.
+    /// The visible surfaces, and what mirrors show of them.
     pub found: bool,
     /// The light on them.
     pub shading: bool,
-    /// What is shown of it all.
+    /// The final display of the picture.
     pub view: bool,
     /// The ray-traced truth of a view.
     pub truth: bool,
 }
 
-/// What a parameter can be used for.
+/// The uses of a parameter besides setting it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uses {
-    /// It is a preference of the person and kept from run to run; it does not belong to the data at hand.
+    /// Whether it is a preference of the person and kept from run to run; otherwise it belongs to the open data.
     pub kept: bool,
-    /// Other values show in the view at hand.
+    /// Whether other values of it can be seen in the current view.
     pub swept: bool,
 }
 
@@ -64,12 +64,12 @@ impl Default for Uses {
 pub struct Group {
     pub name: &'static str,
     pub help: &'static str,
-    /// Of the panel that it is shown in.
+    /// The title of the panel section that shows the group.
     pub section: &'static str,
     pub fields: Vec<Field>,
 }
 
-/// What is wrong with a key or value a person gave.
+/// A wrong key or value that a person gave.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     #[error("{key}: {problem}")]
@@ -91,7 +91,7 @@ impl Field {
         }
     }
 
-    /// Whether pictures of several values of it can stand beside each other.
+    /// Whether pictures with several of its values can be compared side by side.
     pub fn can_be_swept(&self) -> bool {
         self.uses.swept && !matches!(self.kind, Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. })
     }
@@ -110,7 +110,7 @@ impl Field {
         }
     }
 
-    /// The value as `parse` reads it.
+    /// The value in the form that `parse` reads.
     pub fn format(&self, value: &Value) -> String {
         match (value, &self.kind) {
             (Value::Bool(value), _) => value.to_string(),
@@ -129,6 +129,8 @@ impl Field {
         }
     }
 
+    /// Reads a value.
+    ///
     /// # Errors
     /// What is wrong with `text` and what was expected, without the key.
     pub fn parse(&self, text: &str) -> Result<Value, String> {
@@ -165,6 +167,8 @@ impl Field {
         Ok(value)
     }
 
+    /// Checks a value.
+    ///
     /// # Errors
     /// If the value is of another type or out of range.
     pub fn check(&self, value: &Value) -> Result<(), String> {
@@ -185,8 +189,8 @@ impl Field {
         }
     }
 
-    /// A slider is logarithmic when its range spans three decades or more, or when it begins at 0 and the default is so near to
-    /// it that a linear slider would leave no room on that side.
+    /// Whether a slider for the field is logarithmic: its range spans three decades or more, or begins at 0 with a
+    /// default so near to it that a linear slider would leave no room below.
     pub fn is_logarithmic(&self) -> bool {
         match self.kind {
             Kind::F32 { min: 0.0, max, default } => default > 0.0 && max / default >= 32.0,
@@ -199,8 +203,8 @@ impl Field {
 }
 
 impl Group {
-    /// The group as a WGSL struct of 4-byte scalars (so Rust words and WGSL offsets agree by construction), with a constant
-    /// for each choice. Text and amounts of memory stay on the CPU.
+    /// The group as a WGSL struct of 4-byte scalars (so Rust words and WGSL offsets agree by construction), with a
+    /// constant for each choice. Text and amounts of memory stay on the CPU.
     pub fn wgsl(&self) -> String {
         let mut wgsl = String::new();
         let mut constants = String::new();
@@ -227,14 +231,16 @@ fn capitalized(name: &str) -> String {
     name.split('_').map(|word| word[..1].to_uppercase() + &word[1..]).collect()
 }
 
-/// A group of parameters with values: what the `params!` structs have in common.
+/// A group of parameters with values: the interface of the `params!` structs.
 pub trait Params {
     fn group(&self) -> &'static Group;
-    /// In the order of the table.
+    /// The values in the order of the table.
     fn values(&self) -> Vec<Value>;
-    /// In the order of the table; checked by the caller (`set`, `set_text`).
+    /// Sets all values, in the order of the table; the caller has checked them (`set`, `set_text`).
     fn set_values(&mut self, values: &[Value]);
 
+    /// Sets one parameter.
+    ///
     /// # Errors
     /// Unknown name, wrong type, out of range.
     fn set(&mut self, name: &str, value: Value) -> Result<(), Error> {
@@ -248,6 +254,8 @@ pub trait Params {
         Ok(())
     }
 
+    /// Sets one parameter from text.
+    ///
     /// # Errors
     /// Unknown name, not parsable, out of range.
     fn set_text(&mut self, name: &str, text: &str) -> Result<(), Error> {
@@ -258,7 +266,7 @@ pub trait Params {
         self.set(name, value)
     }
 
-    /// The GPU's form: one 4-byte word a field, text and amounts of memory left out. Padded by whoever uploads it.
+    /// The values for the GPU: one 4-byte word a field, without text and amounts of memory. The caller pads it.
     fn words(&self) -> Vec<u32> {
         let word = |value: Value| match value {
             Value::Bool(value) => Some(u32::from(value)),
@@ -281,7 +289,7 @@ fn index_of(group: &Group, name: &str) -> Result<usize, Error> {
     })
 }
 
-/// The keys and values that differ from the defaults: what a session file and a command line need to say.
+/// The keys and values that differ from the defaults, as a session file and a command line need them.
 pub fn differing(params: &dyn Params) -> Vec<(String, Value)> {
     let group = params.group();
     let pairs = group.fields.iter().zip(params.values());
@@ -289,10 +297,10 @@ pub fn differing(params: &dyn Params) -> Vec<(String, Value)> {
     differing.map(|(field, value)| (format!("{}.{}", group.name, field.name), value)).collect()
 }
 
-/// What a message quotes at most of what it was given, characters: enough to find the place again.
+/// The most characters that a message quotes of its input: enough to find the place again.
 pub const MOST_QUOTED: usize = 80;
 
-/// `text` if it is short enough, else its two ends: `most` characters in all.
+/// `text` if it is short enough, else its two ends, with `most` characters in all.
 pub fn shortened(text: &str, most: usize) -> String {
     let count = text.chars().count();
     if count <= most {
@@ -305,10 +313,10 @@ pub fn shortened(text: &str, most: usize) -> String {
     format!("{head}...{tail}")
 }
 
-/// The first few of many messages of one kind, and how many more there are: `what` says of what.
+/// The first few of many messages of one kind, and the number of the others; `what` names the kind.
 pub fn few(mut messages: Vec<String>, what: &str) -> Vec<String> {
     const FEW: usize = 3;
-    // One more takes no more room than its number.
+    // One more message takes no more room than the line with the number.
     if messages.len() > FEW + 1 {
         let untold = messages.len() - FEW;
         messages.truncate(FEW);
@@ -317,7 +325,7 @@ pub fn few(mut messages: Vec<String>, what: &str) -> Vec<String> {
     messages
 }
 
-/// The candidate a person most likely meant, if any is within a third of the word's letters (edit distance).
+/// The candidate that a person most likely meant, if one is within a third of the word's letters (edit distance).
 pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let distance = |other: &str| {
         let other: Vec<char> = other.chars().collect();

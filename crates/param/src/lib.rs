@@ -1,7 +1,7 @@
 //! One definition of each parameter.
 //!
 //! A `params!` block gives a plain struct with defaults and a table of its fields: name, help, unit, range, default.
-//! Flags, panel, session file, undo, `glint methods`, the WGSL structs and docs/parameters.md all walk that table;
+//! Flags, panels, session files, undo, `glint methods`, the WGSL structs and docs/parameters.md all read that table;
 //! nothing else repeats a name, a range or a default.
 
 mod field;
@@ -125,7 +125,7 @@ macro_rules! settings {
         pub struct $Settings { $(pub $field: $Group),* }
 
         impl $Settings {
-            /// How many groups there are.
+            /// The number of groups.
             pub const GROUPS: usize = [$(stringify!($field)),*].len();
 
             /// The groups, in order.
@@ -142,7 +142,7 @@ macro_rules! settings {
     };
 }
 
-/// Declares an enum whose variants are the choices of a parameter, each with the name people type.
+/// Declares an enum whose variants are the choices of a parameter, each with the name that people type.
 #[macro_export]
 macro_rules! choices {
     ($( #[doc = $help:literal] )* pub enum $Enum:ident { $( $Variant:ident = $name:literal ),* $(,)? }) => {

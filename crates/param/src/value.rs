@@ -1,4 +1,4 @@
-//! Values a parameter can have, and the Rust types that stand for them.
+//! The values of parameters, and the Rust types that represent them.
 
 use std::ops::RangeInclusive;
 
@@ -10,7 +10,7 @@ pub enum Value {
     Bool(bool),
     U32(u32),
     F32(f32),
-    /// Index into the names of the choice.
+    /// The index in the names of the choice.
     Choice(u32),
     Color(Color),
     Bytes(Bytes),
@@ -22,7 +22,7 @@ pub enum Value {
 pub struct Color(pub u32);
 
 impl Color {
-    /// Red, green, blue, opacity, 0 to 255, sRGB.
+    /// Red, green, blue and opacity, each 0 to 255, in sRGB.
     pub fn bytes(self) -> [u8; 4] {
         self.0.to_be_bytes()
     }
@@ -32,15 +32,16 @@ impl Color {
     }
 }
 
-/// An amount of memory or disk space. People read and write it in binary units: `512MiB`, `1.5 GiB`, or a plain number of bytes.
+/// An amount of memory or disk space. People read and write it in binary units: `512MiB`, `1.5 GiB`, or a plain number
+/// of bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Bytes(pub u64);
 
-/// Names of powers of 1024, from 0.
+/// The names of the powers of 1024, from 0.
 const BINARY_UNITS: [&str; 7] = ["B", "KiB", "MiB", "GiB", "TiB", "PiB", "EiB"];
 
 impl std::fmt::Display for Bytes {
-    /// In the largest unit that leaves a whole number.
+    /// Writes the amount in the largest unit that leaves a whole number.
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let power = if self.0 == 0 { 0 } else { self.0.trailing_zeros() / 10 };
         write!(formatter, "{}{}", self.0 >> (10 * power), BINARY_UNITS[power as usize])
@@ -83,7 +84,7 @@ pub trait Choice: Copy {
     fn from_name(name: &str) -> Option<Self> {
         Self::from_index(Self::NAMES.iter().position(|known| *known == name)? as u32)
     }
-    /// In order.
+    /// All choices, in order.
     fn all() -> impl Iterator<Item = Self> {
         (0..Self::NAMES.len() as u32).filter_map(Self::from_index)
     }
