@@ -1,5 +1,6 @@
 //! LAS and LAZ in process against the bare loops that bound them: the same bytes to the same columns with no checks, no
-//! choice of columns, no chunks handed out. Pairs of (bare, ours) are to be read together: the machine may be busy.
+//! choice of columns, no chunks passed on. Compare the figures of a pair (bare, ours) with each other: the machine may
+//! be busy.
 //!
 //! `GLINT_BENCH_POINTS` sets the size (default 2 million); points per second are divan's items per second.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed bench")]
@@ -30,7 +31,7 @@ struct Files {
     laz: PathBuf,
 }
 
-/// Written once, read warm.
+/// Written once, read from a warm cache.
 static FILES: LazyLock<Files> = LazyLock::new(|| {
     let points = std::env::var("GLINT_BENCH_POINTS").ok().and_then(|n| n.parse().ok()).unwrap_or(2_000_000);
     let folder = tempfile::tempdir().unwrap();
@@ -45,14 +46,14 @@ fn main() {
     divan::main();
 }
 
-/// Positions and colours of one run of records.
+/// The positions and colours of one run of records.
 type Columns = (Vec<[f32; 3]>, Vec<[u8; 4]>);
 
 fn decode(records: &[u8]) -> Columns {
     let word =
         |record: &[u8], at: usize| i32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]);
     let count = records.len() / RECORD;
-    // Zeroed by the operating system, so that the loop is stores only.
+    // Zeroed by the operating system, so that the loop only stores.
     let (mut positions, mut colors) = (vec![[0.0; 3]; count], vec![[0; 4]; count]);
     for ((record, position), color) in records.chunks_exact(RECORD).zip(&mut positions).zip(&mut colors) {
         *position = [0, 4, 8].map(|at| (f64::from(word(record, at)) * 0.001) as f32);
@@ -97,7 +98,7 @@ fn bare_laz(files: &Files, selection: DecompressionSelection) -> Vec<Columns> {
     let mut rest = &bytes[start + 8..];
     let mut columns = Vec::new();
     let mut records = Vec::new();
-    // 40 chunks are 72 MB of records: more in flight would only cost page faults.
+    // 40 chunks are 72 MB of records: more at a time would only cost page faults.
     for batch in entries.chunks(40) {
         let length: u64 = batch.iter().map(|entry| entry.byte_count).sum();
         let (compressed, after) = rest.split_at(length as usize);

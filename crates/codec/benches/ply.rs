@@ -1,5 +1,5 @@
 //! PLY readers beside their limits: a bare loop of positioned reads that decodes the same bytes on all cores, once for
-//! binary rows of 15 bytes and once for text without exponents, and `ply-rs` on one core. Each gives every chunk away.
+//! binary rows of 15 bytes and once for text without exponents, and `ply-rs` on one core. Each drops every chunk.
 //!
 //! `GLINT_BENCH_POINTS` sets the number of points (2 million: 30 MB binary, 66 MB text).
 
@@ -35,12 +35,12 @@ struct Files {
     folder: tempfile::TempDir,
     binary: PathBuf,
     text: PathBuf,
-    /// Bytes of the header of either file.
+    /// The size in bytes of the header of either file.
     binary_start: u64,
     text_start: u64,
 }
 
-/// A terrain of centimetres over a kilometre, as scanners' exports have it.
+/// A terrain of centimetres over a kilometre, as in scanners' exports.
 static FILES: LazyLock<Files> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
     let (binary, text) = (folder.path().join("binary.ply"), folder.path().join("text.ply"));
@@ -75,7 +75,7 @@ static FILES: LazyLock<Files> = LazyLock::new(|| {
     Files { folder, binary, text, binary_start, text_start }
 });
 
-/// Columns of the bare loops.
+/// The columns of the bare loops.
 type Columns = (Vec<[f32; 3]>, Vec<[u8; 4]>);
 
 /// Reads with `glint`'s reader, opening included.
@@ -123,7 +123,7 @@ fn text_ours(bencher: Bencher) {
     bencher.counter(ItemsCount::new(points())).bench(|| read(path));
 }
 
-/// Digits and a point, correct to an f32 rounding or two, in blocks of 2 MiB cut at line ends.
+/// Parses digits and a point, correct to an f32 rounding or two, in blocks of 2 MiB cut at line ends.
 #[divan::bench]
 fn text_bare(bencher: Bencher) {
     const BLOCK: u64 = 2 << 20;

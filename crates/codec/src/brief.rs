@@ -1,13 +1,13 @@
-//! Text and numbers of a file in messages, in a length that a line has room for.
+//! Shortens a file's text and numbers for messages of one line.
 
 use glam::DVec3;
 
-/// Characters of a file's text that are quoted.
+/// The number of characters of a file's text that are quoted.
 const QUOTED: usize = 40;
-/// Longest number that is written out: 17 digits, a point, a sign.
+/// The length of the longest number that is written out: 17 digits, a point, a sign.
 const WRITTEN_OUT: usize = 19;
 
-/// Enough of a text to recognise it by, without control characters.
+/// The start of a text, long enough to recognise it, without control characters.
 pub fn brief(text: &str) -> String {
     let mut characters = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c });
     let mut quoted: String = characters.by_ref().take(QUOTED).collect();
@@ -23,7 +23,7 @@ pub fn number(value: f64) -> String {
     if text.len() <= WRITTEN_OUT { text } else { format!("{value:e}") }
 }
 
-/// Three of them, as `DVec3` writes them.
+/// Three numbers in the form in which `DVec3` writes them.
 pub fn vector(value: DVec3) -> String {
     format!("[{}]", value.to_array().map(number).join(", "))
 }

@@ -1,4 +1,4 @@
-//! The one error of this crate: file, what is wrong and where, what was expected, what to do.
+//! The errors of this crate: the file, what is wrong and where, what was expected, what to do.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -7,19 +7,20 @@ pub type Result<T> = std::result::Result<T, Error>;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The operating system refused. The message has the reason, so that is not a source: it would be told twice.
+    /// The operating system refused. The message contains the reason, so it is not given as `source` as well: it would
+    /// be printed twice.
     #[error("{path}: {reason}")]
     Io { path: PathBuf, reason: std::io::Error },
-    /// An output, which is no fault of the inputs.
+    /// An output cannot be written; the inputs are not at fault.
     #[error("{path}: cannot be written: {}; {}", why_unwritten(reason), what_then(reason))]
     NotWritten { path: PathBuf, reason: std::io::Error },
-    /// Not one of ours. `hint` says what it looks like and what to do.
+    /// The file has no known format. `hint` says what it looks like and what to do.
     #[error("{path}: not a LAS, LAZ or PLY file: {hint}")]
     UnknownFormat { path: PathBuf, hint: String },
-    /// One of ours, but broken or of a kind that is not read. `place` is a byte, record or line.
+    /// The file has a known format, but is broken or of a variant that is not read. `place` is a byte, record or line.
     #[error("{path}: {place}: {problem}")]
     Malformed { path: PathBuf, place: String, problem: String },
-    /// Nothing is wrong with the file, but it cannot be used for what was asked.
+    /// The file is valid, but cannot be used for the purpose.
     #[error("{path}: {problem}")]
     Unsuitable { path: PathBuf, problem: String },
 }
@@ -42,7 +43,7 @@ impl Error {
     }
 }
 
-/// Why something cannot be written, without the names of files that are there for a while.
+/// The reason why something cannot be written, without the names of temporary files.
 pub fn why_unwritten(reason: &std::io::Error) -> String {
     match reason.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "the disk is full".into(),
@@ -50,7 +51,7 @@ pub fn why_unwritten(reason: &std::io::Error) -> String {
         ErrorKind::PermissionDenied => "you have no permission to write there".into(),
         ErrorKind::NotFound => "there is no such folder".into(),
         ErrorKind::IsADirectory => "a folder, not a file".into(),
-        // Where the crate tempfile adds the name of its file, there is no number of the system's.
+        // An error to which the crate tempfile has added its file's name has no number of the operating system.
         kind if reason.raw_os_error().is_none() && kind != ErrorKind::Other => kind.to_string(),
         _ => reason.to_string(),
     }

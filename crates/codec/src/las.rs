@@ -1,9 +1,9 @@
-//! LAS and LAZ: LAS 1.0 to 1.4 (ASPRS LAS 1.4 R15), point formats 0 to 10, LASzip compression. COPC is read as the LAZ it is, or
-//! node by node (`copc`).
+//! Reads LAS and LAZ: LAS 1.0 to 1.4 (ASPRS LAS 1.4 R15), point formats 0 to 10, LASzip compression. COPC is read as
+//! plain LAZ, or node by node (`copc`).
 //!
-//! A file is a list of blocks that become one chunk each (or a few): runs of records in LAS, compressed chunks in LAZ.
-//! Blocks are read with positioned reads and decoded straight to columns, all cores at once, in an order that spreads
-//! over the file, so that the first chunks show its whole extent.
+//! A file is a list of blocks, each of which becomes one chunk or a few: runs of records in LAS, compressed chunks in
+//! LAZ. Positioned reads fetch the blocks, and all cores decode them straight to columns, in an order that spreads over
+//! the file, so that the first chunks show its whole extent.
 
 mod columns;
 mod compressed;
@@ -31,13 +31,14 @@ pub use copc_writer::{CopcSummary, write_copc};
 use header::Header;
 use layout::{Layout, Reading, bytes};
 
-/// Bytes of records that are held at once per thread, at most: whole chunks of records up to 256 bytes.
+/// The most bytes of records that a thread holds at once: whole chunks of records up to 256 bytes.
 const BLOCK_BYTES: usize = 16 << 20;
-/// Bytes of records that are decoded at once per thread, at most: more than the longest record.
+/// The most bytes of records that a thread decodes at once: more than the longest record.
 const TILE_BYTES: usize = 1 << 20;
-/// Places of a LAS file that are looked at, and records at each, to decide whether colours have 8 or 16 bits.
+/// The number of places of a LAS file that are sampled, and of records at each, to decide whether colours have 8 or 16
+/// bits.
 const COLOR_SAMPLES: (u64, usize) = (64, 64);
-/// Compressed chunks that are looked at for that, and points in all of them: some 10 ms.
+/// The number of compressed chunks that are sampled for that, and of points in all of them: some 10 ms.
 const COMPRESSED_COLOR_SAMPLES: (usize, u64) = (8, 32_768);
 
 pub struct LasSource {
@@ -48,28 +49,28 @@ pub struct LasSource {
     data_start: u64,
     compressed: Option<Compressed>,
     blocks: Vec<Block>,
-    /// `None` for a file without colours, or with nothing but black.
+    /// The range of the colours; `None` for a file without colours, or with nothing but black.
     colors: Option<ColorDepth>,
     copc: Option<Copc>,
-    /// Extra Bytes descriptors, one after the other.
+    /// The Extra Bytes descriptors, one after the other.
     descriptors: Vec<u8>,
-    /// GPS time is standard time, not seconds of a week.
+    /// Whether GPS time is standard time instead of seconds of a week.
     standard_time: bool,
-    /// Where variable length records and extended ones are, heads included.
+    /// For each variable length record, whether it is extended, and its bytes in the file, head included.
     records: Vec<(bool, Range<u64>)>,
 }
 
-/// What one task reads.
+/// The input of one task.
 struct Block {
     first_point: u64,
     points: u64,
-    /// LAZ: the compressed chunks that make it up.
+    /// For LAZ, the compressed chunks of the block.
     chunks: Range<usize>,
-    /// Points per emitted chunk.
+    /// The number of points per emitted chunk.
     piece: usize,
 }
 
-/// What the tasks of one read have come to.
+/// Collects the results of the tasks of one read.
 struct Tally<'a> {
     progress: &'a Progress,
     emit: &'a (dyn Fn(Chunk) + Sync),
@@ -79,7 +80,7 @@ struct Tally<'a> {
 struct Total {
     points: u64,
     bounds: Bounds,
-    /// The failure that is nearest to the start of the file: point, reason.
+    /// The failure nearest to the start of the file: its point and the reason.
     failure: Option<(u64, String)>,
 }
 
@@ -107,7 +108,7 @@ impl Tally<'_> {
 }
 
 impl LasSource {
-    /// `memory` bounds what decoders of compressed points take, in bytes.
+    /// Opens a file. `memory` bounds what decoders of compressed points take, in bytes.
     pub fn open(path: &Path, memory: u64) -> Result<Self> {
         let file = PositionedFile::open(path)?;
         let mut warnings = Vec::new();
@@ -220,7 +221,7 @@ impl LasSource {
         };
         let malformed =
             |point: u64, problem: String| Error::malformed(self.file.path(), format!("record {point}"), problem);
-        // A chunk may claim any number of points, so vectors grow as points come.
+        // A chunk may claim any number of points, so vectors grow as points arrive.
         let mut builder = ChunkBuilder::new(&plan, chunk.first_point, chunk.points.min(CHUNK_POINTS as u64) as usize);
         let mut stream =
             compressed.stream(&self.file, chunk, layers).map_err(|problem| malformed(chunk.first_point, problem))?;
@@ -268,11 +269,11 @@ impl LasSource {
         Ok(Summary { points, bounds: (!bounds.is_empty()).then_some(bounds), warnings, cancelled })
     }
 
-    /// Does something with every block, with a buffer that each thread uses again. As many threads as there are, but no more
-    /// than decoders of `layers` fit the memory.
+    /// Calls `work` with every block and a buffer that each thread reuses. Runs on all threads, but on no more than
+    /// there is memory for decoders of `layers`.
     fn for_each_block(&self, layers: DecompressionSelection, work: impl Fn(&mut Vec<u8>, &Block) + Sync) {
         let most = self.compressed.as_ref().map_or(usize::MAX, |compressed| compressed.decoders(layers));
-        // One by one and in this order: early chunks then spread over the file.
+        // Threads take blocks one by one and in this order, so that early chunks spread over the file.
         let waiting = Mutex::new(spread(self.blocks.len()));
         let next = || waiting.lock().unwrap_or_else(PoisonError::into_inner).next();
         (0..most.min(rayon::current_num_threads())).into_par_iter().with_max_len(1).for_each(|_| {
@@ -321,7 +322,8 @@ impl LasSource {
         for chunk in &compressed.chunks[block.chunks.clone()] {
             let mut point = chunk.first_point;
             if point != builder.next_point() {
-                // The chunk before came out short: what follows starts a chunk of its own, so that indices stay right.
+                // The chunk before came out short: the points that follow start a chunk of their own, so that indices
+                // stay right.
                 tally.deliver(std::mem::replace(&mut builder, ChunkBuilder::new(plan, point, capacity(chunk.points))));
             }
             let mut stream = match compressed.stream(&self.file, chunk, layers) {
@@ -428,14 +430,14 @@ impl LasSource {
                 let last = self.info.points.saturating_sub(records as u64);
                 let sample = |place: u64| {
                     let point = (u128::from(last) * u128::from(place) / u128::from(places - 1)) as u64;
-                    // What cannot be read here is reported when the points are.
+                    // Failures are ignored here: the read of the points reports them.
                     let read = self.file.read_at(self.data_start + point * length as u64, &mut buffer).unwrap_or(0);
                     brightest(&buffer[..read])
                 };
                 (0..places).map(sample).max().unwrap_or(0)
             }
             Some(compressed) => {
-                // A chunk only decodes from its start on, so fewer chunks mean more of each.
+                // A chunk can only be decoded from its start, so fewer chunks mean more points of each.
                 let layers = DecompressionSelection(DecompressionSelection::RGB);
                 let (most_chunks, points) = COMPRESSED_COLOR_SAMPLES;
                 let last = compressed.chunks.len().saturating_sub(1);
@@ -463,7 +465,7 @@ impl LasSource {
     }
 }
 
-/// Records of a LAS file: the header's count, less what the file is too short for.
+/// The number of records of a LAS file: the header's count, less the records that the file is too short for.
 fn plain_points(file: &PositionedFile, header: &Header, warnings: &mut Vec<String>) -> u64 {
     let present = (file.length() - header.data_start) / header.record_length as u64;
     if header.points == 0 && present > 0 && header.points_are_last {
@@ -482,9 +484,10 @@ fn plain_blocks(points: u64, record_length: usize) -> Vec<Block> {
     (0..points.div_ceil(piece as u64)).map(block).collect()
 }
 
-/// Neighbouring chunks that are tiny (COPC has many) share a block; a large one is emitted in equal pieces.
+/// Blocks of a compressed file: tiny neighbouring chunks (COPC has many) share a block; a large one is emitted in equal
+/// pieces.
 fn compressed_blocks(compressed: &Compressed) -> Vec<Block> {
-    /// A block of this size takes no further chunks: drawing and normals cost little per chunk from here on.
+    /// A block of this size takes no further chunks: from here on drawing and normals cost little per chunk.
     const ENOUGH: u64 = CHUNK_POINTS as u64 / 4;
     let most = CHUNK_POINTS as u64;
     let mut blocks: Vec<Block> = Vec::new();
@@ -513,19 +516,19 @@ fn chunk_of(chunks: &[CompressedChunk], point: u64) -> Option<&CompressedChunk> 
     chunks[..after].last().filter(|chunk| point - chunk.first_point < chunk.points)
 }
 
-/// Records decoded per call of the decompressor; fewer where records are long.
+/// The number of records decoded per call of the decompressor; fewer where records are long.
 fn tile_records(record_length: usize) -> usize {
     TILE_RECORDS.min(TILE_BYTES / record_length)
 }
 
-/// `0..count` in bit-reversed order: every start of it spreads evenly over the range.
+/// `0..count` in bit-reversed order: every prefix is spread evenly over the range.
 fn spread(count: usize) -> impl Iterator<Item = usize> + Send {
     let bits = count.next_power_of_two().trailing_zeros();
     let reversed = move |index: usize| if bits == 0 { index } else { index.reverse_bits() >> (usize::BITS - bits) };
     (0..count.next_power_of_two()).map(reversed).filter(move |&index| index < count)
 }
 
-/// Decimals that write `step` in full, up to 12 (a coordinate of seven digits has no more).
+/// The number of decimals that write `step` in full, up to 12 (a coordinate of seven digits has no more).
 fn decimals(step: f64) -> usize {
     format!("{step}").split_once('.').map_or(0, |(_, decimals)| decimals.len()).min(12)
 }

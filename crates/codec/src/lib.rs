@@ -1,7 +1,8 @@
-//! Files to clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`). One error type for all. `write_copc` makes COPC files of LAS and LAZ.
+//! Reads files as clouds: LAS and LAZ (`las`, `laz`), PLY (`ply`). All formats share one error type. `write_copc` makes
+//! COPC files of LAS and LAZ.
 //!
-//! `open` reads a header and checks it against the file's size; `Source::read` streams chunks of points to a callback,
-//! in parallel, with progress and cancel. Files are not trusted: nothing is allocated on a header's word.
+//! `open` reads a header and checks it against the file's size; `Source::read` passes chunks of points to a callback,
+//! in parallel, with progress and cancel. Files are not trusted: a header's claim alone never causes an allocation.
 
 mod brief;
 mod error;
@@ -25,77 +26,79 @@ pub enum Format {
     Ply,
 }
 
-/// What a header says, after it was checked against the file.
+/// The content of a header, checked against the file.
 #[derive(Clone, Debug)]
 pub struct Info {
     pub path: PathBuf,
     pub format: Format,
     /// `1.2` for LAS; `ascii 1.0`, `binary_little_endian 1.0`, `binary_big_endian 1.0` for PLY.
     pub version: String,
-    /// LAS point format, 0 to 10.
+    /// The LAS point format, 0 to 10.
     pub point_format: Option<u8>,
-    /// Points a full read yields: the header's count, less what the file is too short for.
+    /// The number of points that a full read yields: the header's count, less the points that the file is too short
+    /// for.
     pub points: u64,
-    /// World bounds from the header where it has believable ones.
+    /// The world bounds from the header, if they are believable.
     pub bounds: Option<Bounds>,
-    /// Everything a point has in the file, coordinates and colours included, in file order and file types.
+    /// All properties of a point in the file, coordinates and colours included, in file order and file types.
     pub properties: Vec<Attribute>,
     /// The scalar attributes that `Selection::attributes` may name, in the order of `Chunk::columns`.
     pub attributes: Vec<Attribute>,
     pub grid: Option<Grid>,
     pub has_colors: bool,
     pub has_normals: bool,
-    /// Polygons the file declares (PLY meshes).
+    /// The number of polygons that the file declares (PLY meshes).
     pub faces: u64,
-    /// Coordinate reference system, WKT or the GeoTIFF citation, as the file has it.
+    /// The coordinate reference system as the file has it: WKT or the GeoTIFF citation.
     pub crs: Option<String>,
     pub warnings: Vec<String>,
 }
 
-/// What to decode. What is not asked for is not decoded (layered LAZ) or not kept.
+/// The columns to decode. Others are not decoded (layered LAZ) or not kept.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
-    /// Off to read a column for chunks that are already there: chunks then come with empty `positions`.
+    /// Whether to decode positions. Without them, chunks come with empty `positions`: to read a column for chunks that
+    /// are already loaded.
     pub positions: bool,
     pub colors: bool,
     pub normals: bool,
-    /// One per `Info::attributes`; shorter means the rest is not wanted.
+    /// One entry per `Info::attributes`; attributes beyond its end are not decoded.
     pub attributes: Vec<bool>,
 }
 
-/// What a read came to.
+/// The result of a read.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     pub points: u64,
-    /// World bounds of all finite points read.
+    /// The world bounds of all finite points read.
     pub bounds: Option<Bounds>,
     pub warnings: Vec<String>,
     pub cancelled: bool,
 }
 
-/// An opened file. `Sync`: a column may be read while another thread looks up a record.
+/// An opened file. It is `Sync`: one thread may read a column while another looks up a record.
 #[allow(clippy::large_enum_variant, reason = "there is one per open file, and it is not moved around")]
 pub enum Source {
     Las(las::LasSource),
     Ply(ply::PlySource),
 }
 
-/// Bytes that decoders of a file may take where nobody says otherwise.
+/// The memory in bytes that the decoders of a file may take by default.
 const DECODER_MEMORY: u64 = 1 << 30;
 
-/// Opens a file by its content, not its name.
+/// Opens a file according to its content, not its name.
 ///
 /// # Errors
-/// What is wrong and where: not readable, not a format we know, a header that contradicts the file.
+/// Says what is wrong and where: not readable, not a known format, a header that contradicts the file.
 pub fn open(path: &Path) -> Result<Source> {
     open_within(path, DECODER_MEMORY)
 }
 
-/// As `open`, for reads whose decoders take no more than `memory` bytes together, besides the points that they give. Fewer
-/// work at a time where points are long (a decoder of LAZ takes some kilobytes for each byte of a point).
+/// The same as `open`, for reads whose decoders take no more than `memory` bytes together, besides the decoded points.
+/// Fewer decoders run at a time where points are long (a decoder of LAZ takes some kilobytes for each byte of a point).
 ///
 /// # Errors
-/// As of `open`; if a single decoder would take more.
+/// Those of `open`; if a single decoder would take more.
 pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
     let metadata = std::fs::metadata(path).map_err(|error| Error::io(path, error))?;
     if !metadata.is_file() {
@@ -114,7 +117,7 @@ pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
     }
 }
 
-/// What a file that is none of ours looks like, and what to do about it.
+/// What a file of an unknown format looks like, and what to do about it.
 fn hint(start: &[u8]) -> String {
     match start {
         [] => "the file is empty".into(),
@@ -134,10 +137,10 @@ impl Source {
         }
     }
 
-    /// Reads the file in parallel and gives each chunk to `emit`, which is called from worker threads in any order
-    /// (`Chunk::first_point` says where it belongs; chunk limits are the same in every read of the same file).
-    /// `progress` counts points; cancelling it ends the read after the chunks under way.
-    /// A file cut short yields the points that are there and a warning that says how many are missing.
+    /// Reads the file in parallel and passes each chunk to `emit`, which is called from worker threads in any order
+    /// (`Chunk::first_point` tells its place; the limits of chunks are the same in every read of the same file).
+    /// `progress` counts points; cancelling it ends the read after the chunks in progress. A file that is cut short
+    /// yields the points that it has and a warning with the number of missing ones.
     ///
     /// # Errors
     /// Only if nothing at all can be read.
@@ -148,7 +151,8 @@ impl Source {
         }
     }
 
-    /// The octree of a COPC file; `None` for other files, and where it does not fit the file (a warning then says so).
+    /// The octree of a COPC file; `None` for other files, and if the octree does not fit the file (a warning then says
+    /// so).
     pub fn copc(&self) -> Option<&Copc> {
         match self {
             Self::Las(source) => source.copc(),
@@ -156,20 +160,20 @@ impl Source {
         }
     }
 
-    /// The points of one node of `copc`, in file order (`Chunk::first_point` is the file's). Threads may read at once. A node
-    /// may have up to `Copc::MOST_POINTS`, so the chunk may be larger than others.
+    /// The points of one node of `copc`, in file order (`Chunk::first_point` is the file's). Several threads may read
+    /// at once. A node may have up to `Copc::MOST_POINTS`, so the chunk may be larger than others.
     ///
     /// # Errors
     /// If the file is gone, changed or damaged there.
     pub fn read_copc_node(&self, node: &CopcNode, selection: &Selection) -> Result<Chunk> {
         match self {
             Self::Las(source) => source.read_copc_node(node, selection),
-            // There are no nodes of such a file: one of another file is an empty one.
+            // A PLY file has no nodes; the node of another file is read as an empty one.
             Self::Ply(_) => Ok(Chunk::new(0, glam::DVec3::ZERO, Vec::new())),
         }
     }
 
-    /// Everything the file says of one point, read from the file: (property, value as text) in file order.
+    /// All values of one point, read from the file: (property, value as text) in file order.
     ///
     /// # Errors
     /// If the file is gone, changed or too short.
@@ -180,7 +184,7 @@ impl Source {
         }
     }
 
-    /// Whether the file says that it has faces.
+    /// Whether the file declares faces.
     pub fn is_mesh(&self) -> bool {
         match self {
             Self::Las(_) => false,
@@ -188,7 +192,7 @@ impl Source {
         }
     }
 
-    /// Triangles of a mesh (polygons as fans), indices of vertices; empty for a file without faces.
+    /// The triangles of a mesh (polygons as fans) as indices of vertices; empty for a file without faces.
     ///
     /// # Errors
     /// If the face list cannot be parsed.

@@ -1,14 +1,15 @@
-//! PLY: ascii and binary of either byte order, any properties in any order, lists anywhere, elements in any order.
+//! Reads PLY: ascii and binary of either byte order, any properties in any order, lists anywhere, elements in any
+//! order.
 //!
-//! On opening, the vertex rows that are really in the file are found (`ply/rows.rs`) and the file's conventions are
-//! decided from a sample spread over it: range of the colours, whether the normals are all zero. Reading turns blocks of
-//! rows into chunks on all cores (`ply/columns.rs`), in an order that covers the extent of the file early. Text and rows
-//! with lists are first made into rows of fixed size, so that one decoder serves every encoding.
+//! Opening a file finds the vertex rows that are really in it (`ply/rows.rs`) and decides its conventions from a sample
+//! spread over it: the range of the colours, and whether all normals are zero. Reading turns blocks of rows into chunks
+//! on all cores (`ply/columns.rs`), in an order that covers the extent of the file early. Text and rows with lists are
+//! first made into rows of fixed size, so that one decoder serves every encoding.
 //!
-//! The `ply-rs` crate is not used to read, only to check this reader in its tests. Its header keeps the properties of an
-//! element in a map, so that a repeated name shifts every column after it; it wants UTF-8 in comments and refuses names
-//! that CloudCompare writes (`scalar_Illuminance_(PCV)`); its text rows know no `nan`, `1.` or `.5`; and it reads a file
-//! from its start, on one core.
+//! The `ply-rs` crate is not used to read, only to check this reader in its tests. Its header keeps the properties of
+//! an element in a map, so that a repeated name shifts every column after it; it requires UTF-8 in comments and refuses
+//! names that CloudCompare writes (`scalar_Illuminance_(PCV)`); its text rows do not accept `nan`, `1.` or `.5`; and it
+//! reads a file from its start, on one core.
 
 mod columns;
 mod faces;
@@ -32,18 +33,18 @@ use header::{Element, Encoding, Header, Kind, MAX_HEADER_BYTES};
 use reader::Reader;
 use rows::{Block, Packing, Rows};
 
-/// Faces are counted on opening if no more than this follows the vertices: a tenth of a second from memory.
+/// Faces are counted on opening if at most this many bytes follow the vertices: a tenth of a second from memory.
 const FACE_CHECK_BYTES: u64 = 256 << 20;
 
-/// Lists that a warning names.
+/// The number of lists that a warning names.
 const NAMED_LISTS: usize = 8;
 
-/// An opened PLY file; it stays open, so that it is read to the end even when it is deleted or replaced.
+/// An opened PLY file. It stays open, so that it is read to the end even if it is deleted or replaced.
 pub struct PlySource {
     info: Info,
     file: PositionedFile,
     header: Header,
-    /// Index of the vertex element.
+    /// The index of the vertex element.
     vertex: usize,
     rows: Rows,
     scalars: Vec<Scalar>,
@@ -121,7 +122,7 @@ impl PlySource {
             keep[self.scalars[index].property] = true;
         }
         if needed.is_empty() {
-            // Nothing is wanted but the points' number: one scalar stands for each.
+            // Only the number of points is needed: one scalar per point gives it.
             keep[self.scalars[self.roles.position[0]].property] = true;
         }
         let packing = Packing::new(&self.header, self.element(), keep);
@@ -202,7 +203,7 @@ impl PlySource {
     }
 }
 
-/// What all threads of a read add to.
+/// The totals to which all threads of a read add.
 struct Totals {
     points: u64,
     bounds: Bounds,
@@ -211,12 +212,13 @@ struct Totals {
     error: Option<std::io::Error>,
 }
 
-/// A panic in `emit` poisons the lock; the counts are whole all the same.
+/// Locks the totals. A panic in `emit` poisons the lock, but the counts are still correct.
 fn lock(totals: &Mutex<Totals>) -> std::sync::MutexGuard<'_, Totals> {
     totals.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// Reads a block and gives its chunks, of `most` rows each, with their rows and bounds; rows read and rows damaged.
+/// Reads a block and emits its chunks, of `most` rows each, with their rows and bounds. Returns the number of rows read
+/// and of damaged rows.
 fn read_block(
     file: &PositionedFile,
     (block, most): (Block, usize),
@@ -252,7 +254,7 @@ fn read_block(
     counts
 }
 
-/// 0 to `count` with the bits reversed: any first part of it is spread evenly over the whole.
+/// The numbers from 0 to `count` with their bits reversed: any prefix is spread evenly over the range.
 fn spread_order(count: usize) -> Vec<usize> {
     let bits = count.next_power_of_two().trailing_zeros();
     if bits == 0 {
@@ -280,7 +282,8 @@ fn list_warning(element: &Element) -> Option<String> {
     (!names.is_empty()).then(|| format!("lists of a vertex are not shown: {}{more}", named()))
 }
 
-/// Decides from a sample what the header leaves open: the range of colours, opacity and normals that are all zero.
+/// Decides from a sample what the header leaves open: the range of colours, and whether opacity and normals are all
+/// zero.
 fn decide_conventions(
     file: &PositionedFile,
     header: &Header,
@@ -309,7 +312,7 @@ fn decide_conventions(
         let most = greatest(*alpha);
         *scale = Some(columns::color_scale(scalars[*alpha].scalar, most));
         if most == 0.0 {
-            // Depth cameras leave it unset; nobody saves a cloud that cannot be seen.
+            // Depth cameras leave it unset; nobody saves an invisible cloud.
             warnings.push("opacity is zero everywhere and ignored".into());
             roles.alpha = None;
         }
@@ -323,10 +326,10 @@ fn decide_conventions(
     Ok(())
 }
 
-/// Whether lines of text are long enough for what the header says: each number that is missing at the end of one takes the time
-/// and memory of a number all the same. A few lines may be as short as they like.
+/// Checks that lines of text are long enough for the header's properties: each number that is missing at the end of a
+/// line costs the time and memory of a number all the same. A few lines may be of any length.
 fn check_length(rows: &Rows, element: &Element) -> std::result::Result<(), String> {
-    /// A number takes a digit and what separates it from the next; one in eight must be there.
+    /// A number takes a digit and a separator; at least one number in eight must be in the file.
     const NUMBERS_PER_BYTE: u64 = 4;
     const FEW: u64 = 1 << 20;
     let (properties, bytes) =
@@ -339,7 +342,7 @@ fn check_length(rows: &Rows, element: &Element) -> std::result::Result<(), Strin
     Err(format!("element {name} has {properties} properties, but its {count} lines only {bytes} bytes"))
 }
 
-/// Says that faces are not shown, and how much of what follows the vertices is missing.
+/// Warns that faces are not shown, and says how much of the data after the vertices is missing.
 fn face_warnings(file: &PositionedFile, header: &Header, vertex: usize, rows: &Rows) -> std::io::Result<Vec<String>> {
     let mut warnings = Vec::new();
     for element in header.elements.iter().filter(|element| faces::is_surface(element) && element.count > 0) {

@@ -1,4 +1,4 @@
-//! A file that many threads read at once, each at a place of its own.
+//! A file that many threads read at once, each at its own offset.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -30,12 +30,12 @@ impl PositionedFile {
         &self.path
     }
 
-    /// Bytes in the file when it was opened.
+    /// The length of the file in bytes when it was opened.
     pub fn length(&self) -> u64 {
         self.length
     }
 
-    /// Fills `buffer` from byte `offset` on, as far as the file goes; returns the bytes read.
+    /// Fills `buffer` from byte `offset` on, as far as the file goes; returns the number of bytes read.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
         let mut filled = 0;
         while filled < buffer.len() {
@@ -49,7 +49,7 @@ impl PositionedFile {
         Ok(filled)
     }
 
-    /// The `N` bytes at `offset`, or `None` where the file has not that many.
+    /// The `N` bytes at `offset`, or `None` if the file is too short.
     pub fn bytes_at<const N: usize>(&self, offset: u64) -> io::Result<Option<[u8; N]>> {
         let mut bytes = [0; N];
         Ok((self.read_at(offset, &mut bytes)? == N).then_some(bytes))
@@ -73,7 +73,7 @@ impl PositionedFile {
     }
 }
 
-/// Part of a file as `Read` and `Seek` (positions count from the start of the part), for decoders that want a stream.
+/// A part of a file as `Read` and `Seek` (positions count from the start of the part), for decoders that need a stream.
 pub struct Section<'a> {
     file: &'a PositionedFile,
     start: u64,

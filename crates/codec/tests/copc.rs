@@ -1,5 +1,5 @@
-//! COPC: what is read node by node is what is read as LAZ, an index that does not fit the file is not used, and what is written
-//! has all that the inputs have, to this reader and to that of the crate `las`.
+//! COPC: reading node by node gives what reading as LAZ gives; an index that does not fit the file is not used; and a
+//! written file has everything that the inputs have, as read by this reader and by that of the crate `las`.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
@@ -41,7 +41,7 @@ fn read_whole(source: &Source) -> Cloud {
     cloud(source, chunks.into_inner().unwrap())
 }
 
-/// All that is known of each point, in file order.
+/// All attributes of each point, in file order.
 fn points(cloud: &Cloud) -> Vec<(DVec3, Option<[u8; 4]>, Vec<u64>)> {
     let of = |chunk: &Chunk| {
         let point = |index: usize| {
@@ -68,7 +68,7 @@ fn nodes_hold_every_point_once_in_their_cubes_as_the_file_read_as_laz() {
     }
 }
 
-/// Every point is in one node, in its cube, and as in the file read as LAZ.
+/// Every point is in one node, in its cube, and equal to that of the file read as LAZ.
 fn check_nodes(path: &Path) {
     let name = path.display();
     let source = codec::open(path).unwrap();
@@ -82,7 +82,7 @@ fn check_nodes(path: &Path) {
             assert!(copc.nodes.iter().any(|other| (other.level, other.cell) == parent), "{name}: {node:?}");
         }
 
-        // From several threads, as pages are read.
+        // Several threads read, as they do for pages.
         let selection = everything(&source);
         let chunks = std::thread::scope(|scope| {
             let read = |nodes: &[CopcNode]| -> Vec<Chunk> {
@@ -130,12 +130,12 @@ fn a_plain_laz_file_has_no_nodes_and_no_warning() {
     assert!(source.copc().is_none() && source.info().warnings.is_empty(), "{:?}", source.info().warnings);
 }
 
-/// The info record's field at `at` as it is in `file`.
+/// The info record's field at `at` in `file`.
 fn info_field(file: &[u8], at: usize) -> usize {
     u64::from_le_bytes(file[429 + at..][..8].try_into().unwrap()) as usize
 }
 
-/// `source` and what it warned of, which must still read as LAZ in full.
+/// `source` and its warning; it must still read as LAZ in full.
 fn without_index(bytes: &[u8], expected_points: u64) -> String {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), bytes).unwrap();
@@ -205,13 +205,13 @@ fn nodes_without_points_make_none_above_them() {
     let file = std::fs::read(&path).unwrap();
     let copc = codec::open(&path).unwrap().copc().unwrap().clone();
     let (root, length) = (info_field(&file, 40), info_field(&file, 48));
-    // At the end of the file, and the root page in place of the one before: its record goes to the end.
+    // Copies the root page to the end of the file and appends entries without points; the record grows to that end.
     let with = |empty: usize| {
         let mut bytes = file.clone();
         let at = bytes.len() as u64;
         bytes.extend_from_slice(&file[root..root + length]);
         for index in 0..empty as i32 {
-            // 30 levels down, each on a way of its own.
+            // 30 levels down, each on a path of its own.
             bytes.extend([30, index << 18, index, 0].iter().flat_map(|number: &i32| number.to_le_bytes()));
             bytes.extend([0; 16]);
         }
@@ -281,7 +281,7 @@ fn write(inputs: &[&Path], output: &Path, memory: u64) -> CopcSummary {
     summary
 }
 
-/// Points of a file as the crate `las` reads it, in an order that only depends on what they are.
+/// The points of a file as the crate `las` reads them, in an order that depends only on their values.
 fn las_points(path: &Path) -> Vec<Point> {
     let mut points: Vec<Point> =
         las::Reader::from_path(path).unwrap().read_all().unwrap().points().map(Result::unwrap).collect();
@@ -289,7 +289,7 @@ fn las_points(path: &Path) -> Vec<Point> {
     points
 }
 
-/// The same, found through the hierarchy.
+/// The same points, found through the hierarchy.
 fn queried_points(path: &Path) -> Vec<Point> {
     let mut reader = CopcReader::from_path(path).unwrap();
     let found = reader.query(LodSelection::All, BoundsSelection::All).unwrap();
@@ -393,7 +393,7 @@ fn scans_come_back_node_by_node_as_they_were() {
         let (before, after) = (codec::open(&input).unwrap(), codec::open(&output).unwrap());
         assert_eq!(before.info().crs, after.info().crs, "{name}");
         let mut reader = CopcReader::from_path(&output).unwrap();
-        // A level is an even subset: the root has some points, and not all of a large cloud.
+        // A level is an even subset: the root has some points, but not all of a large cloud.
         let root = reader.query(LodSelection::Level(0), BoundsSelection::All).unwrap().len();
         assert!(root > 0 && (root < 60_000 || expected.len() < 60_000), "{name}: {root}");
         let info = CopcInfoVlr::try_from(reader.header().vlrs().first().unwrap()).unwrap();
@@ -531,7 +531,7 @@ fn a_damaged_input_gives_what_is_there_and_says_what_is_not() {
     check_nodes(&output);
 }
 
-/// Points at places of a thousandth, with an offset in x and y, and what the header says of their bounds there.
+/// Points on a grid of thousandths, with an offset in x and y, and the header's bounds.
 fn far_away(offset: f64, header_bounds: [f64; 2]) -> Vec<u8> {
     let mut file = las_file((1, 2), 0, &las_files::points(0, 100), &[]);
     let numbers = [1e-3, 1e-3, 1e-3, offset, offset, 0.0];
@@ -549,7 +549,7 @@ fn coordinates_that_numbers_hardly_tell_apart_are_written() {
     let input = folder.path().join("input.las");
     let output = folder.path().join("output.copc.laz");
     for offset in [1e9, 1e14, 1e15, 1e17] {
-        // Of one point, where there are others.
+        // A header with the bounds of one point, where there are others.
         std::fs::write(&input, far_away(offset, [offset; 2])).unwrap();
         let summary = write_copc(std::slice::from_ref(&input), &output, MEMORY, &Progress::default()).unwrap().unwrap();
         assert_eq!(summary.points, 100, "{offset}");

@@ -1,4 +1,4 @@
-//! LAS and LAZ: what is read, what is said of damaged files, and that no file brings the reader down.
+//! LAS and LAZ: what is read, the warnings about damaged files, and that no file crashes the reader.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
@@ -20,7 +20,7 @@ fn data(path: &str) -> Option<PathBuf> {
     Some(test_data()?.join(path))
 }
 
-/// A file that goes away with the test.
+/// A file that is removed with the test.
 fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), bytes).unwrap();
@@ -68,7 +68,7 @@ fn values(cloud: &Cloud, name: &str) -> Vec<f64> {
     cloud.chunks.iter().flat_map(of).collect()
 }
 
-/// Same points, colours and attributes; chunks may be cut differently.
+/// Asserts the same points, colours and attributes; chunks may be cut differently.
 fn assert_same(a: &Cloud, b: &Cloud, name: &str) {
     assert_eq!(a.attributes, b.attributes, "{name}");
     assert!(positions(a) == positions(b), "{name}: positions differ");
@@ -119,7 +119,7 @@ fn every_point_format_comes_back_as_it_was_written_in_las_and_laz() {
                     | u8::from(p.is_overlap) << 3,
             )
         });
-        // The writer cuts angles down to steps of 0.006 degrees.
+        // The writer rounds angles down to steps of 0.006 degrees.
         for (found, point) in values(&cloud, "scan_angle").into_iter().zip(&points) {
             assert!((found - f64::from(point.scan_angle)).abs() < 0.0061, "{name}: {found} for {}", point.scan_angle);
         }
@@ -187,7 +187,7 @@ fn extra_bytes_of_all_types_are_columns_in_their_own_type() {
     for data_type in 1..=10 {
         descriptors.extend(descriptor(&format!("type {data_type}"), data_type, None));
     }
-    // A second record goes on where the first stopped.
+    // A second record continues where the first stopped.
     let mut second = descriptor("height", 4, Some((0.01, 100.0)));
     second.extend(descriptor("triple", 23, None));
     second.extend(descriptor("type 1", 1, None));
@@ -211,7 +211,7 @@ fn extra_bytes_of_all_types_are_columns_in_their_own_type() {
             bytes.extend((index as u16 * 3 + element).to_le_bytes());
         }
         bytes.extend([7, 1, 2, 255]);
-        // Two bytes nobody describes.
+        // Two bytes that no record describes.
         bytes.extend([9, 9]);
     }
     let vlrs = [("LASF_Spec", 4, descriptors), ("LASF_Spec", 4, second)];
@@ -240,7 +240,7 @@ fn extra_bytes_of_all_types_are_columns_in_their_own_type() {
         let types: Vec<&str> =
             info.attributes[info.attributes.len() - 15..].iter().map(|a| a.column_type.name()).collect();
         assert_eq!(types[..11], ["u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64", "f64"]);
-        // Opaque bytes are listed, not columns.
+        // Opaque bytes are listed, but are not columns.
         let record = source.record(0).unwrap();
         let said = |name: &str| record.iter().find(|property| property.0 == name).unwrap().1.as_str();
         assert_eq!((said("blob"), said("ExtraBytes"), said("height")), ("0x0102ff", "0x0909", "98.5"));
@@ -375,7 +375,7 @@ fn a_cancelled_read_stops_and_keeps_what_it_delivered() {
 
 #[test]
 fn malformed_files_give_their_error_or_what_is_there() {
-    /// Points, and words of the warnings or the error.
+    /// The number of points, and words of the warnings or the error.
     type Expected = (&'static str, Result<u64, &'static str>, &'static [&'static str]);
     let expected: [Expected; 12] = [
         ("las_truncated_points.las", Ok(1_064), &["1 are missing"]),
@@ -470,14 +470,14 @@ fn a_chunk_table_may_be_missing_or_at_the_end() {
             assert_eq!(source.info().warnings.iter().any(|w| w.contains("chunk table is missing")), missing);
             assert_same(&expected, &cloud, "without a table");
         }
-        // Nor does a writer that was stopped leave a count.
+        // A writer that was stopped leaves no count either.
         let mut bytes = with_offset(u64::MAX);
         let table = u64::from_le_bytes(table) as usize;
         bytes.truncate(table);
         bytes[107..111].fill(0);
         bytes[247..255].fill(0);
         let (source, cloud, _) = read_bytes(&bytes);
-        // Point-wise chunks do not say where they end, so some bytes of the coder's tail may come out as points.
+        // Point-wise chunks do not say where they end, so some bytes of the coder's tail may be decoded as points.
         assert!((2_500..2_510).contains(&source.info().points), "{format}: {}", source.info().points);
         assert!(positions(&cloud)[..2_500] == positions(&expected)[..]);
     }
@@ -632,7 +632,7 @@ fn thousands_of_extra_dimensions_of_one_name_are_told_apart_in_a_line() {
     let names: Vec<&str> = source.info().attributes.iter().map(|attribute| attribute.name.as_str()).collect();
     assert!(names.contains(&"same") && names.contains(&"same (extra)") && names.contains(&"same (extra 999)"));
     assert!(cloud.len() == 4 && source.info().warnings.len() < 5, "{:?}", source.info().warnings);
-    // What is undocumented comes first: no bytes are none, and the rest is counted.
+    // Undocumented bytes come first: a block of none is ignored, and the others are counted.
     let vlrs: Vec<_> = vlrs.into_iter().rev().collect();
     let (source, _, _) = read_bytes(&las_file((1, 4), 6, &all, &vlrs));
     let warnings = source.info().warnings.join("\n");

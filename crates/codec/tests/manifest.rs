@@ -1,4 +1,4 @@
-//! Every file of the test data against the tables of its `README.md`: format, points, bounds, attributes.
+//! Checks every file of the test data against the tables of its `README.md`: format, points, bounds, attributes.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 #[path = "../../../tests/src/real_data.rs"]
@@ -22,7 +22,7 @@ struct Row {
     attributes: String,
 }
 
-/// Rows of all tables but `e57` and `malformed`; `None` where the data is not there.
+/// The rows of all tables but `e57` and `malformed`; `None` if the data is missing.
 fn manifest() -> Option<Vec<Row>> {
     let folder = test_data()?;
     let readme = std::fs::read_to_string(folder.join("README.md")).unwrap();
@@ -63,7 +63,8 @@ fn read_all(source: &Source) -> (Vec<Chunk>, codec::Summary) {
     (chunks, summary)
 }
 
-/// `(x, y, z) to (x, y, z)`, and how far the printed digits may be off: 3 decimals, or 7 digits where an exponent is used.
+/// `(x, y, z) to (x, y, z)`, and the tolerance of the printed digits: 3 decimals, or 7 digits where an exponent is
+/// used.
 fn parse_bounds(text: &str) -> Option<(Bounds, f64)> {
     let (min, max) = text.split_once(" to ")?;
     let corner = |text: &str| {
@@ -122,13 +123,13 @@ fn check_common(row: &Row, source: &Source, chunks: &[Chunk], summary: &codec::S
             let found = summary.bounds.unwrap();
             assert!(near(found), "{name}: bounds of the points are {found:?}, expected {expected:?}");
             let positions = chunks.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
-            // Half a step of an f32 offset as long as the cloud, or as the unit that origins are rounded to.
+            // Half a step of an f32 offset as long as the cloud, or as the unit to which origins are rounded.
             let slack = 1e-7 * found.size().max_element().max(1.0);
             assert!((positions.min - found.min).abs().max_element() <= slack, "{name}: {positions:?} {found:?}");
             assert!((positions.max - found.max).abs().max_element() <= slack, "{name}: {positions:?} {found:?}");
         }
     }
-    // A record says what the columns say, at both ends and in the middle.
+    // A record has the values of the columns, at both ends and in the middle.
     for point in [0, points / 2, points.saturating_sub(1)].into_iter().filter(|&point| point < points) {
         let record = source.record(point).unwrap();
         let chunk = chunks.iter().rev().find(|chunk| chunk.first_point <= point).unwrap();
@@ -203,7 +204,8 @@ fn check_las(row: &Row) {
             ("waveform", _) => assert!(is_there("wavepacket_size"), "{name}: wave packet"),
             ("extra:", expected) => {
                 for extra in expected.split(", ") {
-                    // The manifest's reader knows one Extra Bytes record and calls what a second one describes "ExtraBytes".
+                    // The manifest's reader knows one Extra Bytes record and calls the dimensions of a second one
+                    // "ExtraBytes".
                     let found = is_there(extra) || is_there(&format!("{extra}[0]"));
                     assert!(found || (extra == "ExtraBytes" && is_there("confidence")), "{name}: {extra}");
                 }

@@ -1,4 +1,4 @@
-//! What reading takes in memory, counted by the allocator: it grows with the file, not with what the file says of itself.
+//! The memory of reading, as counted by the allocator: it grows with the file, not with the file's claims.
 #![allow(clippy::unwrap_used, reason = "what cannot be read is a failed test")]
 
 mod las_files;
@@ -19,13 +19,13 @@ static ALLOCATOR: PeakAlloc = PeakAlloc;
 
 const MB: usize = 1_000_000;
 
-/// The bytes are counted of all threads, so one test runs at a time.
+/// The allocator counts the bytes of all threads, so one test runs at a time.
 fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The most bytes that were in use at a time beyond those before.
+/// The most bytes in use at a time beyond those before.
 fn most_bytes<T>(work: impl FnOnce() -> T) -> (usize, T) {
     let before = ALLOCATOR.current_usage();
     ALLOCATOR.reset_peak_usage();
@@ -33,7 +33,8 @@ fn most_bytes<T>(work: impl FnOnce() -> T) -> (usize, T) {
     (ALLOCATOR.peak_usage().saturating_sub(before), result)
 }
 
-/// Reads all there is of every point and drops it; the bytes that it took, and the points or the error.
+/// Reads all columns of every point and drops them; returns the bytes that this took, and the number of points or the
+/// error.
 fn read_all(path: &Path, memory: u64) -> (usize, Result<u64, String>) {
     most_bytes(|| {
         let source = codec::open_within(path, memory).map_err(|error| error.to_string())?;
@@ -52,14 +53,14 @@ fn read(source: &Source, attributes: Vec<bool>) -> Result<u64, String> {
     }
 }
 
-/// A file that goes away with the test.
+/// A file that is removed with the test.
 fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), bytes).unwrap();
     file
 }
 
-/// A LAZ file of points with so many extra bytes, described or not.
+/// A LAZ file of points with `extra` extra bytes, described or not.
 fn with_extra_bytes(format: u8, count: usize, extra: usize, vlrs: &[(&str, u16, Vec<u8>)]) -> Vec<u8> {
     let mut all = points(format, count);
     let value = |point: usize, byte: usize| (point * 31 + byte) as u8;
@@ -69,7 +70,7 @@ fn with_extra_bytes(format: u8, count: usize, extra: usize, vlrs: &[(&str, u16, 
     compress(&las_file((1, 4), format, &all, vlrs), &Chunks::Fixed(4))
 }
 
-/// The file with the items of its LASzip record followed by `count` more of a kind, size and version that are not there.
+/// The file with `count` more items of a kind, size and version in its LASzip record, which the points do not have.
 fn with_false_items(laz: &[u8], count: u16, [kind, size, version]: [u16; 3]) -> Vec<u8> {
     let user = laz.windows(14).position(|bytes| bytes == b"laszip encoded").unwrap();
     let (length_at, data) = (user + 18, user + 52);
@@ -164,7 +165,7 @@ fn lines_that_leave_out_numbers_take_no_more_than_some_of_their_points_do() {
         let header = format!("ply\nformat ascii 1.0\nelement vertex {lines}\n{axes}{properties}end_header\n");
         file(&[header.as_bytes(), "0\n".repeat(lines).as_bytes()].concat())
     };
-    // Of so few lines the missing numbers are read as missing; of many the file is refused.
+    // In a file of few lines the missing numbers are read as missing; a file of many is refused.
     let few = ply(4_000, 250);
     let (bytes, read) = read_all(few.path(), u64::MAX);
     assert_eq!(read, Ok(250));
@@ -176,7 +177,7 @@ fn lines_that_leave_out_numbers_take_no_more_than_some_of_their_points_do() {
     assert!(error.contains("header line 4100") && error.contains("more than 4096 properties"), "{error}");
 }
 
-/// Files below a folder.
+/// The files below a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|item| item.unwrap().path()).collect();
     paths.sort();

@@ -28,7 +28,7 @@ struct Read {
     positions: Vec<DVec3>,
     colors: Vec<[u8; 4]>,
     normals: Vec<u32>,
-    /// Values of each attribute, by name.
+    /// The values of each attribute, by name.
     attributes: HashMap<String, Vec<f64>>,
     chunks: Vec<Chunk>,
 }
@@ -78,7 +78,7 @@ fn read_path(path: &Path) -> Read {
     read_source(codec::open(path).unwrap()).unwrap()
 }
 
-/// A file in a folder of its own that lives as long as the test wants it.
+/// A file in a folder of its own that lives as long as the test needs it.
 fn file(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("test.ply");
@@ -115,7 +115,7 @@ fn twins_of_different_encoding_are_equal() {
     ] {
         let [Some(first), Some(second)] = names.map(data) else { return };
         let (first, second) = (read_path(&first), read_path(&second));
-        // The text of the ripple was printed with six decimals; that of the others gives the binary back.
+        // The text of the ripple was printed with six decimals; that of the others reproduces the binary.
         let tolerance = if names[0].contains("ripple") || names[0].contains("platonic") { 1e-5 } else { 0.0 };
         assert_eq!(first.positions.len(), second.positions.len(), "{names:?}");
         for (a, b) in first.positions.iter().zip(&second.positions) {
@@ -174,7 +174,8 @@ fn triangle_strips_become_triangles() {
     let triangles = read.source.triangles().unwrap();
     // The strips are made of the mesh of `stanford_bunny_full_*`.
     assert_eq!(triangles.len(), 69_451);
-    // Adjacent triangles of a strip keep one orientation only if every other one is turned: no directed edge comes twice.
+    // Adjacent triangles of a strip have one orientation only if every other one is turned: no directed edge occurs
+    // twice.
     let mut edges = HashMap::new();
     for t in &triangles {
         for edge in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
@@ -262,7 +263,7 @@ fn floats_far_from_zero_move_to_an_origin_and_stay_exact() {
     assert_eq!(read.chunks[0].origin, DVec3::new(394_554.0, 6_403_832.0, 791.0));
     let expected = DVec3::new(394_554.13_f32.into(), 6_403_831.5_f32.into(), 790.74_f32.into());
     assert_eq!(read.chunks[0].position(0), expected);
-    // Around zero they stay as they are; and where a common origin would cost digits, too.
+    // Around zero they are unchanged, as they are where a common origin would cost digits, too.
     for body in ["-1.1 0 0\n1.1 0 1e-7\n", "100000.5 1 0\n100001.5 0.001 1\n"] {
         let read = read_bytes(&ascii(&header, body));
         assert_eq!(read.chunks[0].origin, DVec3::ZERO, "{body}");
@@ -753,7 +754,7 @@ fn damaged_files_never_panic_and_end_soon() {
     let mut opened = 0;
     for round in 0..3000 {
         let mut bytes = originals[round % originals.len()].clone();
-        // Most damage goes into the header and the first rows, where it does most.
+        // Most damage goes into the header and the first rows, where it does most harm.
         let reach = if random.below(4) == 0 { bytes.len() } else { bytes.len().min(600) };
         for _ in 0..=random.below(6) {
             let at = random.below(reach.min(bytes.len()));
@@ -798,7 +799,7 @@ fn schema() -> impl Strategy<Value = Vec<Schema>> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
-    /// What `ply-rs` writes, of any schema and encoding, is read back value for value.
+    /// Files of any schema and encoding that `ply-rs` writes are read back value for value.
     #[test]
     fn files_written_by_another_library_are_read_back(
         extra in schema(),

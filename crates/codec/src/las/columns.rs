@@ -1,5 +1,5 @@
-//! Point records to the columns of a chunk. Records come in tiles that stay in the first-level cache while one column
-//! after the other is filled from them.
+//! Turns point records into the columns of a chunk. Records come in tiles that stay in the first-level cache while one
+//! column after the other is filled from them.
 
 use std::sync::Arc;
 
@@ -8,13 +8,13 @@ use glam::{DVec3, Vec3};
 
 use super::layout::{Layout, bytes};
 
-/// Records per tile: 36 KiB of point format 7, and few enough that a decoder's calls per tile cost nothing.
+/// The number of records per tile: 36 KiB of point format 7, and enough that a decoder's calls per tile cost nothing.
 pub const TILE_RECORDS: usize = 1024;
 const F32_STEPS: f64 = Grid::F32_STEPS as f64;
-/// Records of which one is where most points are.
+/// The number of records whose median is the origin if the first point is far from most points.
 const MEDIAN_RECORDS: usize = 99;
 
-/// How 16-bit colour fields become 8 bits, one rule for a whole file.
+/// The conversion of 16-bit colour fields to 8 bits, one rule for a whole file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColorDepth {
     /// The fields hold 0 to 255.
@@ -22,18 +22,18 @@ pub enum ColorDepth {
     Sixteen,
 }
 
-/// What is decoded of each chunk of one read.
+/// The columns to decode of each chunk of one read.
 pub struct ReadPlan<'a> {
     pub layout: &'a Layout,
     pub grid: Grid,
     pub positions: bool,
-    /// `None` to leave colours out.
+    /// The range of the colours; `None` to leave colours out.
     pub colors: Option<ColorDepth>,
-    /// One per attribute of the layout.
+    /// One entry per attribute of the layout.
     pub attributes: Vec<bool>,
 }
 
-/// A chunk that grows by tiles of records.
+/// A chunk that is built from tiles of records.
 pub struct ChunkBuilder<'a> {
     plan: &'a ReadPlan<'a>,
     first_point: u64,
@@ -42,14 +42,15 @@ pub struct ChunkBuilder<'a> {
     lowest: [i32; 3],
     highest: [i32; 3],
     positions: Vec<[f32; 3]>,
-    /// From where on a point lies too far from the others for f32 offsets to tell its grid step.
+    /// The exact coordinates; from the first point on that is too far from the others for f32 offsets to hold its grid
+    /// step.
     exact_positions: Option<Vec<[f64; 3]>>,
     colors: Vec<[u8; 4]>,
     columns: Vec<Option<Column>>,
 }
 
-/// What offsets are relative to. Per axis, `offset = (raw - first_raw) * scale + rest`: the difference of two 32-bit
-/// integers is exact in f64, and `rest` is how far the first point lies from the origin.
+/// The origin of offsets. Per axis, `offset = (raw - first_raw) * scale + rest`: the difference of two 32-bit integers
+/// is exact in f64, and `rest` is the offset of the first point from the origin.
 #[derive(Clone, Copy)]
 struct Anchor {
     origin: DVec3,
@@ -66,7 +67,7 @@ impl Anchor {
             values[values.len() / 2]
         });
         let [first, usual] = [first, usual].map(|raw| DVec3::from(raw.map(f64::from)));
-        // A first point far away would take the precision of all others.
+        // A first point far away would cost all others their precision.
         let first_raw = if (first - usual).abs().max_element() < F32_STEPS { first } else { usual };
         let world = first_raw * grid.scale + grid.offset;
         // Whole units keep origins short; where a unit has more than a million grid steps (degrees), that would use up
@@ -99,7 +100,7 @@ impl<'a> ChunkBuilder<'a> {
         self.points
     }
 
-    /// Index in the file of the point that is pushed next.
+    /// The index in the file of the next point.
     pub fn next_point(&self) -> u64 {
         self.first_point + self.points as u64
     }
@@ -171,7 +172,8 @@ impl<'a> ChunkBuilder<'a> {
         }
     }
 
-    /// The chunk, its number of points (which a chunk without positions cannot tell), and the file's own bounds of it.
+    /// The chunk, its number of points (which a chunk without positions does not have), and its bounds in the file's
+    /// own coordinates.
     pub fn finish(self) -> (Chunk, u64, Bounds) {
         let mut bounds = Bounds::EMPTY;
         if self.anchor.is_some() {

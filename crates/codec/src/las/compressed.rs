@@ -1,9 +1,9 @@
-//! The points of a LAZ file: where the compressed chunks lie, and streams of records out of them.
+//! Reads the points of a LAZ file: finds the compressed chunks and decodes streams of records from them.
 //!
-//! The chunk table tells where each chunk starts, so that any of them can be decoded on its own. Where it is missing
-//! (a writer that was stopped, a file cut short, LAZ of before 2011), layered chunks are found by their own headers, and
-//! point-wise ones are decoded in one go from the start. Decoding is `laz`'s; it trusts its input, so sizes are checked
-//! before and panics are caught around it.
+//! The chunk table tells where each chunk starts, so that any of them can be decoded on its own. Where it is missing (a
+//! writer that was stopped, a file cut short, LAZ of before 2011), layered chunks are found by their own headers, and
+//! point-wise ones are decoded in one go from the start. `laz` does the decoding; it trusts its input, so sizes are
+//! checked before and panics are caught around it.
 
 use std::cell::Cell;
 use std::io::{BufReader, Read as _};
@@ -19,12 +19,12 @@ use super::items;
 use crate::positioned_file::{PositionedFile, Section};
 use crate::{Error, Result};
 
-/// Bytes read ahead of the decoder.
+/// The number of bytes read ahead of the decoder.
 const READ_AHEAD: usize = 64 << 10;
-/// Bytes of the offset to the chunk table, which come before the first chunk.
+/// The size in bytes of the offset to the chunk table, which comes before the first chunk.
 const TABLE_OFFSET_LENGTH: u64 = 8;
-/// Without a chunk table, chunks of fewer points are not read: each starts with a new decoder, which takes a millisecond to set
-/// up and leaves the time of a thousand points for nothing else. LASzip makes chunks of 50,000.
+/// The fewest points of chunks that are read without a chunk table: each chunk starts with a new decoder, which takes a
+/// millisecond to set up, the time of a thousand points. LASzip makes chunks of 50,000.
 const FEWEST_POINTS_WITHOUT_TABLE: u32 = 1_000;
 
 /// A run of points that is decoded from its start.
@@ -32,18 +32,18 @@ const FEWEST_POINTS_WITHOUT_TABLE: u32 = 1_000;
 pub struct CompressedChunk {
     pub first_point: u64,
     pub points: u64,
-    /// Byte of the file.
+    /// The offset in the file in bytes.
     pub offset: u64,
-    /// Bytes at most.
+    /// The largest possible length in bytes.
     pub length: u64,
 }
 
 /// What a layered chunk says of itself.
 struct LayeredChunk {
     points: u64,
-    /// Bytes.
+    /// The length in bytes.
     length: u64,
-    /// Layers that hold something.
+    /// The number of layers that are not empty.
     filled: u64,
 }
 
@@ -51,17 +51,17 @@ struct LayeredChunk {
 pub struct Compressed {
     vlr: LazVlr,
     record_length: usize,
-    /// Bytes that decoders may take at a time.
+    /// The memory in bytes that decoders may take together.
     memory: u64,
-    /// Layers per chunk; `None` for point-wise compression.
+    /// The number of layers per chunk; `None` for point-wise compression.
     layers: Option<u64>,
     pub chunks: Vec<CompressedChunk>,
-    /// Points after which the one chunk without a table starts the coder anew.
+    /// The number of points after which the coder starts anew in a single chunk without a table.
     restart_after: Option<u64>,
 }
 
 impl Compressed {
-    /// `memory` bounds what decoders take in bytes.
+    /// Finds the chunks. `memory` bounds what decoders take, in bytes.
     pub fn open(file: &PositionedFile, header: &Header, memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
         let malformed = |problem: String| Error::malformed(file.path(), "LASzip record", problem);
         let Some(record) = &header.laszip else {
@@ -86,7 +86,8 @@ impl Compressed {
             .map_err(|problem| Error::unsuitable(file.path(), problem))?;
 
         if laszip_kind(record) == CompressorType::PointWise as u16 {
-            // No table, so no offset to one: the first record starts at once. The header's count has to be believed.
+            // Without a table there is no offset to it either: the first record starts at once. The header's count has
+            // to be believed.
             compressed.one_chunk(file, header.data_start, header.points, header.points == 0);
             return Ok(compressed);
         }
@@ -124,7 +125,7 @@ impl Compressed {
         Ok(compressed)
     }
 
-    /// All points as one chunk; `count` decodes them once to see how many there are, as nothing else tells.
+    /// Makes one chunk of all points; `count` decodes them once to count them, as nothing else tells their number.
     fn one_chunk(&mut self, file: &PositionedFile, offset: u64, promised: u64, count: bool) {
         let points = if promised > 0 { promised } else { u64::MAX };
         let mut chunk =
@@ -144,7 +145,8 @@ impl Compressed {
         }
     }
 
-    /// Whether one decoder of `layers` fits the memory. `filled`: layers of the chunk that hold something, if that is known.
+    /// Checks that one decoder of `layers` fits in memory. `filled` is the number of the chunk's layers that are not
+    /// empty, if it is known.
     fn check_memory(&self, layers: DecompressionSelection, filled: Option<u64>) -> std::result::Result<(), String> {
         let bytes = items::decoder_bytes(self.vlr.items(), self.layers.is_some(), layers, filled);
         if bytes <= self.memory.max(items::BASE_BYTES) {
@@ -158,7 +160,7 @@ impl Compressed {
         ))
     }
 
-    /// Decoders of `layers` that may work at a time: as many as threads, if they fit the memory.
+    /// The number of decoders of `layers` that may run at a time: one per thread, if they fit in memory.
     pub fn decoders(&self, layers: DecompressionSelection) -> usize {
         let bytes = items::decoder_bytes(self.vlr.items(), self.layers.is_some(), layers, None);
         (self.memory / bytes).clamp(1, rayon::current_num_threads() as u64) as usize
@@ -178,7 +180,7 @@ impl Compressed {
         for (index, entry) in entries.iter().enumerate() {
             let mut points = entry.point_count;
             let last = index + 1 == entries.len();
-            // A table of fixed-size chunks says nothing of the last one, which holds what is left.
+            // A table of fixed-size chunks does not have the size of the last one, which holds the remaining points.
             if last && !self.vlr.uses_variable_size_chunks() {
                 let left = promised.saturating_sub(first_point);
                 points = if (1..=points).contains(&left) {
@@ -206,7 +208,7 @@ impl Compressed {
         }
     }
 
-    /// Follows layered chunks from one to the next by the counts and sizes each starts with.
+    /// Follows layered chunks from one to the next by the counts and sizes with which each starts.
     fn chunks_from_their_headers(&mut self, file: &PositionedFile, data_start: u64, promised: u64) {
         let most = if self.vlr.uses_variable_size_chunks() { u64::MAX } else { u64::from(self.vlr.chunk_size()) };
         let promised = if promised == 0 { u64::MAX } else { promised };
@@ -222,8 +224,8 @@ impl Compressed {
         }
     }
 
-    /// What the layered chunk at `offset` says of itself, if it ends before `end`: it is a raw first record, the number of
-    /// points, the size of each layer, the layers.
+    /// Reads the head of the layered chunk at `offset`, if it ends before `end`. The chunk is a raw first record, the
+    /// number of points, the size of each layer, the layers.
     fn layered_chunk(&self, file: &PositionedFile, offset: u64, end: u64) -> Option<LayeredChunk> {
         let sizes_start = offset.checked_add(self.record_length as u64)?;
         let head_length = 4 + 4 * self.layers?;
@@ -251,7 +253,7 @@ impl Compressed {
     ) -> std::result::Result<Stream<'a>, String> {
         let end = (chunk.offset + chunk.length).min(file.length());
         let mut points = chunk.points;
-        // `laz` allocates what the layer sizes say, so they must fit the chunk.
+        // `laz` allocates according to the layer sizes, so they must fit the chunk.
         if self.layers.is_some() {
             let found = self
                 .layered_chunk(file, chunk.offset, end)
@@ -271,7 +273,7 @@ impl Compressed {
     }
 }
 
-/// Records out of one compressed chunk.
+/// Records decoded from one compressed chunk.
 pub struct Stream<'a> {
     compressed: &'a Compressed,
     source: Source<'a>,
@@ -281,19 +283,19 @@ pub struct Stream<'a> {
 
 /// Where records come from.
 enum Source<'a> {
-    /// The first record of a chunk is not compressed. If it is the only one, no decoder is set up, which takes as long as a
-    /// thousand points: files may have a chunk for every point.
+    /// The first record of a chunk is not compressed. If it is the only one, no decoder is set up, which would take as
+    /// long as a thousand points: files may have a chunk for every point.
     First(Section<'a>),
     Decoder(Box<dyn RecordDecompressor<BufReader<Section<'a>>> + 'a>),
 }
 
 impl Stream<'_> {
-    /// Records still to come, as far as the file says.
+    /// The number of records that are left, according to the file.
     pub fn left(&self) -> u64 {
         self.left
     }
 
-    /// Fills `records` with the next records. Fewer than asked for come with the reason; the stream has then ended.
+    /// Fills `records` with the next records. If there are fewer, it returns the reason too; the stream has then ended.
     pub fn decode(&mut self, records: &mut [u8]) -> (usize, std::result::Result<(), String>) {
         let length = self.compressed.record_length;
         let mut decoded = 0;
@@ -328,24 +330,24 @@ impl Stream<'_> {
     }
 }
 
-/// The compressor's number, the first field of the record (`LazVlr` has read it, but keeps it to itself).
+/// The compressor's number, the first field of the record (`LazVlr` has read it, but keeps it private).
 fn laszip_kind(record: &[u8]) -> u16 {
     record.first_chunk().map_or(0, |&bytes| u16::from_le_bytes(bytes))
 }
 
-/// The chunk table, if it is there and fits the file.
+/// The chunk table, if the file has one that fits it.
 fn read_table(file: &PositionedFile, header: &Header, vlr: &LazVlr) -> std::io::Result<Option<ChunkTable>> {
     let points_start = header.data_start + TABLE_OFFSET_LENGTH;
     let believable =
         |offset: &u64| *offset >= points_start && offset.checked_add(8).is_some_and(|end| end <= file.length());
     let offset_at = |position: u64| file.bytes_at(position).map(|bytes| bytes.map(u64::from_le_bytes));
-    // A writer that could not go back leaves the offset in the last eight bytes of the file.
+    // A writer that could not seek back leaves the offset in the last eight bytes of the file.
     let offset = match offset_at(header.data_start)?.filter(believable) {
         Some(offset) => Some(offset),
         None => offset_at(file.length().saturating_sub(8))?.filter(believable),
     };
     let Some(offset) = offset else { return Ok(None) };
-    // Version, number of chunks. Each chunk starts with an uncompressed record, which bounds their number.
+    // The version, then the number of chunks. Each chunk starts with an uncompressed record, which bounds their number.
     let Some([_, _, _, _, a, b, c, d]) = file.bytes_at(offset)? else { return Ok(None) };
     let most = (offset - points_start) / header.record_length as u64 + 1;
     if u64::from(u32::from_le_bytes([a, b, c, d])) > most {
@@ -370,7 +372,7 @@ fn read_table(file: &PositionedFile, header: &Header, vlr: &LazVlr) -> std::io::
 /// profile would end the program instead.)
 ///
 /// The default panic hook would print to standard error before the unwinding starts. It is replaced, once, by one that
-/// says nothing for panics of a thread that is in here and passes all others on.
+/// prints nothing for panics of a thread inside this function and passes all others on.
 fn guarded<T>(decode: impl FnOnce() -> T) -> std::result::Result<T, String> {
     thread_local! {
         static GUARDED: Cell<bool> = const { Cell::new(false) };

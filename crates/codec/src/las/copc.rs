@@ -1,7 +1,9 @@
-//! The octree of a COPC file (specification 1.0, copc.io): LAZ with one compressed chunk per node, and a list of nodes.
+//! Reads the octree of a COPC file (specification 1.0, copc.io): LAZ with one compressed chunk per node, and a list of
+//! nodes.
 //!
-//! The list is believed only where it agrees with the chunk table that plain LAZ is read by: every chunk belongs to exactly
-//! one node, and to one of as many points. So what is read node by node is what is read as LAZ, or the list is not used.
+//! The list is trusted only if it agrees with the chunk table by which plain LAZ is read: every chunk belongs to
+//! exactly one node, and to one with as many points. So reading node by node gives the same points as reading as LAZ,
+//! or the list is not used.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -16,58 +18,58 @@ use super::layout::bytes;
 use crate::brief::{number, vector};
 use crate::positioned_file::PositionedFile;
 
-/// Where the info record's data must start: after a header of 375 bytes and a record's head of 54.
+/// The offset of the info record's data: after a header of 375 bytes and a record's head of 54.
 const INFO_START: u64 = 375 + 54;
 const INFO_LENGTH: usize = 160;
 const ENTRY_LENGTH: usize = 32;
-/// Nodes are halved at most that often: cells are then counted with 31 bits.
+/// The deepest level of nodes: cells are then counted with 31 bits.
 const DEEPEST: u32 = 30;
-/// 5,000,000,000 points have some 200,000 nodes.
+/// The most nodes; 5,000,000,000 points have some 200,000.
 const MOST_NODES: usize = 1 << 22;
-/// Entries of the list, at most, for each compressed chunk: those above it without points, and some next to them; and as many
-/// more, for lists of next to nothing.
+/// The most entries of the list for each compressed chunk: those above it without points, and some next to them.
+/// `SPARE_ENTRIES` more are allowed, for very small lists.
 const ENTRIES_PER_CHUNK: usize = 64;
 const SPARE_ENTRIES: usize = 1 << 10;
-/// Nodes, at most, for each compressed chunk, and as many more. Points on a line have two; those of a scan next to none that are
-/// empty.
+/// The most nodes for each compressed chunk, and as many more. Points on a line have two; those of a scan have almost
+/// no empty ones.
 const NODES_PER_CHUNK: usize = 4;
-/// Part of the width by which the points' bounds may stand out of the cube.
+/// The fraction of the width by which the points' bounds may exceed the cube.
 const TOLERANCE: f64 = 0.01;
-/// The spacing is at least this part of the width: nodes of a surface then have fewer points than are read at once.
+/// The least spacing as a fraction of the width: nodes of a surface then have fewer points than are read at once.
 const LEAST_SPACING: f64 = 1.0 / 65_536.0;
 
 /// An octree of nodes that hold the points of a file, each point once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Copc {
-    /// Lower corner of the root's cube, world coordinates.
+    /// The lower corner of the root's cube, in world coordinates.
     pub corner: DVec3,
-    /// Width of the root's cube, world units.
+    /// The width of the root's cube in world units.
     pub width: f64,
-    /// Distance between neighbouring points of the root, world units; half of it a level further down.
+    /// The distance between neighbouring points of the root in world units; it halves with each level.
     pub spacing: f64,
-    /// Level by level, the root first, sorted by cell within a level; the parent of every node is there.
+    /// The nodes level by level, the root first, sorted by cell within a level; the list has the parent of every node.
     pub nodes: Vec<CopcNode>,
 }
 
 /// A node: a cube, and one compressed chunk of the file unless it is empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CopcNode {
-    /// 0 for the root.
+    /// The level in the tree; 0 for the root.
     pub level: u32,
-    /// Cubes of its level that lie before it in x, y and z; below `2^level`.
+    /// The number of cubes of its level that lie before it in x, y and z; below `2^level`.
     pub cell: [u32; 3],
     pub points: u32,
-    /// In the file.
+    /// The size in the file in bytes.
     pub bytes: u64,
-    /// In the list of the file's compressed chunks.
+    /// The index in the list of the file's compressed chunks.
     pub(super) chunk: Option<usize>,
 }
 
 impl Copc {
-    /// Points of a node, at most; a file that claims more is read as plain LAZ.
+    /// The most points of a node; a file that claims more is read as plain LAZ.
     pub const MOST_POINTS: u32 = 1 << 24;
 
-    /// `None` for a file that does not say that it is COPC; an error says why its index cannot be used.
+    /// Reads the octree. `None` for a file that does not claim to be COPC; an error says why its index cannot be used.
     pub(super) fn read(
         file: &PositionedFile,
         header: &Header,
@@ -99,7 +101,7 @@ impl Copc {
         Ok(Some(Self { corner: center - half, width: 2.0 * half, spacing, nodes }))
     }
 
-    /// The nodes of all pages that have points.
+    /// The nodes with points of all pages.
     pub(super) fn read_pages(
         file: &PositionedFile,
         pages: Range<u64>,
@@ -124,7 +126,7 @@ impl Copc {
                     page.start, page.end, pages.start, pages.end
                 ));
             }
-            // Pages do not overlap, so all of them are not longer than the record.
+            // Pages do not overlap, so together they are not longer than the record.
             bytes_left = bytes_left
                 .checked_sub(page.end - page.start)
                 .ok_or_else(|| format!("byte {}: pages that overlap", page.start))?;
@@ -156,12 +158,12 @@ fn page(offset: u64, length: u64) -> Range<u64> {
     offset..offset.saturating_add(length)
 }
 
-/// Whether a cube with points within `bounds` can be so; the error says what is wrong with it.
+/// Checks that a cube can contain points within `bounds`; the error says what is wrong with it.
 fn check_cube(center: DVec3, half: f64, spacing: f64, bounds: Option<Bounds>) -> Result<(), String> {
     let (corner, width) = (center - half, 2.0 * half);
     let most = center + half;
     let is_cube = corner.is_finite() && most.is_finite() && width.is_finite() && most.cmpgt(corner).all();
-    // Of a spacing that is not a number this is not true either.
+    // This is false for a spacing that is not a number, too.
     if !(is_cube && (LEAST_SPACING * width..=width).contains(&spacing)) {
         return Err(format!(
             "no cube: centre {}, half width {}, spacing {}",
@@ -209,7 +211,7 @@ fn read_entry(
     if points > Copc::MOST_POINTS {
         return Err(format!("{name}: {points} points, at most {} are read at once", Copc::MOST_POINTS));
     }
-    // What is above nodes with points comes without being listed.
+    // Nodes above those with points are added without being listed.
     if points == 0 {
         return Ok(None);
     }
@@ -224,7 +226,7 @@ fn read_entry(
     }
 }
 
-/// Adds nodes without points above those that have some; false if there are then more than `most`.
+/// Adds nodes without points above those that have some; returns false if there are then more than `most`.
 fn add_parents(nodes: &mut HashMap<Key, CopcNode>, most: usize) -> bool {
     let keys: Vec<Key> = nodes.keys().copied().collect();
     let empty = |(level, cell): Key| CopcNode { level, cell, points: 0, bytes: 0, chunk: None };

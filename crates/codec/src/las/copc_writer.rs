@@ -34,13 +34,13 @@ use file::CopcFile;
 use records::{Statistics, Target, Upgrade};
 use tree::{Cube, Filled, Keyed};
 
-/// Points of a bucket, on the average, where memory is enough.
+/// The average number of points of a bucket, where there is enough memory.
 const BUCKET_POINTS: u64 = 1_000_000;
-/// Deepest level of the first buckets: a surface takes some thousand of the cells there are.
+/// The deepest level of the first buckets: a surface occupies some thousand of its cells.
 const DEEPEST_BUCKETS: u32 = 5;
-/// Levels by which a bucket that is too large is divided.
+/// The number of levels by which a bucket that is too large is divided.
 const DIVIDED_LEVELS: u32 = 3;
-/// Lists of records that are built at once are at least this long, however little memory there may be.
+/// The least size in bytes of record lists that are built at once, however little memory there is.
 const LEAST_BUCKET_BYTES: u64 = 8 << 20;
 
 /// What was written.
@@ -48,18 +48,18 @@ const LEAST_BUCKET_BYTES: u64 = 8 << 20;
 pub struct CopcSummary {
     pub points: u64,
     pub nodes: usize,
-    /// What of the inputs the file does not have, and what was wrong with them.
+    /// What the file lacks of the inputs, and what was wrong with them.
     pub warnings: Vec<String>,
 }
 
-/// Writes the points of LAS and LAZ files to a COPC file, with all that they say of each point but wave packets.
+/// Writes the points of LAS and LAZ files to a COPC file, with all attributes of each point except wave packets.
 ///
-/// Point formats 0 to 5 become 6 or 7. Coordinates are on the first file's grid, with the finest steps of any. The other
-/// records of the first file are kept. `memory` in bytes bounds what is held at once as far as the points of one place fit it;
-/// temporary files lie in the folder of `output`. `output` is replaced when all is written; until then it is as it was. Units of
-/// `progress` are points, each counted when it is read and when it is written.
+/// Point formats 0 to 5 become 6 or 7. Coordinates are on the first file's grid, with the finest steps of any. The
+/// other records of the first file are kept. `memory` bounds the bytes held at once, provided that the points of any
+/// one place fit in it; temporary files lie in the folder of `output`. `output` is replaced when the new file is
+/// complete; until then it is unchanged. `progress` counts each point when it is read and when it is written.
 ///
-/// `None` if it was cancelled: nothing is written then.
+/// Returns `None` if it was cancelled; nothing is written then.
 ///
 /// # Errors
 /// Inputs that cannot be read or cannot be in one file; an output that is an input or cannot be written.
@@ -102,7 +102,7 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
             ));
         }
         is_again = true;
-        // Points outside of what headers say: with bounds that are known, once more.
+        // Some points are outside the headers' bounds: distribute once more with the true bounds.
         progress.set_total(2 * points + statistics.points);
         bounds = true_bounds;
     };
@@ -144,7 +144,7 @@ fn open(inputs: &[PathBuf], output: &Path, memory: u64) -> Result<Vec<LasSource>
     inputs.iter().map(open).collect()
 }
 
-/// What the headers say, or the points where a header says nothing.
+/// The bounds from the headers, or from the points where a header has none.
 fn header_bounds(sources: &[LasSource], progress: &Progress) -> Result<Bounds> {
     let mut bounds = Bounds::EMPTY;
     for source in sources.iter().filter(|source| source.info.points > 0) {
@@ -167,23 +167,24 @@ fn header_bounds(sources: &[LasSource], progress: &Progress) -> Result<Bounds> {
     Ok(if bounds.is_empty() { Bounds { min: DVec3::ZERO, max: DVec3::ZERO } } else { bounds })
 }
 
-/// Level of the buckets of so many points: on a surface, four times as many cells are occupied a level further down.
+/// The level of the buckets for this many points: on a surface, four times as many cells are occupied one level further
+/// down.
 fn bucket_level(points: u64) -> u32 {
     (0..DEEPEST_BUCKETS).find(|level| points >> (2 * level) <= BUCKET_POINTS).unwrap_or(DEEPEST_BUCKETS)
 }
 
-/// How points stand in the file that is written.
+/// The format of points in the file that is written.
 struct OutputFormat {
     target: Target,
     grid: Grid,
     upgrades: Vec<Upgrade>,
     vlr: LazVlr,
-    /// For those who compress one after the other, because several at a time would take too much memory.
+    /// A lock for threads that compress one after the other because several at a time would take too much memory.
     turn: Option<Mutex<()>>,
 }
 
 impl OutputFormat {
-    /// `memory` bounds what compressing takes, in bytes.
+    /// Chooses the format. `memory` bounds what compressing takes, in bytes.
     fn new(sources: &[LasSource], memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
         let first = &sources[0];
         for source in sources {
@@ -253,7 +254,7 @@ impl OutputFormat {
     }
 }
 
-/// What makes extra dimensions the same: everything but the ranges of their values.
+/// The bytes that identify extra dimensions: everything but the ranges of their values.
 fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
     let descriptors = source.descriptors.chunks_exact(192).map(|descriptor| {
         let mut fixed = descriptor.to_vec();
@@ -264,7 +265,7 @@ fn extra_dimensions(source: &LasSource) -> (usize, Vec<Vec<u8>>) {
     (source.layout.record_length - source.base_length(), descriptors.collect())
 }
 
-/// Options of a descriptor that say that it tells the smallest and the largest value.
+/// The options of a descriptor that say that it contains the smallest and the largest value.
 const RANGE_OPTIONS: u8 = 2 | 4;
 
 /// The first file's grid with the finest steps of any; moved if points would not fit it.
@@ -306,8 +307,8 @@ impl LasSource {
         self.info.point_format.and_then(super::layout::Layout::gps_time).is_some()
     }
 
-    /// Gives whole records to `emit`, from worker threads, some thousand at once; `None` if it was cancelled, else what could
-    /// not be read.
+    /// Passes whole records to `emit`, from worker threads, some thousand at once. Returns `None` if it was cancelled,
+    /// else what could not be read.
     ///
     /// # Errors
     /// What `emit` returned.
@@ -316,7 +317,7 @@ impl LasSource {
         progress: &Progress,
         emit: &(dyn Fn(&[u8]) -> io::Result<()> + Sync),
     ) -> io::Result<Option<Vec<String>>> {
-        // What is wrong: where first, and how often.
+        // For each problem, the first point where it occurs and how often it occurs.
         let failures: Mutex<BTreeMap<String, (u64, u64)>> = Mutex::default();
         let failed: Mutex<Option<io::Error>> = Mutex::new(None);
         let locked = |error: io::Error| *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
@@ -400,7 +401,7 @@ impl LasSource {
     }
 }
 
-/// Tiles of records that are handed on at once.
+/// The number of tiles of records that are passed on at once.
 const PIECE_TILES: usize = 16;
 
 struct Job<'a> {
@@ -417,7 +418,7 @@ impl Job<'_> {
         self.cube.key([0, 4, 8].map(|at| i32::from_le_bytes(bytes(record, at))))
     }
 
-    /// Puts the records of all inputs into `buckets`, cells of `level`; `None` if it was cancelled.
+    /// Puts the records of all inputs into `buckets`, cells of `level`; returns `None` if it was cancelled.
     fn distribute(
         &self,
         sources: &[LasSource],
@@ -450,7 +451,7 @@ impl Job<'_> {
         Ok(Some(total.into_inner().unwrap_or_else(PoisonError::into_inner)))
     }
 
-    /// Appends records to the bucket of their cell of `level`; buckets start with that of code `first`.
+    /// Appends records to the bucket of their cell of `level`; the first bucket has the code `first`.
     fn deal(&self, records: &[u8], level: u32, first: u64, buckets: &Buckets<'_>) -> io::Result<()> {
         let length = self.plan.target.record_length();
         let mut places: Vec<(u64, u32)> = (0_u32..)
@@ -467,12 +468,12 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Bytes of records that may be built at once on each thread: they are there twice, with keys and compressed.
+    /// The bytes of records that each thread may build at once: they exist twice, with keys and compressed.
     fn most_bytes(&self) -> u64 {
         (self.memory / 6 / rayon::current_num_threads() as u64).max(LEAST_BUCKET_BYTES)
     }
 
-    /// Writes the nodes of all buckets, cells of `level`, and those above; `false` if it was cancelled.
+    /// Writes the nodes of all buckets, cells of `level`, and those above; returns `false` if it was cancelled.
     fn build(&self, level: u32, buckets: &Buckets<'_>, file: &mut CopcFile) -> io::Result<bool> {
         let mut above = vec![Above { levels: 0..level, first: 0, lists: Buckets::new(self.spill, lists_of(level)) }];
         let occupied: Vec<usize> = (0..buckets.len()).filter(|bucket| buckets.bytes(*bucket) > 0).collect();
@@ -495,8 +496,8 @@ impl Job<'_> {
         above.pop().map_or(Ok(true), |above| self.write_above(&above, file))
     }
 
-    /// Builds a list of records of one cell of `level`, part by part where it is too large for memory; `false` if it was
-    /// cancelled.
+    /// Builds a list of records of one cell of `level`, part by part if it is too large for memory; returns `false` if
+    /// it was cancelled.
     fn build_large<'a>(
         &'a self,
         (buckets, bucket): (&Buckets<'_>, usize),
@@ -507,7 +508,7 @@ impl Job<'_> {
         file: &mut CopcFile,
     ) -> io::Result<bool> {
         let below = level + DIVIDED_LEVELS;
-        // No further than keys go: points at one place are then one node, however many.
+        // Cells are divided no further than keys go: points at one place are then one node, however many they are.
         if buckets.bytes(bucket) <= self.most_bytes() || below + tree::CELL_LEVELS > tree::KEY_LEVELS {
             let built = self.build_records(&buckets.take(bucket)?, level, Some(claimed))?;
             self.write(&built, above, file)?;
@@ -526,7 +527,8 @@ impl Job<'_> {
         above.pop().map_or(Ok(true), |above| self.write_above(&above, file))
     }
 
-    /// The nodes of records of one cell of `level`. Nodes above get none of the cells in `claimed`, which grows by theirs.
+    /// Builds the nodes of records of one cell of `level`. Nodes above get none of the cells in `claimed`; the cells
+    /// that they get are added to it.
     fn build_records(
         &self,
         records: &[u8],
@@ -552,7 +554,7 @@ impl Job<'_> {
         Ok(Built { nodes, above, first_key })
     }
 
-    /// Keys of records in order; where they are the same, the records decide, so that a file is the same each time.
+    /// The sorted keys of records; the records' bytes decide among equal keys, so that the file is the same each time.
     fn sorted(&self, records: &[u8]) -> Vec<Keyed> {
         let length = self.plan.target.record_length();
         let keyed = (0_u32..).zip(records.chunks_exact(length)).map(|(index, record)| (self.key(record), index));
@@ -563,7 +565,7 @@ impl Job<'_> {
         points
     }
 
-    /// A node's chunk: by time, as scanners write them, neighbours have most in common.
+    /// Compresses a node's chunk, sorted by time as scanners write it: such neighbours have most in common.
     fn compress(&self, node: &Filled, records: &[u8]) -> io::Result<Compressed> {
         let length = self.plan.target.record_length();
         if node.points.len() > Copc::MOST_POINTS as usize {
@@ -626,23 +628,23 @@ impl Job<'_> {
     }
 }
 
-/// Records of the nodes above buckets, which come in parts.
+/// The records of the nodes above buckets, which come in parts.
 struct Above<'a> {
     levels: Range<u32>,
-    /// Code of the one node of the first level.
+    /// The code of the one node of the first level.
     first: u64,
     lists: Buckets<'a>,
 }
 
 impl Above<'_> {
-    /// Its lists are level by level.
+    /// The index of a node's list; lists are sorted by level.
     fn list(&self, level: u32, code: u64) -> usize {
         let depth = level - self.levels.start;
         lists_of(depth) + (code - (self.first << (3 * depth))) as usize
     }
 }
 
-/// Nodes of an octree of so many levels.
+/// The number of nodes of an octree with this many levels.
 fn lists_of(levels: u32) -> usize {
     ((1 << (3 * levels)) - 1) / 7
 }
@@ -651,14 +653,14 @@ fn record(records: &[u8], index: u32, length: usize) -> &[u8] {
     &records[index as usize * length..][..length]
 }
 
-/// What a list of records becomes: nodes, and records of the nodes above, by level.
+/// The result of building a list of records: nodes, and records for the nodes above, by level.
 struct Built {
     nodes: Vec<Compressed>,
     above: Vec<Vec<u8>>,
     first_key: u64,
 }
 
-/// A node as it is written.
+/// A node in the form in which it is written.
 struct Compressed {
     level: u32,
     code: u64,

@@ -1,8 +1,9 @@
-//! Extra bytes of layered points (LASzip items `BYTE14`): one layer of compressed bytes for each byte of a record.
+//! Decodes the extra bytes of layered points (LASzip items `BYTE14`): one layer of compressed bytes for each byte of a
+//! record.
 //!
-//! The decoder of `laz` builds the models of all bytes for four scanner channels at once, 640 MB for the longest record there
-//! can be. This one builds a model when the first value is decoded with it, so what it takes grows with the layers that hold
-//! something. What it decodes is the same.
+//! The decoder of `laz` builds the models of all bytes for four scanner channels at once: 640 MB for the longest
+//! possible record. This one builds a model when the first value is decoded with it, so its memory grows with the
+//! layers that are not empty. It decodes the same values.
 
 use std::io::{self, Cursor, Read, Seek, SeekFrom};
 
@@ -11,18 +12,19 @@ use laz::decoders::ArithmeticDecoder;
 use laz::models::{ArithmeticModel, ArithmeticModelBuilder};
 use laz::record::LayeredFieldDecompressor;
 
-/// Scanner channels, each of which has models of its own.
+/// The number of scanner channels, each of which has models of its own.
 const CHANNELS: usize = 4;
-/// Values of a byte.
+/// The number of values of a byte.
 const VALUES: u32 = 256;
 
 /// Decodes the extra bytes of the records of one chunk.
 pub struct ExtraLayers {
-    /// Version 4 of the item goes on with the last value of the scanner channel, version 3 with that of the point before.
+    /// Version 4 of the item continues with the last value of the scanner channel, version 3 with that of the point
+    /// before.
     keeps_channels_apart: bool,
     is_wanted: bool,
     layers: Vec<Layer>,
-    /// The last bytes of each channel; empty as long as there is no point of it.
+    /// The last bytes of each channel; empty until the channel has a point.
     last: [Vec<u8>; CHANNELS],
     channel: usize,
 }
@@ -30,9 +32,9 @@ pub struct ExtraLayers {
 /// One byte of all records.
 #[derive(Default)]
 struct Layer {
-    /// Compressed bytes.
+    /// The number of compressed bytes.
     length: u32,
-    /// Absent where the byte never changes, and where it is not wanted.
+    /// `None` if the byte never changes or is not wanted.
     content: Option<Box<Content>>,
 }
 
@@ -42,13 +44,13 @@ struct Content {
 }
 
 impl ExtraLayers {
-    /// Bytes for each byte of a record, wanted or not: its layer and its last values.
+    /// The memory in bytes for each byte of a record, wanted or not: its layer and its last values.
     pub const LAYER_BYTES: u64 = (size_of::<Layer>() + CHANNELS) as u64;
-    /// Bytes at most for each byte of a record that is wanted and whose layer holds something: the models of all channels,
-    /// each two tables of 256 words and one of 66.
+    /// The most memory in bytes for each byte of a record that is wanted and whose layer is not empty: the models of
+    /// all channels, each two tables of 256 words and one of 66.
     pub const CONTENT_BYTES: u64 = (size_of::<Content>() + CHANNELS * (2 * 256 + 66) * 4) as u64;
 
-    /// Of `count` bytes, `version` 3 or 4 of the item.
+    /// A decoder of `count` bytes for `version` 3 or 4 of the item.
     pub fn new(count: usize, version: u16) -> Self {
         Self {
             keeps_channels_apart: version == 4,
@@ -139,7 +141,7 @@ mod tests {
 
     const EXTRA: usize = 5;
 
-    /// Records of points of four scanner channels that change at random; the last extra byte is the same everywhere.
+    /// The records of points of four scanner channels that change at random; the last extra byte is always the same.
     fn records(count: usize) -> Vec<u8> {
         let mut noise = Random(5);
         let mut records = Vec::new();

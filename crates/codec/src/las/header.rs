@@ -1,7 +1,7 @@
-//! The header of a LAS or LAZ file and the variable length records that matter, checked against the file's size.
+//! Reads the header of a LAS or LAZ file and the relevant variable length records, checked against the file's size.
 //!
-//! Fixed fields go through `las::raw::Header`, which reads them as they are; the record lists are walked here, because a
-//! count or length from the file must neither be looped over nor allocated before it is checked.
+//! Fixed fields go through `las::raw::Header`, which reads them unchanged; the record lists are walked here, because a
+//! count or length from the file must be checked before it bounds a loop or an allocation.
 
 use std::io::BufReader;
 use std::ops::Range;
@@ -15,9 +15,9 @@ use crate::brief::vector;
 use crate::positioned_file::PositionedFile;
 use crate::{Error, Result};
 
-/// Files have a handful of records; more than this is a damaged count.
+/// The most records: files have a handful, so a larger count is damage.
 const MOST_RECORDS: u64 = 10_000;
-/// A coordinate system or a list of extra dimensions is some kilobytes; longer extended records are not loaded.
+/// The longest extended record that is loaded: a coordinate system or a list of extra dimensions has some kilobytes.
 const LONGEST_EXTENDED_RECORD: u64 = 16 << 20;
 
 pub struct Header {
@@ -26,26 +26,26 @@ pub struct Header {
     pub point_format: u8,
     pub compressed: bool,
     pub record_length: usize,
-    /// Byte of the first point; in LAZ of the chunk table's offset.
+    /// The offset in bytes of the first point; in LAZ of the chunk table's offset.
     pub data_start: u64,
-    /// Points the header promises.
+    /// The number of points that the header promises.
     pub points: u64,
-    /// No extended record or waveform follows the points.
+    /// Whether no extended record or waveform follows the points.
     pub points_are_last: bool,
     pub grid: Grid,
     pub bounds: Option<Bounds>,
     pub crs: Option<String>,
-    /// Extra Bytes descriptors, one after the other.
+    /// The Extra Bytes descriptors, one after the other.
     pub descriptors: Vec<u8>,
-    /// What the LASzip record says.
+    /// The content of the LASzip record.
     pub laszip: Option<Vec<u8>>,
-    /// The COPC info record's data, and where it starts in the file.
+    /// The offset in the file of the COPC info record's data, and the data.
     pub copc_info: Option<(u64, Vec<u8>)>,
-    /// GPS time is standard time, not seconds of a week.
+    /// Whether GPS time is standard time instead of seconds of a week.
     pub standard_time: bool,
-    /// Where variable length records and extended ones are, heads included.
+    /// For each variable length record, whether it is extended, and its bytes in the file, head included.
     pub records: Vec<(bool, Range<u64>)>,
-    /// Bytes of the file that the COPC hierarchy's pages are in.
+    /// The bytes of the file that contain the pages of the COPC hierarchy.
     pub copc_pages: Option<Range<u64>>,
 }
 
@@ -184,14 +184,15 @@ impl Header {
     }
 }
 
-/// Ordered, finite, and within what 32-bit coordinates on the grid can reach (with a step to spare for rounding).
+/// Whether bounds are ordered, finite, and within reach of 32-bit coordinates on the grid (with a step to spare for
+/// rounding).
 fn believable(bounds: Bounds, grid: &Grid) -> bool {
     let reach = grid.scale.abs() * (f64::from(i32::MAX) + 2.0);
     let limits = Bounds { min: grid.offset - reach, max: grid.offset + reach };
     !bounds.is_empty() && limits.contains(bounds.min) && limits.contains(bounds.max)
 }
 
-/// The records that matter.
+/// The relevant records.
 #[derive(Default)]
 struct Records {
     wkt: Option<String>,
@@ -201,12 +202,12 @@ struct Records {
     laszip: Option<Vec<u8>>,
     copc_info: Option<(u64, Vec<u8>)>,
     copc_pages: Option<Range<u64>>,
-    /// Extended or not, and where.
+    /// For each record, whether it is extended, and its bytes in the file.
     places: Vec<(bool, Range<u64>)>,
 }
 
 impl Records {
-    /// Walks `count` records from byte `start` on, none beyond `end`; returns where it stopped.
+    /// Walks `count` records from byte `start`, none beyond `end`; returns where it stopped.
     fn walk(
         &mut self,
         file: &PositionedFile,
@@ -242,7 +243,7 @@ impl Records {
             let identifier = u16::from_le_bytes(bytes(&head, 18));
             let user = text(&head[2..18]);
             if (user.as_str(), identifier) == ("copc", 1000) {
-                // Read page by page, where they are needed.
+                // The pages are read one by one when they are needed.
                 self.copc_pages = Some(position + head_length..next);
             } else if is_wanted(&user, identifier) && next - position <= LONGEST_EXTENDED_RECORD {
                 let section = BufReader::new(file.section(position, next));
@@ -271,7 +272,7 @@ impl Records {
             }
             ("LASF_Projection", 34735) => self.geotiff_keys = data,
             ("LASF_Projection", 34737) => self.geotiff_text = data,
-            // The descriptors may come in several records; a piece of one at the end of a record is dropped.
+            // The descriptors may come in several records; a part of one at the end of a record is dropped.
             ("LASF_Spec", 4) => {
                 data.truncate(data.len() - data.len() % 192);
                 self.descriptors.append(&mut data);
@@ -281,13 +282,13 @@ impl Records {
         }
     }
 
-    /// WKT, else the GeoTIFF citation, else its EPSG code.
+    /// The coordinate system: WKT, else the GeoTIFF citation, else its EPSG code.
     fn crs(&self) -> Option<String> {
         self.wkt.clone().or_else(|| self.geotiff())
     }
 
     fn geotiff(&self) -> Option<String> {
-        /// Tag of the text that keys point into.
+        /// The tag of the text that keys refer to.
         const ASCII: u16 = 34737;
         // The directory's own entry, then (key, tag, count, value or index) per key, all u16.
         let keys: Vec<[u16; 4]> = self
@@ -297,7 +298,7 @@ impl Records {
             .map(|entry| std::array::from_fn(|i| u16::from_le_bytes(bytes(entry, 2 * i))))
             .collect();
         let find = |wanted: u16| keys.iter().find(|key| key[0] == wanted);
-        // Citations of the projected, the whole, the geographic system.
+        // The citations of the projected, the whole, the geographic system.
         let citation = [3073, 1026, 2049].into_iter().find_map(|id| {
             let &[_, tag, count, start] = find(id)?;
             let (start, count) = (usize::from(start), usize::from(count));
@@ -305,7 +306,7 @@ impl Records {
             let citation = text(citation).trim_end_matches('|').trim().to_owned();
             (!citation.is_empty()).then_some(citation)
         });
-        // Codes of the projected, the geographic system; 32767 means "user-defined".
+        // The codes of the projected, the geographic system; 32767 means "user-defined".
         let code = || {
             let code = [3072, 2048].into_iter().find_map(|id| find(id).filter(|key| key[1] == 0).map(|key| key[3]))?;
             (code != 0 && code != 32767).then(|| format!("EPSG:{code}"))

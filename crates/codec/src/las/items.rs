@@ -1,5 +1,5 @@
-//! What a LASzip record says a compressed point is made of: checked before there is a decoder, what a decoder of it takes in
-//! memory, and the decoder.
+//! The items of a LASzip record, which describe a compressed point: checks them before a decoder is made, computes the
+//! memory of the decoder, and makes it.
 
 use std::io::{Read, Seek};
 
@@ -9,18 +9,18 @@ use laz::{DecompressionSelection, LazItem, LazItemType};
 
 use super::extra_layers::ExtraLayers;
 
-/// Bytes of a decoder of points without extra bytes. Measured: 2.6 MB of point format 5, 3.3 MB of 10. However little memory
-/// there is, such points are decoded.
+/// The memory in bytes of a decoder of points without extra bytes. Measured: 2.6 MB of point format 5, 3.3 MB of 10.
+/// Such points are decoded however little memory there is.
 pub const BASE_BYTES: u64 = 3_500_000;
-/// Bytes of a decoder for each extra byte of a point that is not layered: a model of two tables of 256 words and one of 66,
-/// what holds it, the byte twice.
+/// The memory in bytes of a decoder for each extra byte of a point that is not layered: a model of two tables of 256
+/// words and one of 66, what holds it, the byte twice.
 const SEQUENTIAL_BYTES: u64 = 2_500;
 
-/// Bytes of the encoder of layered points for each extra byte: models of three tables for four scanner channels, and what is
-/// written but not yet handed on. Measured: 17,900.
+/// The memory in bytes of the encoder of layered points for each extra byte: models of three tables for four scanner
+/// channels, and output that is not yet passed on. Measured: 17,900.
 const ENCODER_BYTES: u64 = 18_000;
 
-/// Checks that these items can be decoded, and to records of that many bytes; whether they are layered.
+/// Checks that these items can be decoded, to records of `record_length` bytes; returns whether they are layered.
 pub fn check(items: &[LazItem], record_length: usize) -> Result<bool, String> {
     let Some(first) = items.first() else { return Err("no items, expected what a point is made of".into()) };
     let is_layered = first.version() >= 3;
@@ -59,7 +59,7 @@ pub fn check(items: &[LazItem], record_length: usize) -> Result<bool, String> {
     Ok(is_layered)
 }
 
-/// Extra bytes of a point.
+/// The number of extra bytes of a point.
 fn extra_bytes(items: &[LazItem]) -> u64 {
     let extra = |item: &LazItem| match item.item_type() {
         LazItemType::Byte(size) | LazItemType::Byte14(size) => u64::from(size),
@@ -68,7 +68,8 @@ fn extra_bytes(items: &[LazItem]) -> u64 {
     items.iter().map(extra).sum()
 }
 
-/// Bytes that a decoder of these items takes at most. `filled`: layers of the chunk that hold something, if that is known.
+/// The most memory in bytes of a decoder of these items. `filled` is the number of the chunk's layers that are not
+/// empty, if it is known.
 pub fn decoder_bytes(items: &[LazItem], is_layered: bool, layers: DecompressionSelection, filled: Option<u64>) -> u64 {
     let extra = extra_bytes(items);
     let of_extra = match (is_layered, layers.should_decompress_extra_bytes()) {
@@ -81,12 +82,12 @@ pub fn decoder_bytes(items: &[LazItem], is_layered: bool, layers: DecompressionS
     BASE_BYTES + of_extra
 }
 
-/// Bytes that compressing a chunk of layered points takes at most, besides what comes of it.
+/// The most memory in bytes that compressing a chunk of layered points takes, besides its output.
 pub fn encoder_bytes(items: &[LazItem]) -> u64 {
     BASE_BYTES + extra_bytes(items) * ENCODER_BYTES
 }
 
-/// Layers of a chunk: nine for the base of a point, one per colour set, wave packet and extra byte.
+/// The number of layers of a chunk: nine for the base of a point, one per colour set, wave packet and extra byte.
 pub fn layer_count(items: &[LazItem]) -> u64 {
     let layers = |item: &LazItem| match item.item_type() {
         LazItemType::Point14 => 9,
@@ -97,7 +98,7 @@ pub fn layer_count(items: &[LazItem]) -> u64 {
     items.iter().map(layers).sum()
 }
 
-/// A decoder of one chunk; of a layered one only `layers`. The items have been checked.
+/// Makes a decoder of one chunk; of a layered one only for `layers`. The items have been checked.
 pub fn decoder<'a, R: Read + Seek + Send + Sync + 'a>(
     items: &Vec<LazItem>,
     is_layered: bool,
@@ -134,7 +135,7 @@ pub fn decoder<'a, R: Read + Seek + Send + Sync + 'a>(
             (LazItemType::Byte14(count), _) => {
                 decoder.add_field_decompressor(ExtraLayers::new(usize::from(count), item.version()));
             }
-            // `check` lets none of these through.
+            // `check` refuses these.
             _ => return Err("items that are not layered among those that are".into()),
         }
     }

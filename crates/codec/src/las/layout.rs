@@ -1,13 +1,14 @@
-//! Where in a LAS point record each property lies: point formats 0 to 10 and Extra Bytes (LAS 1.4 R15, tables 7 to 26).
+//! Knows where in a LAS point record each property lies: point formats 0 to 10 and Extra Bytes (LAS 1.4 R15, tables 7
+//! to 26).
 
 use std::collections::HashMap;
 
 use cloud::{Attribute, Column, ColumnType, Grid};
 use laz::DecompressionSelection;
 
-/// Bytes of a record of point formats 0 to 10 without extra bytes.
+/// The size in bytes of a record of point formats 0 to 10 without extra bytes.
 const BASE_LENGTHS: [usize; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
-/// Byte of GPS time, colours, near infrared and wave packet in records of each format.
+/// The offsets of GPS time, colours, near infrared and wave packet in records of each format.
 const GPS_TIME: [Option<usize>; 11] = {
     let (old, new) = (Some(20), Some(22));
     [None, old, None, old, old, old, new, new, new, new, new]
@@ -17,10 +18,10 @@ const RED: [Option<usize>; 11] =
 const NEAR_INFRARED: [Option<usize>; 11] = [None, None, None, None, None, None, None, None, Some(36), None, Some(36)];
 const WAVE_PACKET: [Option<usize>; 11] =
     [None, None, None, None, Some(28), Some(34), None, None, None, Some(30), Some(38)];
-/// Bytes of one descriptor in an Extra Bytes record.
+/// The size in bytes of one descriptor in an Extra Bytes record.
 const DESCRIPTOR_LENGTH: usize = 192;
 
-/// How a value is taken from a record; `at` is its first byte.
+/// How to read a value from a record; `at` is its first byte.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reading {
     /// A scaled coordinate, axis 0 to 2.
@@ -36,20 +37,20 @@ pub enum Reading {
         at: usize,
         file_type: ColumnType,
     },
-    /// An angle, steps of `step` degrees.
+    /// An angle in steps of `step` degrees.
     Degrees {
         at: usize,
         file_type: ColumnType,
         step: f32,
     },
-    /// An extra dimension with scale or offset.
+    /// An extra dimension with a scale or an offset.
     Scaled {
         at: usize,
         file_type: ColumnType,
         scale: f64,
         offset: f64,
     },
-    /// Bytes nobody describes.
+    /// Bytes that no record describes.
     Opaque {
         at: usize,
         length: usize,
@@ -68,7 +69,7 @@ impl Reading {
         }
     }
 
-    /// Type in the file.
+    /// The type in the file.
     fn file_type(&self) -> ColumnType {
         match *self {
             Self::Coordinate { .. } => ColumnType::I32,
@@ -79,7 +80,7 @@ impl Reading {
         }
     }
 
-    /// Type of the column it is decoded to.
+    /// The type of the column to which it is decoded.
     pub fn column_type(&self) -> ColumnType {
         match self {
             Self::Degrees { .. } => ColumnType::F32,
@@ -116,13 +117,13 @@ impl Reading {
                 Column::F32(values) => values.extend(records.map(|record| f32::from_le_bytes(bytes(record, at)))),
                 Column::F64(values) => values.extend(records.map(|record| f64::from_le_bytes(bytes(record, at)))),
             },
-            // A column is made by `column_type`, so no other pair exists.
+            // Columns are made by `column_type`, so no other pair exists.
             _ => debug_assert!(false, "{self:?} decoded to a column of another type"),
         }
     }
 }
 
-/// The `N` bytes of a record from `at` on; the layout has checked that they are there.
+/// The `N` bytes of a record from `at` on; the layout has checked that they exist.
 #[inline]
 pub fn bytes<const N: usize>(record: &[u8], at: usize) -> [u8; N] {
     let mut bytes = [0; N];
@@ -146,40 +147,40 @@ fn number(record: &[u8], at: usize, file_type: ColumnType) -> f64 {
     }
 }
 
-/// One thing a point has.
+/// One property of a point.
 #[derive(Clone, Debug)]
 pub struct Property {
     pub name: String,
     pub reading: Reading,
 }
 
-/// The record of one file.
+/// The layout of a file's records.
 #[derive(Clone, Debug)]
 pub struct Layout {
     pub record_length: usize,
-    /// Everything, in file order.
+    /// All properties, in file order.
     pub properties: Vec<Property>,
-    /// The scalar attributes a selection may name.
+    /// The scalar attributes that a selection may name.
     pub attributes: Vec<Property>,
-    /// First byte of the 16-bit red, green and blue.
+    /// The offset of the 16-bit red, green and blue.
     pub red: Option<usize>,
     near_infrared: Option<usize>,
-    /// Point formats 6 to 10, which LAZ stores in layers.
+    /// Whether the point format is 6 to 10, which LAZ stores in layers.
     extended: bool,
 }
 
 impl Layout {
-    /// Byte of GPS time in records of a format.
+    /// The offset of GPS time in records of a format.
     pub fn gps_time(point_format: u8) -> Option<usize> {
         *GPS_TIME.get(usize::from(point_format))?
     }
 
-    /// Byte of near infrared in records of a format.
+    /// The offset of near infrared in records of a format.
     pub fn near_infrared(point_format: u8) -> Option<usize> {
         *NEAR_INFRARED.get(usize::from(point_format))?
     }
 
-    /// Bytes a record of `point_format` has at least; `None` for a format that does not exist.
+    /// The least size in bytes of a record of `point_format`; `None` for a format that does not exist.
     pub fn base_length(point_format: u8) -> Option<usize> {
         BASE_LENGTHS.get(usize::from(point_format)).copied()
     }
@@ -266,7 +267,7 @@ impl Layout {
         attributes
             .push(Property { name: "classification_flags".into(), reading: Reading::Bits { at: 15, shift, mask } });
 
-        // How many dimensions have this name, or that name before it was told apart.
+        // The number of dimensions that have this name, or had it before a number was added.
         let mut names: HashMap<String, usize> = HashMap::new();
         names.extend(properties.iter().chain(&attributes).map(|property| (property.name.clone(), 1)));
         for extra in extra_dimensions(BASE_LENGTHS[format], record_length, descriptors, warnings) {
@@ -294,13 +295,13 @@ impl Layout {
         self.properties.iter().map(attribute).collect()
     }
 
-    /// The selectable attributes with the types they are decoded to.
+    /// The selectable attributes with the types to which they are decoded.
     pub fn column_attributes(&self) -> Vec<Attribute> {
         let attribute = |p: &Property| Attribute { name: p.name.clone(), column_type: p.reading.column_type() };
         self.attributes.iter().map(attribute).collect()
     }
 
-    /// Compressed layers that hold what is wanted. Older formats are not layered; there the answer is ignored.
+    /// The compressed layers that hold the selected properties. Older formats are not layered and ignore the result.
     pub fn layers(&self, positions: bool, colors: bool, attributes: &[bool]) -> DecompressionSelection {
         let mut layers = DecompressionSelection::XY_RETURNS_CHANNEL;
         if positions {
@@ -315,7 +316,7 @@ impl Layout {
         DecompressionSelection(layers)
     }
 
-    /// The layer that byte `at` of an extended record is in.
+    /// The layer that contains byte `at` of an extended record.
     fn layer_of(&self, at: usize) -> u32 {
         if !self.extended {
             return DecompressionSelection::ALL;
@@ -336,7 +337,8 @@ impl Layout {
     }
 }
 
-/// What the Extra Bytes records say of bytes `at..record_length`; the rest is one opaque property.
+/// The dimensions that the Extra Bytes records describe in bytes `at..record_length`; the remaining bytes are one
+/// opaque property.
 fn extra_dimensions(
     mut at: usize,
     record_length: usize,
@@ -372,7 +374,7 @@ fn extra_dimensions(
             break;
         }
         match file_type {
-            // It says nothing of any byte.
+            // It describes no byte.
             None if size == 0 => {}
             None => {
                 if undocumented == 0 {
@@ -429,7 +431,7 @@ fn element_type(data_type: u8) -> Option<ColumnType> {
     })
 }
 
-/// Text of a fixed field: up to the first NUL, without surrounding blanks.
+/// The text of a fixed field: up to the first NUL, without surrounding blanks.
 pub fn text(field: &[u8]) -> String {
     let end = field.iter().position(|&byte| byte == 0).unwrap_or(field.len());
     String::from_utf8_lossy(&field[..end]).trim().to_owned()

@@ -1,4 +1,4 @@
-//! What the properties of a vertex mean, and packed rows to the columns of a chunk.
+//! Finds what the properties of a vertex mean, and turns packed rows into the columns of a chunk.
 
 use std::sync::Arc;
 
@@ -8,10 +8,11 @@ use glam::{DVec3, Vec3};
 use super::rows::Packing;
 use crate::Selection;
 
-/// Zeroth spherical harmonic, 1 / (2 sqrt(pi)): what scales `f_dc_*` of a Gaussian splat to a colour (Kerbl et al. 2023).
+/// The zeroth spherical harmonic, 1 / (2 sqrt(pi)): it scales `f_dc_*` of a Gaussian splat to a colour (Kerbl et al.
+/// 2023).
 const SH_C0: f32 = 0.282_094_79;
 
-/// A scalar property of the vertex: its place among the properties of the element, name and type.
+/// A scalar property of the vertex: its index among the properties of the element, name and type.
 #[derive(Clone, Debug)]
 pub struct Scalar {
     pub property: usize,
@@ -19,30 +20,30 @@ pub struct Scalar {
     pub scalar: ColumnType,
 }
 
-/// How a colour value of the file becomes a byte.
+/// The conversion of a file's colour value to a byte.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scale {
-    /// `value * factor + bias`, cut off to 0 ..= 255.
+    /// `value * factor + bias`, clamped to 0 ..= 255.
     Linear { factor: f32, bias: f32 },
     /// The logistic function of the value (opacity of Gaussian splats).
     Logistic,
 }
 
-/// Which scalars (indices) hold what.
+/// The indices of the scalars by their meaning.
 #[derive(Clone, Debug, Default)]
 pub struct Roles {
     pub position: [usize; 3],
     pub colors: Option<[usize; 3]>,
-    /// Of red, green and blue; not known before values are seen.
+    /// The scales of red, green and blue; unknown before values have been sampled.
     pub color_scale: Option<[Scale; 3]>,
     pub alpha: Option<(usize, Option<Scale>)>,
     pub normals: Option<[usize; 3]>,
-    /// All others.
+    /// All other scalars.
     pub attributes: Vec<usize>,
     pub is_splats: bool,
 }
 
-/// Names a colour goes by, with its opacity; a set counts only when it is whole.
+/// The names of the colour channels and of their opacity; a set counts only if it is complete.
 const COLOR_NAMES: [[&str; 4]; 3] = [
     ["red", "green", "blue", "alpha"],
     ["diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"],
@@ -52,7 +53,7 @@ const NORMAL_NAMES: [[&str; 3]; 3] =
     [["nx", "ny", "nz"], ["normal_x", "normal_y", "normal_z"], ["normalx", "normaly", "normalz"]];
 
 impl Roles {
-    /// Finds roles by name, upper or lower case; `None` without x, y and z.
+    /// Finds the roles by name, in upper or lower case; `None` without x, y and z.
     pub fn find(scalars: &[Scalar]) -> Option<Self> {
         let index = |name: &str| scalars.iter().position(|scalar| scalar.name.eq_ignore_ascii_case(name));
         let triple = |names: [&str; 3]| Some([index(names[0])?, index(names[1])?, index(names[2])?]);
@@ -79,7 +80,7 @@ impl Roles {
         Some(roles)
     }
 
-    /// Scalars that a selection needs.
+    /// The scalars that a selection needs.
     pub fn needed(&self, selection: &Selection) -> Vec<usize> {
         let mut needed = Vec::new();
         if selection.positions {
@@ -98,8 +99,8 @@ impl Roles {
     }
 }
 
-/// The scale of colours of type `scalar` whose greatest sampled value is `greatest`: bytes as they are, wider integers by
-/// their upper eight bits unless all fit a byte, floats 0 to 1 unless some exceed 1.
+/// The scale of colours of type `scalar` whose greatest sampled value is `greatest`: bytes are unchanged; of wider
+/// integers the upper eight bits are taken, unless all fit a byte; floats are 0 to 1, unless some exceed 1.
 pub fn color_scale(scalar: ColumnType, greatest: f64) -> Scale {
     let (factor, bias) = match scalar {
         ColumnType::U8 | ColumnType::I8 => (1.0, 0.0),
@@ -117,7 +118,7 @@ pub fn color_scale(scalar: ColumnType, greatest: f64) -> Scale {
 impl Scale {
     #[inline]
     fn apply(self, value: f64) -> u8 {
-        // `as` cuts off, and makes NaN 0.
+        // `as` clamps, and turns NaN into 0.
         match self {
             Self::Linear { factor, bias } => (value as f32 * factor + bias) as u8,
             Self::Logistic => (255.0 / (1.0 + (-value as f32).exp()) + 0.5) as u8,
@@ -132,7 +133,7 @@ struct Field {
     scalar: ColumnType,
 }
 
-/// Decodes the wanted columns of packed rows.
+/// Decodes the selected columns of packed rows.
 #[derive(Clone, Debug)]
 pub struct RowDecoder {
     stride: usize,
@@ -169,7 +170,7 @@ impl RowDecoder {
     }
 }
 
-/// A number as it lies in a row.
+/// A number type as stored in a row.
 trait Number: Copy {
     fn read<const BIG: bool>(row: &[u8], offset: usize) -> Self;
     fn to_f64(self) -> f64;
@@ -242,7 +243,7 @@ macro_rules! with_type {
     };
 }
 
-/// Every value of one field, as f64 (which holds all PLY types but 64-bit integers exactly).
+/// Calls `give` with every value of one field, as f64 (which holds all PLY types but 64-bit integers exactly).
 fn each_value<const BIG: bool>(rows: &[u8], stride: usize, field: Field, mut give: impl FnMut(usize, f64)) {
     with_type!(field.scalar, T => {
         for (index, row) in rows.chunks_exact(stride).enumerate() {
@@ -251,7 +252,7 @@ fn each_value<const BIG: bool>(rows: &[u8], stride: usize, field: Field, mut giv
     });
 }
 
-/// Greatest finite magnitude of a scalar among packed rows that hold all scalars, 0 without one.
+/// The greatest finite magnitude of a scalar among packed rows that hold all scalars; 0 if there is none.
 pub fn greatest(rows: &[u8], scalar: &Scalar, packing: &Packing) -> f64 {
     let Some(offset) = packing.offsets[scalar.property] else { return 0.0 };
     let field = Field { offset, scalar: scalar.scalar };
@@ -286,12 +287,12 @@ fn extend_triples<const BIG: bool>(triples: &mut Vec<[f32; 3]>, rows: &[u8], str
     }
 }
 
-/// A chunk that grows by packed rows.
+/// A chunk that is built from packed rows.
 pub struct ChunkBuilder<'a> {
     plan: &'a RowDecoder,
     first_point: u64,
     rows: usize,
-    /// Coordinates of a type that f32 holds exactly, or the wider ones.
+    /// Coordinates of a type that f32 holds exactly; `doubles` has those of wider types.
     floats: Vec<[f32; 3]>,
     extent: Extent,
     doubles: Vec<[f64; 3]>,
@@ -301,7 +302,7 @@ pub struct ChunkBuilder<'a> {
 }
 
 impl<'a> ChunkBuilder<'a> {
-    /// `capacity`: rows that are known to be in the file.
+    /// `capacity` is a number of rows that are known to be in the file.
     pub fn new(plan: &'a RowDecoder, first_point: u64, capacity: usize) -> Self {
         let fits_f32 = plan.position.is_some_and(fit_f32);
         let capacity_if = |wanted: bool| if wanted { capacity } else { 0 };
@@ -389,7 +390,7 @@ impl<'a> ChunkBuilder<'a> {
     }
 }
 
-/// Types whose every value an f32 holds.
+/// Whether f32 holds every value of these types.
 fn fit_f32(fields: [Field; 3]) -> bool {
     fields.iter().all(|field| {
         matches!(field.scalar, ColumnType::F32 | ColumnType::U8 | ColumnType::I8 | ColumnType::U16 | ColumnType::I16)
@@ -426,13 +427,13 @@ fn extend_column<const BIG: bool>(column: &mut Column, rows: &[u8], stride: usiz
     }
 }
 
-/// Offsets from `origin`; a point that is not finite, or too far for f32, becomes NaN.
+/// The offset from `origin`; NaN for a point that is not finite or too far for f32.
 fn offset_from(origin: DVec3, position: DVec3) -> [f32; 3] {
     let offset = (position - origin).as_vec3();
     if offset.is_finite() { offset.to_array() } else { [f32::NAN; 3] }
 }
 
-/// Least and greatest coordinates, f32.
+/// The least and greatest coordinates in f32.
 #[derive(Clone, Copy)]
 struct Extent {
     least: [f32; 3],
@@ -442,10 +443,10 @@ struct Extent {
 impl Extent {
     const EMPTY: Self = Self { least: [f32::INFINITY; 3], greatest: [f32::NEG_INFINITY; 3] };
 
-    /// Grows by points, and makes those NaN that are not finite.
+    /// Includes points; points that are not finite become NaN.
     fn include(&mut self, points: &mut [[f32; 3]]) {
         for point in points {
-            // 0 for finite numbers, NaN for all others.
+            // The sum is 0 for finite numbers and NaN for all others.
             let [x, y, z] = *point;
             if x * 0.0 + y * 0.0 + z * 0.0 == 0.0 {
                 for axis in 0..3 {
@@ -465,7 +466,8 @@ impl Extent {
     }
 }
 
-/// A chunk from coordinates wider than f32, and its bounds. The doubles are kept only where offsets do not give them back.
+/// Makes a chunk of coordinates wider than f32, and its bounds. It keeps the doubles only if offsets cannot represent
+/// them.
 fn doubles_to_chunk(first_point: u64, doubles: Vec<[f64; 3]>) -> (Chunk, Bounds) {
     let finite = doubles.iter().map(|&exact| DVec3::from(exact)).find(|exact| exact.is_finite());
     let origin = finite.unwrap_or(DVec3::ZERO).round();
@@ -485,11 +487,11 @@ fn doubles_to_chunk(first_point: u64, doubles: Vec<[f64; 3]>) -> (Chunk, Bounds)
     (chunk, bounds)
 }
 
-/// A chunk from f32 coordinates, at origin 0 and so exact, or about its first point if it is far away (map coordinates)
-/// and that is exact too: then the renderer works with small numbers.
+/// Makes a chunk of f32 coordinates. Its origin is 0, which is exact; or its first point if that is far away (map
+/// coordinates) and also exact: then the renderer works with small numbers.
 fn floats_to_chunk(first_point: u64, floats: Vec<[f32; 3]>, extent: Extent) -> (Chunk, Bounds) {
     let bounds = extent.bounds();
-    // Far away: more than eight times its width, when three bits of the f32 are the same in all points.
+    // Far away: more than eight times its width, so three bits of the f32 are equal in all points.
     let is_far = bounds.min.abs().max(bounds.max.abs()).max_element() > 8.0 * bounds.size().max_element();
     if is_far && let Some(&first) = floats.iter().find(|position| !position[0].is_nan()) {
         let origin = Vec3::from(first).as_dvec3().round();

@@ -1,5 +1,5 @@
-//! The triangles of a mesh: polygons (`face`) as fans, `tristrips` as strips. Read index by index, so that a list's
-//! length is never believed.
+//! Reads the triangles of a mesh: polygons (`face`) as fans, `tristrips` as strips. They are read index by index, so
+//! that a list's length is never trusted.
 
 use std::io;
 
@@ -12,10 +12,10 @@ use super::rows::{Rows, integer, list_length, next_token, skip_elements};
 use crate::brief::brief;
 use crate::positioned_file::PositionedFile;
 
-/// Names that the list of a face's vertices goes by.
+/// The names of the list of a face's vertices.
 const INDEX_NAMES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
-/// Polygons and strips, the elements that make surfaces.
+/// Whether the element makes surfaces: polygons or strips.
 pub fn is_surface(element: &Element) -> bool {
     is_strips(element) || is_polygons(element)
 }
@@ -40,16 +40,16 @@ impl From<io::Error> for FaceError {
     }
 }
 
-/// All triangles of the file, vertex numbers checked. A file that is cut short gives those that are whole.
+/// All triangles of the file, with checked vertex numbers. A file that is cut short gives its whole triangles.
 ///
-/// `vertex` is the index of the vertex element, `rows` where its rows are.
+/// `vertex` is the index of the vertex element, `rows` is where its rows are.
 pub fn read(file: &PositionedFile, header: &Header, vertex: usize, rows: &Rows) -> Result<Vec<[u32; 3]>, FaceError> {
     let mut triangles = Vec::new();
     let mut reader = Reader::new(file, header.length, file.length());
     for (index, element) in header.elements.iter().enumerate() {
         if index == vertex {
             if rows.count < element.count {
-                // Nothing follows vertices that are not all there.
+                // Nothing follows an incomplete list of vertices.
                 break;
             }
             reader = Reader::new(file, rows.end, file.length());
@@ -75,13 +75,13 @@ pub fn read(file: &PositionedFile, header: &Header, vertex: usize, rows: &Rows) 
 /// Turns the vertex numbers of one list after the other into triangles.
 struct Surface<'a> {
     is_strips: bool,
-    /// Vertices that the header declares, and those that are there.
+    /// The number of vertices that the header declares, and of those that are in the file.
     declared: u64,
     there: u64,
     triangles: &'a mut Vec<[u32; 3]>,
     /// The fan's first corner and its last, or the strip's last two.
     corners: [u32; 2],
-    /// Corners since the start of the polygon or strip.
+    /// The number of corners since the start of the polygon or strip.
     count: u64,
 }
 
@@ -117,7 +117,7 @@ impl Surface<'_> {
     }
 }
 
-/// Reads one element; false if the file ends in it.
+/// Reads one element; returns false if the file ends in it.
 fn read_element(
     reader: &mut Reader,
     header: &Header,
@@ -145,7 +145,7 @@ fn read_element(
 
 enum Row {
     Whole,
-    /// The file ends before it is whole.
+    /// The file ends within the row.
     Cut,
     Wrong(String),
 }
@@ -199,7 +199,7 @@ fn read_text_row(
 ) -> io::Result<Row> {
     let Some((line, is_last_line)) = reader.line(newline)? else { return Ok(Row::Cut) };
     if is_last_line && !is_last_row {
-        // The file breaks off in this line, perhaps inside a number.
+        // The file ends in this line, perhaps inside a number.
         return Ok(Row::Cut);
     }
     let short =

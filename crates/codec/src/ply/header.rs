@@ -1,14 +1,14 @@
-//! The header of a PLY file: what elements follow, with which properties (G. Turk, "The PLY Polygon File Format", 1994).
+//! Parses the header of a PLY file: its elements and their properties (G. Turk, "The PLY Polygon File Format", 1994).
 
 use cloud::ColumnType;
 
 use crate::brief::brief;
 
-/// Longest header that is read. Scanners write kilobytes of comments, nobody a megabyte; a file without `end_header` is
-/// refused after this much instead of being searched to its end.
+/// The longest header that is read. Scanners write kilobytes of comments, nobody a megabyte; a file without
+/// `end_header` is refused after this much instead of being searched to its end.
 pub const MAX_HEADER_BYTES: usize = 1 << 20;
-/// Properties of an element, at most: splats have 62, learned features some hundreds. A line of text may leave out all of them,
-/// so what a point takes in memory is bounded by nothing else.
+/// The most properties of an element: splats have 62, learned features some hundreds. A line of text may leave out all
+/// of them, so nothing else bounds the memory of a point.
 const MOST_PROPERTIES: usize = 4096;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +33,7 @@ pub struct Property {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Element {
     pub name: String,
-    /// As the header says it, not checked against the file.
+    /// The number of rows that the header states, not checked against the file.
     pub count: u64,
     pub properties: Vec<Property>,
 }
@@ -41,16 +41,16 @@ pub struct Element {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
     pub encoding: Encoding,
-    /// `ascii 1.0`, as in the file.
+    /// The format as in the file, like `ascii 1.0`.
     pub format: String,
     pub elements: Vec<Element>,
-    /// Bytes the header takes.
+    /// The length of the header in bytes.
     pub length: u64,
-    /// What ends a line: `\n` (also after `\r`), or `\r` where the file has nothing else.
+    /// The end of a line: `\n` (also after `\r`), or `\r` if the file has nothing else.
     pub newline: u8,
 }
 
-/// Where the header is wrong (1-based line) and how.
+/// The 1-based line in which the header is wrong, and how.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HeaderError {
     pub line: usize,
@@ -58,7 +58,7 @@ pub struct HeaderError {
 }
 
 impl Element {
-    /// Bytes of a row in a binary file, `None` if a list makes them differ.
+    /// The size of a row in a binary file in bytes; `None` if a list makes rows differ.
     pub fn stride(&self) -> Option<u64> {
         self.properties
             .iter()
@@ -77,7 +77,7 @@ impl Element {
 }
 
 impl Header {
-    /// Index of the element whose rows are the points: `vertex`, else the first that has x, y and z.
+    /// The index of the element whose rows are the points: `vertex`, else the first that has x, y and z.
     pub fn points_element(&self) -> Option<usize> {
         let named = self.elements.iter().position(|element| element.name.eq_ignore_ascii_case("vertex"));
         named.or_else(|| {
@@ -85,8 +85,8 @@ impl Header {
         })
     }
 
-    /// Parses the start of a file. Names are the rest of their line, whatever bytes that is, for writers put brackets,
-    /// dots and spaces into them; comments may hold any bytes.
+    /// Parses the start of a file. A name is the remainder of its line, whatever bytes that has, since writers put
+    /// brackets, dots and spaces into names; comments may hold any bytes.
     pub fn parse(start: &[u8]) -> Result<Self, HeaderError> {
         // A lone CR (old Mac writers) shows in the first line: `ply`, CR, no LF.
         let newline = if start.get(3) == Some(&b'\r') && start.get(4) != Some(&b'\n') { b'\r' } else { b'\n' };
@@ -174,7 +174,7 @@ fn parse_property(arguments: &str) -> Result<Property, String> {
     Ok(Property { name: name.to_owned(), kind })
 }
 
-/// The names of the 1994 text, the sized ones that followed, and the 64-bit integers some writers add.
+/// The type names of the 1994 text, the sized ones that followed, and the 64-bit integers that some writers add.
 fn scalar_type(name: &str) -> Result<ColumnType, String> {
     Ok(match name {
         "char" | "int8" => ColumnType::I8,
@@ -191,7 +191,7 @@ fn scalar_type(name: &str) -> Result<ColumnType, String> {
     })
 }
 
-/// First word of a line, and what follows it.
+/// The first word of a line, and the text after it.
 fn split_word(line: &str) -> (&str, &str) {
     let line = line.trim_start();
     let (word, rest) = line.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((line, ""));

@@ -1,4 +1,4 @@
-//! Decimal text to numbers: the short decimals that fill ASCII files exactly and at once, everything else by `std`.
+//! Parses decimal text: the short decimals that fill ASCII files are converted exactly and fast, all others by `std`.
 //! The result always equals that of `str::parse`.
 
 /// A decimal `mantissa * 10^exponent` of at most 19 digits.
@@ -46,7 +46,7 @@ impl Decimal {
         ended.then_some((Self { negative, mantissa, exponent }, at))
     }
 
-    /// Correctly rounded, where one f64 operation on exact operands gives that (Clinger 1990).
+    /// The correctly rounded f64, where one operation on exact operands gives it (Clinger 1990).
     #[inline]
     fn to_f64(&self) -> Option<f64> {
         if self.mantissa > 1 << 53 {
@@ -58,7 +58,7 @@ impl Decimal {
         Some(if self.negative { -value } else { value })
     }
 
-    /// Correctly rounded, by way of the f64: rounding twice goes wrong only where the f64 fell on the middle between two
+    /// The correctly rounded f32, through the f64: rounding twice is wrong only if the f64 is in the middle between two
     /// f32, or outside their normal range.
     #[inline]
     fn to_f32(&self) -> Option<f32> {
@@ -69,7 +69,7 @@ impl Decimal {
     }
 }
 
-/// Appends digits to `value` (wrapping) and says how many there were.
+/// Appends digits to `value` (wrapping) and returns their number.
 #[inline]
 fn scan_digits(text: &[u8], at: &mut usize, value: &mut u64) -> usize {
     let start = *at;
@@ -80,7 +80,7 @@ fn scan_digits(text: &[u8], at: &mut usize, value: &mut u64) -> usize {
     *at - start
 }
 
-/// Length of the token at the start of `text`: up to white space or the end.
+/// The length of the token at the start of `text`: up to white space or the end.
 #[inline]
 pub fn token_length(text: &[u8]) -> usize {
     text.iter().position(|&byte| byte <= b' ').unwrap_or(text.len())
@@ -97,7 +97,7 @@ pub fn parse_f32(text: &[u8]) -> (Option<f32>, usize) {
     parse_by_std(text)
 }
 
-/// As `parse_f32`.
+/// The same as `parse_f32` for f64.
 #[inline]
 pub fn parse_f64(text: &[u8]) -> (Option<f64>, usize) {
     if let Some((decimal, length)) = Decimal::scan(text)
@@ -108,7 +108,7 @@ pub fn parse_f64(text: &[u8]) -> (Option<f64>, usize) {
     parse_by_std(text)
 }
 
-/// A whole number; `255.0` and `1e3` are taken for what they mean, a fraction is cut off.
+/// A whole number; `255.0` and `1e3` are accepted, and a fraction is cut off.
 #[inline]
 pub fn parse_integer(text: &[u8]) -> (Option<i128>, usize) {
     if let Some((Decimal { negative, mantissa, exponent: 0 }, length)) = Decimal::scan(text) {
@@ -200,7 +200,7 @@ mod tests {
             agrees_with_std(&format!("{:e}", f64::from_bits(wide)));
         }
 
-        /// The middle between two neighbouring f32, where rounding twice goes wrong, and the decimals beside it.
+        /// The middle between two neighbouring f32, where rounding twice is wrong, and the decimals beside it.
         #[test]
         fn decimals_beside_the_middle_of_two_floats_parse_as_std_does(mantissa in 1_u32 << 23..1 << 24, down in 0_u32..8) {
             let middle = (f64::from(mantissa) + 0.5) / f64::from(1 << down);

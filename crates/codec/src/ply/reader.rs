@@ -1,28 +1,29 @@
-//! Buffered reads at a place of a file that other threads read too: whole lines, small pieces, long skips. Memory stays
-//! at one piece, whatever the file says of itself.
+//! Buffered reads from a part of a file that other threads read too: whole lines, small pieces, long skips. The memory
+//! is bounded by one piece, whatever the file contains.
 
 use std::io;
 
 use crate::positioned_file::PositionedFile;
 
-/// Bytes asked of the system at a time: large enough to hide the call, small enough to stay in the second-level cache
-/// while the piece is decoded.
+/// The bytes read per system call: enough to hide the cost of the call, and few enough to stay in the second-level
+/// cache while the piece is decoded.
 pub const PIECE_BYTES: usize = 256 << 10;
 
-/// A longer line is cut here and its rest passed over, so that a file without line ends cannot fill the memory.
+/// The longest line. A longer one is cut here and the remainder skipped, so that a file without line ends cannot fill
+/// the memory.
 pub const MAX_LINE_BYTES: usize = 4 << 20;
 
 pub struct Reader<'a> {
     file: &'a PositionedFile,
-    /// `at..filled` is read and not used up.
+    /// `at..filled` has been read but not used.
     buffer: Vec<u8>,
     at: usize,
     filled: usize,
-    /// Offset in the file of what follows.
+    /// The offset in the file of the byte after the buffer.
     next: u64,
     end: u64,
     piece: usize,
-    /// A cut line's rest is still to be passed over.
+    /// Whether the remainder of a cut line has still to be skipped.
     in_cut_line: bool,
 }
 
@@ -32,12 +33,12 @@ impl<'a> Reader<'a> {
         Self { file, buffer: Vec::new(), at: 0, filled: 0, next: offset, end, piece: PIECE_BYTES, in_cut_line: false }
     }
 
-    /// The same for a few bytes: 4 KiB are read at a time, not a whole piece.
+    /// The same for a few bytes: reads 4 KiB at a time instead of a whole piece.
     pub fn short(file: &'a PositionedFile, offset: u64, end: u64) -> Self {
         Self { piece: 4096, ..Self::new(file, offset, end) }
     }
 
-    /// Offset in the file of the next byte that is not used up.
+    /// The offset in the file of the next unused byte.
     pub fn position(&self) -> u64 {
         self.next - (self.filled - self.at) as u64
     }
@@ -46,7 +47,7 @@ impl<'a> Reader<'a> {
         self.end
     }
 
-    /// Drops what is used up and adds a piece; false at the end.
+    /// Drops the used bytes and adds a piece; returns false at the end.
     fn fill(&mut self) -> io::Result<bool> {
         self.buffer.copy_within(self.at..self.filled, 0);
         self.filled -= self.at;
@@ -65,7 +66,7 @@ impl<'a> Reader<'a> {
         Ok(count > 0)
     }
 
-    /// The next `length` bytes, `None` if there are fewer. For small lengths: all of it is buffered.
+    /// The next `length` bytes; `None` if there are fewer. For small lengths: all of them are buffered.
     #[inline]
     pub fn take(&mut self, length: usize) -> io::Result<Option<&[u8]>> {
         while self.filled - self.at < length {
@@ -78,7 +79,7 @@ impl<'a> Reader<'a> {
         Ok(Some(&self.buffer[start..self.at]))
     }
 
-    /// Passes over `length` bytes; false, at the end, if there are fewer.
+    /// Skips `length` bytes; returns false, at the end, if there are fewer.
     #[inline]
     pub fn skip(&mut self, length: u64) -> io::Result<bool> {
         let buffered = (self.filled - self.at) as u64;
@@ -92,8 +93,8 @@ impl<'a> Reader<'a> {
         Ok(target <= self.end)
     }
 
-    /// A whole number of `stride`-byte rows, as many as fit a piece; empty at the end. A last row that is cut off is
-    /// not given.
+    /// A whole number of `stride`-byte rows, as many as fit a piece; empty at the end. An incomplete last row is left
+    /// out.
     pub fn rows(&mut self, stride: usize) -> io::Result<&[u8]> {
         // After the first piece a part of a row may be left over; it is moved to the front.
         if self.filled - self.at < stride {
@@ -105,8 +106,8 @@ impl<'a> Reader<'a> {
         Ok(&self.buffer[start..self.at])
     }
 
-    /// A run of whole lines, as many as a piece has; empty at the end. Each ends in `newline` but the last of the file,
-    /// and one longer than `MAX_LINE_BYTES`, which comes alone and cut.
+    /// A run of whole lines, as many as a piece has; empty at the end. Each ends in `newline` except the last of the
+    /// file and one longer than `MAX_LINE_BYTES`, which is cut and comes alone.
     pub fn lines(&mut self, newline: u8) -> io::Result<&[u8]> {
         while self.in_cut_line {
             let length = self.buffer[self.at..self.filled].iter().position(|&byte| byte == newline);
@@ -153,7 +154,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Passes over `count` lines that are not blank; how many there were.
+    /// Skips `count` lines that are not blank; returns how many there were.
     pub fn skip_lines(&mut self, count: u64, newline: u8) -> io::Result<u64> {
         let mut skipped = 0;
         while skipped < count {
@@ -180,10 +181,11 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Lines of a run that are not blank.
+/// The number of lines of a run that are not blank.
 pub fn count_lines(run: &[u8], newline: u8) -> u64 {
     let Some(&first) = run.first() else { return 0 };
-    // Nearly always each line begins with its content; then two counts tell, in runs of 255 that a vector of bytes holds.
+    // Nearly always each line begins with its content; then two counts are enough, in runs of 255 so that a vector of
+    // bytes holds the counts.
     let (mut lines, mut begun) = (1, u64::from(first > b' '));
     for (bytes, followers) in run.chunks(255).zip(run[1..].chunks(255)) {
         let (mut ends, mut starts) = (0_u8, 0_u8);
@@ -201,7 +203,7 @@ pub fn count_lines(run: &[u8], newline: u8) -> u64 {
     run.split(|&byte| byte == newline).filter(|line| !is_blank(line)).count() as u64
 }
 
-/// Control characters count as white space: no number has them.
+/// Whether a line is blank. Control characters count as white space: no number has them.
 pub fn is_blank(line: &[u8]) -> bool {
     line.iter().all(|&byte| byte <= b' ')
 }

@@ -1,9 +1,9 @@
-//! Where the rows of the vertex element lie in the file, and how they become packed rows: scalars only, at fixed
-//! places, which `columns` decodes alike for all encodings.
+//! Finds the rows of the vertex element in the file, and turns them into packed rows: scalars only, at fixed places,
+//! which `columns` decodes alike for all encodings.
 //!
-//! Rows without lists in a binary file are packed rows already. Binary rows with lists are walked once, and lines of
-//! text are counted once (by all threads) when the file is opened, because only that tells where a row is and how many
-//! there really are: some 5 % of the time that reading them takes.
+//! Rows without lists in a binary file are packed rows already. When the file is opened, binary rows with lists are
+//! walked once and lines of text are counted once (by all threads), because nothing else tells where a row is and how
+//! many there really are: some 5 % of the time of reading them.
 
 use std::io;
 
@@ -16,12 +16,13 @@ use super::reader::{PIECE_BYTES, Reader, count_lines, is_blank};
 use crate::brief::brief;
 use crate::positioned_file::PositionedFile;
 
-/// Bytes of the scalars of a chunk, at most: whole chunks of rows up to 256 bytes.
+/// The most bytes of the scalars of a chunk: whole chunks of rows up to 256 bytes.
 const CHUNK_BYTES: usize = 16 << 20;
-/// Packed rows of text are handed on when they are so many bytes. A line that leaves out numbers is shorter than its row.
+/// Packed rows of text are passed on when they have this many bytes. A line that leaves out numbers is shorter than its
+/// row.
 const PACKED_BYTES: usize = 4 * PIECE_BYTES;
 
-/// Points of a chunk, at most.
+/// The most points of a chunk.
 pub fn chunk_points(element: &Element) -> usize {
     let size = |property: &Property| match property.kind {
         Kind::Scalar(scalar) => scalar.size(),
@@ -31,7 +32,7 @@ pub fn chunk_points(element: &Element) -> usize {
     CHUNK_POINTS.min(CHUNK_BYTES / stride.max(1)).max(1)
 }
 
-/// Rows that follow each other in the file; each block but text ones of uneven rows becomes one chunk.
+/// Consecutive rows of the file. Each block becomes one chunk, except text blocks with rows of uneven length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
     pub offset: u64,
@@ -40,14 +41,14 @@ pub struct Block {
     pub rows: u64,
 }
 
-/// The rows of the vertex element that are really there.
+/// The rows of the vertex element that the file really has.
 #[derive(Debug, Default)]
 pub struct Rows {
     pub blocks: Vec<Block>,
     pub count: u64,
-    /// Offset of what follows the last row.
+    /// The offset of the byte after the last row.
     pub end: u64,
-    /// Why there are fewer than the header says, unless the file just ends.
+    /// Why there are fewer rows than the header says, unless the file just ends.
     pub problem: Option<String>,
 }
 
@@ -104,15 +105,15 @@ fn locate_lines(file: &PositionedFile, start: u64, newline: u8, count: u64) -> i
     if count == 0 {
         return Ok(Rows { end: start, ..Rows::default() });
     }
-    // Lines are about as long as the first ones; a block aims at 15/16 of a chunk, so that one somewhat denser still
-    // fits. 16 MiB bound the work between two looks at the cancel flag.
+    // Lines are assumed to be about as long as the first ones; a block aims at 15/16 of a chunk, so that a somewhat
+    // denser one still fits. 16 MiB bound the work between two checks of the cancel flag.
     let (head, head_lines) = {
         let mut reader = Reader::new(file, start, file.length());
         let head = reader.lines(newline)?;
         (head.len() as u64, count_lines(head, newline).max(1))
     };
     let block_bytes = (head * (CHUNK_POINTS as u64 * 15 / 16) / head_lines).clamp(64 << 10, 16 << 20);
-    // Blocks counted at a time: enough for all threads, few enough to stop soon after the last vertex.
+    // The number of blocks counted at a time: enough for all threads, few enough to stop soon after the last vertex.
     let wave_blocks = rayon::current_num_threads() * 8;
 
     let mut rows = Rows::default();
@@ -138,7 +139,7 @@ fn locate_lines(file: &PositionedFile, start: u64, newline: u8, count: u64) -> i
     rows.end = file.length();
     if let Some(last) = rows.blocks.last_mut() {
         if rows.count == count {
-            // The last block may run on into what follows the vertices.
+            // The last block may extend into the data after the vertices.
             let mut reader = Reader::new(file, last.offset, last.end);
             reader.skip_lines(last.rows, newline)?;
             last.end = reader.position();
@@ -153,7 +154,7 @@ fn locate_lines(file: &PositionedFile, start: u64, newline: u8, count: u64) -> i
     Ok(rows)
 }
 
-/// Offset after the first line end at or after `offset`, no more than `end`.
+/// The offset after the first line end at or after `offset`, at most `end`.
 fn next_line(file: &PositionedFile, offset: u64, end: u64, newline: u8) -> io::Result<u64> {
     if offset >= end {
         return Ok(end);
@@ -168,7 +169,8 @@ fn next_line(file: &PositionedFile, offset: u64, end: u64, newline: u8) -> io::R
     }
 }
 
-/// Passes over whole elements. Gives the rows of the last of them, and what is wrong with the first that is not whole.
+/// Skips whole elements. Returns the number of rows of the last of them, and what is wrong with the first incomplete
+/// one.
 pub fn skip_elements(reader: &mut Reader, header: &Header, elements: &[Element]) -> io::Result<(u64, Option<String>)> {
     let mut found = 0;
     for element in elements {
@@ -196,7 +198,8 @@ pub fn skip_elements(reader: &mut Reader, header: &Header, elements: &[Element])
     Ok((found, None))
 }
 
-/// Passes over `count` binary rows that hold lists. Stops before the first that is not whole; why, if not at the end.
+/// Skips `count` binary rows that hold lists. Stops before the first that is not whole, and says why unless the file
+/// just ends.
 fn skip_list_rows(
     reader: &mut Reader,
     encoding: Encoding,
@@ -228,7 +231,7 @@ fn skip_list_rows(
     Ok((count, None))
 }
 
-/// Packed rows from places all over the file, some thousand of them: what a file means is decided from these.
+/// Some thousand packed rows from all over the file, from which its conventions are decided.
 pub fn sample(file: &PositionedFile, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8>> {
     let mut sample = Vec::new();
     let stride = packing.stride.max(1) as u64;
@@ -242,7 +245,7 @@ pub fn sample(file: &PositionedFile, rows: &Rows, packing: &Packing) -> io::Resu
     Ok(sample)
 }
 
-/// Places a sample is taken from, rows at each, and bytes of their packed rows at most.
+/// The number of places of a sample, of rows at each, and the most bytes of their packed rows.
 const SAMPLE_PLACES: u64 = 64;
 const SAMPLE_ROWS: u64 = 16;
 const SAMPLE_BYTES: u64 = 64 << 10;
@@ -264,14 +267,14 @@ fn sample_blocks(file: &PositionedFile, rows: &Rows, header: &Header, stride: Op
             let end = next_line(file, offset + 4096, rows.end, header.newline)?.min(rows.end);
             sample.push(Block { offset, end, first_row: 0, rows: SAMPLE_ROWS });
         } else if let Some(block) = rows.blocks.get(place as usize * rows.blocks.len().div_ceil(64)) {
-            // Only the start of a block is known to be one of a row.
+            // Only the start of a block is known to be the start of a row.
             sample.push(Block { rows: block.rows.min(64 * SAMPLE_ROWS), ..*block });
         }
     }
     Ok(sample)
 }
 
-/// What is wrong with the first sampled line that has not as many numbers as the header says.
+/// What is wrong with the first sampled line whose number of values differs from the header's.
 pub fn check_lines(
     file: &PositionedFile,
     rows: &Rows,
@@ -301,7 +304,7 @@ pub fn check_lines(
     Ok(None)
 }
 
-/// A binary list's length, or the negative number it is instead.
+/// A binary list's length, or the negative number that stands in its place.
 #[inline]
 pub fn list_length(bytes: &[u8], length: ColumnType, encoding: Encoding) -> Result<u64, i64> {
     let value = integer(bytes, length, encoding);
@@ -325,10 +328,11 @@ pub fn integer(bytes: &[u8], scalar: ColumnType, encoding: Encoding) -> i128 {
     }
 }
 
-/// Longest list that a record shows whole.
+/// The longest list that a record shows whole.
 const RECORD_ITEMS: usize = 64;
 
-/// Every property of a vertex as text: the file's own in ascii, shortest exact decimals else. `None` if the row is gone.
+/// Every property of a vertex as text: the file's own in ascii, else the shortest exact decimal. `None` if the row is
+/// gone.
 pub fn record(
     file: &PositionedFile,
     header: &Header,
@@ -406,17 +410,17 @@ pub struct Packing<'a> {
     pub header: &'a Header,
     properties: &'a [Property],
     keep: Vec<bool>,
-    /// Bytes of a packed row.
+    /// The size of a packed row in bytes.
     pub stride: usize,
-    /// Where a property is in the packed row; none for a list or one that is not kept.
+    /// Where a property is in the packed row; `None` for a list or one that is not kept.
     pub offsets: Vec<Option<usize>>,
-    /// Text is packed little-endian; binary rows stay as they are.
+    /// Whether packed rows are big-endian. Text is packed little-endian; binary rows keep their order.
     pub big_endian: bool,
     is_strided: bool,
 }
 
 impl<'a> Packing<'a> {
-    /// `keep`: one per property. Rows that are packed already keep everything.
+    /// `keep` has one entry per property. Rows that are packed already keep everything.
     pub fn new(header: &'a Header, element: &'a Element, mut keep: Vec<bool>) -> Self {
         let is_strided = header.encoding != Encoding::Ascii && element.stride().is_some();
         let mut stride = 0;
@@ -433,7 +437,7 @@ impl<'a> Packing<'a> {
                 }
             })
             .collect();
-        // What follows the last property that is kept is passed over with its line; binary rows are walked to the end.
+        // Text after the last kept property is skipped with its line; binary rows are walked to the end.
         let used = match header.encoding {
             Encoding::Ascii => keep.iter().rposition(|&keep| keep).map_or(0, |last| last + 1),
             _ => keep.len(),
@@ -443,8 +447,9 @@ impl<'a> Packing<'a> {
         Self { header, properties, keep, stride, offsets, big_endian, is_strided }
     }
 
-    /// Reads `block` and gives its packed rows in pieces. Gives back how many rows were read and how many of them were
-    /// damaged: text with a number missing or not a number, which becomes NaN, or 0 for an integer.
+    /// Reads `block` and passes its packed rows to `give` in pieces. Returns how many rows were read and how many of
+    /// them were damaged: text with a missing number or a token that is no number, which becomes NaN, or 0 for an
+    /// integer.
     pub fn read(&self, file: &PositionedFile, block: Block, mut give: impl FnMut(&[u8])) -> io::Result<(u64, u64)> {
         let mut reader = Reader::new(file, block.offset, block.end);
         let (mut rows, mut damaged) = (0, 0);
@@ -494,8 +499,8 @@ impl<'a> Packing<'a> {
         Ok((rows, damaged))
     }
 
-    /// Appends the packed row of the first line of `text` that is not blank. Gives back whether all its numbers were
-    /// there, and the bytes used, or `None` at the end of the text.
+    /// Appends the packed row of the first line of `text` that is not blank. Returns whether it had all its numbers,
+    /// and the number of bytes used; `None` at the end of the text.
     #[inline]
     pub fn pack_line(&self, text: &[u8], newline: u8, packed: &mut Vec<u8>) -> Option<(bool, usize)> {
         let mut at = 0;
@@ -532,12 +537,12 @@ impl<'a> Packing<'a> {
                 }
             }
         }
-        // On to the next line.
+        // Continues with the next line.
         let end = text[at..].iter().position(|&byte| byte == newline);
         Some((whole, end.map_or(text.len(), |end| at + end + 1)))
     }
 
-    /// Appends the packed row of the next binary row with lists; false if it is not whole.
+    /// Appends the packed row of the next binary row with lists; returns false if it is not whole.
     fn pack_list_row(&self, reader: &mut Reader, packed: &mut Vec<u8>) -> io::Result<bool> {
         let start = packed.len();
         for (property, &keep) in std::iter::zip(self.properties, &self.keep) {
@@ -564,7 +569,7 @@ impl<'a> Packing<'a> {
     }
 }
 
-/// Where the next token of the line starts, or the line ends.
+/// The start of the line's next token, or the end of the line.
 #[inline]
 pub fn next_token(text: &[u8], mut at: usize, newline: u8) -> usize {
     while let Some(&byte) = text.get(at)
@@ -576,8 +581,8 @@ pub fn next_token(text: &[u8], mut at: usize, newline: u8) -> usize {
     at
 }
 
-/// Appends the number at the start of `text` in its declared type, little-endian; its length, and whether it was one.
-/// An integer beyond its type becomes the nearest it has.
+/// Appends the number at the start of `text` in its declared type, little-endian. Returns its length, and whether it
+/// was a number. An integer beyond its type becomes the nearest value of the type.
 #[inline]
 fn pack_number(text: &[u8], scalar: ColumnType, packed: &mut Vec<u8>) -> (usize, bool) {
     macro_rules! pack_integer {

@@ -23,7 +23,7 @@ fn builder(version: (u8, u8), format: Format) -> Builder {
     builder
 }
 
-/// Points whose every field says something, as `format` keeps it.
+/// Points with a telling value in every field that `format` keeps.
 pub fn points(format: u8, count: usize) -> Vec<Point> {
     let format = Format::new(format).unwrap();
     let mut noise = Random(7);
@@ -106,7 +106,7 @@ pub fn descriptor(name: &str, data_type: u8, scale_and_offset: Option<(f64, f64)
     bytes
 }
 
-/// Points per chunk of a LAZ file.
+/// The number of points per chunk of a LAZ file.
 pub enum Chunks<'a> {
     Fixed(u32),
     Variable(&'a [usize]),
@@ -174,7 +174,7 @@ pub fn terrain(points: usize) -> Vec<u8> {
     let record_length = 36;
     file.reserve(points * record_length);
     let mut noise = Random(1);
-    /// Points per scan line and lines per strip.
+    /// The number of points per scan line and of lines per strip.
     const LINE: usize = 1_000;
     const STRIP: usize = 2_000;
     for index in 0..points {
@@ -203,7 +203,7 @@ pub fn terrain(points: usize) -> Vec<u8> {
         }
         file.extend(record);
     }
-    // The writer knew no points: counts, old and new.
+    // The writer knew no points: the counts, old and new.
     file[107..111].copy_from_slice(&0_u32.to_le_bytes());
     file[247..255].copy_from_slice(&(points as u64).to_le_bytes());
     debug_assert_eq!(file.len(), start + points * record_length);

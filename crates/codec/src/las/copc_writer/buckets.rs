@@ -1,4 +1,4 @@
-//! Records in lists that together are larger than memory: what does not fit goes to one temporary file.
+//! Lists of records that together are larger than memory: what does not fit goes to one temporary file.
 
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
@@ -6,16 +6,16 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A temporary file that many lists share. It has no name, so that it goes away with the program.
+/// A temporary file that many lists share. It has no name, so it vanishes with the program.
 pub struct Spill {
     file: Mutex<(File, u64)>,
-    /// Bytes of all lists that are in memory, and how many there may be.
+    /// The number of bytes of all lists that are in memory; `limit` is the most there may be.
     buffered: AtomicUsize,
     limit: usize,
 }
 
 impl Spill {
-    /// In `folder`; lists keep up to `limit` bytes in memory.
+    /// Makes the file in `folder`; lists keep up to `limit` bytes in memory.
     pub fn new(folder: &Path, limit: usize) -> io::Result<Self> {
         Ok(Self { file: Mutex::new((tempfile::tempfile_in(folder)?, 0)), buffered: AtomicUsize::new(0), limit })
     }
@@ -30,13 +30,13 @@ pub struct Buckets<'a> {
 #[derive(Default)]
 struct List {
     buffer: Vec<u8>,
-    /// Offset and bytes of what is in the file.
+    /// The offsets and sizes in bytes of the parts in the file.
     written: Vec<(u64, usize)>,
     bytes: u64,
 }
 
 impl<'a> Buckets<'a> {
-    /// A list this long is written as soon as memory is short.
+    /// A list of this length is written as soon as memory is short.
     const BLOCK: usize = 256 << 10;
 
     pub fn new(spill: &'a Spill, count: usize) -> Self {
@@ -47,7 +47,7 @@ impl<'a> Buckets<'a> {
         self.lists.len()
     }
 
-    /// Bytes of a list.
+    /// The size of a list in bytes.
     pub fn bytes(&self, list: usize) -> u64 {
         locked(&self.lists[list]).bytes
     }
@@ -73,7 +73,7 @@ impl<'a> Buckets<'a> {
         Ok(())
     }
 
-    /// The records of a list piece by piece, in pieces of some megabytes at most; the list is then empty.
+    /// Passes the records of a list to `take`, in pieces of some megabytes at most; the list is then empty.
     pub fn drain(&self, list: usize, mut take: impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         let list = std::mem::take(&mut *locked(&self.lists[list]));
         let mut piece = Vec::new();

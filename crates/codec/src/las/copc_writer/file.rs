@@ -1,4 +1,4 @@
-//! The file as it is written: header, records, chunks in the order they come, chunk table, hierarchy.
+//! Writes the COPC file: header, records, chunks in the order of their arrival, chunk table, hierarchy.
 
 use std::collections::BTreeSet;
 use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom, Write};
@@ -16,26 +16,26 @@ use crate::las::layout::{bytes, text};
 
 const HEADER_LENGTH: u16 = 375;
 const INFO_LENGTH: usize = 160;
-/// Bytes of a record's head, and of an extended one's.
+/// The sizes in bytes of a record's head, and of an extended one's.
 const HEAD_LENGTH: usize = 54;
 const EXTENDED_HEAD_LENGTH: u64 = 60;
-/// Bits of the header that tell where wave packets are, and that the coordinate system is WKT.
+/// The header's bits that say where wave packets are, and that the coordinate system is WKT.
 const WAVE_PACKETS: u16 = 2 | 4;
 const WKT: u16 = 16;
-/// Nodes of a page, at most, that has no pages below it: 128 KiB.
+/// The most nodes of a page without pages below it: 128 KiB.
 const PAGE_NODES: usize = 4096;
-/// Levels of a page that has some.
+/// The number of levels of a page with pages below it.
 const PAGE_LEVELS: u32 = 5;
-/// Nodes that are a page of their own, at least.
+/// The least number of nodes for a page of their own.
 const LEAST_PAGE_NODES: usize = 16;
-/// Levels that a code has room for.
+/// The number of levels that fit in a code.
 const CODE_LEVELS: u32 = 21;
-/// Cells along a node's edge that it keeps a point of.
+/// The number of cells along a node's edge; it keeps a point of each.
 const SPACINGS: f64 = (1 << tree::CELL_LEVELS) as f64;
 
 pub struct CopcFile {
     out: BufWriter<NamedTempFile>,
-    /// Bytes written, which is where the next ones go.
+    /// The number of bytes written, which is the offset of the next ones.
     end: u64,
     data_start: u32,
     records: u32,
@@ -54,7 +54,7 @@ struct Entry {
 }
 
 impl Entry {
-    /// The deepest cells it holds.
+    /// The range of the deepest cells that the node contains.
     fn covers(&self) -> Range<u64> {
         let shift = 3 * (CODE_LEVELS - self.level);
         self.code << shift..(self.code + 1) << shift
@@ -62,7 +62,7 @@ impl Entry {
 }
 
 impl CopcFile {
-    /// Writes what comes before the points. Header and info record are written last.
+    /// Writes everything before the points. The header and the info record are written last.
     pub fn start(file: NamedTempFile, plan: &OutputFormat, sources: &[LasSource]) -> io::Result<Self> {
         let mut head = vec![0; usize::from(HEADER_LENGTH) + HEAD_LENGTH + INFO_LENGTH];
         let mut laszip = Vec::new();
@@ -80,7 +80,7 @@ impl CopcFile {
             let start = head.len();
             first.file.section(place.start, place.end).read_to_end(&mut head)?;
             if sources.len() > 1 && is_extra_bytes(&head[start..]) {
-                // The ranges of the first file's values are not those of all.
+                // The ranges of the first file's values are not those of all files.
                 head[start + HEAD_LENGTH..]
                     .chunks_exact_mut(192)
                     .for_each(|descriptor| descriptor[3] &= !RANGE_OPTIONS);
@@ -88,7 +88,7 @@ impl CopcFile {
             records += 1;
         }
         let data_start = u32::try_from(head.len()).map_err(io::Error::other)?;
-        // The chunk table's place.
+        // The place of the chunk table's offset.
         head.extend([0; 8]);
         let mut out = BufWriter::with_capacity(1 << 20, file);
         out.write_all(&head)?;
@@ -103,7 +103,7 @@ impl CopcFile {
         })
     }
 
-    /// Nodes written.
+    /// The number of nodes written.
     pub fn nodes(&self) -> usize {
         self.nodes.len()
     }
@@ -119,7 +119,7 @@ impl CopcFile {
         Ok(())
     }
 
-    /// Writes what is left; the file is whole then.
+    /// Writes the remainder of the file, which is then complete.
     pub fn finish(
         mut self,
         plan: &OutputFormat,
@@ -165,8 +165,8 @@ impl CopcFile {
         Ok(file)
     }
 
-    /// Pages of all nodes, to be at byte `start` of the file, and where the root's is. Nodes that only have nodes below them are
-    /// listed without points.
+    /// The pages of all nodes, to be written at byte `start` of the file, and the range of the root's page. Nodes that
+    /// only have nodes below them are listed without points.
     fn hierarchy(&mut self, start: u64) -> io::Result<(Vec<u8>, Range<u64>)> {
         let mut listed: BTreeSet<(u32, u64)> = self.nodes.iter().map(|node| (node.level, node.code)).collect();
         for index in 0..self.nodes.len() {
@@ -179,14 +179,14 @@ impl CopcFile {
                 self.nodes.push(Entry { level, code, offset: 0, bytes: 0, points: 0 });
             }
         }
-        // Each before those below it, and those before the next of its level.
+        // Each node comes before those below it, and those before the next of its level.
         self.nodes.sort_unstable_by_key(|node| (node.covers().start, node.level));
         let mut pages = Vec::new();
         let root = write_page(&self.nodes, start, &mut pages)?;
         Ok((pages, root))
     }
 
-    /// The first file's header with what is different now.
+    /// The first file's header with the values that have changed.
     fn header(
         &self,
         plan: &OutputFormat,
@@ -233,8 +233,8 @@ impl CopcFile {
     }
 }
 
-/// Writes the page of a node and all below it, then the pages below that one: there are readers that look for the root's first.
-/// Returns where it is.
+/// Writes the page of a node and all nodes below it, then the pages below that one: some readers look for the root's
+/// page first.
 fn write_page(nodes: &[Entry], start: u64, pages: &mut Vec<u8>) -> io::Result<Range<u64>> {
     let mut listed: Vec<(Entry, Option<&[Entry]>)> = Vec::new();
     let mut rest = nodes;
@@ -326,7 +326,7 @@ mod tests {
     use crate::las::compressed::CompressedChunk;
     use crate::positioned_file::PositionedFile;
 
-    /// Four nodes below each, for so many levels; one branch in ten goes no further down.
+    /// Four nodes below each, for this many levels; one branch in ten goes no further down.
     fn surface(levels: u32) -> Vec<Entry> {
         let mut nodes = Vec::new();
         let mut codes = vec![0_u64];

@@ -1,4 +1,4 @@
-//! Point records of any format and grid to those of a COPC file: point formats 6 to 8 on one grid.
+//! Converts point records of any format and grid to those of a COPC file: point formats 6 to 8 on one grid.
 
 use cloud::Grid;
 use glam::DVec3;
@@ -6,24 +6,24 @@ use glam::DVec3;
 use crate::las::LasSource;
 use crate::las::layout::{Layout, bytes};
 
-/// Bytes of a record of formats 6 to 8 before its colours.
+/// The size in bytes of a record of formats 6 to 8 before its colours.
 const BASE_LENGTH: usize = 30;
-/// Steps of an angle of formats 6 to 10 in a degree.
+/// The number of steps of an angle of formats 6 to 10 in a degree.
 const ANGLE_STEPS: f64 = 1.0 / 0.006;
-/// The class that says "overlap" in formats 0 to 5, where later ones have a flag.
+/// The class that means "overlap" in formats 0 to 5; later ones have a flag for it.
 const OVERLAP_CLASS: u8 = 12;
 
-/// What points are made of in the file to write.
+/// The contents of points in the file to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Target {
     pub colors: bool,
     pub near_infrared: bool,
-    /// Bytes of extra dimensions.
+    /// The number of bytes of extra dimensions.
     pub extra: usize,
 }
 
 impl Target {
-    /// Holds what a point of any of the formats has, but wave packets.
+    /// A format that holds everything that points of these formats have, except wave packets.
     pub fn new(formats: impl Iterator<Item = u8> + Clone, extra: usize) -> Self {
         let any = |of: &[u8]| formats.clone().any(|format| of.contains(&format));
         Self { colors: any(&[2, 3, 5, 7, 8, 10]), near_infrared: any(&[8, 10]), extra }
@@ -42,7 +42,7 @@ impl Target {
     }
 }
 
-/// Takes records of one file to the target.
+/// Converts records of one file to the target.
 pub struct Upgrade {
     target: Target,
     target_grid: Grid,
@@ -53,7 +53,7 @@ pub struct Upgrade {
     gps_time: Option<usize>,
     red: Option<usize>,
     near_infrared: Option<usize>,
-    /// Bytes of a record of the file.
+    /// The size in bytes of a record of the file.
     pub record_length: usize,
 }
 
@@ -75,7 +75,7 @@ impl Upgrade {
         }
     }
 
-    /// Whether the target's grid gives coordinates back exactly.
+    /// Whether the target's grid represents the coordinates exactly.
     pub fn is_exact(&self) -> bool {
         let shift = (self.grid.offset - self.target_grid.offset) / self.target_grid.scale;
         let ratio = self.grid.scale / self.target_grid.scale;
@@ -83,7 +83,7 @@ impl Upgrade {
         whole(shift) && whole(ratio)
     }
 
-    /// Appends a record; `false` if its coordinates are too far away for the target's grid.
+    /// Appends a record; returns `false` if its coordinates are too far away for the target's grid.
     pub fn push(&self, record: &[u8], out: &mut Vec<u8>) -> bool {
         if self.same_grid {
             out.extend_from_slice(&record[..12]);
@@ -112,8 +112,8 @@ impl Upgrade {
         true
     }
 
-    /// What lies between coordinates and colours, of formats 0 to 5. Nothing is lost: a class of 12 (overlap) stays, and the
-    /// flag that later formats have for it is set, too.
+    /// Writes the fields between coordinates and colours of formats 0 to 5. Nothing is lost: a class of 12 (overlap)
+    /// stays, and the flag that later formats have for it is set, too.
     fn push_old(&self, record: &[u8], out: &mut Vec<u8>) {
         let (returns, class) = (record[14], record[15]);
         let overlap = if class & 0x1f == OVERLAP_CLASS { 8 } else { 0 };
@@ -129,7 +129,7 @@ impl Upgrade {
     }
 }
 
-/// What a header says of all its points.
+/// The header's statistics of all its points.
 #[derive(Clone, Debug)]
 pub struct Statistics {
     pub points: u64,
@@ -184,7 +184,7 @@ impl Statistics {
     }
 }
 
-/// GPS time of a record of the target.
+/// The GPS time of a record of the target.
 pub fn time(record: &[u8]) -> f64 {
     f64::from_le_bytes(bytes(record, 22))
 }

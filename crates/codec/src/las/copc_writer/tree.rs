@@ -1,21 +1,21 @@
-//! Which node of the octree a point goes to.
+//! Decides which node of the octree a point goes to.
 //!
-//! Points have keys: 21 bits per axis of their place in the root's cube, interleaved, so that a cell of any level is a range of
-//! keys. A node keeps one point per cell seven levels below it (128 cells along its edge), the one nearest to the cell's
-//! middle; what it leaves goes on to its children.
+//! Points have keys: 21 bits per axis of their place in the root's cube, interleaved, so that a cell of any level is a
+//! range of keys. A node keeps one point per cell seven levels below it (128 cells along its edge), the one nearest to
+//! the cell's middle; its children take the others.
 
 use cloud::Grid;
 use glam::{DVec3, IVec3};
 
-/// Levels of cells that a key tells apart.
+/// The number of cell levels that a key distinguishes.
 pub const KEY_LEVELS: u32 = 21;
-/// Levels between a node and the cells it keeps a point of.
+/// The number of levels between a node and the cells of which it keeps a point.
 pub const CELL_LEVELS: u32 = 7;
-/// So few points are one node.
+/// The most points that are one node without children.
 const LEAF: usize = 65_536;
 /// Children with fewer points than this stay in their parent.
 const FEW: usize = 4_000;
-/// A node that would keep more takes larger cells.
+/// The most points that a node keeps; with more it takes larger cells.
 const MOST: usize = 50_000;
 
 /// The root's cube on the grid of the file.
@@ -27,9 +27,9 @@ pub struct Cube {
 }
 
 impl Cube {
-    /// A cube that holds what lies between two corners, both included.
+    /// A cube that contains everything between two corners, both included.
     pub fn new(lowest: DVec3, highest: DVec3, grid: Grid) -> Self {
-        // Far from the origin a step of the grid may be less than what numbers tell apart.
+        // Far from the origin a step of the grid may be less than the precision of the numbers.
         let largest = lowest.abs().max(highest.abs()).max_element();
         let margin = grid.scale.abs().max(DVec3::splat(4.0 * f64::EPSILON * largest));
         let width = (highest - lowest + 2.0 * margin).max_element();
@@ -40,7 +40,7 @@ impl Cube {
         point.cmpge(self.corner).all() && point.cmplt(self.corner + self.width).all()
     }
 
-    /// Key of a point; of one outside, that of the cell nearest to it.
+    /// The key of a point; for a point outside, the key of the nearest cell.
     pub fn key(&self, raw: [i32; 3]) -> u64 {
         let world = IVec3::from(raw).as_dvec3() * self.grid.scale + self.grid.offset;
         let cells = f64::from(1_u32 << KEY_LEVELS);
@@ -49,7 +49,7 @@ impl Cube {
     }
 }
 
-/// A point: its key, and its place in a list of records.
+/// A point: its key, and its index in a list of records.
 pub type Keyed = (u64, u32);
 
 /// The code of a cell of `level`: its keys without the bits of further levels.
@@ -57,7 +57,7 @@ pub fn code(key: u64, level: u32) -> u64 {
     key >> (3 * (KEY_LEVELS - level))
 }
 
-/// Bits of x, y and z taken in turn, x lowest.
+/// Interleaves the bits of x, y and z, x lowest.
 fn interleave(cell: [u32; 3]) -> u64 {
     let spread = |value: u32| {
         let mut bits = u64::from(value) & 0x1f_ffff;
@@ -70,7 +70,7 @@ fn interleave(cell: [u32; 3]) -> u64 {
     spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
 }
 
-/// Cells before it in x, y and z.
+/// The number of cells before it in x, y and z.
 pub fn cell(code: u64) -> [u32; 3] {
     let gather = |bits: u64| {
         let mut bits = bits & 0x1249_2492_4924_9249;
@@ -83,7 +83,7 @@ pub fn cell(code: u64) -> [u32; 3] {
     [gather(code), gather(code >> 1), gather(code >> 2)]
 }
 
-/// Takes one point of each cell of `level` for which `free` says so out of sorted `points`.
+/// Takes one point of each cell of `level` for which `free` returns true out of sorted `points`.
 pub fn take(points: &mut Vec<Keyed>, level: u32, mut free: impl FnMut(u64) -> bool) -> Vec<Keyed> {
     let mut taken = Vec::new();
     let mut rest = Vec::with_capacity(points.len());
@@ -163,7 +163,7 @@ mod tests {
         let mut points: Vec<Keyed> = (0..400_000)
             .map(|index| {
                 state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                // Half of them in a corner, many at one place.
+                // Half of them are in a corner, many at one place.
                 let key = if index % 2 == 0 { state >> 1 } else { state >> 31 };
                 (if index % 10 == 0 { 77 } else { key }, index)
             })
