@@ -1,4 +1,4 @@
-//! What the `color.*` parameters mean for a cloud: where the colour comes from, over which range of values, and the ramps.
+//! Interprets the `color.*` parameters for a cloud: the source of the colour, the range of values, and the ramps.
 
 use cloud::{Cloud, Scalar, histogram, percentile_range};
 use glam::DVec3;
@@ -7,16 +7,16 @@ use scene::{Color, ColorBy, Ramp};
 
 use crate::layout;
 
-/// Where a point's colour comes from. The shaders know it by `COLOR_*`.
+/// The source of a point's colour. The shaders know it as `COLOR_*`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColorSource {
     Plain,
     Rgb,
     Normal,
     Class,
-    /// Coordinate along the axis that points up.
+    /// The coordinate along the axis that points up.
     Height,
-    /// Index into `Cloud::attributes`.
+    /// The index in `Cloud::attributes`.
     Column(usize),
 }
 
@@ -37,15 +37,15 @@ impl ColorSource {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColorPlan {
     pub source: ColorSource,
-    /// What is shown, for people: `RGB`, `height`, `intensity`, an attribute's name.
+    /// The name of the source for people: `RGB`, `height`, `intensity`, an attribute's name.
     pub label: String,
     pub ramp: Ramp,
-    /// sRGB colour of points without another.
+    /// The sRGB colour of points without another.
     pub plain: [u8; 4],
-    /// Values at the ramp's ends (heights: world coordinate along the up axis).
+    /// The values at the ramp's ends (for heights: the world coordinate along the up axis).
     pub low: f64,
     pub high: f64,
-    /// All values but the most extreme thousandth at each end: what a histogram should span.
+    /// The range of all values but the most extreme thousandth at each end, which a histogram should span.
     pub full_range: (f64, f64),
 }
 
@@ -61,8 +61,8 @@ fn attribute_of(by: ColorBy) -> Option<&'static str> {
 }
 
 impl ColorPlan {
-    /// Resolves `auto`, and falls back to it, with a warning, where a cloud lacks what is asked for. `up` decides which axis
-    /// heights are measured along.
+    /// Resolves `auto`, and falls back to it, with a warning, if a cloud lacks what the setting asks for. `up` decides
+    /// along which axis heights are measured.
     pub fn new(cloud: &Cloud, color: &Color, up: DVec3) -> (Self, Option<String>) {
         let has_colors = cloud.chunks.iter().any(|chunk| chunk.colors.is_some());
         let mut warning = None;
@@ -116,14 +116,15 @@ impl ColorPlan {
         lacking.then_some(index)
     }
 
-    /// How many points fall into each of `bins` equal parts of `full_range`; empty for colours that are no ramp.
+    /// The number of points in each of `bins` equal parts of `full_range`; empty for colours without a ramp.
     pub fn histogram(&self, cloud: &Cloud, up: DVec3, bins: usize) -> Vec<u32> {
         scalar_of(self.source, up).map_or(Vec::new(), |scalar| histogram(&cloud.chunks, scalar, self.full_range, bins))
     }
 }
 
-/// RGB where there is any. A survey (scaled integer coordinates) without has its intensity, if that varies, else its height.
-/// Any other cloud is shown plain: the floats that meshes and reconstructions call intensity are rarely brightness.
+/// RGB if the cloud has it. A survey (scaled integer coordinates) without RGB shows its intensity, if that varies, else
+/// its height. Any other cloud is plain: the floats that meshes and reconstructions call intensity are rarely
+/// brightness.
 fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>) -> ColorSource {
     if has_colors {
         return ColorSource::Rgb;
@@ -149,8 +150,8 @@ fn scalar_of(source: ColorSource, up: DVec3) -> Option<Scalar> {
     }
 }
 
-/// Control points of the ramps, evenly spaced, sRGB: nine samples of the published tables (turbo: Mikhailov 2019; viridis
-/// and magma: van der Walt and Smith 2015; spectral: ColorBrewer), linear in between.
+/// The control points of the ramps, evenly spaced, sRGB: nine samples of the published tables (turbo: Mikhailov 2019;
+/// viridis and magma: van der Walt and Smith 2015; spectral: ColorBrewer), linear in between.
 fn control_points(ramp: Ramp) -> &'static [[u8; 3]] {
     match ramp {
         Ramp::Turbo => &[
@@ -201,7 +202,7 @@ fn control_points(ramp: Ramp) -> &'static [[u8; 3]] {
     }
 }
 
-/// The 256 colours of a ramp, sRGB, low to high.
+/// The 256 colours of a ramp in sRGB, low to high.
 pub fn ramp_colors(ramp: Ramp) -> [[u8; 4]; 256] {
     let points = control_points(ramp);
     std::array::from_fn(|i| {
@@ -215,7 +216,7 @@ pub fn ramp_colors(ramp: Ramp) -> [[u8; 4]; 256] {
     })
 }
 
-/// Names of the ASPRS classes (LAS 1.4 R15, table 17); empty for reserved and user-defined codes.
+/// The names of the ASPRS classes (LAS 1.4 R15, table 17); empty for reserved and user-defined codes.
 pub fn class_name(class: u8) -> &'static str {
     match class {
         0 => "never classified",
@@ -245,7 +246,7 @@ pub fn class_name(class: u8) -> &'static str {
     }
 }
 
-/// sRGB colour of a class: customary ones for the ASPRS classes, hues spread by the golden ratio for the others.
+/// The sRGB colour of a class: the customary one for an ASPRS class, a hue spread by the golden ratio for others.
 pub fn class_color(class: u8) -> [u8; 4] {
     let [red, green, blue] = match class {
         0 | 1 => [170, 170, 170],

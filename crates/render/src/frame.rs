@@ -1,18 +1,18 @@
-//! What a frame shows: the objects of the scene, and what the shaders are told of the camera.
+//! The objects that a frame shows, and the camera as the shaders get it.
 
 use glam::{DMat3, DVec3, Vec4};
 use scene::{Camera, Mirror, Projection, SpotLight, ViewSettings};
 
 use crate::layout::Frame;
 
-/// What stands in the scene besides points.
+/// The objects of the scene besides points.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Objects<'a> {
-    /// Mirrors with a formula. The points that are drawn for them are clouds of the store, whose material says so.
+    /// Mirrors with a formula. The points that represent them are clouds of the store, whose material says so.
     pub mirrors: &'a [Mirror],
     /// Spot lights. Only the first four shine.
     pub lights: &'a [SpotLight],
-    /// The scene has no walls: without lights, a sun and a sky light it.
+    /// Whether the scene has no walls: without lights, a sun and a sky light it.
     pub sky_is_open: bool,
 }
 
@@ -25,19 +25,20 @@ pub struct FrameCamera {
     pub orthographic: bool,
     pub size: [u32; 2],
     pub near: f64,
-    /// Orthographic: distance of the pivot.
+    /// The distance of the pivot, for a parallel projection.
     pub reference_depth: f64,
-    /// How far the eye was moved back from the camera's own.
+    /// The distance by which the eye was moved back from the camera's own.
     pub moved_back: f64,
-    /// Of what is drawn, world units.
+    /// The radius of what is drawn in world units.
     pub scene_radius: f64,
-    /// Where mirrors may be in the picture.
+    /// The tiles of the picture in which mirrors may be.
     pub mirror_tiles: Tiles,
-    /// Only what lies before this plane is there to be seen. Passes that splat look at it if they are told to (`clips`).
+    /// Only points in front of this plane are visible. Splatting passes test it if `clips` is set.
     pub clip: Option<Plane>,
 }
 
-/// The places whose product with the unit normal is the offset; before it lie those of a larger product. World units.
+/// A plane: the places whose product with the unit normal is the offset. Places with a larger product are in front of
+/// it. World units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
     pub normal: DVec3,
@@ -56,15 +57,15 @@ impl Tiles {
         self.count.contains(&0)
     }
 
-    /// All of a picture.
+    /// All tiles of a picture.
     pub fn of(size: [u32; 2]) -> Self {
         Self { first: [0; 2], count: size.map(|edge| edge.div_ceil(8)) }
     }
 }
 
 impl FrameCamera {
-    /// `scene_radius`: of what is drawn, world units. A parallel projection has no eye that things could be behind of, so its
-    /// eye is moved back until all of the scene is before it.
+    /// `scene_radius` is the radius of what is drawn, in world units. The eye of a parallel projection is moved back
+    /// until the whole scene is in front of it.
     pub fn new(camera: &Camera, view: &ViewSettings, size: [u32; 2], scene_center: DVec3, scene_radius: f64) -> Self {
         let orthographic = view.projection == Projection::Orthographic;
         let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
@@ -80,8 +81,8 @@ impl FrameCamera {
             eye -= forward * moved_back;
             0.0
         } else {
-            // A ten-thousandth of the distance looked at: close enough for flying through walls, and f32 depth keeps its
-            // relative precision whatever it is.
+            // A ten-thousandth of the camera's distance: close enough for flying through walls, and the relative
+            // precision of f32 depth does not depend on it.
             distance * 1e-4
         };
         let reference_depth = if orthographic { distance } else { 0.0 };
@@ -101,7 +102,8 @@ impl FrameCamera {
         }
     }
 
-    /// A perspective view without a picture's camera, as a light has it. `focal_pixels`: pixels per unit of tangent.
+    /// A perspective view without a picture's camera, for lights. `focal_pixels` is the number of pixels per unit of
+    /// tangent.
     pub fn along(eye: DVec3, direction: DVec3, focal_pixels: f64, size: [u32; 2]) -> Self {
         let forward = direction.normalize_or(-DVec3::Z);
         let right = forward.any_orthonormal_vector();
@@ -120,14 +122,14 @@ impl FrameCamera {
         }
     }
 
-    /// A parallel view without a picture's camera, as a sun has it; nothing behind `eye` is seen.
+    /// A parallel view without a picture's camera, for suns; nothing behind `eye` is visible.
     pub fn parallel_along(eye: DVec3, direction: DVec3, pixels_per_unit: f64, size: [u32; 2]) -> Self {
         let reference_depth = direction.length();
         Self { orthographic: true, near: 0.0, reference_depth, ..Self::along(eye, direction, pixels_per_unit, size) }
     }
 
-    /// The camera behind a plane's mirror, which sees what lies before the plane. Its right is the mirrored right: a pixel
-    /// shows what the mirror shows at the same pixel of this camera's picture.
+    /// The camera mirrored at a plane, which sees what is in front of the plane. Its right is the mirrored right: a
+    /// pixel shows what the mirror shows at the same pixel of this camera's picture.
     pub fn mirrored(self, plane: Plane) -> Self {
         let Plane { normal, offset } = plane;
         let [x, y, z] = normal.to_array().map(|part| normal * part);
@@ -160,7 +162,7 @@ impl FrameCamera {
         }
     }
 
-    /// World position seen at a pixel coordinate (centres at halves) at a linear depth.
+    /// The world position at a pixel coordinate (centres at halves) and a linear depth.
     pub fn world_from_pixel(&self, x: f64, y: f64, depth: f64) -> DVec3 {
         let scale = if self.orthographic { 1.0 } else { depth } / self.focal_pixels;
         let view =
@@ -168,20 +170,20 @@ impl FrameCamera {
         self.eye + self.view_from_world.transpose() * view
     }
 
-    /// Pixels that a world unit takes at the nearest point of a sphere; infinite if that is not before the eye.
+    /// The pixels per world unit at the nearest point of a sphere; infinite if that is not in front of the eye.
     pub fn most_pixels_per_unit(&self, center: DVec3, radius: f64) -> f64 {
         let nearest = (self.view_from_world.row(2).dot(center - self.eye) - radius).max(0.0);
         if self.orthographic { self.focal_pixels } else { self.focal_pixels / nearest }
     }
 
-    /// The tiles that spheres may be seen in, widened by `margin` pixels; empty if there are none.
+    /// The tiles in which spheres may be seen, widened by `margin` pixels; empty if there are none.
     pub fn tiles_of(&self, spheres: impl Iterator<Item = (DVec3, f64)>, margin: f64) -> Tiles {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for (center, radius) in spheres.filter(|(center, radius)| self.sees(*center, *radius, margin)) {
             let view = self.view_from_world * (center - self.eye);
             for (axis, offset) in [view.x, -view.y].into_iter().enumerate() {
                 let middle = f64::from(self.size[axis]) * 0.5;
-                // Slopes of the two lines through the eye that touch the sphere, seen along the other axis.
+                // The slopes of the two lines through the eye that touch the sphere, seen along the other axis.
                 let [from, to] = if self.orthographic {
                     [offset - radius, offset + radius]
                 } else if view.z > radius {
@@ -195,7 +197,7 @@ impl FrameCamera {
                 high[axis] = high[axis].max(middle + to * self.focal_pixels + margin);
             }
         }
-        // Written so that "nothing" (infinite the wrong way round) gives no tiles.
+        // An empty range (infinite the wrong way round) gives no tiles.
         let tile = |pixel: f64, edge: u32| (pixel / 8.0).floor().clamp(0.0, f64::from(edge.div_ceil(8))) as u32;
         let first = [0, 1].map(|axis| tile(low[axis], self.size[axis]));
         let end = [0, 1].map(|axis| tile(high[axis] + 8.0, self.size[axis]));
@@ -215,7 +217,7 @@ impl FrameCamera {
             if self.orthographic {
                 offset.abs() <= half + radius
             } else {
-                // Distance to the side plane through the eye.
+                // The distance to the side plane through the eye.
                 (offset.abs() - half * view.z) / (1.0 + half * half).sqrt() <= radius
             }
         })
@@ -256,7 +258,7 @@ mod tests {
                 let before = behind - normal * (2.0 * (normal.dot(behind) - plane.offset));
                 assert!(mirrored.world_from_pixel(x, y, depth).distance(before) < 1e-9);
             }
-            // Along one line of sight: behind the plane there is nothing to be seen.
+            // Along one line of sight nothing behind the plane is visible.
             assert!(mirrored.sees(mirrored.world_from_pixel(200.0, 150.0, 9.0), 0.0, 0.0));
             assert!(!mirrored.sees(mirrored.world_from_pixel(200.0, 150.0, 3.0), 0.0, 0.0));
         }

@@ -1,4 +1,4 @@
-//! Adapters and devices: what there is, what is chosen and why.
+//! Adapters and devices: lists the adapters, chooses one and says why.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -17,7 +17,7 @@ pub enum Error {
     Device { adapter: String, problem: String },
     #[error("{0}")]
     Shader(String),
-    /// Something was asked of a frame that it does not have.
+    /// A caller asked for an image that the frame does not have.
     #[error("{0}")]
     NotRendered(String),
     #[error("the graphics device was lost or failed: {0}")]
@@ -26,13 +26,13 @@ pub enum Error {
     TooLarge { what: &'static str, bytes: u64, limit: u64, adapter: String, advice: &'static str },
 }
 
-/// Where pass times come from.
+/// The source of pass times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
     /// Timestamps written by the GPU.
     Gpu,
-    /// The host's clock around a submit that is waited for: adapters without timestamps, and CPU adapters, where compute
-    /// timestamps are wrong (lavapipe 22.3.6 gives 0.05 ms for a dispatch of 450 ms).
+    /// The host's clock around a submit that is waited for: for adapters without timestamps, and for CPU adapters,
+    /// whose compute timestamps are wrong (lavapipe 22.3.6 gives 0.05 ms for a dispatch of 450 ms).
     Host,
 }
 
@@ -52,21 +52,21 @@ pub struct Gpu {
     pub queue: wgpu::Queue,
     pub info: wgpu::AdapterInfo,
     pub clock: Clock,
-    /// 64-bit atomic maximum in storage buffers.
+    /// Whether storage buffers have a 64-bit atomic maximum.
     pub atomics64: bool,
-    /// The first error that no scope was there for (memory that ran out, a lost device): the next wait reports it.
+    /// The first error outside of any error scope (memory that ran out, a lost device): the next wait reports it.
     failure: Arc<Mutex<Option<String>>>,
 }
 
-/// How long a frame may take before the device is given up for lost: software Vulkan compiles shaders for seconds at the first
+/// The time after which the device is taken for lost: software Vulkan compiles shaders for seconds at the first
 /// dispatch, and slower still on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Backends glint runs on: storage buffers in numbers and 64-bit atomics rule GL out.
+/// The backends that glint runs on: the number of storage buffers and 64-bit atomics rule out GL.
 const BACKENDS: wgpu::Backends = wgpu::Backends::PRIMARY;
 
 impl Gpu {
-    /// An adapter without a window. `wanted`: part of an adapter's name, or `cpu`; `None` takes the fastest.
+    /// Opens an adapter without a window. `wanted` is a part of an adapter's name, or `cpu`; `None` takes the fastest.
     ///
     /// # Errors
     /// No such adapter, or it gives no device.
@@ -77,10 +77,10 @@ impl Gpu {
         Self::open(best(&instance, None, wanted)?)
     }
 
-    /// An adapter that can present to `surface`.
+    /// Opens an adapter that can present to `surface`.
     ///
     /// # Errors
-    /// As `headless`.
+    /// Those of `headless`.
     pub fn for_surface(
         instance: &wgpu::Instance,
         surface: &wgpu::Surface<'_>,
@@ -155,7 +155,7 @@ impl Gpu {
         self.read_rows(texture, 0, texture.height())
     }
 
-    /// Copies `count` rows of a texture from row `first` on to the CPU, without padding.
+    /// Copies `count` rows of a texture from row `first` to the CPU, without padding.
     ///
     /// # Errors
     /// The device was lost.
@@ -191,7 +191,7 @@ impl Gpu {
     }
 }
 
-/// What one adapter is and can do.
+/// The name and abilities of one adapter.
 #[derive(Clone, Debug)]
 pub struct AdapterReport {
     pub name: String,
@@ -263,7 +263,7 @@ fn best(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>, wanted: 
     }
 }
 
-/// Discrete before integrated before virtual before software, then in the system's order.
+/// Chooses discrete before integrated before virtual before software adapters, then goes by the system's order.
 fn choose(infos: &[wgpu::AdapterInfo], wanted: Option<&str>) -> Option<usize> {
     let rank = |kind| match kind {
         wgpu::DeviceType::DiscreteGpu => 0,

@@ -1,6 +1,6 @@
-//! The numbers that points are known by on the GPU: where two are equally near, the number chooses, and random draws follow from
-//! it. It says which cloud, which chunk of it and which point of that, so a picture does not depend on where in the store a
-//! point lies, which follows from the order of arrival.
+//! The identities of points on the GPU: among points at equal distances the identity decides, and random draws depend
+//! on it. It encodes the cloud, the chunk and the point's index, so a picture does not depend on where in the store a
+//! point is, which follows from the order of arrival.
 
 use std::collections::HashMap;
 
@@ -8,15 +8,15 @@ use crate::store::ChunkId;
 
 #[derive(Default)]
 pub(crate) struct Identities {
-    /// First identity and chunk, in order.
+    /// The first identity of each chunk, in order.
     chunks: Vec<(u32, ChunkId)>,
     first: HashMap<ChunkId, u32>,
-    /// One more than the last.
+    /// One more than the last identity.
     end: u32,
 }
 
 impl Identities {
-    /// Numbers the points of chunks in this order; `room`: how many numbers each takes.
+    /// Numbers the points of chunks in this order; with each chunk comes the number of identities that it takes.
     pub fn new(order: impl Iterator<Item = (ChunkId, u32)>) -> Self {
         let mut identities = Self::default();
         for (chunk, room) in order {
@@ -27,7 +27,7 @@ impl Identities {
         identities
     }
 
-    /// Of a chunk's first point: the others follow.
+    /// The identity of a chunk's first point; the others follow.
     pub fn first_of(&self, chunk: ChunkId) -> u32 {
         self.first.get(&chunk).copied().unwrap_or_default()
     }
@@ -36,7 +36,7 @@ impl Identities {
         self.end
     }
 
-    /// The chunk that has a number, and the index of the point in it, which may be beyond its last one.
+    /// The chunk that contains an identity, and the index of the point in it, which may be beyond its last one.
     pub fn find(&self, identity: u32) -> Option<(ChunkId, usize)> {
         let after = self.chunks.partition_point(|(first, _)| *first <= identity);
         let (first, chunk) = self.chunks.get(after.checked_sub(1)?)?;

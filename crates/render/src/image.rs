@@ -11,7 +11,7 @@ pub enum Aov {
     Albedo,
     /// 1 where the specular intensity is above 0, else 0.
     Mirror,
-    /// Share of the light that is reflected, 0 to 1.
+    /// The share of the light that is reflected, 0 to 1.
     SpecularIntensity,
     /// Exponent of the highlights of mirrors.
     SpecularPower,
@@ -19,22 +19,23 @@ pub enum Aov {
     Position,
     /// Shaded colour before tone mapping, linear RGB.
     Color,
-    /// Radiance of direct light, linear RGB; of a mirror, what is left of it beside the reflection.
+    /// The radiance of direct light, linear RGB; for a mirror, the part that remains beside the reflection.
     Direct,
-    /// Radiance of light from the sky, and of light that surfaces have reflected before, without reflections, linear RGB.
+    /// The radiance of light from the sky and of light that surfaces have reflected before, without reflections, linear
+    /// RGB.
     Indirect,
-    /// World position of what is seen by one reflection; coverage.
+    /// The world position seen by one reflection; coverage.
     MirrorPosition,
-    /// Linear RGB of what is seen by one reflection.
+    /// The linear RGB of the surface seen by one reflection.
     MirrorAlbedo,
-    /// World normal of what is seen by one reflection.
+    /// The world normal of the surface seen by one reflection.
     MirrorNormal,
-    /// Flags of SSCR's curvature map: 1 convex and 2 hollow along x, 4 and 8 along y, 16 and 32 a step of depth.
+    /// The flags of SSCR's curvature map: 1 convex and 2 hollow along x, 4 and 8 along y, 16 and 32 a step of depth.
     Curvature,
-    /// SSCR's regions, from 1; 0: in none.
+    /// The numbers of SSCR's regions, from 1; 0 outside of all regions.
     Regions,
-    /// Why what is seen by one reflection is not to be trusted: 1 closed from its neighbours, 2 more than a pixel beside the
-    /// reflected ray, 3 alone among neighbours that show other surfaces; 0: trusted.
+    /// Why the point seen by one reflection is doubtful: 1 closed from its neighbours, 2 more than a pixel beside the
+    /// reflected ray, 3 alone among neighbours that show other surfaces; 0 if it is trusted.
     Uncertain,
 }
 
@@ -79,13 +80,13 @@ impl Aov {
         }
     }
 
-    /// Empty wherever no mirror is seen.
+    /// Whether the image is empty except where a mirror is seen.
     pub(crate) fn is_of_mirrors(self) -> bool {
         use Aov::{Curvature, MirrorAlbedo, MirrorNormal, MirrorPosition, Regions, Uncertain};
         matches!(self, MirrorPosition | MirrorAlbedo | MirrorNormal | Curvature | Regions | Uncertain)
     }
 
-    /// Channel names as OpenEXR has them.
+    /// The channel names of OpenEXR.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Depth => &["Z"],

@@ -1,4 +1,4 @@
-//! What a frame uploads: camera, parameters, and which points of which page are drawn how.
+//! The data that a frame uploads: the camera, the parameters, and the points of each page to draw with each kernel.
 
 use scene::Settings;
 
@@ -7,7 +7,7 @@ use crate::gpu::Gpu;
 use crate::layout::{Block, Page};
 use crate::store::{ChunkId, DrawList, PageDraw, PointStore};
 
-/// What a frame uploads.
+/// The data that a frame uploads.
 pub(crate) struct Inputs {
     pub camera: FrameCamera,
     pub size: [u32; 2],
@@ -18,12 +18,12 @@ pub(crate) struct Inputs {
     palette: wgpu::Buffer,
     pub filter_classes: bool,
     pub pages: Vec<PageInputs>,
-    /// Chunks that are drawn, and the first word of each in the class masks.
+    /// The chunks that are drawn, and the first word of each in the class masks.
     pub chunks: Vec<(ChunkId, u32)>,
 }
 
 pub(crate) struct PageInputs {
-    /// Number of the page in the store.
+    /// The number of the page in the store.
     pub number: usize,
     pub page: wgpu::Buffer,
     pub points: wgpu::Buffer,
@@ -33,7 +33,7 @@ pub(crate) struct PageInputs {
     pub lists: Vec<ListInputs>,
 }
 
-/// Blocks of one page that one kernel draws.
+/// The blocks of one page that one kernel draws.
 pub(crate) struct ListInputs {
     pub page: wgpu::Buffer,
     pub blocks: wgpu::Buffer,
@@ -124,13 +124,13 @@ impl Inputs {
             .map(|buffer| buffer.as_entire_binding())
     }
 
-    /// Workgroups of a pass over the pixels where mirrors may be seen.
+    /// The number of workgroups of a pass over the pixels where mirrors may be seen.
     pub fn mirror_groups(&self) -> [u32; 3] {
         let [x, y] = self.camera.mirror_tiles.count;
         [x, y, 1]
     }
 
-    /// Workgroups of a pass over all pixels.
+    /// The number of workgroups of a pass over all pixels.
     pub fn pixel_groups(&self) -> [u32; 3] {
         [self.size[0].div_ceil(8), self.size[1].div_ceil(8), 1]
     }

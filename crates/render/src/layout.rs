@@ -1,10 +1,10 @@
-//! What Rust and the shaders must agree on, in one table: structs, the bytes of what only shaders look into, and constants. The
-//! tests below compare every line with the shaders.
+//! The layouts that Rust and the shaders share, in one table: structs, the sizes of structs that only shaders access,
+//! and constants. The tests below compare every line with the shaders.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 
-/// Declares the structs that buffers are filled with. They hold scalars and vec4 only: the padding of vec3 is a silent corruption.
+/// Declares the structs that fill buffers. They hold scalars and vec4 only: the padding of vec3 is a silent corruption.
 macro_rules! structs {
     ($($(#[$doc:meta])* $Struct:ident { $($(#[$field_doc:meta])* $field:ident: $Type:ident),* $(,)? })*) => {
         $(
@@ -44,15 +44,15 @@ structs! {
         specular_intensity: f32, specular_power: f32, class_mask: u32, height: f32,
         height_axis: Vec4,
     }
-    /// What one workgroup splats, of shaders/shared/splat.wgsl.
+    /// The points that one workgroup splats, of shaders/shared/splat.wgsl.
     Block { item: u32, first: u32, count: u32, first_identity: u32 }
-    /// What differs from page to page of the store, of shaders/shared/splat.wgsl.
+    /// The values of one page of the store, of shaders/shared/splat.wgsl.
     Page { block_count: u32, point_count: u32, is_first: u32, unused: u32 }
     /// A light with a shadow map, of shaders/shared/light.wgsl.
     LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
-    /// How views of the light are laid out, of shaders/shared/light_view.wgsl.
+    /// The layout of the views of the light, of shaders/shared/light_view.wgsl.
     LightViews { columns: u32, edge: u32, count: u32, unused: u32, nearest: Vec4, farthest: Vec4 }
-    /// What all virtual lights share, of shaders/shared/vpl.wgsl.
+    /// The values that all virtual lights share, of shaders/shared/vpl.wgsl.
     Virtual {
         eye_radius: Vec4,
         disc_radius: f32, nearest: f32, steps: f32, map_size: u32,
@@ -61,31 +61,32 @@ structs! {
     }
     /// A virtual light, of shaders/shared/vpl.wgsl.
     Vpl { position: Vec4, normal: Vec4, intensity: Vec4, glossy: Vec4, incoming: Vec4, tangent: Vec4 }
-    /// Which virtual lights and maps a pass works on, of shaders/shared/vpl.wgsl.
+    /// The virtual lights and maps that a pass works on, of shaders/shared/vpl.wgsl.
     Step {
         first_light: u32, bounce: u32, fine_size: u32, fine_first: u32,
         coarse_first: u32, unused_0: u32, unused_1: u32, unused_2: u32,
     }
-    /// A lamp or the sun, which virtual lights come from, of shaders/vpl_place.wgsl.
+    /// A lamp or the sun, from which virtual lights come, of shaders/vpl_place.wgsl.
     Emitter { position: Vec4, axis_focal: Vec4, right: Vec4, up: Vec4, flux: Vec4, strength: Vec4, angles: Vec4 }
     /// A mirror that is drawn by its formula, of shaders/shared/mirror_formula.wgsl.
     FormulaMirror {
         x_kind: Vec4, y_parameter: Vec4, z_size: Vec4, position_reach: Vec4, color_intensity: Vec4,
         specular_power: f32, unused_1: f32, unused_2: f32, unused_3: f32,
     }
-    /// The box about all points, before the mirrors with their maps, of shaders/shared/mirror_places.wgsl.
+    /// The box about all points; it precedes the mirrors with maps in their buffer, of
+    /// shaders/shared/mirror_places.wgsl.
     MappedMirrors { scene_low: Vec4, scene_high: Vec4 }
     /// A mirror with the map of its surroundings, of shaders/shared/mirror_places.wgsl.
     MappedMirror { low_map: Vec4, high: Vec4, view: Vec4 }
     /// A node of a tree of discs, of shaders/shared/surfel_tree.wgsl. Positions are relative to the chunk's origin; nodes and discs
     /// count from the chunk's first.
     Node {
-        /// Lower corner of the box of the discs.
+        /// The lower corner of the discs' box.
         low: Vec3,
         /// The node that follows when a ray misses this one.
         skip: u32,
         high: Vec3,
-        /// First disc and count of a leaf; `INNER` else.
+        /// The first disc and the count of a leaf; `INNER` for other nodes.
         leaf: u32,
     }
     /// A chunk's tree among those of its page, of shaders/shared/surfel_tree.wgsl.
@@ -93,11 +94,11 @@ structs! {
         origin_margin: Vec4, first_node: u32, end_node: u32, first_surfel: u32, class_mask: u32,
         first_identity: u32, unused_0: u32, unused_1: u32, unused_2: u32,
     }
-    /// Which draw of a region a search is for, of shaders/sscr_solve.wgsl.
+    /// The draw of a region that a search is for, of shaders/sscr_solve.wgsl.
     Round { draw: u32, seed: u32 }
 }
 
-/// Declares how many bytes the structs take that only shaders look into.
+/// Declares the sizes in bytes of structs that only shaders access.
 macro_rules! sizes {
     ($($Struct:ident: $BYTES:ident = $bytes:literal;)*) => {
         $(pub const $BYTES: u64 = $bytes;)*
@@ -113,7 +114,7 @@ sizes! {
     Solution: SOLUTION_BYTES = 8;
 }
 
-/// Declares how many bytes an element of a buffer takes that holds no structs, and a pass and slot that it is bound to.
+/// Declares the size in bytes of an element of a buffer without structs, and a pass and slot to which it is bound.
 macro_rules! elements {
     ($($pass:ident.$slot:ident: $BYTES:ident = $bytes:literal;)*) => {
         $(pub const $BYTES: u64 = $bytes;)*
@@ -143,7 +144,7 @@ elements! {
     vpl_shadow_splat.shadow_maps: VIRTUAL_TEXEL_BYTES = 4;
 }
 
-/// Declares constants that the shaders have by the same name.
+/// Declares constants that the shaders have under the same name.
 macro_rules! constants {
     ($($(#[$doc:meta])* $NAME:ident: $Type:ident = $value:expr;)*) => {
         $($(#[$doc])* pub const $NAME: $Type = $value;)*
@@ -153,41 +154,42 @@ macro_rules! constants {
 }
 
 constants! {
-    /// Points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
+    /// The number of points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
     BLOCK_POINTS: u32 = 1024;
-    /// Words a pixel of the sums of the highlights of a splatted surface.
+    /// The number of words per pixel for the sums of the highlights of a splatted surface.
     SPECULAR_WORDS: u64 = 3;
-    /// Depths that differ by this share or less are of one surface.
+    /// Depths belong to one surface if they differ by this share or less.
     SAME_SURFACE: f32 = 0.02;
-    /// Texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about as fine as a splat.
+    /// The number of texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about
+    /// as fine as a splat.
     SHADOW_SIZE: u32 = 1024;
-    /// The same where virtual lights are placed.
+    /// The same for the maps from which virtual lights are placed.
     LAMP_MAP_SIZE: u32 = SHADOW_SIZE;
-    /// Directions that are tried for a virtual light.
+    /// The number of directions that are tried for a virtual light.
     VPL_TRIES: u32 = 8;
-    /// No texel to try.
+    /// There is no texel to try.
     AIM_NONE: u32 = u32::MAX;
     /// A virtual light without a parent.
     PARENT_NONE: u32 = u32::MAX;
-    /// Kind of a virtual light of the sky.
+    /// The kind of a virtual light of the sky.
     VPL_SKY: f32 = 2.0;
-    /// Vectors that are kept of a point that casts indirect shadows.
+    /// The number of vectors kept for a point that casts indirect shadows.
     OCCLUDER_VECTORS: u64 = 2;
-    /// Counters of a layer of shadow maps.
+    /// The number of counters of a layer of shadow maps.
     AIM_COUNTS: u64 = 2;
     /// Marks an inner node of a tree of discs.
     INNER: u32 = u32::MAX;
-    /// Words of a tile's list of nodes.
+    /// The number of words of a tile's list of nodes.
     LIST_WORDS: u64 = 97;
-    /// Smallest region, in pixels: what a bracket fits in.
+    /// The smallest region in pixels that a bracket fits in.
     LEAST_REGION: u64 = 4;
-    /// Pixels that a workgroup numbers the regions of.
+    /// The number of pixels in which one workgroup numbers the regions.
     RUN_PIXELS: u32 = 1024;
-    /// Words a pixel of where searches ended.
+    /// The number of words per pixel for where searches ended.
     ENDING_WORDS: u64 = 3;
-    /// Words of the sums of a mirror pixel; their carries take half a word each.
+    /// The number of words of the sums of a mirror pixel; their carries take half a word each.
     MIRROR_SUMS: u64 = 12;
-    /// What a frame's reflections count: places of the counters.
+    /// The indices of the counters of a frame's reflections.
     MIRROR_PIXELS: usize = 0;
     FOUND_PIXELS: usize = 1;
     CLOSED_PIXELS: usize = 2;
@@ -198,14 +200,14 @@ constants! {
     NODES_TESTED: usize = 7;
     DISCS_TESTED: usize = 8;
     DOUBTED_PIXELS: usize = 9;
-    /// What a point is coloured by.
+    /// The sources of a point's colour.
     COLOR_PLAIN: u32 = 0;
     COLOR_RGB: u32 = 1;
     COLOR_NORMAL: u32 = 2;
     COLOR_CLASS: u32 = 3;
     COLOR_HEIGHT: u32 = 4;
     COLOR_SCALAR: u32 = 5;
-    /// Shapes of mirrors with a formula.
+    /// The shapes of mirrors with a formula.
     PLANE: f32 = 0.0;
     SPHERE: f32 = 1.0;
     PARABOLOID: f32 = 2.0;
@@ -214,11 +216,11 @@ constants! {
     CORAL: f32 = 5.0;
 }
 
-/// Room for the counters.
+/// The number of counters that the buffer has room for.
 pub const COUNTERS: usize = 16;
 const _: () = assert!(DOUBTED_PIXELS < COUNTERS);
 
-/// Name, size and fields of a struct.
+/// The name, the size and the fields of a struct.
 #[cfg(test)]
 struct Struct {
     name: &'static str,
@@ -244,18 +246,18 @@ mod tests {
     use crate::passes::ALL;
     use crate::shader::tests::module_of;
 
-    /// Bytes of a struct, and name, offset, bytes and kind of each member.
+    /// The size of a struct in bytes, and the name, offset, bytes and kind of each member.
     type Layout = (usize, Vec<(String, usize, usize, &'static str)>);
 
-    /// What the shaders of all passes say, by name.
+    /// The declarations in the shaders of all passes, by name.
     #[derive(Default)]
     struct Said {
-        /// All that passes say of one struct.
+        /// All layouts of one struct in the passes.
         structs: BTreeMap<String, BTreeSet<Layout>>,
         constants: BTreeMap<String, BTreeSet<String>>,
-        /// Bytes of an element, by pass and slot.
+        /// The size of an element in bytes, by pass and slot.
         elements: BTreeMap<(String, String), usize>,
-        /// Structs that a buffer holds or is.
+        /// The structs that a buffer holds or is.
         bound: BTreeSet<String>,
     }
 
@@ -323,7 +325,7 @@ mod tests {
         said
     }
 
-    /// The fields of a struct as the shaders name them: some are put together in one vec4 there, whose name is that of both.
+    /// The fields of a struct with the shaders' names: some are joined in one vec4 there, whose name consists of both.
     fn joined(fields: &[Member], names: &[String]) -> Vec<(String, usize, usize)> {
         let mut fields = fields.iter().peekable();
         let mut joined: Vec<(String, usize, usize)> = Vec::new();
@@ -347,7 +349,7 @@ mod tests {
             let layouts = said.structs.get(name).unwrap_or_else(|| panic!("no shader has a struct {name}"));
             assert_eq!(layouts.len(), 1, "shaders have several structs {name}");
             let (said_bytes, mut members) = layouts.first().unwrap().clone();
-            // What follows a header in the same buffer has a struct of its own.
+            // The struct after a header in the same buffer is compared on its own.
             let is_header = members.last().is_some_and(|(_, _, bytes, _)| *bytes == 0);
             if is_header {
                 assert_eq!(members.pop().unwrap().1, bytes, "{name}");
@@ -383,7 +385,7 @@ mod tests {
         let mut known: BTreeSet<&str> = SIZES.iter().map(|(name, _)| *name).collect();
         let structs = structs();
         known.extend(structs.iter().map(|layout| layout.name));
-        // The parameters are compared word by word where the shaders are read.
+        // The parameters are compared word by word in the tests of the shaders.
         known.insert("Settings");
         let said = said();
         let unknown: Vec<&String> = said.bound.iter().filter(|name| !known.contains(name.as_str())).collect();
@@ -400,7 +402,7 @@ mod tests {
         }
     }
 
-    /// Passes that fill regions by atomics know the words of a region by constants.
+    /// Passes that fill regions by atomics use constants for the words of a region.
     #[test]
     fn words_of_a_region_are_where_its_fields_are() {
         let said = said();
@@ -421,7 +423,7 @@ mod tests {
         }
     }
 
-    /// A struct that buffers are filled with belongs in the table above, where it is compared.
+    /// A struct that fills buffers belongs in the table above, where it is compared.
     #[test]
     fn no_other_file_lays_out_structs_for_the_shaders() {
         let sources = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");

@@ -1,7 +1,7 @@
-//! Points to pictures on the GPU: splatting into a camera G-buffer, shading, tone mapping; pass times, read-back, picking.
+//! Renders points on the GPU: splatting into a camera G-buffer, shading, tone mapping; pass times, read-back, picking.
 //!
-//! Everything here is synchronous and may be called from any thread: `Renderer::render` returns when the GPU is done. The
-//! window calls it from a thread of its own, so that the window never waits; the command line just calls it.
+//! Everything here is synchronous and may be called from any thread: `Renderer::render` returns when the GPU is done.
+//! The window calls it from a thread of its own, so that the window never waits; the command line calls it directly.
 
 mod coloring;
 mod frame;

@@ -1,5 +1,5 @@
-//! `light.show`: views of where light comes from, instead of the picture. They read what the frame was made from and change
-//! none of it; `shaders/shared/light_view.wgsl` holds what their passes share.
+//! `light.show`: views of where light comes from, instead of the picture. They read the inputs of the frame and change
+//! none of them; their passes share `shaders/shared/light_view.wgsl`.
 
 use cloud::Bounds;
 use glam::Vec4;
@@ -15,42 +15,42 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, Targets, uniform_buffer};
 
-/// What a frame was made from: the views of lights draw it.
+/// The inputs and images of a frame that the views of lights read.
 pub(crate) struct FrameInputs<'a> {
     pub targets: &'a Targets,
     pub lights: &'a Lights,
     pub mapped: &'a [MappedLight],
-    /// Where there is indirect light.
+    /// The virtual lights, if there is indirect light.
     pub virtual_lights: Option<VirtualLights<'a>>,
-    /// Of what the camera sees.
+    /// The indirect light of the surface that the camera sees.
     pub indirect: Option<&'a Image>,
-    /// Of all points.
+    /// The bounds of all points.
     pub bounds: Bounds,
     pub is_filmic: bool,
 }
 
 impl LightViews {
-    /// `count` square cells, at least one, as large as fit a picture of `size`.
+    /// `count` square cells, at least one, as large as fit in a picture of `size`.
     fn grid(count: u32, size: [u32; 2]) -> Self {
         let edge_of = |columns: u32| (size[0] / columns).min(size[1] / count.div_ceil(columns));
         let columns = (1..=count).max_by_key(|columns| (edge_of(*columns), count - columns)).unwrap_or(1);
-        // Where there are more than pixels, the rest is not shown.
+        // More cells than pixels cannot be shown.
         Self { columns: columns.min(size[0]), edge: edge_of(columns).max(1), count, ..Self::default() }
     }
 
-    /// Depths between which `camera` sees what is within `bounds`. Where it stands among it, perspective begins at a 32nd of the
-    /// farthest: each of five doublings of the distance is told from the next.
+    /// The range of depths within `bounds` as `camera` sees it. If the camera is inside, a perspective range begins at
+    /// a 32nd of the farthest depth: five doublings of the distance are distinguishable.
     fn range(camera: &FrameCamera, bounds: Bounds) -> [f32; 2] {
         let forward = camera.view_from_world.row(2);
         let (middle, half) = (forward.dot(bounds.center() - camera.eye), forward.abs().dot(bounds.size() * 0.5));
-        // All of it may be behind the camera, and flat as seen from it; the range must be one all the same.
+        // All of it may be behind the camera, or flat as seen from it; the range must still be valid.
         let farthest = if middle + half > 0.0 { middle + half } else { 1.0 };
         let least = if camera.orthographic { 0.0 } else { farthest / 32.0 };
         [(middle - half).clamp(least, farthest * 0.999) as f32, farthest as f32]
     }
 }
 
-/// Writes the picture. Where a view has nothing to show, for want of lamps or of indirect light, it is the dimmed picture.
+/// Writes the picture. A view that has nothing to show, without lamps or without indirect light, is the dimmed picture.
 ///
 /// # Errors
 /// A shader is refused.
@@ -117,7 +117,7 @@ pub(crate) fn show(
     }
 }
 
-/// Draws the virtual lights over what the picture holds.
+/// Draws the virtual lights over the picture.
 fn draw_lights(
     recorder: &mut Recorder<'_>,
     inputs: &Inputs,

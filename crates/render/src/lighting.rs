@@ -1,7 +1,7 @@
-//! Light: which lights there are, and what each of them sees (its shadow map, splatted by the same passes as the picture).
+//! The lights of a frame and their shadow maps, which the same passes splat as the picture.
 //!
-//! A sun has two maps where one of the whole scene would be coarse beside what the camera looks at: the second is fitted to
-//! the view, in steps, and its texels stand still in the world, so that shadows do not swim when the camera moves.
+//! A sun has two maps if one of the whole scene would be coarse compared with the camera's view. The second is fitted
+//! to the view, in steps, and its texels are fixed in the world, so that shadows do not swim when the camera moves.
 
 use cloud::Bounds;
 use glam::{DVec3, Vec4};
@@ -16,26 +16,26 @@ use crate::recorder::Recorder;
 use crate::store::{PointStore, Selection};
 use crate::targets::storage;
 
-/// Lights of a scene that count; more would not fit the shadow maps' buffer on small adapters.
+/// The most lights of a scene; more would not fit the shadow maps' buffer on small adapters.
 pub const MOST_LIGHTS: usize = 4;
 const SHADOW_BYTES: u64 = SHADOW_SIZE as u64 * SHADOW_SIZE as u64 * SHADOW_TEXEL_BYTES;
-/// Texels from the middle of a shadow map to the edge of what is lit: all but one for the filter, and one that the rim may be
-/// rounded into.
+/// The number of texels from the middle of a shadow map to the edge of the lit area: all but one for the filter, and
+/// one into which the rim may be rounded.
 const HALF_TEXELS: f64 = (SHADOW_SIZE / 2 - 2) as f64;
 
-/// A light as its shadow map shows it. A sun is two of them where it has two maps.
+/// A light with its shadow map. A sun with two maps is two of these.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MappedLight {
-    /// Of the shadow map.
+    /// The camera of the shadow map.
     pub camera: FrameCamera,
-    /// Radiant intensity of a spot light within its inner cone; of a sun, irradiance across its light.
+    /// The radiant intensity of a spot light within its inner cone; for a sun, the irradiance across its light.
     pub intensity: [f32; 3],
-    /// Angles of a spot light's cones, radians; 0 for a sun.
+    /// The angles of a spot light's cones in radians; 0 for a sun.
     pub inner: f32,
     pub outer: f32,
 }
 
-/// What a shadow map at hand was drawn from: points, splats, and the view.
+/// The points, splats and view from which a shadow map was drawn.
 #[derive(Clone, PartialEq)]
 pub(crate) struct DrawnMap {
     revision: u64,
@@ -45,11 +45,11 @@ pub(crate) struct DrawnMap {
 
 /// The lights on the GPU, and their shadow maps.
 pub(crate) struct Lights {
-    /// As shaders/shared/light.wgsl has them.
+    /// The lights in the layout of shaders/shared/light.wgsl.
     pub lights: wgpu::Buffer,
-    /// `SHADOW_SIZE` squared texels a light, one light after the other, each laid out as the camera's `nearest`: rows from top
-    /// to bottom of two words, identity of the nearest point and its nearness (0: empty). Of a sun,
-    /// first the map of the whole scene, then, if there is one, that of the view.
+    /// `SHADOW_SIZE` squared texels a light, one light after the other, each laid out as the camera's `nearest`: rows
+    /// from top to bottom of two words, the identity of the nearest point and its nearness (0: empty). A sun has first
+    /// the map of the whole scene and then, if there is one, that of the view.
     pub shadows: wgpu::Buffer,
 }
 
@@ -59,12 +59,12 @@ impl Lights {
         Self { lights, shadows: storage(&gpu.device, "shadows", 16) }
     }
 
-    /// What `auto` stands for.
+    /// The lighting that the settings choose, with `auto` resolved.
     pub fn chosen(settings: &Settings, objects: Objects<'_>) -> Lighting {
         settings.light.lighting(!objects.lights.is_empty(), objects.sky_is_open)
     }
 
-    /// The lights that shine, and how their shadow maps see the scene. `bounds`: of all points that are visible.
+    /// The lights that shine, each with the camera of its shadow map. `bounds` contains all visible points.
     pub fn mapped(
         settings: &Settings,
         objects: Objects<'_>,
@@ -79,7 +79,8 @@ impl Lights {
         }
     }
 
-    /// Splats the points as each light sees them, but for the maps that `at_hand` says are drawn already. What is at hand then.
+    /// Splats the points as each light sees them, except for maps in `at_hand`, which are drawn already. Returns what
+    /// the maps were drawn from.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
@@ -123,19 +124,19 @@ impl Lights {
         Ok(drawn)
     }
 
-    /// Uploads the lights as seen from `eye`.
+    /// Uploads the lights relative to `eye`.
     pub fn upload(&self, gpu: &Gpu, lights: &[MappedLight], eye: DVec3) {
         let lights: Vec<LightSource> = lights.iter().map(|light| light.to_gpu(eye)).collect();
         gpu.queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&lights));
     }
 }
 
-/// How points are splatted into shadow maps.
+/// The settings by which points are splatted into shadow maps.
 pub(crate) fn splat_of_maps(settings: &Settings) -> Splat {
     Splat {
         // Light must not leak between splats: each is at least three texels wide.
         min_pixels: settings.splat.min_pixels.max(3.0),
-        // The same passes draw them whatever the picture's quality, which changes whenever the camera begins to move.
+        // The maps do not depend on the picture's quality, which changes whenever the camera begins to move.
         quality: Quality::Nearest,
         ..settings.splat.clone()
     }
@@ -153,12 +154,12 @@ impl MappedLight {
         }
     }
 
-    /// The sun, with the map of the whole scene, and with that of the view if it is finer.
+    /// The sun with the map of the whole scene, and with that of the view if it is finer.
     fn sun(settings: &Settings, camera: &Camera, size: [u32; 2], bounds: Bounds) -> Vec<Self> {
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
         let radius = if radius > 0.0 { radius } else { 1.0 };
         let along = -settings.sun.direction(camera.up);
-        // Before all that may cast a shadow; within the splats' reach of it.
+        // In front of everything that may cast a shadow, splats included.
         let start = center - along * (radius * 1.1);
         let map = |center: DVec3, radius: f64| Self {
             camera: FrameCamera::parallel_along(
@@ -172,11 +173,11 @@ impl MappedLight {
             outer: 0.0,
         };
         let whole = map(center, radius);
-        // What the camera sees at the pivot's distance, corners included.
+        // The radius of the camera's view at the pivot's distance, corners included.
         let tangent = (f64::from(settings.view.field_of_view).to_radians() * 0.5).tan();
         let [width, height] = size.map(|edge| f64::from(edge.max(1)));
         let seen = camera.distance() * tangent * (1.0 + (width / height).powi(2)).sqrt();
-        // Wide enough for what is lost by snapping, and in steps, so that it stays the same over small moves.
+        // The radius makes up for snapping, and changes in steps, so that it stays the same over small moves.
         let seen = (seen * HALF_TEXELS / (HALF_TEXELS - SNAP)).max(f64::MIN_POSITIVE);
         let seen = 2_f64.powf(0.5 * (2.0 * seen.log2()).ceil());
         if seen > radius * FINER {
@@ -184,7 +185,7 @@ impl MappedLight {
         }
         let step = SNAP * seen / HALF_TEXELS;
         let [right, up] = [0, 1].map(|row| whole.camera.view_from_world.row(row));
-        // Steps of whole texels away from a place that does not move with the camera.
+        // Whole steps away from a place that does not move with the camera.
         let snapped = |axis: DVec3| axis * (((camera.pivot - center).dot(axis) / step).round() * step);
         vec![whole, map(center + snapped(right) + snapped(up), seen)]
     }
@@ -202,9 +203,10 @@ impl MappedLight {
     }
 }
 
-/// A map of the view is worth being drawn if it is this much smaller than that of the scene, or less.
+/// The sun gets a map of the view if it is at most this fraction of the size of the scene's map.
 const FINER: f64 = 0.7;
-/// Texels that the map of the view moves by: an eighth of half of it, so that it is seldom drawn anew while the camera moves.
+/// The step in texels by which the map of the view moves: an eighth of half of it, so that it is seldom drawn anew
+/// while the camera moves.
 const SNAP: f64 = 64.0;
 
 #[cfg(test)]
@@ -238,7 +240,7 @@ mod tests {
                 let pick = |axis: usize, high: i32| if high == 1 { BOUNDS.max[axis] } else { BOUNDS.min[axis] };
                 let corner = DVec3::new(pick(0, x), pick(1, y), pick(2, z));
                 assert!(whole.camera.sees(corner, 0.0, -1.0), "{corner}");
-                // What casts shadows from above the view's part of the scene is before the map's eye.
+                // Points that cast shadows from above the view are in front of the map's eye.
                 assert!((view.camera.view_from_world * (corner - view.camera.eye)).z > 0.0, "{corner}");
             }
         }

@@ -1,4 +1,5 @@
-//! What each row of `scene::METHODS` does: an arm of `Methods::run`, which also says where the views of its work are.
+//! Runs the rows of `scene::METHODS`: an arm of `Methods::run` for each, which also says where the views of its work
+//! are.
 
 use scene::{Method, Settings, Supply};
 
@@ -15,7 +16,7 @@ use crate::reflection::task::Task;
 use crate::store::Selection;
 use crate::targets::Image;
 
-/// The methods, with what each keeps from frame to frame.
+/// The methods, with the state that each keeps from frame to frame.
 #[derive(Default)]
 pub(crate) struct Methods {
     size: [u32; 2],
@@ -25,24 +26,25 @@ pub(crate) struct Methods {
     gather: Option<Gather>,
     forward: Option<Forward>,
     sscr: Option<Sscr>,
-    /// Of the method that ran last.
+    /// The views of the method that ran last.
     views: Option<Origin>,
 }
 
-/// What made the views.
+/// The method that made the views.
 #[derive(Clone, Copy)]
 enum Origin {
     Gather,
     Sscr,
 }
 
-/// How a method came to its result, pixel by pixel.
+/// Images that show how a method came to its result, pixel by pixel.
 pub(crate) struct Views<'a> {
-    /// x and y: curvature and label, where there are regions. z: steps, or tests of a ray. w: share of searches that were given up.
+    /// x and y: curvature and label, if there are regions. z: steps, or tests of a ray. w: share of searches that were
+    /// given up.
     pub image: &'a Image,
-    /// Steps that are shown as many.
+    /// The number of steps that is shown as the maximum.
     pub most_steps: u32,
-    /// There is a curvature map, and regions.
+    /// Whether there are a curvature map and regions.
     pub has_regions: bool,
 }
 
@@ -51,13 +53,13 @@ impl Methods {
         Self { size, ..Self::default() }
     }
 
-    /// Looks for what the mirror pixels of a bounce see.
+    /// Finds what the mirror pixels of a bounce see.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
     pub fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
         self.views = match method {
-            // What `auto` stands for is run in its place.
+            // The method that `auto` resolves to runs in its place.
             Method::Auto | Method::None => None,
             Method::EnvironmentMap => {
                 let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
@@ -85,14 +87,14 @@ impl Methods {
         Ok(())
     }
 
-    /// How the method that ran last came to its result.
+    /// The views of the method that ran last.
     pub fn views(&self) -> Option<Views<'_>> {
         match self.views? {
             Origin::Gather => {
                 let image = &self.gather.as_ref()?.views;
                 Some(Views { image, most_steps: 400, has_regions: false })
             }
-            // Twice the steps that a search gives up after by default; rays are tested against more nodes and discs.
+            // Twice the steps after which a search gives up by default; rays are tested against more nodes and discs.
             Origin::Sscr => Some(Views { image: &self.sscr.as_ref()?.views, most_steps: 60, has_regions: true }),
         }
     }
@@ -114,7 +116,7 @@ impl Methods {
     }
 }
 
-/// What is in `place`, made if it is empty.
+/// The value in `place`, which is made if it is empty.
 fn made<T>(place: &mut Option<T>, make: impl FnOnce() -> Result<T>) -> Result<&mut T> {
     let value = match place.take() {
         Some(value) => value,

@@ -1,5 +1,6 @@
-//! The passes: a row each in `passes!`. The name is at once that of the shader's file, of its entry point, of its pipeline, and of
-//! the type by which the pass is called; the slots are the shader's bindings, by name, in order.
+//! The table of passes, a row each in `passes!`. The name of a pass is also that of the shader's file, of its entry
+//! point, of its pipeline, and of the type by which the pass is called; its slots are the shader's bindings, by name,
+//! in order.
 
 use param::choices;
 use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
@@ -10,16 +11,16 @@ choices! {
     pub enum PassStage { Surface = "surface", Method = "method", Light = "light", View = "view" }
 }
 
-/// What a binding is.
+/// The kind of a binding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Slot {
     Uniform,
-    /// Storage buffer, read only.
+    /// A storage buffer that is only read.
     Read,
     ReadWrite,
-    /// Float texture, loaded without a sampler.
+    /// A float texture, loaded without a sampler.
     Texture,
-    /// Storage texture.
+    /// A storage texture.
     Write(wgpu::TextureFormat),
 }
 
@@ -33,42 +34,42 @@ pub type Slots = &'static [(&'static str, Slot)];
 pub struct Pass {
     pub name: &'static str,
     pub stage: PassStage,
-    /// Of a page of the store, where the pass reads points.
+    /// The slots of a page of the store, if the pass reads points.
     pub page: Option<Slots>,
-    /// The pass's own.
+    /// The pass's own slots.
     pub slots: Slots,
-    /// Of the shader, without what it imports.
+    /// The source of the shader, without its imports.
     pub source: &'static str,
 }
 
 impl Pass {
-    /// Group by group: camera and parameters; a page of the store, where the pass reads points; the pass's own slots.
+    /// The slots of each group: camera and parameters; a page of the store, if the pass reads points; the pass's own.
     pub fn groups(&self) -> impl Iterator<Item = Slots> {
         [Some(FRAME), self.page, Some(self.slots)].into_iter().flatten()
     }
 }
 
-/// What a pass binds for itself: a type for each pass, with a field for each slot.
+/// The bindings of a pass's own slots: a type for each pass, with a field for each slot.
 pub trait Bindings<'r>: Clone {
     const PASS: &'static Pass;
-    /// `Pixels`, `Blocks` or `Pages`.
+    /// What the pass runs over: `Pixels`, `Blocks` or `Pages`.
     type Over;
 
-    /// In slot order.
+    /// The resources in slot order.
     fn resources(self) -> Vec<wgpu::BindingResource<'r>>;
 }
 
-/// What the threads of a pass are shared out over.
+/// What a pass runs over.
 pub trait Over {
-    /// Group 1, where the pass reads points.
+    /// The slots of group 1, if the pass reads points.
     const PAGE: Option<Slots>;
 }
 
-/// Anything but points: mostly pixels.
+/// The pass runs over anything but points, mostly over pixels.
 pub enum Pixels {}
-/// The points of each page, block by block.
+/// The pass runs over the points of each page, block by block.
 pub enum Blocks {}
-/// Anything but points, once for each page, whose points are looked up.
+/// The pass runs over anything but points, once for each page, and looks up the page's points.
 pub enum Pages {}
 
 impl Over for Pixels {
@@ -81,10 +82,10 @@ impl Over for Pages {
     const PAGE: Option<Slots> = Some(&PAGE_BY_RUNS);
 }
 
-/// Group 0, as shaders/shared/frame_group.wgsl has it.
+/// Group 0, declared in shaders/shared/frame_group.wgsl.
 const FRAME: Slots = &[("frame", Uniform), ("settings", Read)];
 
-/// Group 1 of passes that read points, as shaders/shared/page_group.wgsl has it.
+/// Group 1 of passes that read points, declared in shaders/shared/page_group.wgsl.
 const PAGE_BY_BLOCKS: [(&str, Slot); 8] = page("blocks");
 const PAGE_BY_RUNS: [(&str, Slot); 8] = page("items_of_runs");
 
@@ -101,7 +102,8 @@ const fn page(runs: &'static str) -> [(&'static str, Slot); 8] {
     ]
 }
 
-/// Declares the passes: `name: PassStage over What { slot: kind, ... }`. Gives a type for each, the list of all, and their shaders.
+/// Declares the passes: `name: PassStage over What { slot: kind, ... }`. Generates a type for each, the list of all,
+/// and their shaders.
 macro_rules! passes {
     ($($name:ident: $stage:ident over $over:ident { $($slot:ident: $kind:expr),* $(,)? })*) => {
         $(
@@ -285,10 +287,10 @@ pub struct Compiled {
 }
 
 impl Compiled {
-    /// `switches`: values of the shader's `override` constants.
+    /// Compiles a pass. `switches` are the values of the shader's `override` constants.
     ///
     /// # Errors
-    /// What the shader compiler says, with file and line.
+    /// The shader compiler's message, with file and line.
     pub fn new(device: &wgpu::Device, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
         let woven = crate::shader::weave(pass)?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
@@ -336,7 +338,7 @@ impl Compiled {
         Ok(Self { name: pass.name, pipeline, layouts })
     }
 
-    /// A bind group for group `group` of this pass, resources in slot order.
+    /// Makes a bind group for group `group` of this pass from resources in slot order.
     pub fn bind(
         &self,
         device: &wgpu::Device,

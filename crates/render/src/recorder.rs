@@ -9,16 +9,17 @@ use crate::inputs::{Inputs, PageInputs};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
 use crate::targets::Image;
 
-/// Time of one pass.
+/// The time of one pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassTime {
-    /// The pass's shader, or `clear`; of what is splatted for a reflection method, the method's name for it.
+    /// The name of the pass's shader, or `clear`; for splatting on behalf of a reflection method, the method's name for
+    /// it.
     pub name: &'static str,
     pub stage: PassStage,
     pub milliseconds: f64,
 }
 
-/// Values of a shader's `override` constants.
+/// The values of a shader's `override` constants.
 pub(crate) type Switches<'a> = &'a [(&'static str, u32)];
 
 /// The passes compiled so far, by name and switches.
@@ -32,21 +33,21 @@ pub(crate) struct Recorder<'a> {
     names: Vec<Name>,
     host_times: Vec<PassTime>,
     failure: Option<Error>,
-    /// What passes are timed as, if not by their own names.
+    /// The name and stage under which passes are timed; `None` for their own.
     timed_as: Option<Name>,
 }
 
-/// By which name and for which stage a pass is timed.
+/// The name and stage under which a pass is timed.
 type Name = (&'static str, PassStage);
 
-/// What buffers that are cleared are timed as, where the host's clock times them.
+/// The name and stage for clearing buffers, where the host's clock times it.
 const CLEAR: Name = ("clear", PassStage::Surface);
 
-/// Passes of a frame that are timed by the GPU, a timestamp pair each; a frame has some twenty, with many bounces of many rounds
-/// of SSCR some hundreds. What comes after is not timed.
+/// The number of passes of a frame that the GPU times, a timestamp pair each. A frame has some twenty, with many
+/// bounces of many rounds of SSCR some hundreds. Further passes are not timed.
 const MOST_PASSES: u32 = 512;
 
-/// One dispatch: which variant of the pass, its bind groups in order, workgroups.
+/// One dispatch: the switches of the pass, its bind groups in order, and the workgroups.
 type Dispatch<'r> = (Vec<(&'static str, u32)>, Vec<Vec<wgpu::BindingResource<'r>>>, [u32; 3]);
 
 impl<'a> Recorder<'a> {
@@ -71,8 +72,8 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Passes from here on are timed together by this name and stage, or by their own again: what the camera sees and what else is
-    /// splatted by the same passes is told apart.
+    /// Times the following passes together under this name and stage, or each under its own for `None`. So the camera's
+    /// view and other uses of the same splatting passes are told apart.
     pub fn time_as(&mut self, name: Option<Name>) {
         self.timed_as = name;
     }
@@ -115,7 +116,7 @@ impl<'a> Recorder<'a> {
         self.over(switches, inputs, bindings, inputs.mirror_groups())
     }
 
-    /// Copies an image; by the host's clock its time counts with the pass that follows.
+    /// Copies an image. With the host's clock its time counts towards the following pass.
     pub fn copy(&mut self, from: &Image, to: &Image) {
         self.encoder.copy_texture_to_texture(
             from.texture.as_image_copy(),
@@ -124,7 +125,7 @@ impl<'a> Recorder<'a> {
         );
     }
 
-    /// Runs a pass with so many workgroups.
+    /// Runs a pass with the given number of workgroups.
     ///
     /// # Errors
     /// The shader is refused.
@@ -139,7 +140,7 @@ impl<'a> Recorder<'a> {
         self.dispatch(B::PASS, vec![(switches.to_vec(), bound, groups)])
     }
 
-    /// Finds the nearest point of each pixel, by the width of the adapter's atomics.
+    /// Finds the nearest point of each pixel, with atomics of the adapter's width.
     ///
     /// # Errors
     /// The shader is refused.
@@ -170,7 +171,8 @@ impl<'a> Recorder<'a> {
         self.over_points_by_page(switches, inputs, |_| Some(bindings.clone()))
     }
 
-    /// Runs a pass over the blocks of each page of points; `bindings` gives those of a page, or leaves the page out.
+    /// Runs a pass over the blocks of each page of points; `bindings` returns the bindings for a page, or `None` to
+    /// skip it.
     ///
     /// # Errors
     /// The shader is refused.
@@ -185,7 +187,7 @@ impl<'a> Recorder<'a> {
             let mut switches = switches.to_vec();
             switches.push(("pixels_only", u32::from(list.pixels_only)));
             switches.push(("filter_classes", u32::from(inputs.filter_classes)));
-            // At most 65,535 groups a dimension.
+            // The limit is 65,535 workgroups per dimension.
             let x = list.block_count.clamp(1, 32_768);
             let resources = inputs.page_resources(page, &list.page, &list.blocks).to_vec();
             let bound = vec![inputs.frame_resources().to_vec(), resources, bindings(page)?.resources()];
@@ -195,7 +197,7 @@ impl<'a> Recorder<'a> {
         self.dispatch(B::PASS, dispatches)
     }
 
-    /// Runs a pass once for each page of points, with so many workgroups.
+    /// Runs a pass once for each page of points, with the given number of workgroups.
     ///
     /// # Errors
     /// The shader is refused.
@@ -267,7 +269,8 @@ impl<'a> Recorder<'a> {
         self.host_times.push(PassTime { name, stage, milliseconds: start.elapsed().as_secs_f64() * 1000.0 });
     }
 
-    /// Waits for the frame. Pass times in order, passes that ran several times summed, and the frame's.
+    /// Waits for the frame. Returns the pass times in order, with passes that ran several times summed, and the frame's
+    /// time.
     ///
     /// # Errors
     /// The device was lost.

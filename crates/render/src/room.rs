@@ -1,5 +1,6 @@
-//! Which parts of a page are taken. Chunks of streamed clouds come and go in any order and size, so free parts are joined, the
-//! smallest that fits is taken, and where none fits though enough is free, it is told what to slide together.
+//! Manages the space of a page. Chunks of streamed clouds come and go in any order and size. Adjacent free parts are
+//! joined, and the smallest that fits is taken; if none fits though enough is free, `scattered` says which stretch to
+//! slide together.
 
 use std::ops::Range;
 
@@ -7,12 +8,12 @@ use std::ops::Range;
 #[derive(Debug)]
 pub(crate) struct Room {
     capacity: u32,
-    /// Sorted, not empty, not touching one another.
+    /// The free ranges: sorted, not empty, not adjacent.
     free: Vec<Range<u32>>,
 }
 
 impl Room {
-    /// All of it is free.
+    /// A page that is all free.
     pub fn new(capacity: u32) -> Self {
         let mut room = Self { capacity, free: Vec::new() };
         room.release(0..capacity);
@@ -27,7 +28,7 @@ impl Room {
         self.free.first().is_some_and(|free| free.len() == self.capacity as usize)
     }
 
-    /// Takes `room` points of the smallest free part that has so many; returns the first of them.
+    /// Takes `room` points of the smallest free part that fits; returns the first of them.
     pub fn take(&mut self, room: u32) -> Option<u32> {
         let fitting = self.free.iter().enumerate().filter(|(_, free)| free.len() as u32 >= room);
         let (index, _) = fitting.min_by_key(|(_, free)| free.len())?;
@@ -55,7 +56,7 @@ impl Room {
         }
     }
 
-    /// The stretch with `room` free points in it and the fewest taken ones, and how many these are.
+    /// The stretch with `room` free points and the fewest taken ones, and the number of these.
     pub fn scattered(&self, room: u32) -> Option<(Range<u32>, u32)> {
         let mut best: Option<(Range<u32>, u32)> = None;
         let (mut first, mut sum) = (0, 0);
@@ -74,7 +75,7 @@ impl Room {
         best
     }
 
-    /// What was taken of a stretch from `scattered` now lies at its lower end, without gaps.
+    /// Records that the taken points of a stretch from `scattered` now lie at its lower end, without gaps.
     pub fn slid(&mut self, stretch: Range<u32>, taken: u32) {
         self.free.retain(|free| !stretch.contains(&free.start));
         self.release(stretch.start + taken..stretch.end);
@@ -117,7 +118,7 @@ mod tests {
     fn parts_that_come_and_go_for_long_always_find_room_where_so_much_is_free() {
         const CAPACITY: u32 = 100_000;
         let mut room = Room::new(CAPACITY);
-        // Held parts, by their first point.
+        // The parts that are taken, by their first point.
         let mut held: Vec<Range<u32>> = Vec::new();
         let (mut used, mut slid) = (0, 0);
         for step in 0..20_000 {

@@ -1,7 +1,7 @@
-//! WGSL files of `shaders/`, embedded, and the small include that joins them.
+//! The WGSL files of `shaders/`, embedded in the program, and the `#import` that joins them.
 //!
-//! `#import name` on a line of its own takes in `shaders/shared/name.wgsl` once; an unknown name is an error. Each line of the
-//! result remembers its file and line, so that a compiler's complaint points to the source.
+//! `#import name` on a line of its own includes `shaders/shared/name.wgsl` once; an unknown name is an error. Each line
+//! of the result remembers its file and line, so that a compiler's message points to the source.
 
 use std::collections::HashSet;
 
@@ -19,11 +19,11 @@ const SHARED: &[(&str, &str)] = embedded! {
     surfel_tree tone visibility vpl vpl_of_surface
 };
 
-/// A shader with its imports taken in.
+/// A shader with its imports included.
 #[derive(Debug, Default)]
 pub struct Woven {
     pub source: String,
-    /// File and line (from 1) of each line of `source`.
+    /// The file and the line (from 1) of each line of `source`.
     lines: Vec<(&'static str, usize)>,
 }
 
@@ -34,7 +34,7 @@ impl Woven {
         format!("{file}.wgsl:{line}")
     }
 
-    /// A compiler's complaint (`... wgsl:398:9 ...`) with the place in the file that was written before it.
+    /// A compiler's message (`... wgsl:398:9 ...`), preceded by the place in the source file.
     pub fn explain(&self, complaint: &str) -> String {
         let digits = complaint.split("wgsl:").nth(1).and_then(|rest| rest.split(':').next());
         match digits.and_then(|digits| digits.parse().ok()) {
@@ -44,10 +44,10 @@ impl Woven {
     }
 }
 
-/// The shader of a pass with everything it imports.
+/// The shader of a pass with everything that it imports.
 ///
 /// # Errors
-/// An unknown import, with where it was asked for.
+/// An unknown import, with the place of the import.
 pub fn weave(pass: &'static Pass) -> Result<Woven, String> {
     let mut woven = Woven::default();
     append(&mut woven, pass.name, pass.source, &mut HashSet::new())?;
@@ -176,7 +176,7 @@ pub(crate) mod tests {
             }
             wgsl += &group.wgsl();
             wgsl += "\n";
-            // As the group names its struct.
+            // The name that the group gives its struct.
             let type_name: String = group.name.split('_').map(|word| word[..1].to_uppercase() + &word[1..]).collect();
             all += &format!("    {}: {type_name},\n", group.name);
         }

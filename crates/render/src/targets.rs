@@ -1,4 +1,4 @@
-//! Images and buffers that a picture is made in.
+//! The images and buffers in which a picture is made.
 
 use crate::gpu::Gpu;
 use crate::layout::NEAREST_BYTES;
@@ -43,13 +43,13 @@ impl Image {
     }
 }
 
-/// What is seen at each pixel from the camera.
+/// The surface that the camera sees at each pixel.
 pub(crate) struct GBuffer {
     /// Linear albedo; specular intensity.
     pub albedo: Image,
     /// World normal towards the eye; specular power.
     pub normal: Image,
-    /// Linear depth, world units; 0: empty.
+    /// The linear depth in world units; 0 if empty.
     pub depth: Image,
 }
 
@@ -71,22 +71,23 @@ impl GBuffer {
     }
 }
 
-/// Images and buffers of one picture size.
+/// The images and buffers of one picture size.
 pub(crate) struct Targets {
     pub size: [u32; 2],
-    /// Two words a pixel: identity of the nearest point, nearness (0: empty).
+    /// Two words a pixel: the identity of the nearest point and its nearness (0: empty).
     pub nearest: wgpu::Buffer,
-    /// Sums of the high quality and their carries, made when it is first asked for.
+    /// The sums of the high quality and their carries, made when they are first needed.
     pub sums: Option<[wgpu::Buffer; 4]>,
-    /// Two: passes over pixels read one and write the other.
+    /// Two surfaces: passes over pixels read one and write the other.
     pub surfaces: [GBuffer; 2],
-    /// Which of the two the picture was made from.
+    /// The index of the surface from which the picture was made.
     pub shown: usize,
-    /// Of the shown surface, relative to the eye, world axes; w: 1, or 0 where it is empty.
+    /// The positions of the shown surface relative to the eye, world axes; w: 1, or 0 where it is empty.
     pub position: Image,
-    /// Light of lights and the sun that the shown surface sends back; of a mirror, what is left beside its reflection.
+    /// The light of lamps and the sun that the shown surface reflects; for a mirror, the part that remains beside its
+    /// reflection.
     pub direct: Image,
-    /// With reflections.
+    /// The colour with reflections.
     pub color: Image,
     pub picture: Image,
 }
@@ -107,12 +108,12 @@ impl Targets {
         }
     }
 
-    /// What the picture was made from.
+    /// The surface from which the picture was made.
     pub fn surface(&self) -> &GBuffer {
         &self.surfaces[self.shown]
     }
 
-    /// What `present` makes the picture from.
+    /// The bindings of `present`, which makes the picture.
     pub fn presented<'r>(&'r self, color: &'r Image) -> passes::present<'r> {
         passes::present {
             color_in: color.bind(),
