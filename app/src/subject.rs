@@ -97,6 +97,7 @@ pub fn open(
         terminal::warn(["no cloud is seen, the scene hides all classes of their points"]);
     }
     let light = AutoLight::around(&chunks, up);
+    drop(chunks);
     if request.lights.is_empty() && light.lamp_shines(settings.light.by, camera.eye) {
         request.lights.extend(light.lamp());
     }

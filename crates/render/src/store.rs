@@ -216,7 +216,7 @@ pub(crate) struct ShownPoints<'a> {
 }
 
 impl<'a> ShownPoints<'a> {
-    fn of(points: &'a Chunk, test: &PointTest) -> Self {
+    pub fn of(points: &'a Chunk, test: &PointTest) -> Self {
         let classes = points.classes(CLASSES).filter(|_| !test.shows_all());
         Self { tested: classes.map(|classes| (classes, *test)) }
     }

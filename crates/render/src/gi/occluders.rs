@@ -236,7 +236,7 @@ fn morton(key: u64) -> u64 {
 mod tests {
     use std::sync::Arc;
 
-    use cloud::{Chunk, pack_radius};
+    use cloud::{Chunk, Column, PointTest, pack_radius};
 
     use super::*;
     use crate::store::ShownPoints;
@@ -290,11 +290,16 @@ mod tests {
     }
 
     fn choose(chunks: &[Chunk], per_subset: u32) -> Occluders {
+        choose_shown(chunks, per_subset, &PointTest::default())
+    }
+
+    fn choose_shown(chunks: &[Chunk], per_subset: u32, test: &PointTest) -> Occluders {
         let mut first_identity = 0;
         let visible: Vec<VisibleChunk<'_>> = chunks
             .iter()
             .map(|points| {
-                let (shown_points, shown) = (points.len(), ShownPoints::default());
+                let shown = ShownPoints::of(points, test);
+                let shown_points = (0..points.len()).filter(|index| shown.has(*index)).count();
                 let chunk = VisibleChunk { points, first_identity, provisional_radius: 0.0, shown_points, shown };
                 first_identity += points.len() as u32;
                 chunk
@@ -379,6 +384,28 @@ mod tests {
             assert_eq!(before, after);
         }
         assert!(points_of(&after, &more).iter().flatten().any(|point| point.at.x < 430_990.0));
+    }
+
+    #[test]
+    fn hidden_points_take_the_places_of_no_others() {
+        let points = hills(300_000);
+        // Every other point is of class 7.
+        let classes = |points: usize| (0..points).map(|index| if index % 2 == 0 { 2 } else { 7 }).collect();
+        let mut all = chunks(&points, 65_536);
+        for chunk in &mut all {
+            chunk.columns = vec![Some(Arc::new(Column::U8(classes(chunk.len()))))];
+        }
+        let test = PointTest::hiding([7]);
+        let rest: Vec<Chunk> = all.iter().map(|chunk| chunk.shown(Some(0), &test)).collect();
+        for per_subset in [2000, 100_000] {
+            let (hidden, absent) = (choose_shown(&all, per_subset, &test), choose(&rest, per_subset));
+            assert_eq!((hidden.subsets, hidden.radius, hidden.area), (absent.subsets, absent.radius, absent.area));
+            let places = |chosen: &Occluders| -> Vec<[u32; 3]> {
+                let taken = chosen.points.iter().filter(|[.., identity]| *identity != NO_POINT);
+                taken.map(|[x, y, z, _]| [*x, *y, *z]).collect()
+            };
+            assert!(places(&hidden).len() > 1000 && places(&hidden) == places(&absent));
+        }
     }
 
     #[test]
