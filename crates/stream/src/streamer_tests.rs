@@ -1,14 +1,17 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Weak;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
 
-use glam::{DMat3, DVec2, Vec3};
+use cloud::{Chunk, Progress, SurfelOptions, pack_radius, provisional_radius};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 
+use super::nodes::SCALED_RADIUS_BYTES;
 use super::*;
 use crate::radius_scale::LARGEST_SPACINGS;
 use crate::test_trees::{page, random, terrain, terrain_page};
-use crate::{Tree, ViewMeasure, choose};
+use crate::{BATCHES, NodeId, Octree, Result, Tree, ViewMeasure, choose, prefix};
 
 /// Of a point of a test page: position, normal, radius; and the radius once more.
 const POINT_BYTES: u64 = 12 + 4 + 2;

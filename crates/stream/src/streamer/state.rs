@@ -1,0 +1,319 @@
+//! What is wanted, what is to be read for it, and how much of the budgets is taken.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, VecDeque};
+use std::time::{Duration, Instant};
+
+use super::nodes::{Change, Entry, Held, Job, Loaded, PagedCloud, ShownNode};
+use crate::{BATCHES, Budget, Error, NodeId, Result, Wanted, prefix};
+
+/// Rates are taken over this long.
+const RATE_TIME: Duration = Duration::from_secs(1);
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StreamStats {
+    /// Nodes and points that are shown.
+    pub shown_nodes: usize,
+    pub shown_points: u64,
+    /// Of decoded chunks: shown, kept and being read.
+    pub bytes: u64,
+    /// Nodes that are wanted and not shown yet.
+    pub waiting_nodes: usize,
+    /// Over the last second.
+    pub disk_bytes_per_second: f64,
+    pub points_per_second: f64,
+    /// All that is wanted is shown, or cannot be read.
+    pub settled: bool,
+}
+
+pub(super) struct State {
+    pub(super) budget: Budget,
+    pub(super) workers: usize,
+    pub(super) clouds: BTreeMap<usize, Held>,
+    /// The last cut, whole and as far as the budget goes.
+    pub(super) asked: Vec<Wanted>,
+    pub(super) wanted: Vec<Wanted>,
+    /// Nothing else stays shown.
+    pub(super) only_wanted: bool,
+    pub(super) cuts: u64,
+    pub(super) generations: u64,
+    /// Nodes to be read, next first.
+    pub(super) queue: VecDeque<(usize, NodeId)>,
+    pub(super) bytes: u64,
+    pub(super) shown_points: u64,
+    pub(super) shown_nodes: usize,
+    /// To be handed over before anything else.
+    pub(super) pending: Vec<Change>,
+    /// When, bytes, points.
+    pub(super) reads: VecDeque<(Instant, u64, u64)>,
+    pub(super) asks_for_room: bool,
+    pub(super) stopped: bool,
+}
+
+impl State {
+    pub(super) fn new(budget: Budget, workers: usize) -> Self {
+        Self {
+            budget,
+            workers,
+            clouds: BTreeMap::new(),
+            asked: Vec::new(),
+            wanted: Vec::new(),
+            only_wanted: false,
+            cuts: 0,
+            generations: 0,
+            queue: VecDeque::new(),
+            bytes: 0,
+            shown_points: 0,
+            shown_nodes: 0,
+            pending: Vec::new(),
+            reads: VecDeque::new(),
+            asks_for_room: false,
+            stopped: false,
+        }
+    }
+
+    pub(super) fn replace(&mut self, cloud: usize, paged: PagedCloud) {
+        let same = self.clouds.get(&cloud).is_some_and(|held| held.paged.octree == paged.octree);
+        if !same {
+            let drops = self.remove(cloud);
+            self.pending.extend(drops);
+        }
+        // What was wrong with the pages before is not what these are.
+        self.pending.retain(|change| !matches!(change, Change::Failed { cloud: other, .. } if *other == cloud));
+        self.generations += 1;
+        let generation = self.generations;
+        let before = self.clouds.remove(&cloud).map(|held| (held.entries, held.field, held.loose));
+        let (mut entries, field, loose) = before.unwrap_or_default();
+        for entry in entries.values_mut() {
+            // What is being read for the old generation will be thrown away.
+            (entry.in_flight, entry.failed) = (false, false);
+            self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
+        }
+        self.clouds.insert(cloud, Held { paged, generation, field, loose, entries });
+        self.accept();
+    }
+
+    /// Gives the drops of what was shown, children first.
+    pub(super) fn remove(&mut self, cloud: usize) -> Vec<Change> {
+        let mut drops = Vec::new();
+        for entry in self.clouds.remove(&cloud).into_iter().flat_map(|held| held.entries.into_values()).rev() {
+            self.bytes -= entry.loaded.map_or(0, |loaded| loaded.bytes());
+            if let Some(shown) = entry.shown {
+                self.bytes -= shown.loaded.bytes();
+                self.shown_points -= shown.points();
+                self.shown_nodes -= 1;
+                drops.extend(shown.leave(cloud));
+            }
+        }
+        self.pending.retain(|change| match change {
+            Change::Put { cloud: other, .. }
+            | Change::Drop { cloud: other, .. }
+            | Change::Failed { cloud: other, .. } => *other != cloud,
+        });
+        self.accept();
+        drops
+    }
+
+    pub(super) fn want(&mut self, asked: Vec<Wanted>) {
+        self.asked = asked;
+        self.cuts += 1;
+        self.accept();
+    }
+
+    pub(super) fn set_budget(&mut self, budget: Budget) {
+        if budget.bytes > self.budget.bytes {
+            // What was too large may be no more.
+            let entries = self.clouds.values_mut().flat_map(|held| held.entries.values_mut());
+            entries.for_each(|entry| entry.failed = false);
+        }
+        self.budget = budget;
+        self.accept();
+    }
+
+    /// Takes over the last cut as far as the budget goes.
+    fn accept(&mut self) {
+        for held in self.clouds.values_mut() {
+            held.entries.values_mut().for_each(|entry| entry.wanted = 0);
+        }
+        let mut points = self.budget.points;
+        // One node more than is wanted must find room: it may have to be read to take the place of what is shown of it.
+        let most = self.budget.bytes / 2;
+        let cost_of = |wanted: &Wanted| {
+            let paged = &self.clouds.get(&wanted.cloud)?.paged;
+            paged.octree.nodes.get(wanted.node.0 as usize).map(|_| paged.cost(wanted.node))
+        };
+        let reserve = self.asked.iter().filter_map(cost_of).filter(|cost| *cost <= most).max().unwrap_or(0);
+        let mut bytes = self.budget.bytes.saturating_sub(reserve);
+        self.wanted.clear();
+        for Wanted { cloud, node: id, batches } in &self.asked {
+            let Some(held) = self.clouds.get_mut(cloud) else { continue };
+            let Some(node) = held.paged.octree.nodes.get(id.0 as usize) else { continue };
+            let is_wanted = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0);
+            // What is too large is not wanted itself, so that what is shown of it can go.
+            let may_have_children = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0 || entry.failed);
+            if !node.parent.is_none_or(may_have_children) || is_wanted(*id) || *batches == 0 {
+                continue;
+            }
+            let cost = held.paged.cost(*id);
+            if cost > most {
+                let entry = held.entries.entry(*id).or_default();
+                entry.wanted_at = self.cuts;
+                if !std::mem::replace(&mut entry.failed, true) {
+                    let error = Error::TooLarge { bytes: cost, budget: self.budget.bytes };
+                    self.pending.push(Change::Failed { cloud: *cloud, node: *id, error });
+                }
+                continue;
+            }
+            let fits = |batches: &usize| prefix(node.points as usize, *batches) as u64 <= points;
+            let asked = (*batches).min(BATCHES);
+            let batches = (1..=asked).rev().find(fits).filter(|_| cost <= bytes).unwrap_or(0);
+            if batches > 0 {
+                points -= prefix(node.points as usize, batches) as u64;
+                bytes -= cost;
+                let entry = held.entries.entry(*id).or_default();
+                (entry.wanted, entry.wanted_at) = (batches, self.cuts);
+                self.wanted.push(Wanted { cloud: *cloud, node: *id, batches });
+            }
+            if batches < asked {
+                break;
+            }
+        }
+        for held in self.clouds.values_mut() {
+            held.entries.retain(|_, entry| entry.is_of_use());
+        }
+        let is_missing = |wanted: &&Wanted| {
+            let held = &self.clouds[&wanted.cloud];
+            let entry = &held.entries[&wanted.node];
+            !entry.in_flight && entry.loaded.is_none() && !held.is_satisfied(wanted.node, entry)
+        };
+        self.queue = self.wanted.iter().filter(is_missing).map(|wanted| (wanted.cloud, wanted.node)).collect();
+        self.asks_for_room = false;
+    }
+
+    /// The next node to read, if there is one and room for it.
+    pub(super) fn next_job(&mut self) -> Option<Job> {
+        let (cloud, node) = *self.queue.front()?;
+        let bytes = self.clouds.get(&cloud)?.paged.cost(node);
+        self.evict(bytes);
+        if self.bytes + bytes > self.budget.bytes {
+            return None;
+        }
+        self.queue.pop_front();
+        self.bytes += bytes;
+        let held = self.clouds.get_mut(&cloud)?;
+        held.entries.entry(node).or_default().in_flight = true;
+        Some(Job { cloud, node, generation: held.generation, paged: held.paged.clone(), bytes })
+    }
+
+    /// Forgets kept chunks, the least recently wanted first, until so many bytes more have room.
+    pub(super) fn evict(&mut self, bytes: u64) {
+        if self.bytes.saturating_add(bytes) <= self.budget.bytes {
+            return;
+        }
+        for (_, Reverse(node), cloud) in self.kept() {
+            if self.bytes.saturating_add(bytes) <= self.budget.bytes {
+                return;
+            }
+            let entry = self.clouds.get_mut(&cloud).and_then(|held| held.entries.get_mut(&node));
+            let loaded = entry.and_then(|entry| entry.loaded.take());
+            self.bytes -= loaded.map_or(0, |loaded| loaded.bytes());
+        }
+    }
+
+    /// Decoded chunks that nobody wants, least recently wanted first and children before their parents.
+    fn kept(&self) -> Vec<(u64, Reverse<NodeId>, usize)> {
+        self.unwanted(|entry| entry.loaded.is_some())
+    }
+
+    pub(super) fn unwanted(&self, matches: impl Fn(&Entry) -> bool) -> Vec<(u64, Reverse<NodeId>, usize)> {
+        let mut found: Vec<_> = self
+            .clouds
+            .iter()
+            .flat_map(|(cloud, held)| held.entries.iter().map(move |(node, entry)| (*cloud, *node, entry)))
+            .filter(|(_, _, entry)| entry.wanted == 0 && matches(entry))
+            .map(|(cloud, node, entry)| (entry.wanted_at, Reverse(node), cloud))
+            .collect();
+        found.sort_unstable();
+        found
+    }
+
+    pub(super) fn finish(&mut self, job: Job, loaded: Result<Loaded>) {
+        self.bytes -= job.bytes;
+        if let Ok(loaded) = &loaded {
+            self.forget_reads();
+            self.reads.push_back((Instant::now(), loaded.disk_bytes, loaded.chunk.len() as u64));
+        }
+        let Some(held) = self.clouds.get_mut(&job.cloud).filter(|held| held.generation == job.generation) else {
+            return;
+        };
+        let Some(entry) = held.entries.get_mut(&job.node) else { return };
+        entry.in_flight = false;
+        match loaded {
+            Ok(loaded) => {
+                self.bytes += loaded.bytes();
+                let points = loaded.chunk.len() as u64;
+                let excess = loaded.bytes().saturating_sub(held.paged.cost(job.node));
+                entry.loaded = Some(loaded);
+                if excess > 0 {
+                    // The cut was promised for less than its pages take: as much of it as there is room for.
+                    held.paged.point_bytes += excess.div_ceil(points);
+                    self.accept();
+                }
+            }
+            Err(error) => {
+                entry.failed = true;
+                self.pending.push(Change::Failed { cloud: job.cloud, node: job.node, error });
+            }
+        }
+    }
+
+    fn forget_reads(&mut self) {
+        while self.reads.front().is_some_and(|(when, ..)| when.elapsed() > RATE_TIME) {
+            self.reads.pop_front();
+        }
+    }
+
+    pub(super) fn shown(&self, cloud: usize, node: NodeId) -> Option<&ShownNode> {
+        self.clouds.get(&cloud)?.entry(node)?.shown.as_ref()
+    }
+
+    pub(super) fn shown_mut(&mut self, cloud: usize, node: NodeId) -> Option<&mut ShownNode> {
+        self.clouds.get_mut(&cloud)?.entries.get_mut(&node)?.shown.as_mut()
+    }
+
+    /// Where room can be made without losing what is wanted: nodes that are not, then batches that are not. The next is last.
+    pub(super) fn kept_bytes(&self) -> u64 {
+        let entries = self.clouds.values().flat_map(|held| held.entries.values());
+        entries.filter(|entry| entry.wanted == 0).filter_map(|entry| entry.loaded.as_ref()).map(Loaded::bytes).sum()
+    }
+
+    /// Where a plan leads, for the clouds that it changes or whose radii are larger than need be.
+    /// Nodes that are wanted and not there as they are wanted.
+    pub(super) fn waiting_nodes(&self) -> usize {
+        let waits = |wanted: &&Wanted| {
+            let held = self.clouds.get(&wanted.cloud);
+            let entry = held.and_then(|held| Some((held, held.entry(wanted.node)?)));
+            entry.is_some_and(|(held, entry)| !held.is_satisfied(wanted.node, entry))
+        };
+        self.wanted.iter().filter(waits).count()
+    }
+
+    pub(super) fn stats(&mut self) -> StreamStats {
+        self.forget_reads();
+        let waiting_nodes = self.waiting_nodes();
+        let seconds = RATE_TIME.as_secs_f64();
+        StreamStats {
+            shown_nodes: self.shown_nodes,
+            shown_points: self.shown_points,
+            bytes: self.bytes,
+            waiting_nodes,
+            disk_bytes_per_second: self.reads.iter().map(|(_, bytes, _)| *bytes).sum::<u64>() as f64 / seconds,
+            points_per_second: self.reads.iter().map(|(.., points)| *points).sum::<u64>() as f64 / seconds,
+            settled: waiting_nodes == 0
+                && self.pending.is_empty()
+                && self.clouds.values().all(|held| held.loose.is_empty())
+                && self.shown_points <= self.budget.points
+                && self.bytes <= self.budget.bytes,
+        }
+    }
+}
