@@ -3,29 +3,25 @@
 //!
 //! Everything that can be told without a scene is checked here, with the line of the file that is wrong, before anything runs.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+mod check;
+mod lines;
+mod sweep;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use param::{Choice as _, Kind};
+use lines::{at_line, line_at};
+use param::Choice as _;
 use scene::{Method, Settings};
 use serde::{Deserialize, Serialize};
-use toml::de::{DeTable, DeValue};
+use sweep::{filled, plain_text, swept_values};
+use toml::de::DeTable;
 
-use crate::file_name::file_name;
 use crate::metrics::Truth;
 use crate::results;
 
 pub use scene::RAY_TRACE;
-
-/// Most settings of a plan: at a second each it would run for a day on the fastest machine.
-const MOST_CASES: usize = 100_000;
-
-/// Bytes that the settings of a plan take, at most: what names and values a few lines repeat may be long.
-const MOST_CASE_BYTES: usize = 32 << 20;
-
-/// Keys that a group sweeps, at most: each doubles the number of settings, or sweeps nothing.
-const MOST_SWEPT: usize = 64;
 
 /// Swept in place of a parameter: the picture's size, as in `640x480`.
 pub const SIZE: &str = "size";
@@ -161,53 +157,11 @@ pub struct Group {
     pub pictures: bool,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
-    /// Lists of values, or ranges; see [`Range`]. A key without a dot is a variable, `size` the picture's size.
+    /// Lists of values, or ranges `{ from, to, count, scale }`. A key without a dot is a variable, `size` the picture's size.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sweep: BTreeMap<String, toml::Value>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bound: Option<Bound>,
-}
-
-/// Evenly spaced values, or values of even ratios.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Range {
-    from: f64,
-    to: f64,
-    count: u32,
-    #[serde(default)]
-    scale: Scale,
-}
-
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Scale {
-    #[default]
-    Linear,
-    Log,
-}
-
-impl Range {
-    fn problem(&self) -> Option<&'static str> {
-        let is_log = matches!(self.scale, Scale::Log);
-        if !self.from.is_finite() || !self.to.is_finite() {
-            Some("`from` and `to` must be finite")
-        } else if self.count < 2 {
-            Some("`count` must be 2 or more")
-        } else if is_log && !(self.from > 0.0 && self.to > 0.0) {
-            Some("a log scale needs `from` and `to` above 0")
-        } else {
-            None
-        }
-    }
-
-    fn value(&self, index: u32) -> f64 {
-        let share = f64::from(index) / f64::from(self.count - 1);
-        match self.scale {
-            Scale::Linear => self.from + (self.to - self.from) * share,
-            Scale::Log => self.from * (self.to / self.from).powf(share),
-        }
-    }
 }
 
 /// What a group's figure must not pass.
@@ -330,16 +284,6 @@ fn unreadable(place: &str, error: &scene::Error) -> PlanError {
     PlanError { place: place.to_owned(), problem }
 }
 
-/// A problem, and the keys and indices that lead to its place in the file.
-struct Problem {
-    path: Vec<String>,
-    text: String,
-}
-
-fn problem(path: &[&str], text: impl Into<String>) -> Problem {
-    Problem { path: path.iter().map(|step| (*step).to_owned()).collect(), text: text.into() }
-}
-
 impl Plan {
     /// Reads a plan and checks it. Scenes given by a relative path are taken to be beside the file.
     ///
@@ -385,10 +329,7 @@ impl Plan {
                 group.methods.splice(at..=at, methods.map(|name| (*name).to_owned()));
             }
         }
-        plan.check().map_err(|Problem { path, text: problem }| {
-            let line = table.as_ref().and_then(|table| line_of(text, table.get_ref(), &path));
-            PlanError { place: at_line(place, line), problem: param::shortened(&problem, MOST_TOLD) }
-        })?;
+        plan.check(place, text)?;
         Ok(plan)
     }
 
@@ -468,176 +409,6 @@ impl Plan {
     pub fn to_text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
     }
-
-    fn check(&self) -> Result<(), Problem> {
-        if !(1..=1000).contains(&self.repeats) {
-            return Err(problem(&["repeats"], format!("repeats is {}, expected 1 to 1000", self.repeats)));
-        }
-        if !(1..=65_536).contains(&self.truth_samples) {
-            let text = format!("truth_samples is {}, expected 1 to 65536 paths", self.truth_samples);
-            return Err(problem(&["truth_samples"], text));
-        }
-        for (list, names) in [("errors", &self.errors), ("figures", &self.figures)] {
-            // A group that measures flicker shows it in charts of all.
-            let has_flicker = self.flicker || self.groups.iter().any(|group| group.flicker);
-            let check = |name| check_figure(name, &self.truths, has_flicker);
-            names.iter().try_for_each(|name| check(name).map_err(|text| problem(&[list], text)))?;
-        }
-        check_set(&self.set, &["set"])?;
-        if self.groups.is_empty() {
-            return Err(problem(&["group"], "no [[group]], expected one or more"));
-        }
-        let (mut total, mut total_bytes) = (0_usize, 0_usize);
-        let mut files: HashMap<String, &str> = HashMap::new();
-        for (index, group) in self.groups.iter().enumerate() {
-            let number = index.to_string();
-            let group_path = ["group", number.as_str()];
-            let file = file_name(&group.name);
-            let text = match files.get(&file) {
-                Some(other) if *other == group.name => {
-                    Some(format!("a second group is called `{other}`, names must be unique"))
-                }
-                Some(other) => Some(format!("`{}` and `{other}` give files the same name `{file}`", group.name)),
-                None if file.is_empty() => {
-                    Some(format!("`{}` names no file, expected a letter from a to z or a digit", group.name))
-                }
-                None => None,
-            };
-            if let Some(text) = text {
-                return Err(problem(&[&group_path[..], &["name"]].concat(), text));
-            }
-            files.insert(file, &group.name);
-            let (settings, bytes) = group.check(&group_path, self)?;
-            (total, total_bytes) = (total.saturating_add(settings), total_bytes.saturating_add(bytes));
-            if total > MOST_CASES {
-                let text = format!("the plan has {total} settings or more, expected at most {MOST_CASES}");
-                return Err(problem(&[&group_path[..], &["sweep"]].concat(), text));
-            }
-            if total_bytes > MOST_CASE_BYTES {
-                let (bytes, most) = (total_bytes >> 20, MOST_CASE_BYTES >> 20);
-                let text =
-                    format!("the plan's settings take {bytes} MB, expected at most {most}: fewer, or shorter names");
-                return Err(problem(&[&group_path[..], &["scenes"]].concat(), text));
-            }
-        }
-        Ok(())
-    }
-}
-
-impl Group {
-    /// The number of its settings, and the bytes that they take at most.
-    fn check(&self, path: &[&str], plan: &Plan) -> Result<(usize, usize), Problem> {
-        let at = |rest: &[&str], text: String| problem(&[path, rest].concat(), text);
-        for (key, list) in [("scenes", &self.scenes), ("methods", &self.methods)] {
-            if list.is_empty() {
-                return Err(at(&[key], format!("{key} is empty, expected one or more")));
-            }
-            if let Some(name) = twice(list) {
-                return Err(at(&[key], format!("`{name}` is named twice")));
-            }
-        }
-        for (index, method) in self.methods.iter().enumerate() {
-            check_method(method).map_err(|text| at(&["methods", &index.to_string()], text))?;
-        }
-        let check = |name: &String| check_figure(name, &plan.truths, plan.flicker || self.flicker);
-        self.figures.iter().try_for_each(|name| check(name).map_err(|text| at(&["figures"], text)))?;
-        check_set(&self.set, &[path, &["set"]].concat())?;
-        let mut count = self.scenes.len().saturating_mul(self.methods.len());
-        if self.sweep.len() > MOST_SWEPT {
-            let text = format!("{} keys are swept, expected at most {MOST_SWEPT}", self.sweep.len());
-            return Err(at(&["sweep"], text));
-        }
-        let mut longest = Vec::new();
-        for (key, sweep) in &self.sweep {
-            let values = sweep_length(sweep).map_err(|text| at(&["sweep", key], format!("{key}: {text}")))?;
-            count = count.saturating_mul(values);
-            if count > MOST_CASES {
-                let text = format!("the plan has {count} settings or more, expected at most {MOST_CASES}");
-                return Err(at(&["sweep", key], text));
-            }
-            let length = self.check_sweep(key, sweep).map_err(|text| at(&["sweep", key], text))?;
-            longest.push((key.as_str(), length));
-        }
-        for (index, scene) in self.scenes.iter().enumerate() {
-            self.check_names(scene).map_err(|text| at(&["scenes", &index.to_string()], text))?;
-        }
-        if let Some(bound) = &self.bound {
-            check(&bound.figure).and_then(|()| self.check_bound(bound)).map_err(|text| at(&["bound"], text))?;
-        }
-        let swept =
-            longest.iter().map(|(key, length)| size_of::<(String, String)>() + key.len() + length).sum::<usize>();
-        let scene = |scene: &String| scene.len().saturating_add(filled_length(scene, &longest));
-        let scene = self.scenes.iter().map(scene).max().unwrap_or(0);
-        Ok((count, count.saturating_mul((size_of::<Case>() + swept).saturating_add(scene))))
-    }
-
-    /// The length of the longest value.
-    fn check_sweep(&self, key: &str, sweep: &toml::Value) -> Result<usize, String> {
-        let values = swept_values(key, sweep).map_err(|text| format!("{key}: {text}"))?;
-        if let Some(value) = twice(&values) {
-            return Err(format!("{key}: the value {value} occurs twice"));
-        }
-        if key == SIZE {
-            values.iter().try_for_each(|value| value.parse::<Size>().map(|_| ()))?;
-        } else if key.contains('.') {
-            values.iter().try_for_each(|value| check_parameter(key, value))?;
-        } else if !self.scenes.iter().any(|scene| scene.contains(&format!("{{{key}}}"))) {
-            return Err(format!(
-                "the variable `{key}` is in no scene, expected {{{key}}} in one, or a parameter `group.name`"
-            ));
-        }
-        Ok(values.iter().map(String::len).max().unwrap_or(0))
-    }
-
-    fn check_names(&self, scene: &str) -> Result<(), String> {
-        for name in parts(scene).filter_map(|(name, _)| name) {
-            if !self.sweep.contains_key(name) {
-                return Err(format!("`{scene}`: the variable `{name}` is not swept, expected it as a key of `sweep`"));
-            }
-        }
-        Ok(())
-    }
-
-    fn check_bound(&self, bound: &Bound) -> Result<(), String> {
-        if let Some(method) = bound.methods.iter().find(|method| !self.methods.contains(method)) {
-            return Err(format!("the bound is of `{method}`, which is none of the group's methods"));
-        }
-        if bound.at_least.is_some() == bound.at_most.is_some() {
-            return Err("expected either at_least or at_most in a bound".into());
-        }
-        let has_range = bound.from.is_some() || bound.up_to.is_some();
-        if has_range && self.sweep.len() != 1 {
-            return Err("`from` and `up_to` of a bound need exactly one swept key".into());
-        }
-        Ok(())
-    }
-}
-
-/// The texts of a scene between the names of variables: each name stands before its text, none before the first.
-fn parts(scene: &str) -> impl Iterator<Item = (Option<&str>, &str)> {
-    let (first, rest) = scene.split_once('{').map_or((scene, None), |(first, rest)| (first, Some(rest)));
-    let named = rest.into_iter().flat_map(|rest| rest.split('{'));
-    let named = named.map(|part| part.split_once('}').map_or((Some(part), ""), |(name, text)| (Some(name), text)));
-    std::iter::once((None, first)).chain(named)
-}
-
-/// A scene with the values of variables in place of their names. What a value holds is not replaced again.
-fn filled(scene: &str, swept: &[(String, String)]) -> String {
-    let mut filled = String::new();
-    for (name, text) in parts(scene) {
-        let value = name.and_then(|name| swept.iter().find(|(key, _)| key == name));
-        filled += value.map_or("", |(_, value)| value);
-        filled += text;
-    }
-    filled
-}
-
-/// Bytes of a scene with values of these lengths.
-fn filled_length(scene: &str, lengths: &[(&str, usize)]) -> usize {
-    parts(scene).fold(0, |total, (name, text)| {
-        let value = name.and_then(|name| lengths.iter().find(|(key, _)| *key == name));
-        total.saturating_add(value.map_or(0, |(_, length)| *length)).saturating_add(text.len())
-    })
 }
 
 /// Whether a scene is named by a path, as opposed to a built-in scene's name.
@@ -645,136 +416,6 @@ fn is_path(scene: &str) -> bool {
     let extensions = ["toml", "las", "laz", "ply"];
     let extension = Path::new(scene).extension().and_then(|extension| extension.to_str());
     extension.is_some_and(|extension| extensions.iter().any(|known| extension.eq_ignore_ascii_case(known)))
-}
-
-fn check_method(name: &str) -> Result<(), String> {
-    if Method::NAMES.contains(&name) || name == RAY_TRACE {
-        return Ok(());
-    }
-    Err(format!("method `{name}` is unknown; available: {}, {RAY_TRACE}", Method::NAMES.join(", ")))
-}
-
-/// The first item that is there before.
-fn twice(items: &[String]) -> Option<&String> {
-    let mut known = HashSet::new();
-    items.iter().find(|item| !known.insert(*item))
-}
-
-/// There is such a figure, and something that it is measured by.
-fn check_figure(name: &str, truths: &[Truth], has_flicker: bool) -> Result<(), String> {
-    if let Some(figure) = results::figure(name) {
-        return match figure.truth() {
-            Some((truth, known)) if !truths.contains(&truth) => {
-                Err(format!("figure `{name}` is never measured, expected \"{known}\" among the `truths`"))
-            }
-            _ if figure.is_of_flicker() && !has_flicker => {
-                Err(format!("figure `{name}` is never measured, expected `flicker = true` in the plan or its group"))
-            }
-            _ => Ok(()),
-        };
-    }
-    let near = param::nearest(name, results::figures().iter().map(|figure| figure.name.as_str()));
-    let hint = near.map_or("docs/study/README.md lists them".to_owned(), |near| format!("did you mean `{near}`?"));
-    Err(format!("figure `{name}` is unknown; {hint}"))
-}
-
-fn check_set(set: &BTreeMap<String, toml::Value>, path: &[&str]) -> Result<(), Problem> {
-    set.iter().try_for_each(|(key, value)| {
-        let value = scalar_text(value).ok_or_else(|| format!("{key}: expected a number, a text, true or false"));
-        value.and_then(|value| check_parameter(key, &value)).map_err(|text| problem(&[path, &[key]].concat(), text))
-    })
-}
-
-fn check_parameter(key: &str, value: &str) -> Result<(), String> {
-    match key {
-        "reflection.method" => Err("reflection.method: name methods in the group's `methods`".into()),
-        _ => Settings::default().set_text(key, value).map_err(|error| error.to_string()),
-    }
-}
-
-/// As `--set` takes it.
-fn scalar_text(value: &toml::Value) -> Option<String> {
-    match value {
-        toml::Value::String(text) => Some(text.clone()),
-        toml::Value::Integer(number) => Some(number.to_string()),
-        toml::Value::Float(number) => Some(number.to_string()),
-        toml::Value::Boolean(switch) => Some(switch.to_string()),
-        _ => None,
-    }
-}
-
-fn plain_text(value: &toml::Value) -> String {
-    scalar_text(value).unwrap_or_default()
-}
-
-/// The number of values, without making them.
-fn sweep_length(sweep: &toml::Value) -> Result<usize, String> {
-    match sweep {
-        toml::Value::Array(values) if values.is_empty() => Err("the list is empty, expected one or more".into()),
-        toml::Value::Array(values) => Ok(values.len()),
-        toml::Value::Table(_) => Ok(range(sweep)?.count as usize),
-        _ => Err("expected a list, or a range { from, to, count, scale }".into()),
-    }
-}
-
-fn range(sweep: &toml::Value) -> Result<Range, String> {
-    let range: Range = sweep.clone().try_into().map_err(|error: toml::de::Error| error.message().to_owned())?;
-    range.problem().map_or(Ok(range), |text| Err(text.into()))
-}
-
-/// The values of a list or range, as text. Whole numbers where the parameter is one.
-fn swept_values(key: &str, sweep: &toml::Value) -> Result<Vec<String>, String> {
-    if let toml::Value::Array(values) = sweep {
-        let text = |value| scalar_text(value).ok_or("expected numbers, texts, true or false in the list");
-        return Ok(values.iter().map(text).collect::<Result<_, _>>()?);
-    }
-    let range = range(sweep)?;
-    let settings = Settings::default();
-    let is_whole = settings.groups().iter().any(|params| {
-        let group = params.group();
-        let mut fields = group.fields.iter();
-        fields.any(|field| format!("{}.{}", group.name, field.name) == key && matches!(field.kind, Kind::U32 { .. }))
-    });
-    let mut values: Vec<String> = (0..range.count)
-        .map(|index| {
-            let value = range.value(index);
-            if is_whole { format!("{}", value.round()) } else { rounded(value).to_string() }
-        })
-        .collect();
-    values.dedup();
-    Ok(values)
-}
-
-/// To 4 significant digits, which is finer than any chart shows.
-fn rounded(value: f64) -> f64 {
-    format!("{value:.3e}").parse().unwrap_or(value)
-}
-
-fn at_line(place: &str, line: Option<usize>) -> String {
-    line.map_or(place.to_owned(), |line| format!("{place}:{line}"))
-}
-
-fn line_at(text: &str, offset: usize) -> usize {
-    text.as_bytes().iter().take(offset).filter(|byte| **byte == b'\n').count() + 1
-}
-
-/// The line of what `path` leads to, or of the last part of it that the file has.
-fn line_of(text: &str, table: &DeTable<'_>, path: &[String]) -> Option<usize> {
-    let (first, rest) = path.split_first()?;
-    let (key, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == first.as_str())?;
-    let (mut line, mut value, mut rest) = (line_at(text, key.span().start), value, rest);
-    while let Some((step, after)) = rest.split_first() {
-        value = match value.get_ref() {
-            DeValue::Array(array) => match step.parse::<usize>().ok().and_then(|index| array.get(index)) {
-                Some(item) => item,
-                None => break,
-            },
-            DeValue::Table(table) => return line_of(text, table, rest).or(Some(line)),
-            _ => break,
-        };
-        (line, rest) = (line_at(text, value.span().start), after);
-    }
-    Some(line)
 }
 
 #[cfg(test)]
