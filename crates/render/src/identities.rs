@@ -4,8 +4,15 @@
 
 use std::collections::HashMap;
 
-use crate::store::ChunkId;
+/// A cloud in the store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CloudId(pub u32);
 
+/// A chunk in the store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ChunkId(pub u32);
+
+/// The numbers of all points.
 #[derive(Default)]
 pub(crate) struct Identities {
     /// The first identity of each chunk, in order.

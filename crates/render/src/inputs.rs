@@ -4,8 +4,10 @@ use scene::Settings;
 
 use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
+use crate::identities::ChunkId;
 use crate::layout::{Block, Page};
-use crate::store::{ChunkId, DrawList, PageDraw, PointStore};
+use crate::store::PointStore;
+use crate::store::draw_list::{DrawList, PageDraw};
 
 /// The data that a frame uploads.
 pub(crate) struct Inputs {

@@ -13,7 +13,8 @@ use crate::inputs::Inputs;
 use crate::layout::{LightSource, SHADOW_SIZE, SHADOW_TEXEL_BYTES};
 use crate::passes::PassStage;
 use crate::recorder::Recorder;
-use crate::store::{PointStore, Selection};
+use crate::store::PointStore;
+use crate::store::draw_list::Selection;
 use crate::targets::storage;
 
 /// The most lights of a scene; more would not fit the shadow maps' buffer on small adapters.

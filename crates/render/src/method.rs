@@ -13,7 +13,7 @@ use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
 use crate::reflection::surfel_trace;
 use crate::reflection::task::Task;
-use crate::store::Selection;
+use crate::store::draw_list::Selection;
 use crate::targets::Image;
 
 /// The methods, with the state that each keeps from frame to frame.

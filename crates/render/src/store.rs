@@ -3,39 +3,25 @@
 //! A point takes 16 bytes that every splatting pass reads (position, radius, class), 8 more that only visible points are
 //! asked for (colour, normal), and 4 for the attribute shown, while one is shown.
 
+pub(crate) mod draw_list;
+mod pages;
+
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, OnceLock};
 
 use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, PointTest, unpack_radius};
-use glam::{DVec3, Vec3};
+use glam::DVec3;
+use pages::{PageBuffers, buffer, room_of};
 use rayon::prelude::*;
 use scene::{Ramp, Settings, Splat, Visibility};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
-use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
-use crate::identities::Identities;
-use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, Block, Item, POINT_BYTES, SCALAR_BYTES};
-use crate::room::Room;
-
-/// Smallest page: 24 MiB, so that small clouds stay small.
-const SMALLEST_PAGE: u32 = 1 << 20;
-/// Pages are multiples of this: 6 MiB.
-const PAGE_GRAIN: u32 = 1 << 18;
-/// What chunks take more than their points, since they begin at whole blocks, as a share of these: half a block of chunks of
-/// some ten thousand.
-const ROUNDING_SHARE: u32 = 16;
+use crate::identities::{ChunkId, CloudId, Identities};
+use crate::layout::{ATTRIBUTE_BYTES, POINT_BYTES, SCALAR_BYTES};
 
 /// What a leaf of a chunk's tree can count (reflection/surfel_tree.rs); loaded chunks are far smaller.
 const MOST_CHUNK_POINTS: usize = 1 << 24;
-
-/// A cloud in the store.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct CloudId(pub u32);
-
-/// A chunk in the store.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct ChunkId(pub u32);
 
 /// How a cloud reflects: a specular intensity above 0 makes it a mirror.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,35 +33,6 @@ pub struct Material {
     pub has_formula: bool,
     /// Drawn as these samples unless `mirror.surface` asks for the formula.
     pub as_points: bool,
-}
-
-/// Which chunks a frame takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Selection {
-    /// What may be in the picture, but for mirrors that are drawn by their formula.
-    Seen,
-    /// What may be in the picture, but for one cloud and mirrors that are drawn by their formula.
-    SeenBesides(CloudId),
-    /// What may be in the picture.
-    SeenWithMirrors,
-    /// All that is visible, wherever the camera looks, but for mirrors that are drawn by their formula.
-    Everywhere,
-    /// All that is visible, wherever the camera looks.
-    EverywhereWithMirrors,
-}
-
-struct PageBuffers {
-    points: wgpu::Buffer,
-    attributes: wgpu::Buffer,
-    /// Made when the first chunk of the page shows an attribute.
-    scalars: Option<wgpu::Buffer>,
-    room: Room,
-}
-
-impl PageBuffers {
-    fn capacity(&self) -> u32 {
-        self.room.capacity()
-    }
 }
 
 struct StoredCloud {
@@ -139,9 +96,6 @@ impl Shown {
 /// Where chunks of the store have the classes of their points.
 const CLASSES: Option<usize> = Some(0);
 
-/// Words of the class masks: those of points without a class come first, then those of all others.
-const UNCLASSED: [u32; 8] = [u32::MAX; 8];
-
 impl StoredChunk {
     /// All that it takes of its page.
     fn room(&self) -> std::ops::Range<u32> {
@@ -153,31 +107,6 @@ impl StoredChunk {
         let provisional = if self.shown.lacks_radii { cloud.provisional_radius } else { 0.0 };
         f64::from(self.shown.largest_radius.max(provisional)) * f64::from(splat.size)
     }
-
-    /// Whether no point of the chunk can cover more than one pixel.
-    fn is_of_single_pixels(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
-        let scale = camera.most_pixels_per_unit(self.shown.bounds.center(), self.shown.bounds.radius());
-        let pixels = self.largest_radius(cloud, splat) * scale;
-        // The limits as disc_of_point in splat.wgsl has them.
-        let (least, most) =
-            (f64::from(splat.min_pixels) * 0.5, f64::from(splat.max_pixels.max(splat.min_pixels)) * 0.5);
-        pixels.clamp(least, most) <= 0.5
-    }
-}
-
-/// What a frame draws of one page.
-pub(crate) struct PageDraw {
-    /// Number of the page in the store.
-    pub number: usize,
-    pub capacity: u32,
-    pub points: wgpu::Buffer,
-    pub attributes: wgpu::Buffer,
-    pub scalars: wgpu::Buffer,
-    /// Of discs, and of points that cover one pixel: two kernels draw them.
-    pub blocks: [Vec<Block>; 2],
-    /// Which item each run of `BLOCK_POINTS` points of the page belongs to; then, for each run of as many identities of the store,
-    /// which run of the page has them. `u32::MAX` where none is drawn.
-    pub items_of_runs: Vec<u32>,
 }
 
 /// A chunk and where its points lie in the store.
@@ -224,23 +153,6 @@ impl<'a> ShownPoints<'a> {
     pub fn has(&self, index: usize) -> bool {
         self.tested.is_none_or(|(classes, test)| test.shows(Some(classes[index])))
     }
-}
-
-/// What a frame draws.
-#[derive(Default)]
-pub(crate) struct DrawList {
-    pub pages: Vec<PageDraw>,
-    pub items: Vec<Item>,
-    /// Of each item.
-    pub chunks: Vec<ChunkId>,
-    pub class_masks: Vec<u32>,
-    pub filter_classes: bool,
-    pub points: u64,
-}
-
-/// Points that a chunk of `count` takes of a page: whole blocks, since a run of a block has one item.
-fn room_of(count: u32) -> u32 {
-    count.max(1).next_multiple_of(BLOCK_POINTS)
 }
 
 fn next_revision() -> u64 {
@@ -701,182 +613,12 @@ impl PointStore {
         ramp_colors(self.ramp).into_iter().chain(classes).map(u32::from_le_bytes).collect()
     }
 
-    /// What a frame draws of the visible clouds.
-    pub(crate) fn draw_list(&self, camera: &FrameCamera, settings: &Settings, selection: Selection) -> DrawList {
-        let splat = &settings.splat;
-        let asks_where_seen = !matches!(selection, Selection::Everywhere | Selection::EverywhereWithMirrors);
-        let with_mirrors = matches!(selection, Selection::SeenWithMirrors | Selection::EverywhereWithMirrors);
-        let mut chunks: Vec<(&ChunkId, &StoredChunk)> = self.chunks.iter().collect();
-        chunks.sort_by_key(|(_, chunk)| (chunk.page, chunk.range.start));
-        let mut items = Vec::new();
-        let mut chunk_ids = Vec::new();
-        let identities = self.identities();
-        let runs_of = |points: u32| (points / BLOCK_POINTS) as usize;
-        let draw = |(number, page): (usize, &PageBuffers)| PageDraw {
-            number,
-            capacity: page.capacity(),
-            points: page.points.clone(),
-            attributes: page.attributes.clone(),
-            scalars: page.scalars.clone().unwrap_or_else(|| self.nothing.clone()),
-            blocks: Default::default(),
-            items_of_runs: vec![u32::MAX; runs_of(page.capacity()) + runs_of(identities.end())],
-        };
-        let mut pages: Vec<PageDraw> = self.pages.iter().enumerate().map(draw).collect();
-        let mut points = 0;
-        for (id, chunk) in chunks {
-            let cloud = &self.clouds[&chunk.cloud];
-            let bounds = chunk.shown.bounds;
-            // Splats reach beyond their points.
-            let reach = chunk.largest_radius(cloud, splat);
-            let margin = f64::from(splat.min_pixels) * 0.5;
-            let is_seen = !asks_where_seen || camera.sees(bounds.center(), bounds.radius() + reach, margin);
-            let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
-            let is_left_out = selection == Selection::SeenBesides(chunk.cloud) || (by_formula && !with_mirrors);
-            if !cloud.visible || bounds.is_empty() || !is_seen || is_left_out {
-                continue;
-            }
-            let mask = chunk.points.classes(CLASSES).map_or(0, |_| UNCLASSED.len() as u32);
-            let item = items.len() as u32;
-            items.push(self.item(chunk, cloud, camera, mask));
-            chunk_ids.push(*id);
-            points += u64::from(chunk.shown.points);
-            let kind = usize::from(asks_where_seen && chunk.is_of_single_pixels(cloud, camera, splat));
-            for first in chunk.range.clone().step_by(BLOCK_POINTS as usize) {
-                let count = BLOCK_POINTS.min(chunk.range.end - first);
-                let first_identity = identities.first_of(*id) + first - chunk.range.start;
-                let page = &mut pages[chunk.page];
-                page.items_of_runs[runs_of(first)] = item;
-                page.items_of_runs[runs_of(page.capacity) + runs_of(first_identity)] = first / BLOCK_POINTS;
-                page.blocks[kind].push(Block { item, first, count, first_identity });
-            }
-        }
-        pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
-        let class_masks = [UNCLASSED, self.test.class_words()].concat();
-        let filter_classes = !self.test.shows_all();
-        DrawList { pages, items, chunks: chunk_ids, class_masks, filter_classes, points }
-    }
-
-    fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera, class_mask: u32) -> Item {
-        let mut height_axis = Vec3::ZERO;
-        height_axis[cloud.up_axis] = 1.0;
-        // Heights are told relative to the ramp's lower end, so that f32 has digits left for them.
-        let (low, reference) =
-            if cloud.source == ColorSource::Height { (0.0, cloud.low) } else { (cloud.low - cloud.scalar_origin, 0.0) };
-        let range = cloud.high - cloud.low;
-        Item {
-            origin_radius: (chunk.origin - camera.eye).as_vec3().extend(cloud.provisional_radius),
-            low: low as f32,
-            inverse_range: if range > 0.0 { (1.0 / range) as f32 } else { 0.0 },
-            color_source: chunk.tint.map_or(cloud.source, |_| ColorSource::Plain).code(),
-            plain: u32::from_le_bytes(chunk.tint.unwrap_or(cloud.plain)),
-            specular_intensity: cloud.material.specular_intensity,
-            specular_power: cloud.material.specular_power,
-            class_mask,
-            height: (chunk.origin[cloud.up_axis] - reference) as f32,
-            height_axis: height_axis.extend(0.0),
-        }
-    }
-
     /// The chunk, its cloud and the index in it of the point with an identity from the `nearest` buffer of a frame, by the numbers
     /// that points had when it was drawn. `None` where that point is gone.
     pub(crate) fn find(&self, identity: u32, drawn: &Identities) -> Option<(CloudId, ChunkId, usize)> {
         let (id, index) = drawn.find(identity)?;
         let chunk = self.chunks.get(&id).filter(|chunk| index < chunk.range.len())?;
         Some((chunk.cloud, id, index))
-    }
-
-    /// Room for `count` points, from a multiple of `BLOCK_POINTS` on: a run of that many points has one item. Where enough is free
-    /// but nowhere together, chunks are slid: there is never a further page while a page has room.
-    fn allocate(&mut self, count: u32) -> Result<(usize, std::ops::Range<u32>)> {
-        let room = room_of(count);
-        let range = |first: u32| first..first + count;
-        for (index, page) in self.pages.iter_mut().enumerate() {
-            if let Some(first) = page.room.take(room) {
-                return Ok((index, range(first)));
-            }
-        }
-        let scattered =
-            self.pages.iter().enumerate().filter_map(|(index, page)| Some((index, page.room.scattered(room)?)));
-        if let Some((index, (stretch, taken))) = scattered.min_by_key(|(_, (_, taken))| *taken) {
-            self.slide(index, stretch, taken);
-            if let Some(first) = self.pages[index].room.take(room) {
-                return Ok((index, range(first)));
-            }
-        }
-        let page = self.add_page(room)?;
-        let first = self.pages[page].room.take(room).unwrap_or_default();
-        Ok((page, range(first)))
-    }
-
-    /// Moves the chunks of a stretch of a page, `taken` points in all, to its lower end.
-    fn slide(&mut self, page: usize, stretch: std::ops::Range<u32>, taken: u32) {
-        let lies_there = |chunk: &&mut StoredChunk| chunk.page == page && stretch.contains(&chunk.range.start);
-        let mut moved: Vec<&mut StoredChunk> = self.chunks.values_mut().filter(lies_there).collect();
-        moved.sort_by_key(|chunk| chunk.range.start);
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let PageBuffers { points, attributes, scalars, room, .. } = &mut self.pages[page];
-        let buffers =
-            [(Some(points), POINT_BYTES), (Some(attributes), ATTRIBUTE_BYTES), (scalars.as_mut(), SCALAR_BYTES)];
-        for (buffer, bytes) in buffers.into_iter().filter_map(|(buffer, bytes)| Some((buffer?, bytes))) {
-            // Copies within one buffer are not allowed.
-            let between = self::buffer(&self.gpu, "slid points", u64::from(taken) * bytes);
-            let mut to = 0;
-            for part in moved.iter().map(|chunk| chunk.room()) {
-                let size = part.len() as u64 * bytes;
-                encoder.copy_buffer_to_buffer(buffer, u64::from(part.start) * bytes, &between, to, size);
-                to += size;
-            }
-            encoder.copy_buffer_to_buffer(&between, 0, buffer, u64::from(stretch.start) * bytes, to);
-        }
-        self.gpu.queue.submit([encoder.finish()]);
-        let mut to = stretch.start;
-        for chunk in moved {
-            let (count, size) = (chunk.range.len() as u32, chunk.room().len() as u32);
-            chunk.range = to..to + count;
-            to += size;
-        }
-        room.slid(stretch, taken);
-    }
-
-    /// A further page, with room for at least `room` points.
-    fn add_page(&mut self, room: u32) -> Result<usize> {
-        let largest = self.largest_page();
-        if room > largest {
-            return Err(self.too_large(
-                "a chunk of points",
-                u64::from(room) * POINT_BYTES,
-                u64::from(largest) * POINT_BYTES,
-            ));
-        }
-        let resident: u32 = self.pages.iter().map(|page| page.capacity()).sum();
-        let announced = self.reserved.saturating_sub(resident);
-        let announced = announced.saturating_add(announced / ROUNDING_SHARE);
-        // Half as much again as there is, where nothing is known: few pages, little of them in vain.
-        let wanted = if announced > 0 { announced } else { resident / 2 }.max(room);
-        let capacity = wanted.min(largest).next_multiple_of(PAGE_GRAIN).clamp(SMALLEST_PAGE, largest);
-        // Points have numbers of 32 bits.
-        if resident.checked_add(capacity).is_none() {
-            return Err(self.too_large("identities of all points", 8 << 32, 4 << 32));
-        }
-        let scope = self.gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let points = buffer(&self.gpu, "points", u64::from(capacity) * POINT_BYTES);
-        let attributes = buffer(&self.gpu, "attributes", u64::from(capacity) * ATTRIBUTE_BYTES);
-        if let Some(error) = pollster::block_on(scope.pop()) {
-            return Err(Error::Device {
-                adapter: self.gpu.info.name.clone(),
-                problem: format!("no memory for more points: {error}"),
-            });
-        }
-        self.pages.push(PageBuffers { points, attributes, scalars: None, room: Room::new(capacity) });
-        Ok(self.pages.len() - 1)
-    }
-
-    /// Points of the largest page: what one binding takes. A page costs a dispatch a pass, so few large ones are better.
-    fn largest_page(&self) -> u32 {
-        let limits = self.gpu.device.limits();
-        let points = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / POINT_BYTES;
-        // Rounded down to a power of two, so that pages fill their bindings in whole blocks.
-        1 << points.clamp(u64::from(SMALLEST_PAGE), 1 << 30).ilog2()
     }
 
     fn too_large(&self, what: &'static str, bytes: u64, limit: u64) -> Error {
@@ -894,13 +636,4 @@ fn is_same<T>(before: &Option<Arc<Vec<T>>>, now: &Option<Arc<Vec<T>>>) -> bool {
 
 fn not_stored() -> Error {
     Error::NotRendered("a chunk that is not in the point store was updated".into())
-}
-
-fn buffer(gpu: &Gpu, label: &str, size: u64) -> wgpu::Buffer {
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(label),
-        size,
-        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
-        mapped_at_creation: false,
-    })
 }

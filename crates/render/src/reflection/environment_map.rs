@@ -16,10 +16,11 @@ use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upl
 use super::task::Task;
 use crate::frame::FrameCamera;
 use crate::gpu::Result;
+use crate::identities::CloudId;
 use crate::inputs::Inputs;
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
-use crate::store::{CloudId, Selection};
+use crate::store::draw_list::Selection;
 use crate::targets::storage;
 
 /// Maps of a frame; more would not fit memory at the largest size. Further mirrors take the map whose middle is nearest

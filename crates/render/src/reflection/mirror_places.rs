@@ -6,8 +6,9 @@ use glam::{DVec3, Vec4};
 
 use super::task::Task;
 use crate::gpu::Gpu;
+use crate::identities::CloudId;
 use crate::layout::{MappedMirror, MappedMirrors, NEAREST_BYTES};
-use crate::store::{CloudId, ShownPoints};
+use crate::store::ShownPoints;
 use crate::targets::storage;
 
 /// Points of a mirror that stand for all of it: enough for a mean that is right to a few hundredths of the mirror's size.

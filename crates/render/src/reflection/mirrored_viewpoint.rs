@@ -15,7 +15,7 @@ use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
-use crate::store::Selection;
+use crate::store::draw_list::Selection;
 use crate::targets::storage;
 
 /// Mirrors of a frame; each costs another splatting of the scene. Further ones stay empty.

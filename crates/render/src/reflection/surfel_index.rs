@@ -7,9 +7,10 @@ use rayon::prelude::*;
 
 use super::surfel_tree::{POINTS_PER_NODE, SurfelTree, tree_over_boxes};
 use crate::gpu::{Error, Gpu, Result};
+use crate::identities::ChunkId;
 use crate::inputs::Inputs;
 use crate::layout::{Node, ORDER_BYTES, SURFEL_BYTES, TreePlace};
-use crate::store::{ChunkId, PlacedChunk, PointStore};
+use crate::store::{PlacedChunk, PointStore};
 use crate::targets::storage;
 
 const NODE_BYTES: u64 = size_of::<Node>() as u64;

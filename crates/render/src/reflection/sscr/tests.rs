@@ -19,7 +19,8 @@ use crate::inputs::Inputs;
 use crate::recorder::{Pipelines, Recorder};
 use crate::reflection::forward::SolutionKey;
 use crate::reflection::{Bounce, COUNTERS};
-use crate::store::{Material, PointStore, Selection};
+use crate::store::draw_list::Selection;
+use crate::store::{Material, PointStore};
 use crate::targets::{Image, storage};
 use crate::{ChunkId, Gpu};
 

@@ -1,0 +1,190 @@
+//! What is read back of the last frame: its picture, its linear images, the point under a pixel.
+
+use glam::DVec3;
+
+use crate::gpu::{Error, Result};
+use crate::identities::{ChunkId, CloudId};
+use crate::image::{Aov, AovImage};
+use crate::layout::SAME_SURFACE;
+use crate::reflection::Reflections;
+use crate::renderer::{Renderer, nothing_rendered};
+use crate::store::PointStore;
+use crate::targets::{Image, Targets};
+
+/// The point under a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Picked {
+    pub cloud: CloudId,
+    pub chunk: ChunkId,
+    /// In the chunk.
+    pub index: usize,
+    pub linear_depth: f32,
+    pub pixel: [u32; 2],
+}
+
+impl Renderer {
+    /// The last frame's picture, RGBA8 sRGB, rows top to bottom.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn read_picture(&self) -> Result<Vec<u8>> {
+        self.gpu.read_texture(&self.rendered()?.picture.texture)
+    }
+
+    /// One of the last frame's linear images.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, no reflections for an image of them, or the device was lost.
+    pub fn read_aov(&self, aov: Aov) -> Result<AovImage> {
+        self.read_aov_from(aov, DVec3::ZERO)
+    }
+
+    /// The same with positions from `origin`: 32-bit world coordinates of a survey are no finer than half a metre.
+    ///
+    /// # Errors
+    /// As `read_aov`.
+    pub fn read_aov_from(&self, aov: Aov, origin: DVec3) -> Result<AovImage> {
+        let targets = self.rendered()?;
+        let camera = self.camera.ok_or_else(nothing_rendered)?;
+        let surface = targets.surface();
+        let read = |image: &Image| self.gpu.read_texture(&image.texture);
+        let depth = floats32(&read(&surface.depth)?);
+        let bounce = self.reflections.as_ref().and_then(Reflections::first);
+        if bounce.is_none() && aov.is_of_mirrors() {
+            // No mirror could be seen.
+            let values = depth.len() * aov.channels().len();
+            return Ok(AovImage { size: targets.size, channels: aov.channels(), data: vec![f32::NAN; values] });
+        }
+        let first = || bounce.ok_or_else(nothing_rendered);
+        let per_pixel: Vec<f32> = match aov {
+            Aov::Depth => depth.clone(),
+            Aov::Normal | Aov::SpecularPower => floats32(&read(&surface.normal)?),
+            Aov::Albedo | Aov::Mirror | Aov::SpecularIntensity => floats16(&read(&surface.albedo)?),
+            Aov::Color => floats16(&read(&targets.color)?),
+            Aov::Direct => floats16(&read(&targets.direct)?),
+            Aov::Indirect => match self.gi.radiance(0).filter(|_| self.has_indirect) {
+                Some(radiance) => floats16(&read(radiance)?),
+                None => vec![0.0; depth.len() * 4],
+            },
+            Aov::Position => Vec::new(),
+            Aov::MirrorPosition => floats32(&read(&first()?.seen.position)?),
+            Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
+            Aov::MirrorNormal => floats32(&read(&first()?.seen.normal)?),
+            Aov::Curvature | Aov::Regions => floats32(&read(self.regions()?)?),
+            // Four values a pixel, as the others have.
+            Aov::Uncertain => {
+                floats32(&read(self.doubt()?)?).into_iter().flat_map(|doubt| [doubt, 0.0, 0.0, 0.0]).collect()
+            }
+        };
+        let coverage = match aov {
+            Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.seen.position)?),
+            _ => Vec::new(),
+        };
+        let mirror = if aov.is_of_mirrors() { floats32(&read(&first()?.mirror.point)?) } else { Vec::new() };
+        let is_mirror = |pixel: usize| mirror[pixel * 4 + 3] > 0.0;
+        let width = targets.size[0] as usize;
+        let channels = aov.channels();
+        let mut data = Vec::with_capacity(depth.len() * channels.len());
+        for (pixel, &depth) in depth.iter().enumerate() {
+            let four = || &per_pixel[pixel * 4..pixel * 4 + 4];
+            let is_empty = match aov {
+                Aov::MirrorPosition => !is_mirror(pixel) || four()[3] == 0.0,
+                Aov::MirrorAlbedo | Aov::MirrorNormal => !is_mirror(pixel) || coverage[pixel * 4 + 3] == 0.0,
+                Aov::Curvature | Aov::Regions | Aov::Uncertain => !is_mirror(pixel),
+                _ => depth == 0.0,
+            };
+            if is_empty {
+                data.extend(channels.iter().map(|_| f32::NAN));
+                continue;
+            }
+            match aov {
+                Aov::Depth => data.push((f64::from(depth) - camera.moved_back) as f32),
+                Aov::Mirror => data.push(if four()[3] > 0.0 { 1.0 } else { 0.0 }),
+                Aov::SpecularIntensity | Aov::SpecularPower => data.push(four()[3]),
+                Aov::Position => {
+                    let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+                    data.extend((camera.world_from_pixel(x, y, f64::from(depth)) - origin).as_vec3().to_array());
+                }
+                Aov::MirrorPosition => {
+                    let from = camera.eye - origin;
+                    let [x, y, z] = [0, 1, 2].map(|axis| (f64::from(four()[axis]) + from[axis]) as f32);
+                    data.extend([x, y, z, four()[3]]);
+                }
+                // The highest bit only says that there is a mirror.
+                Aov::Curvature => data.push(four()[0] - 128.0),
+                Aov::Regions => data.push(four()[1]),
+                Aov::Uncertain => data.push(four()[0]),
+                _ => data.extend(&four()[..3]),
+            }
+        }
+        Ok(AovImage { size: targets.size, channels, data })
+    }
+
+    /// The point drawn nearest to a pixel, at most `radius` pixels from it; where a gap was closed, one beside it.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn pick(&self, store: &PointStore, pixel: [u32; 2], radius: u32) -> Result<Option<Picked>> {
+        let targets = self.rendered()?;
+        let [width, height] = targets.size;
+        if pixel[0] >= width || pixel[1] >= height {
+            return Ok(None);
+        }
+        let camera = self.camera.ok_or_else(nothing_rendered)?;
+        let radius = radius.max(1);
+        let (top, bottom) = (pixel[1].saturating_sub(radius), (pixel[1] + radius).min(height - 1));
+        let row_bytes = u64::from(width) * 8;
+        let rows = u64::from(bottom - top + 1);
+        let bytes = self.gpu.read_buffer(&targets.nearest, u64::from(top) * row_bytes, rows * row_bytes)?;
+        let words: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
+        let shown = floats32(&self.gpu.read_rows(&targets.surface().depth.texture, top, bottom - top + 1)?);
+        let (left, right) = (pixel[0].saturating_sub(radius), (pixel[0] + radius).min(width - 1));
+        let mut best: Option<(u32, [u32; 2], [u32; 2])> = None;
+        for y in top..=bottom {
+            for x in left..=right {
+                let place = ((y - top) * width + x) as usize;
+                let word = words[place];
+                // Behind a closed gap lies a point that is not seen.
+                let same =
+                    SAME_SURFACE * if camera.orthographic { camera.reference_depth as f32 } else { shown[place] };
+                let is_seen = word[1] != 0 && f32::from_bits(u32::MAX - word[1]) <= shown[place] + same;
+                let distance = x.abs_diff(pixel[0]).pow(2) + y.abs_diff(pixel[1]).pow(2);
+                if is_seen && best.is_none_or(|(least, ..)| distance < least) {
+                    best = Some((distance, [x, y], word));
+                }
+            }
+        }
+        let Some((_, pixel, [identity, nearness])) = best else { return Ok(None) };
+        let linear_depth = f32::from_bits(u32::MAX - nearness);
+        Ok(store.find(identity, &self.drawn).map(|(cloud, chunk, index)| Picked {
+            cloud,
+            chunk,
+            index,
+            linear_depth,
+            pixel,
+        }))
+    }
+
+    /// Curvature and regions of the mirror pixels of the last frame.
+    fn regions(&self) -> Result<&Image> {
+        let views = self.reflections.as_ref().and_then(Reflections::views).filter(|views| views.has_regions);
+        let image = views.map(|views| views.image);
+        image.ok_or_else(|| Error::NotRendered("only the method sscr has a curvature map and regions".into()))
+    }
+
+    fn doubt(&self) -> Result<&Image> {
+        self.reflections.as_ref().map(|reflections| &reflections.doubt).ok_or_else(nothing_rendered)
+    }
+
+    fn rendered(&self) -> Result<&Targets> {
+        self.targets.as_ref().ok_or_else(nothing_rendered)
+    }
+}
+
+fn floats32(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+fn floats16(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32()).collect()
+}

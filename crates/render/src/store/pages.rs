@@ -1,0 +1,138 @@
+//! Pages of the store: buffers on the GPU that hold many chunks, and the room in them.
+
+use crate::gpu::{Error, Gpu, Result};
+use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, POINT_BYTES, SCALAR_BYTES};
+use crate::room::Room;
+use crate::store::{PointStore, StoredChunk};
+
+/// Smallest page: 24 MiB, so that small clouds stay small.
+const SMALLEST_PAGE: u32 = 1 << 20;
+/// Pages are multiples of this: 6 MiB.
+const PAGE_GRAIN: u32 = 1 << 18;
+/// What chunks take more than their points, since they begin at whole blocks, as a share of these: half a block of chunks of
+/// some ten thousand.
+const ROUNDING_SHARE: u32 = 16;
+
+pub(super) struct PageBuffers {
+    pub(super) points: wgpu::Buffer,
+    pub(super) attributes: wgpu::Buffer,
+    /// Made when the first chunk of the page shows an attribute.
+    pub(super) scalars: Option<wgpu::Buffer>,
+    pub(super) room: Room,
+}
+
+impl PageBuffers {
+    pub(super) fn capacity(&self) -> u32 {
+        self.room.capacity()
+    }
+}
+
+/// Points that a chunk of `count` takes of a page: whole blocks, since a run of a block has one item.
+pub(super) fn room_of(count: u32) -> u32 {
+    count.max(1).next_multiple_of(BLOCK_POINTS)
+}
+
+impl PointStore {
+    /// Room for `count` points, from a multiple of `BLOCK_POINTS` on: a run of that many points has one item. Where enough is free
+    /// but nowhere together, chunks are slid: there is never a further page while a page has room.
+    pub(super) fn allocate(&mut self, count: u32) -> Result<(usize, std::ops::Range<u32>)> {
+        let room = room_of(count);
+        let range = |first: u32| first..first + count;
+        for (index, page) in self.pages.iter_mut().enumerate() {
+            if let Some(first) = page.room.take(room) {
+                return Ok((index, range(first)));
+            }
+        }
+        let scattered =
+            self.pages.iter().enumerate().filter_map(|(index, page)| Some((index, page.room.scattered(room)?)));
+        if let Some((index, (stretch, taken))) = scattered.min_by_key(|(_, (_, taken))| *taken) {
+            self.slide(index, stretch, taken);
+            if let Some(first) = self.pages[index].room.take(room) {
+                return Ok((index, range(first)));
+            }
+        }
+        let page = self.add_page(room)?;
+        let first = self.pages[page].room.take(room).unwrap_or_default();
+        Ok((page, range(first)))
+    }
+
+    /// Moves the chunks of a stretch of a page, `taken` points in all, to its lower end.
+    fn slide(&mut self, page: usize, stretch: std::ops::Range<u32>, taken: u32) {
+        let lies_there = |chunk: &&mut StoredChunk| chunk.page == page && stretch.contains(&chunk.range.start);
+        let mut moved: Vec<&mut StoredChunk> = self.chunks.values_mut().filter(lies_there).collect();
+        moved.sort_by_key(|chunk| chunk.range.start);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let PageBuffers { points, attributes, scalars, room, .. } = &mut self.pages[page];
+        let buffers =
+            [(Some(points), POINT_BYTES), (Some(attributes), ATTRIBUTE_BYTES), (scalars.as_mut(), SCALAR_BYTES)];
+        for (buffer, bytes) in buffers.into_iter().filter_map(|(buffer, bytes)| Some((buffer?, bytes))) {
+            // Copies within one buffer are not allowed.
+            let between = self::buffer(&self.gpu, "slid points", u64::from(taken) * bytes);
+            let mut to = 0;
+            for part in moved.iter().map(|chunk| chunk.room()) {
+                let size = part.len() as u64 * bytes;
+                encoder.copy_buffer_to_buffer(buffer, u64::from(part.start) * bytes, &between, to, size);
+                to += size;
+            }
+            encoder.copy_buffer_to_buffer(&between, 0, buffer, u64::from(stretch.start) * bytes, to);
+        }
+        self.gpu.queue.submit([encoder.finish()]);
+        let mut to = stretch.start;
+        for chunk in moved {
+            let (count, size) = (chunk.range.len() as u32, chunk.room().len() as u32);
+            chunk.range = to..to + count;
+            to += size;
+        }
+        room.slid(stretch, taken);
+    }
+
+    /// A further page, with room for at least `room` points.
+    fn add_page(&mut self, room: u32) -> Result<usize> {
+        let largest = self.largest_page();
+        if room > largest {
+            return Err(self.too_large(
+                "a chunk of points",
+                u64::from(room) * POINT_BYTES,
+                u64::from(largest) * POINT_BYTES,
+            ));
+        }
+        let resident: u32 = self.pages.iter().map(|page| page.capacity()).sum();
+        let announced = self.reserved.saturating_sub(resident);
+        let announced = announced.saturating_add(announced / ROUNDING_SHARE);
+        // Half as much again as there is, where nothing is known: few pages, little of them in vain.
+        let wanted = if announced > 0 { announced } else { resident / 2 }.max(room);
+        let capacity = wanted.min(largest).next_multiple_of(PAGE_GRAIN).clamp(SMALLEST_PAGE, largest);
+        // Points have numbers of 32 bits.
+        if resident.checked_add(capacity).is_none() {
+            return Err(self.too_large("identities of all points", 8 << 32, 4 << 32));
+        }
+        let scope = self.gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let points = buffer(&self.gpu, "points", u64::from(capacity) * POINT_BYTES);
+        let attributes = buffer(&self.gpu, "attributes", u64::from(capacity) * ATTRIBUTE_BYTES);
+        if let Some(error) = pollster::block_on(scope.pop()) {
+            return Err(Error::Device {
+                adapter: self.gpu.info.name.clone(),
+                problem: format!("no memory for more points: {error}"),
+            });
+        }
+        self.pages.push(PageBuffers { points, attributes, scalars: None, room: Room::new(capacity) });
+        Ok(self.pages.len() - 1)
+    }
+
+    /// Points of the largest page: what one binding takes. A page costs a dispatch a pass, so few large ones are better.
+    fn largest_page(&self) -> u32 {
+        let limits = self.gpu.device.limits();
+        let points = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / POINT_BYTES;
+        // Rounded down to a power of two, so that pages fill their bindings in whole blocks.
+        1 << points.clamp(u64::from(SMALLEST_PAGE), 1 << 30).ilog2()
+    }
+}
+
+pub(super) fn buffer(gpu: &Gpu, label: &str, size: u64) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    })
+}
