@@ -42,8 +42,6 @@ const KNOWN_CIRCLES: [(&str, &[(&str, &str)]); 4] = [
         "glint",
         &[
             // `State` holds what these files define, and they change all of `State`.
-            ("viewer/state.rs", "viewer/gizmo.rs"),
-            ("viewer/state.rs", "viewer/marking.rs"),
             ("viewer/state.rs", "viewer/navigation.rs"),
             ("viewer/state.rs", "viewer/sweep.rs"),
             ("viewer/state.rs", "viewer/tuning.rs"),

@@ -1,25 +1,23 @@
-//! What the actions of the table of bindings do to the state, one by one, and the views, scenes and command lines that are
-//! copied and saved.
-
-use std::path::{Path, PathBuf};
+//! What each action does to the state.
 
 use glam::{DVec2, DVec3};
 use param::Choice as _;
 use render::MOST_LIGHTS;
-use scene::{Camera, ColorBy, Lighting, Mirror, Object, Projection, SceneFile, Settings, Shape, StandardView};
+use scene::{Camera, ColorBy, Lighting, Mirror, MirrorPoints, Object, Projection, Shape, StandardView};
 use serde_json::json;
+use world::CloudKey;
 
-use super::bindings::{Action, Handles, Mode};
-use super::clouds::{CloudEntry, short_name};
+use super::action::{Action, Handles, Mode};
+use super::clouds::CloudEntry;
 use super::inspection::{Inspection, Ray, Surface, Target};
 use super::lens::to_vector;
-use super::light_panel;
 use super::messages::Level;
-use super::objects::{ObjectId, Objects, Placed};
+use super::objects::{ObjectId, Objects, spot, unnamed};
 use super::path_prompt::PathPrompt;
-use super::render_thread::{Command, FrameRequest, PickPurpose};
+use super::render_thread::{Command, PickPurpose};
 use super::state::{Effect, State};
 use super::work::Work;
+use super::{pick, sweep};
 
 /// Growth of splats and of the field of view per notch: seven notches double.
 const STEP: f32 = 1.1;
@@ -31,17 +29,19 @@ const MIRROR_SIZE: f64 = 0.1;
 const CAST_RADIUS: f64 = 4.0;
 
 impl State {
+    /// Does all that a panel or a painting of the window asked for.
+    pub fn act_all(&mut self, actions: impl IntoIterator<Item = Action>) {
+        actions.into_iter().for_each(|action| self.act(action));
+    }
+
     pub fn act(&mut self, action: Action) {
         match action {
-            // Done where the gesture is: they need its extent.
-            Action::Orbit | Action::Pan | Action::Look | Action::Fly(_) | Action::Fast | Action::Slow => {}
+            // Keys that are held come as `Travel` and `Hold`, the clipboard as `Paste`.
+            Action::Fly(_) | Action::Fast | Action::Slow => {}
             Action::RawColors | Action::ShowTruth | Action::PasteView => {}
-            Action::PinTruth => self.toggle_truth(),
-            Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
+
+            Action::Orbit(_) | Action::Look(_) | Action::Pan(_) => self.drag_camera(&action),
             Action::Zoom(notches) => self.zoom(notches),
-            Action::PointSize(notches) => {
-                self.settings.splat.size = scaled(&self.settings.splat, "size", self.settings.splat.size, notches);
-            }
             Action::FieldOfView(notches) => {
                 let view = &self.settings.view;
                 self.settings.view.field_of_view = scaled(view, "field_of_view", view.field_of_view, notches);
@@ -51,24 +51,17 @@ impl State {
                 self.navigation.speed = (self.navigation.speed + notches * 0.5).clamp(-6.0, 6.0);
                 self.messages.note(format!("Speed × {:.2}", self.navigation.speed.exp2()));
             }
-            Action::PivotHere => {
-                if let Some(pixel) = self.cursor() {
-                    self.render(Command::Pick { pixel, purpose: PickPurpose::Pivot });
-                }
-            }
-            Action::Pick if self.inspection.is_some() => self.pin_inspection(),
-            Action::Pick => {
-                if let Some(pixel) = self.cursor() {
-                    self.render(Command::Pick { pixel, purpose: PickPurpose::Select });
-                }
-            }
+            Action::Travel(way) => self.travel(way),
+            Action::PivotHere => self.pick_under_cursor(PickPurpose::Pivot),
             Action::FrameAll => self.frame_all(),
-            Action::LookFrom(view) => self.look_from(view),
+            Action::FrameCloud(key) => self.frame_cloud(key),
             Action::ToggleMode => {
                 self.mode = if self.mode == Mode::Orbit { Mode::Fly } else { Mode::Orbit };
                 let text = if self.is_flying() { "Fly: drag to look, W A S D Q E to move" } else { "Orbit" };
                 self.messages.note(text);
             }
+            Action::LookFrom(view) => self.look_from(view),
+            Action::LookAlong { eye, pivot } => self.look_along(eye, pivot),
             Action::ToggleProjection => {
                 let projection = &mut self.settings.view.projection;
                 *projection = match projection {
@@ -76,54 +69,33 @@ impl State {
                     Projection::Orthographic => Projection::Perspective,
                 };
             }
+            Action::PointAt(pixel) => self.navigation.point_at(pixel, self.now),
+            Action::AskHover => self.ask_hover(),
+
+            Action::SetParameter { key, value } => self.set_parameter(&key, value),
+            Action::ChangeSettings(settings) => self.settings = *settings,
+            Action::PointSize(notches) => {
+                self.settings.splat.size = scaled(&self.settings.splat, "size", self.settings.splat.size, notches);
+            }
             Action::ColorBy(by) => self.color_by(by),
+            Action::ShowClasses(classes, is_shown) => self.show_classes(classes, is_shown),
             Action::ToggleEdl => {
                 let strength = &mut self.settings.edl.strength;
                 *strength = if *strength > 0.0 { 0.0 } else { scene::Edl::default().strength };
             }
-            Action::Open => self.effects.push(Effect::OpenDialog),
-            Action::OpenPath => self.path_prompt = Some(PathPrompt::default()),
-            Action::CopyView => {
-                let text = SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings()) }.to_text();
-                self.effects.push(Effect::Copy(text));
-                self.messages.note("View copied as text");
-            }
-            Action::SaveScene => self.save_scene(),
-            Action::AddMirror(shape) => self.add_mirror(shape),
-            Action::Gizmo(handles) => {
-                let shown = &mut self.gizmo.handles;
-                *shown = if *shown == handles { Handles::All } else { handles };
-            }
-            Action::Duplicate => self.duplicate(),
-            Action::Delete => {
-                if let Some(id) = self.selected.take() {
-                    self.edit_objects(|objects| objects.remove(id));
-                }
-            }
-            Action::AddSpot => self.add_spot(),
-            Action::NextLight => {
-                let next = (self.settings.light.by as u32 + 1) % Lighting::NAMES.len() as u32;
-                self.light_by(Lighting::from_index(next).unwrap_or(Lighting::Auto));
+            Action::Hold { raw_colors, truth } => {
+                self.raw_colors = raw_colors;
+                self.hold_truth(truth);
             }
             Action::ToggleLight => {
                 let is_lit = self.settings.light.by != Lighting::Colors;
                 self.light_by(if is_lit { Lighting::Colors } else { self.lit_by });
             }
-            Action::Inspect => self.toggle_inspection(),
-            Action::InspectDistance(notches) => {
-                if let Some(held) = &mut self.inspection {
-                    held.distance = (held.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
-                }
+            Action::NextLight => {
+                let next = (self.settings.light.by as u32 + 1) % Lighting::NAMES.len() as u32;
+                self.light_by(Lighting::from_index(next).unwrap_or(Lighting::Auto));
             }
-            Action::InspectTilt(notches) => {
-                if let Some(held) = &mut self.inspection {
-                    held.tilt = (held.tilt + TILT_STEP * f64::from(notches)).clamp(-3.0, 3.0);
-                }
-            }
-            Action::CopyCommandLine => {
-                self.effects.push(Effect::Copy(self.command_line()));
-                self.messages.note("Command line copied");
-            }
+            Action::LightBy(by) => self.light_by(by),
             Action::Undo => {
                 let done = self.history.undo(&mut self.settings, &mut self.objects, &mut self.camera);
                 self.after_history(done, "Nothing to undo");
@@ -132,18 +104,189 @@ impl State {
                 let done = self.history.redo(&mut self.settings, &mut self.objects, &mut self.camera);
                 self.after_history(done, "Nothing to redo");
             }
+
+            Action::Open(path) => drop(self.open(&[path])),
+            Action::OpenDialog => self.effects.push(Effect::OpenDialog),
+            Action::OpenPrompt => self.path_prompt = Some(PathPrompt::default()),
+            Action::PromptForMirror => self.path_prompt = Some(PathPrompt::for_mirror()),
+            Action::ChangePrompt(prompt) => self.path_prompt = Some(*prompt),
+            Action::OpenPrompted(path) => self.open_prompted(path),
+            Action::ClosePrompt => self.path_prompt = None,
+            Action::Copy(text) => self.effects.push(Effect::Copy(text)),
+            Action::CopyView => {
+                self.effects.push(Effect::Copy(self.view_as_text()));
+                self.messages.note("View copied as text");
+            }
+            Action::Paste(text) => self.paste_view(&text),
+            Action::CopyCommandLine => {
+                self.effects.push(Effect::Copy(self.command_line()));
+                self.messages.note("Command line copied");
+            }
+            Action::SaveScene => self.save_scene(),
+            Action::SavePicture => self.save_picture(),
+            Action::StopLoading => self.stop_loading(),
+            Action::ShowCloud(key, is_visible) => self.set_visible(key, is_visible),
+            Action::RemoveCloud(key) => self.remove_cloud(key),
+            Action::StopMaking(key) => self.stop_making(key),
+            Action::ResumeMaking(key) => self.resume_making(key),
+            Action::DeleteIndex(key) => self.delete_index(key),
+
+            Action::AddMirror(shape) => self.add_mirror(shape),
+            Action::AddSpot => self.add_spot(),
+            Action::Select(id) => self.selected = id,
+            Action::ChangeObject(id, object) => self.change_object(id, *object),
+            Action::Gizmo(handles) => {
+                self.handles = if self.handles == handles { Handles::All } else { handles };
+            }
+            Action::GrabHandle(is_grabbed) => {
+                if std::mem::replace(&mut self.handle_is_grabbed, is_grabbed) && !is_grabbed {
+                    self.log_moved();
+                }
+            }
+            Action::Duplicate => self.duplicate(),
+            Action::Delete => {
+                if let Some(id) = self.selected.take() {
+                    self.edit_objects(|objects| objects.remove(id));
+                }
+            }
+            Action::ShowLights(are_shown) => self.light_panel_is_open = are_shown,
+            Action::Inspect => self.toggle_inspection(),
+            Action::InspectDistance(notches) => {
+                if let Some(Inspection { pose, .. }) = &mut self.inspection {
+                    pose.distance = (pose.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
+                }
+            }
+            Action::InspectTilt(notches) => {
+                if let Some(Inspection { pose, .. }) = &mut self.inspection {
+                    pose.tilt = (pose.tilt + TILT_STEP * f64::from(notches)).clamp(-3.0, 3.0);
+                }
+            }
+            Action::ChangeInspection(pose) => {
+                if let Some(held) = &mut self.inspection {
+                    held.pose = pose;
+                }
+            }
+            Action::ChangeDraft(draft) => self.draft = *draft,
+            Action::CountPoints(key, wanted) => {
+                if let Some(entry) = self.cloud(key) {
+                    let (cloud, source, wanted) = (entry.cloud.clone(), entry.source.clone(), *wanted);
+                    self.effects.push(Effect::Work(Work::CountPoints { cloud, source, wanted }));
+                }
+            }
+            Action::Mark(marking) => self.edit_objects(|objects| objects.markings.push(*marking)),
+            Action::Unmark(marking) => {
+                self.edit_objects(|objects| {
+                    let index = objects.markings.iter().position(|known| *known == *marking);
+                    index.map(|index| objects.markings.remove(index));
+                });
+            }
+            Action::StopMarking(key) => {
+                let marking = self.cloud(key).and_then(|entry| entry.marking.as_ref());
+                marking.iter().for_each(|(_, progress)| progress.cancel());
+            }
+
+            Action::Pick => {
+                self.navigation.picks_before = self.picks.clone();
+                match self.inspection {
+                    Some(_) => self.pin_inspection(),
+                    None => self.pick_under_cursor(PickPurpose::Select),
+                }
+            }
+            Action::UndoPick => self.picks = std::mem::take(&mut self.navigation.picks_before),
             Action::PickTool => self.pick_tool = !self.pick_tool,
+            Action::CopyPicks => {
+                self.effects.push(Effect::Copy(pick::as_text(&self.picks)));
+                self.messages.note("Picked points copied");
+            }
+            Action::ClearPicks => self.picks.clear(),
+
+            Action::PinTruth => self.toggle_truth(),
+            Action::LookAtTruth(look) => self.truth.look = look,
+            Action::MeasureTruth(measure) => self.truth.measure = measure,
+            Action::SplitTruth(share) => self.truth.split = share,
+            Action::KeepTruthReady(is_on) => self.truth.keeps_ready = is_on,
+            Action::JudgeSettings(is_on) => self.truth.judges = is_on,
+            Action::StopTruth => self.stop_truth(),
+            Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
+            Action::ReturnTo(settings) => self.return_to(*settings),
+            Action::ForgetTrials => self.tuning.forget_trials(),
+            Action::AddToStudy => self.add_to_study(),
+            Action::AskSweep(key) => self.ask_sweep(&key),
+            Action::ChangeSweep(range) => self.sweep_asked = range.map(|range| *range),
+            Action::StartSweep { key, values } => self.start_sweep(&key, values, &sweep::places()),
+            Action::EndSweep => self.stop_sweep(),
+
             Action::EndTool => self.end_tool(),
             Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
+            Action::TogglePanel => self.preferences.panel_is_open = !self.preferences.panel_is_open,
             Action::ToggleFullScreen => {
                 self.is_full_screen = !self.is_full_screen;
                 self.effects.push(Effect::SetFullScreen(self.is_full_screen));
             }
-            Action::SavePicture => self.save_picture(),
-            Action::StopLoading => self.stop_loading(),
-            Action::Quit => self.wants_to_quit = true,
             Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
+            Action::ListMessages(is_open) => self.messages.list_is_open = is_open,
+            Action::DismissMessage(place) => self.messages.dismiss(place),
+            Action::Resize(size) => self.set_view_size(size),
+            Action::Quit => self.wants_to_quit = true,
         }
+    }
+
+    /// What widgets cannot give is not set.
+    fn set_parameter(&mut self, key: &str, value: param::Value) {
+        let Some((group, name)) = key.split_once('.') else { return };
+        let group = self.settings.groups_mut().into_iter().find(|known| known.group().name == group);
+        if let Some(Err(error)) = group.map(|group| group.set(name, value)) {
+            tracing::warn!("{error}");
+        }
+    }
+
+    fn pick_under_cursor(&mut self, purpose: PickPurpose) {
+        if let Some(pixel) = self.cursor() {
+            self.render(Command::Pick { pixel, purpose });
+        }
+    }
+
+    /// If what was typed names nothing, the prompt stays.
+    fn open_prompted(&mut self, path: String) {
+        let is_for_mirror = self.path_prompt.as_ref().is_some_and(|prompt| prompt.is_for_mirror);
+        if self.open(std::slice::from_ref(&path)) {
+            self.path_prompt = None;
+            if is_for_mirror {
+                self.await_marking(MirrorPoints::whole(path));
+            }
+        }
+    }
+
+    fn change_object(&mut self, id: ObjectId, changed: Object) {
+        let is_renamed_alone = match (&changed, self.objects.mirror(id)) {
+            (Object::Mirror(changed), Some(mirror)) => unnamed(changed) == unnamed(mirror),
+            _ => false,
+        };
+        self.objects.set(id, changed);
+        if !is_renamed_alone {
+            self.navigation.camera_moved(self.now);
+        }
+    }
+
+    /// Looks at a cloud as at what is looked at now.
+    fn frame_cloud(&mut self, key: CloudKey) {
+        let figures = self.cloud(key).and_then(|entry| entry.figures.as_ref());
+        let outline = figures.map(|figures| figures.outline.clone());
+        if let Some(outline) = outline.filter(|outline| !outline.is_empty()) {
+            let mut camera = self.framed(&outline, StandardView::Isometric);
+            camera.eye = camera.pivot - self.camera.forward() * camera.distance();
+            camera.frame(&outline, self.settings.view.field_of_view, self.aspect());
+            self.jump(self.settings.clone(), camera);
+        }
+    }
+
+    /// The hand has let go of the selected object.
+    fn log_moved(&mut self) {
+        let Some((name, object)) = self.selected.and_then(|id| self.objects.get(id)) else { return };
+        let places: Vec<[f64; 3]> = object.places().iter().map(DVec3::to_array).collect();
+        let event = format!("{}_moved", object.kind().name);
+        let event = json!({ "event": event, "name": name, "position": places[0], "target": places.get(1) });
+        self.log(event);
     }
 
     fn after_history(&mut self, done: bool, otherwise: &str) {
@@ -198,116 +341,6 @@ impl State {
         } else if self.is_full_screen {
             self.act(Action::ToggleFullScreen);
         }
-    }
-
-    /// A view as `CopyView` gives it, or a scene file's.
-    pub fn paste_view(&mut self, text: &str) {
-        match SceneFile::parse(text) {
-            Ok(file) => {
-                let view = file.view();
-                for warning in view.warnings {
-                    self.messages.warning(format!("pasted view: {warning}"));
-                }
-                self.jump(view.settings, view.camera.unwrap_or(self.camera));
-                self.take_objects(&file);
-                self.messages.note("View pasted");
-                self.log(json!({ "event": "pasted" }));
-            }
-            Err(error) => self.messages.error(format!("The clipboard holds no view: {error}")),
-        }
-    }
-
-    /// Mirrors, lights and hidden classes of a view: mirrors whose names are known move there, others are added; lights take the
-    /// place of all that there were, and the classes that it hides alone are hidden.
-    fn take_objects(&mut self, file: &SceneFile) {
-        for mirror in &file.mirrors {
-            let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
-            match known {
-                Some(known) => known.mirror = mirror.clone(),
-                None => {
-                    let id = self.next_object_id();
-                    self.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
-                }
-            }
-        }
-        if !file.lights.is_empty() {
-            self.objects.lights.clear();
-            for light in &file.lights {
-                let id = self.next_object_id();
-                self.objects.add(id, Object::Light(*light));
-            }
-            self.warn_of_dark_lights();
-        }
-        self.objects.visibility = file.visibility.clone();
-        self.history.after_jump(&self.settings, &self.objects);
-    }
-
-    /// What is on the screen as a scene, with these of its parameters.
-    fn scene_file(&self, settings: &Settings) -> SceneFile {
-        SceneFile {
-            camera: Some(self.camera),
-            parameters: SceneFile::new(Vec::new(), self.camera, settings).parameters,
-            ..self.objects.scene_file(&self.inputs())
-        }
-    }
-
-    /// The parameters that show what is on the screen when it is opened anew. Without lights, the one that a built-in scene
-    /// brings or the lamp of a room would be there again.
-    pub(super) fn written_settings(&self) -> Settings {
-        let mut settings = self.settings.clone();
-        if self.objects.lights.is_empty() && self.lacks_light() {
-            settings.light.by = self.lighting();
-        }
-        settings
-    }
-
-    /// What is on the screen as a scene file that may stand anywhere, with these of its parameters: only built-in scenes have no
-    /// place of their own.
-    fn movable_scene(&self, settings: &Settings) -> SceneFile {
-        let mut file = self.scene_file(settings);
-        let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
-        for cloud in clouds.filter(|cloud| Path::new(cloud).is_file()) {
-            if let Ok(path) = std::path::absolute(&*cloud) {
-                *cloud = path.display().to_string();
-            }
-        }
-        file
-    }
-
-    /// The same without parameters but for those that points are made with.
-    pub(super) fn view_as_scene(&self) -> String {
-        let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
-        self.movable_scene(&settings).to_text()
-    }
-
-    fn save_scene(&mut self) {
-        let file = self.movable_scene(&self.written_settings());
-        if file.clouds.is_empty() {
-            self.messages.note("There is no scene to save yet");
-            return;
-        }
-        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
-        let path = free_path(Path::new(""), &name, "toml");
-        let file = SceneFile { paths: self.paths.clone(), ..file };
-        self.effects.push(Effect::Work(Work::SaveScene { path, text: file.to_text() }));
-    }
-
-    /// The command that renders what is on the screen, for a POSIX shell.
-    pub fn command_line(&self) -> String {
-        let [width, height] = self.view_size;
-        let file = self.scene_file(&Settings::default());
-        // What begins like a flag is none as a path.
-        let path = |input: &String| if input.starts_with('-') { format!("./{input}") } else { input.clone() };
-        let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(&path(input))).collect();
-        let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
-        for (key, text) in self.written_settings().differing() {
-            line += &format!(" --set {}", quoted(&format!("{key}={text}")));
-        }
-        let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
-        // A name in the view may have a line that would end it.
-        let end = (1..).map(|number| format!("VIEW{number}")).find(|end| !view.lines().any(|line| line == *end));
-        let end = end.unwrap_or_default();
-        format!("{line} --camera - <<'{end}'\n{view}{end}\n")
     }
 
     // ---- mirrors ----
@@ -375,7 +408,7 @@ impl State {
 
     /// Adds a spot light where the eye is.
     fn add_spot(&mut self) {
-        let light = light_panel::spot(self.camera.eye, self.camera.pivot, self.settings.view.field_of_view);
+        let light = spot(self.camera.eye, self.camera.pivot, self.settings.view.field_of_view);
         let id = self.next_object_id();
         self.place(id, Object::Light(light));
     }
@@ -462,18 +495,6 @@ impl State {
             self.navigation.camera_moved(self.now);
         }
     }
-
-    fn save_picture(&mut self) {
-        let Some(shown) = &self.frames.shown else {
-            self.messages.note("There is no picture to save yet");
-            return;
-        };
-        let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
-        let request = request.unhurried(&self.settings);
-        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
-        let path = free_path(Path::new(""), &name, "png");
-        self.render(Command::Save { request: Box::new(request), path });
-    }
 }
 
 /// `value` after `notches` steps, within the range of the parameter.
@@ -487,139 +508,12 @@ fn scaled(params: &dyn param::Params, name: &str, value: f32, notches: f32) -> f
     }
 }
 
-/// For a POSIX shell: in single quotes unless it is plain.
-fn quoted(text: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
-    if !text.is_empty() && text.chars().all(is_plain) {
-        return text.to_string();
-    }
-    format!("'{}'", text.replace('\'', r"'\''"))
-}
-
-/// `office` of `scans/office.laz`, `five-mirrors-sphere` of a built-in scene.
-fn picture_name(input: &str) -> String {
-    let name = short_name(input);
-    if name.contains('/') {
-        return name.replace('/', "-");
-    }
-    Path::new(name).file_stem().map_or(name.into(), |stem| stem.to_string_lossy().into_owned())
-}
-
-/// `glint-NAME-1.png`, or the first number that is free.
-fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
-    let path = |number: u32| folder.join(format!("glint-{name}-{number}.{extension}"));
-    (1..u32::MAX).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
-}
-
 #[cfg(test)]
 mod tests {
     use scene::MOST_MIRRORS;
 
     use super::super::preferences::Preferences;
     use super::*;
-
-    #[test]
-    fn a_view_that_is_copied_and_pasted_elsewhere_is_the_same() {
-        let mut one = State::new(Preferences::default());
-        one.camera.orbit(0.3, 0.2);
-        one.settings.splat.size = 2.5;
-        one.act(Action::CopyView);
-        let Some(Effect::Copy(text)) = one.effects.pop() else { panic!("nothing was copied") };
-        let mut other = State::new(Preferences::default());
-        other.paste_view(&text);
-        assert_eq!(other.settings, one.settings);
-        assert!(other.camera.eye.distance(one.camera.eye) < 1e-9);
-        other.act(Action::Undo);
-        assert_eq!(other.settings, Settings::default());
-    }
-
-    #[test]
-    fn hidden_classes_are_copied_saved_and_pasted_and_a_view_that_shows_all_shows_them_again() {
-        let mut one = State::with_two_points();
-        let view = |state: &mut State| {
-            state.act(Action::CopyView);
-            let Some(Effect::Copy(text)) = state.effects.pop() else { panic!("nothing was copied") };
-            text
-        };
-        let all = view(&mut one);
-        one.show_classes([7, 18], false);
-        let hiding = view(&mut one);
-        assert!(hiding.contains("hidden_classes = [7, 18]"), "{hiding}");
-        assert!(one.command_line().contains("hidden_classes = [7, 18]"), "{}", one.command_line());
-        assert!(one.view_as_scene().contains("hidden_classes = [7, 18]"));
-        let mut other = State::new(Preferences::default());
-        other.paste_view(&hiding);
-        assert_eq!(other.objects.visibility, one.objects.visibility);
-        one.paste_view(&all);
-        assert!(one.objects.visibility.shows_all());
-        one.act(Action::Undo);
-        assert_eq!(one.objects.visibility, other.objects.visibility);
-        one.act(Action::Undo);
-        assert!(one.objects.visibility.shows_all());
-        one.act(Action::Redo);
-        assert_eq!(one.objects.visibility, other.objects.visibility);
-        one.remove_cloud(one.clouds[0].key);
-        assert!(one.objects.visibility.shows_all(), "what is hidden goes with the last cloud");
-    }
-
-    #[test]
-    fn text_that_is_no_view_is_refused_and_changes_nothing() {
-        let mut state = State::new(Preferences::default());
-        let before = state.camera;
-        state.paste_view("hello");
-        assert_eq!(state.camera, before);
-        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("no view")));
-    }
-
-    /// Runs the copied command line by `sh`, with a `glint` that keeps its words and its standard input.
-    #[cfg(unix)]
-    fn run_by_shell(line: &str) -> (Vec<String>, String) {
-        let folder = tempfile::tempdir().unwrap();
-        let keep = "glint() { printf '%s\\0' \"$@\" > words; cat > input; }\n";
-        let mut shell = std::process::Command::new("sh");
-        let output = shell.arg("-c").arg(keep.to_owned() + line).current_dir(folder.path()).output().unwrap();
-        assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
-        assert!(output.stdout.is_empty(), "{output:?}");
-        let words = std::fs::read_to_string(folder.path().join("words")).unwrap();
-        let words = words.split_terminator('\0').map(str::to_owned).collect();
-        (words, std::fs::read_to_string(folder.path().join("input")).unwrap())
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn the_copied_command_line_is_what_the_shell_runs() {
-        use clap::Parser as _;
-
-        use crate::command_line::{Command, CommandLine};
-
-        let mut state = State::new(Preferences::default());
-        state.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
-        state.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
-        let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
-        // Would end the view and go on as commands.
-        mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
-        let id = state.next_object_id();
-        state.place(id, Object::Mirror(mirror.clone()));
-        let (words, input) = run_by_shell(&state.command_line());
-        let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
-            ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
-        )
-        .unwrap()
-        .command
-        else {
-            panic!("not a render command")
-        };
-        assert_eq!(arguments.camera.as_deref(), Some("-".as_ref()));
-        assert!(
-            arguments.set.contains(&("color.attribute".into(), "it's; $(echo no) `no`".into())),
-            "{:?}",
-            arguments.set
-        );
-        let view =
-            SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
-        assert_eq!(view.camera.map(|camera| camera.pivot), Some(state.camera.pivot));
-        assert_eq!(view.mirrors[0].name, mirror.name.trim());
-    }
 
     #[test]
     fn mirrors_are_added_up_to_the_number_that_a_scene_may_have() {
@@ -632,14 +526,6 @@ mod tests {
     }
 
     #[test]
-    fn names_with_blanks_and_quotes_survive_the_shell() {
-        assert_eq!(quoted("a/b.laz"), "a/b.laz");
-        assert_eq!(quoted("my scan.laz"), "'my scan.laz'");
-        assert_eq!(quoted("it's"), r"'it'\''s'");
-        assert_eq!(quoted("view.background=#ffffff"), "'view.background=#ffffff'");
-    }
-
-    #[test]
     fn point_size_and_field_of_view_stop_at_their_ranges() {
         let mut state = State::new(Preferences::default());
         for _ in 0..200 {
@@ -647,16 +533,5 @@ mod tests {
             state.act(Action::FieldOfView(-1.0));
         }
         assert_eq!((state.settings.splat.size, state.settings.view.field_of_view), (20.0, 1.0));
-    }
-
-    #[test]
-    fn pictures_never_overwrite_one_another() {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("glint-office-1.png"), "").unwrap();
-        assert!(free_path(folder.path(), "office", "png").ends_with("glint-office-2.png"));
-        assert!(free_path(folder.path(), "office", "toml").ends_with("glint-office-1.toml"));
-        assert_eq!(picture_name("scans/office.laz"), "office");
-        assert_eq!(picture_name("office.laz"), "office");
-        assert_eq!(picture_name("five-mirrors/sphere"), "five-mirrors-sphere");
     }
 }

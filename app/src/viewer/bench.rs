@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use egui::Ui;
 use render::Gpu;
 
+use super::action::Action;
 use super::interface;
 use super::preferences::Preferences;
 use super::render_thread::{Command, RenderThread, Report};
@@ -56,9 +57,9 @@ impl Bench {
 
     /// Draws the window's contents; the picture keeps its size.
     pub fn show(&mut self, ui: &mut Ui) {
-        let size = self.state.view_size;
-        interface::show(ui, &mut self.state, None);
-        self.state.set_view_size(size);
+        let mut actions = interface::show(ui, &self.state, None);
+        actions.retain(|action| !matches!(action, Action::Resize(_)));
+        self.state.act_all(actions);
     }
 
     /// Goes on until nothing is left to do.

@@ -4,83 +4,10 @@
 use std::collections::HashSet;
 
 use egui::{Key, PointerButton};
+use glam::DVec2;
 use scene::{ColorBy, Shape, StandardView};
 
-/// How the mouse moves the camera.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    #[default]
-    Orbit,
-    Fly,
-}
-
-/// Which handles of the gizmo are shown.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Handles {
-    #[default]
-    All,
-    Move,
-    Turn,
-    Scale,
-}
-
-/// What a person can ask for with one gesture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Action {
-    Orbit,
-    Pan,
-    Look,
-    /// In wheel notches, as are the other wheel actions; positive is nearer, larger, wider, faster.
-    Zoom(f32),
-    PointSize(f32),
-    FieldOfView(f32),
-    FlySpeed(f32),
-    /// Right, up, forward.
-    Fly([i8; 3]),
-    Fast,
-    Slow,
-    PivotHere,
-    FrameAll,
-    ToggleMode,
-    LookFrom(StandardView),
-    ToggleProjection,
-    ColorBy(ColorBy),
-    ToggleEdl,
-    RawColors,
-    /// The data's own colours and back.
-    ToggleLight,
-    NextLight,
-    AddSpot,
-    Open,
-    OpenPath,
-    CopyView,
-    PasteView,
-    CopyCommandLine,
-    Undo,
-    Redo,
-    Pick,
-    PickTool,
-    EndTool,
-    ToggleInterface,
-    ToggleFullScreen,
-    SavePicture,
-    ToggleShortcuts,
-    StopLoading,
-    Quit,
-    SaveScene,
-    AddMirror(Shape),
-    Gizmo(Handles),
-    Duplicate,
-    Delete,
-    Inspect,
-    /// In wheel notches.
-    InspectDistance(f32),
-    InspectTilt(f32),
-    /// The ray-traced truth in place of the picture.
-    ShowTruth,
-    PinTruth,
-    ToggleChart,
-}
+use super::action::{Action, Handles, Mode};
 
 /// The modifier keys a gesture needs: exactly these. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -147,10 +74,10 @@ pub const BINDINGS: &[Binding] = {
     use Action as A;
     use Trigger::{Click, DoubleClick, Drag, Hold, Modifier, Numpad, Wheel};
     &[
-        bind_in(Mode::Orbit, MOVE, Drag(PointerButton::Primary), A::Orbit, "Orbit about the pivot"),
-        bind_in(Mode::Fly, MOVE, Drag(PointerButton::Primary), A::Look, "Look around (fly)"),
-        bind(MOVE, Drag(PointerButton::Secondary), A::Pan, "Pan"),
-        bind(MOVE, Drag(PointerButton::Middle), A::Pan, "Pan"),
+        bind_in(Mode::Orbit, MOVE, Drag(PointerButton::Primary), A::Orbit(DVec2::ZERO), "Orbit about the pivot"),
+        bind_in(Mode::Fly, MOVE, Drag(PointerButton::Primary), A::Look(DVec2::ZERO), "Look around (fly)"),
+        bind(MOVE, Drag(PointerButton::Secondary), A::Pan(DVec2::ZERO), "Pan"),
+        bind(MOVE, Drag(PointerButton::Middle), A::Pan(DVec2::ZERO), "Pan"),
         bind_in(Mode::Orbit, MOVE, Wheel(NONE), A::Zoom(1.0), "Zoom toward the point under the cursor"),
         bind_in(Mode::Fly, MOVE, Wheel(NONE), A::FlySpeed(1.0), "Speed (fly)"),
         bind(MOVE, Hold(Key::W), A::Fly([0, 0, 1]), "Forward, back"),
@@ -192,8 +119,8 @@ pub const BINDINGS: &[Binding] = {
         bind(COLORS, key(Key::Plus), A::PointSize(1.0), "Points larger"),
         bind(COLORS, key(Key::Equals), A::PointSize(1.0), "Points larger"),
         bind(COLORS, key(Key::Minus), A::PointSize(-1.0), "Points smaller"),
-        bind(FILES, Trigger::Key(CTRL, Key::O), A::Open, "Open files"),
-        bind(FILES, Trigger::Key(CTRL_SHIFT, Key::O), A::OpenPath, "Open by typing a path"),
+        bind(FILES, Trigger::Key(CTRL, Key::O), A::OpenDialog, "Open files"),
+        bind(FILES, Trigger::Key(CTRL_SHIFT, Key::O), A::OpenPrompt, "Open by typing a path"),
         bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopLoading, "Stop loading; what is loaded stays"),
         bind(FILES, Trigger::Key(CTRL, Key::Q), A::Quit, "Quit"),
         bind(FILES, key(Key::F12), A::SavePicture, "Save the picture"),
@@ -232,21 +159,6 @@ const fn key(key: Key) -> Trigger {
     Trigger::Key(NONE, key)
 }
 
-impl Action {
-    /// A wheel action for `notches` of the wheel.
-    pub fn scaled(self, notches: f32) -> Self {
-        match self {
-            Self::Zoom(step) => Self::Zoom(step * notches),
-            Self::PointSize(step) => Self::PointSize(step * notches),
-            Self::FieldOfView(step) => Self::FieldOfView(step * notches),
-            Self::FlySpeed(step) => Self::FlySpeed(step * notches),
-            Self::InspectDistance(step) => Self::InspectDistance(step * notches),
-            Self::InspectTilt(step) => Self::InspectTilt(step * notches),
-            other => other,
-        }
-    }
-}
-
 /// The action of a gesture in a mode.
 pub fn action(trigger: Trigger, mode: Mode) -> Option<Action> {
     // Characters that need Shift on some keyboards and not on others are matched without it.
@@ -257,7 +169,7 @@ pub fn action(trigger: Trigger, mode: Mode) -> Option<Action> {
         other => other,
     };
     let fits = |binding: &&Binding| binding.trigger == trigger && binding.mode.is_none_or(|wanted| wanted == mode);
-    BINDINGS.iter().find(fits).map(|binding| binding.action)
+    BINDINGS.iter().find(fits).map(|binding| binding.action.clone())
 }
 
 /// The actions whose keys or modifiers are held down now, but for keys that are down as part of a shortcut.
@@ -269,13 +181,13 @@ pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>) -> impl Iterator
             Trigger::Modifier(wanted) => wanted == modifiers,
             _ => false,
         };
-        down.then_some(binding.action)
+        down.then(|| binding.action.clone())
     })
 }
 
 /// The first gesture of an action, for tool-tips; empty if it has none.
-pub fn shortcut(action: Action) -> String {
-    let binding = BINDINGS.iter().find(|binding| binding.action == action);
+pub fn shortcut(action: &Action) -> String {
+    let binding = BINDINGS.iter().find(|binding| binding.action == *action);
     binding.map_or(String::new(), |binding| binding.trigger.to_string())
 }
 

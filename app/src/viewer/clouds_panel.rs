@@ -1,32 +1,26 @@
 //! The list of clouds: show or hide, frame, remove.
 
 use egui::{RichText, Ui};
-use scene::StandardView;
 
+use super::action::Action;
 use super::state::State;
 use super::theme::{self, grouped};
 use super::widgets::eye;
 
-pub fn show(ui: &mut Ui, state: &mut State) {
-    enum Wish {
-        Show(bool),
-        Frame,
-        Remove,
-    }
-    let mut wish = None;
+pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     for entry in &state.clouds {
         ui.push_id(entry.key.0, |ui| {
             ui.horizontal(|ui| {
                 if eye(ui, entry.is_visible, &entry.cloud.name).clicked() {
-                    wish = Some((entry.key, Wish::Show(!entry.is_visible)));
+                    actions.push(Action::ShowCloud(entry.key, !entry.is_visible));
                 }
                 ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                     let remove = ui.small_button("×").on_hover_text("Remove");
                     if remove.accessible_name(format!("Remove {}", entry.cloud.name)).clicked() {
-                        wish = Some((entry.key, Wish::Remove));
+                        actions.push(Action::RemoveCloud(entry.key));
                     }
                     if ui.small_button("Frame").on_hover_text("Show all of this cloud").clicked() {
-                        wish = Some((entry.key, Wish::Frame));
+                        actions.push(Action::FrameCloud(entry.key));
                     }
                     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
                         let name = ui.add(egui::Label::new(&entry.cloud.name).truncate());
@@ -57,22 +51,6 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             ui.label(RichText::new(line).small().color(theme::WEAK));
         });
     }
-    let Some((key, wish)) = wish else { return };
-    match wish {
-        Wish::Show(visible) => state.set_visible(key, visible),
-        Wish::Remove => state.remove_cloud(key),
-        Wish::Frame => {
-            let outline =
-                state.cloud(key).and_then(|entry| entry.figures.as_ref()).map(|figures| figures.outline.clone());
-            if let Some(outline) = outline.filter(|outline| !outline.is_empty()) {
-                let mut camera = state.framed(&outline, StandardView::Isometric);
-                // As it is looked at now, but at this cloud.
-                camera.eye = camera.pivot - state.camera.forward() * camera.distance();
-                camera.frame(&outline, state.settings.view.field_of_view, state.aspect());
-                state.jump(state.settings.clone(), camera);
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -82,7 +60,6 @@ mod tests {
     use glam::DVec3;
     use scene::Camera;
 
-    use super::super::bindings::Action;
     use super::super::figures::Figures;
     use super::super::state::Effect;
     use super::super::work::{Found, Work};
@@ -91,8 +68,10 @@ mod tests {
     /// The panel over a cloud of two points.
     fn harness() -> Harness<'static, State> {
         let state = State::with_two_points();
-        let mut harness =
-            Harness::builder().with_size([320.0, 200.0]).build_ui_state(|ui, state: &mut State| show(ui, state), state);
+        let mut harness = Harness::builder().with_size([320.0, 200.0]).build_ui_state(
+            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
+            state,
+        );
         harness.run_ok();
         harness
     }

@@ -3,19 +3,22 @@
 use std::collections::BTreeMap;
 
 use egui::{Color32, Rect, RichText, Sense, Ui, pos2, vec2};
+use param::Value;
 use render::{class_color, class_name, ramp_colors};
 use scene::{ColorBy, Ramp};
 
+use super::action::Action;
 use super::figures::{Figures, share_below};
 use super::panel::parameter;
 use super::state::State;
 use super::theme::{self, grouped};
 use super::widgets::{eye, name_label};
 
-pub fn show(ui: &mut Ui, state: &mut State) {
-    parameter(ui, &mut state.settings.color, "by");
-    if state.settings.color.by == ColorBy::Attribute {
-        attribute_choice(ui, state);
+pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+    let color = &state.settings.color;
+    parameter(ui, color, "by", actions);
+    if color.by == ColorBy::Attribute {
+        attribute_choice(ui, state, actions);
     }
     for (name, progress) in state.columns_under_way() {
         let share = progress.done() as f32 / progress.total().max(1) as f32;
@@ -28,14 +31,15 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .filter(|entry| entry.is_visible)
         .find_map(|entry| entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()));
     if let Some(figures) = with_ramp {
-        let color = &state.settings.color;
         let (low, high) = histogram(ui, figures, color.ramp, color.low, color.high);
-        (state.settings.color.low, state.settings.color.high) = (low, high);
-        parameter(ui, &mut state.settings.color, "ramp");
+        for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
+            actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
+        }
+        parameter(ui, color, "ramp", actions);
     } else if let Some(figures) = state.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
         ui.label(RichText::new(format!("shown: {}", figures.plan.label)).small().color(theme::WEAK));
     }
-    parameter(ui, &mut state.settings.color, "plain");
+    parameter(ui, color, "plain", actions);
     let mut classes: BTreeMap<u8, u64> = BTreeMap::new();
     for (class, count) in state.clouds.iter().filter_map(|entry| entry.figures.as_ref()).flat_map(|f| &f.classes) {
         *classes.entry(*class).or_default() += count;
@@ -43,11 +47,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     // Files whose points are all of one class say nothing by it.
     if classes.len() > 1 || !state.objects.visibility.shows_all() {
         ui.separator();
-        class_list(ui, state, &classes);
+        class_list(ui, state, &classes, actions);
     }
 }
 
-fn attribute_choice(ui: &mut Ui, state: &mut State) {
+fn attribute_choice(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     let mut names: Vec<&str> = Vec::new();
     for attribute in state.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
         if !names.contains(&attribute.name.as_str()) {
@@ -71,7 +75,9 @@ fn attribute_choice(ui: &mut Ui, state: &mut State) {
             .response
             .labelled_by(label.id);
     });
-    state.settings.color.attribute = chosen;
+    if chosen != state.settings.color.attribute {
+        actions.push(Action::set("color", "attribute", Value::Text(chosen)));
+    }
 }
 
 /// Draws the histogram in the colours of the ramp; returns the shares that its handles stand at.
@@ -154,15 +160,15 @@ fn figure(value: f64, range: f64) -> String {
     format!("{value:.*}", decimals as usize)
 }
 
-fn class_list(ui: &mut Ui, state: &mut State, classes: &BTreeMap<u8, u64>) {
+fn class_list(ui: &mut Ui, state: &State, classes: &BTreeMap<u8, u64>, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.label(RichText::new("Classes").strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             if ui.small_button("None").clicked() {
-                state.show_classes(0..=255, false);
+                actions.push(Action::ShowClasses((0..=255).collect(), false));
             }
             if ui.small_button("All").clicked() {
-                state.show_classes(0..=255, true);
+                actions.push(Action::ShowClasses((0..=255).collect(), true));
             }
         });
     });
@@ -172,7 +178,7 @@ fn class_list(ui: &mut Ui, state: &mut State, classes: &BTreeMap<u8, u64>) {
         let name = if name.is_empty() { "user-defined or reserved" } else { name };
         ui.horizontal(|ui| {
             if eye(ui, visible, &format!("class {class}")).clicked() {
-                state.show_classes([*class], !visible);
+                actions.push(Action::ShowClasses(vec![*class], !visible));
             }
             let [red, green, blue, _] = class_color(*class);
             let (swatch, _) = ui.allocate_exact_size(vec2(10.0, 10.0), Sense::hover());
@@ -197,7 +203,7 @@ mod tests {
     fn the_eye_of_a_class_hides_it_and_all_shows_it_again() {
         let classes = BTreeMap::from([(2_u8, 1200_u64), (6, 34)]);
         let mut harness = egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui_state(
-            |ui, state: &mut State| class_list(ui, state, &classes),
+            |ui, state: &mut State| state.show_and_act(|state, actions| class_list(ui, state, &classes, actions)),
             State::new(Preferences::default()),
         );
         harness.run();

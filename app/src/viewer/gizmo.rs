@@ -6,9 +6,8 @@
 use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
 use glam::{DQuat, DVec2, DVec3};
 use scene::{Object, SpotLight};
-use serde_json::json;
 
-use super::bindings::Handles;
+use super::action::{Action, Handles};
 use super::lens::Lens;
 use super::objects::ObjectId;
 use super::state::State;
@@ -26,10 +25,9 @@ pub enum Handle {
     Square,
 }
 
-/// What the gizmo remembers between frames of the window.
-#[derive(Default)]
-pub struct Gizmo {
-    pub handles: Handles,
+/// What the gizmo remembers between frames of the window, in egui's memory.
+#[derive(Clone, Default, PartialEq)]
+struct Gizmo {
     /// Under the cursor.
     hot: Option<Grip>,
     /// A light that is not selected, whose symbol is under the cursor.
@@ -40,6 +38,7 @@ pub struct Gizmo {
 /// A handle, and which of the places of the object it is at: a light has two, where it stands and its target.
 type Grip = (usize, Handle);
 
+#[derive(Clone, PartialEq)]
 struct Drag {
     grip: Grip,
     /// The object as it was when it was grabbed.
@@ -104,13 +103,21 @@ const COLORS: [Color32; 3] =
     [Color32::from_rgb(0xe8, 0x5b, 0x54), Color32::from_rgb(0x7c, 0xc2, 0x4f), Color32::from_rgb(0x5b, 0x9c, 0xf0)];
 
 impl Gizmo {
-    /// Whether the mouse is its own: the camera is not to follow.
-    pub fn has_mouse(&self) -> bool {
-        self.hot.is_some() || self.hot_light.is_some() || self.drag.is_some()
+    fn id() -> egui::Id {
+        egui::Id::unique("gizmo")
     }
 
-    pub fn is_dragging(&self) -> bool {
-        self.drag.is_some()
+    fn remembered(context: &egui::Context) -> Self {
+        context.data(|data| data.get_temp(Self::id())).unwrap_or_default()
+    }
+
+    fn remember(self, context: &egui::Context) {
+        context.data_mut(|data| data.insert_temp(Self::id(), self));
+    }
+
+    /// Whether the mouse is its own: the camera is not to follow.
+    fn has_mouse(&self) -> bool {
+        self.hot.is_some() || self.hot_light.is_some() || self.drag.is_some()
     }
 }
 
@@ -155,7 +162,7 @@ impl PictureFrame {
 }
 
 /// The handles on the screen.
-#[derive(Clone)]
+#[derive(Clone, PartialEq)]
 struct Layout {
     center: Pos2,
     arrows: [Option<Pos2>; 3],
@@ -223,57 +230,69 @@ fn to_segment(point: Pos2, from: Pos2, to: Pos2) -> f32 {
 }
 
 /// Lets the mouse grab and drag the handles of the selected object, and select lights by their symbols; before the camera has
-/// its turn.
-pub fn interact(picture: &Response, state: &mut State) {
-    state.gizmo.hot_light = None;
-    let Some(stage) = PictureFrame::of(state, picture.rect) else { return };
-    handles(picture, state, &stage);
+/// its turn. Returns whether the mouse is the gizmo's own: the camera is not to follow.
+pub fn interact(picture: &Response, state: &State, actions: &mut Vec<Action>) -> bool {
+    let mut gizmo = Gizmo::remembered(&picture.ctx);
+    let was_grabbed = gizmo.drag.is_some();
+    gizmo.hot_light = None;
+    if let Some(stage) = PictureFrame::of(state, picture.rect) {
+        handles(picture, state, &stage, &mut gizmo, actions);
+        point_at_light(picture, state, &stage, &mut gizmo, actions);
+    }
+    if gizmo.drag.is_some() != was_grabbed {
+        actions.push(Action::GrabHandle(gizmo.drag.is_some()));
+    }
+    let has_mouse = gizmo.has_mouse();
+    gizmo.remember(&picture.ctx);
+    has_mouse
+}
+
+fn point_at_light(
+    picture: &Response,
+    state: &State,
+    stage: &PictureFrame,
+    gizmo: &mut Gizmo,
+    actions: &mut Vec<Action>,
+) {
     // What is dragged past a symbol, the camera above all, does not stop there.
     let is_pressed = picture.ctx.input(|input| input.pointer.any_down());
-    if state.gizmo.hot.is_some() || state.gizmo.drag.is_some() || is_pressed || !picture.contains_pointer() {
+    if gizmo.hot.is_some() || gizmo.drag.is_some() || is_pressed || !picture.contains_pointer() {
         return;
     }
     let Some(pointer) = picture.ctx.input(|input| input.pointer.latest_pos()) else { return };
-    let near = symbols(state, &stage).into_iter().filter(|(_, at, _)| at.distance(pointer) < SYMBOL + 4.0);
-    state.gizmo.hot_light =
-        near.min_by(|a, b| a.1.distance(pointer).total_cmp(&b.1.distance(pointer))).map(|near| near.0);
-    if picture.clicked() && state.gizmo.hot_light.is_some() {
-        state.selected = state.gizmo.hot_light;
+    let near = symbols(state, stage).into_iter().filter(|(_, at, _)| at.distance(pointer) < SYMBOL + 4.0);
+    gizmo.hot_light = near.min_by(|a, b| a.1.distance(pointer).total_cmp(&b.1.distance(pointer))).map(|near| near.0);
+    if picture.clicked() && gizmo.hot_light.is_some() {
+        actions.push(Action::Select(gizmo.hot_light));
     }
 }
 
-fn handles(picture: &Response, state: &mut State, stage: &PictureFrame) {
-    let Some((id, name, object)) = selected(state) else {
-        state.gizmo.hot = None;
-        state.gizmo.drag = None;
+fn handles(picture: &Response, state: &State, stage: &PictureFrame, gizmo: &mut Gizmo, actions: &mut Vec<Action>) {
+    let Some((id, _, object)) = selected(state) else {
+        (gizmo.hot, gizmo.drag) = (None, None);
         return;
     };
-    let layouts = layouts(&object, stage, state.gizmo.handles);
+    let layouts = layouts(&object, stage, state.handles);
     let input = picture.ctx.input(|input| (input.pointer.latest_pos(), input.pointer.press_origin()));
     let (Some(pointer), pressed) = input else {
-        state.gizmo.hot = None;
+        gizmo.hot = None;
         return;
     };
     if !picture.ctx.input(|input| input.pointer.button_down(PointerButton::Primary)) {
-        if state.gizmo.drag.take().is_some() {
-            let event = format!("{}_moved", object.kind().name);
-            let places: Vec<[f64; 3]> = object.places().iter().map(DVec3::to_array).collect();
-            state.log(json!({ "event": event, "name": name, "position": places[0], "target": places.get(1) }));
-        }
-        state.gizmo.hot = if picture.contains_pointer() { grip_at(&layouts, pointer) } else { None };
-    } else if let (None, Some(pressed), true) = (&state.gizmo.drag, pressed, picture.is_pointer_button_down_on()) {
+        gizmo.drag = None;
+        gizmo.hot = if picture.contains_pointer() { grip_at(&layouts, pointer) } else { None };
+    } else if let (None, Some(pressed), true) = (&gizmo.drag, pressed, picture.is_pointer_button_down_on()) {
         // From where it was pressed: a quick hand is elsewhere by now.
         if let Some((grip, layout)) = grip_at(&layouts, pressed).and_then(|grip| Some((grip, layouts[grip.0].clone()?)))
         {
-            state.gizmo.hot = Some(grip);
-            state.gizmo.drag = Some(Drag { grip, start: object.clone(), pressed, layout });
+            gizmo.hot = Some(grip);
+            gizmo.drag = Some(Drag { grip, start: object.clone(), pressed, layout });
         }
     }
-    let Some(drag) = &state.gizmo.drag else { return };
+    let Some(drag) = &gizmo.drag else { return };
     let moved = dragged(stage, drag, pointer);
     if moved != object {
-        state.objects.set(id, moved);
-        state.navigation.camera_moved(state.now);
+        actions.push(Action::ChangeObject(id, Box::new(moved)));
     }
 }
 
@@ -409,17 +428,17 @@ fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight, color: Color
 pub fn paint(painter: &Painter, rect: Rect, state: &State) {
     let Some(stage) = PictureFrame::of(state, rect) else { return };
     let painter = painter.with_clip_rect(rect);
-    let selected = selected(state);
+    let (selected, gizmo) = (selected(state), Gizmo::remembered(painter.ctx()));
     if let Some((.., object @ Object::Light(light))) = &selected {
         cone(&painter, &stage, light, color_of(object));
     }
     for (id, at, color) in symbols(state, &stage) {
-        lamp(&painter, at, color, state.gizmo.hot_light == Some(id));
+        lamp(&painter, at, color, gizmo.hot_light == Some(id));
     }
     let Some((_, name, object)) = selected else { return };
-    let held = state.gizmo.drag.as_ref().map(|drag| drag.grip);
-    let hot = held.or(state.gizmo.hot);
-    for (place, layout) in layouts(&object, &stage, state.gizmo.handles).into_iter().enumerate() {
+    let held = gizmo.drag.as_ref().map(|drag| drag.grip);
+    let hot = held.or(gizmo.hot);
+    for (place, layout) in layouts(&object, &stage, state.handles).into_iter().enumerate() {
         let Some(layout) = layout else { continue };
         // While something is dragged the others would be in the way.
         let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);
@@ -602,7 +621,7 @@ mod tests {
     #[test]
     fn a_light_is_moved_where_it_stands_and_at_its_target() {
         let stage = stage(Projection::Perspective);
-        let light = crate::viewer::light_panel::spot(
+        let light = crate::viewer::objects::spot(
             DVec3::new(635_001.0, 848_000.5, 43.0),
             DVec3::new(635_000.0, 848_000.0, 40.0),
             60.0,

@@ -16,6 +16,17 @@ pub struct Inspection {
     pub id: ObjectId,
     /// Once a surface has been found.
     pub mirror: Option<Mirror>,
+    pub pose: Pose,
+    surface: Option<Surface>,
+    /// Pixel of the sight line that is being looked along.
+    pub asked: Option<[u32; 2]>,
+    /// Pixel of the last one that was.
+    pub known: Option<[u32; 2]>,
+}
+
+/// How the mirror is held over a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
     /// From the surface to the mirror's middle, over the distance from the surface to the eye.
     pub distance: f64,
     /// Radians by which the direction it shows is turned down from the direction of the eye.
@@ -24,11 +35,6 @@ pub struct Inspection {
     pub size: f64,
     /// A shallow bulge instead of a plane: shows more, smaller.
     pub is_bulged: bool,
-    surface: Option<Surface>,
-    /// Pixel of the sight line that is being looked along.
-    pub asked: Option<[u32; 2]>,
-    /// Pixel of the last one that was.
-    pub known: Option<[u32; 2]>,
 }
 
 /// A place on a surface.
@@ -75,10 +81,7 @@ impl Inspection {
         Self {
             id,
             mirror: None,
-            distance: DISTANCE,
-            tilt: TILT,
-            size: SIZE,
-            is_bulged: false,
+            pose: Pose { distance: DISTANCE, tilt: TILT, size: SIZE, is_bulged: false },
             surface: None,
             asked: None,
             known: None,
@@ -95,14 +98,14 @@ impl Inspection {
 
     fn placed(&self, surface: Surface, eye: DVec3, up: DVec3) -> Mirror {
         let reach = surface.position.distance(eye).max(f64::MIN_POSITIVE);
-        let position = surface.position + surface.normal * (self.distance * reach);
+        let position = surface.position + surface.normal * (self.pose.distance * reach);
         let to_eye = (eye - position).normalize_or(up);
         let level = up.cross(to_eye).normalize_or(to_eye.any_orthonormal_vector());
         // The right hand's rotation about the level axis turns down what points at the eye.
-        let shown = DQuat::from_axis_angle(level, self.tilt) * to_eye;
+        let shown = DQuat::from_axis_angle(level, self.pose.tilt) * to_eye;
         let normal = (to_eye + shown).normalize_or(to_eye);
         // The bulge's outer side is the one the paraboloid does not open to.
-        let (shape, z) = if self.is_bulged {
+        let (shape, z) = if self.pose.is_bulged {
             (Shape::Paraboloid { focal_length: BULGE }, -normal)
         } else {
             (Shape::Plane { height: 0.75 }, normal)
@@ -113,7 +116,7 @@ impl Inspection {
             name: "inspection mirror".into(),
             position,
             rotation: DQuat::from_mat3(&DMat3::from_cols(x, y, z)),
-            ..Mirror::standing(shape, position, z, up, self.size * reach)
+            ..Mirror::standing(shape, position, z, up, self.pose.size * reach)
         }
     }
 }
@@ -235,18 +238,19 @@ mod tests {
         let surface = Surface { position: DVec3::new(10.0, 0.0, 0.0), normal: -DVec3::X };
         let eye = DVec3::new(0.0, 1.0, 2.0);
         for is_bulged in [false, true] {
-            let mut inspection = Inspection { is_bulged, ..Inspection::new(ObjectId(0)) };
+            let mut inspection = Inspection::new(ObjectId(0));
+            inspection.pose.is_bulged = is_bulged;
             inspection.update(Some(surface), eye, DVec3::Z);
             let mirror = inspection.mirror.clone().unwrap();
             assert_eq!(mirror.problem(), None);
             let reach = eye.distance(surface.position);
-            assert!((mirror.position.distance(surface.position) - inspection.distance * reach).abs() < 1e-9);
-            assert!((mirror.size - inspection.size * reach).abs() < 1e-9);
+            assert!((mirror.position.distance(surface.position) - inspection.pose.distance * reach).abs() < 1e-9);
+            assert!((mirror.size - inspection.pose.size * reach).abs() < 1e-9);
             // Of the side that reflects, in the middle of the mirror.
             let normal = mirror.rotation * if is_bulged { -DVec3::Z } else { DVec3::Z };
             let to_eye = (eye - mirror.position).normalize();
             let shown = 2.0 * normal.dot(to_eye) * normal - to_eye;
-            assert!((shown.angle_between(to_eye) - inspection.tilt).abs() < 1e-6);
+            assert!((shown.angle_between(to_eye) - inspection.pose.tilt).abs() < 1e-6);
             // Towards the eye's side, and lower.
             assert!(shown.dot(-DVec3::X) > 0.0 && shown.z < to_eye.z, "{shown}");
             // Its long side is level.
@@ -261,7 +265,7 @@ mod tests {
         inspection.update(None, DVec3::ONE, DVec3::Z);
         assert!(inspection.mirror.is_none());
         inspection.update(Some(surface), DVec3::ONE * 5.0, DVec3::Z);
-        inspection.distance *= 2.0;
+        inspection.pose.distance *= 2.0;
         inspection.update(None, DVec3::ONE * 5.0, DVec3::Z);
         let height = inspection.mirror.as_ref().unwrap().position.z;
         assert!((height - 2.0 * DISTANCE * (DVec3::ONE * 5.0).length()).abs() < 1e-9);

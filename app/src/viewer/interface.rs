@@ -5,10 +5,11 @@ use std::time::Duration;
 use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, TextureId, Ui};
 
 use param::Params;
-use scene::{MirrorPoints, Show};
+use scene::Show;
 use world::{LEAST_TIME, Making, Stage, Standing};
 
-use super::bindings::{self, Action};
+use super::action::Action;
+use super::bindings;
 use super::clouds::{JobEntry, short_name};
 use super::messages::Level;
 use super::path_prompt::Outcome;
@@ -23,86 +24,104 @@ use super::{
 /// Sections of parameters that panels of their own show. The others are made of parameters alone.
 const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
 
-/// Draws everything; `picture` is the render thread's last frame.
-pub fn show(ui: &mut Ui, state: &mut State, picture: Option<TextureId>) {
-    open_dropped(ui, state);
-    state.light_panel_is_open = false;
+/// Draws everything; `picture` is the render thread's last frame. Returns what was asked for, in order.
+pub fn show(ui: &mut Ui, state: &State, picture: Option<TextureId>) -> Vec<Action> {
+    let mut actions = open_dropped(ui);
+    let mut lights_are_shown = false;
     if !state.interface_is_hidden {
         Panel::bottom("status")
             .exact_size(28.0)
             .resizable(false)
             .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 3)))
-            .show(ui, |ui| status_bar(ui, state));
+            .show(ui, |ui| status_bar(ui, state, &mut actions));
         if state.preferences.panel_is_open {
             Panel::left("panel")
                 .default_size(310.0)
                 .size_range(270.0..=480.0)
                 .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 8)))
-                .show(ui, |ui| side_panel(ui, state));
+                .show(ui, |ui| lights_are_shown = side_panel(ui, state, &mut actions));
         }
+    }
+    if lights_are_shown != state.light_panel_is_open {
+        actions.push(Action::ShowLights(lights_are_shown));
     }
     CentralPanel::default().frame(Frame::new()).show(ui, |ui| {
         let rect = ui.available_rect_before_wrap();
-        picture_area(ui, state, picture, rect);
+        picture_area(ui, state, picture, rect, &mut actions);
     });
-    state.messages.show(ui.ctx(), ui.ctx().content_rect());
-    pick_panel::show(ui.ctx(), ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0)), state);
-    if let Some(key) = panel::take_sweep(ui.ctx()) {
-        state.ask_sweep(&key);
+    state.messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
+    let above_status = ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0));
+    pick_panel::show(ui.ctx(), above_status, state, &mut actions);
+    tuning::show(ui.ctx(), state, &mut actions);
+    sweep::show(ui.ctx(), state, &mut actions);
+    let mut shortcuts_are_open = state.shortcuts_are_open;
+    bindings::sheet_window(ui.ctx(), &mut shortcuts_are_open);
+    if shortcuts_are_open != state.shortcuts_are_open {
+        actions.push(Action::ToggleShortcuts);
     }
-    tuning::show(ui.ctx(), state);
-    sweep::show(ui.ctx(), state);
-    bindings::sheet_window(ui.ctx(), &mut state.shortcuts_are_open);
-    if let Some(prompt) = &mut state.path_prompt {
-        let is_for_mirror = prompt.is_for_mirror;
-        let is_done = match prompt.show(ui.ctx()) {
-            Some(Outcome::Open(path)) => {
-                let is_opened = state.open(std::slice::from_ref(&path));
-                if is_opened && is_for_mirror {
-                    state.await_marking(MirrorPoints::whole(path));
-                }
-                is_opened
-            }
-            Some(Outcome::Close) => true,
-            None => false,
-        };
-        if is_done {
-            state.path_prompt = None;
+    path_prompt(ui.ctx(), state, &mut actions);
+    if let Some(problem) = &state.fatal {
+        fatal_notice(ui.ctx(), problem, &mut actions);
+    }
+    actions
+}
+
+fn path_prompt(context: &egui::Context, state: &State, actions: &mut Vec<Action>) {
+    let Some(before) = &state.path_prompt else { return };
+    let mut prompt = before.clone();
+    let outcome = prompt.show(context);
+    if prompt != *before {
+        actions.push(Action::ChangePrompt(Box::new(prompt)));
+    }
+    actions.extend(outcome.map(|outcome| match outcome {
+        Outcome::Open(path) => Action::OpenPrompted(path),
+        Outcome::Close => Action::ClosePrompt,
+    }));
+}
+
+/// Says that nothing can be drawn any more; the program ends when it is acknowledged.
+fn fatal_notice(context: &egui::Context, problem: &str, actions: &mut Vec<Action>) {
+    egui::Modal::new(egui::Id::unique("fatal")).show(context, |ui| {
+        ui.set_max_width(420.0);
+        ui.heading("The points cannot be drawn any more");
+        ui.label(problem);
+        ui.add_space(8.0);
+        if ui.button("Quit").clicked() {
+            actions.push(Action::Quit);
         }
-    }
+    });
 }
 
-fn open_dropped(ui: &Ui, state: &mut State) {
+/// One by one: a wrong file does not keep the others out.
+fn open_dropped(ui: &Ui) -> Vec<Action> {
     let dropped = ui.input(|input| input.raw.dropped_files.clone());
-    // One by one: a wrong file does not keep the others out.
-    for file in dropped {
-        state.open(&[file.path()]);
-    }
+    dropped.iter().map(|file| Action::Open(file.path().to_path_buf())).collect()
 }
 
-fn side_panel(ui: &mut Ui, state: &mut State) {
+/// Returns whether the lights are shown.
+fn side_panel(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) -> bool {
     ui.horizontal(|ui| {
-        action_button(ui, state, "Open…", Action::Open);
-        recent_menu(ui, state);
-        action_button(ui, state, "Frame all", Action::FrameAll);
-        action_button(ui, state, "Save", Action::SavePicture);
-        action_button(ui, state, "?", Action::ToggleShortcuts);
+        action_button(ui, "Open…", Action::OpenDialog, actions);
+        recent_menu(ui, state, actions);
+        action_button(ui, "Frame all", Action::FrameAll, actions);
+        action_button(ui, "Save", Action::SavePicture, actions);
+        action_button(ui, "?", Action::ToggleShortcuts, actions);
     });
     ui.add_space(4.0);
-    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+    let scrolled = egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         section(ui, "Clouds", true, |ui| {
-            clouds_panel::show(ui, state);
+            clouds_panel::show(ui, state, actions);
             if state.clouds.is_empty() {
                 ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
             }
         });
         let is_streaming = state.clouds.iter().any(|entry| entry.streamed.is_some());
         if is_streaming {
-            section(ui, "Streaming", true, |ui| streaming_panel::show(ui, state));
+            section(ui, "Streaming", true, |ui| streaming_panel::show(ui, state, actions));
         }
-        section(ui, "Colour", true, |ui| colors_panel::show(ui, state));
-        state.light_panel_is_open = section(ui, "Light", true, |ui| light_panel::show(ui, state));
-        section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state));
+        section(ui, "Colour", true, |ui| colors_panel::show(ui, state, actions));
+        let lights_are_shown = section(ui, "Light", true, |ui| light_panel::show(ui, state, actions));
+        section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state, actions));
         let mut shown: Vec<&str> = OWN_PANELS.into();
         // While something is streamed, its parameters are in the section above.
         shown.extend(is_streaming.then_some(scene::Stream::table().section));
@@ -115,14 +134,16 @@ fn side_panel(ui: &mut Ui, state: &mut State) {
             let acts_at_once = group.fields.iter().any(|field| !field.affects.points);
             section(ui, group.section, acts_at_once, |ui| {
                 if group.section == scene::Sscr::table().section {
-                    presets::show(ui, &mut state.settings);
+                    presets::show(ui, &state.settings, actions);
                 }
-                parameter_groups(ui, state, group.section)
+                parameter_groups(ui, state, group.section, actions)
             });
         }
-        section(ui, "Truth", true, |ui| truth_panel::show(ui, state));
+        section(ui, "Truth", true, |ui| truth_panel::show(ui, state, actions));
         section(ui, "Timings", false, |ui| timings_panel::show(ui, state));
+        lights_are_shown
     });
+    scrolled.inner
 }
 
 /// Returns whether the section is open.
@@ -138,8 +159,8 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut U
     shown.body_response.is_some()
 }
 
-fn parameter_groups(ui: &mut Ui, state: &mut State, section: &str) {
-    let mut groups: Vec<_> = state.settings.groups_mut().into_iter().collect();
+fn parameter_groups(ui: &mut Ui, state: &State, section: &str, actions: &mut Vec<Action>) {
+    let mut groups: Vec<_> = state.settings.groups().into_iter().collect();
     groups.retain(|params| params.group().section == section);
     let are_several = groups.len() > 1;
     for params in groups {
@@ -150,45 +171,42 @@ fn parameter_groups(ui: &mut Ui, state: &mut State, section: &str) {
             ui.label(RichText::new(about).small().color(theme::WEAK)).on_hover_text(help);
         }
         // The point budget is one of streaming's.
-        panel::parameters(ui, params, &["point_budget"]);
+        panel::parameters(ui, params, &["point_budget"], actions);
     }
 }
 
-fn action_button(ui: &mut Ui, state: &mut State, text: &str, action: Action) {
+fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Action>) {
     let is_listed = |binding: &&bindings::Binding| binding.action == action;
     let help = bindings::BINDINGS.iter().find(is_listed).map_or("", |binding| binding.text);
-    let shortcut = bindings::shortcut(action);
+    let shortcut = bindings::shortcut(&action);
     if ui.button(text).on_hover_text(format!("{help} ({shortcut})")).clicked() {
-        state.act(action);
+        actions.push(action);
     }
 }
 
-fn recent_menu(ui: &mut Ui, state: &mut State) {
-    let mut chosen = None;
+fn recent_menu(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     ui.menu_button("Recent", |ui| {
         for recent in &state.preferences.recent {
             if ui.button(short_name(recent)).on_hover_text(recent).clicked() {
-                chosen = Some(recent.clone());
+                actions.push(Action::Open(recent.into()));
             }
         }
         ui.separator();
         for name in world::built_in_names() {
             if ui.button(&name).clicked() {
-                chosen = Some(name);
+                actions.push(Action::Open(name.into()));
             }
         }
     });
-    if let Some(chosen) = chosen {
-        state.open(&[chosen]);
-    }
 }
 
 // ---- picture ----
 
-fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect: Rect) {
+fn picture_area(ui: &mut Ui, state: &State, picture: Option<TextureId>, rect: Rect, actions: &mut Vec<Action>) {
     let scale = ui.ctx().pixels_per_point();
     let side = |length: f32| (length * scale).round().max(0.0) as u32;
-    state.set_view_size([side(rect.width()), side(rect.height())]);
+    let size = [side(rect.width()), side(rect.height())];
+    actions.extend((size != state.view_size).then_some(Action::Resize(size)));
     let [red, green, blue, _] = state.settings.view.background.bytes();
     ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
@@ -196,15 +214,15 @@ fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect
         let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
         ui.painter().image(picture, rect, whole, Color32::WHITE);
     }
-    truth_panel::paint(ui, rect, state);
+    truth_panel::paint(ui, rect, state, actions);
     overlay::paint(ui.painter(), rect, state);
-    gizmo::interact(&response, state);
-    navigation::handle(ui, &response, state);
+    let is_taken = gizmo::interact(&response, state, actions);
+    navigation::handle(ui, &response, is_taken, state, actions);
     if state.pick_tool && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
     if state.clouds.is_empty() && !state.is_loading() {
-        empty_state(ui, state, rect);
+        empty_state(ui, rect, actions);
     }
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
         ui.painter().rect_filled(rect, 0.0, Color32::from_black_alpha(150));
@@ -214,10 +232,9 @@ fn picture_area(ui: &mut Ui, state: &mut State, picture: Option<TextureId>, rect
 }
 
 /// What a newcomer sees first.
-fn empty_state(ui: &mut Ui, state: &mut State, rect: Rect) {
+fn empty_state(ui: &mut Ui, rect: Rect, actions: &mut Vec<Action>) {
     let size = egui::vec2(420.0, 230.0).min(rect.size());
     let area = Rect::from_center_size(rect.center(), size);
-    let mut chosen = None;
     ui.scope_builder(egui::UiBuilder::new().max_rect(area), |ui| {
         ui.vertical_centered(|ui| {
             ui.label(RichText::new("glint").size(34.0).color(theme::ACCENT));
@@ -225,7 +242,7 @@ fn empty_state(ui: &mut Ui, state: &mut State, rect: Rect) {
             ui.label(RichText::new("Drop a LAS, LAZ or PLY file here, or press Ctrl+O").size(16.0));
             ui.add_space(10.0);
             if ui.button(RichText::new("Open files…").size(15.0)).clicked() {
-                state.act(Action::Open);
+                actions.push(Action::OpenDialog);
             }
             ui.add_space(14.0);
             ui.label(RichText::new("or look at a built-in scene: five mirrors").color(theme::WEAK));
@@ -240,15 +257,12 @@ fn empty_state(ui: &mut Ui, state: &mut State, rect: Rect) {
                 ui.add_space(((ui.available_width() - width) * 0.5).max(0.0));
                 for name in row {
                     if ui.button(short_scene(name)).on_hover_text(name).clicked() {
-                        chosen = Some(name.clone());
+                        actions.push(Action::Open(name.into()));
                     }
                 }
             });
         }
     });
-    if let Some(chosen) = chosen {
-        state.open(&[chosen]);
-    }
 }
 
 fn short_scene(name: &str) -> &str {
@@ -257,13 +271,13 @@ fn short_scene(name: &str) -> &str {
 
 // ---- status bar ----
 
-fn status_bar(ui: &mut Ui, state: &mut State) {
+fn status_bar(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     ui.horizontal_centered(|ui| {
         let is_open = state.preferences.panel_is_open;
         let text = if is_open { "<" } else { ">" };
         let help = if is_open { "Hide the panel" } else { "Show the panel" };
         if ui.small_button(text).on_hover_text(help).clicked() {
-            state.preferences.panel_is_open = !is_open;
+            actions.push(Action::TogglePanel);
         }
         if state.adapter.is_none() && state.fatal.is_none() {
             ui.spinner();
@@ -271,7 +285,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
         }
         if let Some(job) = state.jobs.iter().find(|job| state.is_at_work(job)) {
             if job_progress(ui, state, job) {
-                state.stop_loading();
+                actions.push(Action::StopLoading);
             }
             ui.ctx().request_repaint_after(Duration::from_millis(100));
         } else {
@@ -282,9 +296,9 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
                 ui.label(format!("{} points", grouped(points)));
             }
         }
-        truth_panel::progress(ui, state);
+        truth_panel::progress(ui, state, actions);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            messages_button(ui, state);
+            messages_button(ui, state, actions);
             if let Some(shown) = &state.frames.shown {
                 ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
             }
@@ -294,7 +308,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
             if state.is_unlit() {
                 ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
             }
-            uncertain_reflections(ui, state);
+            uncertain_reflections(ui, state, actions);
             if state.pick_tool {
                 ui.label(RichText::new("pick").color(theme::ACCENT));
             }
@@ -313,7 +327,7 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
 const MOSTLY_CERTAIN: f64 = 0.1;
 
 /// Says if a method is at its limits; a click shows where.
-fn uncertain_reflections(ui: &mut Ui, state: &mut State) {
+fn uncertain_reflections(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     let share =
         state.frames.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
     if share <= MOSTLY_CERTAIN {
@@ -322,8 +336,9 @@ fn uncertain_reflections(ui: &mut Ui, state: &mut State) {
     let text = format!("{:.0} % of reflections uncertain", share * 100.0);
     let help = "Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where";
     if ui.small_button(RichText::new(text).color(theme::ACCENT)).on_hover_text(help).clicked() {
-        let show = &mut state.settings.reflection.show;
-        *show = if *show == Show::Uncertain { Show::Picture } else { Show::Uncertain };
+        let is_shown = state.settings.reflection.show == Show::Uncertain;
+        let show = if is_shown { Show::Picture } else { Show::Uncertain };
+        actions.push(Action::set("reflection", "show", param::Value::Choice(show as u32)));
     }
 }
 
@@ -364,13 +379,13 @@ fn stage_progress(ui: &mut Ui, stage: &Stage, name: &str) {
     }
 }
 
-fn messages_button(ui: &mut Ui, state: &mut State) {
+fn messages_button(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     let worst = state.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
     let color = worst.filter(|level| *level != Level::Note).map_or(theme::WEAK, Level::color);
     let count = state.messages.all.iter().filter(|message| message.level != Level::Note).count();
     let text = if count > 0 { format!("Messages ({count})") } else { "Messages".into() };
     if ui.small_button(RichText::new(text).color(color)).clicked() {
-        state.messages.list_is_open = !state.messages.list_is_open;
+        actions.push(Action::ListMessages(!state.messages.list_is_open));
     }
 }
 
@@ -388,10 +403,13 @@ mod tests {
     use super::*;
 
     fn harness() -> Harness<'static, State> {
-        Harness::builder()
-            .with_size([1100.0, 800.0])
-            .with_max_steps(16)
-            .build_ui_state(|ui, state: &mut State| show(ui, state, None), State::new(Preferences::default()))
+        Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
+            |ui, state: &mut State| {
+                let actions = show(ui, state, None);
+                state.act_all(actions);
+            },
+            State::new(Preferences::default()),
+        )
     }
 
     #[test]
@@ -412,7 +430,7 @@ mod tests {
         harness.key_press(egui::Key::Num2);
         harness.run_ok();
         assert_eq!(harness.state().settings.color.by, scene::ColorBy::Height);
-        harness.state_mut().act(Action::OpenPath);
+        harness.state_mut().act(Action::OpenPrompt);
         harness.run_ok();
         harness.key_press(egui::Key::Num3);
         harness.event(egui::Event::Text("3".into()));

@@ -2,11 +2,11 @@
 //! matter for the choice.
 
 use egui::{CollapsingHeader, RichText, Ui};
-use glam::DVec3;
 use render::MOST_LIGHTS;
 use scene::{Lighting, Object, SpotLight};
 
-use super::bindings::{self, Action};
+use super::action::Action;
+use super::bindings;
 use super::mirrors_panel::object_list;
 use super::objects::{ObjectId, PlacedLight};
 use super::panel::{parameter, parameters};
@@ -26,25 +26,25 @@ const CHOICES: [(Lighting, &str, &str); 5] = [
     (Lighting::Colors, "Raw colours", "The data's own colours, no light"),
 ];
 
-pub fn show(ui: &mut Ui, state: &mut State) {
+pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 2.0;
         ui.spacing_mut().button_padding.x = 5.0;
         for (by, name, help) in CHOICES {
-            let shortcut =
-                bindings::shortcut(if by == Lighting::Colors { Action::ToggleLight } else { Action::NextLight });
+            let key = if by == Lighting::Colors { Action::ToggleLight } else { Action::NextLight };
+            let shortcut = bindings::shortcut(&key);
             let button = ui.selectable_label(state.settings.light.by == by, name);
             if button.on_hover_text(format!("{help} ({shortcut})")).clicked() {
-                state.light_by(by);
+                actions.push(Action::LightBy(by));
             }
         }
     });
     ui.label(RichText::new(explanation(state)).small().color(theme::WEAK));
     ui.horizontal(|ui| {
         let help = "Stands where you are and aims at the pivot, where white reaches the screen's white (short of it by the filmic curve)";
-        let shortcut = bindings::shortcut(Action::AddSpot);
+        let shortcut = bindings::shortcut(&Action::AddSpot);
         if ui.button("Spot at the camera").on_hover_text(format!("{help} ({shortcut})")).clicked() {
-            state.act(Action::AddSpot);
+            actions.push(Action::AddSpot);
         }
         if state.objects.lights.is_empty() {
             ui.label(RichText::new("No lights.").color(theme::WEAK));
@@ -54,31 +54,31 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let unlit = if index < MOST_LIGHTS { "" } else { " (does not shine)" };
         (placed.id, format!("{}{unlit}", placed.name))
     };
-    object_list(ui, state, state.objects.lights.iter().enumerate().map(name).collect());
+    object_list(ui, state, state.objects.lights.iter().enumerate().map(name).collect(), actions);
     if let Some((id, light)) = state.selected.and_then(|id| Some((id, *state.objects.light(id)?))) {
         ui.separator();
-        ui.push_id(id.0, |ui| numbers(ui, state, id, light));
+        ui.push_id(id.0, |ui| numbers(ui, state, id, light, actions));
     }
     ui.separator();
-    parameter(ui, &mut state.settings.light, "show");
+    let settings = &state.settings;
+    parameter(ui, &settings.light, "show", actions);
     let lighting = state.lighting();
-    let settings = &mut state.settings;
     if lighting == Lighting::Headlight {
-        parameter(ui, &mut settings.light, "headlight");
+        parameter(ui, &settings.light, "headlight", actions);
     }
     if lighting == Lighting::Sun {
-        part(ui, "Sun and sky", true, |ui| parameters(ui, &mut settings.sun, &[]));
+        part(ui, "Sun and sky", true, |ui| parameters(ui, &settings.sun, &[], actions));
     }
     if matches!(lighting, Lighting::Sun | Lighting::Lights) {
-        part(ui, "Indirect light", false, |ui| parameters(ui, &mut settings.gi, &[]));
+        part(ui, "Indirect light", false, |ui| parameters(ui, &settings.gi, &[], actions));
         part(ui, "Shadows and highlights", false, |ui| {
-            parameters(ui, &mut settings.light, &["by", "show", "headlight"]);
+            parameters(ui, &settings.light, &["by", "show", "headlight"], actions);
         });
     }
     if lighting != Lighting::Colors {
-        part(ui, "Tone", false, |ui| parameters(ui, &mut settings.tone, &[]));
+        part(ui, "Tone", false, |ui| parameters(ui, &settings.tone, &[], actions));
     }
-    part(ui, "Eye-dome lighting", false, |ui| parameters(ui, &mut settings.edl, &[]));
+    part(ui, "Eye-dome lighting", false, |ui| parameters(ui, &settings.edl, &[], actions));
 }
 
 /// What the choice comes to.
@@ -105,7 +105,7 @@ fn part(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui))
 }
 
 /// The numbers of a light. What they make of it is taken only if it is one.
-fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut light: SpotLight) {
+fn numbers(ui: &mut Ui, state: &State, id: ObjectId, mut light: SpotLight, actions: &mut Vec<Action>) {
     let before = light;
     let step = light.position.distance(light.target) * 0.01;
     for (name, place) in [("Position", &mut light.position), ("Target", &mut light.target)] {
@@ -143,12 +143,11 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut light: SpotLight) {
             (light.position, light.target) = (state.camera.eye, state.camera.pivot);
         }
         if ui.button("Look from it").on_hover_text("You stand where it is and look at its target").clicked() {
-            state.look_along(light.position, light.target);
+            actions.push(Action::LookAlong { eye: light.position, pivot: light.target });
         }
     });
     if light != before {
-        state.objects.set(id, Object::Light(light));
-        state.navigation.camera_moved(state.now);
+        actions.push(Action::ChangeObject(id, Box::new(Object::Light(light))));
     }
 }
 
@@ -158,29 +157,17 @@ fn hue(picked: [f32; 3]) -> Option<[f32; 3]> {
     (strongest > 0.0).then(|| picked.map(|part| part / strongest))
 }
 
-/// A spot light at `eye` that aims at `pivot`: a white surface there that faces it has radiance 1. Its cone is as wide as the picture is high.
-pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
-    // A narrow beam through a wide lens shows nothing, a wide one through a narrow lens has no edge to be seen by.
-    let outer_degrees = (field_of_view_degrees * 0.5).clamp(25.0, 75.0);
-    SpotLight {
-        position: eye,
-        target: pivot,
-        intensity: [(std::f64::consts::PI * eye.distance_squared(pivot)) as f32; 3],
-        inner_degrees: outer_degrees * 0.8,
-        outer_degrees,
-    }
-}
-
 #[cfg(test)]
 mod tests {
 
     use cloud::Bounds;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
     use scene::{Room, Surroundings};
     use world::AutoLight;
 
-    use super::super::objects::{GUESSED_LAMP, Origin};
+    use super::super::objects::{GUESSED_LAMP, Origin, spot};
     use super::super::state::Effect;
     use super::super::work::{Found, Work};
     use super::*;
@@ -190,9 +177,10 @@ mod tests {
     }
 
     fn harness() -> Harness<'static, State> {
-        let mut harness = Harness::builder()
-            .with_size([340.0, 900.0])
-            .build_ui_state(|ui, state: &mut State| show(ui, state), State::with_two_points());
+        let mut harness = Harness::builder().with_size([340.0, 900.0]).build_ui_state(
+            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
+            State::with_two_points(),
+        );
         harness.run_ok();
         harness
     }

@@ -2,137 +2,27 @@
 
 use cloud::Scalar;
 use egui::{RichText, Ui};
-use scene::{MirrorNormals, MirrorPoints, PointChoice};
-use world::CloudKey;
+use scene::PointChoice;
 
+use super::action::Action;
 use super::clouds::CloudEntry;
+use super::draft::{Draft, NORMALS_WAYS, NormalsWay, WAYS, Way};
 use super::objects::Marking;
-use super::state::{Effect, State};
+use super::state::State;
 use super::streams;
 use super::theme::{self, grouped};
 use super::widgets::{choice, length, name_label, slider};
-use super::work::Work;
-
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Way {
-    #[default]
-    Class,
-    Box,
-    Attribute,
-    All,
-}
-
-const WAYS: [(Way, &str); 4] = [
-    (Way::Class, "a class"),
-    (Way::Box, "a box around the picked point"),
-    (Way::Attribute, "a range of an attribute"),
-    (Way::All, "the whole cloud"),
-];
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum NormalsWay {
-    Own,
-    Smooth,
-    Fit,
-    Flatten,
-}
-
-const NORMALS_WAYS: [(NormalsWay, &str, &str); 4] = [
-    (NormalsWay::Own, "as they are", "The points keep their normals"),
-    (NormalsWay::Smooth, "smoothed", "The mean of the normals around each point"),
-    (NormalsWay::Fit, "fitted planes", "The plane through the nearest neighbours among these points"),
-    (NormalsWay::Flatten, "one plane", "The plane through all of them: still water"),
-];
-
-/// What a person is choosing. Nothing reflects before it is applied.
-pub struct Draft {
-    cloud: Option<CloudKey>,
-    way: Way,
-    class: u8,
-    /// Edge of the box, world units; 0: not chosen yet.
-    edge: f64,
-    attribute: String,
-    low: f64,
-    high: f64,
-    normals: NormalsWay,
-    /// World units; 0: not chosen yet.
-    radius: f64,
-    neighbours: u32,
-    specular_intensity: f32,
-    specular_power: f32,
-    /// How many points that would be.
-    counted: Option<(MirrorPoints, Result<u64, String>)>,
-    is_counting: bool,
-}
-
-impl Default for Draft {
-    fn default() -> Self {
-        Self {
-            cloud: None,
-            way: Way::default(),
-            // Water.
-            class: 9,
-            edge: 0.0,
-            attribute: String::new(),
-            low: 0.0,
-            high: 1.0,
-            normals: NormalsWay::Smooth,
-            radius: 0.0,
-            neighbours: 32,
-            // Clear enough to see by, and what lies below shines through.
-            specular_intensity: 0.8,
-            specular_power: 0.0,
-            counted: None,
-            is_counting: false,
-        }
-    }
-}
-
-impl Draft {
-    pub fn on_counted(&mut self, wanted: MirrorPoints, result: Result<u64, String>) {
-        self.is_counting = false;
-        self.counted = Some((wanted, result));
-    }
-
-    fn wanted(&self, entry: &CloudEntry, picked: Option<glam::DVec3>) -> Option<MirrorPoints> {
-        let points = match self.way {
-            Way::All => PointChoice::All,
-            Way::Class => PointChoice::Class(self.class),
-            Way::Box => {
-                let half = glam::DVec3::splat(self.edge * 0.5);
-                picked.map(|center| PointChoice::Box { min: center - half, max: center + half })?
-            }
-            Way::Attribute if self.attribute.is_empty() => return None,
-            Way::Attribute => {
-                PointChoice::Attribute { name: self.attribute.clone(), low: self.low, high: self.high.max(self.low) }
-            }
-        };
-        let normals = match self.normals {
-            NormalsWay::Own => MirrorNormals::Own,
-            NormalsWay::Smooth => MirrorNormals::Smooth { radius: self.radius },
-            NormalsWay::Fit => MirrorNormals::Fit { neighbours: self.neighbours },
-            NormalsWay::Flatten => MirrorNormals::Flatten,
-        };
-        Some(MirrorPoints {
-            cloud: entry.input.clone(),
-            points,
-            specular_intensity: self.specular_intensity,
-            specular_power: self.specular_power,
-            normals,
-        })
-    }
-}
 
 /// Draws the choice, and what reflects already.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    existing(ui, state);
+pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+    existing(ui, state, actions);
     if state.clouds.is_empty() {
         ui.label(RichText::new("Open a cloud to turn some of its points into a mirror.").color(theme::WEAK));
         return;
     }
     let radius = state.bounds().radius();
     let picked = state.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
-    let draft = &mut state.draft;
+    let mut draft = state.draft.clone();
     if draft.edge == 0.0 && radius > 0.0 {
         // A tenth of the scene, and about a dozen points of a scan.
         (draft.edge, draft.radius) = (radius * 0.1, radius * 0.005);
@@ -146,11 +36,21 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     .unwrap_or(state.clouds[0].key);
     choice(ui, "Cloud", &mut key, state.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
     draft.cloud = Some(key);
-    let Some(entry) = state.clouds.iter().find(|entry| entry.key == key) else { return };
+    let Some(entry) = state.cloud(key) else { return };
     if entry.streamed.is_some() {
         ui.label(RichText::new(format!("{} {}.", entry.cloud.name, streams::NOT_MARKED)).color(theme::WEAK));
-        return;
+    } else {
+        choose(ui, state, entry, &mut draft, actions);
     }
+    if draft != state.draft {
+        actions.push(Action::ChangeDraft(Box::new(draft)));
+    }
+}
+
+/// Which points of a cloud, and how they are to reflect.
+fn choose(ui: &mut Ui, state: &State, entry: &CloudEntry, draft: &mut Draft, actions: &mut Vec<Action>) {
+    let radius = state.bounds().radius();
+    let picked = state.picks.last().map(|pick| pick.world);
     choice(ui, "Points", &mut draft.way, WAYS.into_iter());
     which_points(ui, draft, entry, radius, picked.is_some());
     choice(ui, "Normals", &mut draft.normals, NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, name)))
@@ -165,7 +65,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     slider(ui, "Intensity", egui::Slider::new(&mut draft.specular_intensity, 0.0..=1.0));
     slider(ui, "Power", egui::Slider::new(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true))
         .on_hover_text("Sharpness of the highlights that they show of lights; 0: none");
-    let wanted = draft.wanted(entry, picked.map(|(_, world)| world));
+    let wanted = draft.wanted(entry, picked);
     let count = wanted.as_ref().and_then(|wanted| match &draft.counted {
         Some((counted, result)) if counted.points == wanted.points && counted.cloud == wanted.cloud => {
             Some(result.clone())
@@ -188,14 +88,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             ui.label(RichText::new("counting").color(theme::WEAK));
             if !draft.is_counting {
                 draft.is_counting = true;
-                let (cloud, source) = (entry.cloud.clone(), entry.source.clone());
-                state.effects.push(Effect::Work(Work::CountPoints { cloud, source, wanted: wanted.clone() }));
+                actions.push(Action::CountPoints(entry.key, Box::new(wanted.clone())));
             }
         }
     }
     let button = ui.add_enabled(is_possible, egui::Button::new("Turn into a mirror"));
     if let (true, Some(points)) = (button.clicked(), wanted) {
-        state.edit_objects(|objects| objects.markings.push(Marking { key, points }));
+        actions.push(Action::Mark(Box::new(Marking { key: entry.key, points })));
     }
 }
 
@@ -246,9 +145,8 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
 }
 
 /// What reflects, with a way to end it; and what is being worked out.
-fn existing(ui: &mut Ui, state: &mut State) {
-    let mut removed = None;
-    for (index, marking) in state.objects.markings.iter().enumerate() {
+fn existing(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+    for marking in &state.objects.markings {
         let Some(entry) = state.cloud(marking.key) else { continue };
         ui.horizontal(|ui| {
             let points = &marking.points;
@@ -261,17 +159,12 @@ fn existing(ui: &mut Ui, state: &mut State) {
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                 let button = ui.small_button("×").on_hover_text("These points are no mirror any more");
                 if button.accessible_name(format!("End {what} of {}", entry.cloud.name)).clicked() {
-                    removed = Some(index);
+                    actions.push(Action::Unmark(Box::new(marking.clone())));
                 }
                 ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
                     ui.add(egui::Label::new(format!("{}: {what}", entry.cloud.name)).truncate());
                 });
             });
-        });
-    }
-    if let Some(index) = removed {
-        state.edit_objects(|objects| {
-            objects.markings.remove(index);
         });
     }
     for entry in &state.clouds {
@@ -280,7 +173,7 @@ fn existing(ui: &mut Ui, state: &mut State) {
             let share = progress.done() as f32 / progress.total().max(1) as f32;
             ui.add(egui::ProgressBar::new(share).text("normals").desired_width(150.0).desired_height(14.0));
             if ui.small_button("Stop").clicked() {
-                progress.cancel();
+                actions.push(Action::StopMarking(entry.key));
             }
         });
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
@@ -295,13 +188,14 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use glam::DVec3;
+    use scene::MirrorPoints;
     use world::{Change, Event, Opened, Part, mirrors};
 
-    use super::super::bindings::Action;
     use super::super::figures::{Basis, Figures};
     use super::super::preferences::Preferences;
     use super::super::render_thread::Command;
-    use super::super::work::Found;
+    use super::super::state::Effect;
+    use super::super::work::{Found, Work};
     use super::*;
 
     /// Six points of which two are water, and what a worker thread would have found out about them.
@@ -358,9 +252,10 @@ mod tests {
 
     #[test]
     fn water_is_counted_turned_into_a_mirror_and_back_by_undo() {
-        let mut harness = Harness::builder()
-            .with_size([340.0, 500.0])
-            .build_ui_state(|ui, state: &mut State| show(ui, state), lake());
+        let mut harness = Harness::builder().with_size([340.0, 500.0]).build_ui_state(
+            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
+            lake(),
+        );
         harness.run_ok();
         assert!(harness.query_by_label("counting").is_some());
         work(harness.state_mut());

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use egui::{Align2, Color32, RichText};
 
+use super::action::Action;
 use super::theme;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,11 +56,11 @@ impl Messages {
     }
 
     /// Draws toasts in the upper right corner of `rect`, and the list if it is open.
-    pub fn show(&mut self, context: &egui::Context, rect: egui::Rect) {
-        let toasts = self.all.iter_mut().rev().filter(|message| message.is_fresh()).take(TOASTS);
+    pub fn show(&self, context: &egui::Context, rect: egui::Rect, actions: &mut Vec<Action>) {
+        let toasts = self.all.iter().enumerate().rev().filter(|(_, message)| message.is_fresh()).take(TOASTS);
         let mut soonest: Option<Duration> = None;
         let mut top = rect.top() + 12.0;
-        for (index, message) in toasts.enumerate() {
+        for (index, (place, message)) in toasts.enumerate() {
             let left = message.level.duration().saturating_sub(message.since.elapsed());
             soonest = Some(soonest.map_or(left, |soonest| soonest.min(left)));
             let area = egui::Area::new(egui::Id::unique(("toast", index)))
@@ -79,15 +80,16 @@ impl Messages {
                 });
             });
             if shown.response.interact(egui::Sense::click()).clicked() {
-                message.dismissed = true;
+                actions.push(Action::DismissMessage(place));
             }
             top = shown.response.rect.bottom() + 6.0;
         }
         if let Some(soonest) = soonest {
             context.request_repaint_after(soonest);
         }
+        let mut list_is_open = self.list_is_open;
         egui::Window::new("Messages")
-            .open(&mut self.list_is_open)
+            .open(&mut list_is_open)
             .default_size([460.0, 260.0])
             .anchor(Align2::RIGHT_BOTTOM, [-16.0, -40.0])
             .show(context, |ui| {
@@ -103,6 +105,16 @@ impl Messages {
                     }
                 });
             });
+        if list_is_open != self.list_is_open {
+            actions.push(Action::ListMessages(list_is_open));
+        }
+    }
+
+    /// Takes the toast of a message away.
+    pub fn dismiss(&mut self, place: usize) {
+        if let Some(message) = self.all.get_mut(place) {
+            message.dismissed = true;
+        }
     }
 }
 
@@ -154,10 +166,17 @@ mod tests {
     use super::*;
 
     fn harness(messages: Messages) -> Harness<'static, Messages> {
-        Harness::builder()
-            .with_size([600.0, 500.0])
-            .with_max_steps(16)
-            .build_ui_state(|ui, messages: &mut Messages| messages.show(ui.ctx(), ui.ctx().content_rect()), messages)
+        Harness::builder().with_size([600.0, 500.0]).with_max_steps(16).build_ui_state(
+            |ui, messages: &mut Messages| {
+                let mut actions = Vec::new();
+                messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
+                for action in actions {
+                    let Action::DismissMessage(place) = action else { panic!("{action:?}") };
+                    messages.dismiss(place);
+                }
+            },
+            messages,
+        )
     }
 
     fn texts(messages: &Messages) -> Vec<&str> {

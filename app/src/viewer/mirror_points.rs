@@ -77,7 +77,7 @@ impl State {
             let is_held = |id: ObjectId| {
                 let by_formula = self.settings.mirror.surface != MirrorSurface::Points;
                 self.inspection.as_ref().is_some_and(|held| held.id == id && by_formula)
-                    || self.selected == Some(id) && self.gizmo.is_dragging() && self.frames.is_slow()
+                    || self.selected == Some(id) && self.handle_is_grabbed && self.frames.is_slow()
             };
             let stale = self.all_mirrors().find(|(id, mirror)| !is_held(*id) && !is_current(*id, mirror));
             if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {

@@ -4,56 +4,56 @@ use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
 use scene::{Mirror, Object, Shape};
 
-use super::bindings::{self, Action};
+use super::action::Action;
+use super::bindings;
 use super::marking;
-use super::objects::{ObjectId, unnamed};
-use super::path_prompt::PathPrompt;
+use super::objects::ObjectId;
 use super::state::State;
 use super::theme;
 use super::widgets::{name_label, slider, three};
 
-pub fn show(ui: &mut Ui, state: &mut State) {
+pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
-        add_menu(ui, state);
+        add_menu(ui, actions);
         let is_held = state.inspection.is_some();
         let inspect = ui.selectable_label(is_held, "Inspect").on_hover_text(format!(
             "A mirror that follows the cursor and shows what faces away ({})",
-            bindings::shortcut(Action::Inspect)
+            bindings::shortcut(&Action::Inspect)
         ));
         if inspect.clicked() {
-            state.act(Action::Inspect);
+            actions.push(Action::Inspect);
         }
         let save = ui.button("Save scene").on_hover_text(format!(
             "Clouds, camera, parameters and mirrors as a file ({})",
-            bindings::shortcut(Action::SaveScene)
+            bindings::shortcut(&Action::SaveScene)
         ));
         if save.clicked() {
-            state.act(Action::SaveScene);
+            actions.push(Action::SaveScene);
         }
     });
-    inspection(ui, state);
-    list(ui, state);
+    inspection(ui, state, actions);
+    list(ui, state, actions);
     if let Some((id, mirror)) = state.selected.and_then(|id| Some((id, state.objects.mirror(id)?.clone()))) {
         ui.separator();
-        ui.push_id(id.0, |ui| numbers(ui, state, id, mirror));
+        ui.push_id(id.0, |ui| numbers(ui, state, id, mirror, actions));
     }
     ui.add_space(4.0);
     egui::CollapsingHeader::new("Turn points into a mirror")
         .id_salt("marking")
-        .show_unindented(ui, |ui| marking::show(ui, state));
+        .show_unindented(ui, |ui| marking::show(ui, state, actions));
 }
 
-fn add_menu(ui: &mut Ui, state: &mut State) {
+fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {
     ui.menu_button("Add", |ui| {
         for shape in Shape::ALL {
             let help = "At the picked point, or at the pivot";
             if ui.button(capitalized(shape.name())).on_hover_text(help).clicked() {
-                state.act(Action::AddMirror(shape));
+                actions.push(Action::AddMirror(shape));
             }
         }
         ui.separator();
         if ui.button("Cloud file…").on_hover_text("Opens a cloud whose points are the mirror").clicked() {
-            state.path_prompt = Some(PathPrompt::for_mirror());
+            actions.push(Action::PromptForMirror);
         }
     });
 }
@@ -62,63 +62,63 @@ fn capitalized(name: &str) -> String {
     name[..1].to_uppercase() + &name[1..]
 }
 
-fn inspection(ui: &mut Ui, state: &mut State) {
-    let Some(held) = &mut state.inspection else { return };
+fn inspection(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+    let Some(before) = state.inspection.as_ref().map(|held| held.pose) else { return };
+    let mut pose = before;
     ui.label(RichText::new("Click pins it, Esc takes it away.").small().color(theme::WEAK));
-    slider(ui, "Distance", egui::Slider::new(&mut held.distance, 0.005..=0.9).logarithmic(true))
+    slider(ui, "Distance", egui::Slider::new(&mut pose.distance, 0.005..=0.9).logarithmic(true))
         .on_hover_text("From the surface, as a share of the way to the eye");
-    let mut tilt = held.tilt.to_degrees();
-    slider(ui, "Tilt", egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°"));
-    held.tilt = tilt.to_radians();
-    slider(ui, "Size", egui::Slider::new(&mut held.size, 0.01..=0.5).logarithmic(true))
+    let mut tilt = pose.tilt.to_degrees();
+    if slider(ui, "Tilt", egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°")).changed() {
+        pose.tilt = tilt.to_radians();
+    }
+    slider(ui, "Size", egui::Slider::new(&mut pose.size, 0.01..=0.5).logarithmic(true))
         .on_hover_text("Half its width, as a share of the way to the eye");
     ui.horizontal(|ui| {
         let label = name_label(ui, "Bulged");
-        ui.checkbox(&mut held.is_bulged, "").labelled_by(label.id);
+        ui.checkbox(&mut pose.is_bulged, "").labelled_by(label.id);
     });
     ui.separator();
+    if pose != before {
+        actions.push(Action::ChangeInspection(pose));
+    }
 }
 
-fn list(ui: &mut Ui, state: &mut State) {
+fn list(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     if state.objects.mirrors.is_empty() {
         ui.label(RichText::new("No mirrors.").color(theme::WEAK));
     }
     let mirrors = state.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
-    object_list(ui, state, mirrors.collect());
+    object_list(ui, state, mirrors.collect(), actions);
 }
 
 /// Lines of mirrors or lights by their names: a click selects, buttons copy and delete.
-pub fn object_list(ui: &mut Ui, state: &mut State, objects: Vec<(ObjectId, String)>) {
-    let mut deleted = None;
+pub fn object_list(ui: &mut Ui, state: &State, objects: Vec<(ObjectId, String)>, actions: &mut Vec<Action>) {
     for (id, name) in objects {
         ui.push_id(id.0, |ui| {
             ui.horizontal(|ui| {
                 ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                     let delete = ui.small_button("×").on_hover_text("Delete");
                     if delete.accessible_name(format!("Delete {name}")).clicked() {
-                        deleted = Some(id);
+                        actions.extend([Action::Select(Some(id)), Action::Delete]);
                     }
                     if ui.small_button("Copy").accessible_name(format!("Copy {name}")).clicked() {
-                        state.selected = Some(id);
-                        state.act(Action::Duplicate);
+                        actions.extend([Action::Select(Some(id)), Action::Duplicate]);
                     }
                     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                        if ui.selectable_label(state.selected == Some(id), &name).clicked() {
-                            state.selected = if state.selected == Some(id) { None } else { Some(id) };
+                        let is_selected = state.selected == Some(id);
+                        if ui.selectable_label(is_selected, &name).clicked() {
+                            actions.push(Action::Select(if is_selected { None } else { Some(id) }));
                         }
                     });
                 });
             });
         });
     }
-    if let Some(id) = deleted {
-        state.selected = Some(id);
-        state.act(Action::Delete);
-    }
 }
 
 /// The numbers of a mirror. What they make of it is taken only if it is one.
-fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut mirror: Mirror) {
+fn numbers(ui: &mut Ui, state: &State, id: ObjectId, mut mirror: Mirror, actions: &mut Vec<Action>) {
     let before = mirror.clone();
     let step = mirror.size * 0.01;
     ui.horizontal(|ui| {
@@ -168,11 +168,7 @@ fn numbers(ui: &mut Ui, state: &mut State, id: ObjectId, mut mirror: Mirror) {
             .on_hover_text("Drawn as points even where its formula could be");
     });
     if mirror != before && mirror.problem().is_none() {
-        let is_moved = unnamed(&mirror) != unnamed(&before);
-        state.objects.set(id, Object::Mirror(mirror));
-        if is_moved {
-            state.navigation.camera_moved(state.now);
-        }
+        actions.push(Action::ChangeObject(id, Box::new(Object::Mirror(mirror))));
     }
 }
 
@@ -215,7 +211,10 @@ mod tests {
     /// The panel over a scene of two points.
     fn harness() -> Harness<'static, State> {
         let state = State::with_two_points();
-        Harness::builder().with_size([340.0, 900.0]).build_ui_state(|ui, state: &mut State| show(ui, state), state)
+        Harness::builder().with_size([340.0, 900.0]).build_ui_state(
+            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
+            state,
+        )
     }
 
     fn names(harness: &Harness<'static, State>) -> Vec<String> {

@@ -5,6 +5,7 @@
 //! Nothing here waits: files are read, columns looked up, figures computed and points drawn on other threads, which wake the
 //! event loop with what they found.
 
+mod action;
 mod actions;
 #[cfg(test)]
 mod bench;
@@ -14,6 +15,7 @@ mod clouds_panel;
 mod coloring;
 mod colors_panel;
 mod contact_sheet;
+mod draft;
 mod effects;
 mod event_log;
 mod figures;
@@ -53,6 +55,7 @@ mod streams;
 mod study_file;
 mod sweep;
 mod sweep_files;
+mod sweep_range;
 mod theme;
 mod timings_panel;
 mod truth;
@@ -61,6 +64,7 @@ mod truth_tasks;
 mod truth_view;
 mod tuning;
 mod under_way;
+mod views;
 mod widgets;
 mod work;
 
@@ -308,14 +312,12 @@ impl Viewer {
 
     fn paint(&mut self, event_loop: &ActiveEventLoop) {
         let Some(screen) = &mut self.screen else { return };
-        let state = &mut self.state;
+        let (state, mut actions) = (&mut self.state, Vec::new());
         let picture = screen.picture();
-        let painted = screen.paint(event_loop, |ui| {
-            interface::show(ui, state, picture);
-            if state.fatal.is_some() {
-                fatal_notice(ui.ctx(), state);
-            }
-        });
+        let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, state, picture)));
+        // What is asked for is seen in the next painting.
+        let is_changed = !actions.is_empty();
+        state.act_all(actions);
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
         let again = state.step(Instant::now(), is_held);
         match painted {
@@ -323,7 +325,7 @@ impl Viewer {
                 self.log.on_painted();
                 let delay = again.map_or(delay, |again| delay.min(again));
                 self.next_paint = Instant::now().checked_add(delay);
-                if delay.is_zero() {
+                if delay.is_zero() || is_changed {
                     screen.window.request_redraw();
                 }
             }
@@ -401,17 +403,4 @@ impl Viewer {
             self.request_paint();
         }
     }
-}
-
-/// Says that nothing can be drawn any more; the program ends when it is acknowledged.
-fn fatal_notice(context: &egui::Context, state: &mut State) {
-    egui::Modal::new(egui::Id::unique("fatal")).show(context, |ui| {
-        ui.set_max_width(420.0);
-        ui.heading("The points cannot be drawn any more");
-        ui.label(state.fatal.as_deref().unwrap_or_default());
-        ui.add_space(8.0);
-        if ui.button("Quit").clicked() {
-            state.wants_to_quit = true;
-        }
-    });
 }

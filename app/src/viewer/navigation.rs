@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use egui::{Event, MouseWheelUnit, Response, Ui};
 use glam::{DVec2, DVec3};
 
-use super::bindings::{self, Action, Mode, Trigger};
+use super::action::{Action, Mode};
+use super::bindings::{self, Trigger};
 use super::lens::to_vector;
 use super::pick::Pick;
 use super::render_thread::{Command, PickPurpose};
@@ -43,11 +44,8 @@ pub struct Navigation {
     pivot_shown: Option<Instant>,
     /// Doublings of the speed of flight.
     pub speed: f32,
-    /// Keys that went down as part of a shortcut, until they come up: Ctrl may come up before the S of Ctrl+S, which must not
-    /// fly then.
-    shortcut_keys: HashSet<egui::Key>,
     /// Picks before the click that may become a double-click.
-    picks_before: Vec<Pick>,
+    pub picks_before: Vec<Pick>,
 }
 
 impl Navigation {
@@ -70,6 +68,14 @@ impl Navigation {
         PIVOT_MARK.checked_sub(now.saturating_duration_since(self.pivot_shown?)).filter(|left| !left.is_zero())
     }
 
+    /// The cursor is over another pixel of the picture now, or over none.
+    pub fn point_at(&mut self, pixel: Option<[u32; 2]>, now: Instant) {
+        self.cursor = pixel.map(|pixel| (pixel, now));
+        if pixel.is_none() {
+            self.hovered = None;
+        }
+    }
+
     pub fn on_hover(&mut self, pixel: [u32; 2], world: Option<DVec3>) {
         self.hovered = Some((pixel, world));
         self.asked = None;
@@ -84,34 +90,34 @@ impl Navigation {
     }
 }
 
-/// Handles everything that was done over the picture and on the keyboard since the last frame of the window.
-/// `picture` is the response of the picture's rectangle, which senses clicks and drags.
-pub fn handle(ui: &Ui, picture: &Response, state: &mut State) {
+/// Turns everything that was done over the picture and on the keyboard since the last frame of the window into actions.
+/// `picture` is the response of the picture's rectangle, which senses clicks and drags. `is_taken`: the mouse is on a handle.
+pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, state: &State, actions: &mut Vec<Action>) {
     let is_typing = ui.ctx().text_edit_focused();
     let scale = f64::from(ui.ctx().pixels_per_point());
-    if !is_typing {
-        keys(ui, state);
-        held(ui, state);
+    if is_typing {
+        hold(state, false, false, actions);
     } else {
-        state.raw_colors = false;
-        state.hold_truth(false);
+        let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
+        keys(ui, state, &mut shortcuts, actions);
+        held(ui, state, &shortcuts, actions);
+        ui.data_mut(|data| data.insert_temp(shortcut_keys(), shortcuts));
     }
-    if !state.gizmo.has_mouse() {
-        drags(picture, state, scale);
+    if !is_taken {
+        drags(picture, state, scale, actions);
     }
     if picture.contains_pointer() {
-        wheel(ui, state);
+        wheel(ui, state, actions);
     }
-    hover(ui, picture, state, scale);
-    if state.gizmo.has_mouse() {
+    hover(ui, picture, state, scale, actions);
+    if is_taken {
         // A click on a handle is meant for nothing else.
     } else if picture.double_clicked() {
         // Its first click was not meant as a pick.
-        state.picks = std::mem::take(&mut state.navigation.picks_before);
-        act(state, bindings::action(Trigger::DoubleClick, state.mode));
+        actions.push(Action::UndoPick);
+        actions.extend(bindings::action(Trigger::DoubleClick, state.mode));
     } else if picture.clicked() {
-        state.navigation.picks_before = state.picks.clone();
-        act(state, bindings::action(Trigger::Click, state.mode));
+        actions.extend(bindings::action(Trigger::Click, state.mode));
     }
     let rests = [state.navigation.time_to_rest(state.now), state.navigation.pivot_mark(state.now)];
     if let Some(soonest) = rests.into_iter().flatten().min() {
@@ -119,46 +125,50 @@ pub fn handle(ui: &Ui, picture: &Response, state: &mut State) {
     }
 }
 
-fn act(state: &mut State, action: Option<Action>) {
-    if let Some(action) = action {
-        state.act(action);
-    }
+/// Where egui keeps the keys that went down as part of a shortcut, until they come up: Ctrl may come up before the S of Ctrl+S,
+/// which must not fly then.
+fn shortcut_keys() -> egui::Id {
+    egui::Id::unique("keys of shortcuts")
 }
 
-fn keys(ui: &Ui, state: &mut State) {
+fn keys(ui: &Ui, state: &State, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
     for event in ui.input(|input| input.events.clone()) {
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
             Event::Key { key, pressed: true, repeat, modifiers, .. } => {
                 let action = bindings::action(Trigger::Key(modifiers.into(), key), state.mode);
-                let shortcuts = &mut state.navigation.shortcut_keys;
                 if action.is_some() {
                     shortcuts.insert(key);
                 } else {
                     shortcuts.remove(&key);
                 }
                 // A key that is kept down repeats steps, not toggles.
-                act(state, action.filter(|action| !repeat || matches!(action, Action::PointSize(_))));
+                actions.extend(action.filter(|action| !repeat || matches!(action, Action::PointSize(_))));
             }
             Event::Key { key, pressed: false, .. } => {
-                state.navigation.shortcut_keys.remove(&key);
+                shortcuts.remove(&key);
             }
-            Event::Copy => act(state, bindings::action(command(egui::Key::C), state.mode)),
+            Event::Copy => actions.extend(bindings::action(command(egui::Key::C), state.mode)),
             Event::Paste(text) if bindings::action(command(egui::Key::V), state.mode) == Some(Action::PasteView) => {
-                state.paste_view(&text);
+                actions.push(Action::Paste(text));
             }
             _ => {}
         }
     }
 }
 
-fn held(ui: &Ui, state: &mut State) {
-    let shortcuts = &state.navigation.shortcut_keys;
-    let (actions, seconds) = ui.input(|input| (bindings::held(input, shortcuts).collect::<Vec<_>>(), input.stable_dt));
-    state.raw_colors = actions.contains(&Action::RawColors);
-    state.hold_truth(actions.contains(&Action::ShowTruth));
+/// What is held down, where that has changed.
+fn hold(state: &State, raw_colors: bool, truth: bool, actions: &mut Vec<Action>) {
+    if (raw_colors, truth) != (state.raw_colors, state.truth.is_held) {
+        actions.push(Action::Hold { raw_colors, truth });
+    }
+}
+
+fn held(ui: &Ui, state: &State, shortcuts: &HashSet<egui::Key>, actions: &mut Vec<Action>) {
+    let (held, seconds) = ui.input(|input| (bindings::held(input, shortcuts).collect::<Vec<_>>(), input.stable_dt));
+    hold(state, held.contains(&Action::RawColors), held.contains(&Action::ShowTruth), actions);
     let mut direction = DVec3::ZERO;
-    for action in &actions {
+    for action in &held {
         if let Action::Fly(step) = action {
             direction += DVec3::from(step.map(f64::from));
         }
@@ -167,53 +177,30 @@ fn held(ui: &Ui, state: &mut State) {
         return;
     }
     let factor = match () {
-        () if actions.contains(&Action::Fast) => 5.0,
-        () if actions.contains(&Action::Slow) => 0.2,
+        () if held.contains(&Action::Fast) => 5.0,
+        () if held.contains(&Action::Slow) => 0.2,
         () => 1.0,
     };
     // A quarter of the scene's radius a second: from end to end in eight seconds.
     let speed = state.bounds().radius().max(1e-6) * 0.25 * f64::from(state.navigation.speed).exp2() * factor;
     // After a pause of the window no jump.
     let seconds = f64::from(seconds.min(0.1));
-    state.camera.fly(direction * speed * seconds);
-    moved(state);
+    actions.push(Action::Travel(direction * speed * seconds));
     ui.ctx().request_repaint();
 }
 
-/// The camera was moved by hand.
-fn moved(state: &mut State) {
-    state.camera_is_placed = true;
-    state.navigation.camera_moved(state.now);
-}
-
-fn drags(picture: &Response, state: &mut State, scale: f64) {
+fn drags(picture: &Response, state: &State, scale: f64, actions: &mut Vec<Action>) {
     for button in [egui::PointerButton::Primary, egui::PointerButton::Secondary, egui::PointerButton::Middle] {
-        if !picture.dragged_by(button) {
-            continue;
-        }
-        let delta = picture.drag_delta();
-        let delta = DVec2::new(f64::from(delta.x), f64::from(delta.y));
-        let action = bindings::action(Trigger::Drag(button), state.mode);
-        if delta != DVec2::ZERO {
-            let angles = delta * -RADIANS_PER_PIXEL;
-            match action {
-                Some(Action::Orbit) => state.camera.orbit(angles.x, angles.y),
-                Some(Action::Look) => state.camera.look(angles.x, angles.y),
-                Some(Action::Pan) => {
-                    let height = f64::from(state.view_size[1].max(1));
-                    state.camera.pan(delta * scale, state.settings.view.field_of_view, height);
-                }
-                _ => continue,
-            }
-            moved(state);
-        }
-        if matches!(action, Some(Action::Orbit | Action::Pan)) {
-            state.navigation.show_pivot(state.now);
+        if picture.dragged_by(button) {
+            let delta = picture.drag_delta();
+            let delta = DVec2::new(f64::from(delta.x), f64::from(delta.y));
+            let action = bindings::action(Trigger::Drag(button), state.mode);
+            actions.extend(action.map(|action| action.dragged(delta, scale)));
         }
     }
 }
 
-fn wheel(ui: &Ui, state: &mut State) {
+fn wheel(ui: &Ui, state: &State, actions: &mut Vec<Action>) {
     for event in ui.input(|input| input.events.clone()) {
         let Event::MouseWheel { unit, delta, modifiers, .. } = event else { continue };
         // Shift and Alt turn the wheel sideways on some systems.
@@ -225,30 +212,25 @@ fn wheel(ui: &Ui, state: &mut State) {
             MouseWheelUnit::Page => turned * 10.0,
         };
         let action = bindings::action(Trigger::Wheel(modifiers.into()), state.mode);
-        act(state, action.map(|action| action.scaled(notches)));
-    }
-    if let Some(since) = state.navigation.zoom_since {
-        state.apply_pending_zoom(state.now.saturating_duration_since(since) >= ZOOM_PATIENCE);
-        ui.ctx().request_repaint_after(ZOOM_PATIENCE);
+        actions.extend(action.map(|action| action.scaled(notches)));
     }
 }
 
 /// Looks up what the cursor points at once it rests.
-fn hover(ui: &Ui, picture: &Response, state: &mut State, scale: f64) {
+fn hover(ui: &Ui, picture: &Response, state: &State, scale: f64, actions: &mut Vec<Action>) {
     let position = picture.hover_pos().filter(|_| picture.contains_pointer());
     let pixel = position.map(|position| {
         let from_corner = position - picture.rect.min;
         [from_corner.x, from_corner.y].map(|distance| (f64::from(distance.max(0.0)) * scale) as u32)
     });
-    let (navigation, now) = (&mut state.navigation, state.now);
-    let Some(pixel) = pixel else {
-        (navigation.cursor, navigation.hovered) = (None, None);
-        return;
-    };
-    if navigation.cursor.is_none_or(|(old, _)| old != pixel) {
-        navigation.cursor = Some((pixel, now));
+    let (navigation, now) = (&state.navigation, state.now);
+    let is_new = navigation.cursor.map(|(known, _)| known) != pixel;
+    if is_new || pixel.is_none() && navigation.hovered.is_some() {
+        actions.push(Action::PointAt(pixel));
     }
-    let rested = navigation.cursor.map_or(Duration::ZERO, |(_, since)| now.saturating_duration_since(since));
+    let Some(pixel) = pixel else { return };
+    let since = navigation.cursor.filter(|_| !is_new).map_or(now, |(_, since)| since);
+    let rested = now.saturating_duration_since(since);
     let is_known = navigation.hovered.is_some_and(|(known, _)| known == pixel);
     let is_busy = navigation.asked.is_some() || state.frames.under_way > 0 || navigation.time_to_rest(now).is_some();
     if is_known || state.frames.shown.is_none() || picture.dragged() {
@@ -257,7 +239,7 @@ fn hover(ui: &Ui, picture: &Response, state: &mut State, scale: f64) {
     if rested < HOVER_DELAY {
         ui.ctx().request_repaint_after(HOVER_DELAY - rested);
     } else if !is_busy {
-        state.ask_hover();
+        actions.push(Action::AskHover);
     }
 }
 
@@ -267,7 +249,39 @@ impl State {
         self.navigation.cursor.map(|(pixel, _)| pixel)
     }
 
-    fn ask_hover(&mut self) {
+    /// The camera was moved by hand.
+    fn camera_moved_by_hand(&mut self) {
+        self.camera_is_placed = true;
+        self.navigation.camera_moved(self.now);
+    }
+
+    /// Drags the picture by points of the window; by pixels of the picture to pan.
+    pub fn drag_camera(&mut self, drag: &Action) {
+        let (Action::Orbit(delta) | Action::Look(delta) | Action::Pan(delta)) = drag else { return };
+        if *delta != DVec2::ZERO {
+            let angles = *delta * -RADIANS_PER_PIXEL;
+            match drag {
+                Action::Orbit(_) => self.camera.orbit(angles.x, angles.y),
+                Action::Look(_) => self.camera.look(angles.x, angles.y),
+                _ => {
+                    let height = f64::from(self.view_size[1].max(1));
+                    self.camera.pan(*delta, self.settings.view.field_of_view, height);
+                }
+            }
+            self.camera_moved_by_hand();
+        }
+        if !matches!(drag, Action::Look(_)) {
+            self.navigation.show_pivot(self.now);
+        }
+    }
+
+    /// World units right, up, forward.
+    pub fn travel(&mut self, way: DVec3) {
+        self.camera.fly(way);
+        self.camera_moved_by_hand();
+    }
+
+    pub fn ask_hover(&mut self) {
         if let Some(pixel) = self.cursor() {
             self.navigation.asked = Some(pixel);
             self.render(Command::Pick { pixel, purpose: PickPurpose::Hover });
@@ -296,9 +310,19 @@ impl State {
         let toward = anchor.flatten().unwrap_or_else(on_plane);
         self.camera.zoom_toward(toward, ZOOM_PER_NOTCH.powf(f64::from(notches)));
         let hovered = self.navigation.hovered;
-        moved(self);
+        self.camera_moved_by_hand();
         // The point stays under the cursor: that is what zooming toward it means.
         self.navigation.hovered = hovered.map(|(pixel, world)| (self.cursor().unwrap_or(pixel), world));
+    }
+
+    /// Zooms toward the plane of the pivot where the point under the cursor has been waited for long enough. Returns when to look
+    /// again.
+    pub fn end_zoom_wait(&mut self) -> Option<Duration> {
+        self.cursor()?;
+        let waited = self.now.saturating_duration_since(self.navigation.zoom_since?);
+        let left = ZOOM_PATIENCE.checked_sub(waited).filter(|left| !left.is_zero());
+        self.apply_pending_zoom(left.is_none());
+        left.filter(|_| self.navigation.zoom_since.is_some())
     }
 
     /// Whether the wheel steers flight.

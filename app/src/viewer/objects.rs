@@ -2,6 +2,7 @@
 //! which points of the clouds are shown. All of it is restored by one step of undo. How it gets to the render thread:
 //! `State::sync_objects` and `State::sync_visibility`; lights go with each frame.
 
+use glam::DVec3;
 use scene::{Mirror, MirrorPoints, Object, ObjectKind, SceneFile, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
@@ -205,6 +206,19 @@ impl Objects {
     }
 }
 
+/// A spot light at `eye` that aims at `pivot`: a white surface there that faces it has radiance 1. Its cone is as wide as the picture is high.
+pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
+    // A narrow beam through a wide lens shows nothing, a wide one through a narrow lens has no edge to be seen by.
+    let outer_degrees = (field_of_view_degrees * 0.5).clamp(25.0, 75.0);
+    SpotLight {
+        position: eye,
+        target: pivot,
+        intensity: [(std::f64::consts::PI * eye.distance_squared(pivot)) as f32; 3],
+        inner_degrees: outer_degrees * 0.8,
+        outer_degrees,
+    }
+}
+
 /// `wanted`, or with the first number from 2 on that makes it none of `taken`.
 fn numbered<'a>(wanted: &str, taken: impl Iterator<Item = &'a str>) -> String {
     let taken: Vec<&str> = taken.collect();
@@ -216,7 +230,6 @@ fn numbered<'a>(wanted: &str, taken: impl Iterator<Item = &'a str>) -> String {
 #[cfg(test)]
 mod tests {
     use five_mirrors::Variant;
-    use glam::DVec3;
     use scene::Shape;
 
     use super::*;

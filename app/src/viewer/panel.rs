@@ -1,34 +1,32 @@
 //! Draws any group of parameters from its table: a line each, with the widget that its kind asks for. Hovering tells help,
 //! key and range; a double-click or a right-click on the name resets it; what differs from the default is marked.
 
-use egui::{Id, RichText, Sense, Ui};
+use egui::{RichText, Sense, Ui};
 use param::{Field, Kind, Params, Value};
 
+use super::action::Action;
 use super::theme;
 use super::widgets::{NAME_WIDTH, name_label};
 
 /// The parameters of a group, except those named in `skip`.
-pub fn parameters(ui: &mut Ui, params: &mut dyn Params, skip: &[&str]) {
+pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut Vec<Action>) {
     let group = params.group();
     for field in group.fields.iter().filter(|field| !skip.contains(&field.name)) {
-        parameter(ui, params, field.name);
+        parameter(ui, params, field.name, actions);
     }
 }
 
 /// One parameter.
-pub fn parameter(ui: &mut Ui, params: &mut dyn Params, name: &str) {
+pub fn parameter(ui: &mut Ui, params: &dyn Params, name: &str, actions: &mut Vec<Action>) {
     let group = params.group();
     let Some(index) = group.fields.iter().position(|field| field.name == name) else { return };
     let field = &group.fields[index];
     let value = params.values().swap_remove(index);
-    let edited = ui.push_id((group.name, field.name), |ui| line(ui, group.name, field, value)).inner;
-    if let Some(edited) = edited {
-        // The widgets keep to the range; what they cannot give is not set.
-        let _ = params.set(field.name, edited);
-    }
+    let edited = ui.push_id((group.name, field.name), |ui| line(ui, group.name, field, value, actions)).inner;
+    actions.extend(edited.map(|edited| Action::set(group.name, field.name, edited)));
 }
 
-fn line(ui: &mut Ui, group: &str, field: &Field, value: Value) -> Option<Value> {
+fn line(ui: &mut Ui, group: &str, field: &Field, value: Value, actions: &mut Vec<Action>) -> Option<Value> {
     let is_changed = field.default() != value;
     ui.horizontal(|ui| {
         let name = title(field.name);
@@ -55,19 +53,14 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value) -> Option<Value> 
             let button = egui::PointerButton::Secondary;
             input.pointer.button_down(button) || input.pointer.button_released(button)
         });
-        sweep_menu(&rest, group, field);
+        sweep_menu(&rest, group, field, actions);
         // A slider follows any button, also from a little beside it; this one is for the menu.
         edited.filter(|_| !by_secondary)
     })
     .inner
 }
 
-/// Where the wish for a sweep waits for who can do it: a panel of parameters knows no view.
-fn sweep_asked() -> Id {
-    Id::unique("sweep asked")
-}
-
-fn sweep_menu(response: &egui::Response, group: &str, field: &Field) {
+fn sweep_menu(response: &egui::Response, group: &str, field: &Field, actions: &mut Vec<Action>) {
     if !field.can_be_swept() {
         return;
     }
@@ -77,15 +70,10 @@ fn sweep_menu(response: &egui::Response, group: &str, field: &Field) {
     menu.at_pointer_fixed().show(|ui| {
         let help = "Draws, times and judges this view with a range of values: a contact sheet and a table";
         if ui.button("Sweep…").on_hover_text(help).clicked() {
-            ui.data_mut(|data| data.insert_temp(sweep_asked(), format!("{group}.{}", field.name)));
+            actions.push(Action::AskSweep(format!("{group}.{}", field.name)));
             ui.close();
         }
     });
-}
-
-/// The key of a parameter whose sweep was asked for since the last call.
-pub fn take_sweep(context: &egui::Context) -> Option<String> {
-    context.data_mut(|data| data.remove_temp(sweep_asked()))
 }
 
 /// The edited value, if it was edited.
@@ -182,15 +170,28 @@ mod tests {
 
     use super::*;
 
-    fn harness(settings: Settings) -> Harness<'static, Settings> {
+    /// Parameters, and what else was asked for.
+    type Shown = (Settings, Vec<Action>);
+
+    fn harness(settings: Settings) -> Harness<'static, Shown> {
         // A hundredth of a second a frame: four of them are a double-click.
         Harness::builder().with_size([360.0, 900.0]).with_step_dt(0.01).build_ui_state(
-            |ui, settings: &mut Settings| {
-                for group in settings.groups_mut() {
-                    parameters(ui, group, &[]);
+            |ui, (settings, others): &mut Shown| {
+                let mut actions = Vec::new();
+                for group in settings.groups() {
+                    parameters(ui, group, &[], &mut actions);
+                }
+                for action in actions {
+                    let Action::SetParameter { key, value } = action else {
+                        others.push(action);
+                        continue;
+                    };
+                    let (group, name) = key.split_once('.').unwrap();
+                    let group = settings.groups_mut().into_iter().find(|known| known.group().name == group);
+                    group.unwrap().set(name, value).unwrap();
                 }
             },
-            settings,
+            (settings, Vec::new()),
         )
     }
 
@@ -220,8 +221,8 @@ mod tests {
             harness.step();
         }
         harness.run();
-        assert_eq!(harness.state().splat.min_pixels, scene::Splat::default().min_pixels);
-        assert_eq!(harness.state().splat.max_pixels, 99.0);
+        assert_eq!(harness.state().0.splat.min_pixels, scene::Splat::default().min_pixels);
+        assert_eq!(harness.state().0.splat.max_pixels, 99.0);
     }
 
     #[test]
@@ -237,11 +238,10 @@ mod tests {
             harness.step();
         }
         harness.run();
-        assert_eq!(*harness.state(), Settings::default());
+        assert_eq!(*harness.state(), (Settings::default(), Vec::new()));
         harness.get_by_label("Sweep…").click();
         harness.run();
-        assert_eq!(take_sweep(&harness.ctx).as_deref(), Some("splat.min_pixels"));
-        assert_eq!(take_sweep(&harness.ctx), None);
+        assert_eq!(harness.state().1, [Action::AskSweep("splat.min_pixels".into())]);
     }
 
     #[test]
@@ -252,6 +252,6 @@ mod tests {
         harness.run();
         harness.get_by_label("nearest").click();
         harness.run();
-        assert_eq!(harness.state().splat.quality, scene::Quality::Nearest);
+        assert_eq!(harness.state().0.splat.quality, scene::Quality::Nearest);
     }
 }

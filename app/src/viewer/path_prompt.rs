@@ -6,7 +6,7 @@ use egui::{Key, Modifiers, RichText};
 
 use super::theme;
 
-#[derive(Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PathPrompt {
     text: String,
     /// What the text may become, and the text that it was listed for.

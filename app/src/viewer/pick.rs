@@ -46,3 +46,42 @@ pub fn loaded_attributes(cloud: &Cloud, chunk: &Chunk, index: usize) -> Vec<(Str
     }
     attributes
 }
+
+/// Full precision, as the file has it.
+pub fn coordinates(world: DVec3) -> String {
+    format!("{}  {}  {}", shortest(world.x), shortest(world.y), shortest(world.z))
+}
+
+/// The fewest decimals that mean the same number but for the rounding of integer times scale plus offset: two units in the
+/// last place of the double.
+fn shortest(value: f64) -> String {
+    let same =
+        |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
+    (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
+}
+
+/// What Copy puts on the clipboard: tab-separated lines.
+pub fn as_text(picks: &[Pick]) -> String {
+    let mut text = String::new();
+    for pick in picks {
+        // The number of a point in the pages says nothing outside of them.
+        let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.number) };
+        text += &format!("{}{number}\t{}\n", pick.cloud, coordinates(pick.world).replace("  ", "\t"));
+        for (name, value) in pick.record.iter().flatten().flatten() {
+            text += &format!("{name}\t{value}\n");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_keep_the_digits_of_the_file_and_no_others() {
+        let grid = 63_561_912_345_f64 * 0.001;
+        assert_eq!(coordinates(DVec3::new(grid, -0.25, 7.0)), "63561912.345  -0.25  7");
+        assert_eq!(coordinates(DVec3::new(0.0, 1e-3, 1_000_000_000.123_456)), "0  0.001  1000000000.123456");
+    }
+}

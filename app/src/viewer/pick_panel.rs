@@ -1,14 +1,14 @@
 //! What was picked: coordinates, everything the file says, and the distance between two picks.
 
 use egui::{Align2, RichText, Ui};
-use glam::DVec3;
 
-use super::pick::Pick;
-use super::state::{Effect, State};
+use super::action::Action;
+use super::pick::coordinates;
+use super::state::State;
 use super::theme;
 
 /// A card in the lower right corner of the picture, if something is picked.
-pub fn show(context: &egui::Context, rect: egui::Rect, state: &mut State) {
+pub fn show(context: &egui::Context, rect: egui::Rect, state: &State, actions: &mut Vec<Action>) {
     if state.picks.is_empty() {
         return;
     }
@@ -22,13 +22,13 @@ pub fn show(context: &egui::Context, rect: egui::Rect, state: &mut State) {
         .default_pos(corner)
         .constrain_to(rect)
         .default_width(290.0)
-        .show(context, |ui| contents(ui, state));
+        .show(context, |ui| contents(ui, state, actions));
     if !is_open {
-        state.picks.clear();
+        actions.push(Action::ClearPicks);
     }
 }
 
-fn contents(ui: &mut Ui, state: &mut State) {
+fn contents(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     ui.set_width(290.0);
     if let Some(distance) = state.distance() {
         egui::Grid::new("distance").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
@@ -76,52 +76,26 @@ fn contents(ui: &mut Ui, state: &mut State) {
         let text = "A streamed cloud: its pages keep these attributes. The file may have others.";
         ui.label(RichText::new(text).small().color(theme::WEAK));
     }
-    let text = as_text(&state.picks);
     ui.horizontal(|ui| {
         if ui.button("Copy").clicked() {
-            state.effects.push(Effect::Copy(text));
-            state.messages.note("Picked points copied");
+            actions.push(Action::CopyPicks);
         }
         if ui.button("Clear").clicked() {
-            state.picks.clear();
+            actions.push(Action::ClearPicks);
         }
     });
-}
-
-/// Full precision, as the file has it.
-pub fn coordinates(world: DVec3) -> String {
-    format!("{}  {}  {}", shortest(world.x), shortest(world.y), shortest(world.z))
-}
-
-/// The fewest decimals that mean the same number but for the rounding of integer times scale plus offset: two units in the
-/// last place of the double.
-fn shortest(value: f64) -> String {
-    let same =
-        |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
-    (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
-}
-
-/// What Copy puts on the clipboard: tab-separated lines.
-fn as_text(picks: &[Pick]) -> String {
-    let mut text = String::new();
-    for pick in picks {
-        // The number of a point in the pages says nothing outside of them.
-        let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.number) };
-        text += &format!("{}{number}\t{}\n", pick.cloud, coordinates(pick.world).replace("  ", "\t"));
-        for (name, value) in pick.record.iter().flatten().flatten() {
-            text += &format!("{name}\t{value}\n");
-        }
-    }
-    text
 }
 
 #[cfg(test)]
 mod tests {
     use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
     use world::{CloudKey, Part};
 
+    use super::super::pick::Pick;
     use super::super::preferences::Preferences;
     use super::super::render_thread::PickedPoint;
+    use super::super::state::Effect;
     use super::*;
 
     fn pick(world: DVec3) -> Pick {
@@ -137,19 +111,13 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_keep_the_digits_of_the_file_and_no_others() {
-        let grid = 63_561_912_345_f64 * 0.001;
-        assert_eq!(coordinates(DVec3::new(grid, -0.25, 7.0)), "63561912.345  -0.25  7");
-        assert_eq!(coordinates(DVec3::new(0.0, 1e-3, 1_000_000_000.123_456)), "0  0.001  1000000000.123456");
-    }
-
-    #[test]
     fn two_picks_show_their_distance_and_can_be_copied() {
         let mut state = State::new(Preferences::default());
         state.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
-        let mut harness = egui_kittest::Harness::builder()
-            .with_size([400.0, 400.0])
-            .build_ui_state(|ui, state: &mut State| contents(ui, state), state);
+        let mut harness = egui_kittest::Harness::builder().with_size([400.0, 400.0]).build_ui_state(
+            |ui, state: &mut State| state.show_and_act(|state, actions| contents(ui, state, actions)),
+            state,
+        );
         harness.run();
         assert!(harness.query_by_label("5.0000").is_some());
         assert!(harness.query_by_label("-4.0000").is_some());

@@ -3,6 +3,7 @@
 use egui::Ui;
 use scene::{Method, Settings, Sscr};
 
+use super::action::Action;
 use super::theme;
 
 struct Preset {
@@ -53,13 +54,13 @@ impl Preset {
     }
 }
 
-pub fn show(ui: &mut Ui, settings: &mut Settings) {
+pub fn show(ui: &mut Ui, settings: &Settings, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.label(egui::RichText::new("SSCR").small().color(theme::WEAK));
         for preset in &PRESETS {
             let applied = preset.applied(settings);
             if ui.selectable_label(applied == *settings, preset.name).on_hover_text(preset.help).clicked() {
-                *settings = applied;
+                actions.push(Action::ChangeSettings(Box::new(applied)));
             }
         }
     });
@@ -86,9 +87,17 @@ mod tests {
         let mut settings = Settings::default();
         settings.splat.size = 2.0;
         settings.sscr.max_steps = 7;
-        let mut harness = egui_kittest::Harness::builder()
-            .with_size([360.0, 60.0])
-            .build_ui_state(|ui, settings: &mut Settings| show(ui, settings), settings);
+        let mut harness = egui_kittest::Harness::builder().with_size([360.0, 60.0]).build_ui_state(
+            |ui, settings: &mut Settings| {
+                let mut actions = Vec::new();
+                show(ui, settings, &mut actions);
+                for action in actions {
+                    let Action::ChangeSettings(changed) = action else { panic!("{action:?}") };
+                    *settings = *changed;
+                }
+            },
+            settings,
+        );
         harness.run();
         harness.get_by_label("Accurate").click();
         harness.run();

@@ -11,14 +11,13 @@ use scene::{Camera, CameraPath, Lighting, Mirror, MirrorPoints, Settings, Visibi
 use serde_json::json;
 use world::{Change, CloudKey, Input, Mailbox};
 
-use super::bindings::Mode;
+use super::action::{Handles, Mode};
 use super::clouds::{CloudEntry, JobEntry, Samples, short_name};
+use super::draft::Draft;
 use super::frames::{Frames, Next};
-use super::gizmo::Gizmo;
 use super::history::History;
 use super::inspection::Inspection;
 use super::light_search::LightSearch;
-use super::marking::Draft;
 use super::messages::{Level, Messages};
 use super::navigation::Navigation;
 use super::objects::{ObjectId, Objects, Origin, Placed};
@@ -28,7 +27,8 @@ use super::pick::Pick;
 use super::preferences::Preferences;
 use super::reflection_figures::FigureHistory;
 use super::render_thread::{self, Command, FrameRequest, Report};
-use super::sweep::{Ask, Sweep};
+use super::sweep::Sweep;
+use super::sweep_range::SweepRange;
 use super::theme::grouped;
 use super::truth_view::TruthView;
 use super::tuning::Tuning;
@@ -61,7 +61,9 @@ pub struct State {
     pub light_panel_is_open: bool,
     /// What lit the points before the data's own colours were asked for.
     pub lit_by: Lighting,
-    pub gizmo: Gizmo,
+    /// Which handles the gizmo shows, and whether one of them is grabbed.
+    pub handles: Handles,
+    pub handle_is_grabbed: bool,
     pub inspection: Option<Inspection>,
     pub samples: Samples,
     /// Points that may be turned into a mirror.
@@ -80,7 +82,7 @@ pub struct State {
     pub truth: TruthView,
     pub tuning: Tuning,
     /// A sweep that is being set up, and one that is under way.
-    pub sweep_asked: Option<Ask>,
+    pub sweep_asked: Option<SweepRange>,
     pub sweep: Option<Sweep>,
     pub history: History,
     pub messages: Messages,
@@ -133,7 +135,8 @@ impl State {
             light_search: LightSearch::default(),
             light_panel_is_open: false,
             lit_by: Lighting::Auto,
-            gizmo: Gizmo::default(),
+            handles: Handles::All,
+            handle_is_grabbed: false,
             inspection: None,
             samples: Samples::default(),
             draft: Draft::default(),
@@ -347,6 +350,7 @@ impl State {
     /// happens before.
     pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
         self.now = now;
+        let zoom = self.end_zoom_wait();
         self.follow_cursor();
         let steps = self.history.steps();
         let quiet = self.history.watch(&self.settings, &self.objects, is_held, now);
@@ -361,7 +365,7 @@ impl State {
         self.sync_objects();
         self.sync_sweep();
         let truth = self.sync_truth();
-        [quiet, frame, truth].into_iter().flatten().min()
+        [quiet, zoom, frame, truth].into_iter().flatten().min()
     }
 
     /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
@@ -393,7 +397,7 @@ impl State {
         };
         let rest = self.navigation.time_to_rest(self.now);
         let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
-        let is_dragged = is_mirror && self.gizmo.is_dragging();
+        let is_dragged = is_mirror && self.handle_is_grabbed;
         // The first picture comes soon, and a better one after it.
         let is_hurried = !self.is_recorded && (is_first || rest.is_some() && self.frames.is_slow());
         let hurried = is_hurried.then(|| render_thread::hurried(&wanted.settings, is_dragged));
@@ -517,6 +521,13 @@ impl State {
         state.on_loading(job, Event::Finished);
         state.history.watch(&state.settings, &state.objects, false, state.now);
         state
+    }
+
+    /// Draws a panel and does what it asks for.
+    pub fn show_and_act(&mut self, show: impl FnOnce(&Self, &mut Vec<super::action::Action>)) {
+        let mut actions = Vec::new();
+        show(self, &mut actions);
+        self.act_all(actions);
     }
 }
 

@@ -5,25 +5,17 @@ use std::time::Duration;
 use egui::{Color32, RichText, Ui};
 use world::{CloudKey, Kept, Making, Paged, Stage, Standing, StreamStats, half_of, most_points};
 
+use super::action::Action;
 use super::clouds::{CloudEntry, Streamed};
 use super::panel;
-use super::state::{Effect, State};
+use super::state::State;
 use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
 
-/// What somebody asks for.
-enum Wish {
-    Stop(CloudKey),
-    Resume(CloudKey),
-    DeleteIndex(CloudKey),
-    Copy(String),
-}
-
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let mut wish = None;
+pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     for entry in &state.clouds {
         if let Some(streamed) = &entry.streamed {
-            ui.push_id(entry.key.0, |ui| cloud(ui, state, entry, streamed, &mut wish));
+            ui.push_id(entry.key.0, |ui| cloud(ui, state, entry, streamed, actions));
         }
     }
     // Those of which there is something to tell.
@@ -37,18 +29,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.push_id(job.id, |ui| figures(ui, &job.stream, points, bytes));
         ui.add_space(4.0);
     }
-    panel::parameter(ui, &mut state.settings.view, "point_budget");
-    panel::parameters(ui, &mut state.settings.stream, &[]);
+    panel::parameter(ui, &state.settings.view, "point_budget", actions);
+    panel::parameters(ui, &state.settings.stream, &[], actions);
     if let Some(size) = state.cache_size {
         let most = state.settings.stream.cache_bytes;
         weak(ui, format!("All indexes take {} of {most}", theme::bytes(size)));
-    }
-    match wish {
-        Some(Wish::Stop(key)) => state.stop_making(key),
-        Some(Wish::Resume(key)) => state.resume_making(key),
-        Some(Wish::DeleteIndex(key)) => state.delete_index(key),
-        Some(Wish::Copy(text)) => state.effects.push(Effect::Copy(text)),
-        None => {}
     }
 }
 
@@ -57,7 +42,7 @@ fn weak(ui: &mut Ui, text: impl Into<String>) {
 }
 
 /// How far the pages of a cloud are.
-fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, wish: &mut Option<Wish>) {
+fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, actions: &mut Vec<Action>) {
     ui.add(egui::Label::new(RichText::new(&entry.cloud.name).strong()).truncate());
     let stage = entry.stage.as_deref();
     let made = |making: Making| stage.filter(|stage| stage.making == making);
@@ -65,11 +50,11 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, wi
         None | Some(Paged::Indexing) => match made(Making::Index).map(|stage| (stage, stage.standing())) {
             Some((_, Standing::Stopped)) => {
                 let help = "Make the index after all, from its beginning";
-                resume(ui, state, entry.key, "no index: what is shown is a preview", help, wish);
+                resume(ui, state, entry.key, "no index: what is shown is a preview", help, actions);
             }
             Some((stage, _)) if stage.is_pending() => {
                 let help = "Stop; nothing is kept of the index, and the preview stays";
-                pending(ui, entry.key, stage, help, wish);
+                pending(ui, entry.key, stage, help, actions);
             }
             Some(_) => weak(ui, "no index"),
             None => weak(ui, "its index will be made next"),
@@ -89,15 +74,22 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, wi
                 _ if *has_surfels => weak(ui, "ready, with normals and radii of all points"),
                 Some((stage, _)) if stage.is_pending() => {
                     let help = "Stop; what is done is kept for the next time";
-                    pending(ui, entry.key, stage, help, wish);
+                    pending(ui, entry.key, stage, help, actions);
                 }
                 Some((_, Standing::Stopped)) => {
-                    resume(ui, state, entry.key, ready, "Go on with normals and radii where they were stopped", wish);
+                    resume(
+                        ui,
+                        state,
+                        entry.key,
+                        ready,
+                        "Go on with normals and radii where they were stopped",
+                        actions,
+                    );
                 }
                 _ => weak(ui, ready),
             }
             if let Some(kept) = kept {
-                index(ui, entry.key, kept, wish);
+                index(ui, entry.key, kept, actions);
             }
             if state.settings.stream.overlay {
                 legend(ui, streamed);
@@ -108,7 +100,7 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, wi
 }
 
 /// Something that is or will be made, and can be stopped.
-fn pending(ui: &mut Ui, key: CloudKey, stage: &Stage, help: &str, wish: &mut Option<Wish>) {
+fn pending(ui: &mut Ui, key: CloudKey, stage: &Stage, help: &str, actions: &mut Vec<Action>) {
     ui.ctx().request_repaint_after(Duration::from_millis(250));
     let (verb, noun) = match stage.making {
         Making::Index => ("indexing", "index"),
@@ -125,7 +117,7 @@ fn pending(ui: &mut Ui, key: CloudKey, stage: &Stage, help: &str, wish: &mut Opt
             }
         }
         if ui.small_button("Stop").on_hover_text(help).clicked() {
-            *wish = Some(Wish::Stop(key));
+            actions.push(Action::StopMaking(key));
         }
     });
     if standing == Standing::UnderWay {
@@ -134,22 +126,22 @@ fn pending(ui: &mut Ui, key: CloudKey, stage: &Stage, help: &str, wish: &mut Opt
 }
 
 /// What is left of something that was stopped.
-fn resume(ui: &mut Ui, state: &State, key: CloudKey, text: &str, help: &str, wish: &mut Option<Wish>) {
+fn resume(ui: &mut Ui, state: &State, key: CloudKey, text: &str, help: &str, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         weak(ui, text);
         if state.job_of(key).is_some() && ui.small_button("Resume").on_hover_text(help).clicked() {
-            *wish = Some(Wish::Resume(key));
+            actions.push(Action::ResumeMaking(key));
         }
     });
 }
 
 /// The index of a cloud in the cache.
-fn index(ui: &mut Ui, key: CloudKey, kept: &Kept, wish: &mut Option<Wish>) {
+fn index(ui: &mut Ui, key: CloudKey, kept: &Kept, actions: &mut Vec<Action>) {
     let folder = kept.folder.display().to_string();
     ui.horizontal(|ui| {
         ui.label(RichText::new(format!("index: {}", theme::bytes(kept.bytes))).small()).on_hover_text(&folder);
         if ui.small_button("Copy path").on_hover_text(&folder).clicked() {
-            *wish = Some(Wish::Copy(folder.clone()));
+            actions.push(Action::Copy(folder.clone()));
         }
         ui.menu_button(RichText::new("Delete…").small(), |ui| {
             ui.set_max_width(260.0);
@@ -158,7 +150,7 @@ fn index(ui: &mut Ui, key: CloudKey, kept: &Kept, wish: &mut Option<Wish>) {
                 theme::bytes(kept.bytes)
             ));
             if ui.button("Close cloud and delete index").clicked() {
-                *wish = Some(Wish::DeleteIndex(key));
+                actions.push(Action::DeleteIndex(key));
                 ui.close();
             }
         });
@@ -209,6 +201,7 @@ mod tests {
     use world::{Event, Mailbox, Opened, Part, Wish};
 
     use super::super::preferences::Preferences;
+    use super::super::state::Effect;
     use super::super::work::{Found, Work};
     use super::*;
 
@@ -252,7 +245,10 @@ mod tests {
     }
 
     fn harness(state: State) -> Harness<'static, State> {
-        Harness::builder().with_size([360.0, 700.0]).build_ui_state(show, state)
+        Harness::builder().with_size([360.0, 700.0]).build_ui_state(
+            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
+            state,
+        )
     }
 
     #[test]

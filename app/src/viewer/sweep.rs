@@ -6,34 +6,21 @@ use std::sync::Arc;
 
 use cloud::Progress;
 use egui::{RichText, Ui};
-use param::{Field, Kind, Value};
 use render::FrameStats;
 use scene::Settings;
 use serde_json::json;
 use study::Accuracy;
 
+use super::action::Action;
 use super::messages::Level;
 use super::render_thread::{Captured, Command, FrameRequest};
 use super::state::{Effect, State};
 use super::sweep_files::{Outcome, Row, SweepResult, make_folder};
+use super::sweep_range::{MOST_VALUES, SweepRange};
 use super::truth_tasks::{Judge, SceneKey, Task};
 use super::truth_view::{MOST_POINTS, too_many_points};
 use super::work::Work;
 use super::{theme, tuning};
-
-/// Most values: what a sheet shows and a person waits for.
-const MOST_VALUES: u32 = 64;
-
-/// A sweep to be set up.
-pub struct Ask {
-    key: String,
-    field: Field,
-    /// Of numbers.
-    from: f64,
-    to: f64,
-    count: u32,
-    is_logarithmic: bool,
-}
 
 /// A sweep under way.
 pub struct Sweep {
@@ -52,58 +39,9 @@ pub struct Sweep {
 }
 
 /// Where sweeps are saved, the best first.
-fn places() -> Vec<PathBuf> {
+pub fn places() -> Vec<PathBuf> {
     let current = std::path::absolute(".").unwrap_or_default();
     [Some(current), std::env::home_dir(), Some(std::env::temp_dir())].into_iter().flatten().collect()
-}
-
-impl Ask {
-    fn new(key: &str, field: &Field) -> Self {
-        let (from, to, is_logarithmic) = match field.kind {
-            // As its slider: of a logarithmic one that begins at 0, four decades.
-            Kind::F32 { min, max, .. } => {
-                let least = if field.is_logarithmic() && min == 0.0 { max * 1e-4 } else { min };
-                (f64::from(least), f64::from(max), field.is_logarithmic())
-            }
-            // Seeds and the like: some of them.
-            Kind::U32 { min, max: u32::MAX, .. } => (f64::from(min), f64::from(min) + 5.0, false),
-            Kind::U32 { min, max, .. } => (f64::from(min), f64::from(max), field.is_logarithmic()),
-            _ => (0.0, 0.0, false),
-        };
-        Self { key: key.into(), field: field.clone(), from, to, count: 6, is_logarithmic }
-    }
-
-    fn is_number(&self) -> bool {
-        matches!(self.field.kind, Kind::F32 { .. } | Kind::U32 { .. })
-    }
-
-    /// As text, each once, in order.
-    fn values(&self) -> Result<Vec<String>, String> {
-        let number = |share: f64| match self.is_logarithmic {
-            true => self.from * (self.to / self.from).powf(share),
-            false => self.from + (self.to - self.from) * share,
-        };
-        let shares = (0..self.count).map(|index| f64::from(index) / f64::from(self.count.max(2) - 1));
-        let values: Vec<Value> = match self.field.kind {
-            Kind::Bool { .. } => vec![Value::Bool(false), Value::Bool(true)],
-            Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),
-            _ if self.is_logarithmic && !(self.from > 0.0 && self.to > 0.0) => {
-                return Err("a logarithmic sweep needs ends above 0".into());
-            }
-            Kind::U32 { .. } => shares.map(|share| Value::U32(number(share).round() as u32)).collect(),
-            Kind::F32 { min, max, .. } => {
-                // Four digits are enough to read, unless they lead out of the range.
-                let rounded = |exact: f64| format!("{exact:.3e}").parse().unwrap_or(exact as f32);
-                let within = |exact: f64| Some(rounded(exact)).filter(|value| (min..=max).contains(value));
-                shares.map(number).map(|exact| Value::F32(within(exact).unwrap_or(exact as f32))).collect()
-            }
-            Kind::Color { .. } | Kind::Bytes { .. } | Kind::Text { .. } => Vec::new(),
-        };
-        values.iter().try_for_each(|value| self.field.check(value))?;
-        let mut texts: Vec<String> = values.iter().map(|value| self.field.format(value)).collect();
-        texts.dedup();
-        Ok(texts)
-    }
 }
 
 impl Sweep {
@@ -117,18 +55,15 @@ impl Sweep {
 impl State {
     /// Asks for the range of a parameter that is to be swept.
     pub fn ask_sweep(&mut self, key: &str) {
-        let Some((group, name)) = key.split_once('.') else { return };
-        let group = self.settings.groups().into_iter().map(param::Params::group).find(|known| known.name == group);
-        let field = group.and_then(|group| group.fields.iter().find(|field| field.name == name));
-        let field = field.filter(|field| field.can_be_swept());
-        if field.is_none() {
+        let range = SweepRange::of(&self.settings, key);
+        if range.is_none() {
             self.messages.note(format!("{key} changes nothing in the view at hand: there is nothing to sweep"));
         }
-        self.sweep_asked = field.map(|field| Ask::new(key, field));
+        self.sweep_asked = range;
     }
 
     /// Begins a sweep of the view at hand, to be saved in the first of some places that can be written.
-    fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
+    pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
         if self.sweep.is_some() {
             self.messages.note("A sweep is under way: end it before another begins");
             return;
@@ -275,43 +210,45 @@ impl State {
 }
 
 /// The window that asks for the range.
-pub fn show(context: &egui::Context, state: &mut State) {
-    let Some(ask) = &mut state.sweep_asked else { return };
-    let (mut is_open, mut start) = (true, None);
-    egui::Window::new(format!("Sweep {}", ask.key))
+pub fn show(context: &egui::Context, state: &State, actions: &mut Vec<Action>) {
+    let Some(asked) = &state.sweep_asked else { return };
+    let (mut range, mut is_open, mut start) = (asked.clone(), true, None);
+    egui::Window::new(format!("Sweep {}", range.key))
         .open(&mut is_open)
         .collapsible(false)
         .resizable(false)
         .anchor(egui::Align2::CENTER_TOP, [0.0, 80.0])
-        .show(context, |ui| start = contents(ui, ask));
+        .show(context, |ui| start = contents(ui, &mut range));
+    if range != *asked {
+        actions.push(Action::ChangeSweep(Some(Box::new(range.clone()))));
+    }
     if let Some(values) = start {
-        let key = ask.key.clone();
-        state.start_sweep(&key, values, &places());
+        actions.push(Action::StartSweep { key: range.key, values });
     } else if !is_open {
-        state.sweep_asked = None;
+        actions.push(Action::ChangeSweep(None));
     }
 }
 
 /// The values, once they are to be swept.
-fn contents(ui: &mut Ui, ask: &mut Ask) -> Option<Vec<String>> {
+fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
     ui.set_width(340.0);
-    ui.label(RichText::new(ask.field.help).color(theme::WEAK));
-    if ask.is_number() {
+    ui.label(RichText::new(range.field.help).color(theme::WEAK));
+    if range.is_number() {
         egui::Grid::new("range").num_columns(2).show(ui, |ui| {
-            let speed = (ask.to - ask.from).abs().max(1e-3) * 0.01;
-            for (name, value) in [("From", &mut ask.from), ("To", &mut ask.to)] {
+            let speed = (range.to - range.from).abs().max(1e-3) * 0.01;
+            for (name, value) in [("From", &mut range.from), ("To", &mut range.to)] {
                 let label = ui.label(name);
                 ui.add(egui::DragValue::new(value).speed(speed).max_decimals(4)).labelled_by(label.id);
                 ui.end_row();
             }
             let label = ui.label("Values");
-            ui.add(egui::DragValue::new(&mut ask.count).range(2..=MOST_VALUES)).labelled_by(label.id);
+            ui.add(egui::DragValue::new(&mut range.count).range(2..=MOST_VALUES)).labelled_by(label.id);
             ui.end_row();
         });
         let help = "Even ratios in place of even steps";
-        ui.checkbox(&mut ask.is_logarithmic, "Logarithmic").on_hover_text(help);
+        ui.checkbox(&mut range.is_logarithmic, "Logarithmic").on_hover_text(help);
     }
-    let values = ask.values();
+    let values = range.values();
     let text = match &values {
         Ok(values) => values.join(", "),
         Err(problem) => problem.clone(),
@@ -323,13 +260,13 @@ fn contents(ui: &mut Ui, ask: &mut Ask) -> Option<Vec<String>> {
 }
 
 /// How far the sweep is, with a way to end it; for the status bar.
-pub fn progress(ui: &mut Ui, state: &mut State) {
+pub fn progress(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     let Some(sweep) = &state.sweep else { return };
     ui.spinner();
     let text = format!("sweep of {}: {} of {}", sweep.result.key, sweep.result.rows.len() + 1, sweep.values.len());
     ui.label(RichText::new(text).small().color(theme::WEAK));
     if ui.small_button("End sweep").on_hover_text("What there is of it is saved").clicked() {
-        state.stop_sweep();
+        actions.push(Action::EndSweep);
     }
 }
 
@@ -337,29 +274,6 @@ pub fn progress(ui: &mut Ui, state: &mut State) {
 mod tests {
     use super::super::bench::Bench;
     use super::*;
-
-    fn ask(key: &str) -> Ask {
-        let mut state = State::with_two_points();
-        state.ask_sweep(key);
-        state.sweep_asked.unwrap()
-    }
-
-    #[test]
-    fn values_are_spread_as_the_slider_is_and_within_the_range() {
-        let mut step = ask("sscr.initial_step");
-        (step.from, step.to, step.count, step.is_logarithmic) = (0.02, 0.5, 3, true);
-        let values = step.values().unwrap();
-        assert_eq!((values.len(), values[0].as_str(), values[2].as_str()), (3, "0.02", "0.5"));
-        assert!((values[1].parse::<f64>().unwrap() - 0.1).abs() < 1e-6, "{values:?}");
-        let mut attempts = ask("sscr.seed_attempts");
-        (attempts.from, attempts.to, attempts.count, attempts.is_logarithmic) = (0.0, 2.0, 6, false);
-        assert_eq!(attempts.values().unwrap(), ["0", "1", "2"]);
-        attempts.to = 1e9;
-        assert!(attempts.values().is_err());
-        step.from = 0.0;
-        assert!(step.values().is_err(), "no ratio leads to 0");
-        assert_eq!(ask("sscr.cull_points").values().unwrap(), ["false", "true"]);
-    }
 
     #[test]
     fn what_changes_nothing_in_the_view_is_not_swept() {

@@ -306,8 +306,8 @@ mod tests {
     use egui_kittest::kittest::{NodeT as _, Queryable as _};
     use param::Choice as _;
 
+    use super::super::action::Action;
     use super::super::bench::Bench;
-    use super::super::bindings::Action;
     use super::super::truth_tasks::Kind;
     use super::*;
 
@@ -321,7 +321,7 @@ mod tests {
     }
 
     /// Whether the truth of the frame on the screen is in the picture.
-    fn is_shown(state: &mut State) -> bool {
+    fn is_shown(state: &State) -> bool {
         state.truth_frame().is_some_and(|request| state.truth.picture(&request).is_some())
     }
 
@@ -329,7 +329,7 @@ mod tests {
     fn the_key_shows_the_truth_of_this_view_alone_and_judges_it() {
         let Some(mut bench) = Bench::with_sphere() else { return };
         bench.settle();
-        assert!(!is_shown(&mut bench.state) && bench.state.truth.scene.is_none(), "nobody has asked for it");
+        assert!(!is_shown(&bench.state) && bench.state.truth.scene.is_none(), "nobody has asked for it");
         let mut harness = harness(bench);
         harness.key_down(egui::Key::X);
         harness.run_ok();
@@ -358,10 +358,10 @@ mod tests {
         state.camera.orbit(0.3, 0.1);
         assert!(!is_shown(state));
         harness.state_mut().settle();
-        assert!(is_shown(&mut harness.state_mut().state));
+        assert!(is_shown(&harness.state().state));
         harness.key_up(egui::Key::X);
         harness.run_ok();
-        assert!(!is_shown(&mut harness.state_mut().state));
+        assert!(!is_shown(&harness.state().state));
     }
 
     #[test]
@@ -372,7 +372,7 @@ mod tests {
         harness.run_ok();
         harness.state_mut().settle();
         harness.run_ok();
-        assert!(is_shown(&mut harness.state_mut().state));
+        assert!(is_shown(&harness.state().state));
         harness.get_by_label("Difference").click();
         harness.run_ok();
         harness.get_by_label("Place").click();
@@ -466,7 +466,7 @@ mod tests {
         state.on_presented(old.clone(), 99, vec![255; 64 * 48 * 4]);
         assert!(!is_shown(state), "of a view that was left");
         bench.settle();
-        assert!(is_shown(&mut bench.state));
+        assert!(is_shown(&bench.state));
 
         // Of points that are gone: nothing is kept of it.
         let state = &mut bench.state;

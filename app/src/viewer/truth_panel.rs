@@ -4,7 +4,8 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, pos2, vec2};
 use study::Accuracy;
 
-use super::bindings::{self, Action};
+use super::action::Action;
+use super::bindings;
 use super::panel::parameters;
 use super::state::State;
 use super::sweep;
@@ -33,29 +34,34 @@ const SHADOW: Color32 = Color32::from_black_alpha(170);
 
 // ---- panel ----
 
-pub fn show(ui: &mut Ui, state: &mut State) {
+pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
-        let help = format!("Keeps the truth in the picture ({})", bindings::shortcut(Action::PinTruth));
+        let help = format!("Keeps the truth in the picture ({})", bindings::shortcut(&Action::PinTruth));
         if ui.selectable_label(state.truth.is_pinned, "Pin").on_hover_text(help).clicked() {
-            state.act(Action::PinTruth);
+            actions.push(Action::PinTruth);
         }
-        let help = format!("Every setting tried, time against error ({})", bindings::shortcut(Action::ToggleChart));
+        let help = format!("Every setting tried, time against error ({})", bindings::shortcut(&Action::ToggleChart));
         if ui.selectable_label(state.tuning.is_open, "Tuning chart").on_hover_text(help).clicked() {
-            state.act(Action::ToggleChart);
+            actions.push(Action::ToggleChart);
         }
-        ui.label(RichText::new(format!("hold {}", bindings::shortcut(Action::ShowTruth))).color(theme::WEAK));
+        ui.label(RichText::new(format!("hold {}", bindings::shortcut(&Action::ShowTruth))).color(theme::WEAK));
     });
-    let truth = &mut state.truth;
+    let truth = &state.truth;
     if truth.is_pinned {
-        choices(ui, &mut truth.look, &LOOKS);
+        actions.extend(choices(ui, truth.look, &LOOKS).map(Action::LookAtTruth));
         if truth.look == Look::Difference {
-            choices(ui, &mut truth.measure, &MEASURES);
+            actions.extend(choices(ui, truth.measure, &MEASURES).map(Action::MeasureTruth));
         }
     }
+    let (mut keeps_ready, mut judges) = (truth.keeps_ready, truth.judges);
     let help = "Trace every view that stands still, so that the truth is there when its key is pressed";
-    ui.checkbox(&mut truth.keeps_ready, "Keep ready").on_hover_text(help);
+    if ui.checkbox(&mut keeps_ready, "Keep ready").on_hover_text(help).changed() {
+        actions.push(Action::KeepTruthReady(keeps_ready));
+    }
     let help = "Measure how right the mirrors are whenever the view stands still; the tuning chart does so by itself";
-    ui.checkbox(&mut truth.judges, "Judge each setting").on_hover_text(help);
+    if ui.checkbox(&mut judges, "Judge each setting").on_hover_text(help).changed() {
+        actions.push(Action::JudgeSettings(judges));
+    }
     figures(ui, state);
     let text = match state.truth.bytes() {
         0 => {
@@ -65,17 +71,20 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         kept => format!("{} kept for tracing", bytes(kept)),
     };
     ui.label(RichText::new(text).small().color(theme::WEAK));
-    parameters(ui, &mut state.settings.trace, &[]);
+    parameters(ui, &state.settings.trace, &[], actions);
 }
 
-fn choices<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, choices: &[(T, &str, &str)]) {
+/// Choices side by side; the one that was clicked.
+fn choices<T: Copy + PartialEq>(ui: &mut Ui, value: T, choices: &[(T, &str, &str)]) -> Option<T> {
+    let mut chosen = None;
     ui.horizontal(|ui| {
         for (choice, name, help) in choices {
-            if ui.selectable_label(*value == *choice, *name).on_hover_text(*help).clicked() {
-                *value = *choice;
+            if ui.selectable_label(value == *choice, *name).on_hover_text(*help).clicked() {
+                chosen = Some(*choice);
             }
         }
     });
+    chosen
 }
 
 /// How right the picture on the screen is, and what it costs.
@@ -136,7 +145,7 @@ fn line(ui: &mut Ui, name: &str, text: &str, help: &str) {
 // ---- over the picture ----
 
 /// Draws the truth over the picture in `rect`, as far as it is there and of what is on the screen.
-pub fn paint(ui: &Ui, rect: Rect, state: &mut State) {
+pub fn paint(ui: &Ui, rect: Rect, state: &State, actions: &mut Vec<Action>) {
     let Some(request) = state.truth_frame() else { return };
     let look = state.truth.shown_look();
     let painter = ui.painter().with_clip_rect(rect);
@@ -149,7 +158,7 @@ pub fn paint(ui: &Ui, rect: Rect, state: &mut State) {
         return;
     };
     let part = match look {
-        Look::Split => split(ui, rect, state),
+        Look::Split => split(ui, rect, state.truth.split, actions),
         Look::Truth => rect,
         Look::Difference => {
             // What is not measured is still to be recognised.
@@ -185,17 +194,18 @@ fn paths([mirrors, all]: [u32; 2], wanted: u32) -> String {
 }
 
 /// Lets the line be dragged, and gives back what is on its right.
-fn split(ui: &Ui, rect: Rect, state: &mut State) -> Rect {
+fn split(ui: &Ui, rect: Rect, mut share: f32, actions: &mut Vec<Action>) -> Rect {
     let line = |share: f32| egui::lerp(rect.x_range(), share);
-    let x = line(state.truth.split);
+    let x = line(share);
     let grip = Rect::from_x_y_ranges(x - GRIP..=x + GRIP, rect.y_range());
     let response = ui.interact(grip, ui.scope_id().with("split"), Sense::drag());
     if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.dragged()) {
         // Not so far that it cannot be grabbed again.
-        state.truth.split = ((pointer.x - rect.left()) / rect.width().max(1.0)).clamp(0.01, 0.99);
+        share = ((pointer.x - rect.left()) / rect.width().max(1.0)).clamp(0.01, 0.99);
+        actions.push(Action::SplitTruth(share));
     }
     response.on_hover_and_drag_cursor(egui::CursorIcon::ResizeHorizontal);
-    Rect::from_min_max(pos2(line(state.truth.split), rect.top()), rect.max)
+    Rect::from_min_max(pos2(line(share), rect.top()), rect.max)
 }
 
 fn tag(painter: &egui::Painter, at: Pos2, align: Align2, text: &str) {
@@ -240,8 +250,8 @@ fn legend(painter: &egui::Painter, rect: Rect, measure: Measure) {
 // ---- status bar ----
 
 /// What the ray tracer is at, with a way to end it.
-pub fn progress(ui: &mut Ui, state: &mut State) {
-    sweep::progress(ui, state);
+pub fn progress(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+    sweep::progress(ui, state, actions);
     let Some(activity) = state.truth.activity() else { return };
     let text = match activity {
         Activity::Building => "making the points ready for tracing".into(),
@@ -251,7 +261,7 @@ pub fn progress(ui: &mut Ui, state: &mut State) {
     ui.spinner();
     ui.label(RichText::new(text).small().color(theme::WEAK));
     if ui.small_button("Stop").on_hover_text("End tracing, and let go of the truth").clicked() {
-        state.stop_truth();
+        actions.push(Action::StopTruth);
     }
 }
 
@@ -310,10 +320,10 @@ mod tests {
     #[test]
     fn what_is_shown_is_chosen_once_the_truth_is_pinned() {
         let state = State::with_two_points();
-        let mut harness = Harness::builder()
-            .with_size([340.0, 600.0])
-            .with_max_steps(16)
-            .build_ui_state(|ui, state: &mut State| show(ui, state), state);
+        let mut harness = Harness::builder().with_size([340.0, 600.0]).with_max_steps(16).build_ui_state(
+            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
+            state,
+        );
         harness.run_ok();
         assert!(harness.query_by_label("Difference").is_none());
         harness.get_by_label("Pin").click();
@@ -334,7 +344,9 @@ mod tests {
         state.truth.split = 0.5;
         let mut harness = Harness::builder().with_size(rect.size()).build_ui_state(
             |ui, state: &mut State| {
-                split(ui, rect, state);
+                state.show_and_act(|state, actions| {
+                    let _ = split(ui, rect, state.truth.split, actions);
+                });
             },
             state,
         );

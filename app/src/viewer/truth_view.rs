@@ -1,5 +1,6 @@
 //! What there is of the truth of the view in the window, and what is under way for it. `truth.rs` decides what is done next.
 
+use std::cell::OnceCell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -38,22 +39,22 @@ const BYTES_PER_TRACED_PIXEL: u64 = size_of::<<study::Seen as IntoIterator>::Ite
 pub struct Picture {
     size: [u32; 2],
     pub(super) rgba: Vec<u8>,
-    texture: Option<TextureHandle>,
+    texture: OnceCell<TextureHandle>,
 }
 
 impl Picture {
     pub(super) fn new(size: [u32; 2], rgba: Vec<u8>) -> Self {
-        Self { size, rgba, texture: None }
+        Self { size, rgba, texture: OnceCell::new() }
     }
 
-    pub fn texture(&mut self, context: &egui::Context) -> egui::TextureId {
+    pub fn texture(&self, context: &egui::Context) -> egui::TextureId {
         let (size, rgba) = (self.size.map(|side| side as usize), &self.rgba);
         let load = || {
             let image = ColorImage::from_rgba_unmultiplied(size, rgba);
             // As the picture itself, pixel for pixel.
             context.load_texture("truth", image, TextureOptions::LINEAR)
         };
-        self.texture.get_or_insert_with(load).id()
+        self.texture.get_or_init(load).id()
     }
 }
 
@@ -156,17 +157,17 @@ impl TruthView {
     }
 
     /// The truth of a frame for the screen.
-    pub fn picture(&mut self, request: &FrameRequest) -> Option<&mut Picture> {
-        let (label, picture) = self.presented.as_mut()?;
+    pub fn picture(&self, request: &FrameRequest) -> Option<&Picture> {
+        let (label, picture) = self.presented.as_ref()?;
         // Another method, say, has the same truth, and it is on its way.
         let is_of_view = label.request == *request || label.request.truth_basis() == request.truth_basis();
         is_of_view.then_some(picture)
     }
 
     /// The heat map of a frame.
-    pub fn difference(&mut self, request: &FrameRequest) -> Option<&mut Picture> {
+    pub fn difference(&self, request: &FrameRequest) -> Option<&Picture> {
         let measure = Some(self.measure);
-        let (label, picture) = self.difference.as_mut()?;
+        let (label, picture) = self.difference.as_ref()?;
         (label.request == *request && label.measure == measure).then_some(picture)
     }
 

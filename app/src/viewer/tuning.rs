@@ -11,6 +11,7 @@ use serde_json::json;
 use study::Accuracy;
 use study::results::Spread;
 
+use super::action::Action;
 use super::messages::Level;
 use super::render_thread::{Command, FrameRequest};
 use super::state::{Effect, State};
@@ -95,12 +96,17 @@ struct Trial {
     figures: Option<Accuracy>,
 }
 
+/// What is charted: the choice of the window alone.
+#[derive(Clone, Copy, Default)]
+struct Axes {
+    by_frame: bool,
+    error: ErrorFigure,
+}
+
 #[derive(Default)]
 pub struct Tuning {
     pub is_open: bool,
     trials: Vec<Trial>,
-    by_frame: bool,
-    error: ErrorFigure,
     measuring: Option<FrameRequest>,
 }
 
@@ -187,16 +193,21 @@ impl Tuning {
         self.trial(request, settings).figures = Some(figures.clone());
     }
 
+    /// Forgets what was tried.
+    pub fn forget_trials(&mut self) {
+        self.trials.clear();
+    }
+
     /// What was measured failed, or was for something else.
     pub fn forget_measuring(&mut self) {
         self.measuring = None;
     }
 
     /// Place and error of each trial that has both, with its index; those of one series, or of all others.
-    fn dots(&self, series: &FrameRequest, is_of_series: bool) -> Vec<(usize, [f64; 2])> {
+    fn dots(&self, axes: Axes, series: &FrameRequest, is_of_series: bool) -> Vec<(usize, [f64; 2])> {
         let dot = |(index, trial): (usize, &Trial)| {
-            let time = trial.time(self.by_frame)?.max(LEAST_TIME);
-            Some((index, [time.log10(), self.error.of(trial.figures.as_ref()?)?]))
+            let time = trial.time(axes.by_frame)?.max(LEAST_TIME);
+            Some((index, [time.log10(), axes.error.of(trial.figures.as_ref()?)?]))
         };
         let trials = self.trials.iter().enumerate();
         trials.filter(|(_, trial)| (trial.series == *series) == is_of_series).filter_map(dot).collect()
@@ -229,9 +240,7 @@ impl State {
     }
 
     /// Goes back to a setting: one step of undo.
-    fn return_to(&mut self, trial: usize) {
-        let Some(trial) = self.tuning.trials.get(trial) else { return };
-        let settings = trial.settings.clone();
+    pub fn return_to(&mut self, settings: Settings) {
         self.history.settle(&self.settings, &self.objects);
         self.settings = settings;
         self.history.settle(&self.settings, &self.objects);
@@ -295,7 +304,7 @@ impl State {
 }
 
 /// The chart's window.
-pub fn show(context: &egui::Context, state: &mut State) {
+pub fn show(context: &egui::Context, state: &State, actions: &mut Vec<Action>) {
     if !state.tuning.is_open {
         return;
     }
@@ -304,46 +313,48 @@ pub fn show(context: &egui::Context, state: &mut State) {
         .open(&mut is_open)
         .default_size([460.0, 470.0])
         .anchor(Align2::RIGHT_BOTTOM, [-12.0, -40.0])
-        .show(context, |ui| contents(ui, state));
-    state.tuning.is_open &= is_open;
+        .show(context, |ui| contents(ui, state, actions));
+    actions.extend((!is_open).then_some(Action::ToggleChart));
 }
 
-fn contents(ui: &mut Ui, state: &mut State) {
+fn contents(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     let Some(view) = state.wanted_frame().cloned() else {
         ui.label(RichText::new("Open a scene: every setting that stands still becomes a dot.").color(theme::WEAK));
         return;
     };
-    let tuning = &mut state.tuning;
+    let tuning = &state.tuning;
+    let id = egui::Id::unique("axes of the tuning chart");
+    let mut axes: Axes = ui.data(|data| data.get_temp(id)).unwrap_or_default();
     ui.horizontal(|ui| {
         let times = [
             (false, "method", "Time of what finds the points that mirrors show"),
             (true, "frame", "Time of the whole frame, from scratch"),
         ];
         for (by_frame, name, help) in times {
-            if ui.selectable_label(tuning.by_frame == by_frame, name).on_hover_text(help).clicked() {
-                tuning.by_frame = by_frame;
+            if ui.selectable_label(axes.by_frame == by_frame, name).on_hover_text(help).clicked() {
+                axes.by_frame = by_frame;
             }
         }
         ui.separator();
         for (error, name, help) in ERRORS {
-            if ui.selectable_label(tuning.error == error, name).on_hover_text(help).clicked() {
-                tuning.error = error;
+            if ui.selectable_label(axes.error == error, name).on_hover_text(help).clicked() {
+                axes.error = error;
             }
         }
     });
     let series = series(&view);
-    let chosen = chart(ui, &state.tuning, &view, &series);
-    let listed = list(ui, &state.tuning, &view, &series);
-    if let Some(trial) = chosen.or(listed) {
-        state.return_to(trial);
-    }
+    ui.data_mut(|data| data.insert_temp(id, axes));
+    let chosen = chart(ui, tuning, axes, &view, &series);
+    let listed = list(ui, tuning, &view, &series);
+    let trial = chosen.or(listed).and_then(|trial| tuning.trials.get(trial));
+    actions.extend(trial.map(|trial| Action::ReturnTo(Box::new(trial.settings.clone()))));
     ui.horizontal(|ui| {
         let help = format!("Appends the setting at hand to {STUDY} in the current folder, for `glint study`");
         if ui.button("Add to study").on_hover_text(help).clicked() {
-            state.add_to_study();
+            actions.push(Action::AddToStudy);
         }
         if ui.button("Clear").on_hover_text("Forget what was tried").clicked() {
-            state.tuning.trials.clear();
+            actions.push(Action::ForgetTrials);
         }
         let figures = state.truth.figures(&view);
         if figures.is_none_or(|figures| figures.image.is_none()) || state.tuning.times(&view).is_none() {
@@ -354,10 +365,10 @@ fn contents(ui: &mut Ui, state: &mut State) {
 }
 
 /// Draws the dots; the one that was clicked.
-fn chart(ui: &mut Ui, tuning: &Tuning, view: &FrameRequest, series: &FrameRequest) -> Option<usize> {
-    let (dots, others) = (tuning.dots(series, true), tuning.dots(series, false));
+fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: &FrameRequest) -> Option<usize> {
+    let (dots, others) = (tuning.dots(axes, series, true), tuning.dots(axes, series, false));
     let places = |is_sparse: bool| -> Vec<[f64; 2]> {
-        let is_hollow = |index: usize| tuning.error.is_of_filled() && tuning.trials[index].is_sparse();
+        let is_hollow = |index: usize| axes.error.is_of_filled() && tuning.trials[index].is_sparse();
         dots.iter().filter(|(index, _)| is_hollow(*index) == is_sparse).map(|(_, place)| *place).collect()
     };
     let (places, sparse) = (places(false), places(true));
@@ -365,8 +376,8 @@ fn chart(ui: &mut Ui, tuning: &Tuning, view: &FrameRequest, series: &FrameReques
     let at_hand: Vec<[f64; 2]> =
         dots.iter().filter(|(index, _)| tuning.trials[*index].request == *view).map(|(_, place)| *place).collect();
     let greyed: Vec<[f64; 2]> = others.iter().map(|(_, place)| *place).collect();
-    let error = ERRORS.iter().find(|(error, ..)| *error == tuning.error).map_or("", |(_, name, _)| name);
-    let time = if tuning.by_frame { "frame, ms" } else { "method, ms" };
+    let error = ERRORS.iter().find(|(error, ..)| *error == axes.error).map_or("", |(_, name, _)| name);
+    let time = if axes.by_frame { "frame, ms" } else { "method, ms" };
     let milliseconds = |mark: GridMark, _: &std::ops::RangeInclusive<f64>| {
         let value = 10_f64.powf(mark.value);
         if value < 1.0 { format!("{value:.2}") } else { format!("{value:.0}") }

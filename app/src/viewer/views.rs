@@ -1,0 +1,296 @@
+//! The views, scenes, pictures and command lines that are copied, pasted and saved.
+
+use std::path::{Path, PathBuf};
+
+use scene::{Object, SceneFile, Settings};
+use serde_json::json;
+
+use super::clouds::short_name;
+use super::objects::Placed;
+use super::render_thread::{Command, FrameRequest};
+use super::state::{Effect, State};
+use super::work::Work;
+
+impl State {
+    /// The view, without its clouds.
+    pub(super) fn view_as_text(&self) -> String {
+        SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings()) }.to_text()
+    }
+
+    /// A view as `CopyView` gives it, or a scene file's.
+    pub fn paste_view(&mut self, text: &str) {
+        match SceneFile::parse(text) {
+            Ok(file) => {
+                let view = file.view();
+                for warning in view.warnings {
+                    self.messages.warning(format!("pasted view: {warning}"));
+                }
+                self.jump(view.settings, view.camera.unwrap_or(self.camera));
+                self.take_objects(&file);
+                self.messages.note("View pasted");
+                self.log(json!({ "event": "pasted" }));
+            }
+            Err(error) => self.messages.error(format!("The clipboard holds no view: {error}")),
+        }
+    }
+
+    /// Mirrors, lights and hidden classes of a view: mirrors whose names are known move there, others are added; lights take the
+    /// place of all that there were, and the classes that it hides alone are hidden.
+    fn take_objects(&mut self, file: &SceneFile) {
+        for mirror in &file.mirrors {
+            let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
+            match known {
+                Some(known) => known.mirror = mirror.clone(),
+                None => {
+                    let id = self.next_object_id();
+                    self.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
+                }
+            }
+        }
+        if !file.lights.is_empty() {
+            self.objects.lights.clear();
+            for light in &file.lights {
+                let id = self.next_object_id();
+                self.objects.add(id, Object::Light(*light));
+            }
+            self.warn_of_dark_lights();
+        }
+        self.objects.visibility = file.visibility.clone();
+        self.history.after_jump(&self.settings, &self.objects);
+    }
+
+    /// What is on the screen as a scene, with these of its parameters.
+    fn scene_file(&self, settings: &Settings) -> SceneFile {
+        SceneFile {
+            camera: Some(self.camera),
+            parameters: SceneFile::new(Vec::new(), self.camera, settings).parameters,
+            ..self.objects.scene_file(&self.inputs())
+        }
+    }
+
+    /// The parameters that show what is on the screen when it is opened anew. Without lights, the one that a built-in scene
+    /// brings or the lamp of a room would be there again.
+    pub(super) fn written_settings(&self) -> Settings {
+        let mut settings = self.settings.clone();
+        if self.objects.lights.is_empty() && self.lacks_light() {
+            settings.light.by = self.lighting();
+        }
+        settings
+    }
+
+    /// What is on the screen as a scene file that may stand anywhere, with these of its parameters: only built-in scenes have no
+    /// place of their own.
+    fn movable_scene(&self, settings: &Settings) -> SceneFile {
+        let mut file = self.scene_file(settings);
+        let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
+        for cloud in clouds.filter(|cloud| Path::new(cloud).is_file()) {
+            if let Ok(path) = std::path::absolute(&*cloud) {
+                *cloud = path.display().to_string();
+            }
+        }
+        file
+    }
+
+    /// The same without parameters but for those that points are made with.
+    pub(super) fn view_as_scene(&self) -> String {
+        let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
+        self.movable_scene(&settings).to_text()
+    }
+
+    pub(super) fn save_scene(&mut self) {
+        let file = self.movable_scene(&self.written_settings());
+        if file.clouds.is_empty() {
+            self.messages.note("There is no scene to save yet");
+            return;
+        }
+        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
+        let path = free_path(Path::new(""), &name, "toml");
+        let file = SceneFile { paths: self.paths.clone(), ..file };
+        self.effects.push(Effect::Work(Work::SaveScene { path, text: file.to_text() }));
+    }
+
+    /// The command that renders what is on the screen, for a POSIX shell.
+    pub fn command_line(&self) -> String {
+        let [width, height] = self.view_size;
+        let file = self.scene_file(&Settings::default());
+        // What begins like a flag is none as a path.
+        let path = |input: &String| if input.starts_with('-') { format!("./{input}") } else { input.clone() };
+        let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(&path(input))).collect();
+        let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
+        for (key, text) in self.written_settings().differing() {
+            line += &format!(" --set {}", quoted(&format!("{key}={text}")));
+        }
+        let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
+        // A name in the view may have a line that would end it.
+        let end = (1..).map(|number| format!("VIEW{number}")).find(|end| !view.lines().any(|line| line == *end));
+        let end = end.unwrap_or_default();
+        format!("{line} --camera - <<'{end}'\n{view}{end}\n")
+    }
+
+    pub(super) fn save_picture(&mut self) {
+        let Some(shown) = &self.frames.shown else {
+            self.messages.note("There is no picture to save yet");
+            return;
+        };
+        let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
+        let request = request.unhurried(&self.settings);
+        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
+        let path = free_path(Path::new(""), &name, "png");
+        self.render(Command::Save { request: Box::new(request), path });
+    }
+}
+
+/// For a POSIX shell: in single quotes unless it is plain.
+fn quoted(text: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
+    if !text.is_empty() && text.chars().all(is_plain) {
+        return text.to_string();
+    }
+    format!("'{}'", text.replace('\'', r"'\''"))
+}
+
+/// `office` of `scans/office.laz`, `five-mirrors-sphere` of a built-in scene.
+fn picture_name(input: &str) -> String {
+    let name = short_name(input);
+    if name.contains('/') {
+        return name.replace('/', "-");
+    }
+    Path::new(name).file_stem().map_or(name.into(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// `glint-NAME-1.png`, or the first number that is free.
+fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
+    let path = |number: u32| folder.join(format!("glint-{name}-{number}.{extension}"));
+    (1..u32::MAX).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::{Mirror, Shape};
+
+    use super::super::action::Action;
+    use super::super::preferences::Preferences;
+    use super::*;
+
+    #[test]
+    fn a_view_that_is_copied_and_pasted_elsewhere_is_the_same() {
+        let mut one = State::new(Preferences::default());
+        one.camera.orbit(0.3, 0.2);
+        one.settings.splat.size = 2.5;
+        one.act(Action::CopyView);
+        let Some(Effect::Copy(text)) = one.effects.pop() else { panic!("nothing was copied") };
+        let mut other = State::new(Preferences::default());
+        other.paste_view(&text);
+        assert_eq!(other.settings, one.settings);
+        assert!(other.camera.eye.distance(one.camera.eye) < 1e-9);
+        other.act(Action::Undo);
+        assert_eq!(other.settings, Settings::default());
+    }
+
+    #[test]
+    fn hidden_classes_are_copied_saved_and_pasted_and_a_view_that_shows_all_shows_them_again() {
+        let mut one = State::with_two_points();
+        let view = |state: &mut State| {
+            state.act(Action::CopyView);
+            let Some(Effect::Copy(text)) = state.effects.pop() else { panic!("nothing was copied") };
+            text
+        };
+        let all = view(&mut one);
+        one.show_classes([7, 18], false);
+        let hiding = view(&mut one);
+        assert!(hiding.contains("hidden_classes = [7, 18]"), "{hiding}");
+        assert!(one.command_line().contains("hidden_classes = [7, 18]"), "{}", one.command_line());
+        assert!(one.view_as_scene().contains("hidden_classes = [7, 18]"));
+        let mut other = State::new(Preferences::default());
+        other.paste_view(&hiding);
+        assert_eq!(other.objects.visibility, one.objects.visibility);
+        one.paste_view(&all);
+        assert!(one.objects.visibility.shows_all());
+        one.act(Action::Undo);
+        assert_eq!(one.objects.visibility, other.objects.visibility);
+        one.act(Action::Undo);
+        assert!(one.objects.visibility.shows_all());
+        one.act(Action::Redo);
+        assert_eq!(one.objects.visibility, other.objects.visibility);
+        one.remove_cloud(one.clouds[0].key);
+        assert!(one.objects.visibility.shows_all(), "what is hidden goes with the last cloud");
+    }
+
+    #[test]
+    fn text_that_is_no_view_is_refused_and_changes_nothing() {
+        let mut state = State::new(Preferences::default());
+        let before = state.camera;
+        state.paste_view("hello");
+        assert_eq!(state.camera, before);
+        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("no view")));
+    }
+
+    /// Runs the copied command line by `sh`, with a `glint` that keeps its words and its standard input.
+    #[cfg(unix)]
+    fn run_by_shell(line: &str) -> (Vec<String>, String) {
+        let folder = tempfile::tempdir().unwrap();
+        let keep = "glint() { printf '%s\\0' \"$@\" > words; cat > input; }\n";
+        let mut shell = std::process::Command::new("sh");
+        let output = shell.arg("-c").arg(keep.to_owned() + line).current_dir(folder.path()).output().unwrap();
+        assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+        assert!(output.stdout.is_empty(), "{output:?}");
+        let words = std::fs::read_to_string(folder.path().join("words")).unwrap();
+        let words = words.split_terminator('\0').map(str::to_owned).collect();
+        (words, std::fs::read_to_string(folder.path().join("input")).unwrap())
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_copied_command_line_is_what_the_shell_runs() {
+        use clap::Parser as _;
+
+        use crate::command_line::{Command, CommandLine};
+
+        let mut state = State::new(Preferences::default());
+        state.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
+        state.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
+        let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
+        // Would end the view and go on as commands.
+        mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
+        let id = state.next_object_id();
+        state.edit_objects(|objects| objects.add(id, Object::Mirror(mirror.clone())));
+        let (words, input) = run_by_shell(&state.command_line());
+        let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
+            ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
+        )
+        .unwrap()
+        .command
+        else {
+            panic!("not a render command")
+        };
+        assert_eq!(arguments.camera.as_deref(), Some("-".as_ref()));
+        assert!(
+            arguments.set.contains(&("color.attribute".into(), "it's; $(echo no) `no`".into())),
+            "{:?}",
+            arguments.set
+        );
+        let view =
+            SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
+        assert_eq!(view.camera.map(|camera| camera.pivot), Some(state.camera.pivot));
+        assert_eq!(view.mirrors[0].name, mirror.name.trim());
+    }
+
+    #[test]
+    fn names_with_blanks_and_quotes_survive_the_shell() {
+        assert_eq!(quoted("a/b.laz"), "a/b.laz");
+        assert_eq!(quoted("my scan.laz"), "'my scan.laz'");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(quoted("view.background=#ffffff"), "'view.background=#ffffff'");
+    }
+
+    #[test]
+    fn pictures_never_overwrite_one_another() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("glint-office-1.png"), "").unwrap();
+        assert!(free_path(folder.path(), "office", "png").ends_with("glint-office-2.png"));
+        assert!(free_path(folder.path(), "office", "toml").ends_with("glint-office-1.toml"));
+        assert_eq!(picture_name("scans/office.laz"), "office");
+        assert_eq!(picture_name("office.laz"), "office");
+        assert_eq!(picture_name("five-mirrors/sphere"), "five-mirrors-sphere");
+    }
+}
