@@ -1,8 +1,9 @@
-//! Indirect light (SSCR, 2.4 and 4.1): virtual lights where light first meets a surface and after each further bounce, an
-//! imperfect shadow map each, and what they give to any surface that was seen, by the camera or in a mirror.
+//! Indirect light (SSCR, 2.4 and 4.1): virtual lights where light first meets a surface and after each further bounce,
+//! an imperfect shadow map for each, and the light that they give to any visible surface, seen by the camera or in a
+//! mirror.
 //!
-//! Virtual lights know nothing of the camera: they, their shadow maps, and the light that they give to a place are the same
-//! wherever it is looked at from. `shaders/shared/vpl.wgsl` holds what the passes share.
+//! Virtual lights do not depend on the camera: they, their shadow maps, and the light that they give to a place are the
+//! same from every eye. The passes share `shaders/shared/vpl.wgsl`.
 
 mod occluders;
 mod plan;
@@ -31,10 +32,10 @@ use occluders::Occluders;
 use plan::LightPlan;
 pub(crate) use plan::Sky;
 
-/// Doublings of distance that a shadow map tells apart, below four scene radii.
+/// The number of doublings of distance that a shadow map distinguishes, below four scene radii.
 const DOUBLINGS: f32 = 18.0;
 
-/// What stands in the way of light, and where from the lights' positions are told.
+/// The points that block light, and the origin of the lights' positions.
 struct Ground {
     geometry_revision: u64,
     per_map: u32,
@@ -58,13 +59,13 @@ impl Ground {
     }
 }
 
-/// What where the virtual lights stand and what stands before them depends on.
+/// The inputs that determine where the virtual lights are and what blocks them.
 #[derive(Clone, PartialEq)]
 struct Places {
     geometry_revision: u64,
-    /// Of the lamps' shadow maps.
+    /// The splat settings of the lamps' shadow maps.
     splat: Splat,
-    /// Positions, directions and cones of the lights, and which virtual lights are whose.
+    /// The positions, directions and cones of the lights; `plan` has the virtual lights of each.
     cameras: Vec<(FrameCamera, f32, f32)>,
     plan: LightPlan,
     shadow_size: u32,
@@ -73,11 +74,11 @@ struct Places {
     shadows: bool,
 }
 
-/// All that the virtual lights depend on.
+/// All inputs of the virtual lights.
 #[derive(Clone, PartialEq)]
 struct Asked {
     revision: u64,
-    /// Of the lamps' shadow maps.
+    /// The splat settings of the lamps' shadow maps.
     splat: Splat,
     gi: Gi,
     lights: Vec<MappedLight>,
@@ -86,7 +87,7 @@ struct Asked {
     tint: f32,
 }
 
-/// The virtual lights that frames are lit by now, on the GPU.
+/// The virtual lights that currently light frames, on the GPU.
 struct LightBuffers {
     asked: Asked,
     places: Places,
@@ -94,11 +95,11 @@ struct LightBuffers {
     constants: wgpu::Buffer,
     vpls: wgpu::Buffer,
     maps: wgpu::Buffer,
-    /// Another number after each change.
+    /// A number that is different after each change.
     generation: u64,
 }
 
-/// What the indirect light of the surfaces at hand was made from, beside the surfaces.
+/// The inputs of the indirect light of a surface, besides the surface itself.
 #[derive(Clone, PartialEq)]
 struct Shaded {
     generation: u64,
@@ -110,7 +111,7 @@ struct Shaded {
     is_glossy: bool,
 }
 
-/// Images of the light that one surface gets.
+/// The images of the light on one surface.
 struct SurfaceLight {
     diffuse: Image,
     glossy: Image,
@@ -124,47 +125,47 @@ pub(crate) struct GlobalIllumination {
     lights: Option<LightBuffers>,
     surfaces: Vec<SurfaceLight>,
     generations: u64,
-    /// Virtual lights stay while nothing but the points changes.
+    /// Whether virtual lights stay unchanged while only the points change.
     pub may_lag: bool,
 }
 
-/// A surface that indirect light falls on.
+/// A surface on which indirect light falls.
 pub(crate) struct Receiver<'a> {
-    /// 0: what the camera sees; from 1 on what a bounce's mirrors see.
+    /// 0 for the surface that the camera sees; from 1 for what the mirrors of each bounce see.
     pub index: usize,
     pub surface: SurfaceImages<'a>,
     /// The mirror points that see it; the camera's positions for index 0.
     pub from: &'a Image,
-    /// A reflection is followed from here.
+    /// Whether a reflection is followed from here.
     pub is_mixed: bool,
-    /// Something here may have a highlight.
+    /// Whether something here may have a highlight.
     pub is_glossy: bool,
 }
 
-/// The virtual lights, as shaders/shared/vpl.wgsl has them.
+/// The virtual lights in the layout of shaders/shared/vpl.wgsl.
 pub(crate) struct VirtualLights<'a> {
-    /// Those of the sky, then bounce by bounce.
+    /// The number of lights: those of the sky, then bounce by bounce.
     pub count: u32,
     pub constants: &'a wgpu::Buffer,
     pub vpls: &'a wgpu::Buffer,
-    /// Where shadow maps are drawn.
+    /// The shadow maps, if they are drawn.
     pub maps: Option<&'a wgpu::Buffer>,
 }
 
 impl GlobalIllumination {
-    /// Whether there is any indirect light.
+    /// Whether the settings and lights give any indirect light.
     pub fn is_asked(settings: &Settings, lights: &[MappedLight], sky: Option<Sky>) -> bool {
         let has_light = lights.iter().any(|light| light.intensity.iter().any(|value| *value > 0.0));
         (has_light && settings.gi.bounces > 0) || sky.is_some_and(|sky| sky.irradiance > 0.0)
     }
 
-    /// Forgets what is kept.
+    /// Forgets everything that is kept from frame to frame.
     pub fn forget(&mut self) {
         (self.ground, self.lights) = (None, None);
     }
 
-    /// Places the virtual lights and draws their shadow maps, as far as they have changed. `shadow_maps`: of `lights`, see
-    /// `crate::lighting::Lights`.
+    /// Places the virtual lights and draws their shadow maps, if their inputs have changed. `shadow_maps` are those of
+    /// `lights`, see `crate::lighting::Lights`.
     ///
     /// # Errors
     /// More shadow maps than a binding holds, a shader is refused, or there is no memory.
@@ -178,7 +179,7 @@ impl GlobalIllumination {
         sky: Option<Sky>,
         shadow_maps: &wgpu::Buffer,
     ) -> Result<()> {
-        // What only shading asks for is left out.
+        // Parameters that only shading reads are set to their defaults, so that they do not matter here.
         let defaults = Gi::default();
         let gi = Gi {
             vpl: defaults.vpl,
@@ -190,7 +191,7 @@ impl GlobalIllumination {
             filter_angle: defaults.filter_angle,
             ..settings.gi.clone()
         };
-        // A sun's finer map, which moves with the view, is for direct light.
+        // The sun's finer map, which moves with the view, is for direct light.
         let is_sun = lights.first().is_some_and(|light| light.camera.orthographic);
         let lights = if is_sun { &lights[..1] } else { lights };
         let splat = crate::lighting::splat_of_maps(settings);
@@ -312,14 +313,14 @@ impl GlobalIllumination {
         Ok(())
     }
 
-    /// To be called when what the surfaces show has changed.
+    /// The caller reports that the surfaces have changed.
     pub fn surfaces_changed(&mut self) {
         for surface in &mut self.surfaces {
             surface.shaded = None;
         }
     }
 
-    /// The indirect light of a surface, as radiance toward where it is seen from; nothing is done where it is at hand.
+    /// Computes the indirect light of a surface, as radiance toward its viewer, unless it is up to date.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
@@ -400,7 +401,7 @@ impl GlobalIllumination {
         recorder.over(&switches, inputs, bindings, groups)
     }
 
-    /// The virtual lights that frames are lit by now, on the GPU.
+    /// The virtual lights that currently light frames, on the GPU.
     pub fn lights(&self) -> Option<VirtualLights<'_>> {
         let LightBuffers { uniform, constants, vpls, maps, .. } = self.lights.as_ref()?;
         let count = uniform.sky_lights + uniform.lights_per_bounce * uniform.bounces;
@@ -439,7 +440,7 @@ impl SurfaceLight {
         let image = |label, size| Image::new(device, size, label, wgpu::TextureFormat::Rgba16Float);
         Self {
             diffuse: image("indirect irradiance", size),
-            // Made when a highlight is first asked for.
+            // The image gets its size when a highlight is first needed.
             glossy: image("indirect highlights", [1, 1]),
             radiance: image("indirect", size),
             shaded: None,
@@ -451,7 +452,7 @@ impl SurfaceLight {
     }
 }
 
-/// What the passes that make the virtual lights work on.
+/// The resources of the passes that make the virtual lights.
 struct Work<'a> {
     constants: &'a wgpu::Buffer,
     vpls: &'a wgpu::Buffer,
@@ -473,7 +474,7 @@ impl Work<'_> {
         recorder.over_page_pixels(everywhere, bindings, groups)
     }
 
-    /// The lights that lamps and sun give rise to.
+    /// Places the lights that lamps and the sun give rise to.
     fn first_bounce(
         &self,
         recorder: &mut Recorder<'_>,
@@ -580,7 +581,7 @@ impl Work<'_> {
     }
 }
 
-/// Edges of the levels of a shadow map, texels, finest first.
+/// The edges of the levels of a shadow map in texels, finest first.
 fn map_levels(gi: &Gi) -> Vec<u32> {
     std::iter::successors(Some(gi.shadow_size), |size| Some(size.div_ceil(2)))
         .take(gi.pull_levels as usize + 1)

@@ -1,8 +1,9 @@
-//! The points that cast indirect shadows: a subset of a store's points, chosen by the area that each stands for, so that a
-//! scan's dense parts do not take the samples of its sparse ones (Ritschel et al. 2008 sample meshes evenly by area).
+//! Chooses the points that cast indirect shadows: a subset of a store's points, chosen by the area that each
+//! represents, so that a scan's dense parts do not take the samples of its sparse ones (Ritschel et al. 2008 sample
+//! meshes evenly by area).
 //!
-//! They are chosen by their places: the same points give the same subset however they are ordered and parted into chunks (pages
-//! have another order than files), and points that come or go in one place change next to nothing elsewhere.
+//! The choice depends on the points' places: the same points give the same subset in whatever order and chunks (pages
+//! have another order than files), and points that come or go in one place change almost nothing elsewhere.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
@@ -14,31 +15,34 @@ use rayon::prelude::*;
 
 use crate::store::VisibleChunk;
 
-/// Shadow maps take turns at so many subsets, so that what one subset misses is not missing from all maps.
+/// The number of subsets. Shadow maps take turns at them, so that points that one subset lacks are not missing from all
+/// maps.
 const MOST_SUBSETS: usize = 8;
-/// Identity of what stands where a subset has no more points.
+/// The identity that fills a subset that has no more points.
 const NO_POINT: u32 = u32::MAX;
 
-/// A subset of the points, for shaders/vpl_shadow_splat.wgsl.
+/// The chosen points, for shaders/vpl_shadow_splat.wgsl.
 #[derive(Default)]
 pub(crate) struct Occluders {
-    /// Bits of the position from the origin, and the identity in the store. Point `slot * subsets + subset` is number `slot` of
-    /// a subset; subsets with fewer points than others end with some that have `NO_POINT`.
+    /// The bits of the position from the origin, and the identity in the store. Point `slot * subsets + subset` is
+    /// number `slot` of a subset; subsets with fewer points than others end with some that have `NO_POINT`.
     pub points: Vec<[u32; 4]>,
     pub subsets: u32,
-    /// Of a disc, such that those of one subset overlap as the points' own discs do at splat.size 1; world units.
+    /// The radius of a disc in world units, such that the discs of one subset overlap as the points' own discs do at
+    /// splat.size 1.
     pub radius: f32,
-    /// Of all surfaces, splat overlap included; square world units.
+    /// The area of all surfaces, splat overlap included, in square world units.
     pub area: f64,
 }
 
 impl Occluders {
-    /// Of the points that are shown, about `per_subset` in each subset, up to an eighth fewer, placed from `origin`; of so few one a cell.
+    /// Chooses from the shown points about `per_subset` for each subset, up to an eighth fewer, with positions relative
+    /// to `origin`; if there are fewer points, one per cell.
     ///
-    /// Cells no wider than samples lie apart each offer one point. Tile by tile of 8 x 8 x 8 cells, those that are taken are a
-    /// systematic sample over the summed squares of the splat radii, along the tile's Morton curve.
+    /// Cells at most as wide as the distance between samples offer one point each. Tile by tile of 8 x 8 x 8 cells, the
+    /// chosen ones are a systematic sample over the summed squares of the splat radii, along the tile's Morton curve.
     pub fn choose(chunks: &[VisibleChunk<'_>], origin: DVec3, per_subset: u32) -> Self {
-        // Of all radii, since that takes less time than one by one.
+        // A table of all radii, since that is faster than one by one.
         let squares: Vec<f64> = (0..=u16::MAX).map(|packed| unpack_radius(packed).map_or(0.0, square)).collect();
         let weight = |chunk: &VisibleChunk<'_>, index: usize| {
             let packed = chunk.points.radii.as_ref().map_or(NO_RADIUS, |radii| radii[index]);
@@ -57,7 +61,7 @@ impl Occluders {
         let points: usize = chunks.iter().map(|chunk| chunk.shown_points).sum();
         let subsets = (points / per_subset.max(1) as usize).clamp(1, MOST_SUBSETS);
         let count = (subsets * per_subset as usize).min(points);
-        // In eighths of an octave: it stays as it is while a few points come and go.
+        // In eighths of an octave, so that it stays the same while a few points come and go.
         let step = (((total / count as f64).log2() * 8.0).ceil() / 8.0).exp2();
         let lattice = Lattice::new(step);
         let units = STEP as f64 / step;
@@ -87,7 +91,8 @@ impl Occluders {
             for (_, cell) in cells {
                 let before = sum;
                 sum += cell.area;
-                // A cell that stands for more than a step gives one point, and so does the next; more are missed, not piled up.
+                // A cell that represents more than a step gives one point, and so does the next; further ones are
+                // skipped instead of accumulating.
                 owed = (owed + sum / STEP - before / STEP).min(2);
                 if owed > 0 || (points <= per_subset as usize && cell.area > 0) {
                     owed = owed.saturating_sub(1);
@@ -113,34 +118,36 @@ fn square(radius: f32) -> f64 {
     f64::from(radius) * f64::from(radius)
 }
 
-/// Units of area of a step from one sample to the next: whole numbers, whose sums do not depend on their order.
+/// The units of area per step from one sample to the next: integers, whose sums do not depend on their order.
 const STEP: u64 = 1 << 32;
-/// Cells along a tile, as a power of two.
+/// The binary logarithm of the number of cells along a tile.
 const TILE_BITS: u32 = 3;
-/// Cells along an axis that are told apart, as a power of two; those further on are taken for those at the beginning.
+/// The binary logarithm of the number of cells along an axis; further cells are identified with those at the beginning.
 const KEY_BITS: u32 = 21;
 const KEY_MASK: u64 = (1 << KEY_BITS) - 1;
 
-/// Where the world's origin lies among the cells, and the place in a cell whose nearest point it offers. No round numbers: points
-/// on a grid, and floors at round heights, lie neither on the sides of cells, where rounding would move them, nor equally near.
+/// The world's origin in cells, and the place in a cell whose nearest point it offers. The numbers are not round:
+/// points on a grid, and floors at round heights, are neither on the sides of cells, where rounding would move them,
+/// nor at equal distances.
 const SHIFT: DVec3 = DVec3::new(3.180_34, 4.414_21, 5.732_05);
 const MIDDLE: [f64; 3] = [0.414_2, 0.532_1, 0.618_0];
 
-/// Cells of the world. Their width is a power of two, half of what samples lie apart or up to twice that.
+/// The cells of the world. Their width is a power of two, from half the distance between samples up to twice that.
 struct Lattice {
     cells_per_unit: f64,
 }
 
 impl Lattice {
-    /// `step`: summed squares of splat radii from one sample to the next.
+    /// `step` is the sum of squared splat radii from one sample to the next.
     fn new(step: f64) -> Self {
         let apart = (PI * step).sqrt() / f64::from(SPLAT_OVERLAP);
         Self { cells_per_unit: (-apart.log2().floor()).exp2() }
     }
 
-    /// From offsets of a chunk's points to the cell, and the squared distance from its middle; `None` for what is nowhere.
+    /// Maps the offset of a chunk's point to its cell and the squared distance from the cell's middle; `None` for a
+    /// position that is not finite.
     fn placing(&self, origin: DVec3) -> impl Fn([f32; 3]) -> Option<(u64, f32)> {
-        // So that rounding toward zero is rounding down.
+        // The bias makes rounding toward zero the same as rounding down.
         const BIAS: f64 = (1 << 30) as f64;
         let cells_per_unit = self.cells_per_unit;
         let start = origin * cells_per_unit + SHIFT;
@@ -153,7 +160,7 @@ impl Lattice {
             let squared = (off[0] * off[0] + off[1] * off[1] + off[2] * off[2]) as f32;
             let [x, y, z]: [u64; 3] =
                 std::array::from_fn(|axis| first[axis].wrapping_add(cell[axis] as u64) & KEY_MASK);
-            // Written so that NaN is nowhere.
+            // The comparison is false for NaN.
             (squared < 3.0).then_some((x | y << KEY_BITS | z << (2 * KEY_BITS), squared))
         }
     }
@@ -162,9 +169,9 @@ impl Lattice {
 /// What is known of the points of a cell.
 #[derive(Clone, Copy)]
 struct Cell {
-    /// That all of them stand for.
+    /// The area that all of them represent.
     area: u64,
-    /// From the middle to the nearest of them, squared, in cells.
+    /// The squared distance from the middle to the nearest of them, in cells.
     distance: f32,
     chunk: u32,
     index: u32,
@@ -177,7 +184,7 @@ impl Cell {
         [x, y, z, chunk.first_identity + self.index]
     }
 
-    /// Tells points at one place apart, as far as that can be seen.
+    /// The normal and the colour, which distinguish points at one place if they differ.
     fn look(&self, chunks: &[VisibleChunk<'_>]) -> (Option<u32>, Option<[u8; 4]>) {
         let (chunk, index) = (chunks[self.chunk as usize].points, self.index as usize);
         (chunk.normals.as_ref().map(|normals| normals[index]), chunk.colors.as_ref().map(|colors| colors[index]))
@@ -199,7 +206,7 @@ impl Cells {
     }
 }
 
-/// The standard library's hash takes longer than all the rest.
+/// The standard library's hash takes longer than everything else here.
 #[derive(Default)]
 struct KeyHasher(u64);
 
@@ -219,7 +226,7 @@ impl Hasher for KeyHasher {
     }
 }
 
-/// Rank of a cell along the Morton curve.
+/// The rank of a cell along the Morton curve.
 fn morton(key: u64) -> u64 {
     let spread = |axis: u32| {
         let mut bits = key >> (axis * KEY_BITS) & KEY_MASK;
@@ -244,7 +251,7 @@ mod tests {
     #[derive(Clone, Copy, Debug, PartialEq)]
     struct Point {
         at: DVec3,
-        /// That it stands for.
+        /// The area that it represents.
         area: f64,
         color: [u8; 4],
     }
@@ -253,8 +260,8 @@ mod tests {
         cloud::hash(index) as f64 / u64::MAX as f64
     }
 
-    /// Hills of 100 by 100 at coordinates of seven digits, on a grid of millimetres, in rows. Beyond the middle there are four
-    /// times as many points.
+    /// Hills of 100 by 100 at coordinates of seven digits, on a grid of millimetres, in rows. Beyond the middle there
+    /// are four times as many points.
     fn hills(points: u64) -> Vec<Point> {
         let point = |index: u64| {
             let (x, is_dense) = (unit(3 * index), !index.is_multiple_of(5));
@@ -275,7 +282,7 @@ mod tests {
         points
     }
 
-    /// In chunks of `size` points, each told from its first.
+    /// Chunks of `size` points, each with its first point as the origin.
     fn chunks(points: &[Point], size: usize) -> Vec<Chunk> {
         let chunk = |points: &[Point]| {
             let origin = points[0].at.round();
@@ -308,7 +315,7 @@ mod tests {
         Occluders::choose(&visible, DVec3::ZERO, per_subset)
     }
 
-    /// The points of each slot of `chosen`, out of those that it was chosen from in chunks.
+    /// The points of each slot of `chosen`, taken from the points that it was chosen from.
     fn points_of(chosen: &Occluders, points: &[Point]) -> Vec<Option<Point>> {
         chosen.points.iter().map(|[.., identity]| points.get(*identity as usize).copied()).collect()
     }
@@ -329,7 +336,7 @@ mod tests {
             let places = |points: &[Option<Point>]| points.iter().map(|point| point.map(|point| point.at)).collect();
             let (places_of_one, places_of_two): (Vec<_>, Vec<_>) = (places(&one), places(&two));
             let moved = places_of_one.iter().zip(&places_of_two).filter(|(one, two)| one != two).count();
-            // Offsets of other chunks are rounded otherwise.
+            // Offsets in other chunks are rounded differently.
             assert!(moved * 1000 <= one.len(), "{moved} of {} points are others", one.len());
         }
         let together = chunks(&points, points.len());
@@ -359,7 +366,7 @@ mod tests {
                     .step_by(307)
                     .filter(|point| own.iter().any(|other| point.at.distance(*other) < f64::from(chosen.radius)));
                 let (seen, all) = (seen.count() as f64, points.iter().step_by(307).count() as f64);
-                // By chance 2 % would not be.
+                // Random points would leave 2 % uncovered.
                 assert!(seen / all > 0.995, "{} of the surface is covered", seen / all);
             }
         }

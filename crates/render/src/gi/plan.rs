@@ -1,5 +1,6 @@
-//! Which virtual light comes from where: how many each lamp, the sun and the sky give rise to, and the low-discrepancy numbers
-//! that place them. All of it is the same from frame to frame, and more lights take further numbers of the same sequence.
+//! Decides which light each virtual light comes from: how many each lamp, the sun and the sky give rise to, and the
+//! low-discrepancy numbers that place them. All of it is the same from frame to frame, and more lights take further
+//! numbers of the same sequence.
 
 use cloud::Bounds;
 use glam::{DVec2, DVec3, Vec3, Vec4};
@@ -12,17 +13,17 @@ use crate::lighting::MappedLight;
 /// An even sky.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sky {
-    /// Unit vector.
+    /// The up direction, a unit vector.
     pub up: DVec3,
-    /// Of a surface that faces up.
+    /// The irradiance of a surface that faces up.
     pub irradiance: f32,
 }
 
-/// A light that stands for a part of the sky.
+/// A light that represents a part of the sky.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SkyLight {
     toward: DVec3,
-    /// Its irradiance, of a surface that faces it, for each unit of the sky's.
+    /// The irradiance of a surface that faces it, per unit of the sky's irradiance.
     share: f64,
 }
 
@@ -39,7 +40,7 @@ impl SkyLight {
     }
 }
 
-/// A unit vector across `normal`, as `tangent_of` in shaders/shared/vpl.wgsl has it.
+/// A unit vector across `normal`, equal to `tangent_of` in shaders/shared/vpl.wgsl.
 pub(super) fn tangent(normal: Vec3) -> Vec3 {
     let side = if normal.z >= 0.0 { 1.0 } else { -1.0 };
     let a = -1.0 / (side + normal.z);
@@ -52,11 +53,11 @@ pub(super) struct LightPlan {
     pub bounces: u32,
     /// `VPL_TRIES` of each light of the first bounce: layer << 24 | texel of the shadow map.
     pub aims: Vec<u32>,
-    /// Of each lamp: flux of each of its virtual lights, for an intensity or irradiance of 1.
+    /// For each lamp, the flux of each of its virtual lights at an intensity or irradiance of 1.
     pub flux: Vec<f64>,
-    /// Of each virtual light, bounce by bounce: as shaders/vpl_bounce.wgsl has it.
+    /// For each virtual light, bounce by bounce, the values that shaders/vpl_bounce.wgsl reads.
     pub births: Vec<[u32; 4]>,
-    /// Some light of the first bounce comes from the sky.
+    /// Whether a light of the first bounce comes from the sky.
     pub has_sky_births: bool,
 }
 
@@ -90,7 +91,7 @@ impl LightPlan {
             plan.bounces = 0;
             return plan;
         }
-        // Which of the sources each light comes from, and how many came from it before.
+        // For each light its source, and how many lights came from that source before.
         let mut counts = vec![0_u32; weights.len()];
         let sources: Vec<(usize, u32)> = (0..gi.vpls)
             .map(|index| {
@@ -110,8 +111,8 @@ impl LightPlan {
         let sky_total: f64 = of_sky.iter().sum();
         for (source, number) in sources {
             let aims = (0..VPL_TRIES).map(|attempt| match fluxes.get(source) {
-                // Further tries come from another sequence, and far on in it: the misses of the first know nothing of its numbers.
-                // The step has no factor with its bases.
+                // Further tries come from another sequence, and far on in it, so that they do not depend on the numbers
+                // of the first, which missed. The step has no factor in common with its bases.
                 Some(flux) if attempt > 0 => (source as u32) << 24 | flux.texel(halton(number + attempt * 10_007)),
                 Some(flux) => (source as u32) << 24 | flux.texel(even(number)),
                 None => AIM_NONE,
@@ -127,7 +128,7 @@ impl LightPlan {
                 let parent = parent.unwrap_or(of_sky.len() - 1);
                 let [low, high] = rectangles[parent];
                 let map = low + (high - low) * halton(number);
-                // All carry the same flux: an area of their parent's map, as far as its brightness goes.
+                // All carry the same flux, which is expressed as an area of the parent's map.
                 let share = sky_total / f64::from(counts[sky_source]) / plan.sky[parent].share;
                 birth = [parent as u32, (map.x as f32).to_bits(), (map.y as f32).to_bits(), (share as f32).to_bits()];
             }
@@ -136,7 +137,8 @@ impl LightPlan {
         for bounce in 2..=gi.bounces {
             for index in 0..gi.vpls {
                 let parent = plan.sky.len() as u32 + (bounce - 2) * gi.vpls + index;
-                // Turned about the square by another irrational step for each bounce (Cranley and Patterson 1976).
+                // Each bounce shifts the numbers around the square by another irrational step (Cranley and Patterson
+                // 1976).
                 let turn = DVec2::new(0.754_877_666, 0.569_840_291) * f64::from(bounce - 1);
                 let numbers = (halton(index) + turn).fract().as_vec2();
                 plan.births.push([parent, numbers.x.to_bits(), numbers.y.to_bits(), 1_f32.to_bits()]);
@@ -146,7 +148,7 @@ impl LightPlan {
     }
 }
 
-/// Directions of an even sky; each stands for the same solid angle.
+/// The directions of an even sky; each represents the same solid angle.
 fn sky_lights(up: DVec3, count: u32) -> Vec<SkyLight> {
     let (right, forward) = up.any_orthonormal_pair();
     (0..count)
@@ -155,7 +157,7 @@ fn sky_lights(up: DVec3, count: u32) -> Vec<SkyLight> {
             let (height, turn) = (numbers.x, numbers.y * std::f64::consts::TAU);
             let across = (1.0 - height * height).max(0.0).sqrt();
             let toward = right * (across * turn.cos()) + forward * (across * turn.sin()) + up * height;
-            // An even sky of radiance L gives pi L to a surface that faces up, and its lights 2 pi L between them.
+            // An even sky of radiance L gives pi L to a surface that faces up, and its lights share 2 pi L.
             SkyLight { toward, share: 2.0 / f64::from(count) }
         })
         .collect()
@@ -165,7 +167,7 @@ fn area(low: DVec2, high: DVec2) -> f64 {
     (high.x - low.x) * (high.y - low.y)
 }
 
-/// What of a sky light's map the points lie in; map units, -1 to 1.
+/// The part of a sky light's map that contains the points, in map units from -1 to 1.
 fn rectangle_of_sky(toward: DVec3, origin: DVec3, radius: f64, bounds: Bounds) -> [DVec2; 2] {
     let normal = toward.as_vec3();
     let right = tangent(normal);
@@ -174,7 +176,7 @@ fn rectangle_of_sky(toward: DVec3, origin: DVec3, radius: f64, bounds: Bounds) -
     rectangle(bounds, |corner| DVec2::new((corner - origin).dot(right), (corner - origin).dot(up)), -1.0, 1.0)
 }
 
-/// The box around a box's corners on a plane, within `least` to `most`.
+/// The rectangle around the projections of a box's corners, clamped to `least` and `most`.
 fn rectangle(bounds: Bounds, place: impl Fn(DVec3) -> DVec2, least: f64, most: f64) -> [DVec2; 2] {
     let corners = (0..8).map(|index| {
         let part = DVec3::new(f64::from(index & 1), f64::from(index >> 1 & 1), f64::from(index >> 2 & 1));
@@ -185,13 +187,13 @@ fn rectangle(bounds: Bounds, place: impl Fn(DVec3) -> DVec2, least: f64, most: f
     [low, high].map(|corner| corner.clamp(DVec2::splat(least), DVec2::splat(most)))
 }
 
-/// How a lamp's flux, or the sun's, lies in its shadow map.
+/// The distribution of a lamp's flux, or the sun's, over its shadow map.
 enum Flux {
     Spot {
         flux: SpotFlux,
         focal: f64,
     },
-    /// Texels that the points lie in.
+    /// The texels that contain the points.
     Sun {
         low: DVec2,
         high: DVec2,
@@ -214,7 +216,7 @@ impl Flux {
         Self::Sun { low, high, focal }
     }
 
-    /// For an intensity or irradiance of 1.
+    /// The flux at an intensity or irradiance of 1.
     fn total(&self) -> f64 {
         match self {
             Self::Spot { flux, .. } => flux.total(),

@@ -1,8 +1,8 @@
-//! Where virtual lights come from: low-discrepancy numbers, and the directions of a spot light's flux.
+//! Low-discrepancy numbers that place virtual lights, and the directions of a spot light's flux.
 
 use glam::{DVec2, DVec3};
 
-/// Radical inverse of `index` (Halton 1960), 0 to 1.
+/// The radical inverse of `index` (Halton 1960), 0 to 1.
 pub(crate) fn radical_inverse(base: u32, mut index: u32) -> f64 {
     let (mut value, mut scale) = (0.0, 1.0);
     while index > 0 {
@@ -13,33 +13,35 @@ pub(crate) fn radical_inverse(base: u32, mut index: u32) -> f64 {
     value
 }
 
-/// Point `index` of the plane's Halton sequence. Any run of neighbours is spread over the unit square: interleaved pixels are
-/// lit by such runs.
+/// Point `index` of the plane's Halton sequence. Any run of neighbours is spread over the unit square: interleaved
+/// pixels are lit by such runs.
 pub(crate) fn halton(index: u32) -> DVec2 {
-    // The sequence starts in the corner (0, 0): left out.
+    // The sequence's first point, in the corner (0, 0), is left out.
     DVec2::new(radical_inverse(2, index + 1), radical_inverse(3, index + 1))
 }
 
-/// Point `index` of the plane's R2 sequence (Roberts 2018): it keeps its points farther apart than Halton's does, and what stands
-/// near to a lit surface sees how evenly its lights are spread. Any run of neighbours is spread over the unit square, too.
+/// Point `index` of the plane's R2 sequence (Roberts 2018). It keeps its points farther apart than Halton's does, and a
+/// surface near to a lit one shows how evenly the lights are spread. Any run of neighbours is spread over the unit
+/// square, too.
 pub(crate) fn even(index: u32) -> DVec2 {
     // Powers of 1 over the root of x^3 = x + 1.
     let steps = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
     (steps * f64::from(index) + 0.5).fract()
 }
 
-/// Sends numbers to directions as a spot light sends out its flux.
+/// Maps numbers to directions distributed like a spot light's flux.
 pub(crate) struct SpotFlux {
-    /// Flux within each of equal steps of the angle, summed up; the last is all of it, for an intensity of 1.
+    /// The cumulated flux over equal steps of the angle; the last entry is the whole flux, for an intensity of 1.
     sums: Vec<f64>,
     outer: f64,
 }
 
 impl SpotFlux {
-    /// Steps of the angle; between them the flux is taken to be even.
+    /// The number of steps of the angle; within a step the flux is taken to be even.
     const STEPS: usize = 1024;
 
-    /// Even within the angle `inner` from the axis, falling linearly to nothing at `outer`; radians.
+    /// The flux of a light that is even within the angle `inner` from the axis and falls linearly to nothing at
+    /// `outer`; radians.
     pub fn new(inner: f64, outer: f64) -> Self {
         let mut sum = 0.0;
         let sums = (0..Self::STEPS)
@@ -53,14 +55,14 @@ impl SpotFlux {
         Self { sums, outer }
     }
 
-    /// Flux of a light of intensity 1.
+    /// The flux of a light of intensity 1.
     pub fn total(&self) -> f64 {
         self.sums.last().copied().unwrap_or(0.0)
     }
 
-    /// Unit vector; z along the axis.
+    /// The direction for two numbers, a unit vector; z is along the axis.
     pub fn direction(&self, numbers: DVec2) -> DVec3 {
-        // From square to disc with little stretch (Shirley and Chiu 1997): what is spread evenly stays so.
+        // From square to disc with little distortion (Shirley and Chiu 1997): even distributions stay even.
         let side = numbers * 2.0 - 1.0;
         let is_wide = side.x.abs() > side.y.abs();
         let (radius, other) = if is_wide { (side.x, side.y) } else { (side.y, side.x) };
@@ -84,7 +86,7 @@ mod tests {
     fn flux_is_that_of_the_closed_form_and_directions_follow_it() {
         let (inner, outer) = (20f64.to_radians(), 25f64.to_radians());
         let flux = SpotFlux::new(inner, outer);
-        // Integral of sin a within the inner cone, and of (outer - a) / (outer - inner) sin a beyond.
+        // The integral of sin a within the inner cone, and of (outer - a) / (outer - inner) sin a beyond.
         let ring = inner.cos() - (outer.sin() - inner.sin()) / (outer - inner);
         let expected = std::f64::consts::TAU * ((1.0 - inner.cos()) + ring);
         assert!((flux.total() / expected - 1.0).abs() < 1e-4, "{} instead of {expected}", flux.total());

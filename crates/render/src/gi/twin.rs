@@ -1,4 +1,4 @@
-//! CPU twin of `shaders/shared/vpl.wgsl` and `shaders/indirect.wgsl`, and what is claimed of both.
+//! A CPU twin of `shaders/shared/vpl.wgsl` and `shaders/indirect.wgsl`, and tests of both.
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 
@@ -29,7 +29,7 @@ fn distance_of_code(lights: &Virtual, kind: f32, code: u32) -> f32 {
     lights.nearest * (steps / lights.steps).exp2()
 }
 
-/// Origin and direction of a texel's look into the scene; `map`: -1 to 1.
+/// The origin and direction of the ray through a place of a light's map; `map` is -1 to 1.
 fn ray_of_map(lights: &Virtual, light: &Vpl, map: Vec2) -> (Vec3, Vec3) {
     let (normal, tangent) = (light.normal.xyz(), light.tangent.xyz());
     let bitangent = normal.cross(tangent);
@@ -40,7 +40,7 @@ fn ray_of_map(lights: &Virtual, light: &Vpl, map: Vec2) -> (Vec3, Vec3) {
     (light.position.xyz(), tangent * direction.x + bitangent * direction.y + normal * direction.z)
 }
 
-/// Place in the light's map, and distance.
+/// The place of a point in the light's map, and its distance.
 fn point_in_map(lights: &Virtual, light: &Vpl, point: Vec3) -> (Vec2, f32) {
     let (normal, tangent) = (light.normal.xyz(), light.tangent.xyz());
     let bitangent = normal.cross(tangent);
@@ -54,7 +54,7 @@ fn point_in_map(lights: &Virtual, light: &Vpl, point: Vec3) -> (Vec2, f32) {
     (map_from_direction(Vec3::new(tangent.dot(direction), bitangent.dot(direction), z)), offset.length())
 }
 
-/// Whether light `index` sees the surface at `at`, by its shadow map.
+/// Whether light `index` sees the surface at `at`, according to its shadow map.
 fn is_seen(lights: &Virtual, maps: &[u32], index: usize, light: &Vpl, at: Vec3, normal: Vec3, bias: f32) -> bool {
     let (map, distance) = point_in_map(lights, light, at);
     let size = lights.map_size as f32;
@@ -67,7 +67,7 @@ fn is_seen(lights: &Virtual, maps: &[u32], index: usize, light: &Vpl, at: Vec3, 
     code == 0 || distance_of_code(lights, light.normal.w, code >> 16) >= expected - bias * lights.disc_radius
 }
 
-/// Irradiance of a diffuse surface by all of the lights, for spherical lights without a clamp.
+/// The irradiance of a diffuse surface by all lights, for spherical lights without a clamp.
 fn irradiance(lights: &Virtual, vpls: &[Vpl], maps: &[u32], at: Vec3, normal: Vec3, bias: f32) -> Vec3 {
     let of_light = |(index, light): (usize, &Vpl)| {
         let is_sky = light.normal.w == VPL_SKY;
@@ -91,14 +91,14 @@ fn irradiance(lights: &Virtual, vpls: &[Vpl], maps: &[u32], at: Vec3, normal: Ve
     vpls.iter().enumerate().map(of_light).sum()
 }
 
-/// Cosines over squared distance of a near light, which is taken for a square.
+/// The cosines over squared distance of a near light, which is taken for a square.
 fn transfer_of_square(light: &Vpl, offset: Vec3, normal: Vec3) -> f32 {
     let (light_normal, tangent) = (light.normal.xyz(), light.tangent.xyz());
     let half = 0.9 * (std::f32::consts::PI * light.position.w).sqrt();
     let across = light_normal.cross(tangent);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
         .map(|(x, y): (f32, f32)| offset + (tangent * x + across * y) * half);
-    // What of it lies above the surface (Sutherland and Hodgman 1974).
+    // The part of it above the surface (Sutherland and Hodgman 1974).
     let mut above = Vec::new();
     for (before, corner) in (0..4).map(|index| (corners[(index + 3) % 4], corners[index])) {
         let (from, to) = (normal.dot(before), normal.dot(corner));
@@ -118,16 +118,16 @@ fn transfer_of_square(light: &Vpl, offset: Vec3, normal: Vec3) -> f32 {
     light.abs() / area.abs().max(1e-20)
 }
 
-/// What the GPU has placed.
+/// The virtual lights that the GPU has placed.
 pub(super) struct Placed {
     pub lights: Virtual,
-    /// World position that all others are told from.
+    /// The world position to which all others are relative.
     pub origin: DVec3,
     pub vpls: Vec<Vpl>,
     pub maps: Vec<u32>,
 }
 
-/// What the tests on the GPU share: drivers compile each pass for a while.
+/// The GPU that the tests share: drivers take a while to compile each pass.
 struct TestGpu {
     gpu: Arc<Gpu>,
     renderer: Renderer,
@@ -205,7 +205,7 @@ fn virtual_lights_carry_the_lamp_s_flux_and_stand_where_it_shines() {
         assert!((at - light.position).normalize().dot(axis) > outer.cos() - 1e-4);
         let off = (DVec3::new(1.0, 1.0, 2.0) - at.abs()).abs().min_element();
         assert!(off < 1e-3, "{at} is not on a wall");
-        // Of the right wall's green, which is one number; other surfaces have others.
+        // Only the right wall's green, which is one number; other surfaces have others.
         if at.x > 0.999 {
             sum += f64::from(vpl.intensity.y) * std::f64::consts::PI / 0.45 / (flux / 256.0);
         }
@@ -260,9 +260,10 @@ fn a_surface_is_lit_as_the_twin_says_by_lamps_and_by_the_sky() {
             let light = irradiance(&lights, &vpls, &maps, shown.at[pixel], shown.normal[pixel], 1.0);
             let expected = shown.albedo[pixel] * light * std::f32::consts::FRAC_1_PI;
             compared += 1;
-            // Half floats; and a ray that grazes a texel's border may fall on either side of it.
+            // The differences come from half floats, and from rays that graze a texel's border and may fall on either
+            // side of it.
             let most = 0.004 * expected.max_element() + 1e-5;
-            // Written so that NaN differs.
+            // The comparison is false for NaN.
             let is_same = (shown.indirect[pixel] - expected).abs().max_element() <= most;
             differing += usize::from(!is_same);
             lit += usize::from(expected.max_element() > 1e-3);
@@ -281,7 +282,7 @@ fn shadow_maps_are_wrong_about_few_pairs_of_pixel_and_light() {
     stage.render(&store, &settings(&[("gi.interleave", "1")]), &[five_mirrors::light()]);
     let Placed { lights, origin, vpls, maps } = stage.placed();
     let shown = stage.shown(origin);
-    // The box hides nothing from itself; the sphere stands in its middle.
+    // The box hides nothing from itself; the sphere is in its middle.
     let (center, radius) = ((DVec3::ZERO - origin).as_vec3(), 0.43);
     let is_hidden = |from: Vec3, to: Vec3| {
         let along = (to - from).normalize();

@@ -1,5 +1,5 @@
-//! CPU twin of shaders/shared/beam.wgsl, with the same local names: what hierarchical SSCR culls whole nodes by. No true root
-//! may be culled, so the bound is proven here by rays, and the shader is compared with the twin.
+//! A CPU twin of shaders/shared/beam.wgsl, with the same local names: the bound by which hierarchical SSCR culls whole
+//! nodes. No true root may be culled, so the tests prove the bound by rays and compare the shader with the twin.
 
 use glam::Vec3;
 
@@ -11,7 +11,7 @@ struct Beam {
     direction_high: Vec3,
 }
 
-/// Where, at the earliest, a ray of the beam can enter a box; negative: no ray can.
+/// The earliest distance at which a ray of the beam can enter a box; negative if no ray can.
 fn beam_entry(beam: &Beam, low: Vec3, high: Vec3) -> f32 {
     let least = low - beam.origin_high;
     let most = high - beam.origin_low;
@@ -39,7 +39,7 @@ fn beam_entry(beam: &Beam, low: Vec3, high: Vec3) -> f32 {
     if is_possible && entry <= exit * 1.00001 { entry } else { -1.0 }
 }
 
-/// Extent of the beam across at a distance.
+/// The extent of the beam across at a distance.
 fn beam_width(beam: &Beam, distance: f32) -> f32 {
     let across = (beam.origin_high - beam.origin_low) + (beam.direction_high - beam.direction_low) * distance;
     across.max_element()
@@ -57,13 +57,13 @@ mod tests {
         [range.clone(), range.clone(), range].prop_map(Vec3::from)
     }
 
-    /// Widths from none to that of a tile at a silhouette.
+    /// Widths from zero to that of a tile at a silhouette.
     fn width() -> impl Strategy<Value = Vec3> {
         (vector(0.0..=1.0), prop::sample::select(vec![0.0, 1e-6, 1e-3, 0.1, 1.0])).prop_map(|(v, scale)| v * scale)
     }
 
     prop_compose! {
-        /// Directions along an axis, where a component is zero, among them.
+        /// Some directions are along an axis, so a component is zero.
         fn beam()(
             origin in vector(-5.0..=5.0),
             origin_width in width(),
@@ -81,7 +81,7 @@ mod tests {
         }
     }
 
-    /// Between two corners; rounding cannot leave them.
+    /// A point between two corners; rounding cannot move it outside.
     fn between(low: Vec3, high: Vec3, share: Vec3) -> Vec3 {
         (low + (high - low) * share).clamp(low, high)
     }
@@ -92,7 +92,7 @@ mod tests {
         beam: Beam,
         origin: Vec3,
         direction: Vec3,
-        /// Along the ray to the box.
+        /// The distance along the ray to the box.
         distance: f32,
         low: Vec3,
         high: Vec3,
@@ -140,7 +140,7 @@ mod tests {
             if let Some(truth) = ray_entry(origin, direction, low, high) {
                 let entry = beam_entry(&beam, low, high);
                 prop_assert!(entry >= 0.0, "culled: {:?}", case);
-                // Single precision divides to a ten-millionth.
+                // Division in single precision is exact to a ten-millionth.
                 prop_assert!(f64::from(entry) <= truth * (1.0 + 1e-6), "{} after {}: {:?}", entry, truth, case);
             }
         }
@@ -157,7 +157,7 @@ mod tests {
                     + between(beam.direction_low, beam.direction_high, direction) * distance
             };
             let apart = (at(a, b) - at(c, d)).abs().max_element();
-            // Rounding of positions up to 20.
+            // The rounding of positions up to 20.
             prop_assert!(apart <= beam_width(&beam, distance) + 1e-5, "{} apart", apart);
         }
     }
@@ -175,7 +175,7 @@ mod tests {
         for beside in [Vec3::Z * -1.0, Vec3::X * 1.0, Vec3::new(1.0, 0.0, 5.0), Vec3::new(0.0, -1.0, 5.0)] {
             assert!(around(beside) < 0.0, "{beside}");
         }
-        // One axis along which nothing moves.
+        // Along one axis nothing moves.
         let level = Beam { direction_low: Vec3::X, direction_high: Vec3::X, ..beam };
         assert!(beam_entry(&level, Vec3::new(3.0, -1.0, 0.0), Vec3::new(4.0, 1.0, 1.0)) > 2.8);
         assert!(beam_entry(&level, Vec3::new(3.0, 0.2, 0.0), Vec3::new(4.0, 1.0, 1.0)) < 0.0);
@@ -249,7 +249,7 @@ mod tests {
         let mut met = 0;
         for (Case { beam, distance, low, high, .. }, [entry, width]) in cases.iter().zip(results) {
             let expected = (beam_entry(beam, *low, *high), beam_width(beam, *distance));
-            // Vulkan lets a division be two and a half units in the last place off.
+            // Vulkan allows an error of two and a half units in the last place for a division.
             let is_close = |a: f32, b: f32| (a - b).abs() <= b.abs() * 1e-6;
             assert!(
                 is_close(entry, expected.0) && is_close(width, expected.1),

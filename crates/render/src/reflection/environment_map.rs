@@ -1,12 +1,12 @@
-//! Environment maps (Blinn, Newell 1976; as cubes Greene 1986), the cheap baseline: what a mirror shows in a direction
-//! is what is seen in that direction from its middle. Right for what is far away; what is near is seen from the wrong
+//! Environment maps (Blinn, Newell 1976; as cubes Greene 1986), the cheap baseline: a mirror shows in a direction what
+//! is seen in that direction from its middle. That is right for distant points; near ones are seen from the wrong
 //! place.
 //!
 //! A map is six pictures, splatted from the points around a mirror by the passes that make the camera's picture. It
-//! knows nothing of the camera and is kept until points, mirrors or splats change. A texel holds which point is nearest,
-//! so colours may change, and what is reported as seen is a place on that point's disc, however far from the reflected
-//! ray it lies. By the box proxy a direction is turned first, to where the reflected ray leaves the box about all points
-//! (Lagarde, Zanuttini 2012): exact for an empty box.
+//! does not depend on the camera and is kept until points, mirrors or splats change. A texel holds the identity of the
+//! nearest point, so colours may change. The position reported for a pixel is on that point's disc, however far from
+//! the reflected ray. With the box proxy a direction is first turned to where the reflected ray leaves the box about
+//! all points (Lagarde, Zanuttini 2012), which is exact for an empty box.
 
 use glam::{DMat3, DVec3};
 use scene::{MirrorSurface, Quality, Settings, Splat};
@@ -23,11 +23,11 @@ use crate::recorder::Recorder;
 use crate::store::draw_list::Selection;
 use crate::targets::storage;
 
-/// Maps of a frame; more would not fit memory at the largest size. Further mirrors take the map whose middle is nearest
-/// to their own.
+/// The most maps of a frame; more would not fit in memory at the largest size. Further mirrors use the map whose middle
+/// is nearest to their own.
 const MOST_MAPS: u64 = 8;
 
-/// The maps, with what they were drawn from.
+/// The maps, with the inputs from which they were drawn.
 #[derive(Default)]
 pub(crate) struct EnvironmentMap {
     /// Six faces a map, each laid out as the camera's `nearest`.
@@ -35,14 +35,14 @@ pub(crate) struct EnvironmentMap {
     drawn: Option<Drawn>,
 }
 
-/// What maps depend on.
+/// The inputs of the maps.
 #[derive(PartialEq)]
 struct Drawn {
     revision: u64,
     splat: Splat,
     surface: MirrorSurface,
     size: u32,
-    /// Of each map: the cloud that it does not show, and its middle.
+    /// For each map, the cloud that it does not show, and its middle.
     maps: Vec<(Option<CloudId>, DVec3)>,
 }
 
@@ -51,7 +51,7 @@ impl EnvironmentMap {
         self.maps.as_ref().map_or(0, wgpu::Buffer::size)
     }
 
-    /// Maps are drawn anew for the next frame.
+    /// Makes the next frame draw the maps anew.
     pub fn forget(&mut self) {
         self.drawn = None;
     }
@@ -66,7 +66,7 @@ impl EnvironmentMap {
         let mapped = &places[..places.len().min(most as usize)];
         let drawn = Drawn {
             revision: task.store.geometry_revision(),
-            // The same passes draw them whatever the picture's quality, which changes whenever the camera begins to move.
+            // The maps do not depend on the picture's quality, which changes whenever the camera begins to move.
             splat: Splat { quality: Quality::Nearest, ..task.settings.splat.clone() },
             surface: task.settings.mirror.surface,
             size,
@@ -108,7 +108,7 @@ impl EnvironmentMap {
     }
 }
 
-/// Splats the points around each mirror, all but its own.
+/// Splats the points around each mirror, all but the mirror's own.
 fn draw(
     recorder: &mut Recorder<'_>,
     task: &Task<'_>,
@@ -140,14 +140,14 @@ fn draw(
     Ok(())
 }
 
-/// How a face of a map is seen from its middle: 0 to 2 along an axis, 3 to 5 against it; the two axes after it point
-/// right and up.
+/// The camera of a face of a map, at the map's middle: faces 0 to 2 look along an axis, 3 to 5 against it; the two axes
+/// after it point right and up.
 fn face_camera(center: DVec3, mirror_radius: f64, face: usize, size: u32) -> FrameCamera {
     let axis = |index: usize| DVec3::AXES[(face + index) % 3];
     let forward = if face < 3 { axis(0) } else { -axis(0) };
     FrameCamera {
         view_from_world: DMat3::from_cols(axis(1), axis(2), forward).transpose(),
-        // So near lies only the mirror itself. One without extent must not divide by a depth of zero.
+        // Only the mirror itself is this near. A mirror without extent must not cause a division by a depth of zero.
         near: (mirror_radius * 1e-4).max(f64::from(f32::MIN_POSITIVE)),
         ..FrameCamera::along(center, forward, f64::from(size) * 0.5, [size; 2])
     }
@@ -168,8 +168,8 @@ mod tests {
             let camera = face_camera(center, 1.0, face, 64);
             let view = camera.view_from_world * direction;
             assert!((view.length() - direction.length()).abs() < 1e-12);
-            // The two functions of the shader: the depth is the largest part, and the slopes are those of the parts
-            // after it.
+            // The two functions of the shader: the depth is the largest component, and the slopes are those of the
+            // components after it.
             assert!((view.z - direction[largest].abs()).abs() < 1e-12);
             let slopes = [1, 2].map(|after| direction[(largest + after) % 3] / direction[largest].abs());
             assert!(slopes.iter().all(|slope| slope.abs() <= 1.0));

@@ -1,4 +1,4 @@
-//! Mirrors that are drawn by their formula, a ray a pixel: which, and what the shaders are told of them.
+//! Mirrors that are drawn by their formula, a ray a pixel: selects them and uploads them.
 
 use glam::{DMat3, DVec3, Vec4};
 use scene::{Mirror, Settings, Shape};
@@ -7,7 +7,7 @@ use crate::gpu::Gpu;
 use crate::layout::{BLOB, CORAL, FormulaMirror, PARABOLOID, PLANE, SPHERE, TORUS};
 use crate::targets::storage;
 
-/// The mirrors that are drawn by their formula; none: nothing to draw.
+/// Uploads the mirrors that are drawn by their formula; `None` if there are none.
 pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DVec3) -> Option<wgpu::Buffer> {
     let exact = mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points));
     let mirrors: Vec<FormulaMirror> = exact.map(|mirror| formula(mirror, eye)).collect();
@@ -20,7 +20,7 @@ pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DV
     Some(buffer)
 }
 
-/// Spheres that hold the mirrors that are drawn by their formula.
+/// The bounding spheres of the mirrors that are drawn by their formula.
 pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl Iterator<Item = (DVec3, f64)> {
     let exact = mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points));
     exact.map(|mirror| (mirror.position, f64::from(formula(mirror, mirror.position).position_reach.w)))

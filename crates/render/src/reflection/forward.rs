@@ -1,7 +1,9 @@
-//! The back end of forward methods: points that know the pixel in which they are reflected become a Mirror G-Buffer (Preiner
-//! 2010, sections 3.6, 3.7, 4.5 and 4.6). Depth pass, visibility pass with accumulation, average, pull-push closing.
+//! The back end of forward methods: turns points with known mirror pixels into a Mirror G-Buffer (Preiner 2010,
+//! sections 3.6, 3.7, 4.5 and 4.6). Its passes are the depth pass, the visibility pass with accumulation, the average,
+//! and pull-push closing.
 //!
-//! A method solves for the points of each page and leaves what it finds in `Forward::solutions`; all else happens here.
+//! A method solves for the points of each page and writes its results to `Forward::solutions`; everything else happens
+//! here.
 
 use std::collections::HashMap;
 
@@ -13,28 +15,29 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::storage;
 
-/// Pixels along an edge that `pack_place` in shaders/shared/mirror_splat.wgsl reaches.
+/// The longest edge in pixels that `pack_place` in shaders/shared/mirror_splat.wgsl supports.
 const LONGEST_EDGE: u32 = 16_384;
-/// Bytes a pixel of positions.
+/// The size of a pixel of positions in bytes.
 const POSITION_BYTES: u64 = 16;
-/// Levels above the picture itself, as published.
+/// The number of levels above the picture itself, as published.
 const PULL_LEVELS: u32 = 4;
 
-/// Solutions of the points of one page: a page is solved for several times if its points are tried in several regions.
+/// Identifies the solutions of the points of one page: a page is solved several times if its points are tried in
+/// several regions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct SolutionKey {
-    /// Number of the page in the store.
+    /// The number of the page in the store.
     pub page: usize,
     pub round: u32,
-    /// Kept apart only where solutions outlive their bounce.
+    /// The bounce, if solutions outlive their bounce; else 0.
     pub bounce: usize,
 }
 
-/// What the back end keeps from frame to frame.
+/// The state of the back end that is kept from frame to frame.
 pub(crate) struct Forward {
     size: [u32; 2],
     pub solutions: HashMap<SolutionKey, wgpu::Buffer>,
-    /// Nearness of the nearest reflected point of each pixel.
+    /// The nearness of the nearest reflected point of each pixel.
     nearest: wgpu::Buffer,
     sums: wgpu::Buffer,
     carries: wgpu::Buffer,
@@ -85,8 +88,10 @@ impl Forward {
         buffers + self.pyramids.iter().map(Pyramid::bytes).sum::<u64>()
     }
 
+    /// Makes the buffers for pictures of `size`.
+    ///
     /// # Errors
-    /// A picture too large for the adapter, or with an edge longer than places are kept for.
+    /// A picture too large for the adapter, or with an edge longer than `LONGEST_EDGE`.
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
         let row = |edge: u32| u64::from(edge) * POSITION_BYTES;
         check_size(gpu, "a row of reflections", row(size[0].max(size[1])), row(LONGEST_EDGE))?;
@@ -111,8 +116,8 @@ impl Forward {
         self.solutions.clear();
     }
 
-    /// Makes room for the solutions of each page's points; those of pages, rounds and bounces that are no more go. `bounces` is
-    /// how many are kept apart.
+    /// Makes room for the solutions of each page's points, and drops those of pages, rounds and bounces that no longer
+    /// exist. `bounces` is the number of bounces whose solutions are kept apart.
     ///
     /// # Errors
     /// No more memory.
@@ -135,13 +140,13 @@ impl Forward {
         })
     }
 
-    /// Where the solutions of a page's points are kept.
+    /// The binding of the solutions of a page's points.
     pub fn bind_solutions(&self, page: &PageInputs, round: u32, bounce: usize) -> Option<wgpu::BindingResource<'_>> {
         let key = SolutionKey { page: page.number, round, bounce };
         self.solutions.get(&key).map(wgpu::Buffer::as_entire_binding)
     }
 
-    /// Before the first depth pass of a bounce.
+    /// Prepares the buffers for the first depth pass of a bounce.
     pub fn clear(&self, recorder: &mut Recorder<'_>) {
         [&self.nearest, &self.sums, &self.carries].into_iter().for_each(|buffer| recorder.clear(buffer));
     }
@@ -160,7 +165,8 @@ impl Forward {
         })
     }
 
-    /// Adds up what is near enough to the nearest, of one round's solutions; after the depth passes of all rounds.
+    /// Accumulates the solutions of one round that are near enough to the nearest; runs after the depth passes of all
+    /// rounds.
     ///
     /// # Errors
     /// The shader is refused.
@@ -176,7 +182,7 @@ impl Forward {
         })
     }
 
-    /// Averages the sums and closes what is left open, into the task's Mirror G-Buffer.
+    /// Averages the sums and closes open pixels, into the task's Mirror G-Buffer.
     ///
     /// # Errors
     /// A shader is refused.
@@ -219,7 +225,7 @@ impl Forward {
     }
 }
 
-/// A storage buffer that a method needs for a picture.
+/// Makes a storage buffer that a method needs for a picture.
 ///
 /// # Errors
 /// More than the adapter can bind.
@@ -228,8 +234,10 @@ pub(crate) fn picture_buffer(gpu: &Gpu, what: &'static str, bytes: u64) -> Resul
     Ok(storage(&gpu.device, what, bytes))
 }
 
+/// Checks the size of a resource of a picture.
+///
 /// # Errors
-/// More bytes for a picture than the limit.
+/// `bytes` exceeds `limit`.
 pub(crate) fn check_size(gpu: &Gpu, what: &'static str, bytes: u64, limit: u64) -> Result<()> {
     if bytes > limit {
         let adapter = gpu.info.name.clone();

@@ -1,5 +1,5 @@
-//! What methods share that take each mirror pixel to a point: the nearest hit of its reflected ray, if they look for that, and
-//! the Mirror G-Buffer made of what was found.
+//! Shared parts of the methods that take each mirror pixel to a point: the nearest hit of its reflected ray, for
+//! methods that trace it, and the Mirror G-Buffer made of the points found.
 
 use super::task::{MirrorGBuffer, Task};
 use crate::gpu::Result;
@@ -12,9 +12,9 @@ use crate::targets::{Image, storage};
 pub(crate) struct Gather {
     /// Four words a pixel; see shaders/surfel_trace.wgsl.
     pub hits: wgpu::Buffer,
-    /// z: nodes and discs that each ray was tested against, while that is shown.
+    /// z: the number of nodes and discs against which each ray was tested, while that is shown.
     pub views: Image,
-    /// As found, and half closed.
+    /// The Mirror G-Buffer as found, and half closed.
     found: [MirrorGBuffer; 2],
 }
 
@@ -49,11 +49,11 @@ impl Gather {
         })
     }
 
-    /// Takes what `fill` writes for the points that were found, closes pixels beside them, and puts mirrors with a formula before
-    /// it.
+    /// Takes what `fill` writes for the points found, closes pixels beside them, and puts mirrors with a formula in
+    /// front.
     ///
     /// # Errors
-    /// A shader is refused, or what `fill` says.
+    /// A shader is refused, or the error of `fill`.
     pub fn complete(
         &self,
         recorder: &mut Recorder<'_>,

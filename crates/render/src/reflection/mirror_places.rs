@@ -1,5 +1,5 @@
-//! The mirrors of a scene one by one, for methods that look at the scene from each of them, and what shaders are told of
-//! them to find the mirror that a place lies on.
+//! Lists the mirrors of a scene, for methods that look at the scene from each of them, and uploads them so that shaders
+//! find the mirror on which a place lies.
 
 use cloud::{Bounds, Chunk, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec4};
@@ -11,21 +11,22 @@ use crate::layout::{MappedMirror, MappedMirrors, NEAREST_BYTES};
 use crate::store::ShownPoints;
 use crate::targets::storage;
 
-/// Points of a mirror that stand for all of it: enough for a mean that is right to a few hundredths of the mirror's size.
+/// The most points that represent a mirror: enough for a mean that is right to a few hundredths of the mirror's size.
 const MOST_SAMPLES: usize = 1024;
 
 /// A mirror of the scene.
 #[derive(Clone, Debug)]
 pub(crate) struct MirrorPlace {
-    /// The cloud of its points; none where it is drawn by its formula.
+    /// The cloud of its points; `None` if it is drawn by its formula.
     pub cloud: Option<CloudId>,
-    /// Of its splats, world coordinates.
+    /// The bounds of its splats in world coordinates.
     pub bounds: Bounds,
-    /// Places and unit normals of some of its points, spread over it.
+    /// The places and unit normals of some of its points, spread over it.
     pub samples: Vec<(DVec3, DVec3)>,
 }
 
-/// All mirrors that reflect and are shown: first the clouds, in their order, then those that are drawn by their formula.
+/// All mirrors that reflect and are shown: first the clouds, in their order, then those that are drawn by their
+/// formula.
 pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
     let splat_size = f64::from(task.settings.splat.size);
     let of_cloud = |(cloud, ids): (CloudId, Vec<_>)| {
@@ -52,12 +53,12 @@ fn widened(bounds: Bounds, by: f64) -> Bounds {
     Bounds { min: bounds.min - by, max: bounds.max + by }
 }
 
-/// Chunks of which all points are shown.
+/// Chunks whose points are all shown.
 pub(crate) fn whole(chunks: &[Chunk]) -> Vec<(&Chunk, ShownPoints<'_>)> {
     chunks.iter().map(|chunk| (chunk, ShownPoints::default())).collect()
 }
 
-/// At most `MOST_SAMPLES` points, evenly among those of the chunks; without those that are hidden or have no normal.
+/// At most `MOST_SAMPLES` points, evenly among those of the chunks, without those that are hidden or have no normal.
 pub(crate) fn samples(chunks: &[(&Chunk, ShownPoints<'_>)]) -> Vec<(DVec3, DVec3)> {
     let count: usize = chunks.iter().map(|(chunk, _)| chunk.len()).sum();
     let step = count.div_ceil(MOST_SAMPLES).max(1);
@@ -75,20 +76,20 @@ pub(crate) fn samples(chunks: &[(&Chunk, ShownPoints<'_>)]) -> Vec<(DVec3, DVec3
     samples
 }
 
-/// Bytes of a picture of texels that are laid out as the camera's `nearest`, such that one may follow the other in a
-/// buffer: adapters want the start of a binding at a multiple of 256 bytes, which are 32 texels.
+/// The size in bytes of a picture of texels that are laid out as the camera's `nearest`, such that several may follow
+/// one another in a buffer: adapters require that a binding starts at a multiple of 256 bytes, which are 32 texels.
 pub(crate) fn map_bytes([width, height]: [u32; 2]) -> u64 {
     (u64::from(width) * u64::from(height)).next_multiple_of(32) * NEAREST_BYTES
 }
 
-/// What a shader is told of a mirror beside its box: the number of its map and where that is seen from, or how.
+/// A shader's data of a mirror besides its box: the number of its map and from where, or how, that is seen.
 pub(crate) struct MirrorMap {
     pub map: usize,
     pub view: Vec4,
 }
 
-/// The mirrors as shaders/shared/mirror_places.wgsl has them, with their maps. `scene`: box of all points. `map_of`: a mirror's map, by
-/// its number among `places`; none: nothing is seen in it.
+/// Uploads the mirrors in the layout of shaders/shared/mirror_places.wgsl, with their maps. `scene` is the box of all
+/// points. `map_of` returns a mirror's map by its index in `places`; a mirror without one shows nothing.
 pub(crate) fn upload(
     gpu: &Gpu,
     places: &[MirrorPlace],
@@ -106,7 +107,7 @@ pub(crate) fn upload(
         mirrors.push(MappedMirror { low_map, high: relative(place.bounds.max).extend(0.0), view });
     }
     if places.is_empty() {
-        // A mirror that has no map stands in: a binding holds one at least.
+        // The buffer must not be empty, so a mirror without a map fills it.
         mirrors.push(MappedMirror { low_map: Vec4::NEG_ONE, ..Default::default() });
     }
     let bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&mirrors)].concat();
@@ -137,7 +138,7 @@ mod tests {
         let first = found.iter().filter(|(at, _)| at.z == 0.0).count();
         assert!(first.abs_diff(found.len() / 3) <= 1, "{first} of {}", found.len());
         assert!(found.iter().all(|(_, normal)| normal.distance(DVec3::Z) < 1e-4));
-        // All of a few; none without a normal.
+        // All points of a short chunk; none of a chunk without normals.
         assert_eq!(samples(&whole(&chunks[1..2])).len(), 1);
         assert!(samples(&whole(&[Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]])])).is_empty());
     }

@@ -1,7 +1,7 @@
-//! Planar reflection, the cheap baseline for flat mirrors: the scene is splatted once more for each mirror, as the eye
-//! sees it that is mirrored at the mirror's plane, and a mirror pixel takes what that picture shows at the same pixel.
-//! Exact, up to the splats, for a flat mirror. A curved one is taken for the plane through the middle of what faces the
-//! eye.
+//! Planar reflection, the cheap baseline for flat mirrors: the scene is splatted once more for each mirror, from the
+//! eye mirrored at the mirror's plane, and a mirror pixel takes what that picture shows at the same pixel. It is exact,
+//! up to the splats, for a flat mirror. A curved one is approximated by the plane through the middle of its parts that
+//! face the eye.
 //!
 //! Reflections of reflections would need a picture for each sequence of mirrors: later bounces are left empty.
 
@@ -18,19 +18,19 @@ use crate::recorder::Recorder;
 use crate::store::draw_list::Selection;
 use crate::targets::storage;
 
-/// Mirrors of a frame; each costs another splatting of the scene. Further ones stay empty.
+/// The most mirrors of a frame; each costs another splatting of the scene. Further ones stay empty.
 const MOST_VIEWS: u64 = 4;
 
-/// What is seen by each mirror's mirrored eye.
+/// The pictures of the mirrored eyes, one for each mirror.
 #[derive(Default)]
 pub(crate) struct MirroredViewpoint {
     /// Pictures as large as the frame's, laid out as the camera's `nearest`.
     views: Option<wgpu::Buffer>,
 }
 
-/// A mirror and the plane that it is taken for.
+/// A mirror and the plane that approximates it.
 struct View {
-    /// Among all mirrors.
+    /// The index among all mirrors.
     mirror: usize,
     plane: Plane,
 }
@@ -81,13 +81,12 @@ impl MirroredViewpoint {
             };
             recorder.over_page_pixels(task.supply, bindings, task.supply.mirror_groups())
         };
-        // Of a later bounce nothing is found: there is nothing to be closed, and mirrors with a formula stay as empty as
-        // others.
+        // A later bounce finds nothing: there is nothing to close, and mirrors with a formula stay as empty as others.
         if task.bounce > 0 { fill(recorder, task.seen) } else { gather.complete(recorder, task, fill) }
     }
 }
 
-/// Splats what each mirrored eye sees before its mirror's plane, all but the mirror itself.
+/// Splats what each mirrored eye sees in front of its mirror's plane, all but the mirror itself.
 fn draw(
     recorder: &mut Recorder<'_>,
     task: &Task<'_>,
@@ -116,8 +115,8 @@ fn draw(
     Ok(())
 }
 
-/// The plane through the middle of those samples that face the eye, along their mean normal; if none does, of all of
-/// them with their normals turned round. None where they face all ways, or the eye does not see the plane's front.
+/// The plane through the middle of the samples that face the eye, along their mean normal; if none does, of all samples
+/// with their normals turned round. `None` if they face all ways, or if the eye does not see the plane's front.
 fn plane_of(samples: &[(DVec3, DVec3)], camera: &FrameCamera) -> Option<Plane> {
     let forward = camera.view_from_world.row(2);
     let toward_eye = |at: DVec3| if camera.orthographic { -forward } else { camera.eye - at };
@@ -173,7 +172,7 @@ mod tests {
         let plane = plane_of_mirror(Shape::Sphere, DVec3::Y, &camera).unwrap();
         let center = DVec3::new(500_000.0, 0.0, 0.0);
         assert!(plane.normal.dot((camera.eye - center).normalize()) > 0.999, "{plane:?}");
-        // The middle of half a sphere's surface is half a radius before its centre.
+        // The middle of half a sphere's surface is half a radius in front of its centre.
         let before = plane.offset - plane.normal.dot(center);
         assert!((0.2..0.32).contains(&before), "{before}");
         assert!(plane_of(&[], &camera).is_none());

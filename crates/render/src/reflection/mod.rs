@@ -1,9 +1,9 @@
-//! Reflections. A method answers one question for every mirror pixel: which scene point does the reflected eye ray see? It
-//! answers by filling a Mirror G-Buffer. What comes after that, shading and blending, and the next bounce, knows nothing of
-//! the method.
+//! Reflections. A method answers one question for every mirror pixel: which scene point does the reflected eye ray see?
+//! It answers by filling a Mirror G-Buffer. The following steps, which are shading, blending and the next bounce, do
+//! not depend on the method.
 //!
-//! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and share
-//! `gather`. How to add a method: docs/architecture.md, "Reflections".
+//! Forward methods take points to pixels and share the splatting of `forward`; gather methods take pixels to points and
+//! share `gather`. How to add a method: docs/architecture.md, "Reflections".
 
 #[cfg(test)]
 mod beam;
@@ -40,7 +40,7 @@ use crate::targets::{Image, storage};
 pub(crate) struct Bounce {
     pub mirror: MirrorSurface,
     pub seen: MirrorGBuffer,
-    /// Radiance of what is seen, before and after further reflections are added.
+    /// The radiance of the reflected surfaces, before and after further reflections are added.
     pub radiance: Image,
     pub blended: Image,
 }
@@ -77,37 +77,37 @@ impl Bounce {
     }
 }
 
-/// What a frame's reflections found, of the first bounce.
+/// Statistics of the first bounce of a frame's reflections.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReflectionStats {
     pub mirror_pixels: u32,
-    /// Share of the mirror pixels in which a point was found.
+    /// The share of the mirror pixels in which a point was found.
     pub coverage: f64,
-    /// With those closed from their neighbours.
+    /// The same share with pixels that were closed from their neighbours.
     pub closed_coverage: f64,
-    /// Share of the points that were tried and found a pixel (forward methods).
+    /// The share of the points tried that found a pixel (forward methods).
     pub hit_rate: Option<f64>,
-    /// Share of the points that were tried whose search ran out of steps (SSCR).
+    /// The share of the points tried whose search ran out of steps (SSCR).
     pub unconverged: Option<f64>,
-    /// Regions of the mirror pixels (SSCR).
+    /// The number of regions of the mirror pixels (SSCR).
     pub regions: Option<u32>,
-    /// Nodes and discs that a ray was tested against, on average; known while steps are shown.
+    /// The average numbers of nodes and of discs against which a ray was tested; known while steps are shown.
     pub tests_per_ray: Option<[f64; 2]>,
-    /// Share of the mirror pixels that were filled by something that is not to be trusted: closed from neighbours, more than a pixel
-    /// beside the reflected ray, or alone among neighbours that show other surfaces.
+    /// The share of the mirror pixels whose content is doubtful: closed from neighbours, more than a pixel beside the
+    /// reflected ray, or alone among neighbours that show other surfaces.
     pub uncertain: f64,
     pub bounces: u32,
 }
 
-/// The bounces of a frame and what finds them.
+/// The bounces of a frame and the methods that find them.
 pub(crate) struct Reflections {
     size: [u32; 2],
     pub bounces: Vec<Bounce>,
-    /// Those of the last frame that reflections were looked for in.
+    /// The number of bounces of the last frame with reflections.
     pub count: usize,
     methods: Methods,
     counters: wgpu::Buffer,
-    /// Which pixels of the first bounce are not to be trusted; see shaders/mirror_doubt.wgsl.
+    /// The doubtful pixels of the first bounce; see shaders/mirror_doubt.wgsl.
     pub doubt: Image,
 }
 
@@ -118,7 +118,7 @@ impl Reflections {
         Self { size, bounces: Vec::new(), count: 0, methods: Methods::new(size), counters, doubt }
     }
 
-    /// How many bounces the settings ask for.
+    /// The number of bounces that the settings ask for.
     pub fn asked(settings: &Settings) -> usize {
         if settings.reflection.method.row().supply == Supply::Nothing {
             0
@@ -132,7 +132,7 @@ impl Reflections {
         self.methods.forget();
     }
 
-    /// For a frame in which no mirror can be seen.
+    /// Records that no mirror can be seen in the frame.
     pub fn none(&mut self) {
         self.count = 0;
     }
@@ -162,7 +162,7 @@ impl Reflections {
             let (before, rest) = self.bounces.split_at(index);
             let bounce = &rest[0];
             let surface = before.last().map_or(camera, Bounce::surface);
-            // Where the rays came from: the camera, or the mirror points of the bounce before.
+            // The origin of the rays: the camera, or the mirror points of the bounce before.
             let from = before.last().map_or(camera.position, |before| &before.mirror.point);
             let bindings = passes::mirror_surface {
                 albedo_in: surface.albedo.bind(),
@@ -202,6 +202,8 @@ impl Reflections {
         Ok(())
     }
 
+    /// Reads the statistics of the last frame.
+    ///
     /// # Errors
     /// The device was lost.
     pub fn stats(&self, gpu: &crate::Gpu, settings: &Settings) -> Result<ReflectionStats> {
@@ -232,12 +234,12 @@ impl Reflections {
         self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes()
     }
 
-    /// How the last frame's method came to its result; none where no mirror could be seen.
+    /// Images of how the last frame's method came to its result; `None` if no mirror could be seen.
     pub fn views(&self) -> Option<Views<'_>> {
         if self.count == 0 { None } else { self.methods.views() }
     }
 
-    /// Of the last frame; none where no mirror could be seen.
+    /// The first bounce of the last frame; `None` if no mirror could be seen.
     pub fn first(&self) -> Option<&Bounce> {
         self.bounces[..self.count].first()
     }

@@ -1,6 +1,7 @@
-//! Screen-space curved reflections (Preiner 2010): the mirror's pixels are parted into regions that bend one way, each point
-//! is given to one of them, and a search on its pixels finds the one that reflects the point. docs/methods/sscr.md tells which
-//! reading of the paper was taken where its text and its listing differ, and what comes of it.
+//! Screen-space curved reflections (Preiner 2010): the mirror's pixels are divided into regions that bend one way, each
+//! point is assigned to one of them, and a search on its pixels finds the one that reflects the point.
+//! docs/methods/sscr.md says which reading of the paper was taken where its text and its listing differ, and what
+//! follows from it.
 //!
 //! The labels that the paper finds on the CPU are made on the GPU; nothing is read back while a frame is made.
 
@@ -24,11 +25,11 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, storage, uniform_buffer};
 
-/// What the method keeps from frame to frame.
+/// The state of the method that is kept from frame to frame.
 pub(crate) struct Sscr {
     size: [u32; 2],
     curvature: wgpu::Buffer,
-    /// Labelling: each pixel's parent in its tree; pixels of the roots' trees, then their labels.
+    /// Labelling: each pixel's parent in its tree; the number of pixels of the roots' trees, then their labels.
     parents: wgpu::Buffer,
     sizes: wgpu::Buffer,
     runs: wgpu::Buffer,
@@ -36,10 +37,11 @@ pub(crate) struct Sscr {
     regions: wgpu::Buffer,
     mirror_pixels: wgpu::Buffer,
     endings: wgpu::Buffer,
-    /// Of the first bounce: flags of the curvature map, label, mean steps of the searches that ended in the pixel, share of
-    /// them that ran out of steps. Steps are known while they are shown.
+    /// For the first bounce: the flags of the curvature map, the label, the mean number of steps of the searches that
+    /// ended in the pixel, the share of them that ran out of steps. Steps are known while they are shown.
     pub views: Image,
-    /// Frames made so far: where last frame's pixels are the seeds, points that have none are tried anew in each.
+    /// The number of frames made so far: if last frame's pixels are the seeds, points without one are tried anew in
+    /// each frame.
     frames: u32,
 }
 
@@ -50,13 +52,15 @@ impl Sscr {
         buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + views.bytes()
     }
 
+    /// Makes the buffers for pictures of `size`.
+    ///
     /// # Errors
     /// A picture too large for the adapter.
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         let buffer = |what, bytes| picture_buffer(gpu, what, bytes);
         let runs = pixels.div_ceil(RUN_PIXELS.into()) * RUN_BYTES;
-        // A workgroup each, all along one dimension.
+        // Each run has a workgroup, all along one dimension.
         let most_runs = u64::from(gpu.device.limits().max_compute_workgroups_per_dimension);
         check_size(gpu, "runs of pixels", runs, most_runs * RUN_BYTES)?;
         Ok(Self {
@@ -74,7 +78,7 @@ impl Sscr {
         })
     }
 
-    /// The next frame is the first, and has no last one to start from.
+    /// Makes the next frame the first, without a last frame to start from.
     pub fn forget(&mut self) {
         self.frames = 0;
     }
@@ -87,10 +91,10 @@ impl Sscr {
         let settings = &task.settings.sscr;
         let rounds = settings.regions_per_point;
         let keeps_solutions = settings.seeds == Seeds::LastFrame;
-        // Otherwise a buffer serves all bounces in turn.
+        // If they are not kept, one buffer serves all bounces in turn.
         let (bounce, bounces) =
             if keeps_solutions { (task.bounce, task.settings.reflection.bounces as usize) } else { (0, 1) };
-        // Solutions that are the next seeds must not be searched for twice.
+        // Solutions that are the next seeds must not be searched twice.
         let solve_once = settings.solve_once || keeps_solutions;
         if keeps_solutions && self.frames == 0 && task.bounce == 0 {
             forward.forget();
@@ -123,7 +127,7 @@ impl Sscr {
         Ok(())
     }
 
-    /// Curvature map, labels, regions.
+    /// Makes the curvature map, the labels and the regions.
     fn label(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
         let inputs = task.supply;
         let [point_in, normal_in, eye_in] = [task.mirror.point.bind(), task.normal.bind(), task.mirror.eye.bind()];
@@ -162,7 +166,7 @@ impl Sscr {
         recorder.over_pixels(&switches, inputs, bindings)
     }
 
-    /// Searches for the pixel of each point, in the region that is drawn for it in this round.
+    /// Searches the pixel of each point, in the region that is drawn for it in this round.
     fn solve(
         &self,
         recorder: &mut Recorder<'_>,
@@ -183,7 +187,7 @@ impl Sscr {
             ("count_points", u32::from(is_counted)),
             ("record_endings", u32::from(is_counted && records)),
         ];
-        // Points that were not found are tried elsewhere in the next frame, if it starts from this one's.
+        // Points that were not found are tried elsewhere in the next frame, if it starts from this one's pixels.
         let frame = if settings.seeds == Seeds::LastFrame { self.frames } else { 0 };
         let draw = frame.wrapping_mul(settings.regions_per_point).wrapping_add(round);
         // Any odd number spreads the draws over the seeds.

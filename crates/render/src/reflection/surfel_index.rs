@@ -1,5 +1,5 @@
-//! The trees of all chunks on the GPU, page by page beside the store's points. A chunk's tree is made and sent when the chunk
-//! is new or has changed; what a frame makes anew is a small tree over the chunks' boxes.
+//! The trees of all chunks on the GPU, page by page beside the store's points. A chunk's tree is built and uploaded
+//! when the chunk is new or has changed; each frame only builds a small tree over the chunks' boxes.
 
 use std::collections::HashMap;
 
@@ -15,18 +15,18 @@ use crate::targets::storage;
 
 const NODE_BYTES: u64 = size_of::<Node>() as u64;
 
-/// Trees of one page.
+/// The trees of one page.
 pub(crate) struct IndexPage {
     pub nodes: wgpu::Buffer,
     pub surfels: wgpu::Buffer,
-    /// Index in the page of each disc's point.
+    /// The index in the page of each disc's point.
     pub order: wgpu::Buffer,
     capacity: u32,
 }
 
-/// What rays of a frame are traced through on one page.
+/// The trees of one page through which a frame's rays are traced.
 pub(crate) struct FrameTrees {
-    /// Number of the page in the store.
+    /// The number of the page in the store.
     pub page: usize,
     /// A tree over the boxes of the page's chunks; a leaf is the index of a place.
     pub tops: wgpu::Buffer,
@@ -36,11 +36,11 @@ pub(crate) struct FrameTrees {
 #[derive(Default)]
 pub(crate) struct SurfelIndex {
     pages: Vec<IndexPage>,
-    /// Chunks whose trees are at hand.
+    /// The chunks whose trees are up to date.
     chunks: HashMap<ChunkId, Indexed>,
 }
 
-/// What a chunk's tree was made from, and how many nodes it has.
+/// The inputs of a chunk's tree, and the number of its nodes.
 struct Indexed {
     basis: Basis,
     nodes: u32,
@@ -66,7 +66,7 @@ impl SurfelIndex {
         self.pages.get(number)
     }
 
-    /// Brings the index up to date with the chunks of `supply`, and places them before this frame's eye.
+    /// Updates the index for the chunks of `supply`, and places them relative to this frame's eye.
     ///
     /// # Errors
     /// No memory for the index.
@@ -80,10 +80,10 @@ impl SurfelIndex {
         self.make_room(gpu, store)?;
         let place = |(id, class_mask): &(ChunkId, u32)| Some((*id, store.placed(*id)?, *class_mask));
         let placed: Vec<_> = supply.chunks.iter().filter_map(place).collect();
-        // What has changed, has gone or is another store's: its room may belong to others by now.
+        // Chunks that have changed, have gone or belong to another store: their room may already belong to others.
         self.chunks.retain(|id, indexed| store.placed(*id).is_some_and(|chunk| Basis::of(&chunk) == indexed.basis));
         let stale: Vec<_> = placed.iter().filter(|(id, ..)| !self.chunks.contains_key(id)).collect();
-        // In batches: trees of a whole large cloud would take as much memory as the cloud.
+        // In batches: the trees of a whole large cloud would take as much memory as the cloud.
         for batch in stale.chunks(16) {
             let trees: Vec<SurfelTree> =
                 batch.par_iter().map(|(_, chunk, _)| SurfelTree::new(chunk.points, chunk.provisional_radius)).collect();
@@ -141,7 +141,7 @@ impl SurfelIndex {
         Ok(frames)
     }
 
-    /// Pages as large as the store's.
+    /// Makes the pages as large as the store's.
     fn make_room(&mut self, gpu: &Gpu, store: &PointStore) -> Result<()> {
         let capacities = store.page_capacities();
         let fit = self.pages.iter().zip(&capacities).take_while(|(page, capacity)| page.capacity == **capacity).count();

@@ -1,6 +1,7 @@
-//! Tracing of the reflected rays through the points as oriented discs, exact up to the splats. Two methods: `surfel_trace`
-//! starts each ray at the top of the trees (gather), `sscr_hierarchical` first lets whole nodes descend into the beams that
-//! bound the rays of a tile, and starts each ray at what its tile lists (docs/methods/sscr_hierarchical.md).
+//! Traces the reflected rays through the points as oriented discs, exact up to the splats. Two methods: `surfel_trace`
+//! starts each ray at the top of the trees (gather); `sscr_hierarchical` first lets whole nodes descend into the beams
+//! that bound the rays of a tile, and starts each ray at the nodes that its tile lists
+//! (docs/methods/sscr_hierarchical.md).
 
 use scene::Show;
 
@@ -13,8 +14,10 @@ use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::storage;
 
+/// Fills the Mirror G-Buffer of one bounce.
+///
 /// # Errors
-/// A shader is refused, or no memory for the index.
+/// A shader is refused, or there is no memory for the index.
 pub(crate) fn run(
     recorder: &mut Recorder<'_>,
     index: &mut SurfelIndex,

@@ -1,28 +1,28 @@
-//! A chunk's points as a tree of oriented discs that rays are traced through on the GPU: made when the chunk comes in, never
-//! changed after.
+//! A chunk's points as a tree of oriented discs through which the GPU traces rays. It is built when the chunk arrives
+//! and never changed.
 //!
-//! The tree is binary, split at the median along the longest axis, and laid out in preorder with skip links, so that a ray
-//! walks it without a stack (Smits 1998). Leaves hold up to `LEAF` discs of eight bytes: position in 1024 steps of the leaf's
-//! box, octahedral normal in 11 + 11 bits, radius in steps of 2 % relative to the box. On a leaf some four discs wide, a step
-//! is a hundredth of a disc's radius.
+//! The tree is binary, split at the median along the longest axis, and laid out in preorder with skip links, so that a
+//! ray walks it without a stack (Smits 1998). Leaves hold up to `LEAF` discs of eight bytes: position in 1024 steps of
+//! the leaf's box, octahedral normal in 11 + 11 bits, radius in steps of 2 % relative to the box. On a leaf some four
+//! discs wide, a step is a hundredth of a disc's radius.
 
 use cloud::{Chunk, NO_RADIUS, unpack_normal, unpack_radius};
 use glam::Vec3;
 
 use crate::layout::{INNER, Node};
 
-/// Discs in a leaf at most. Fewer make more nodes, more make more disc tests.
+/// The most discs of a leaf. Fewer make more nodes, more make more disc tests.
 pub(crate) const LEAF: usize = 8;
-/// A tree over a multiple of this many points has fewer nodes than its share of one each: all leaves but one are full, and
-/// inner nodes are one fewer than leaves.
+/// The number of points per node. A tree over a multiple of this many points has fewer nodes than that: all leaves but
+/// one are full, and inner nodes are one fewer than leaves.
 pub(crate) const POINTS_PER_NODE: u64 = LEAF as u64 / 2;
-/// Bits of a leaf's count of discs.
+/// The number of bits of a leaf's count of discs.
 const COUNT_BITS: u32 = 8;
 
 pub(crate) struct SurfelTree {
     pub nodes: Vec<Node>,
     pub surfels: Vec<[u32; 2]>,
-    /// Index in the chunk of each disc.
+    /// The index in the chunk of each disc.
     pub order: Vec<u32>,
 }
 
@@ -33,7 +33,7 @@ struct Disc {
 }
 
 impl SurfelTree {
-    /// `provisional_radius`: of points whose own is not known yet, world units.
+    /// Builds the tree. `provisional_radius` is that of points whose own is not known yet, in world units.
     pub fn new(chunk: &Chunk, provisional_radius: f32) -> Self {
         let radius = |index: usize| {
             let packed = chunk.radii.as_ref().map_or(NO_RADIUS, |radii| radii[index]);
@@ -55,7 +55,7 @@ impl SurfelTree {
         tree
     }
 
-    /// Returns the box of the discs.
+    /// Builds a node and those below it. Returns the box of the discs.
     fn build(&mut self, order: &mut [u32], discs: &[Disc]) -> (Vec3, Vec3) {
         let node = self.nodes.len();
         self.nodes.push(Node { low: Vec3::ZERO, skip: 0, high: Vec3::ZERO, leaf: INNER });
@@ -67,7 +67,7 @@ impl SurfelTree {
                 (low.min(position - reach), high.max(position + reach))
             };
             let (low, high) = order.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), join);
-            // Rounding in the shader, and flat boxes: a ray must not slip between a wall's two faces.
+            // For rounding in the shader, and for flat boxes: a ray must not slip between a wall's two faces.
             let margin = (high - low).max_element() * 1e-3 + low.abs().max(high.abs()).max_element() * 1e-6;
             let (low, high) = (low - margin, high + margin);
             self.nodes[node].leaf = (self.surfels.len() as u32) << COUNT_BITS | order.len() as u32;
@@ -94,7 +94,7 @@ impl SurfelTree {
     }
 }
 
-/// Steps of a position along each axis of its leaf's box.
+/// The number of steps of a position along each axis of its leaf's box.
 const STEPS: f32 = 1023.0;
 /// Radius = diagonal of the leaf's box x 2^(-k / 32): k is a byte, a step 2 %.
 const RADIUS_STEPS: f32 = 32.0;
@@ -105,13 +105,13 @@ fn pack(disc: &Disc, low: Vec3, high: Vec3) -> [u32; 2] {
     let place = (disc.position - low) / extent.max(Vec3::splat(f32::MIN_POSITIVE));
     let [x, y, z] = (place * STEPS).round().clamp(Vec3::ZERO, Vec3::splat(STEPS)).to_array().map(|v| v as u32);
     let ratio = (extent.length() / disc.radius.max(f32::MIN_POSITIVE)).log2() * RADIUS_STEPS;
-    // Rounded down: to the larger radius.
+    // Rounded down, to the larger radius.
     let radius = ratio.clamp(0.0, 255.0) as u32;
     let normal = disc.normal.map_or(0, |normal| HAS_NORMAL | octahedral(normal) << 8);
     [x | y << 10 | z << 20, normal | radius]
 }
 
-/// 11 + 11 bits.
+/// The octahedral normal in 11 + 11 bits.
 fn octahedral(normal: Vec3) -> u32 {
     let flat = normal / (normal.x.abs() + normal.y.abs() + normal.z.abs());
     let (x, y) = if flat.z >= 0.0 {
@@ -164,7 +164,7 @@ mod tests {
 
     use super::*;
 
-    /// Room for the nodes of so many points: the store gives chunks whole blocks of 1024.
+    /// The room for the nodes of this many points: the store gives chunks whole blocks of 1024.
     fn room(points: usize) -> usize {
         points.next_multiple_of(1024) / POINTS_PER_NODE as usize
     }
@@ -176,13 +176,14 @@ mod tests {
         chunk
     }
 
-    /// Leaves in order: box, first disc, count.
+    /// The leaves in order: box, first disc, count.
     fn leaves(tree: &SurfelTree) -> impl Iterator<Item = (Node, usize, usize)> {
         let leaves = tree.nodes.iter().filter(|node| node.leaf != INNER);
         leaves.map(|node| (*node, (node.leaf >> COUNT_BITS) as usize, (node.leaf & 255) as usize))
     }
 
-    /// Whether each finite point is in one leaf, each node's parts follow it and lie in its box, and skips lead past them.
+    /// Checks that each finite point is in one leaf, that each node's parts follow it and lie in its box, and that
+    /// skips lead past them.
     fn check_layout(tree: &SurfelTree, chunk: &Chunk) -> Result<(), TestCaseError> {
         let mut next = 0;
         for (_, first, count) in leaves(tree) {
@@ -196,7 +197,8 @@ mod tests {
             (0..chunk.len() as u32).filter(|i| Vec3::from(chunk.positions[*i as usize]).is_finite()).collect();
         prop_assert_eq!(order, finite);
         prop_assert!(tree.nodes.len() <= room(chunk.len()), "{} nodes of {}", tree.nodes.len(), chunk.len());
-        // A preorder: a leaf skips to the next node, an inner node's first part follows it and its second ends where it does.
+        // A preorder: a leaf skips to the next node, an inner node's first part follows it and its second ends where it
+        // does.
         for (index, node) in tree.nodes.iter().enumerate() {
             if node.leaf != INNER {
                 prop_assert_eq!(node.skip as usize, index + 1);
@@ -213,7 +215,7 @@ mod tests {
         Ok(())
     }
 
-    /// Whether each leaf holds its discs, and the packed form gives them back as shaders/shared/surfel_tree.wgsl unpacks it.
+    /// Checks that each leaf holds its discs, and that unpacking as in shaders/shared/surfel_tree.wgsl restores them.
     fn check_discs(tree: &SurfelTree, chunk: &Chunk, provisional_radius: f32) -> Result<(), TestCaseError> {
         for (Node { low, high, .. }, first, count) in leaves(tree) {
             for disc in first..first + count {
@@ -252,7 +254,7 @@ mod tests {
                         Vec3::new(x * side(folded.x), y * side(folded.y), z)
                     };
                     let angle = unpacked.normalize().cross(normal).length().asin().to_degrees();
-                    // Half a step e along both folded axes is (e, e, -2e) on a face whose middle lies 1/sqrt(3) from the
+                    // Half a step e along both folded axes is (e, e, -2e) on a face whose middle is 1/sqrt(3) from the
                     // origin: 3 sqrt(2) e, e = 1/2047.
                     prop_assert!(angle < 0.12 && unpacked.dot(normal) > 0.0, "{} degrees", angle);
                 }

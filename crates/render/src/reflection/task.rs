@@ -1,4 +1,4 @@
-//! What a reflection method is given, and what it fills: the mirror pixels of a bounce, and the Mirror G-Buffer.
+//! The input and the output of a reflection method: the mirror pixels of a bounce, and the Mirror G-Buffer.
 
 use scene::{Mirror, Settings};
 
@@ -10,11 +10,11 @@ use crate::targets::Image;
 pub(crate) struct MirrorSurface {
     /// xyz: P relative to the camera's eye, world axes. w: specular intensity; 0 where there is no mirror.
     pub point: Image,
-    /// xyz: where the ray to P came from, relative to the camera's eye. w: linear depth of P as seen from there.
+    /// xyz: the origin of the ray to P, relative to the camera's eye. w: the linear depth of P as seen from there.
     pub eye: Image,
 }
 
-/// What is seen by reflection at each pixel: the Mirror G-Buffer.
+/// The points seen by reflection at each pixel: the Mirror G-Buffer.
 pub(crate) struct MirrorGBuffer {
     /// Linear albedo of Q; its specular intensity.
     pub albedo: Image,
@@ -42,22 +42,22 @@ impl MirrorGBuffer {
     }
 }
 
-/// What a method works on and with.
+/// The inputs and outputs of a method.
 pub(crate) struct Task<'a> {
     /// All visible points, whether or not the camera sees them.
     pub supply: &'a Inputs,
     pub settings: &'a Settings,
     pub store: &'a PointStore,
-    /// All that have a formula.
+    /// All mirrors that have a formula.
     pub mirrors: &'a [Mirror],
-    /// 0 for what the camera sees by one reflection.
+    /// The number of the bounce; 0 for what the camera sees by one reflection.
     pub bounce: usize,
     pub mirror: &'a MirrorSurface,
-    /// xyz: unit normal towards where the ray came from. w: specular power.
+    /// xyz: unit normal towards the origin of the ray. w: specular power.
     pub normal: &'a Image,
     pub seen: &'a MirrorGBuffer,
-    /// Mirrors that are drawn by their formula.
+    /// The mirrors that are drawn by their formula.
     pub formulas: Option<&'a wgpu::Buffer>,
-    /// `COUNTERS` words, counted up by the methods, read when the frame is done.
+    /// `COUNTERS` words that the methods increment; they are read when the frame is done.
     pub counters: &'a wgpu::Buffer,
 }

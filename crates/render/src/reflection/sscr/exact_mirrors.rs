@@ -1,5 +1,5 @@
-//! Mirror pixels of the reference scene's mirrors by rays cast at their formulas, for tests: what a camera's G-buffer would
-//! hold if it were exact.
+//! Mirror pixels of the reference scene's mirrors by rays cast at their formulas, for tests: what a camera's G-buffer
+//! would hold if it were exact.
 
 use glam::{DVec3, UVec2, Vec3};
 use rayon::prelude::*;
@@ -7,7 +7,7 @@ use scene::five_mirrors::{Variant, camera};
 
 use super::twin::{MirrorPicture, MirrorPixel, Random};
 
-/// Below zero inside, above it outside; for the paraboloid below it behind.
+/// Negative inside, positive outside; for the paraboloid negative behind it.
 fn distance(mirror: Variant, p: DVec3) -> f64 {
     let d = p.normalize_or_zero();
     match mirror {
@@ -32,7 +32,7 @@ fn distance(mirror: Variant, p: DVec3) -> f64 {
 
 /// Where a ray from `origin` first meets the mirror.
 fn cast(mirror: Variant, origin: DVec3, direction: DVec3) -> Option<DVec3> {
-    // All of them lie in this sphere; steps are a fifth of the coral's smallest bumps.
+    // All mirrors lie in this sphere; steps are a fifth of the coral's smallest bumps.
     const REACH: f64 = 0.56;
     const STEPS: usize = 500;
     let nearest = -origin.dot(direction);
@@ -57,7 +57,7 @@ fn cast(mirror: Variant, origin: DVec3, direction: DVec3) -> Option<DVec3> {
     })
 }
 
-/// As the scene's camera sees a mirror.
+/// The mirror as the scene's camera sees it.
 pub fn picture(mirror: Variant, size: UVec2) -> MirrorPicture {
     let eye = camera().eye;
     let focal_pixels = f64::from(size.y) * 0.5 / 30.0_f64.to_radians().tan();

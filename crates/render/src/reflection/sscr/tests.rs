@@ -1,4 +1,4 @@
-//! Claims about the error function, the labels and the searches: closed forms, then the GPU against the CPU.
+//! Tests of the error function, the labels and the searches: against closed forms, then the GPU against the CPU.
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 
@@ -46,17 +46,17 @@ fn the_error_vanishes_at_reflection_points_that_are_known_in_closed_form() {
             let reflected = reflected_in_mirror_space(&pixel, Vec3::X, q);
             mirror_space_error(reflected).length().max(mapped_error(reflected).length())
         };
-        // Plane z = 0: the point lies on the line to the mirrored eye.
+        // Plane z = 0: the point is on the line to the mirrored eye.
         let eye = random_vector(&mut random) + Vec3::Z * 1.5;
         let q = random_vector(&mut random) + Vec3::Z * 1.5;
         let mirrored = eye * Vec3::new(1.0, 1.0, -1.0);
         let p = mirrored + (q - mirrored) * (eye.z / (eye.z + q.z));
         assert!(error(pixel(p, Vec3::Z, eye), q) < 1e-5);
-        // Sphere: eye and point as far from the centre as one another are reflected half way between.
+        // Sphere: if eye and point are equally far from the centre, the reflection is half way between.
         let (a, b) = (random_vector(&mut random).normalize() * 3.0, random_vector(&mut random).normalize() * 3.0);
         let p = (a + b).normalize_or(Vec3::Y);
         assert!(error(pixel(p, p, a), b) < 1e-5);
-        // Paraboloid z = (x^2 + y^2) / 4: what comes along the axis goes to the focus at z = 1.
+        // Paraboloid z = (x^2 + y^2) / 4: light along the axis goes to the focus at z = 1.
         let (x, y) = (random.next() * 2.0 - 1.0, random.next() * 2.0 - 1.0);
         let p = Vec3::new(x, y, (x * x + y * y) / 4.0);
         let normal = Vec3::new(-x / 2.0, -y / 2.0, 1.0).normalize();
@@ -73,7 +73,7 @@ fn the_angle_to_the_eye_is_the_same_with_point_and_eye_exchanged() {
         let (a, b) = (random_vector(&mut random), random_vector(&mut random));
         let angle = |eye: Vec3, q: Vec3| {
             let Vec2 { x, y } = error(&pixel(Vec3::ZERO, normal, eye), q);
-            // From the tangents of the two angles, of a direction before or behind the plane across the eye's.
+            // From the tangents of the two angles, for a direction behind or in front of the plane across the eye's.
             let z = if x.abs() < std::f32::consts::FRAC_PI_2 { 1.0 } else { -1.0 };
             Vec3::new(x.tan() * z, y.tan() * z, z).angle_between(Vec3::Z)
         };
@@ -98,7 +98,7 @@ fn along_a_line_over_a_planar_or_convex_mirror_the_error_changes_its_sign_once()
             let incoming =
                 mirror_point.normal * 2.0 * mirror_point.normal.dot(mirror_point.toward_eye) - mirror_point.toward_eye;
             let q = mirror_point.point + incoming * (0.3 + random.next() * 3.0);
-            // As far as the point stands before the surface: behind it, the angle runs on past half a turn.
+            // Only where the point is in front of the surface: behind it, the angle runs on past half a turn.
             let signs: Vec<bool> = (0..=400)
                 .map(|step| surface(step as f32 / 200.0 - 1.0))
                 .filter(|pixel| pixel.normal.dot(q - pixel.point) > 0.0)
@@ -146,7 +146,7 @@ fn flood_fill(inside: &[bool], size: UVec2) -> Vec<u32> {
     labels
 }
 
-/// Share of points for which a pixel is found.
+/// The share of points for which a pixel is found.
 fn hit_rate(picture: &MirrorPicture, settings: &Parameters, points: &[Vec3]) -> f32 {
     use rayon::prelude::*;
     let regions = Regions::new(picture, settings);
@@ -158,7 +158,7 @@ fn hit_rate(picture: &MirrorPicture, settings: &Parameters, points: &[Vec3]) -> 
 #[test]
 fn the_text_of_the_paper_gives_its_hit_rates_and_its_listing_a_third_of_them() {
     let points = wall_points(20_000);
-    // Published rates, and the thresholds that they were published with.
+    // The published rates, and the thresholds with which they were published.
     let published = [
         (Variant::Sphere, 0.35, 2.0),
         (Variant::Parabolic, 0.19, 4.0),
@@ -169,7 +169,7 @@ fn the_text_of_the_paper_gives_its_hit_rates_and_its_listing_a_third_of_them() {
         let picture = picture(mirror, SMALL);
         let with = |stop| hit_rate(&picture, &Parameters { stop, threshold, ..Parameters::default() }, &points);
         let (text, listing) = (with(Stop::Step), with(Stop::Pair));
-        // The objects are not the paper's, nor is the camera.
+        // Neither the objects nor the camera are the paper's.
         assert!((0.5..2.0).contains(&(text / rate)), "{mirror:?}: {text}, published {rate}");
         assert!(listing < 0.45 * text, "{mirror:?}: {listing} by the listing, {text} by the text");
     }
@@ -199,7 +199,7 @@ fn clone(picture: &MirrorPicture) -> MirrorPicture {
     MirrorPicture { pixels: picture.pixels.clone(), ..*picture }
 }
 
-/// What the tests on the GPU share: drivers compile each pass for a while.
+/// The GPU that the tests share: drivers take a while to compile each pass.
 struct TestGpu {
     gpu: Arc<Gpu>,
     pipelines: Pipelines,
@@ -230,13 +230,13 @@ struct Scene {
     counters: wgpu::Buffer,
 }
 
-/// What is compared of a frame.
+/// The results of a frame that are compared.
 struct Made {
     curvature: Vec<u32>,
     labels: Vec<u32>,
     /// First x and y, last x and y, pixels, accumulated pixels.
     regions: Vec<[u32; 6]>,
-    /// Pixel coordinate and distance, of points that were found.
+    /// The pixel coordinate and the distance of points that were found.
     solutions: Vec<Option<(Vec2, f32)>>,
     counters: Vec<u32>,
     /// The Mirror G-Buffer.
@@ -352,12 +352,12 @@ fn the_gpu_finds_the_regions_and_the_pixels_that_its_twin_finds() {
         let parameters = Parameters { solver, ..Parameters::default() };
         let mut scene = Scene::new(&stage.gpu, mirror, SMALL, 20_000);
         let made = scene.make(&mut stage, &parameters);
-        // Where a normal hardly changes, the last bit decides.
+        // Where the normal hardly changes, the last bit decides.
         let mut curvature = scene.picture.curvature(&parameters);
         twin::smooth(&mut curvature, SMALL);
         let agreeing = share(curvature.iter().zip(&made.curvature).map(|(twin, gpu)| twin == gpu));
         assert!(agreeing > 0.999, "{mirror:?}: {agreeing} of the curvature map");
-        // The rest is integers: of the same map they are the same.
+        // Everything else is integers: equal for equal maps.
         let regions = Regions::of_curvature(&made.curvature, SMALL);
         assert_eq!(regions.labels, made.labels, "{mirror:?}");
         let expected: Vec<[u32; 6]> = regions
@@ -373,7 +373,7 @@ fn the_gpu_finds_the_regions_and_the_pixels_that_its_twin_finds() {
         let search = Search { picture: &scene.picture, regions: &regions, settings: &parameters };
         let twin: Vec<(Outcome, f32)> =
             (0..scene.points.len()).map(|index| search.solve(index as u32, scene.points[index], RADIUS)).collect();
-        // A walk whose error ties or turns by its last bit goes another way.
+        // A walk with a tie, or with a turn that its last bit decides, goes another way.
         let agreeing = share(twin.iter().zip(&made.solutions).map(|(twin, gpu)| match (twin, gpu) {
             ((Outcome::Found(at), distance), Some((place, reach))) => {
                 at.distance(*place) < 0.5 && (distance - reach).abs() < 0.01
@@ -389,7 +389,7 @@ fn the_gpu_finds_the_regions_and_the_pixels_that_its_twin_finds() {
     }
 }
 
-/// Whether the pixel of a solution holds its root: the error there is no larger than its change to the next pixels.
+/// Whether the pixel of a solution contains its root: the error there is no larger than its change to the next pixels.
 fn is_root(scene: &Scene, (at, _): (Vec2, f32), q: Vec3) -> bool {
     let error_at = |at: UVec2| {
         let pixel = scene.picture.pixels.get((at.y * SMALL.x + at.x) as usize)?.as_ref()?;
@@ -462,7 +462,7 @@ fn culling_loses_next_to_no_point_and_regions_of_their_own_parameters_gain_some(
     let culled = scene.make(&mut stage, &Parameters { cull_points: true, ..Parameters::default() });
     let lost = |index: &usize| all.solutions[*index].is_some() && culled.solutions[*index].is_none();
     let lost: Vec<usize> = (0..scene.points.len()).filter(lost).collect();
-    // A search ends within pixels of its root, and the coral's turn the ray by half a radian.
+    // A search ends within pixels of its root, and the coral's pixels turn the ray by half a radian.
     assert!(lost.len() * 200 < all.counters[4] as usize, "{} lost of {}", lost.len(), all.counters[4]);
     let own = scene.make(&mut stage, &Parameters { per_region: true, ..Parameters::default() });
     assert!(own.counters[4] > all.counters[4], "{} {}", own.counters[4], all.counters[4]);
@@ -479,7 +479,7 @@ fn what_lies_far_behind_the_nearest_point_counts_where_it_is() {
         .flat_map(|pixel| [0.1, 1.5].map(|distance| pixel.point + reflected(pixel) * distance))
         .collect();
     let mut scene = Scene::of_points(&stage.gpu, Variant::Sphere, SMALL, places);
-    // Each point in one pixel, and the offset larger than all distances.
+    // Each point in one pixel, and an offset larger than all distances.
     let parameters =
         Parameters { mirror_depth_offset: 1.0, max_splat_size: 1.0, solver: Solver::Newton, ..Parameters::default() };
     let made = scene.make(&mut stage, &parameters);
@@ -552,7 +552,7 @@ fn pictures_with_more_pixels_than_can_be_numbered_are_refused() {
     assert_eq!(too_large(Sscr::new(&stage.gpu, [16_384, 4096]).err()), "runs of pixels");
 }
 
-/// Of the eye's ray, unit.
+/// The reflected eye ray, a unit vector.
 fn reflected(pixel: &MirrorPixel) -> Vec3 {
     pixel.normal * 2.0 * pixel.normal.dot(pixel.toward_eye) - pixel.toward_eye
 }
@@ -563,7 +563,7 @@ fn what_is_seen_in_a_pixel_lies_along_its_reflected_ray() {
     for visibility in [scene::KeptPoints::Accumulated, scene::KeptPoints::Nearest] {
         let mut scene = Scene::new(&stage.gpu, Variant::Sphere, SMALL, 200_000);
         let made = scene.make(&mut stage, &Parameters { visibility, ..Parameters::default() });
-        // In pixels: over the change of the reflected direction to the next pixels.
+        // In pixels: relative to the change of the reflected direction to the next pixels.
         let mut errors: Vec<f32> = Vec::new();
         let (mut mirror, mut closed) = (0, 0);
         let width = SMALL.x as usize;
@@ -612,7 +612,7 @@ fn every_end_of_every_parameter_gives_a_finite_picture() {
             let seen = made.position.iter().filter(|position| position[3] > 0.0).count();
             assert!(made.position.iter().flatten().all(|v| v.is_finite()), "{} = {end}", field.name);
             assert!(made.position.iter().all(|position| (0.0..=1.0).contains(&position[3])), "{} = {end}", field.name);
-            // Steps of a pixel, one step at most, or borders all over find next to nothing.
+            // Steps of a pixel, one step at most, or borders everywhere find almost nothing.
             let finds = !matches!(field.name, "threshold" | "initial_step" | "max_steps" | "depth_step_threshold");
             assert!(seen > 5 || !finds, "{} = {end}: {seen} pixels", field.name);
         }

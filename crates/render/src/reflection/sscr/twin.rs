@@ -1,9 +1,10 @@
-//! Screen-space curved reflections on the CPU, in plain code with the shaders' names: what the GPU's labels, regions, error
-//! values and solved pixels are tested against, and itself tested against closed forms. Of the searches it has the published
-//! one and Newton's, from random starts; the depths of the curvature map are those of a perspective view.
+//! Screen-space curved reflections on the CPU, in plain code with the shaders' names. The GPU's labels, regions, error
+//! values and solved pixels are tested against it, and it is tested against closed forms. Of the searches it has the
+//! published one and Newton's, from random starts; the depths of the curvature map are those of a perspective view.
 //!
-//! Preiner 2010: the mirror-space error function is section 3.3, the search for the mirror pixel 3.4.3, the curvature map and
-//! its labels 3.5. Labels are found by tracing contours (Chang, Chen, Lu 2004), as published; the GPU joins trees instead.
+//! Preiner 2010: the mirror-space error function is section 3.3, the search for the mirror pixel 3.4.3, the curvature
+//! map and its labels 3.5. Labels are found by tracing contours (Chang, Chen, Lu 2004), as published; the GPU joins
+//! trees instead.
 
 use glam::{UVec2, Vec2, Vec3};
 use scene::{Solver, Sscr, Stop};
@@ -13,11 +14,11 @@ use scene::{Solver, Sscr, Stop};
 pub struct MirrorPixel {
     /// P, relative to the camera's eye, world axes.
     pub point: Vec3,
-    /// Unit, towards where the ray came from.
+    /// The unit normal towards the origin of the ray.
     pub normal: Vec3,
-    /// Unit, from P to where the ray came from.
+    /// The unit vector from P to the origin of the ray.
     pub toward_eye: Vec3,
-    /// As seen from there.
+    /// The depth as seen from there.
     pub linear_depth: f32,
 }
 
@@ -25,18 +26,18 @@ pub struct MirrorPixel {
 pub struct MirrorPicture {
     pub size: UVec2,
     pub pixels: Vec<Option<MirrorPixel>>,
-    /// The view's axes in the world.
+    /// The view's axes in the world: `right` and `up`.
     pub right: Vec3,
     pub up: Vec3,
 }
 
-// Of the curvature map, two bits a direction: how the surface bends from the previous pixel to this one.
+// Flags of the curvature map, two bits a direction: how the surface bends from the previous pixel to this one.
 pub const CONVEX: u32 = 1;
 pub const HOLLOW: u32 = 2;
 pub const BENT: u32 = CONVEX | HOLLOW;
-/// Left of the bits of direction y.
+/// The shift of the bits of direction y.
 pub const DIRECTION_BITS: u32 = 2;
-/// Depth step from the left and from the upper pixel.
+/// A depth step from the left and from the upper pixel.
 pub const STEP: [u32; 2] = [1 << 4, 1 << 5];
 pub const MIRROR: u32 = 1 << 7;
 
@@ -64,7 +65,7 @@ impl MirrorPicture {
                 let depth_step = (pixel.linear_depth - previous.linear_depth).abs()
                     > settings.depth_step_threshold * previous.linear_depth;
                 if depth_step {
-                    // How one surface's normal differs from another's is no curvature.
+                    // A change of the normal from one surface to another is no curvature.
                     flags |= STEP[direction];
                 } else if turn.abs() > settings.planar_normal_threshold {
                     let bend = if turn > 0.0 { CONVEX } else { HOLLOW };
@@ -93,7 +94,7 @@ fn is_suppressed(curvature: &[u32], width: usize, index: usize) -> bool {
     })
 }
 
-/// A planar pixel bends as its predecessor does, up to the next depth step or gap (section 3.5.2, 1).
+/// Gives a planar pixel the bend of its predecessor, up to the next depth step or gap (section 3.5.2, 1).
 pub fn smooth(curvature: &mut [u32], size: UVec2) {
     let (width, height) = (size.x as usize, size.y as usize);
     for direction in 0..2 {
@@ -133,7 +134,8 @@ pub fn label_by_contours(inside: &[bool], size: UVec2) -> Vec<u32> {
         (is_in && inside[(y * width + x) as usize]).then(|| (y * width + x) as usize)
     };
     let mut labels = vec![0; inside.len()];
-    // Whether the contour below a pixel has been traced. A pixel can lie between two contours, so its side is kept, too.
+    // Whether the contour below a pixel has been traced. A pixel can lie between two contours, so its side is recorded,
+    // too.
     let mut traced_below = vec![false; inside.len()];
     // Follows the contour on the left hand of `heading`, all around.
     let trace = |labels: &mut [u32], traced_below: &mut [bool], start: usize, heading: usize, label: u32| {
@@ -167,7 +169,7 @@ pub fn label_by_contours(inside: &[bool], size: UVec2) -> Vec<u32> {
             trace(&mut labels, &mut traced_below, index, RIGHT, count);
         }
         if labels[index] == 0 {
-            // Not on a contour from the left or from above: within the part that its left neighbour is in.
+            // Not on a contour from the left or from above: it belongs to the part of its left neighbour.
             labels[index] = labels[index - 1];
         }
         if neighbor(index, DOWN).is_none() && !traced_below[index] {
@@ -178,17 +180,17 @@ pub fn label_by_contours(inside: &[bool], size: UVec2) -> Vec<u32> {
     labels
 }
 
-/// Smallest region that a bracket fits in: two by two pixels.
+/// The smallest region that a bracket fits in: two by two pixels.
 pub const LEAST_REGION: u32 = 4;
 
 /// A part of the mirror that bends one way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {
-    /// First and last pixel.
+    /// The first and the last pixel.
     pub first: UVec2,
     pub last: UVec2,
     pub pixels: u32,
-    /// Pixels of this region and all before it.
+    /// The number of pixels of this region and all before it.
     pub accumulated: u32,
 }
 
@@ -211,7 +213,7 @@ impl Regions {
         Self::of_curvature(&curvature, picture.size)
     }
 
-    /// Of a smoothed curvature map.
+    /// The regions of a smoothed curvature map.
     pub fn of_curvature(curvature: &[u32], size: UVec2) -> Self {
         let width = size.x as usize;
         let is_mirror = |index: usize| curvature[index] & MIRROR != 0;
@@ -233,7 +235,7 @@ impl Regions {
         let mut labels = numbered.clone();
         for index in 0..labels.len() {
             if suppressed[index] {
-                // Section 3.5.2, 4: of the right, else the lower pixel.
+                // Section 3.5.2, 4: the label of the right, else the lower pixel.
                 let right = if index % width + 1 < width { numbered[index + 1] } else { 0 };
                 labels[index] = if right != 0 { right } else { numbered.get(index + width).copied().unwrap_or(0) };
             }
@@ -245,8 +247,8 @@ impl Regions {
         Self { labels, regions }
     }
 
-    /// The region that a point with this number from 0 to 1 is tried in, by the regions' pixels (section 4.5.1). The paper
-    /// sorts the regions first; drawing from the running sum is the same in any order.
+    /// The region in which a point with this number from 0 to 1 is tried, in proportion to the regions' pixels (section
+    /// 4.5.1). The paper sorts the regions first; drawing from the running sum is the same in any order.
     pub fn draw(&self, number: f32) -> Option<u32> {
         let total = self.regions.last()?.accumulated;
         let place = ((number * total as f32) as u32).min(total - 1);
@@ -277,8 +279,8 @@ impl Random {
     }
 }
 
-/// The direction in which light from Q leaves P, in mirror space: z to the eye, x in the plane of z and the view's x axis
-/// (section 3.2).
+/// The direction in which light from Q leaves P, in mirror space: z to the eye, x in the plane of z and the view's x
+/// axis (section 3.2).
 pub fn reflected_in_mirror_space(pixel: &MirrorPixel, right: Vec3, q: Vec3) -> Vec3 {
     let z = pixel.toward_eye;
     let x = (right - z * right.dot(z)).normalize_or_zero();
@@ -288,14 +290,15 @@ pub fn reflected_in_mirror_space(pixel: &MirrorPixel, right: Vec3, q: Vec3) -> V
     Vec3::new(rho.dot(x), rho.dot(y), rho.dot(z))
 }
 
-/// The signed error angles along x and y (section 3.3). The printed formula takes the angles of rho - e, both of whose parts
-/// vanish at the root; here they are those of the reflected direction rho itself, which is e at the root and only there.
+/// The signed error angles along x and y (section 3.3). The printed formula takes the angles of rho - e, both of whose
+/// components vanish at the root; here they are those of the reflected direction rho itself, which is e at the root and
+/// only there.
 pub fn mirror_space_error(reflected: Vec3) -> Vec2 {
     Vec2::new(reflected.x.atan2(reflected.z), reflected.y.atan2(reflected.z))
 }
 
-/// The same error as a place on Lambert's azimuthal map, for searches that follow its slope: it tears only where light leaves
-/// away from the eye, and over a distant sphere it is linear in the pixels.
+/// The same error as a place on Lambert's azimuthal map, for searches that follow its slope: it tears only where light
+/// leaves away from the eye, and over a distant sphere it is linear in the pixels.
 pub fn mapped_error(reflected: Vec3) -> Vec2 {
     reflected.truncate() * (2.0 / (1.0 + reflected.z).max(1e-6)).sqrt()
 }
@@ -303,26 +306,28 @@ pub fn mapped_error(reflected: Vec3) -> Vec2 {
 /// How a search ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
-    /// Pixel coordinates, centres at halves.
+    /// The pixel coordinates, with centres at halves.
     Found(Vec2),
-    /// Outside of the region, or with steps that are too small.
+    /// The search left the region, or its steps became too small.
     Lost,
-    /// After `max_steps`.
+    /// The search reached `max_steps`.
     Unconverged,
 }
 
-/// What a point's mirror pixel is searched in.
+/// The pixels in which a point's mirror pixel is searched.
 pub struct Search<'a> {
     pub picture: &'a MirrorPicture,
     pub regions: &'a Regions,
     pub settings: &'a Sscr,
 }
 
-/// A step below this stays in its pixel more often than not (section 3.4.3 ends where "the step size fell below 1 pixel").
+/// A step below this stays in its pixel more often than not (section 3.4.3 ends where "the step size fell below 1
+/// pixel").
 const LEAST_STEP: f32 = 0.5;
-/// A root within one pixel of a pixel's centre, by the slope there, is found: nearer the pixels cannot tell.
+/// A root within one pixel of a pixel's centre, by the slope there, counts as found: pixels are no more precise.
 const ROOT_REACH: f32 = 1.0;
-/// Of the mirror's own surface around the mirror point nothing is reflected there: points nearer than this many splat radii.
+/// The mirror does not reflect its own surface around the mirror point: points nearer than this many splat radii are
+/// rejected.
 const OWN_SURFACE_RADII: f32 = 4.0;
 
 impl Search<'_> {
@@ -335,7 +340,7 @@ impl Search<'_> {
         self.picture.pixels[index].as_ref().filter(|_| self.regions.labels[index] == region + 1)
     }
 
-    /// The error at a pixel coordinate; `None` outside of the region.
+    /// The error at a pixel coordinate; `None` outside the region.
     fn error(&self, region: u32, at: Vec2, q: Vec3) -> Option<Vec2> {
         let reflected = reflected_in_mirror_space(self.pixel(region, at)?, self.picture.right, q);
         Some(match self.settings.solver {
@@ -365,7 +370,7 @@ impl Search<'_> {
         })
     }
 
-    /// Where a point is reflected, in the region drawn for it, and how far from the mirror.
+    /// The pixel that reflects a point, in the region drawn for it, and its distance from the mirror.
     pub fn solve(&self, identity: u32, q: Vec3, radius: f32) -> (Outcome, f32) {
         let Some(region) = self.regions.draw(halton(identity)) else { return (Outcome::Lost, 0.0) };
         let mut random = Random(hash(identity));
@@ -383,8 +388,9 @@ impl Search<'_> {
         if is_seen { (outcome, offset.length()) } else { (Outcome::Lost, 0.0) }
     }
 
-    /// Interleaved bracketing and bisection (algorithm 3.1): two pixels, the last two of a walk. Along each axis it goes on
-    /// while the error falls, turns round where it grows, and turns with half the step where the error changes its sign.
+    /// Interleaved bracketing and bisection (algorithm 3.1): two pixels, the last two of a walk. Along each axis it
+    /// goes on while the error falls, turns round where it grows, and turns with half the step where the error changes
+    /// its sign.
     fn interleaved(&self, region: u32, q: Vec3, random: &mut Random) -> Outcome {
         let settings = self.settings;
         let extent = self.regions.regions[region as usize].extent();
@@ -411,8 +417,8 @@ impl Search<'_> {
         Outcome::Unconverged
     }
 
-    /// Newton's method from pixel centre to pixel centre, by steps of at most the first step's length. Where no step stays in
-    /// the region it starts anew.
+    /// Newton's method from pixel centre to pixel centre, by steps of at most the first step's length. If no step stays
+    /// in the region it starts anew.
     fn newton(&self, region: u32, q: Vec3, random: &mut Random) -> Outcome {
         let longest = (self.regions.regions[region as usize].extent() * self.settings.initial_step).max(Vec2::ONE);
         let mut restarts = 0;
@@ -434,7 +440,7 @@ impl Search<'_> {
         Outcome::Unconverged
     }
 
-    /// To the root of the plane through the errors of a pixel and its neighbours; `None` where the region has none.
+    /// The step to the root of the plane through the errors of a pixel and its neighbours; `None` if they have none.
     fn newton_step(&self, region: u32, here: Vec2, q: Vec3) -> Option<Vec2> {
         let error = self.error(region, here, q)?;
         let along = |axis: Vec2| {
@@ -452,7 +458,7 @@ impl Search<'_> {
         self.seed(region, q, random).map(|(seed, _)| seed.floor() + 0.5)
     }
 
-    /// The centre of another pixel of the region, by a step.
+    /// The centre of another pixel of the region, one step further.
     fn centered_after(&self, region: u32, here: Vec2, step: Vec2, longest: Vec2, q: Vec3) -> Option<Vec2> {
         let step = step / (step.abs() / longest).max_element().max(1.0);
         // At least to the next pixel.
