@@ -8,7 +8,7 @@ use anyhow::Context as _;
 use cloud::Progress;
 use scene::Settings;
 use stream::{BuildOptions, Cache};
-use world::{Input, Making, Stage, half_of};
+use world::{CloudTask, Input, TaskKind, half_of};
 
 use crate::command_line::IndexArguments;
 use crate::failure::{self, FAILED, UNUSABLE, usage};
@@ -149,7 +149,7 @@ impl Task<'_> {
         let options = BuildOptions { memory, preview_points: 0 };
         let expected = sources.iter().map(|source| source.info().points).sum();
         let build = |progress: &Progress| stream::build(sources, self.cache, &options, progress, &|_| {});
-        let (stage, effort, pages) = self.make(Stage::new(Making::Index, expected), place, build);
+        let (task, effort, pages) = self.make(CloudTask::new(TaskKind::Index, expected), place, build);
         let pages = pages?;
         let further = pages.warnings().iter().filter(|warning| !of_files.contains(warning));
         terminal::warn(param::few(further.map(|warning| format!("{name}: {warning}")).collect(), "warnings"));
@@ -157,24 +157,24 @@ impl Task<'_> {
         let options = world::surfel_options(&pages, up, self.settings)?;
         let points = pages.octree().points();
         let estimate = |progress: &Progress| stream::estimate_surfels(&pages, &options, memory, progress);
-        let (_, normals, estimated) = self.make(Stage::new(Making::Surfels, points), place, estimate);
+        let (_, normals, estimated) = self.make(CloudTask::new(TaskKind::Surfels, points), place, estimate);
         estimated?;
         let what = summary(name, points, pages.octree().nodes.len(), pages.bytes());
         // It may have been made by another program while this one waited.
-        let effort = if stage.progress.done() == 0 { "was there".to_owned() } else { effort.text(points) };
+        let effort = if task.progress.done() == 0 { "was there".to_owned() } else { effort.text(points) };
         let folder = scene::shown(pages.folder());
         print([format!("{what}, {effort}; normals and radii {:.1} s; {folder}", normals.seconds)])
     }
 
-    /// Does the work of a stage, and shows how far it is.
+    /// Does the work of a task, and shows how far it is.
     fn make<Result>(
         &self,
-        stage: Stage,
+        task: CloudTask,
         place: &str,
         work: impl FnOnce(&Progress) -> Result,
-    ) -> (Stage, Effort, Result) {
-        let (effort, result) = Effort::of(|| progress_bar::watch_stage(&stage, place, work));
-        (stage, effort, result)
+    ) -> (CloudTask, Effort, Result) {
+        let (effort, result) = Effort::of(|| progress_bar::watch_task(&task, place, work));
+        (task, effort, result)
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use cloud::Progress;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
-use world::{Making, Stage, Standing};
+use world::{CloudTask, TaskKind, TaskStatus};
 
 use crate::interrupt;
 use crate::terminal::escaped;
@@ -51,16 +51,16 @@ impl Bar {
         }
     }
 
-    /// Shows how far a stage is; `place` says which of several it is.
-    pub fn show(&self, stage: &Stage, place: &str) {
-        let task = match (stage.standing(), stage.making) {
-            (Standing::Elsewhere, Making::Index) => "another program makes the index",
-            (Standing::Elsewhere, Making::Surfels) => "another program makes the normals",
-            (_, Making::Index) => "indexing",
-            (_, Making::Surfels) => "normals",
+    /// Shows how far a task is; `place` says which of several it is.
+    pub fn show(&self, task: &CloudTask, place: &str) {
+        let text = match (task.status(), task.kind) {
+            (TaskStatus::Elsewhere, TaskKind::Index) => "another program makes the index",
+            (TaskStatus::Elsewhere, TaskKind::Surfels) => "another program makes the normals",
+            (_, TaskKind::Index) => "indexing",
+            (_, TaskKind::Surfels) => "normals",
         };
-        self.set(stage.done(), stage.points());
-        self.set_task(&format!("{task}{place}"));
+        self.set(task.done(), task.points());
+        self.set_task(&format!("{text}{place}"));
     }
 
     /// Says something else meanwhile.
@@ -82,9 +82,9 @@ pub fn watch<Result>(task: &str, progress: &Progress, work: impl FnOnce() -> Res
     watch_by(task, progress, |bar| bar.update(progress), work)
 }
 
-/// Runs the work of a stage on this thread, and shows how far it is meanwhile; Ctrl-C cancels it.
-pub fn watch_stage<Result>(stage: &Stage, place: &str, work: impl FnOnce(&Progress) -> Result) -> Result {
-    watch_by("", &stage.progress, |bar| bar.show(stage, place), || stage.run(work))
+/// Runs the work of a task on this thread, and shows how far it is meanwhile; Ctrl-C cancels it.
+pub fn watch_task<Result>(task: &CloudTask, place: &str, work: impl FnOnce(&Progress) -> Result) -> Result {
+    watch_by("", &task.progress, |bar| bar.show(task, place), || task.run(work))
 }
 
 fn watch_by<Result>(

@@ -16,7 +16,8 @@ use scene::{Camera, Mirror, MirrorPoints, Settings};
 use serde::Serialize;
 use study::{Exact, Part, Subject};
 use world::{
-    Assembly, AutoLight, Change, CloudKey, Event, Input, Job, Request, Resident, Stage, StreamStats, Viewpoint, mirrors,
+    Assembly, AutoLight, Change, CloudKey, CloudTask, Event, Input, Job, Request, Resident, StreamStats, StreamView,
+    mirrors,
 };
 
 use crate::failure::{FAILED, UNUSABLE, usage};
@@ -85,8 +86,9 @@ pub fn open(
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
         let hidden = BTreeSet::new();
-        let look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden, share: 1.0, is_alone: true });
-        loads.receive(&job, look)?;
+        let view_number =
+            job.mailbox.set_view(StreamView { camera, size, view, stream, hidden, share: 1.0, is_alone: true });
+        loads.receive(&job, view_number)?;
     }
     drop(job);
     let Loads { mut clouds, mirrors: mut placed, status, stream, .. } = loads;
@@ -145,7 +147,7 @@ struct Loads {
     status: u8,
     stream: Option<StreamReport>,
     /// What was planned and may not be over yet, the next first.
-    stages: VecDeque<Arc<Stage>>,
+    tasks: VecDeque<Arc<CloudTask>>,
 }
 
 impl Loads {
@@ -153,22 +155,22 @@ impl Loads {
         self.clouds.is_empty() || self.clouds.iter().all(|loaded| loaded.pages.is_some() && loaded.points == 0)
     }
 
-    /// Takes in what comes until all is there: all of what is held in memory, and what that look needs of what is streamed.
-    fn receive(&mut self, job: &Job, look: u64) -> anyhow::Result<bool> {
+    /// Takes in what comes until all is there: all of what is held in memory, and what the view needs of streamed clouds.
+    fn receive(&mut self, job: &Job, view_number: u64) -> anyhow::Result<bool> {
         let mut is_over = false;
         let bar = Bar::points("reading");
         let mut failed = Few::of("that cannot be read");
         let mut waiting = StreamStats::default();
         loop {
-            while self.stages.front().is_some_and(|stage| !stage.is_pending()) {
-                self.stages.pop_front();
+            while self.tasks.front().is_some_and(|task| !task.is_pending()) {
+                self.tasks.pop_front();
             }
-            match self.stages.front() {
-                _ if look > 0 => {
+            match self.tasks.front() {
+                _ if view_number > 0 => {
                     bar.set_task("pages");
                     bar.set(waiting.points_resident, waiting.points_total);
                 }
-                Some(stage) => bar.show(stage, ""),
+                Some(task) => bar.show(task, ""),
                 None => bar.update(&job.progress),
             }
             if interrupt::is_wanted() {
@@ -183,7 +185,7 @@ impl Loads {
                 }
                 Ok(Event::Stream(stats)) => {
                     waiting = stats;
-                    if self.note(stats) && stats.look == look && !interrupt::is_wanted() {
+                    if self.note(stats) && stats.view_number == view_number && !interrupt::is_wanted() {
                         break;
                     }
                 }
@@ -221,7 +223,7 @@ impl Loads {
                 let key = CloudKey(self.clouds.len() as u32);
                 self.clouds.push(Assembly::open(key, opened).0);
             }
-            Event::Stage { stage, .. } => self.stages.push_back(stage),
+            Event::Task { task, .. } => self.tasks.push_back(task),
             Event::Mirror { mirror, samples, .. } => self.mirrors.push((mirror, samples)),
             // What the GPU holds follows when all is there.
             Event::Chunk { cloud, part, chunk } => drop(self.clouds[cloud].put(part, chunk)),
@@ -296,7 +298,7 @@ mod real_data;
 
 #[cfg(test)]
 mod tests {
-    use world::{Opened, Paged};
+    use world::{IndexState, Opened};
 
     use super::*;
 
@@ -320,7 +322,7 @@ mod tests {
         let opened = Opened { name: "tiles".into(), expected_points: 1, up: DVec3::Z, ..Opened::default() };
         loads.take(Event::Opened { cloud: 0, opened }, &bar, &mut failed);
         let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
-        let pages = Paged::Indexed { octree, grid, was_built: true, has_surfels: false, kept: None };
+        let pages = IndexState::Indexed { octree, grid, was_built: true, has_surfels: false, entry: None };
         loads.take(Event::Pages { cloud: 0, pages }, &bar, &mut failed);
         // Without one the cloud is no survey, and is coloured otherwise than when its index is found.
         assert_eq!(loads.clouds[0].cloud.grid, grid);

@@ -197,12 +197,12 @@ impl JobEntry {
 
     /// Points are on their way that the last view needs.
     pub fn is_fetching(&self) -> bool {
-        self.has_streamed && (self.stream.look != self.look || self.stream.nodes_waiting > 0)
+        self.has_streamed && (self.stream.view_number != self.look || self.stream.nodes_waiting > 0)
     }
 
     /// What its streamed clouds need for the last view is not all there, or their pages are not complete.
     pub fn is_streaming(&self) -> bool {
-        self.has_streamed && !(self.stream.is_settled && self.stream.look == self.look)
+        self.has_streamed && !(self.stream.is_settled && self.stream.view_number == self.look)
     }
 }
 

@@ -6,7 +6,7 @@ use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, Ric
 
 use param::Params;
 use scene::Show;
-use world::{LEAST_TIME, Making, Stage, Standing};
+use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 
 use super::action::Action;
 use super::bindings;
@@ -361,15 +361,15 @@ fn job_progress(ui: &mut Ui, state: &State, job: &JobEntry) -> bool {
 }
 
 /// How far something is that is made for a cloud.
-fn stage_progress(ui: &mut Ui, stage: &Stage, name: &str) {
-    let (verb, noun) = match stage.making {
-        Making::Index => ("indexing", "index"),
-        Making::Surfels => ("normals of", "normals"),
+fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str) {
+    let (verb, noun) = match stage.kind {
+        TaskKind::Index => ("indexing", "index"),
+        TaskKind::Surfels => ("normals of", "normals"),
     };
-    match stage.standing() {
-        Standing::Queued => drop(ui.label(format!("{name}: its {noun} will be made next"))),
-        Standing::Elsewhere => drop(ui.label(format!("{name}: another program is making its {noun}"))),
-        Standing::UnderWay | Standing::Stopped | Standing::Over => {
+    match stage.status() {
+        TaskStatus::Queued => drop(ui.label(format!("{name}: its {noun} will be made next"))),
+        TaskStatus::Elsewhere => drop(ui.label(format!("{name}: another program is making its {noun}"))),
+        TaskStatus::UnderWay | TaskStatus::Stopped | TaskStatus::Over => {
             let share = stage.share() as f32;
             ui.label(format!("{verb} {name}: {:.0} %", share * 100.0));
             progress_bar(ui, share);
@@ -485,7 +485,7 @@ mod tests {
         let progress = Arc::<Progress>::default();
         progress.set_total(100);
         let mailbox = Arc::<Mailbox>::default();
-        let stage = mailbox.plan(0, Stage::new(Making::Surfels, 100));
+        let stage = mailbox.plan(0, CloudTask::new(TaskKind::Surfels, 100));
         harness.state_mut().add_job(&[], progress.clone(), mailbox);
         harness.run_ok();
         harness.get_by_label("Cancel").click();

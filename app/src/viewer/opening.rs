@@ -4,7 +4,7 @@ use cloud::{Chunk, Surfels};
 use render::ColorPlan;
 use scene::Visibility;
 use serde_json::json;
-use world::{Assembly, Change, CloudKey, Event, Opened, Part, Stage, Standing};
+use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStatus};
 
 use super::clouds::{CloudEntry, JobEntry, short_name};
 use super::messages::Level;
@@ -18,10 +18,10 @@ impl State {
             Event::Opened { cloud, opened } => self.on_opened(job, cloud, opened),
             Event::Chunk { cloud, part, chunk } => self.on_chunk(job, cloud, part, chunk),
             Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages),
-            Event::Stage { cloud, stage } => {
+            Event::Task { cloud, task: stage } => {
                 let key = self.key_of(job, cloud);
                 if let Some(entry) = key.and_then(|key| self.cloud_mut(key)) {
-                    entry.stage = Some(stage);
+                    entry.task = Some(stage);
                 }
             }
             Event::Dropped { cloud, part } => self.on_dropped(job, cloud, part),
@@ -202,11 +202,11 @@ impl State {
     }
 
     /// What is made for one of a job's clouds now, or comes next.
-    pub fn stage_of(&self, job: &JobEntry) -> Option<(&CloudEntry, &Stage)> {
+    pub fn stage_of(&self, job: &JobEntry) -> Option<(&CloudEntry, &CloudTask)> {
         let of_job = self.clouds.iter().filter(|entry| job.owns(entry.key));
         let pending =
-            of_job.filter_map(|entry| Some((entry, entry.stage.as_deref().filter(|stage| stage.is_pending())?)));
-        pending.min_by_key(|(_, stage)| stage.standing() == Standing::Queued)
+            of_job.filter_map(|entry| Some((entry, entry.task.as_deref().filter(|stage| stage.is_pending())?)));
+        pending.min_by_key(|(_, stage)| stage.status() == TaskStatus::Queued)
     }
 
     /// Whether a job shows how far it is: it loads, or makes something of what is shown.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use egui::{Color32, RichText, Ui};
-use world::{CloudKey, Kept, Making, Paged, Stage, Standing, StreamStats, half_of, most_points};
+use world::{CloudKey, CloudTask, IndexEntry, IndexState, StreamStats, TaskKind, TaskStatus, half_of, most_points};
 
 use super::action::Action;
 use super::clouds::{CloudEntry, Streamed};
@@ -44,11 +44,11 @@ fn weak(ui: &mut Ui, text: impl Into<String>) {
 /// How far the pages of a cloud are.
 fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, actions: &mut Vec<Action>) {
     ui.add(egui::Label::new(RichText::new(&entry.cloud.name).strong()).truncate());
-    let stage = entry.stage.as_deref();
-    let made = |making: Making| stage.filter(|stage| stage.making == making);
+    let stage = entry.task.as_deref();
+    let made = |making: TaskKind| stage.filter(|stage| stage.kind == making);
     match &entry.pages {
-        None | Some(Paged::Indexing) => match made(Making::Index).map(|stage| (stage, stage.standing())) {
-            Some((_, Standing::Stopped)) => {
+        None | Some(IndexState::Indexing) => match made(TaskKind::Index).map(|stage| (stage, stage.status())) {
+            Some((_, TaskStatus::Stopped)) => {
                 let help = "Make the index after all, from its beginning";
                 resume(ui, state, entry.key, "no index: what is shown is a preview", help, actions);
             }
@@ -59,7 +59,7 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, ac
             Some(_) => weak(ui, "no index"),
             None => weak(ui, "its index will be made next"),
         },
-        Some(Paged::Indexed { has_surfels, was_built, kept, .. }) => {
+        Some(IndexState::Indexed { has_surfels, was_built, entry: kept, .. }) => {
             let origin = match kept {
                 Some(_) if *was_built => "indexed now",
                 Some(_) => "the index was there",
@@ -70,13 +70,13 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, ac
                 Some(_) => "ready, without normals and radii",
                 None => "ready; normals and radii are those of what is there",
             };
-            match made(Making::Surfels).map(|stage| (stage, stage.standing())) {
+            match made(TaskKind::Surfels).map(|stage| (stage, stage.status())) {
                 _ if *has_surfels => weak(ui, "ready, with normals and radii of all points"),
                 Some((stage, _)) if stage.is_pending() => {
                     let help = "Stop; what is done is kept for the next time";
                     pending(ui, entry.key, stage, help, actions);
                 }
-                Some((_, Standing::Stopped)) => {
+                Some((_, TaskStatus::Stopped)) => {
                     resume(
                         ui,
                         state,
@@ -100,17 +100,17 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, ac
 }
 
 /// Something that is or will be made, and can be stopped.
-fn pending(ui: &mut Ui, key: CloudKey, stage: &Stage, help: &str, actions: &mut Vec<Action>) {
+fn pending(ui: &mut Ui, key: CloudKey, stage: &CloudTask, help: &str, actions: &mut Vec<Action>) {
     ui.ctx().request_repaint_after(Duration::from_millis(250));
-    let (verb, noun) = match stage.making {
-        Making::Index => ("indexing", "index"),
-        Making::Surfels => ("normals", "normals"),
+    let (verb, noun) = match stage.kind {
+        TaskKind::Index => ("indexing", "index"),
+        TaskKind::Surfels => ("normals", "normals"),
     };
-    let standing = stage.standing();
+    let standing = stage.status();
     ui.horizontal(|ui| {
         match standing {
-            Standing::Queued => drop(ui.label(format!("its {noun} will be made next"))),
-            Standing::Elsewhere => drop(ui.label(format!("another program is making its {noun}"))),
+            TaskStatus::Queued => drop(ui.label(format!("its {noun} will be made next"))),
+            TaskStatus::Elsewhere => drop(ui.label(format!("another program is making its {noun}"))),
             _ => {
                 ui.label(format!("{verb} {:.0} %", stage.share() * 100.0));
                 progress_bar(ui, stage.share() as f32);
@@ -120,7 +120,7 @@ fn pending(ui: &mut Ui, key: CloudKey, stage: &Stage, help: &str, actions: &mut 
             actions.push(Action::StopMaking(key));
         }
     });
-    if standing == Standing::UnderWay {
+    if standing == TaskStatus::UnderWay {
         weak(ui, progress_text(stage.done(), stage.points(), stage.pace()));
     }
 }
@@ -136,7 +136,7 @@ fn resume(ui: &mut Ui, state: &State, key: CloudKey, text: &str, help: &str, act
 }
 
 /// The index of a cloud in the cache.
-fn index(ui: &mut Ui, key: CloudKey, kept: &Kept, actions: &mut Vec<Action>) {
+fn index(ui: &mut Ui, key: CloudKey, kept: &IndexEntry, actions: &mut Vec<Action>) {
     let folder = kept.folder.display().to_string();
     ui.horizontal(|ui| {
         ui.label(RichText::new(format!("index: {}", theme::bytes(kept.bytes))).small()).on_hover_text(&folder);
@@ -198,7 +198,7 @@ mod tests {
 
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use world::{Event, Mailbox, Opened, Part, Wish};
+    use world::{Event, IndexRequest, Mailbox, Opened, Part};
 
     use super::super::preferences::Preferences;
     use super::super::state::Effect;
@@ -206,7 +206,7 @@ mod tests {
     use super::*;
 
     /// Two clouds of job 0: the index of the first is being made, that of the second comes next.
-    fn indexing() -> (State, [Arc<Stage>; 2]) {
+    fn indexing() -> (State, [Arc<CloudTask>; 2]) {
         let mut state = State::new(Preferences::default());
         let mailbox = Arc::<Mailbox>::default();
         state.add_job(&[], Arc::default(), mailbox.clone());
@@ -215,9 +215,9 @@ mod tests {
             let (name, input, up) = (name.into(), name.into(), glam::DVec3::Z);
             let opened = Opened { name, input, expected_points: 200, up, ..Opened::default() };
             state.on_loading(0, Event::Opened { cloud, opened });
-            state.on_loading(0, Event::Pages { cloud, pages: Paged::Indexing });
-            let stage = mailbox.plan(cloud, Stage::new(Making::Index, 200));
-            state.on_loading(0, Event::Stage { cloud, stage: stage.clone() });
+            state.on_loading(0, Event::Pages { cloud, pages: IndexState::Indexing });
+            let stage = mailbox.plan(cloud, CloudTask::new(TaskKind::Index, 200));
+            state.on_loading(0, Event::Task { cloud, task: stage.clone() });
             stage
         });
         stages[0].begin();
@@ -227,7 +227,7 @@ mod tests {
     }
 
     /// The index of a cloud of 12,345 points in two levels.
-    fn indexed(has_surfels: bool) -> Paged {
+    fn indexed(has_surfels: bool) -> IndexState {
         let node = |level, parent: Option<u32>| stream::Node {
             level,
             bounds: cloud::Bounds::EMPTY,
@@ -240,8 +240,8 @@ mod tests {
         };
         let nodes = vec![node(0, None), node(1, Some(0))];
         let octree = stream::Octree { corner: glam::DVec3::ZERO, width: 1.0, spacing: 1.0, nodes };
-        let kept = Some(Kept { folder: "/cache/0123".into(), bytes: 1_700_000 });
-        Paged::Indexed { octree: Arc::new(octree), grid: None, was_built: true, has_surfels, kept }
+        let kept = Some(IndexEntry { folder: "/cache/0123".into(), bytes: 1_700_000 });
+        IndexState::Indexed { octree: Arc::new(octree), grid: None, was_built: true, has_surfels, entry: kept }
     }
 
     fn harness(state: State) -> Harness<'static, State> {
@@ -261,7 +261,7 @@ mod tests {
         let stop = harness.query_all_by_label("Stop").next().unwrap();
         stop.click();
         harness.run_ok();
-        assert_eq!(stages.each_ref().map(|stage| stage.standing()), [Standing::Stopped, Standing::Queued]);
+        assert_eq!(stages.each_ref().map(|stage| stage.status()), [TaskStatus::Stopped, TaskStatus::Queued]);
         stages[1].begin();
         stages[1].progress.set_waiting(true);
         harness.run_ok();
@@ -286,9 +286,9 @@ mod tests {
         harness.run_ok();
         harness.query_all_by_label("Resume").nth(1).unwrap().click();
         harness.run_ok();
-        assert_eq!(mailbox.rest(), Some(vec![Wish::Resume(1)]));
+        assert_eq!(mailbox.wait_for_requests(), Some(vec![IndexRequest::Resume(1)]));
         assert!(harness.query_by_label("its index will be made next").is_some());
-        assert!(mailbox.plan(1, Stage::new(Making::Index, 200)).is_pending(), "the stop is over");
+        assert!(mailbox.plan(1, CloudTask::new(TaskKind::Index, 200)).is_pending(), "the stop is over");
     }
 
     #[test]

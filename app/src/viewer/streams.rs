@@ -7,7 +7,7 @@ use std::sync::Arc;
 use cloud::Bounds;
 use scene::Settings;
 use serde_json::json;
-use world::{Change, CloudKey, Kept, Paged, Part, StreamStats, Viewpoint, most_points};
+use world::{Change, CloudKey, IndexEntry, IndexState, Part, StreamStats, StreamView, most_points};
 
 use super::clouds::{CloudEntry, JobEntry, Streamed};
 use super::messages::Level;
@@ -17,7 +17,7 @@ use super::theme;
 use super::work::Work;
 
 impl State {
-    pub(super) fn on_pages(&mut self, job: u32, cloud: usize, pages: Paged) {
+    pub(super) fn on_pages(&mut self, job: u32, cloud: usize, pages: IndexState) {
         if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
             entry.has_streamed = true;
         }
@@ -25,8 +25,8 @@ impl State {
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let rests = entry.streamed.as_ref().map_or(0, |streamed| streamed.rests);
         let was_indexed = entry.is_indexed();
-        let has_surfels = matches!(pages, Paged::Indexed { has_surfels: true, .. });
-        let is_kept = pages.kept().is_some();
+        let has_surfels = matches!(pages, IndexState::Indexed { has_surfels: true, .. });
+        let is_kept = pages.entry().is_some();
         let change = entry.page(pages);
         entry.streamed = Some(Streamed::new(entry.octree().map(Arc::as_ref), rests));
         let bounds = entry.index_bounds().unwrap_or(Bounds::EMPTY);
@@ -121,7 +121,7 @@ impl State {
         for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
             let (view, stream) = (view.clone(), stream.clone());
             job.share = share;
-            job.look = job.mailbox.look(Viewpoint { camera, size, view, stream, hidden, share, is_alone });
+            job.look = job.mailbox.set_view(StreamView { camera, size, view, stream, hidden, share, is_alone });
         }
     }
 
@@ -151,20 +151,20 @@ impl State {
         let Some((job, cloud)) = self.job_of(key) else { return };
         job.mailbox.resume(cloud);
         if let Some(entry) = self.cloud_mut(key) {
-            entry.stage = None;
+            entry.task = None;
         }
     }
 
     /// Closes a cloud and deletes its index.
     pub fn delete_index(&mut self, key: CloudKey) {
-        let kept = self.cloud(key).and_then(|entry| entry.pages.as_ref()?.kept().cloned());
+        let kept = self.cloud(key).and_then(|entry| entry.pages.as_ref()?.entry().cloned());
         if let Some(kept) = kept {
             self.remove_cloud(key);
             self.effects.push(Effect::Work(Work::DeleteIndex(kept)));
         }
     }
 
-    pub(super) fn on_index_deleted(&mut self, kept: &Kept, result: Result<(), String>) {
+    pub(super) fn on_index_deleted(&mut self, kept: &IndexEntry, result: Result<(), String>) {
         match result {
             Ok(()) => self.say(Level::Note, format!("Index deleted: {} free", theme::bytes(kept.bytes))),
             Err(error) => self.say(Level::Error, error),
@@ -300,8 +300,13 @@ mod tests {
         state.add_job(&[], Arc::default(), Arc::default());
         let intensity = Attribute { name: "intensity".into(), column_type: ColumnType::U8 };
         state.on_loading(0, opened(vec![intensity]));
-        let pages =
-            Paged::Indexed { octree: Arc::new(octree()), grid: GRID, was_built: false, has_surfels: true, kept: None };
+        let pages = IndexState::Indexed {
+            octree: Arc::new(octree()),
+            grid: GRID,
+            was_built: false,
+            has_surfels: true,
+            entry: None,
+        };
         state.on_loading(0, Event::Pages { cloud: 0, pages });
         put(&mut state, 0, &[1.0, 7.0]);
         state.history.watch(&state.settings, &state.objects, false, state.now);
@@ -311,7 +316,7 @@ mod tests {
     /// All that the last look needs is there.
     fn settle(state: &mut State) {
         state.look_around();
-        let stats = StreamStats { look: state.jobs[0].look, is_settled: true, ..StreamStats::default() };
+        let stats = StreamStats { view_number: state.jobs[0].look, is_settled: true, ..StreamStats::default() };
         state.on_loading(0, Event::Stream(stats));
     }
 
@@ -326,7 +331,7 @@ mod tests {
         let mut state = State::new(Preferences::default());
         state.add_job(&[], Arc::default(), Arc::default());
         state.on_loading(0, opened(Vec::new()));
-        state.on_loading(0, Event::Pages { cloud: 0, pages: Paged::Indexing });
+        state.on_loading(0, Event::Pages { cloud: 0, pages: IndexState::Indexing });
         put(&mut state, 0, &[1.0]);
         put(&mut state, 3, &[2.0, 6.0, 8.0]);
         put(&mut state, 0, &[1.0, 3.0]);
@@ -418,7 +423,7 @@ mod tests {
         state.camera.eye += DVec3::ONE;
         state.look_around();
         assert!(!state.is_loading() && state.points_come());
-        let late = StreamStats { look: state.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
+        let late = StreamStats { view_number: state.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
         state.on_loading(0, Event::Stream(late));
         assert!(state.points_come(), "that is about an earlier look");
         settle(&mut state);

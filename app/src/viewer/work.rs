@@ -9,7 +9,7 @@ use cloud::{Chunk, Cloud, Column, PointTest, Progress};
 use glam::DVec3;
 use scene::{Mirror, MirrorNormals, MirrorPoints, Stream};
 use world::mirrors::{self, Marked};
-use world::{AutoLight, CloudKey, Kept};
+use world::{AutoLight, CloudKey, IndexEntry};
 
 use super::figures::{Basis, Figures};
 use super::inspection;
@@ -86,7 +86,7 @@ pub enum Work {
         text: String,
     },
     /// Deletes an index that is closed.
-    DeleteIndex(Kept),
+    DeleteIndex(IndexEntry),
     /// Finds out how large all indexes are.
     MeasureCache,
 }
@@ -143,7 +143,7 @@ pub enum Found {
         result: Result<(), String>,
     },
     IndexDeleted {
-        kept: Kept,
+        kept: IndexEntry,
         result: Result<(), String>,
     },
     CacheSize(u64),

@@ -10,8 +10,8 @@ use stream::Octree;
 
 use crate::change::Change;
 use crate::chunk_key::{CloudKey, Part};
-use crate::event::{Opened, Paged};
-use crate::stage::Stage;
+use crate::event::{IndexState, Opened};
+use crate::task::CloudTask;
 
 pub struct Assembly {
     pub key: CloudKey,
@@ -37,9 +37,9 @@ pub struct Assembly {
     /// Grows with the chunks; stray points included. An index tells those of all of its points.
     pub bounds: Bounds,
     /// How far the index is, where the cloud is streamed: its chunks come and go.
-    pub pages: Option<Paged>,
+    pub pages: Option<IndexState>,
     /// What was last planned for the cloud: its index, or normals and radii.
-    pub stage: Option<Arc<Stage>>,
+    pub task: Option<Arc<CloudTask>>,
     /// Columns that were read after the points, also for chunks that are still to come.
     late_columns: BTreeMap<usize, BTreeMap<u64, Arc<Column>>>,
     /// What was said to be wrong with the file when it was opened.
@@ -65,7 +65,7 @@ impl Assembly {
             is_read: false,
             bounds: Bounds::EMPTY,
             pages: None,
-            stage: None,
+            task: None,
             late_columns: BTreeMap::new(),
             warnings,
         };
@@ -109,13 +109,13 @@ impl Assembly {
     }
 
     /// Takes in how far the index of the cloud is.
-    pub fn page(&mut self, mut pages: Paged) -> Change {
+    pub fn page(&mut self, mut pages: IndexState) -> Change {
         let was_built_before = self.was_built();
-        if let Paged::Indexed { grid, was_built, .. } = &mut pages {
+        if let IndexState::Indexed { grid, was_built, .. } = &mut pages {
             self.cloud.grid = *grid;
             *was_built |= was_built_before;
         } else {
-            self.stage = None;
+            self.task = None;
         }
         self.pages = Some(pages);
         let bounds = self.index_bounds().unwrap_or(Bounds::EMPTY);
@@ -191,8 +191,8 @@ impl Assembly {
 
     pub fn octree(&self) -> Option<&Arc<Octree>> {
         match &self.pages {
-            Some(Paged::Indexed { octree, .. }) => Some(octree),
-            Some(Paged::Indexing) | None => None,
+            Some(IndexState::Indexed { octree, .. }) => Some(octree),
+            Some(IndexState::Indexing) | None => None,
         }
     }
 
@@ -203,7 +203,7 @@ impl Assembly {
 
     /// Whether its index was made and not found.
     pub fn was_built(&self) -> bool {
-        matches!(self.pages, Some(Paged::Indexed { was_built: true, .. }))
+        matches!(self.pages, Some(IndexState::Indexed { was_built: true, .. }))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Where the indexes of streamed clouds are kept.
+//! Where the indexes of streamed clouds are entry.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use scene::Stream;
 use stream::Cache;
 
 use crate::error::{Error, Result};
-use crate::event::Kept;
+use crate::event::IndexEntry;
 
 /// What reads or makes an index that is closed ends within this time.
 const CLOSING_TIME: Duration = Duration::from_secs(10);
@@ -17,7 +17,7 @@ pub fn folder_named_by(variable: &str) -> Option<PathBuf> {
     std::env::var_os(variable).filter(|folder| !folder.is_empty()).map(PathBuf::from)
 }
 
-/// Where indexes are kept: `GLINT_CACHE_DIR`, else the platform's place.
+/// Where indexes are entry: `GLINT_CACHE_DIR`, else the platform's place.
 ///
 /// # Errors
 /// If there is none.
@@ -31,12 +31,12 @@ pub fn cache(settings: &Stream) -> Result<Cache> {
 ///
 /// # Errors
 /// If somebody still has.
-pub fn delete(settings: &Stream, kept: &Kept) -> Result<()> {
+pub fn delete(settings: &Stream, entry: &IndexEntry) -> Result<()> {
     let cache = cache(settings)?;
     let start = Instant::now();
-    while !cache.remove(&kept.folder) {
+    while !cache.remove(&entry.folder) {
         if start.elapsed() > CLOSING_TIME {
-            return Err(Error::IndexInUse { folder: kept.folder.clone() });
+            return Err(Error::IndexInUse { folder: entry.folder.clone() });
         }
         std::thread::sleep(Duration::from_millis(50));
     }

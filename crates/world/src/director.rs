@@ -13,8 +13,8 @@ use stream::{Budget, Change, Missing, Node, Octree, Page, PagedCloud, Streamer, 
 use crate::budget::{CUT_PART, half_of, most_points};
 use crate::chunk_key::Part;
 use crate::error::is_of_inputs;
-use crate::event::{Event, Kept, Paged, StreamStats};
-use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, Viewpoint};
+use crate::event::{Event, IndexEntry, IndexState, StreamStats};
+use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, StreamView};
 
 /// Share of the memory of decoded points that a cut may ask for: the rest is for what is being read and what may be wanted again.
 const CUT_SHARE: f64 = 0.75;
@@ -28,9 +28,9 @@ pub struct Director {
     mailbox: Arc<Mailbox>,
     events: SyncSender<Event>,
     streamer: Streamer,
-    clouds: BTreeMap<usize, Streamed>,
-    look: u64,
-    viewpoint: Option<Viewpoint>,
+    clouds: BTreeMap<usize, StreamedCloud>,
+    view_number: u64,
+    viewpoint: Option<StreamView>,
     demand: f64,
     /// Until somebody looks.
     settings: Settings,
@@ -38,12 +38,12 @@ pub struct Director {
     /// Points of the previews of clouds whose index is still to be made.
     previews: BTreeMap<usize, u64>,
     /// Points that were resident beside the last cut.
-    held: u64,
+    beside_cut: u64,
     reported: (Instant, StreamStats),
 }
 
 /// A cloud that is streamed.
-struct Streamed {
+struct StreamedCloud {
     /// As a person named it.
     input: String,
     octree: Arc<Octree>,
@@ -62,7 +62,7 @@ struct Streamed {
     is_reported: bool,
 }
 
-impl Streamed {
+impl StreamedCloud {
     /// Its pages are being made again.
     fn is_awaited(&self) -> bool {
         self.is_own && self.is_damaged
@@ -83,13 +83,13 @@ impl Director {
             events,
             streamer,
             clouds: BTreeMap::new(),
-            look: 0,
+            view_number: 0,
             viewpoint: None,
             demand: 0.0,
             settings: settings.clone(),
             is_complete: false,
             previews: BTreeMap::new(),
-            held: 0,
+            beside_cut: 0,
             reported,
         })
     }
@@ -101,16 +101,16 @@ impl Director {
     }
 
     fn step(&mut self) -> Option<()> {
-        let News { view, requests } = self.mailbox.wait(REPORT_INTERVAL, self.look)?;
+        let News { view, requests } = self.mailbox.wait(REPORT_INTERVAL, self.view_number)?;
         let mut is_other = view.is_some();
-        if let Some((look, viewpoint)) = view {
-            (self.look, self.viewpoint) = (look, Some(viewpoint));
+        if let Some((number, viewpoint)) = view {
+            (self.view_number, self.viewpoint) = (number, Some(viewpoint));
         }
         for request in requests {
             is_other |= matches!(request, StreamRequest::Arrive(_) | StreamRequest::Close(_));
-            self.obey(request)?;
+            self.handle(request)?;
         }
-        is_other |= self.held() != self.held;
+        is_other |= self.beside_cut() != self.beside_cut;
         if is_other {
             self.choose()?;
         }
@@ -122,11 +122,11 @@ impl Director {
         self.report(is_quiet && !is_other)
     }
 
-    fn obey(&mut self, request: StreamRequest) -> Option<()> {
+    fn handle(&mut self, request: StreamRequest) -> Option<()> {
         match request {
             StreamRequest::Arrive(arrival) => {
                 self.previews.remove(&arrival.cloud);
-                self.take_in(*arrival)?;
+                self.add(*arrival)?;
             }
             StreamRequest::Close(cloud) => {
                 self.previews.remove(&cloud);
@@ -139,11 +139,11 @@ impl Director {
         Some(())
     }
 
-    fn take_in(&mut self, arrival: Arrival) -> Option<()> {
+    fn add(&mut self, arrival: Arrival) -> Option<()> {
         let Arrival { cloud, input, pages, is_own, was_built, estimate, previews } = arrival;
         let octree = Arc::new(pages.octree().clone());
         let (grid, has_surfels) = (pages.grid(), pages.has_surfels());
-        let kept = is_own.then(|| Kept { folder: pages.folder().to_owned(), bytes: pages.bytes() });
+        let entry = is_own.then(|| IndexEntry { folder: pages.folder().to_owned(), bytes: pages.bytes() });
         let point_bytes = pages.point_bytes();
         let summary = codec::Summary {
             points: octree.points(),
@@ -165,7 +165,7 @@ impl Director {
         self.streamer.replace(cloud, paged);
         let summary = (!is_again).then_some(summary);
         let octree_shown = octree.clone();
-        let streamed = Streamed {
+        let streamed = StreamedCloud {
             input,
             octree,
             is_own,
@@ -177,23 +177,23 @@ impl Director {
             is_reported: false,
         };
         self.clouds.insert(cloud, streamed);
-        let pages = Paged::Indexed { octree: octree_shown, grid, was_built, has_surfels, kept };
+        let pages = IndexState::Indexed { octree: octree_shown, grid, was_built, has_surfels, entry };
         self.send(Event::Pages { cloud, pages })
     }
 
     /// Points that are resident and of no cut: they take their part of the budget.
-    fn held(&self) -> u64 {
+    fn beside_cut(&self) -> u64 {
         let stale = self.clouds.values().flat_map(|streamed| streamed.stale.values());
         self.previews.values().chain(stale).sum()
     }
 
-    /// Lets go of stale chunks until no more than so many points are held; the finest first, of which others are left.
-    fn let_go(&mut self, most: u64) -> Option<()> {
-        let mut excess = self.held().saturating_sub(most);
+    /// Lets go of stale chunks until no more than so many points are beside_cut; the finest first, of which others are left.
+    fn drop_stale(&mut self, most: u64) -> Option<()> {
+        let mut excess = self.beside_cut().saturating_sub(most);
         if excess == 0 {
             return Some(());
         }
-        let level = |streamed: &Streamed, part: Part| match part {
+        let level = |streamed: &StreamedCloud, part: Part| match part {
             Part::Node(node) => streamed.octree.nodes.get(node.0 as usize).map_or(u8::MAX, |node| node.level),
             Part::Preview(_) | Part::Block(_) => u8::MAX,
         };
@@ -212,7 +212,7 @@ impl Director {
         Some(())
     }
 
-    /// Asks for the cut of the latest look, beside what is held.
+    /// Asks for the cut of the latest look, beside what is beside_cut.
     fn choose(&mut self) -> Option<()> {
         let (view, stream, share) = match &self.viewpoint {
             Some(viewpoint) => (viewpoint.view.clone(), viewpoint.stream.clone(), viewpoint.share),
@@ -220,11 +220,11 @@ impl Director {
         };
         let most = most_points(&view, &stream);
         let points = (most as f64 * share) as u64;
-        self.let_go(points / CUT_PART)?;
-        self.held = self.held();
+        self.drop_stale(points / CUT_PART)?;
+        self.beside_cut = self.beside_cut();
         let bytes = half_of(stream.host_bytes) as f64;
         let budget = |part: f64| {
-            let points = points.saturating_sub(self.held).max(points / CUT_PART);
+            let points = points.saturating_sub(self.beside_cut).max(points / CUT_PART);
             Budget { points, bytes: (bytes * share * part) as u64 }
         };
         self.streamer.set_budget(budget(1.0));
@@ -255,7 +255,7 @@ impl Director {
         let wanted = cut(budget(CUT_SHARE));
         let whole = Budget { points: most, bytes: (bytes * CUT_SHARE) as u64 };
         let demand = if share < 1.0 { demand(&cut(whole), &trees, whole) } else { demand(&wanted, &trees, whole) };
-        let demand = (demand + self.held as f64 / most.max(1) as f64).min(1.0);
+        let demand = (demand + self.beside_cut as f64 / most.max(1) as f64).min(1.0);
         self.streamer.show_only_wanted(self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.is_alone));
         self.streamer.want(wanted);
         self.demand = demand;
@@ -304,7 +304,7 @@ impl Director {
                 streamed.stale = streamed.resident.clone();
                 self.streamer.remove(cloud);
                 // Before whoever mends it can say more of it.
-                self.send(Event::Pages { cloud, pages: Paged::Indexing })?;
+                self.send(Event::Pages { cloud, pages: IndexState::Indexing })?;
                 self.mailbox.report_damage(cloud);
                 Some(())
             }
@@ -314,22 +314,22 @@ impl Director {
     /// Tells what is there, if that has changed, and what goes with a cut that has come in full.
     fn report(&mut self, is_quiet: bool) -> Option<()> {
         let shown = self.streamer.stats();
-        let mut is_there = is_quiet && shown.settled && !self.clouds.values().any(Streamed::is_awaited);
+        let mut is_there = is_quiet && shown.settled && !self.clouds.values().any(StreamedCloud::is_awaited);
         if is_there && self.clouds.values().any(|streamed| !streamed.stale.is_empty()) {
             // The cut takes their place.
             is_there = false;
-            self.let_go(self.previews.values().sum())?;
+            self.drop_stale(self.previews.values().sum())?;
             self.mailbox.wake();
         }
         if is_there {
-            let read = |(cloud, streamed): (&usize, &mut Streamed)| Some((*cloud, streamed.summary.take()?));
+            let read = |(cloud, streamed): (&usize, &mut StreamedCloud)| Some((*cloud, streamed.summary.take()?));
             let read: Vec<_> = self.clouds.iter_mut().filter_map(read).collect();
             for (cloud, summary) in read {
                 self.send(Event::Read { cloud, summary })?;
             }
         }
         let stats = StreamStats {
-            look: self.look,
+            view_number: self.view_number,
             is_settled: is_there && self.is_complete,
             nodes: shown.shown_nodes,
             points_resident: shown.shown_points,
@@ -373,8 +373,8 @@ fn demand(cut: &[Wanted], trees: &[Tree], budget: Budget) -> f64 {
 }
 
 /// How large places appear.
-fn measure(viewpoint: &Viewpoint) -> ViewMeasure {
-    let Viewpoint { camera, size: [width, height], view, stream, .. } = viewpoint;
+fn measure(viewpoint: &StreamView) -> ViewMeasure {
+    let StreamView { camera, size: [width, height], view, stream, .. } = viewpoint;
     let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
     let (height, unseen) = (f64::from(*height), f64::from(stream.unseen));
     let half = DVec2::new(tangent * f64::from(*width) / height.max(1.0), tangent);
@@ -414,12 +414,16 @@ mod tests {
     }
 
     /// Points of both clouds that are there at the end of a look, and what it would take of the whole budget.
-    fn settled(events: &Receiver<Event>, there: &mut [BTreeMap<Part, usize>; 2], look: u64) -> ([usize; 2], f64) {
+    fn settled(
+        events: &Receiver<Event>,
+        there: &mut [BTreeMap<Part, usize>; 2],
+        view_number: u64,
+    ) -> ([usize; 2], f64) {
         loop {
             match events.recv().unwrap() {
                 Event::Chunk { cloud, part, chunk } => drop(there[cloud].insert(part, chunk.len())),
                 Event::Dropped { cloud, part } => drop(there[cloud].remove(&part)),
-                Event::Stream(stats) if stats.is_settled && stats.look == look => {
+                Event::Stream(stats) if stats.is_settled && stats.view_number == view_number => {
                     return (there.each_ref().map(|chunks| chunks.values().sum()), stats.demand);
                 }
                 _ => {}
@@ -452,15 +456,15 @@ mod tests {
         let director = Director::new(mailbox.clone(), sender, &settings).unwrap();
         let seen = std::thread::scope(|scope| {
             scope.spawn(|| director.run());
-            scope.spawn(|| mailbox.rest());
-            let look = |hidden: &[usize], share: f64| {
+            scope.spawn(|| mailbox.wait_for_requests());
+            let set_view = |hidden: &[usize], share: f64| {
                 let (view, stream) = (settings.view.clone(), settings.stream.clone());
                 let hidden = hidden.iter().copied().collect();
-                mailbox.look(Viewpoint { camera, size: [800, 600], view, stream, hidden, share, is_alone: false })
+                mailbox.set_view(StreamView { camera, size: [800, 600], view, stream, hidden, share, is_alone: false })
             };
             let mut there = [BTreeMap::new(), BTreeMap::new()];
-            let looks = [(&[][..], 1.0), (&[0], 1.0), (&[], 1.0), (&[], 1.0 / 3.0)];
-            let seen = looks.map(|(hidden, share)| settled(&events, &mut there, look(hidden, share)));
+            let views = [(&[][..], 1.0), (&[0], 1.0), (&[], 1.0), (&[], 1.0 / 3.0)];
+            let seen = views.map(|(hidden, share)| settled(&events, &mut there, set_view(hidden, share)));
             mailbox.end();
             seen
         });

@@ -9,7 +9,7 @@ use scene::Mirror;
 use stream::Octree;
 
 use crate::chunk_key::Part;
-use crate::stage::Stage;
+use crate::task::CloudTask;
 
 /// What is known of a cloud before its points come.
 #[derive(Clone, Default)]
@@ -37,9 +37,9 @@ pub enum Event {
     Chunk { cloud: usize, part: Part, chunk: Chunk },
     /// The cloud is streamed: its chunks are those of its points that the last look needs, and come and go. Follows `Opened`,
     /// and comes again when more is known.
-    Pages { cloud: usize, pages: Paged },
+    Pages { cloud: usize, pages: IndexState },
     /// Something is or will be made for the cloud, in the place of what was made for it before.
-    Stage { cloud: usize, stage: Arc<Stage> },
+    Task { cloud: usize, task: Arc<CloudTask> },
     /// That part is no more needed.
     Dropped { cloud: usize, part: Part },
     /// What is there of all streamed clouds, whenever that changes, a few times a second at most.
@@ -63,8 +63,8 @@ pub enum Event {
 
 /// How far the pages of a streamed cloud are.
 #[derive(Clone, Debug)]
-pub enum Paged {
-    /// The index is being made, or will be (`Event::Stage`). Chunks that come meanwhile are a preview: some points of all places.
+pub enum IndexState {
+    /// The index is being made, or will be (`Event::Task`). Chunks that come meanwhile are a preview: some points of all places.
     Indexing,
     /// The index is there. Comes again when normals and radii have been worked out.
     Indexed {
@@ -76,15 +76,15 @@ pub enum Paged {
         /// Whether normals and radii are those of all points; until then each node's are estimated from its own.
         has_surfels: bool,
         /// `None` for a COPC file, which is its own index.
-        kept: Option<Kept>,
+        entry: Option<IndexEntry>,
     },
 }
 
-impl Paged {
+impl IndexState {
     /// The index, where it is in the cache.
-    pub fn kept(&self) -> Option<&Kept> {
+    pub fn entry(&self) -> Option<&IndexEntry> {
         match self {
-            Self::Indexed { kept, .. } => kept.as_ref(),
+            Self::Indexed { entry, .. } => entry.as_ref(),
             Self::Indexing => None,
         }
     }
@@ -92,7 +92,7 @@ impl Paged {
 
 /// An index in the cache.
 #[derive(Clone, Debug)]
-pub struct Kept {
+pub struct IndexEntry {
     pub folder: PathBuf,
     /// On the disk.
     pub bytes: u64,
@@ -102,7 +102,7 @@ pub struct Kept {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StreamStats {
     /// The look that it is about: what `Mailbox::look` gave back; 0 before the first one.
-    pub look: u64,
+    pub view_number: u64,
     /// Nothing is left to be done for it: all that it needs is there, and every index is complete.
     pub is_settled: bool,
     /// Nodes that are resident.

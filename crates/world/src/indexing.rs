@@ -12,16 +12,16 @@ use stream::{BuildOptions, Pages};
 use crate::budget::{half_of, most_preview_points};
 use crate::chunk_key::Part;
 use crate::error::is_of_inputs;
-use crate::event::{Event, Opened, Paged};
+use crate::event::{Event, IndexState, Opened};
 use crate::loader::Loader;
-use crate::mailbox::{Arrival, Wish};
+use crate::mailbox::{Arrival, IndexRequest};
 use crate::reading::Loading;
 use crate::source::{file_name, file_warnings, surfel_options, up_of};
-use crate::stage::{Making, Stage};
+use crate::task::{CloudTask, TaskKind};
 use crate::words::Input;
 
 /// A streamed cloud while its pages are found or made.
-pub(crate) struct Paging {
+pub(crate) struct StreamedInput {
     cloud: usize,
     input: String,
     sources: Vec<Arc<codec::Source>>,
@@ -59,58 +59,58 @@ impl Stopped {
 impl Loader {
     /// Streams what is there at once, reads what is held in memory, makes indexes that are missing, and stays to make those again
     /// that turn out to be damaged, and those after all that were stopped.
-    pub(crate) fn page_all(&self, mut paged: Vec<Paging>, opened: Vec<Loading>) -> Option<()> {
-        let mut there: Vec<(&Paging, Pages)> = Vec::new();
+    pub(crate) fn stream_all(&self, mut streamed_inputs: Vec<StreamedInput>, opened: Vec<Loading>) -> Option<()> {
+        let mut there: Vec<(&StreamedInput, Pages)> = Vec::new();
         let mut missing = Vec::new();
-        let found: Vec<Option<Pages>> = paged.iter_mut().map(|paging| paging.found.take()).collect();
-        for (paging, found) in paged.iter().zip(found) {
+        let found: Vec<Option<Pages>> = streamed_inputs.iter_mut().map(|streamed| streamed.found.take()).collect();
+        for (streamed, found) in streamed_inputs.iter().zip(found) {
             match found {
-                Some(pages) => there.push((paging, pages)),
-                None => missing.push((paging, self.plan_index(paging)?)),
+                Some(pages) => there.push((streamed, pages)),
+                None => missing.push((streamed, self.plan_index(streamed)?)),
             }
         }
         // Before anything of what is there takes the place of the previews.
         let preview_points = self.preview_points() / missing.len().max(1) as u64;
-        missing.iter().for_each(|(paging, _)| self.mailbox.keep_room(paging.cloud, preview_points));
-        let stream = |(paging, pages)| {
-            self.stream(paging, pages, false, HashMap::new());
-            paging
+        missing.iter().for_each(|(streamed, _)| self.mailbox.keep_room(streamed.cloud, preview_points));
+        let stream = |(streamed, pages)| {
+            self.stream(streamed, pages, false, HashMap::new());
+            streamed
         };
         // Clouds that there is an index of, or may still be.
-        let mut open: Vec<&Paging> = there.into_iter().map(stream).collect();
+        let mut open: Vec<&StreamedInput> = there.into_iter().map(stream).collect();
         self.read_all(opened)?;
-        for (paging, stage) in missing {
-            if self.index(paging, &stage, preview_points)? || stage.progress.is_cancelled() {
-                open.push(paging);
+        for (streamed, task) in missing {
+            if self.index(streamed, &task, preview_points)? || task.progress.is_cancelled() {
+                open.push(streamed);
             }
         }
         self.refine_all(&open)?;
         let mut again = HashSet::new();
         while !open.is_empty() {
-            for wish in self.mailbox.rest()? {
-                let (Wish::Mend(cloud) | Wish::Resume(cloud)) = wish;
-                let Some(paging) = open.iter().copied().find(|paging| paging.cloud == cloud) else { continue };
-                let is_kept = match wish {
-                    Wish::Resume(_) => self.resume(paging, preview_points)?,
+            for request in self.mailbox.wait_for_requests()? {
+                let (IndexRequest::Mend(cloud) | IndexRequest::Resume(cloud)) = request;
+                let Some(streamed) = open.iter().copied().find(|streamed| streamed.cloud == cloud) else { continue };
+                let is_kept = match request {
+                    IndexRequest::Resume(_) => self.resume(streamed, preview_points)?,
                     // Once: a disk that damages what is written to it would keep this going for ever.
-                    Wish::Mend(_) if again.insert(cloud) => {
-                        self.discard(paging);
-                        let stage = self.plan_index(paging)?;
+                    IndexRequest::Mend(_) if again.insert(cloud) => {
+                        self.discard(streamed);
+                        let task = self.plan_index(streamed)?;
                         // What is shown stays meanwhile.
-                        self.index(paging, &stage, 0)? || stage.progress.is_cancelled()
+                        self.index(streamed, &task, 0)? || task.progress.is_cancelled()
                     }
-                    Wish::Mend(_) => {
+                    IndexRequest::Mend(_) => {
                         let problem = "its pages were damaged again after they had been made anew";
-                        let error = format!("{}: {problem}", paging.input);
-                        self.send(Event::Failed { input: paging.input.clone(), error, is_usage: false })?;
+                        let error = format!("{}: {problem}", streamed.input);
+                        self.send(Event::Failed { input: streamed.input.clone(), error, is_usage: false })?;
                         false
                     }
                 };
                 if is_kept {
-                    self.refine_all(&[paging])?;
+                    self.refine_all(&[streamed])?;
                 } else {
                     self.mailbox.close(cloud);
-                    open.retain(|paging| paging.cloud != cloud);
+                    open.retain(|streamed| streamed.cloud != cloud);
                 }
             }
         }
@@ -118,22 +118,22 @@ impl Loader {
     }
 
     /// Makes the index of a cloud if that was stopped; false if there will never be one.
-    fn resume(&self, paging: &Paging, preview_points: u64) -> Option<bool> {
-        if self.mailbox.stage(paging.cloud).is_none_or(|stopped| stopped.making != Making::Index) {
+    fn resume(&self, streamed: &StreamedInput, preview_points: u64) -> Option<bool> {
+        if self.mailbox.task(streamed.cloud).is_none_or(|stopped| stopped.kind != TaskKind::Index) {
             return Some(true);
         }
-        let stage = self.plan_index(paging)?;
-        Some(self.index(paging, &stage, preview_points)? || stage.progress.is_cancelled())
+        let task = self.plan_index(streamed)?;
+        Some(self.index(streamed, &task, preview_points)? || task.progress.is_cancelled())
     }
 
     /// Files that are streamed as one cloud.
-    pub(crate) fn begin_paging(
+    pub(crate) fn begin_streamed(
         &self,
         input: &Input,
         sources: Vec<Arc<codec::Source>>,
         native: Option<Pages>,
         cloud: usize,
-    ) -> Option<Paging> {
+    ) -> Option<StreamedInput> {
         let infos = || sources.iter().map(|source| source.info());
         let path = match (input, sources.as_slice()) {
             (Input::Tiles { folder, .. }, [_, _, ..]) => folder.clone(),
@@ -172,7 +172,7 @@ impl Loader {
         };
         self.send(Event::Opened { cloud, opened })?;
         let input = scene::shown(&path);
-        Some(Paging {
+        Some(StreamedInput {
             cloud,
             input,
             sources,
@@ -185,10 +185,18 @@ impl Loader {
     }
 
     /// Has pages streamed. Where they lack normals and radii and will not get them, each node's are estimated from its own points.
-    fn stream(&self, paging: &Paging, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
-        let estimate = paging.is_native.then(|| self.surfel_options(paging, &pages)).flatten();
-        let (cloud, input, pages) = (paging.cloud, paging.input.clone(), Arc::new(pages));
-        self.mailbox.arrive(Arrival { cloud, input, pages, is_own: !paging.is_native, was_built, estimate, previews });
+    fn stream(&self, streamed: &StreamedInput, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
+        let estimate = streamed.is_native.then(|| self.surfel_options(streamed, &pages)).flatten();
+        let (cloud, input, pages) = (streamed.cloud, streamed.input.clone(), Arc::new(pages));
+        self.mailbox.arrive(Arrival {
+            cloud,
+            input,
+            pages,
+            is_own: !streamed.is_native,
+            was_built,
+            estimate,
+            previews,
+        });
     }
 
     /// Points of all previews of the job.
@@ -200,16 +208,16 @@ impl Loader {
         most_preview_points(&self.settings).min(memory / PREVIEW_SHARE / PREVIEW_POINT_BYTES)
     }
 
-    fn plan_index(&self, paging: &Paging) -> Option<Arc<Stage>> {
-        self.send(Event::Pages { cloud: paging.cloud, pages: Paged::Indexing })?;
-        self.plan(paging.cloud, Making::Index, paging.sources.iter().map(|source| source.info().points).sum())
+    fn plan_index(&self, streamed: &StreamedInput) -> Option<Arc<CloudTask>> {
+        self.send(Event::Pages { cloud: streamed.cloud, pages: IndexState::Indexing })?;
+        self.plan(streamed.cloud, TaskKind::Index, streamed.sources.iter().map(|source| source.info().points).sum())
     }
 
     /// Makes the index of a cloud and has it streamed; whether there is one now.
-    fn index(&self, paging: &Paging, stage: &Stage, preview_points: u64) -> Option<bool> {
-        let cloud = paging.cloud;
+    fn index(&self, streamed: &StreamedInput, task: &CloudTask, preview_points: u64) -> Option<bool> {
+        let cloud = streamed.cloud;
         let memory = half_of(self.settings.stream.host_bytes);
-        let previews = || paging.previews.lock().unwrap_or_else(PoisonError::into_inner);
+        let previews = || streamed.previews.lock().unwrap_or_else(PoisonError::into_inner);
         // Where it was stopped before, what was shown then still is: until the new preview is as large.
         let shown: u64 = previews().values().sum();
         let preview_points = if shown < preview_points { preview_points } else { 0 };
@@ -221,7 +229,7 @@ impl Loader {
         let preview = |chunk: Chunk| {
             self.mailbox.give_way();
             let points = chunk.len() as u64;
-            let part = Part::Preview(paging.previews_begun.fetch_add(1, Ordering::Relaxed));
+            let part = Part::Preview(streamed.previews_begun.fetch_add(1, Ordering::Relaxed));
             previews().insert(part, points);
             let is_as_large = counted.fetch_add(points, Ordering::Relaxed) + points >= shown;
             let mut sent = self.send(Event::Chunk { cloud, part, chunk });
@@ -232,24 +240,24 @@ impl Loader {
                 }
             }
             if sent.is_none() {
-                stage.progress.cancel();
+                task.progress.cancel();
             }
         };
         let start = Instant::now();
         let options = BuildOptions { memory, preview_points };
         let built = match &self.cache {
-            Ok(_) if stage.progress.is_cancelled() => Err(Stopped::Cancelled),
-            Ok(cache) => stage
-                .run(|progress| stream::build(&paging.sources, cache, &options, progress, &preview))
+            Ok(_) if task.progress.is_cancelled() => Err(Stopped::Cancelled),
+            Ok(cache) => task
+                .run(|progress| stream::build(&streamed.sources, cache, &options, progress, &preview))
                 .map_err(Stopped::of),
             Err(error) => Err(Stopped::Failed(error.clone(), false)),
         };
-        tracing::debug!(input = paging.input, seconds = start.elapsed().as_secs_f64(), "indexed");
+        tracing::debug!(input = streamed.input, seconds = start.elapsed().as_secs_f64(), "indexed");
         match built {
             Ok(pages) => {
                 // Another program may have made it.
-                let was_built = stage.progress.done() > 0;
-                self.stream(paging, pages, was_built, std::mem::take(&mut *previews()));
+                let was_built = task.progress.done() > 0;
+                self.stream(streamed, pages, was_built, std::mem::take(&mut *previews()));
                 Some(true)
             }
             Err(Stopped::Cancelled) => {
@@ -259,7 +267,7 @@ impl Loader {
                 self.send(Event::Read { cloud, summary }).map(|()| false)
             }
             Err(Stopped::Failed(error, is_usage)) => {
-                let input = paging.input.clone();
+                let input = streamed.input.clone();
                 self.send(Event::Failed { input, error, is_usage })?;
                 let gone = std::mem::take(&mut *previews());
                 for part in gone.into_keys() {
@@ -272,60 +280,60 @@ impl Loader {
     }
 
     /// Normals and radii of all points of indexes of ours, where they are missing.
-    fn refine_all(&self, paged: &[&Paging]) -> Option<()> {
+    fn refine_all(&self, streamed_inputs: &[&StreamedInput]) -> Option<()> {
         let mut planned = Vec::new();
-        for paging in paged {
-            if let Some((options, points)) = self.lacking_surfels(paging) {
-                planned.push((paging, options, self.plan(paging.cloud, Making::Surfels, points)?));
+        for streamed in streamed_inputs {
+            if let Some((options, points)) = self.lacking_surfels(streamed) {
+                planned.push((streamed, options, self.plan(streamed.cloud, TaskKind::Surfels, points)?));
             }
         }
-        planned.iter().try_for_each(|(paging, options, stage)| self.refine(paging, options, stage))
+        planned.iter().try_for_each(|(streamed, options, task)| self.refine(streamed, options, task))
     }
 
     /// How normals and radii of an index of ours are to be estimated, and of how many points, if they are missing.
-    fn lacking_surfels(&self, paging: &Paging) -> Option<(SurfelOptions, u64)> {
-        if paging.is_native || self.mailbox.is_closed(paging.cloud) {
+    fn lacking_surfels(&self, streamed: &StreamedInput) -> Option<(SurfelOptions, u64)> {
+        if streamed.is_native || self.mailbox.is_closed(streamed.cloud) {
             return None;
         }
-        let pages = self.cache.as_ref().ok()?.open(&paging.sources).ok()??;
-        let options = self.surfel_options(paging, &pages)?;
+        let pages = self.cache.as_ref().ok()?.open(&streamed.sources).ok()??;
+        let options = self.surfel_options(streamed, &pages)?;
         (pages.surfel_options() != Some(&options)).then(|| (options, pages.octree().points()))
     }
 
     /// Estimates normals and radii from all points of an index; then they are streamed with it.
-    fn refine(&self, paging: &Paging, options: &SurfelOptions, stage: &Stage) -> Option<()> {
-        if stage.progress.is_cancelled() {
+    fn refine(&self, streamed: &StreamedInput, options: &SurfelOptions, task: &CloudTask) -> Option<()> {
+        if task.progress.is_cancelled() {
             return Some(());
         }
         let Ok(cache) = &self.cache else { return Some(()) };
-        let Ok(Some(pages)) = cache.open(&paging.sources) else { return Some(()) };
+        let Ok(Some(pages)) = cache.open(&streamed.sources) else { return Some(()) };
         let start = Instant::now();
         let memory = half_of(self.settings.stream.host_bytes);
-        let estimated = stage.run(|progress| stream::estimate_surfels(&pages, options, memory, progress));
-        tracing::debug!(cloud = paging.cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
+        let estimated = task.run(|progress| stream::estimate_surfels(&pages, options, memory, progress));
+        tracing::debug!(cloud = streamed.cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
         drop(pages);
-        match estimated.and_then(|()| cache.open(&paging.sources)) {
-            Ok(Some(pages)) => self.stream(paging, pages, false, HashMap::new()),
+        match estimated.and_then(|()| cache.open(&streamed.sources)) {
+            Ok(Some(pages)) => self.stream(streamed, pages, false, HashMap::new()),
             Ok(None) | Err(stream::Error::Cancelled) => {}
-            Err(stream::Error::Damaged { .. }) => self.mailbox.report_damage(paging.cloud),
+            Err(stream::Error::Damaged { .. }) => self.mailbox.report_damage(streamed.cloud),
             Err(error) => {
-                let (input, is_usage) = (paging.input.clone(), is_of_inputs(&error));
+                let (input, is_usage) = (streamed.input.clone(), is_of_inputs(&error));
                 self.send(Event::Failed { input, error: error.to_string(), is_usage })?;
             }
         }
         Some(())
     }
 
-    fn discard(&self, paging: &Paging) {
+    fn discard(&self, streamed: &StreamedInput) {
         if let Ok(cache) = &self.cache
-            && let Ok(Some(pages)) = cache.open(&paging.sources)
+            && let Ok(Some(pages)) = cache.open(&streamed.sources)
         {
             cache.discard(pages);
         }
     }
 
-    fn surfel_options(&self, paging: &Paging, pages: &Pages) -> Option<SurfelOptions> {
-        let options = surfel_options(pages, paging.up, &self.settings);
-        options.map_err(|error| tracing::warn!(input = paging.input, %error, "pages cannot be read")).ok()
+    fn surfel_options(&self, streamed: &StreamedInput, pages: &Pages) -> Option<SurfelOptions> {
+        let options = surfel_options(pages, streamed.up, &self.settings);
+        options.map_err(|error| tracing::warn!(input = streamed.input, %error, "pages cannot be read")).ok()
     }
 }

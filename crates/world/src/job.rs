@@ -90,7 +90,7 @@ impl Loader {
     }
 
     fn load_all(&self, inputs: &[Input]) -> Option<()> {
-        let (mut opened, mut paged) = (Vec::new(), Vec::new());
+        let (mut opened, mut streamed) = (Vec::new(), Vec::new());
         // Clouds so far, and bytes of those that are to be held in memory.
         let (mut clouds, mut held) = (0, 0);
         for input in inputs {
@@ -99,7 +99,7 @@ impl Loader {
                     let sources = self.open(input)?;
                     if self.is_streamed(&sources, &mut held) {
                         for (sources, native) in parts(sources) {
-                            paged.push(self.begin_paging(input, sources, native, clouds)?);
+                            streamed.push(self.begin_streamed(input, sources, native, clouds)?);
                             clouds += 1;
                         }
                     } else {
@@ -117,7 +117,7 @@ impl Loader {
         }
         let expected = opened.iter().map(|loading| loading.source.info().points);
         self.progress.set_total(self.progress.done() + expected.sum::<u64>());
-        if paged.is_empty() {
+        if streamed.is_empty() {
             return self.read_all(opened);
         }
         let stopped = |error: std::io::Error| {
@@ -133,7 +133,7 @@ impl Loader {
             if let Err(error) = thread.spawn_scoped(scope, || director.run()) {
                 return self.send(stopped(error));
             }
-            let done = self.page_all(paged, opened);
+            let done = self.stream_all(streamed, opened);
             self.mailbox.end();
             done
         })
@@ -153,7 +153,7 @@ mod tests {
     use scene::five_mirrors;
 
     use super::*;
-    use crate::stage::Making;
+    use crate::task::TaskKind;
 
     const THREE_POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
         property float z\nproperty uchar intensity\nend_header\n0 0 0 7\n1 0 0 8\n0 1 0 9\n";
@@ -190,15 +190,15 @@ mod tests {
                     assert_eq!(surfels.iter().map(|surfels| surfels.normals.len()).collect::<Vec<_>>(), [3]);
                     "surfels"
                 }
-                Event::Stage { cloud, stage } => {
-                    assert_eq!((cloud, stage.making, stage.points()), (0, Making::Surfels, 3));
-                    "stage"
+                Event::Task { cloud, task } => {
+                    assert_eq!((cloud, task.kind, task.points()), (0, TaskKind::Surfels, 3));
+                    "task"
                 }
                 Event::Pages { .. } | Event::Dropped { .. } | Event::Stream(_) => "streamed",
                 Event::Finished => "finished",
             });
         }
-        assert_eq!(seen, ["failed", "opened", "chunk", "read", "stage", "surfels", "finished"]);
+        assert_eq!(seen, ["failed", "opened", "chunk", "read", "task", "surfels", "finished"]);
         assert_eq!((job.progress.done(), job.progress.total()), (3, 3));
     }
 
@@ -218,7 +218,7 @@ mod tests {
                     points += samples.iter().map(Chunk::len).sum::<usize>();
                 }
                 Event::Chunk { chunk, .. } => points += chunk.len(),
-                Event::Stage { .. } | Event::Surfels { .. } | Event::Failed { .. } => {
+                Event::Task { .. } | Event::Surfels { .. } | Event::Failed { .. } => {
                     panic!("its points are complete")
                 }
                 Event::Read { .. } | Event::Finished => {}

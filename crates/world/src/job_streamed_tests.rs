@@ -12,8 +12,8 @@ use scene::Camera;
 use super::*;
 use crate::budget::most_points;
 use crate::chunk_key::Part;
-use crate::event::Paged;
-use crate::mailbox::Viewpoint;
+use crate::event::IndexState;
+use crate::mailbox::StreamView;
 use crate::reading::Loading;
 use crate::source::open_file;
 
@@ -46,10 +46,10 @@ fn settings(pages: scene::Paging, point_budget: u32) -> Settings {
     settings
 }
 
-fn viewpoint(settings: &Settings) -> Viewpoint {
+fn viewpoint(settings: &Settings) -> StreamView {
     let camera = Camera::looking(DVec3::new(1.0, 0.5, 0.0), DVec3::Z, 2.0, DVec3::Y);
     let (view, stream) = (settings.view.clone(), settings.stream.clone());
-    Viewpoint { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0, is_alone: false }
+    StreamView { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0, is_alone: false }
 }
 
 /// What a receiver has: points by cloud and part.
@@ -85,10 +85,10 @@ impl Received {
     }
 
     /// Until all that a look needs is there.
-    fn settle(&mut self, job: &Job, look: u64) {
+    fn settle(&mut self, job: &Job, view_number: u64) {
         loop {
-            let event = job.events.recv_timeout(PATIENCE).expect("the look is settled");
-            if matches!(event, Event::Stream(stats) if stats.is_settled && stats.look == look) {
+            let event = job.events.recv_timeout(PATIENCE).expect("the view is settled");
+            if matches!(event, Event::Stream(stats) if stats.is_settled && stats.view_number == view_number) {
                 return;
             }
             self.take(event);
@@ -107,14 +107,14 @@ fn previews_and_cuts_of_all_clouds_together_keep_the_budget() {
     let cache = || Ok(Cache::new(folder.path().join("cache"), u64::MAX));
     // One of them has an index already.
     let first = start_with(inputs[..1].to_vec(), &settings, true, cache());
-    let look = first.mailbox.look(viewpoint(&settings));
-    Received::default().settle(&first, look);
+    let view_number = first.mailbox.set_view(viewpoint(&settings));
+    Received::default().settle(&first, view_number);
     drop(first);
 
     let job = start_with(inputs, &settings, true, cache());
-    let look = job.mailbox.look(viewpoint(&settings));
+    let view_number = job.mailbox.set_view(viewpoint(&settings));
     let mut received = Received::default();
-    received.settle(&job, look);
+    received.settle(&job, view_number);
     assert!(received.most_preview > 0, "there was none: the test would prove nothing");
     assert!(received.most <= u64::from(BUDGET), "{} points at once", received.most);
     let points = received.points();
@@ -133,9 +133,9 @@ fn a_preview_keeps_what_the_gpu_may_hold() {
     settings.stream.gpu_bytes.0 = 2 << 20;
     let most = most_points(&settings.view, &settings.stream);
     let job = start_with(vec![input], &settings, true, Ok(Cache::new(folder.path().join("cache"), u64::MAX)));
-    let look = job.mailbox.look(viewpoint(&settings));
+    let view_number = job.mailbox.set_view(viewpoint(&settings));
     let mut received = Received::default();
-    received.settle(&job, look);
+    received.settle(&job, view_number);
     assert!((1..=most / 2).contains(&received.most_preview), "{}", received.most_preview);
     assert!(received.most <= most, "{} points at once, at most {most}", received.most);
 }
@@ -152,19 +152,19 @@ fn what_was_stopped_is_made_after_all() {
     let mut received = Received::default();
     while received.read.is_empty() {
         let event = job.events.recv_timeout(PATIENCE).expect("it ends");
-        if matches!(event, Event::Stage { .. }) {
+        if matches!(event, Event::Task { .. }) {
             // By then it mostly waits. Where it does not yet, there is no preview to be made anew.
             std::thread::sleep(Duration::from_millis(200));
             job.mailbox.stop_all();
             job.mailbox.draw_first(false);
         }
-        assert!(!matches!(event, Event::Pages { pages: Paged::Indexed { .. }, .. }), "it was not stopped");
+        assert!(!matches!(event, Event::Pages { pages: IndexState::Indexed { .. }, .. }), "it was not stopped");
         received.take(event);
     }
     assert!(received.points() < u64::from(BUDGET) / 4, "{}: more than the beginning of a preview", received.points());
     job.mailbox.resume(0);
-    let look = job.mailbox.look(viewpoint(&settings));
-    received.settle(&job, look);
+    let view_number = job.mailbox.set_view(viewpoint(&settings));
+    received.settle(&job, view_number);
     assert!(received.most_preview > u64::from(BUDGET) / 4, "{}: the preview stayed what it was", received.most_preview);
     assert!(received.chunks.keys().all(|(_, part)| matches!(part, Part::Node(_))), "a preview stays");
     assert!((360_000..=400_000).contains(&received.points()), "{}", received.points());
@@ -174,16 +174,16 @@ fn what_was_stopped_is_made_after_all() {
     job.mailbox.report_damage(0);
     loop {
         let event = job.events.recv_timeout(PATIENCE).expect("it is mended");
-        if let Event::Stage { stage, .. } = &event {
-            assert!(!stage.progress.is_cancelled());
+        if let Event::Task { task, .. } = &event {
+            assert!(!task.progress.is_cancelled());
             break;
         }
         received.take(event);
     }
     let mut moved = viewpoint(&settings);
     moved.camera.eye += DVec3::splat(0.1);
-    let look = job.mailbox.look(moved);
-    received.settle(&job, look);
+    let view_number = job.mailbox.set_view(moved);
+    received.settle(&job, view_number);
     assert!((360_000..=400_000).contains(&received.points()) && received.failed == 0, "{}", received.points());
     assert!(!job.mailbox.is_closed(0));
 }

@@ -9,7 +9,7 @@ use stream::Cache;
 
 use crate::event::Event;
 use crate::mailbox::Mailbox;
-use crate::stage::{Making, Stage};
+use crate::task::{CloudTask, TaskKind};
 
 /// The state of a loading thread. Where a send fails the job was dropped, and the thread ends.
 pub(crate) struct Loader {
@@ -24,10 +24,10 @@ pub(crate) struct Loader {
 
 impl Loader {
     /// Announces what will be made for a cloud.
-    pub(crate) fn plan(&self, cloud: usize, making: Making, points: u64) -> Option<Arc<Stage>> {
-        let stage = self.mailbox.plan(cloud, Stage::new(making, points));
-        self.send(Event::Stage { cloud, stage: stage.clone() })?;
-        Some(stage)
+    pub(crate) fn plan(&self, cloud: usize, kind: TaskKind, points: u64) -> Option<Arc<CloudTask>> {
+        let task = self.mailbox.plan(cloud, CloudTask::new(kind, points));
+        self.send(Event::Task { cloud, task: task.clone() })?;
+        Some(task)
     }
 
     pub(crate) fn send(&self, event: Event) -> Option<()> {

@@ -9,14 +9,14 @@ use scene::{Camera, Stream, ViewSettings};
 use stream::Pages;
 
 use crate::chunk_key::Part;
-use crate::stage::{Stage, Stages};
+use crate::task::{CloudTask, CloudTasks};
 
 /// Nothing gives way to a picture for longer than this.
 const LONGEST_FRAME: Duration = Duration::from_secs(2);
 
 /// From where streamed clouds are looked at, and with which budgets.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Viewpoint {
+pub struct StreamView {
     pub camera: Camera,
     /// Width and height of the picture, pixels.
     pub size: [u32; 2],
@@ -40,12 +40,12 @@ pub struct Mailbox {
 #[derive(Default)]
 struct Mail {
     /// The latest view, with its number.
-    view: Option<(u64, Viewpoint)>,
+    view: Option<(u64, StreamView)>,
     /// For the thread that streams.
-    requests: Vec<StreamRequest>,
+    stream_requests: Vec<StreamRequest>,
     /// For the thread that makes indexes.
-    wishes: Vec<Wish>,
-    stages: Stages,
+    index_requests: Vec<IndexRequest>,
+    tasks: CloudTasks,
     /// Since when the first picture is being drawn.
     drawing_since: Option<Instant>,
     is_over: bool,
@@ -68,13 +68,13 @@ pub(crate) enum StreamRequest {
 /// What came since the thread that streams looked last.
 pub(crate) struct News {
     /// The latest view with its number, if that is another.
-    pub(crate) view: Option<(u64, Viewpoint)>,
+    pub(crate) view: Option<(u64, StreamView)>,
     pub(crate) requests: Vec<StreamRequest>,
 }
 
 /// What is to be made of a cloud while nothing else is on its way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
+pub enum IndexRequest {
     /// Its pages turned out to be damaged.
     Mend(usize),
     /// What was stopped.
@@ -99,14 +99,14 @@ pub struct Arrival {
 impl Mailbox {
     /// Shows the clouds from another place. The number of the view, by which `StreamStats` name it; the same viewpoint again is the
     /// same view.
-    pub fn look(&self, viewpoint: Viewpoint) -> u64 {
+    pub fn set_view(&self, view: StreamView) -> u64 {
         let mut mail = self.mail();
         let number = match &mail.view {
-            Some((number, known)) if *known == viewpoint => return *number,
+            Some((number, known)) if *known == view => return *number,
             Some((number, _)) => number + 1,
             None => 1,
         };
-        mail.view = Some((number, viewpoint));
+        mail.view = Some((number, view));
         self.notify(&mut mail);
         number
     }
@@ -114,27 +114,28 @@ impl Mailbox {
     /// Streams that cloud of the job no more.
     pub fn close(&self, cloud: usize) {
         let mut mail = self.mail();
-        mail.stages.close(cloud);
-        mail.requests.retain(|request| !matches!(request, StreamRequest::Arrive(arrival) if arrival.cloud == cloud));
+        mail.tasks.close(cloud);
+        mail.stream_requests
+            .retain(|request| !matches!(request, StreamRequest::Arrive(arrival) if arrival.cloud == cloud));
         self.ask(&mut mail, StreamRequest::Close(cloud));
     }
 
     pub fn is_closed(&self, cloud: usize) -> bool {
-        self.mail().stages.is_closed(cloud)
+        self.mail().tasks.is_closed(cloud)
     }
 
     /// Ends the streaming.
     pub fn end(&self) {
         let mut mail = self.mail();
         mail.is_over = true;
-        mail.stages.stop_all();
+        mail.tasks.stop_all();
         self.notify(&mut mail);
     }
 
     /// Keeps so many points of the budget for the preview of a cloud, until its index arrives.
     pub(crate) fn keep_room(&self, cloud: usize, points: u64) {
         let mut mail = self.mail();
-        let points = if mail.stages.is_closed(cloud) { 0 } else { points };
+        let points = if mail.tasks.is_closed(cloud) { 0 } else { points };
         self.ask(&mut mail, StreamRequest::KeepRoom { cloud, points });
     }
 
@@ -155,78 +156,78 @@ impl Mailbox {
     }
 
     /// Something that will be made for a cloud: already stopped, if that is so of all that is made.
-    pub fn plan(&self, cloud: usize, stage: Stage) -> Arc<Stage> {
+    pub fn plan(&self, cloud: usize, task: CloudTask) -> Arc<CloudTask> {
         let mut mail = self.mail();
         let is_over = mail.is_over;
-        let stage = mail.stages.plan(cloud, stage);
+        let task = mail.tasks.plan(cloud, task);
         if is_over {
-            mail.stages.stop(cloud);
+            mail.tasks.stop(cloud);
         }
-        stage
+        task
     }
 
     /// The last thing that was planned for a cloud.
-    pub(crate) fn stage(&self, cloud: usize) -> Option<Arc<Stage>> {
-        self.mail().stages.latest(cloud)
+    pub(crate) fn task(&self, cloud: usize) -> Option<Arc<CloudTask>> {
+        self.mail().tasks.latest(cloud)
     }
 
     /// Stops what is made for a cloud.
     pub fn stop(&self, cloud: usize) {
-        self.mail().stages.stop(cloud);
+        self.mail().tasks.stop(cloud);
     }
 
     /// Stops all that is made.
     pub fn stop_all(&self) {
-        self.mail().stages.stop_all();
+        self.mail().tasks.stop_all();
     }
 
     /// Makes what was stopped of a cloud after all, when nothing else is made.
     pub fn resume(&self, cloud: usize) {
         let mut mail = self.mail();
-        mail.stages.go_on();
-        self.wish(&mut mail, Wish::Resume(cloud));
+        mail.tasks.go_on();
+        self.request_index(&mut mail, IndexRequest::Resume(cloud));
     }
 
     /// Has a cloud streamed, or more of it.
     pub(crate) fn arrive(&self, arrival: Arrival) {
         let mut mail = self.mail();
         // What was damaged is so no more.
-        mail.wishes.retain(|wish| *wish != Wish::Mend(arrival.cloud));
-        if !mail.stages.is_closed(arrival.cloud) {
+        mail.index_requests.retain(|request| *request != IndexRequest::Mend(arrival.cloud));
+        if !mail.tasks.is_closed(arrival.cloud) {
             self.ask(&mut mail, StreamRequest::Arrive(Box::new(arrival)));
         }
     }
 
     /// Says that nothing more is on its way, and waits until something is to be made. `None` when the streaming has ended.
-    pub fn rest(&self) -> Option<Vec<Wish>> {
+    pub fn wait_for_requests(&self) -> Option<Vec<IndexRequest>> {
         let mut mail = self.mail();
-        let is_complete = mail.wishes.is_empty();
+        let is_complete = mail.index_requests.is_empty();
         self.ask(&mut mail, StreamRequest::Complete(is_complete));
-        let waits = |mail: &mut Mail| !mail.is_over && mail.wishes.is_empty();
+        let waits = |mail: &mut Mail| !mail.is_over && mail.index_requests.is_empty();
         let mut mail = self.changed.wait_while(mail, waits).unwrap_or_else(PoisonError::into_inner);
         if mail.is_over {
             return None;
         }
         // What is wished for now is not what was stopped before.
-        mail.stages.go_on();
-        Some(std::mem::take(&mut mail.wishes))
+        mail.tasks.go_on();
+        Some(std::mem::take(&mut mail.index_requests))
     }
 
     /// Says that the pages of a cloud are to be made again.
     pub(crate) fn report_damage(&self, cloud: usize) {
-        self.wish(&mut self.mail(), Wish::Mend(cloud));
+        self.request_index(&mut self.mail(), IndexRequest::Mend(cloud));
     }
 
-    fn wish(&self, mail: &mut Mail, wish: Wish) {
-        if !mail.wishes.contains(&wish) {
-            mail.wishes.push(wish);
+    fn request_index(&self, mail: &mut Mail, request: IndexRequest) {
+        if !mail.index_requests.contains(&request) {
+            mail.index_requests.push(request);
         }
         // At once: who waits for the end of it must not see it between two states.
         self.ask(mail, StreamRequest::Complete(false));
     }
 
     fn ask(&self, mail: &mut Mail, request: StreamRequest) {
-        mail.requests.push(request);
+        mail.stream_requests.push(request);
         self.notify(mail);
     }
 
@@ -245,7 +246,7 @@ impl Mailbox {
         let mut mail = waited.unwrap_or_else(PoisonError::into_inner).0;
         mail.is_news = false;
         let view = mail.view.clone().filter(|(number, _)| *number != known);
-        (!mail.is_over).then(|| News { view, requests: std::mem::take(&mut mail.requests) })
+        (!mail.is_over).then(|| News { view, requests: std::mem::take(&mut mail.stream_requests) })
     }
 
     fn mail(&self) -> MutexGuard<'_, Mail> {
@@ -256,26 +257,26 @@ impl Mailbox {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stage::{Making, Standing};
+    use crate::task::{TaskKind, TaskStatus};
 
     #[test]
     fn what_is_made_is_stopped_for_one_cloud_or_for_all() {
         let mailbox = Mailbox::default();
-        let plan = |cloud| mailbox.plan(cloud, Stage::new(Making::Index, 1));
-        let stages = [0, 1, 2, 3].map(plan);
-        let standings = || stages.each_ref().map(|stage| stage.standing() == Standing::Stopped);
+        let plan = |cloud| mailbox.plan(cloud, CloudTask::new(TaskKind::Index, 1));
+        let tasks = [0, 1, 2, 3].map(plan);
+        let are_stopped = || tasks.each_ref().map(|task| task.status() == TaskStatus::Stopped);
         mailbox.stop(0);
         mailbox.close(1);
-        assert_eq!(standings(), [true, true, false, false]);
+        assert_eq!(are_stopped(), [true, true, false, false]);
         assert!(plan(0).is_pending() && !plan(1).is_pending(), "nothing is made of what is closed");
         mailbox.stop_all();
-        assert_eq!(standings(), [true; 4]);
+        assert_eq!(are_stopped(), [true; 4]);
         assert!(!plan(2).is_pending());
         mailbox.resume(2);
-        assert_eq!(mailbox.rest(), Some(vec![Wish::Resume(2)]));
-        let stage = plan(2);
-        assert!(stage.is_pending());
+        assert_eq!(mailbox.wait_for_requests(), Some(vec![IndexRequest::Resume(2)]));
+        let task = plan(2);
+        assert!(task.is_pending());
         mailbox.end();
-        assert!(!stage.is_pending() && mailbox.rest().is_none());
+        assert!(!task.is_pending() && mailbox.wait_for_requests().is_none());
     }
 }

@@ -12,7 +12,7 @@ use crate::chunk_key::Part;
 use crate::event::{Event, Opened};
 use crate::loader::Loader;
 use crate::source::{file_name, open_file, options_for, selection, up, up_of};
-use crate::stage::{Making, Stage};
+use crate::task::{CloudTask, TaskKind};
 use crate::words::{Input, built_in_name};
 
 /// A cloud between its events. `chunks` share their columns with those that were sent.
@@ -39,10 +39,10 @@ impl Loader {
         let mut planned = Vec::new();
         for loading in opened.into_iter().filter(Loading::lacks_surfels) {
             let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
-            planned.push((self.plan(loading.cloud, Making::Surfels, points)?, loading));
+            planned.push((self.plan(loading.cloud, TaskKind::Surfels, points)?, loading));
         }
-        for (stage, loading) in planned {
-            self.estimate(loading, &stage)?;
+        for (task, loading) in planned {
+            self.estimate(loading, &task)?;
         }
         Some(())
     }
@@ -177,9 +177,9 @@ impl Loader {
     }
 
     /// Both normals and radii, wherever one of them is missing; what the file has is kept.
-    fn estimate(&self, loading: Loading, stage: &Stage) -> Option<()> {
+    fn estimate(&self, loading: Loading, task: &CloudTask) -> Option<()> {
         let Loading { cloud, source, up, mut chunks } = loading;
-        if stage.progress.is_cancelled() {
+        if task.progress.is_cancelled() {
             return Some(());
         }
         // A face list that cannot be parsed is a warning of the read; the normals are then estimated.
@@ -194,7 +194,7 @@ impl Loader {
         }
         let options = options_for(&chunks, up, &self.settings);
         let start = Instant::now();
-        let estimated = stage.run(|progress| cloud::estimate(&chunks, &options, progress));
+        let estimated = task.run(|progress| cloud::estimate(&chunks, &options, progress));
         tracing::debug!(cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
         match estimated {
             Some(surfels) => self.send(Event::Surfels { cloud, surfels }),

@@ -11,7 +11,7 @@ use cloud::Progress;
 pub const LEAST_TIME: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Making {
+pub enum TaskKind {
     Index,
     /// Normals and radii.
     Surfels,
@@ -19,11 +19,11 @@ pub enum Making {
 
 /// Shared by who makes it and who watches.
 #[derive(Debug)]
-pub struct Stage {
-    pub making: Making,
+pub struct CloudTask {
+    pub kind: TaskKind,
     /// Of the cloud.
     points: u64,
-    /// In steps of whoever makes it, of which there may be several to a point. Cancelling it stops the stage.
+    /// In steps of whoever makes it, of which there may be several to a point. Cancelling it stops the task.
     pub progress: Arc<Progress>,
     /// 0: others come first; 1: under way; 2: over.
     turn: AtomicU8,
@@ -32,7 +32,7 @@ pub struct Stage {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Standing {
+pub enum TaskStatus {
     /// Others come first.
     Queued,
     /// Another program makes the same.
@@ -43,9 +43,9 @@ pub enum Standing {
     Over,
 }
 
-impl Stage {
-    pub fn new(making: Making, points: u64) -> Self {
-        Self { making, points, progress: Arc::default(), turn: AtomicU8::new(0), pace_from: Mutex::default() }
+impl CloudTask {
+    pub fn new(kind: TaskKind, points: u64) -> Self {
+        Self { kind, points, progress: Arc::default(), turn: AtomicU8::new(0), pace_from: Mutex::default() }
     }
 
     /// It is its turn.
@@ -53,7 +53,7 @@ impl Stage {
         self.turn.store(1, Ordering::Relaxed);
     }
 
-    /// Does the work that this stage is about.
+    /// Does the work that this task is about.
     pub fn run<Result>(&self, work: impl FnOnce(&Progress) -> Result) -> Result {
         self.begin();
         let result = work(&self.progress);
@@ -61,19 +61,19 @@ impl Stage {
         result
     }
 
-    pub fn standing(&self) -> Standing {
+    pub fn status(&self) -> TaskStatus {
         match self.turn.load(Ordering::Relaxed) {
-            _ if self.progress.is_cancelled() => Standing::Stopped,
-            0 => Standing::Queued,
-            1 if self.progress.is_waiting() => Standing::Elsewhere,
-            1 => Standing::UnderWay,
-            _ => Standing::Over,
+            _ if self.progress.is_cancelled() => TaskStatus::Stopped,
+            0 => TaskStatus::Queued,
+            1 if self.progress.is_waiting() => TaskStatus::Elsewhere,
+            1 => TaskStatus::UnderWay,
+            _ => TaskStatus::Over,
         }
     }
 
     /// Whether there is something left to stop.
     pub fn is_pending(&self) -> bool {
-        matches!(self.standing(), Standing::Queued | Standing::Elsewhere | Standing::UnderWay)
+        matches!(self.status(), TaskStatus::Queued | TaskStatus::Elsewhere | TaskStatus::UnderWay)
     }
 
     /// Of the cloud.
@@ -99,7 +99,7 @@ impl Stage {
     }
 
     fn pace_at(&self, now: Instant) -> Option<f64> {
-        if self.standing() != Standing::UnderWay || self.progress.done() == 0 {
+        if self.status() != TaskStatus::UnderWay || self.progress.done() == 0 {
             return None;
         }
         let done = self.done();
@@ -112,38 +112,38 @@ impl Stage {
 
 /// What is made for the clouds of a job.
 #[derive(Default)]
-pub(crate) struct Stages {
+pub(crate) struct CloudTasks {
     /// By cloud.
-    latest: BTreeMap<usize, Arc<Stage>>,
+    latest: BTreeMap<usize, Arc<CloudTask>>,
     /// Nothing more is to be made.
     is_stopped: bool,
     /// Nothing is made for these any more.
     closed: HashSet<usize>,
 }
 
-impl Stages {
+impl CloudTasks {
     /// Already stopped, if that is so of the cloud or of all that is made.
-    pub fn plan(&mut self, cloud: usize, stage: Stage) -> Arc<Stage> {
-        let stage = Arc::new(stage);
-        self.latest.insert(cloud, stage.clone());
+    pub fn plan(&mut self, cloud: usize, task: CloudTask) -> Arc<CloudTask> {
+        let task = Arc::new(task);
+        self.latest.insert(cloud, task.clone());
         if self.is_stopped || self.is_closed(cloud) {
             self.stop(cloud);
         }
-        stage
+        task
     }
 
     /// What was planned last for a cloud.
-    pub fn latest(&self, cloud: usize) -> Option<Arc<Stage>> {
+    pub fn latest(&self, cloud: usize) -> Option<Arc<CloudTask>> {
         self.latest.get(&cloud).cloned()
     }
 
     pub fn stop(&self, cloud: usize) {
-        self.latest.get(&cloud).iter().for_each(|stage| stage.progress.cancel());
+        self.latest.get(&cloud).iter().for_each(|task| task.progress.cancel());
     }
 
     pub fn stop_all(&mut self) {
         self.is_stopped = true;
-        self.latest.values().for_each(|stage| stage.progress.cancel());
+        self.latest.values().for_each(|task| task.progress.cancel());
     }
 
     /// What is planned from now on is made.
@@ -168,25 +168,25 @@ mod tests {
     #[test]
     fn the_pace_is_that_of_the_points_since_it_goes_on() {
         // Two passes over a million points, of which a quarter is there already.
-        let stage = Stage::new(Making::Index, 1_000_000);
-        assert_eq!(stage.standing(), Standing::Queued);
-        stage.run(|progress| {
+        let task = CloudTask::new(TaskKind::Index, 1_000_000);
+        assert_eq!(task.status(), TaskStatus::Queued);
+        task.run(|progress| {
             let start = Instant::now();
-            let after = |seconds: f64| stage.pace_at(start + Duration::from_secs_f64(seconds));
+            let after = |seconds: f64| task.pace_at(start + Duration::from_secs_f64(seconds));
             progress.set_waiting(true);
-            assert_eq!((stage.standing(), after(50.0)), (Standing::Elsewhere, None));
+            assert_eq!((task.status(), after(50.0)), (TaskStatus::Elsewhere, None));
             progress.set_waiting(false);
             progress.set_total(2_000_000);
             assert_eq!(after(99.0), None, "nothing is done yet");
             progress.add(500_000);
-            assert_eq!((stage.done(), after(100.0), after(100.1)), (250_000, None, None));
+            assert_eq!((task.done(), after(100.0), after(100.1)), (250_000, None, None));
             progress.add(1_000_000);
-            assert_eq!((stage.share(), after(102.0)), (0.75, Some(250_000.0)));
+            assert_eq!((task.share(), after(102.0)), (0.75, Some(250_000.0)));
         });
-        assert_eq!((stage.standing(), stage.pace()), (Standing::Over, None));
-        let stopped = Stage::new(Making::Surfels, 1);
+        assert_eq!((task.status(), task.pace()), (TaskStatus::Over, None));
+        let stopped = CloudTask::new(TaskKind::Surfels, 1);
         stopped.progress.cancel();
         stopped.run(|_| ());
-        assert!(stopped.standing() == Standing::Stopped && !stopped.is_pending());
+        assert!(stopped.status() == TaskStatus::Stopped && !stopped.is_pending());
     }
 }
