@@ -1,5 +1,5 @@
-//! A cloud as far as it has come: what the events of its job make of it, and what of that changes on the GPU. The window and
-//! headless pictures put their clouds together here.
+//! Puts a cloud together from the events of its job, and says what to change on the GPU. The window and headless
+//! pictures put their clouds together here.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,39 +15,39 @@ use crate::task::CloudTask;
 
 pub struct Assembly {
     pub key: CloudKey,
-    /// Its chunks are in the order of `parts`.
+    /// The cloud; its chunks are in the order of `parts`.
     pub cloud: Cloud,
-    /// Which chunks are there, in order.
+    /// The parts of the chunks that have been loaded, in order.
     parts: Vec<Part>,
     chunk_bounds: Vec<Bounds>,
     /// The word of the command line that the cloud came from; several clouds of a built-in scene share it.
     pub input: String,
-    /// The file, where all points of it are in memory.
+    /// The file, if all of its points are in memory.
     pub source: Option<Arc<codec::Source>>,
-    /// Unit vector.
+    /// The up direction, a unit vector.
     pub up: DVec3,
-    /// World units, for points whose radius is not known yet.
+    /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
-    /// Points that a full read should yield.
+    /// The number of points that a full read should yield.
     pub expected_points: u64,
-    /// Points that are there.
+    /// The number of points that have been loaded.
     pub points: u64,
-    /// All chunks are there, or will not come.
+    /// Whether no more chunks will come.
     pub is_read: bool,
-    /// Grows with the chunks; stray points included. An index tells those of all of its points.
+    /// The bounds of the points loaded so far, stray points included; with an index, those of all its points.
     pub bounds: Bounds,
-    /// How far the index is, where the cloud is streamed: its chunks come and go.
+    /// The state of the index, if the cloud is streamed.
     pub pages: Option<IndexState>,
-    /// What was last planned for the cloud: its index, or normals and radii.
+    /// The last task planned for the cloud: its index, or normals and radii.
     pub task: Option<Arc<CloudTask>>,
-    /// Columns that were read after the points, also for chunks that are still to come.
+    /// The columns that were read after the points, also for chunks that are still to come.
     late_columns: BTreeMap<usize, BTreeMap<u64, Arc<Column>>>,
-    /// What was said to be wrong with the file when it was opened.
+    /// The warnings about the file from when it was opened.
     warnings: Vec<String>,
 }
 
 impl Assembly {
-    /// A cloud without points yet. `opened.warnings` are for whoever shows it.
+    /// A cloud without points yet. The caller shows `opened.warnings`.
     pub fn open(key: CloudKey, opened: Opened) -> (Self, Change) {
         let Opened { name, input, source, attributes, grid, expected_points, up, provisional_radius, warnings } =
             opened;
@@ -72,7 +72,7 @@ impl Assembly {
         (assembly, Change::Open { cloud: key, provisional_radius })
     }
 
-    /// Adds a chunk, or puts it in the place of the same part.
+    /// Adds a chunk, or replaces that of the same part.
     pub fn put(&mut self, part: Part, mut chunk: Chunk) -> Change {
         for (attribute, columns) in &self.late_columns {
             put_column(&mut chunk, *attribute, columns);
@@ -95,20 +95,20 @@ impl Assembly {
         Change::Put { key: self.key.chunk(part), chunk, classes: self.cloud.class_column() }
     }
 
-    /// Forgets a chunk; `None` if it was not there.
+    /// Removes a chunk; returns `None` if the cloud does not have it.
     pub fn take_out(&mut self, part: Part) -> Option<Change> {
         let index = self.parts.binary_search(&part).ok()?;
         self.parts.remove(index);
         self.chunk_bounds.remove(index);
         self.points -= self.cloud.chunks.remove(index).len() as u64;
-        // Those of the index hold whatever comes.
+        // The index's bounds contain all points that may come.
         if self.octree().is_none() {
             self.bounds = self.chunk_bounds.iter().copied().fold(Bounds::EMPTY, Bounds::union);
         }
         Some(Change::TakeOut { key: self.key.chunk(part) })
     }
 
-    /// Takes in how far the index of the cloud is.
+    /// Takes over the state of the cloud's index.
     pub fn page(&mut self, mut pages: IndexState) -> Change {
         let was_built_before = self.was_built();
         if let IndexState::Indexed { grid, was_built, .. } = &mut pages {
@@ -123,14 +123,14 @@ impl Assembly {
         Change::Bounds { cloud: self.key, bounds }
     }
 
-    /// The reading has ended. Gives back what is wrong with the file, as far as that was not said when it was opened.
+    /// Ends the reading. Returns the file's warnings that were not known when it was opened.
     pub fn end(&mut self, summary: &codec::Summary) -> Vec<String> {
         self.is_read = true;
         let new = summary.warnings.iter().filter(|warning| !self.warnings.contains(warning));
         new.cloned().collect()
     }
 
-    /// Takes in normals and radii, one list for each chunk.
+    /// Sets normals and radii, one list for each chunk.
     pub fn put_surfels(&mut self, surfels: Vec<Surfels>) -> Vec<Change> {
         for (chunk, surfels) in self.cloud.chunks.iter_mut().zip(surfels) {
             chunk.normals = Some(Arc::new(surfels.normals));
@@ -139,7 +139,7 @@ impl Assembly {
         self.puts()
     }
 
-    /// Takes in a column that was read after the points, by the first records of the chunks. What changes on the GPU is the
+    /// Adds a column that was read after the points, by the first records of the chunks. The changes upload the
     /// classes; other columns are shown by the next `Change::Color`.
     pub fn put_late_column(&mut self, attribute: usize, columns: BTreeMap<u64, Arc<Column>>) -> Vec<Change> {
         for chunk in &mut self.cloud.chunks {
@@ -155,7 +155,7 @@ impl Assembly {
         self.chunks().into_iter().map(put).collect()
     }
 
-    /// All that puts the cloud on the GPU, in a fixed order.
+    /// All changes that put the cloud on the GPU, in a fixed order.
     pub fn changes(&self) -> Vec<Change> {
         let open = Change::Open { cloud: self.key, provisional_radius: self.provisional_radius };
         let bounds = self.index_bounds().map(|bounds| Change::Bounds { cloud: self.key, bounds });
@@ -170,7 +170,7 @@ impl Assembly {
         self.parts.binary_search(&part).ok().map(|index| &self.cloud.chunks[index])
     }
 
-    /// The parts that are there, with the bounds of their points, in order.
+    /// The parts that have been loaded, with the bounds of their points, in order.
     pub fn chunk_bounds(&self) -> impl ExactSizeIterator<Item = (Part, Bounds)> {
         self.parts.iter().copied().zip(self.chunk_bounds.iter().copied())
     }
@@ -179,12 +179,12 @@ impl Assembly {
         self.parts.binary_search(&part).ok().map(|index| self.chunk_bounds[index])
     }
 
-    /// Which columns were read after the points.
+    /// The number of columns that were read after the points.
     pub fn late_columns(&self) -> usize {
         self.late_columns.len()
     }
 
-    /// All points of the cloud, wherever they are.
+    /// The number of all points of the cloud, loaded or not.
     pub fn total(&self) -> u64 {
         self.octree().map_or(self.expected_points, |octree| octree.points()).max(self.points)
     }
@@ -196,12 +196,12 @@ impl Assembly {
         }
     }
 
-    /// The bounds of all points, as the index tells them.
+    /// The bounds of all points, if an index states them.
     pub fn index_bounds(&self) -> Option<Bounds> {
         Some(self.octree()?.nodes.first()?.bounds)
     }
 
-    /// Whether its index was made and not found.
+    /// Whether its index was made by this job instead of found.
     pub fn was_built(&self) -> bool {
         matches!(self.pages, Some(IndexState::Indexed { was_built: true, .. }))
     }

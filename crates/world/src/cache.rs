@@ -1,4 +1,4 @@
-//! Where the indexes of streamed clouds are entry.
+//! The folder in which the indexes of streamed clouds are kept.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -9,15 +9,15 @@ use stream::Cache;
 use crate::error::{Error, Result};
 use crate::event::IndexEntry;
 
-/// What reads or makes an index that is closed ends within this time.
+/// Readers and builders of an index that is closed end within this time.
 const CLOSING_TIME: Duration = Duration::from_secs(10);
 
-/// The folder that a variable of the environment names; set to nothing, it names none.
+/// The folder that an environment variable names; `None` if it is empty or not set.
 pub fn folder_named_by(variable: &str) -> Option<PathBuf> {
     std::env::var_os(variable).filter(|folder| !folder.is_empty()).map(PathBuf::from)
 }
 
-/// Where indexes are entry: `GLINT_CACHE_DIR`, else the platform's place.
+/// The cache of indexes: `GLINT_CACHE_DIR`, else the platform's folder.
 ///
 /// # Errors
 /// If there is none.
@@ -30,7 +30,7 @@ pub fn cache(settings: &Stream) -> Result<Cache> {
 /// Deletes an index of the cache when nobody has it open any more.
 ///
 /// # Errors
-/// If somebody still has.
+/// If somebody still has it open.
 pub fn delete(settings: &Stream, entry: &IndexEntry) -> Result<()> {
     let cache = cache(settings)?;
     let start = Instant::now();

@@ -1,4 +1,4 @@
-//! What is to be changed on the GPU.
+//! The changes to be made on the GPU.
 
 use std::sync::Arc;
 
@@ -13,19 +13,20 @@ use crate::mirrors::Marked;
 pub enum Change {
     Open {
         cloud: CloudKey,
-        /// World units.
+        /// The radius of points whose own is not known, in world units.
         provisional_radius: f32,
     },
     /// Reserves room for this many points of all clouds together; replaces any earlier number.
     Expect {
         points: u64,
     },
-    /// All of a cloud lies in these bounds.
+    /// Sets the bounds that contain the whole cloud.
     Bounds {
         cloud: CloudKey,
         bounds: Bounds,
     },
-    /// Adds the chunk, or puts it in the place of the one with the same key. `classes`: the column that holds the classes.
+    /// Adds the chunk, or replaces the one with the same key. `classes` is the index of the column that holds the
+    /// classes.
     Put {
         key: ChunkKey,
         chunk: Chunk,
@@ -34,11 +35,11 @@ pub enum Change {
     TakeOut {
         key: ChunkKey,
     },
-    /// Shows chunks in one colour each, or (`None`) again in their own.
+    /// Shows chunks in one colour each, or (`None`) in their own again.
     Tint {
         tints: Vec<(ChunkKey, Option<[u8; 4]>)>,
     },
-    /// Colours a cloud; the column that the plan asks for is that of `chunks`.
+    /// Colours a cloud; `chunks` have the column that the plan needs.
     Color {
         cloud: CloudKey,
         chunks: Vec<(Part, Chunk)>,
@@ -49,18 +50,18 @@ pub enum Change {
         cloud: CloudKey,
         is_visible: bool,
     },
-    /// Says which points of all clouds are shown.
+    /// Sets which points of all clouds are shown.
     Visibility {
         visibility: Visibility,
     },
-    /// Says which points of a cloud reflect, by lists for these chunks; they are clouds of their own on the GPU.
+    /// Sets which points of a cloud reflect, by lists for these chunks; they become clouds of their own on the GPU.
     Mark {
         cloud: CloudKey,
         chunks: Vec<(Part, Chunk)>,
         classes: Option<usize>,
         marked: Arc<Vec<Marked>>,
     },
-    /// Points that stand for a mirror, in the place of those that did under the same key.
+    /// Adds the points that represent a mirror, or replaces those with the same key.
     Mirror {
         cloud: CloudKey,
         mirror: Mirror,

@@ -1,4 +1,4 @@
-//! What clouds and their chunks are known by, from the event that brings them to their place on the GPU.
+//! The keys of clouds and their chunks, from the event that brings them to their place on the GPU.
 
 use stream::NodeId;
 
@@ -6,12 +6,13 @@ use stream::NodeId;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CloudKey(pub u32);
 
-/// Which points of a cloud a chunk holds.
+/// The points of its cloud that a chunk holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Part {
-    /// Some points of all places, shown while the index is made. Previews are numbered as they come.
+    /// Some points from all over the cloud, shown while the index is made. Previews are numbered in the order of
+    /// arrival.
     Preview(u32),
-    /// The points of a file from that record on, as far as the reader's block goes: the same in every read.
+    /// The points of a file from that record to the end of the reader's block, which is the same in every read.
     Block(u64),
     /// The points of a node of the cloud's octree.
     Node(NodeId),

@@ -1,4 +1,5 @@
-//! The thread that streams the clouds of a job: what the view needs of them, and what of that is there.
+//! The thread that streams the clouds of a job: chooses the nodes that the view needs, and reports what has been
+//! loaded.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -16,11 +17,12 @@ use crate::error::is_of_inputs;
 use crate::event::{Event, IndexEntry, IndexState, StreamStats};
 use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, StreamView};
 
-/// Share of the memory of decoded points that a cut may ask for: the rest is for what is being read and what may be wanted again.
+/// The share of the memory for decoded points that a cut may use: the remainder is for reads in progress and for nodes
+/// that may be wanted again.
 const CUT_SHARE: f64 = 0.75;
-/// Between two reports of what is there.
+/// The time between two reports.
 const REPORT_INTERVAL: Duration = Duration::from_millis(200);
-/// Pixels that all clouds are wide as long as nobody has said from where they are looked at.
+/// The width in pixels at which all clouds together are seen until the first view is set.
 const WIDTH_UNSEEN: f64 = 1000.0;
 
 /// The thread that streams the clouds of a job.
@@ -32,44 +34,47 @@ pub struct Director {
     view_number: u64,
     viewpoint: Option<StreamView>,
     demand: f64,
-    /// Until somebody looks.
+    /// The settings, until a view brings others.
     settings: Settings,
     is_complete: bool,
-    /// Points of the previews of clouds whose index is still to be made.
+    /// The number of preview points of each cloud whose index is still to be made.
     previews: BTreeMap<usize, u64>,
-    /// Points that were resident beside the last cut.
+    /// The number of points that were resident beside the last cut.
     beside_cut: u64,
     reported: (Instant, StreamStats),
 }
 
 /// A cloud that is streamed.
 struct StreamedCloud {
-    /// As a person named it.
+    /// The name that a person gave.
     input: String,
     octree: Arc<Octree>,
-    /// Its pages can be made again.
+    /// Whether its pages can be made again.
     is_own: bool,
     point_bytes: u64,
-    /// Points of the chunks that the receiver has.
+    /// The number of points of each chunk that the receiver has.
     resident: HashMap<Part, u64>,
-    /// Chunks from before the streamer began anew. They go when the next cut is complete, unless they come again with it.
+    /// Chunks from before the streamer began anew. They are removed when the next cut is complete, unless that contains
+    /// them.
     stale: HashMap<Part, u64>,
-    /// What the receiver is to be told when the first cut is there.
+    /// The summary that the receiver gets when the first cut is complete.
     summary: Option<codec::Summary>,
-    /// Something of it could not be read, and its pages are made again.
+    /// Whether a part of it could not be read and its pages are being made again.
     is_damaged: bool,
-    /// It was said that something of it cannot be shown.
+    /// Whether the receiver knows that a part of it cannot be shown.
     is_reported: bool,
 }
 
 impl StreamedCloud {
-    /// Its pages are being made again.
+    /// Whether its pages are being made again.
     fn is_awaited(&self) -> bool {
         self.is_own && self.is_damaged
     }
 }
 
 impl Director {
+    /// Makes the state of the thread.
+    ///
     /// # Errors
     /// If threads cannot be started.
     pub fn new(mailbox: Arc<Mailbox>, events: SyncSender<Event>, settings: &Settings) -> std::io::Result<Self> {
@@ -94,7 +99,7 @@ impl Director {
         })
     }
 
-    /// Streams until the mailbox ends it, or nobody listens any more.
+    /// Streams until the mailbox ends it, or until the receiver is gone.
     pub fn run(mut self) {
         while self.step().is_some() {}
         self.mailbox.end();
@@ -181,13 +186,14 @@ impl Director {
         self.send(Event::Pages { cloud, pages })
     }
 
-    /// Points that are resident and of no cut: they take their part of the budget.
+    /// The number of resident points that belong to no cut, which use a part of the budget.
     fn beside_cut(&self) -> u64 {
         let stale = self.clouds.values().flat_map(|streamed| streamed.stale.values());
         self.previews.values().chain(stale).sum()
     }
 
-    /// Lets go of stale chunks until no more than so many points are beside_cut; the finest first, of which others are left.
+    /// Removes stale chunks until at most `most` points are outside the cut; the finest first, as coarser ones remain
+    /// in their place.
     fn drop_stale(&mut self, most: u64) -> Option<()> {
         let mut excess = self.beside_cut().saturating_sub(most);
         if excess == 0 {
@@ -212,7 +218,7 @@ impl Director {
         Some(())
     }
 
-    /// Asks for the cut of the latest look, beside what is beside_cut.
+    /// Asks the streamer for the cut of the latest view, within the budget that the points outside the cut leave.
     fn choose(&mut self) -> Option<()> {
         let (view, stream, share) = match &self.viewpoint {
             Some(viewpoint) => (viewpoint.view.clone(), viewpoint.stream.clone(), viewpoint.share),
@@ -300,10 +306,10 @@ impl Director {
                     return self.send(Event::Failed { input, error: error.to_string(), is_usage });
                 }
                 tracing::warn!(cloud, %error, "pages are made again");
-                // What is shown stays until then. They cannot be made while somebody has them open.
+                // The chunks shown stay until then. Pages cannot be made again while somebody has them open.
                 streamed.stale = streamed.resident.clone();
                 self.streamer.remove(cloud);
-                // Before whoever mends it can say more of it.
+                // Sent before the thread that mends the index can report about it.
                 self.send(Event::Pages { cloud, pages: IndexState::Indexing })?;
                 self.mailbox.report_damage(cloud);
                 Some(())
@@ -311,12 +317,12 @@ impl Director {
         }
     }
 
-    /// Tells what is there, if that has changed, and what goes with a cut that has come in full.
+    /// Reports what has been loaded, if that has changed, and finishes a cut that is complete.
     fn report(&mut self, is_quiet: bool) -> Option<()> {
         let shown = self.streamer.stats();
         let mut is_there = is_quiet && shown.settled && !self.clouds.values().any(StreamedCloud::is_awaited);
         if is_there && self.clouds.values().any(|streamed| !streamed.stale.is_empty()) {
-            // The cut takes their place.
+            // The cut replaces the stale chunks.
             is_there = false;
             self.drop_stale(self.previews.values().sum())?;
             self.mailbox.wake();
@@ -354,7 +360,7 @@ impl Director {
     }
 }
 
-/// Share of a budget that a cut takes.
+/// The share of a budget that a cut takes.
 fn demand(cut: &[Wanted], trees: &[Tree], budget: Budget) -> f64 {
     let trees: BTreeMap<usize, &Tree> = trees.iter().map(|tree| (tree.cloud, tree)).collect();
     let (mut points, mut bytes, mut largest) = (0, 0, 0);
@@ -367,12 +373,12 @@ fn demand(cut: &[Wanted], trees: &[Tree], budget: Budget) -> f64 {
         bytes += taken * point_bytes;
         largest = largest.max(u64::from(whole) * point_bytes);
     }
-    // Nodes are read whole, and the streamer wants room for more than one of them.
+    // Nodes are read whole, and the streamer needs room for more than one of them.
     let share = |taken: u64, most: u64| taken as f64 / most.max(1) as f64;
     share(points, budget.points).max(share(bytes + 2 * largest, budget.bytes)).min(1.0)
 }
 
-/// How large places appear.
+/// The measure of how large places appear in a view.
 fn measure(viewpoint: &StreamView) -> ViewMeasure {
     let StreamView { camera, size: [width, height], view, stream, .. } = viewpoint;
     let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
@@ -397,7 +403,7 @@ mod tests {
 
     use super::*;
 
-    /// The index of a square of so many points.
+    /// The index of a square with this many points.
     fn square(folder: &Path, name: &str, points: u32) -> Arc<Pages> {
         let path = folder.join(name);
         let mut text = format!("ply\nformat ascii 1.0\nelement vertex {points}\n");
@@ -413,7 +419,8 @@ mod tests {
         Arc::new(pages.unwrap())
     }
 
-    /// Points of both clouds that are there at the end of a look, and what it would take of the whole budget.
+    /// The number of points of both clouds that are loaded when a view is settled, and the share of the whole budget
+    /// that it would take.
     fn settled(
         events: &Receiver<Event>,
         there: &mut [BTreeMap<Part, usize>; 2],

@@ -1,4 +1,4 @@
-//! The one error of this crate.
+//! The errors of this crate.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// Words were given and none of them names anything.
+    /// Words were given, but none of them names anything.
     #[error("{0}")]
     NothingNamed(String),
     /// Points are to be chosen by an attribute that their cloud does not have.
@@ -23,7 +23,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Whether a person named something wrong or a file cannot be read: the program did what it could.
+    /// Whether the person named something wrong or a file cannot be read, so that the program is not at fault.
     pub fn is_usage(&self) -> bool {
         match self {
             Self::NothingNamed(_) | Self::NoAttribute { .. } => true,
@@ -39,11 +39,11 @@ fn is_of_input(error: &codec::Error) -> bool {
     !matches!(error, codec::Error::NotWritten { .. })
 }
 
-/// The same of files that are streamed.
+/// The same for streamed files.
 pub(crate) fn is_of_inputs(error: &stream::Error) -> bool {
     match error {
         stream::Error::Input(error) => is_of_input(error),
-        // Inputs without points, and those that are being written.
+        // Inputs without points, and inputs that are being written.
         stream::Error::Empty { .. } | stream::Error::Changed { .. } => true,
         _ => false,
     }

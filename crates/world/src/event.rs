@@ -1,4 +1,4 @@
-//! What a job tells of the clouds that it loads.
+//! The events of a job that loads clouds.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,77 +11,79 @@ use stream::Octree;
 use crate::chunk_key::Part;
 use crate::task::CloudTask;
 
-/// What is known of a cloud before its points come.
+/// The properties of a cloud that are known before its points come.
 #[derive(Clone, Default)]
 pub struct Opened {
     pub name: String,
-    /// As on the command line or in the scene file.
+    /// The input as on the command line or in the scene file.
     pub input: String,
     pub source: Option<Arc<codec::Source>>,
     pub attributes: Vec<Attribute>,
     pub grid: Option<Grid>,
-    /// Points a full read should yield.
+    /// The number of points that a full read should yield.
     pub expected_points: u64,
-    /// Unit vector.
+    /// The up direction, a unit vector.
     pub up: DVec3,
-    /// World units, for points whose radius is not known yet; 0 where not even the extent is known.
+    /// The radius of points whose own is not known yet, in world units; 0 if not even the extent is known.
     pub provisional_radius: f32,
     pub warnings: Vec<String>,
 }
 
-/// What a job tells. `cloud` counts from 0 within the job.
+/// An event of a job. `cloud` counts from 0 within the job.
 pub enum Event {
     /// A header was read, or a built-in scene begun.
     Opened { cloud: usize, opened: Opened },
-    /// Some points of a cloud; they take the place of the same part.
+    /// Some points of a cloud; they replace those of the same part.
     Chunk { cloud: usize, part: Part, chunk: Chunk },
-    /// The cloud is streamed: its chunks are those of its points that the last look needs, and come and go. Follows `Opened`,
-    /// and comes again when more is known.
+    /// The cloud is streamed: its chunks are the points that the last view needs, and they come and go. Follows
+    /// `Opened`, and is sent again when more is known.
     Pages { cloud: usize, pages: IndexState },
-    /// Something is or will be made for the cloud, in the place of what was made for it before.
+    /// A task was planned for the cloud; it replaces the cloud's earlier task.
     Task { cloud: usize, task: Arc<CloudTask> },
-    /// That part is no more needed.
+    /// The chunk of that part is no longer needed.
     Dropped { cloud: usize, part: Part },
-    /// What is there of all streamed clouds, whenever that changes, a few times a second at most.
+    /// What has been loaded of all streamed clouds; sent when that changes, a few times a second at most.
     Stream(StreamStats),
-    /// A mirror of a built-in scene, and the points that stand for it.
+    /// A mirror of a built-in scene, and the points that represent it.
     Mirror { input: String, mirror: Mirror, samples: Vec<Chunk> },
-    /// All chunks of the cloud that will come have been sent; of a streamed one, all that the first look needs.
+    /// All chunks of the cloud have been sent; for a streamed one, all that the first view needs.
     Read { cloud: usize, summary: codec::Summary },
     /// Normals and radii that the file lacks, one per chunk in the order of their parts.
     Surfels { cloud: usize, surfels: Vec<Surfels> },
-    /// An input, or what is left of it, cannot be shown; the others go on.
+    /// An input, or the remainder of it, cannot be shown; the others go on.
     Failed {
         input: String,
         error: String,
-        /// The input is at fault, and not the disk or the program.
+        /// Whether the input is at fault, and not the disk or the program.
         is_usage: bool,
     },
-    /// The last event; where clouds are streamed, it comes when they are closed. A channel that closes without it means that the loading thread died.
+    /// The last event; with streamed clouds it is sent when they are closed. A channel that closes without it means
+    /// that the loading thread died.
     Finished,
 }
 
-/// How far the pages of a streamed cloud are.
+/// The state of the index of a streamed cloud.
 #[derive(Clone, Debug)]
 pub enum IndexState {
-    /// The index is being made, or will be (`Event::Task`). Chunks that come meanwhile are a preview: some points of all places.
+    /// The index is being made, or will be (`Event::Task`). Chunks that come meanwhile are a preview: some points from
+    /// all over the cloud.
     Indexing,
-    /// The index is there. Comes again when normals and radii have been worked out.
+    /// The index is complete. Sent again when normals and radii have been estimated.
     Indexed {
         octree: Arc<Octree>,
-        /// Of the points' coordinates, where the file has one.
+        /// The grid of the points' coordinates, if the file has one.
         grid: Option<Grid>,
-        /// Made by this job, not found in the cache or in the file.
+        /// Whether this job made it, instead of finding it in the cache or in the file.
         was_built: bool,
-        /// Whether normals and radii are those of all points; until then each node's are estimated from its own.
+        /// Whether normals and radii were estimated from all points; until then each node's are estimated from its own.
         has_surfels: bool,
-        /// `None` for a COPC file, which is its own index.
+        /// The entry in the cache; `None` for a COPC file, which is its own index.
         entry: Option<IndexEntry>,
     },
 }
 
 impl IndexState {
-    /// The index, where it is in the cache.
+    /// The index's entry in the cache, if it has one.
     pub fn entry(&self) -> Option<&IndexEntry> {
         match self {
             Self::Indexed { entry, .. } => entry.as_ref(),
@@ -94,30 +96,31 @@ impl IndexState {
 #[derive(Clone, Debug)]
 pub struct IndexEntry {
     pub folder: PathBuf,
-    /// On the disk.
+    /// The size on the disk in bytes.
     pub bytes: u64,
 }
 
-/// What is there of all streamed clouds of a job.
+/// What has been loaded of all streamed clouds of a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StreamStats {
-    /// The look that it is about: what `Mailbox::look` gave back; 0 before the first one.
+    /// The number of the view that these figures answer, from `Mailbox::set_view`; 0 before the first one.
     pub view_number: u64,
-    /// Nothing is left to be done for it: all that it needs is there, and every index is complete.
+    /// Whether nothing remains to be done for the view: all nodes that it needs are resident, and every index is
+    /// complete.
     pub is_settled: bool,
-    /// Nodes that are resident.
+    /// The number of resident nodes.
     pub nodes: usize,
     pub points_resident: u64,
-    /// Of all streamed clouds whose index is there.
+    /// The number of points of all streamed clouds that have an index.
     pub points_total: u64,
-    /// Memory that resident and kept nodes take.
+    /// The memory in bytes of nodes that are resident or kept for later.
     pub host_bytes: u64,
-    /// Nodes that are wanted and not there yet.
+    /// The number of nodes that are wanted but not resident yet.
     pub nodes_waiting: usize,
-    /// Share of the whole budgets that the look would take, 0 to 1.
+    /// The share of the whole budgets that the view would take, 0 to 1.
     pub demand: f64,
-    /// Over the last second.
+    /// The bytes read per second, over the last second.
     pub disk_bytes_per_second: f64,
-    /// Decoded over the last second.
+    /// The points decoded per second, over the last second.
     pub points_per_second: f64,
 }

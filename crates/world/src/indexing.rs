@@ -1,4 +1,4 @@
-//! Streamed clouds while their indexes are found, made, mended or made better.
+//! Finds, makes, mends and completes the indexes of streamed clouds.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -20,30 +20,30 @@ use crate::source::{file_name, file_warnings, surfel_options, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::Input;
 
-/// A streamed cloud while its pages are found or made.
+/// A streamed cloud while its index is found or made.
 pub(crate) struct StreamedInput {
     cloud: usize,
     input: String,
     sources: Vec<Arc<codec::Source>>,
     up: DVec3,
-    /// Found in the file or in the cache; handed on.
+    /// The index that was found in the file or in the cache, until it is passed on.
     found: Option<Pages>,
     is_native: bool,
-    /// Points of the chunks that are shown while there is no index.
+    /// The number of points of each chunk that is shown while there is no index.
     previews: Mutex<HashMap<Part, u64>>,
-    /// Previews that there were so far.
+    /// The number of previews so far.
     previews_begun: AtomicU32,
 }
 
-/// Part of the memory for building that goes into a preview, and bytes that a point of it takes: as a chunk and on the GPU, which
-/// may have no memory of its own.
+/// The share of the memory for building that a preview may take (one in this number), and the memory of one of its
+/// points in bytes: as a chunk and on the GPU, which may have no memory of its own.
 const PREVIEW_SHARE: u64 = 8;
 const PREVIEW_POINT_BYTES: u64 = 80;
 
 /// Why there is no index.
 enum Stopped {
     Cancelled,
-    /// What to say of it, and whether the input is at fault.
+    /// The message, and whether the input is at fault.
     Failed(String, bool),
 }
 
@@ -57,8 +57,8 @@ impl Stopped {
 }
 
 impl Loader {
-    /// Streams what is there at once, reads what is held in memory, makes indexes that are missing, and stays to make those again
-    /// that turn out to be damaged, and those after all that were stopped.
+    /// Streams clouds that have an index at once, reads clouds that are held in memory, and makes missing indexes. Then
+    /// waits for requests: to mend damaged indexes, and to resume stopped tasks.
     pub(crate) fn stream_all(&self, mut streamed_inputs: Vec<StreamedInput>, opened: Vec<Loading>) -> Option<()> {
         let mut there: Vec<(&StreamedInput, Pages)> = Vec::new();
         let mut missing = Vec::new();
@@ -69,14 +69,14 @@ impl Loader {
                 None => missing.push((streamed, self.plan_index(streamed)?)),
             }
         }
-        // Before anything of what is there takes the place of the previews.
+        // Room is kept before any of the indexes found can take the place of the previews.
         let preview_points = self.preview_points() / missing.len().max(1) as u64;
         missing.iter().for_each(|(streamed, _)| self.mailbox.keep_room(streamed.cloud, preview_points));
         let stream = |(streamed, pages)| {
             self.stream(streamed, pages, false, HashMap::new());
             streamed
         };
-        // Clouds that there is an index of, or may still be.
+        // The clouds that have an index, or may still get one.
         let mut open: Vec<&StreamedInput> = there.into_iter().map(stream).collect();
         self.read_all(opened)?;
         for (streamed, task) in missing {
@@ -92,11 +92,11 @@ impl Loader {
                 let Some(streamed) = open.iter().copied().find(|streamed| streamed.cloud == cloud) else { continue };
                 let is_kept = match request {
                     IndexRequest::Resume(_) => self.resume(streamed, preview_points)?,
-                    // Once: a disk that damages what is written to it would keep this going for ever.
+                    // Only once: a disk that damages the data written to it would keep this going for ever.
                     IndexRequest::Mend(_) if again.insert(cloud) => {
                         self.discard(streamed);
                         let task = self.plan_index(streamed)?;
-                        // What is shown stays meanwhile.
+                        // The chunks shown stay meanwhile.
                         self.index(streamed, &task, 0)? || task.progress.is_cancelled()
                     }
                     IndexRequest::Mend(_) => {
@@ -117,7 +117,7 @@ impl Loader {
         Some(())
     }
 
-    /// Makes the index of a cloud if that was stopped; false if there will never be one.
+    /// Makes the index of a cloud if that was stopped; returns false if there will never be one.
     fn resume(&self, streamed: &StreamedInput, preview_points: u64) -> Option<bool> {
         if self.mailbox.task(streamed.cloud).is_none_or(|stopped| stopped.kind != TaskKind::Index) {
             return Some(true);
@@ -126,7 +126,7 @@ impl Loader {
         Some(self.index(streamed, &task, preview_points)? || task.progress.is_cancelled())
     }
 
-    /// Files that are streamed as one cloud.
+    /// Opens files that are streamed as one cloud.
     pub(crate) fn begin_streamed(
         &self,
         input: &Input,
@@ -142,7 +142,7 @@ impl Loader {
         let is_native = native.is_some();
         let found = native.or_else(|| match self.cache.as_ref().map(|cache| cache.open(&sources)) {
             Ok(Ok(found)) => found,
-            // What is wrong with the folder is said when an index is to be written there.
+            // A problem with the folder is reported when an index is to be written there.
             Ok(Err(_)) | Err(_) => None,
         });
         let (attributes, grid) = match &found {
@@ -158,7 +158,7 @@ impl Loader {
         let opened = Opened {
             name: file_name(&path),
             input: scene::shown(&path),
-            // Points come in the order of pages: what is looked up in a file by a point's number would be another's.
+            // Points come in the order of pages: looking up a point's number in a file would give another point.
             source: None,
             attributes,
             grid,
@@ -184,7 +184,8 @@ impl Loader {
         })
     }
 
-    /// Has pages streamed. Where they lack normals and radii and will not get them, each node's are estimated from its own points.
+    /// Passes pages to the streaming thread. If they lack normals and radii and will not get them, each node's are
+    /// estimated from its own points.
     fn stream(&self, streamed: &StreamedInput, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
         let estimate = streamed.is_native.then(|| self.surfel_options(streamed, &pages)).flatten();
         let (cloud, input, pages) = (streamed.cloud, streamed.input.clone(), Arc::new(pages));
@@ -199,7 +200,7 @@ impl Loader {
         });
     }
 
-    /// Points of all previews of the job.
+    /// The number of points of all previews of the job.
     fn preview_points(&self) -> u64 {
         if !self.has_preview {
             return 0;
@@ -213,18 +214,18 @@ impl Loader {
         self.plan(streamed.cloud, TaskKind::Index, streamed.sources.iter().map(|source| source.info().points).sum())
     }
 
-    /// Makes the index of a cloud and has it streamed; whether there is one now.
+    /// Makes the index of a cloud and has it streamed; returns whether there is one now.
     fn index(&self, streamed: &StreamedInput, task: &CloudTask, preview_points: u64) -> Option<bool> {
         let cloud = streamed.cloud;
         let memory = half_of(self.settings.stream.host_bytes);
         let previews = || streamed.previews.lock().unwrap_or_else(PoisonError::into_inner);
-        // Where it was stopped before, what was shown then still is: until the new preview is as large.
+        // After an earlier stop its preview is still shown, until the new preview is as large.
         let shown: u64 = previews().values().sum();
         let preview_points = if shown < preview_points { preview_points } else { 0 };
         self.mailbox.keep_room(cloud, preview_points + shown);
         let old: Vec<Part> = if preview_points > 0 { previews().keys().copied().collect() } else { Vec::new() };
         let old = Mutex::new(old);
-        // Points of the new preview so far.
+        // The number of points of the new preview so far.
         let counted = AtomicU64::new(0);
         let preview = |chunk: Chunk| {
             self.mailbox.give_way();
@@ -279,7 +280,7 @@ impl Loader {
         }
     }
 
-    /// Normals and radii of all points of indexes of ours, where they are missing.
+    /// Estimates missing normals and radii of all points of indexes of ours.
     fn refine_all(&self, streamed_inputs: &[&StreamedInput]) -> Option<()> {
         let mut planned = Vec::new();
         for streamed in streamed_inputs {
@@ -290,7 +291,7 @@ impl Loader {
         planned.iter().try_for_each(|(streamed, options, task)| self.refine(streamed, options, task))
     }
 
-    /// How normals and radii of an index of ours are to be estimated, and of how many points, if they are missing.
+    /// The options for estimating normals and radii of an index of ours, and the number of points, if they are missing.
     fn lacking_surfels(&self, streamed: &StreamedInput) -> Option<(SurfelOptions, u64)> {
         if streamed.is_native || self.mailbox.is_closed(streamed.cloud) {
             return None;
@@ -300,7 +301,7 @@ impl Loader {
         (pages.surfel_options() != Some(&options)).then(|| (options, pages.octree().points()))
     }
 
-    /// Estimates normals and radii from all points of an index; then they are streamed with it.
+    /// Estimates normals and radii from all points of an index; then streams it with them.
     fn refine(&self, streamed: &StreamedInput, options: &SurfelOptions, task: &CloudTask) -> Option<()> {
         if task.progress.is_cancelled() {
             return Some(());

@@ -1,6 +1,6 @@
-//! Loading in the background: a thread reads what was named and hands events over as they come, first every header, then chunks,
-//! and when all clouds are in, the normals and radii that were missing. The channel is bounded, so a slow receiver holds the
-//! readers back and memory stays what the receiver keeps.
+//! Loads in the background: a thread reads the inputs and sends events, first every header, then chunks, and after all
+//! clouds the normals and radii that were missing. The channel is bounded, so a slow receiver holds the readers back
+//! and the memory stays at what the receiver keeps.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -18,22 +18,22 @@ use crate::mailbox::Mailbox;
 use crate::source::parts;
 use crate::words::Input;
 
-/// Chunks on their way from the readers to the receiver: enough that neither waits for the other, and at 65 thousand
-/// points of some 30 bytes each no more than 32 MB.
+/// The number of chunks on their way from the readers to the receiver: enough that neither waits for the other, and at
+/// 65 thousand points of some 30 bytes each no more than 32 MB.
 const CHUNKS_UNDER_WAY: usize = 16;
 
-/// Loading under way. Dropping it stops it.
+/// A loading job. Dropping it stops it.
 pub struct Job {
     pub events: Receiver<Event>,
-    /// Points read, of all inputs that are held in memory. Cancelling it ends the reading; what has been sent stays and gets its
-    /// surfels.
+    /// The points read, of all inputs that are held in memory. Cancelling it ends the reading; chunks that were sent
+    /// stay and get normals and radii.
     pub progress: Arc<Progress>,
-    /// Where to tell from where streamed clouds are looked at, and what is not to be made.
+    /// Gives the threads the view to stream for, and requests.
     pub mailbox: Arc<Mailbox>,
 }
 
 impl Job {
-    /// Ends all that is under way; when it has cleared away what it had begun, `Event::Finished` comes.
+    /// Ends everything in progress; when its remains have been cleared away, `Event::Finished` is sent.
     pub fn stop(&self) {
         self.mailbox.end();
         self.progress.cancel();
@@ -46,18 +46,18 @@ impl Drop for Job {
     }
 }
 
-/// Loads `inputs` on a background thread. Of `settings` the groups `view` (up axis, point budget), `color` (which attribute to read),
-/// `stream`, `surface` and `scene` matter.
+/// Loads `inputs` on a background thread. It uses the groups `view` (up axis, point budget), `color` (which attribute
+/// to read), `stream`, `surface` and `scene` of `settings`.
 pub fn start(inputs: Vec<Input>, settings: &Settings) -> Job {
     start_with(inputs, settings, true, cache(&settings.stream))
 }
 
-/// The same without a preview of clouds whose index is being made, where nobody would see it.
+/// The same without previews of clouds whose index is being made, for callers that would not show them.
 pub fn start_unseen(inputs: Vec<Input>, settings: &Settings) -> Job {
     start_with(inputs, settings, false, cache(&settings.stream))
 }
 
-/// `cache`: where indexes are kept.
+/// The same with the cache of indexes.
 fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache: Result<Cache>) -> Job {
     let (sender, events) = sync_channel(CHUNKS_UNDER_WAY);
     let progress = Arc::new(Progress::default());
@@ -66,7 +66,7 @@ fn start_with(inputs: Vec<Input>, settings: &Settings, has_preview: bool, cache:
     let (sender_of_loader, settings) = (sender.clone(), settings.clone());
     let cache = cache.map_err(|error| error.to_string());
     let loader = Loader { sender: sender_of_loader, progress, mailbox, settings, has_preview, cache };
-    // A pool of its own: readers that wait for room in the channel must not keep the receiver's parallel work waiting.
+    // A pool of its own: readers that wait for room in the channel must not delay the receiver's parallel work.
     let started = rayon::ThreadPoolBuilder::new()
         .thread_name(|index| format!("loader {index}"))
         .build()
@@ -91,7 +91,7 @@ impl Loader {
 
     fn load_all(&self, inputs: &[Input]) -> Option<()> {
         let (mut opened, mut streamed) = (Vec::new(), Vec::new());
-        // Clouds so far, and bytes of those that are to be held in memory.
+        // The number of clouds so far, and the memory in bytes of those that are to be held in memory.
         let (mut clouds, mut held) = (0, 0);
         for input in inputs {
             match input {

@@ -1,4 +1,4 @@
-//! Jobs with streamed clouds, by their events.
+//! Tests jobs with streamed clouds by their events.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -52,7 +52,7 @@ fn viewpoint(settings: &Settings) -> StreamView {
     StreamView { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0, is_alone: false }
 }
 
-/// What a receiver has: points by cloud and part.
+/// What a receiver has got: the number of points by cloud and part.
 #[derive(Default)]
 struct Received {
     chunks: BTreeMap<(usize, Part), u64>,
@@ -84,7 +84,7 @@ impl Received {
         self.most = self.most.max(self.points());
     }
 
-    /// Until all that a look needs is there.
+    /// Receives until everything that a view needs has come.
     fn settle(&mut self, job: &Job, view_number: u64) {
         loop {
             let event = job.events.recv_timeout(PATIENCE).expect("the view is settled");
@@ -105,7 +105,7 @@ fn previews_and_cuts_of_all_clouds_together_keep_the_budget() {
         .collect();
     let settings = settings(scene::Paging::Always, BUDGET);
     let cache = || Ok(Cache::new(folder.path().join("cache"), u64::MAX));
-    // One of them has an index already.
+    // One of them already has an index.
     let first = start_with(inputs[..1].to_vec(), &settings, true, cache());
     let view_number = first.mailbox.set_view(viewpoint(&settings));
     Received::default().settle(&first, view_number);
@@ -153,7 +153,7 @@ fn what_was_stopped_is_made_after_all() {
     while received.read.is_empty() {
         let event = job.events.recv_timeout(PATIENCE).expect("it ends");
         if matches!(event, Event::Task { .. }) {
-            // By then it mostly waits. Where it does not yet, there is no preview to be made anew.
+            // By then it mostly waits. If it does not wait yet, there is no preview to be made anew.
             std::thread::sleep(Duration::from_millis(200));
             job.mailbox.stop_all();
             job.mailbox.draw_first(false);
@@ -169,7 +169,7 @@ fn what_was_stopped_is_made_after_all() {
     assert!(received.chunks.keys().all(|(_, part)| matches!(part, Part::Node(_))), "a preview stays");
     assert!((360_000..=400_000).contains(&received.points()), "{}", received.points());
 
-    // That all was stopped once does not keep an index from being mended.
+    // A stop of all tasks does not keep an index from being mended.
     job.mailbox.stop_all();
     job.mailbox.report_damage(0);
     loop {
@@ -206,7 +206,7 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
     let loading = Loading { cloud: 7, source: open_file(&path, 1 << 30).unwrap(), up: DVec3::Z, chunks };
     loader.end(&loading, Err(codec::Error::unsuitable(&path, "the disk is broken"))).unwrap();
     drop(loader);
-    // Beside streamed clouds the job goes on: that one cloud is complete is all that the window can go by.
+    // With streamed clouds the job goes on: the window can only go by the event that this one cloud is complete.
     let Ok(Event::Failed { input, error, .. }) = events.recv() else { panic!("it is not said") };
     assert!(input.ends_with("a.ply") && error.contains("broken"), "{error}");
     let Ok(Event::Read { cloud: 7, summary }) = events.recv() else { panic!("there is no end to it") };

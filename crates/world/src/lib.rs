@@ -1,8 +1,8 @@
-//! What is open: from words on the command line to points in memory and on the GPU, the same way for the window, the picture
-//! file and `glint info`.
+//! Opens what a person names, from words on the command line to points in memory and on the GPU, in the same way for
+//! the window, the picture file and `glint info`.
 //!
-//! [`resolve`] tells what each word names. [`start`] opens and reads it on threads of its own and hands [`Event`]s over as they
-//! come. Where clouds are streamed, the [`Mailbox`] tells those threads from where they are looked at.
+//! [`resolve`] finds what each word names. [`start`] opens and reads it on threads of its own and sends [`Event`]s. If
+//! clouds are streamed, the [`Mailbox`] gives those threads the view to stream for.
 
 mod assembly;
 mod budget;

@@ -1,21 +1,21 @@
-//! The light that comes of itself: one rule for the window, headless pictures and studies.
+//! The automatic light: one rule for the window, headless pictures and studies.
 //!
-//! The points that are shown tell where they are, whatever lights there are. Under an open sky the sun shines, unless there are
-//! lights. A room gets a lamp where there is no light, and that lamp shines only while the eye is in the room, or when lights
-//! are asked for: from outside it would light nothing that is seen.
+//! It depends on the surroundings of the shown points. Under an open sky the sun shines, unless there are lights. A
+//! room gets a lamp if there is no light, and that lamp shines only while the eye is in the room, or when lights are
+//! asked for: from outside it would light nothing visible.
 
 use cloud::Chunk;
 use glam::DVec3;
 use scene::{Lighting, SpotLight, Surroundings};
 
-/// What is around the points, as far as it is known.
+/// The surroundings of the points, if they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutoLight {
     pub surroundings: Option<Surroundings>,
 }
 
 impl AutoLight {
-    /// Looks around all points that are shown; `up` is a unit vector.
+    /// Finds the surroundings of all points that are shown; `up` is a unit vector.
     pub fn around(chunks: &[Chunk], up: DVec3) -> Self {
         Self { surroundings: Some(Surroundings::of(cloud::spread_sample(chunks), up)) }
     }
@@ -36,7 +36,7 @@ impl AutoLight {
     pub fn lamp_shines(&self, by: Lighting, eye: DVec3) -> bool {
         match self.surroundings {
             Some(Surroundings::Room(room)) => room.lamp_shines(by, eye),
-            // What was a room when the lamp was hung is none now, or nobody has looked again yet.
+            // The lamp's room is no room any more, or nobody has looked again yet.
             _ => true,
         }
     }

@@ -1,4 +1,4 @@
-//! What the threads of a job are told: from where streamed clouds are looked at, and what is to be made, stopped or closed.
+//! Passes the latest view and requests to the threads of a job: to make, stop or close.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -11,26 +11,27 @@ use stream::Pages;
 use crate::chunk_key::Part;
 use crate::task::{CloudTask, CloudTasks};
 
-/// Nothing gives way to a picture for longer than this.
+/// The longest time for which anything waits for a picture.
 const LONGEST_FRAME: Duration = Duration::from_secs(2);
 
-/// From where streamed clouds are looked at, and with which budgets.
+/// The view that streamed clouds are loaded for, and its budgets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamView {
     pub camera: Camera,
-    /// Width and height of the picture, pixels.
+    /// The width and height of the picture in pixels.
     pub size: [u32; 2],
     pub view: ViewSettings,
     pub stream: Stream,
-    /// Clouds that are not looked at, by the job's own numbers.
+    /// The clouds that are not shown, by the job's own numbers.
     pub hidden: BTreeSet<usize>,
-    /// Of the budgets that the job may have, 0 to 1.
+    /// The share of the job's budgets that may be used, 0 to 1.
     pub share: f64,
-    /// What only earlier views needed goes at once, so that what is there in the end depends on this view alone.
+    /// Whether nodes that only earlier views needed are dropped at once, so that the loaded nodes depend on this view
+    /// alone.
     pub is_alone: bool,
 }
 
-/// What the threads of a job are told: the latest view of the streamed clouds, and requests in their order.
+/// Passes the latest view of the streamed clouds, and requests in their order, to the threads of a job.
 #[derive(Default)]
 pub struct Mailbox {
     mail: Mutex<Mail>,
@@ -41,64 +42,64 @@ pub struct Mailbox {
 struct Mail {
     /// The latest view, with its number.
     view: Option<(u64, StreamView)>,
-    /// For the thread that streams.
+    /// The requests for the streaming thread.
     stream_requests: Vec<StreamRequest>,
-    /// For the thread that makes indexes.
+    /// The requests for the thread that makes indexes.
     index_requests: Vec<IndexRequest>,
     tasks: CloudTasks,
-    /// Since when the first picture is being drawn.
+    /// When drawing of the first picture began, while it goes on.
     drawing_since: Option<Instant>,
     is_over: bool,
-    /// Something came since the thread that streams looked last.
+    /// Whether anything came since the streaming thread last looked.
     is_news: bool,
 }
 
-/// What the thread that streams is to do.
+/// A request to the streaming thread.
 pub(crate) enum StreamRequest {
-    /// Streams a cloud, or more of it than before.
+    /// Streams a cloud, or an index of it with more data than before.
     Arrive(Box<Arrival>),
-    /// Streams a cloud no more.
+    /// Stops streaming a cloud.
     Close(usize),
     /// Keeps this many points of the budget for the preview of a cloud, until its index arrives.
     KeepRoom { cloud: usize, points: u64 },
-    /// Takes note of whether every index is complete.
+    /// Says whether every index is complete.
     Complete(bool),
 }
 
-/// What came since the thread that streams looked last.
+/// What came since the streaming thread last looked.
 pub(crate) struct News {
-    /// The latest view with its number, if that is another.
+    /// The latest view with its number, if it is another one.
     pub(crate) view: Option<(u64, StreamView)>,
     pub(crate) requests: Vec<StreamRequest>,
 }
 
-/// What is to be made of a cloud while nothing else is on its way.
+/// A request to the thread that makes indexes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IndexRequest {
-    /// Its pages turned out to be damaged.
+    /// Makes the index of a cloud again, because its pages are damaged.
     Mend(usize),
-    /// What was stopped.
+    /// Continues the stopped task of a cloud.
     Resume(usize),
 }
 
-/// A cloud whose index is there, or is there with more.
+/// A cloud with an index, or with an index that has more data.
 pub struct Arrival {
     pub cloud: usize,
-    /// As a person named it.
+    /// The name that a person gave.
     pub input: String,
     pub pages: Arc<Pages>,
-    /// Of the cache: they can be made again.
+    /// Whether the pages are in the cache, so that they can be made again.
     pub is_own: bool,
     pub was_built: bool,
-    /// For nodes whose normals and radii are not known; `None` for even provisional ones until they are.
+    /// The options for nodes without normals and radii; `None` for provisional, even radii until they are known.
     pub estimate: Option<SurfelOptions>,
-    /// Points of the chunks that go as soon as the cut is there.
+    /// The number of points of each preview chunk; they are removed as soon as the cut is complete.
     pub previews: HashMap<Part, u64>,
 }
 
 impl Mailbox {
-    /// Shows the clouds from another place. The number of the view, by which `StreamStats` name it; the same viewpoint again is the
-    /// same view.
+    /// Sets the view. Returns its number, which `StreamStats` repeat; setting the same view again gives the same
+    /// number.
     pub fn set_view(&self, view: StreamView) -> u64 {
         let mut mail = self.mail();
         let number = match &mail.view {
@@ -111,7 +112,7 @@ impl Mailbox {
         number
     }
 
-    /// Streams that cloud of the job no more.
+    /// Stops streaming a cloud of the job.
     pub fn close(&self, cloud: usize) {
         let mut mail = self.mail();
         mail.tasks.close(cloud);
@@ -132,14 +133,14 @@ impl Mailbox {
         self.notify(&mut mail);
     }
 
-    /// Keeps so many points of the budget for the preview of a cloud, until its index arrives.
+    /// Keeps this many points of the budget for the preview of a cloud, until its index arrives.
     pub(crate) fn keep_room(&self, cloud: usize, points: u64) {
         let mut mail = self.mail();
         let points = if mail.tasks.is_closed(cloud) { 0 } else { points };
         self.ask(&mut mail, StreamRequest::KeepRoom { cloud, points });
     }
 
-    /// The first picture begins or ends to be drawn: reading gives way to it.
+    /// Says that drawing of the first picture begins or ends: reading gives way to it.
     pub fn draw_first(&self, begins: bool) {
         let mut mail = self.mail();
         mail.drawing_since = begins.then(|| mail.drawing_since.unwrap_or_else(Instant::now));
@@ -155,7 +156,7 @@ impl Mailbox {
         }
     }
 
-    /// Something that will be made for a cloud: already stopped, if that is so of all that is made.
+    /// Plans a task for a cloud. The task is already stopped if the cloud is closed or all tasks are stopped.
     pub fn plan(&self, cloud: usize, task: CloudTask) -> Arc<CloudTask> {
         let mut mail = self.mail();
         let is_over = mail.is_over;
@@ -166,39 +167,39 @@ impl Mailbox {
         task
     }
 
-    /// The last thing that was planned for a cloud.
+    /// The last task that was planned for a cloud.
     pub(crate) fn task(&self, cloud: usize) -> Option<Arc<CloudTask>> {
         self.mail().tasks.latest(cloud)
     }
 
-    /// Stops what is made for a cloud.
+    /// Stops the task of a cloud.
     pub fn stop(&self, cloud: usize) {
         self.mail().tasks.stop(cloud);
     }
 
-    /// Stops all that is made.
+    /// Stops all tasks.
     pub fn stop_all(&self) {
         self.mail().tasks.stop_all();
     }
 
-    /// Makes what was stopped of a cloud after all, when nothing else is made.
+    /// Resumes the stopped task of a cloud, once no other task is running.
     pub fn resume(&self, cloud: usize) {
         let mut mail = self.mail();
         mail.tasks.go_on();
         self.request_index(&mut mail, IndexRequest::Resume(cloud));
     }
 
-    /// Has a cloud streamed, or more of it.
+    /// Has a cloud streamed, or an index of it with more data.
     pub(crate) fn arrive(&self, arrival: Arrival) {
         let mut mail = self.mail();
-        // What was damaged is so no more.
+        // The new index is not damaged.
         mail.index_requests.retain(|request| *request != IndexRequest::Mend(arrival.cloud));
         if !mail.tasks.is_closed(arrival.cloud) {
             self.ask(&mut mail, StreamRequest::Arrive(Box::new(arrival)));
         }
     }
 
-    /// Says that nothing more is on its way, and waits until something is to be made. `None` when the streaming has ended.
+    /// Says that no more indexes are being made, and waits for requests. `None` when the streaming has ended.
     pub fn wait_for_requests(&self) -> Option<Vec<IndexRequest>> {
         let mut mail = self.mail();
         let is_complete = mail.index_requests.is_empty();
@@ -208,12 +209,12 @@ impl Mailbox {
         if mail.is_over {
             return None;
         }
-        // What is wished for now is not what was stopped before.
+        // New requests are not affected by earlier stops.
         mail.tasks.go_on();
         Some(std::mem::take(&mut mail.index_requests))
     }
 
-    /// Says that the pages of a cloud are to be made again.
+    /// Asks that the index of a cloud be made again.
     pub(crate) fn report_damage(&self, cloud: usize) {
         self.request_index(&mut self.mail(), IndexRequest::Mend(cloud));
     }
@@ -222,7 +223,7 @@ impl Mailbox {
         if !mail.index_requests.contains(&request) {
             mail.index_requests.push(request);
         }
-        // At once: who waits for the end of it must not see it between two states.
+        // Sent at once: a caller that waits for completion must not see it between two states.
         self.ask(mail, StreamRequest::Complete(false));
     }
 
@@ -240,7 +241,7 @@ impl Mailbox {
         self.changed.notify_all();
     }
 
-    /// Waits until there is news, `limit` at most; `known` is the number of the last view. `None` when the streaming has ended.
+    /// Waits for news, at most `limit`; `known` is the number of the last view. `None` when the streaming has ended.
     pub(crate) fn wait(&self, limit: Duration, known: u64) -> Option<News> {
         let waited = self.changed.wait_timeout_while(self.mail(), limit, |mail| !mail.is_news);
         let mut mail = waited.unwrap_or_else(PoisonError::into_inner).0;

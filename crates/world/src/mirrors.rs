@@ -1,5 +1,5 @@
-//! Mirrors as the renderer takes them: those with a formula with the points that stand for them, and points of clouds that
-//! are turned into mirrors. The same for the window and the picture file.
+//! Prepares mirrors for the renderer, in the same way for the window and the picture file: mirrors with a formula, with
+//! the points that represent them, and points of clouds that are turned into mirrors.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,13 +12,13 @@ use scene::{ColorBy, Mirror, MirrorNormals, MirrorPoints};
 use crate::error::{Error, Result};
 use crate::source::read_column;
 
-/// Any will do; the same one gives the same picture in the window and in a file.
+/// Any seed will do; the same one gives the same picture in the window and in a file.
 const SEED: u64 = 1;
-/// Of so many points one is looked at: a prime, so that no pattern of a scanner is caught in step.
+/// One point in this many is sampled: a prime, so that samples do not follow a scanner's pattern.
 const LOOKED_AT: usize = 61;
 
-/// The share of a surface that a typical point of what is shown of some clouds stands for, squared world units; NaN where no
-/// radius is known.
+/// The area of surface that a typical shown point of some clouds represents, in squared world units; NaN if no radius
+/// is known.
 pub fn area_per_point<'a>(clouds: impl Iterator<Item = &'a Cloud>, test: &PointTest) -> f64 {
     let mut radii: Vec<u16> = Vec::new();
     for cloud in clouds {
@@ -38,18 +38,18 @@ pub fn area_per_point<'a>(clouds: impl Iterator<Item = &'a Cloud>, test: &PointT
     if radii.is_empty() {
         return f64::NAN;
     }
-    // Packed radii are in the order of the radii.
+    // Packed radii sort like the radii.
     let median = unpack_radius(*radii.select_nth_unstable(middle).1);
     let disc = median.map_or(f64::NAN, |radius| f64::from(radius / SPLAT_OVERLAP));
     std::f64::consts::PI * disc * disc
 }
 
-/// Points that stand for a mirror beside a cloud whose points take `area_per_point` each.
+/// The points that represent a mirror next to a cloud whose points take `area_per_point` each.
 pub fn sample(mirror: &Mirror, area_per_point: f64) -> Vec<Chunk> {
     mirror.sample(mirror.sample_count(area_per_point), SEED)
 }
 
-/// Puts the points of a mirror on the GPU, in its own colour.
+/// Adds the points of a mirror to the store, in its own colour.
 ///
 /// # Errors
 /// No more memory.
@@ -68,7 +68,7 @@ pub fn upload(store: &mut PointStore, mirror: &Mirror, samples: &[Chunk]) -> ren
     Ok((id, ids))
 }
 
-/// The ends of its reach along the axes: what framing has to keep in the picture.
+/// The ends of its reach along the axes, which framing keeps in the picture.
 pub fn outline(mirror: &Mirror) -> [DVec3; 6] {
     let reach = mirror.shape.reach() * mirror.size;
     [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z].map(|axis| mirror.position + axis * reach)
@@ -77,7 +77,7 @@ pub fn outline(mirror: &Mirror) -> [DVec3; 6] {
 /// The points of a cloud that reflect: a list per chunk, in order.
 pub struct Marked {
     marks: Vec<Vec<bool>>,
-    /// Packed; of all points of a chunk. `None` where they stay as they are.
+    /// The packed normals of all points of each chunk; `None` if they keep theirs.
     normals: Option<Vec<Vec<u32>>>,
     pub material: Material,
     pub count: u64,
@@ -85,13 +85,14 @@ pub struct Marked {
 
 /// A chunk of which some points reflect.
 pub struct Parted {
-    /// All points, of which those that reflect have no place (NaN), so that indices stay the file's.
+    /// All points; those that reflect have no position (NaN), so that indices stay the file's.
     pub rest: Chunk,
-    /// For each list of marks the points that reflect by it, and their indices in the chunk.
+    /// For each list of marks, the points that reflect by it, and their indices in the chunk.
     pub reflecting: Vec<(Chunk, Vec<u32>)>,
 }
 
-/// Parts chunk `index` of a cloud, which all of `marked` were found for. The last list that marks a point takes it.
+/// Divides chunk `index` of a cloud; all of `marked` were found for that cloud. The last list that marks a point takes
+/// it.
 pub fn part(chunk: &Chunk, index: usize, marked: &[Marked]) -> Parted {
     let taker = |point: usize| marked.iter().rposition(|marked| marked.marks[index][point]);
     let takers: Vec<Option<usize>> = (0..chunk.len()).map(taker).collect();
@@ -115,7 +116,7 @@ pub fn part(chunk: &Chunk, index: usize, marked: &[Marked]) -> Parted {
     Parted { rest: Chunk { positions: Arc::new(positions), ..chunk.clone() }, reflecting }
 }
 
-/// Parts what is shown of a cloud: the rest comes first, which reflects nothing, then the points of each list, without empty
+/// Divides the shown points of a cloud: first those that reflect nothing, then the points of each list, without empty
 /// chunks.
 pub fn parts(cloud: &Cloud, marked: &[Marked], test: &PointTest) -> Vec<(Material, Vec<Chunk>)> {
     let classes = cloud.class_column();
@@ -132,8 +133,8 @@ pub fn parts(cloud: &Cloud, marked: &[Marked], test: &PointTest) -> Vec<(Materia
     parts
 }
 
-/// Finds the points of `cloud` that `wanted` speaks of, and their normals. An attribute that is not in memory is read from
-/// `source`. `None` when cancelled.
+/// Finds the points of `cloud` that `wanted` describes, and their normals. An attribute that is not in memory is read
+/// from `source`. `None` when cancelled.
 ///
 /// # Errors
 /// The cloud has no such attribute, or the file cannot be read any more.
@@ -203,7 +204,7 @@ mod tests {
         let walls = scene::five_mirrors::sample(scene::five_mirrors::Variant::None, 1_000_000, 1).remove(0);
         let walls = Cloud { chunks: walls.chunks, ..Cloud::default() };
         let area = area_per_point([&walls].into_iter(), &PointTest::default());
-        // Of 40 square units, by the radii's overlap of 1.5 instead of that of estimated ones.
+        // 40 square units, with the radii's overlap of 1.5 instead of that of estimated ones.
         let expected = 40.0 / 1e6 * (1.5 / f64::from(SPLAT_OVERLAP)).powi(2);
         assert!((area / expected - 1.0).abs() < 1e-2, "{area} instead of {expected}");
         assert!(area_per_point(std::iter::empty(), &PointTest::default()).is_nan());

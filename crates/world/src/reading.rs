@@ -1,4 +1,4 @@
-//! Clouds that are held in memory: whole files, and built-in scenes.
+//! Reads clouds that are held in memory: whole files, and built-in scenes.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -15,7 +15,7 @@ use crate::source::{file_name, open_file, options_for, selection, up, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::{Input, built_in_name};
 
-/// A cloud between its events. `chunks` share their columns with those that were sent.
+/// A cloud that is being read. `chunks` share their columns with those that were sent.
 pub(crate) struct Loading {
     pub(crate) cloud: usize,
     pub(crate) source: Arc<codec::Source>,
@@ -24,7 +24,7 @@ pub(crate) struct Loading {
 }
 
 impl Loading {
-    /// There are points without a normal or a radius.
+    /// Whether any points lack a normal or a radius.
     fn lacks_surfels(&self) -> bool {
         let is_complete = |chunk: &Chunk| chunk.is_empty() || chunk.normals.is_some() && chunk.radii.is_some();
         !self.chunks.iter().all(is_complete)
@@ -47,7 +47,7 @@ impl Loader {
         Some(())
     }
 
-    /// The files of an input that can be opened; `None` if nobody listens any more.
+    /// The files of an input that can be opened; `None` if the receiver is gone.
     pub(crate) fn open(&self, input: &Input) -> Option<Vec<Arc<codec::Source>>> {
         let mut sources = Vec::new();
         for path in input.files() {
@@ -59,7 +59,8 @@ impl Loader {
         Some(sources)
     }
 
-    /// Whether the files of an input are streamed. `held`: bytes of what is held in memory, which grow if they are not.
+    /// Whether the files of an input are streamed. `held` is the memory in bytes of the clouds held in memory; it grows
+    /// if they are not.
     pub(crate) fn is_streamed(&self, sources: &[Arc<codec::Source>], held: &mut u64) -> bool {
         if sources.iter().all(|source| source.info().points == 0) {
             return false;
@@ -78,7 +79,7 @@ impl Loader {
         is_streamed
     }
 
-    /// Bytes that the points of a file take in memory.
+    /// The memory in bytes of the points of a file.
     fn memory_of(&self, info: &codec::Info) -> u64 {
         let selection = selection(info, &self.settings);
         let columns = info.attributes.iter().zip(selection.attributes).filter(|(_, is_read)| *is_read);
@@ -93,7 +94,7 @@ impl Loader {
         info.points.saturating_mul(point as u64)
     }
 
-    /// A file that is read into memory.
+    /// Announces a file that is read into memory.
     pub(crate) fn begin(&self, source: Arc<codec::Source>, cloud: usize) -> Option<Loading> {
         let info = source.info();
         let path = &info.path;
@@ -113,7 +114,7 @@ impl Loader {
         Some(Loading { cloud, source, up, chunks: Vec::new() })
     }
 
-    /// A built-in scene, all of it at once: its walls as a cloud and its mirrors, complete with normals and radii.
+    /// Sends a whole built-in scene: its walls as a cloud and its mirrors, complete with normals and radii.
     pub(crate) fn sample(&self, variant: five_mirrors::Variant, without: &[String], clouds: &mut usize) -> Option<()> {
         let SceneSettings { points, seed } = self.settings.scene;
         let up = up(DVec3::Y, &self.settings);
@@ -162,7 +163,7 @@ impl Loader {
         self.end(loading, read)
     }
 
-    /// Says how the reading of a file ended; what came of it stays.
+    /// Reports how the reading of a file ended; the chunks read stay.
     pub(crate) fn end(&self, loading: &Loading, read: codec::Result<codec::Summary>) -> Option<()> {
         let cloud = loading.cloud;
         match read {
@@ -176,7 +177,7 @@ impl Loader {
         }
     }
 
-    /// Both normals and radii, wherever one of them is missing; what the file has is kept.
+    /// Estimates normals and radii where one of them is missing; those of the file are kept.
     fn estimate(&self, loading: Loading, task: &CloudTask) -> Option<()> {
         let Loading { cloud, source, up, mut chunks } = loading;
         if task.progress.is_cancelled() {

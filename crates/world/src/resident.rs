@@ -1,4 +1,4 @@
-//! Clouds on the GPU: the one way by which points reach the store, for the window and for headless pictures.
+//! Clouds on the GPU: the only way by which points reach the store, for the window and for headless pictures.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -14,18 +14,20 @@ use crate::mirrors::{self, Marked};
 pub struct Resident {
     pub store: PointStore,
     clouds: HashMap<CloudKey, ResidentCloud>,
-    /// Where the points of a chunk in the store come from: those of the key in their order, or these of them.
+    /// The origin of the points of a chunk in the store: the points of the key's chunk in their order, or those with
+    /// these indices.
     origins: HashMap<ChunkId, (ChunkKey, Option<Vec<u32>>)>,
-    /// The store has refused points. It refuses none in silence, but after the first the others are not even tried.
+    /// Whether the store has refused points. It reports the first refusal; after that, chunks are left out until
+    /// something is removed.
     is_full: bool,
 }
 
 struct ResidentCloud {
     id: CloudId,
     chunks: HashMap<Part, ChunkId>,
-    /// Points of the cloud that reflect.
+    /// The points of the cloud that reflect.
     reflecting: Vec<Reflecting>,
-    /// How the cloud and its points that reflect are coloured.
+    /// How the cloud and its reflecting points are coloured.
     color: Option<(ColorPlan, DVec3)>,
     is_visible: bool,
 }
@@ -33,7 +35,7 @@ struct ResidentCloud {
 /// Points of a cloud that reflect, as a cloud of the store.
 struct Reflecting {
     id: CloudId,
-    /// The parts that they were taken from, with their indices in them.
+    /// For each part, the chunk in the store and the indices of its points in the part.
     chunks: HashMap<Part, (ChunkId, Vec<u32>)>,
 }
 
@@ -47,7 +49,7 @@ impl ResidentCloud {
         std::iter::once(self.id).chain(self.reflecting.iter().map(|reflecting| reflecting.id))
     }
 
-    /// What of `chunks` is in the store, and as what: chunks that the store refused are left out.
+    /// The chunks that are in the store, and their ids there: chunks that the store refused are left out.
     fn stored(&self, chunks: &[(Part, Chunk)]) -> (Cloud, Vec<ChunkId>) {
         let known = chunks.iter().filter_map(|(part, chunk)| Some((chunk.clone(), *self.chunks.get(part)?)));
         let (chunks, ids) = known.unzip();
@@ -66,11 +68,11 @@ impl Reflecting {
     }
 }
 
-/// Points that stand for mirrors come after those of all clouds.
+/// Points that represent mirrors come after those of all clouds.
 const MIRRORS_FROM: u64 = 1 << 63;
 
-/// Where a cloud of the store comes among all: clouds by their keys, each followed by the lists of its points that reflect. So
-/// neither the order in which chunks come nor that in which points are found to reflect is seen in a picture.
+/// The order of a cloud of the store: clouds by their keys, each followed by the lists of its reflecting points. So
+/// pictures depend neither on the order in which chunks come nor on that in which points are found to reflect.
 fn order_of(cloud: CloudKey, list: usize) -> u64 {
     u64::from(cloud.0) << 24 | list as u64
 }
@@ -81,10 +83,11 @@ impl Resident {
         Self { store, clouds: HashMap::new(), origins: HashMap::new(), is_full: false }
     }
 
-    /// Brings a change to the store. What is about clouds that are not there is left alone: they have gone meanwhile.
+    /// Applies a change to the store. Changes of clouds that are not in the store are ignored: these have been closed
+    /// meanwhile.
     ///
     /// # Errors
-    /// No more memory. After that, further chunks are left out, without an error for each, until something goes.
+    /// No more memory. After that, further chunks are left out, without an error for each, until something is removed.
     pub fn apply(&mut self, change: Change) -> Result<()> {
         match change {
             Change::Open { cloud, provisional_radius } => {
@@ -155,7 +158,7 @@ impl Resident {
         }
     }
 
-    /// The chunk that point `index` of a chunk of the store was put there with, and the point's index in that.
+    /// The chunk from which point `index` of a chunk of the store came, and the point's index in it.
     pub fn origin(&self, chunk: ChunkId, index: usize) -> Option<(ChunkKey, usize)> {
         let (key, indices) = self.origins.get(&chunk)?;
         let index = match indices {
@@ -170,7 +173,7 @@ impl Resident {
         let id = match resident.chunks.get(&key.part) {
             Some(&id) => {
                 if let Err(error) = self.store.update_chunk(id, &chunk, classes) {
-                    // Nothing is left of it, or what is left is not what is wanted.
+                    // The chunk has no points left, or the store's chunk does not fit any more.
                     self.store.remove_chunk(id);
                     resident.chunks.remove(&key.part);
                     self.origins.remove(&id);
@@ -187,7 +190,7 @@ impl Resident {
                 id
             }
         };
-        // What comes late is coloured as the cloud is, at once.
+        // A chunk that comes late gets the cloud's colours at once.
         let Some((plan, up)) =
             resident.color.as_ref().filter(|(plan, _)| matches!(plan.source, ColorSource::Column(_)))
         else {
@@ -197,7 +200,7 @@ impl Resident {
         self.store.set_color(resident.id, &cloud, &[id], plan, *up)
     }
 
-    /// Takes the points that reflect out of a cloud and makes clouds of them, after putting back those that did before.
+    /// Takes the points that reflect out of a cloud and makes clouds of them, after undoing earlier marks.
     fn mark(
         &mut self,
         cloud: CloudKey,

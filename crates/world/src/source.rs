@@ -1,4 +1,4 @@
-//! Files of points: how they are opened, what of them is read at once and what later.
+//! Opens files of points, and decides which columns are read at once and which later.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,26 +9,26 @@ use glam::DVec3;
 use scene::{ColorBy, Settings, SurfaceOrientation, UpAxis};
 use stream::Pages;
 
-/// Points that are read to see what kind of cloud it is.
+/// The number of points that are read to guess the kind of cloud.
 const KIND_POINTS: u64 = 500_000;
 
-/// Opens a file, for reads whose decoders take no more than `memory` bytes; the error says why nothing of it can be shown.
+/// Opens a file, for reads whose decoders take at most `memory` bytes; the error says why nothing of it can be shown.
 pub fn open_file(path: &Path, memory: u64) -> Result<Arc<codec::Source>, String> {
     let source = codec::open_within(path, memory).map_err(|error| error.to_string())?;
     let codec::Info { points, warnings, .. } = source.info();
-    // A file that is as empty as it says is none of anybody's concern.
+    // A file that is empty and says so is no error.
     if *points == 0 && !warnings.is_empty() {
         return Err(format!("{}: no points can be read: {}", scene::shown(path), warnings.join("; ")));
     }
     Ok(Arc::new(source))
 }
 
-/// What is wrong with a file, each with its name.
+/// The warnings about a file, each with the file's name.
 pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
     info.warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(&info.path)))
 }
 
-/// Files that are streamed, as the clouds that they make: those that are COPC, if all of them are, one each; else all together.
+/// Groups streamed files into clouds: if all of them are COPC, one cloud each; else one cloud of all.
 pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, Option<Pages>)> {
     let native = |source: &Arc<codec::Source>| Pages::copc(source);
     match sources.iter().map(native).collect::<Option<Vec<Pages>>>() {
@@ -37,7 +37,7 @@ pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, 
     }
 }
 
-/// Reads one column of a file whose points are loaded, by `first_point` of the chunks they belong to.
+/// Reads one column of a file whose points are loaded, by `first_point` of the chunks to which the values belong.
 ///
 /// # Errors
 /// If the file has gone or changed.
@@ -58,7 +58,7 @@ pub fn read_column(
     Ok(columns.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// The axis that points up: what the setting says, or what fits the data.
+/// The axis that points up: that of the setting, or the one that fits the data.
 pub(crate) fn up(fitting: DVec3, settings: &Settings) -> DVec3 {
     match settings.view.up {
         UpAxis::Auto => fitting,
@@ -69,12 +69,12 @@ pub(crate) fn up(fitting: DVec3, settings: &Settings) -> DVec3 {
 
 /// The axis that points up in a file.
 pub fn up_of(info: &codec::Info, settings: &Settings) -> DVec3 {
-    // Scanners and surveys have z up; the tools that make meshes mostly y.
+    // Scanners and surveys have z up; tools that make meshes mostly have y up.
     let is_mesh = info.format == codec::Format::Ply && info.faces > 0;
     up(if is_mesh { DVec3::Y } else { DVec3::Z }, settings)
 }
 
-/// How the normals of such points are estimated.
+/// The options for estimating the normals of these points.
 pub(crate) fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
     let center = || cloud::robust_bounds(chunks).center();
     let orientation = match settings.surface.orientation {
@@ -94,13 +94,13 @@ pub fn surfel_options(pages: &Pages, up: DVec3, settings: &Settings) -> stream::
     Ok(options_for(&stream::coarsest(pages, KIND_POINTS)?, up, settings))
 }
 
-/// The last part of a path, as a cloud is called.
+/// The last part of a path, which is a cloud's name.
 pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// What is read at once: all that most pictures need, and the attribute that `color.by` asks for. Others come on demand
-/// (`read_column`).
+/// The columns that are read at once: all that most pictures need, and the attribute that `color.by` asks for. Others
+/// are read on demand (`read_column`).
 pub(crate) fn selection(info: &codec::Info, settings: &Settings) -> codec::Selection {
     let color = &settings.color;
     let wanted = |name: &str| {

@@ -1,4 +1,4 @@
-//! What takes its time for one cloud, its index or its normals and radii: how far it is, how fast it goes, and the wish to stop it.
+//! A long task for one cloud, its index or its normals and radii: progress, rate, and the request to stop it.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -17,29 +17,29 @@ pub enum TaskKind {
     Surfels,
 }
 
-/// Shared by who makes it and who watches.
+/// A task, shared by the thread that works on it and by observers.
 #[derive(Debug)]
 pub struct CloudTask {
     pub kind: TaskKind,
-    /// Of the cloud.
+    /// The number of points of the cloud.
     points: u64,
-    /// In steps of whoever makes it, of which there may be several to a point. Cancelling it stops the task.
+    /// The progress in steps of the work, of which a point may have several. Cancelling it stops the task.
     pub progress: Arc<Progress>,
-    /// 0: others come first; 1: under way; 2: over.
+    /// 0: waits for others; 1: in progress; 2: over.
     turn: AtomicU8,
-    /// When it was first seen to go on, and how many points were done then.
+    /// When progress was first observed, and the number of points done then.
     pace_from: Mutex<Option<(Instant, u64)>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TaskStatus {
-    /// Others come first.
+    /// Other tasks come first.
     Queued,
-    /// Another program makes the same.
+    /// Another program does the same work.
     Elsewhere,
     UnderWay,
     Stopped,
-    /// Made, or failed.
+    /// Complete, or failed.
     Over,
 }
 
@@ -48,12 +48,12 @@ impl CloudTask {
         Self { kind, points, progress: Arc::default(), turn: AtomicU8::new(0), pace_from: Mutex::default() }
     }
 
-    /// It is its turn.
+    /// Marks the task as begun.
     pub fn begin(&self) {
         self.turn.store(1, Ordering::Relaxed);
     }
 
-    /// Does the work that this task is about.
+    /// Does the work of this task.
     pub fn run<Result>(&self, work: impl FnOnce(&Progress) -> Result) -> Result {
         self.begin();
         let result = work(&self.progress);
@@ -71,29 +71,29 @@ impl CloudTask {
         }
     }
 
-    /// Whether there is something left to stop.
+    /// Whether the task can still be stopped.
     pub fn is_pending(&self) -> bool {
         matches!(self.status(), TaskStatus::Queued | TaskStatus::Elsewhere | TaskStatus::UnderWay)
     }
 
-    /// Of the cloud.
+    /// The number of points of the cloud.
     pub fn points(&self) -> u64 {
         self.points
     }
 
-    /// Share that is done, 0 to 1.
+    /// The share of the work that is done, 0 to 1.
     pub fn share(&self) -> f64 {
         let (done, total) = (self.progress.done(), self.progress.total());
         if total > 0 { (done as f64 / total as f64).min(1.0) } else { 0.0 }
     }
 
-    /// The same in points.
+    /// The share that is done as a number of points.
     pub fn done(&self) -> u64 {
         (self.points as f64 * self.share()) as u64
     }
 
-    /// Points a second since it was first seen to go on: neither what others took before it nor what was there from an earlier
-    /// time counts.
+    /// The points per second since progress was first observed: it counts neither the time before nor points that an
+    /// earlier run had done.
     pub fn pace(&self) -> Option<f64> {
         self.pace_at(Instant::now())
     }
@@ -110,19 +110,19 @@ impl CloudTask {
     }
 }
 
-/// What is made for the clouds of a job.
+/// The tasks of a job's clouds.
 #[derive(Default)]
 pub(crate) struct CloudTasks {
-    /// By cloud.
+    /// The latest task of each cloud.
     latest: BTreeMap<usize, Arc<CloudTask>>,
-    /// Nothing more is to be made.
+    /// Whether all tasks are stopped, also those still to be planned.
     is_stopped: bool,
-    /// Nothing is made for these any more.
+    /// The clouds for which no more tasks run.
     closed: HashSet<usize>,
 }
 
 impl CloudTasks {
-    /// Already stopped, if that is so of the cloud or of all that is made.
+    /// Plans a task; it is already stopped if its cloud is closed or all tasks are.
     pub fn plan(&mut self, cloud: usize, task: CloudTask) -> Arc<CloudTask> {
         let task = Arc::new(task);
         self.latest.insert(cloud, task.clone());
@@ -132,7 +132,7 @@ impl CloudTasks {
         task
     }
 
-    /// What was planned last for a cloud.
+    /// The last task planned for a cloud.
     pub fn latest(&self, cloud: usize) -> Option<Arc<CloudTask>> {
         self.latest.get(&cloud).cloned()
     }
@@ -146,7 +146,7 @@ impl CloudTasks {
         self.latest.values().for_each(|task| task.progress.cancel());
     }
 
-    /// What is planned from now on is made.
+    /// Lets tasks that are planned from now on run.
     pub fn go_on(&mut self) {
         self.is_stopped = false;
     }
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn the_pace_is_that_of_the_points_since_it_goes_on() {
-        // Two passes over a million points, of which a quarter is there already.
+        // Two passes over a million points, of which a quarter is already done.
         let task = CloudTask::new(TaskKind::Index, 1_000_000);
         assert_eq!(task.status(), TaskStatus::Queued);
         task.run(|progress| {

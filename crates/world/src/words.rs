@@ -1,4 +1,4 @@
-//! What the words of a command line or of a scene file name: files, folders of tiles, built-in scenes.
+//! Finds what the words of a command line or of a scene file name: files, folders of tiles, built-in scenes.
 
 use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsStr;
@@ -8,19 +8,19 @@ use scene::{CameraPath, Mirror, MirrorPoints, SceneFile, Settings, SpotLight, Vi
 
 use crate::error::{Error, Result};
 
-/// What a person named.
+/// An input that a person named.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Input {
     File(PathBuf),
     /// A folder with several files that are one cloud.
     Tiles {
         folder: PathBuf,
-        /// In the order of their names.
+        /// The files, in the order of their names.
         files: Vec<PathBuf>,
     },
     BuiltIn {
         variant: five_mirrors::Variant,
-        /// Names of its mirrors that are left out: others have taken their places.
+        /// The names of its mirrors that are left out because others have taken their places.
         without: Vec<String>,
     },
     /// A word that names nothing, or a scene file that cannot be read. It keeps its place, and fails when it is loaded.
@@ -31,7 +31,7 @@ pub enum Input {
 }
 
 impl Input {
-    /// As a person would type it.
+    /// The name as a person would type it.
     pub fn name(&self) -> String {
         match self {
             Self::File(path) | Self::Tiles { folder: path, .. } => shown(path),
@@ -54,23 +54,25 @@ impl Input {
 #[derive(Clone, Debug, Default)]
 pub struct Request {
     pub inputs: Vec<Input>,
-    /// Camera and parameters of the scene file, or the camera of a built-in scene that is shown alone.
+    /// The camera and parameters of the scene file, or the camera of a built-in scene that is shown alone.
     pub view: Option<View>,
-    /// Of scene files; built-in scenes bring theirs when they are loaded.
+    /// The mirrors of scene files; built-in scenes bring theirs when they are loaded.
     pub mirrors: Vec<Mirror>,
     pub mirror_points: Vec<MirrorPoints>,
-    /// Of scene files.
+    /// The lights of scene files.
     pub lights: Vec<SpotLight>,
-    /// Which points are shown: what one scene file hides is hidden in all clouds.
+    /// Which points are shown: classes that one scene file hides are hidden in all clouds.
     pub visibility: Visibility,
-    /// Of scene files. Of those that have one name the last one counts.
+    /// The camera paths of scene files. Of paths with the same name the last one counts.
     pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
 }
 
 impl Request {
+    /// Checks that something can be opened.
+    ///
     /// # Errors
-    /// If words were given and none of them names anything; tells of the first few.
+    /// If words were given and none of them names anything; it names the first few.
     pub fn check(&self) -> Result<()> {
         let error = |input: &Input| if let Input::Unknown { error, .. } = input { Some(error.clone()) } else { None };
         let errors: Vec<String> = self.inputs.iter().filter_map(error).collect();
@@ -81,7 +83,7 @@ impl Request {
         }
     }
 
-    /// The built-in scene that this is, with its own mirrors and nothing beside it.
+    /// The built-in scene, if there is nothing else and its mirrors are unchanged.
     pub fn built_in(&self) -> Option<five_mirrors::Variant> {
         let is_changed = !self.mirrors.is_empty() || !self.mirror_points.is_empty();
         match self.inputs.as_slice() {
@@ -90,14 +92,14 @@ impl Request {
         }
     }
 
-    /// The light that a built-in scene brings; lights of scene files take its place.
+    /// The light of a built-in scene; lights of scene files replace it.
     pub fn built_in_light(&self) -> Option<SpotLight> {
         let is_built_in = |input: &Input| matches!(input, Input::BuiltIn { .. });
         (self.lights.is_empty() && self.inputs.iter().any(is_built_in)).then(five_mirrors::light)
     }
 
-    /// Takes in what a view brings to the scene that it is of: its lights take the place of all, as do its hidden classes, its
-    /// mirrors and marked points that of the same ones.
+    /// Applies a view to the scene that it belongs to: the view's lights replace all lights, its hidden classes replace
+    /// the hidden classes, and its mirrors and marked points replace those of the same name.
     pub fn refurnish(&mut self, file: &SceneFile) {
         if !file.lights.is_empty() {
             self.lights.clear();
@@ -111,7 +113,7 @@ impl Request {
         self.furnish(file);
     }
 
-    /// Takes in the mirrors, lights and paths of a scene file, and hides what it hides.
+    /// Adds the mirrors, lights and paths of a scene file, and hides what it hides.
     pub fn furnish(&mut self, file: &SceneFile) {
         self.paths.retain(|known| !file.paths.iter().any(|path| path.name == known.name));
         self.paths.extend(file.paths.iter().cloned());
@@ -127,14 +129,14 @@ impl Request {
     }
 }
 
-/// Finds out what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
-/// A word that names nothing becomes `Input::Unknown`, with the name that may have been meant: the others count. What is named
-/// more than once is opened once.
+/// Finds what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
+/// A word that names nothing becomes `Input::Unknown`, with a suggestion of the name that may have been meant; the
+/// other words count. An input that is named more than once is opened once.
 pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     let mut request = Request::default();
     let mut files = Vec::new();
     let mut unknown = 0;
-    // What may have been meant is looked for in a folder, which takes its time: for the first few.
+    // Suggestions search a folder, which takes time: only for the first few words.
     let mut named = |word: &OsStr, place: &str| {
         input(word, unknown < HINTS).unwrap_or_else(|error| {
             unknown += 1;
@@ -181,10 +183,10 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     request
 }
 
-/// Words that name nothing and are told what may have been meant.
+/// The number of unknown words that get a suggestion.
 const HINTS: usize = 3;
 
-/// Leaves out what is named again, and warns of it.
+/// Leaves out inputs that are named again, and warns of them.
 fn open_once(request: &mut Request) {
     let mut known = HashSet::new();
     let mut again = Vec::new();
@@ -206,7 +208,7 @@ fn open_once(request: &mut Request) {
     request.warnings.extend(param::few(warnings.collect(), "that are named more than once"));
 }
 
-/// The file or built-in scene that `word` names, or what to say, with what may have been meant.
+/// The file or built-in scene that `word` names, or an error message with a suggestion.
 fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
     if let Some(mirror) = five_mirrors::Variant::ALL.into_iter().find(|mirror| *built_in_name(*mirror) == *word) {
         return Ok(Input::BuiltIn { variant: mirror, without: Vec::new() });
@@ -223,9 +225,9 @@ fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
     Err(format!("{name}: no such file or built-in scene{hint}"))
 }
 
-/// What may have been meant by a path where nothing is.
+/// A suggestion for a path where nothing is.
 fn hint(path: &Path) -> String {
-    // Compared by their last part: a typing error in a short name must not drown in a long folder's.
+    // Compared by their last part: a typing error in a short name must not drown in a long folder's name.
     let last = |name: &Path| name.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let known: BTreeMap<String, String> =
         files_beside(path).into_iter().chain(built_in_names()).map(|name| (last(Path::new(&name)), name)).collect();
@@ -252,7 +254,7 @@ fn tiles(folder: &Path) -> Result<Input, String> {
     }
 }
 
-/// Files in the folder where `path` was looked for, written as `path` is.
+/// The files in the folder of `path`, written as `path` is.
 fn files_beside(path: &Path) -> Vec<String> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
