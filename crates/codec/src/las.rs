@@ -15,14 +15,13 @@ mod items;
 mod layout;
 
 use std::ops::Range;
-use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use cloud::{Bounds, CHUNK_POINTS, Chunk, Column, Grid, Progress};
 use laz::DecompressionSelection;
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
-use crate::positioned_file::PositionedFile;
+use crate::bytes::Bytes;
 use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, ColorDepth, ReadPlan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
@@ -43,7 +42,7 @@ const COMPRESSED_COLOR_SAMPLES: (usize, u64) = (8, 32_768);
 
 pub struct LasSource {
     info: Info,
-    file: PositionedFile,
+    file: Bytes,
     layout: Layout,
     grid: Grid,
     data_start: u64,
@@ -108,9 +107,8 @@ impl Tally<'_> {
 }
 
 impl LasSource {
-    /// Opens a file. `memory` bounds what decoders of compressed points take, in bytes.
-    pub fn open(path: &Path, memory: u64) -> Result<Self> {
-        let file = PositionedFile::open(path)?;
+    /// `memory` bounds what decoders of compressed points take, in bytes.
+    pub fn open(file: Bytes, memory: u64) -> Result<Self> {
         let mut warnings = Vec::new();
         let header = Header::read(&file, &mut warnings)?;
         let layout = Layout::new(header.point_format, header.record_length, &header.descriptors, &mut warnings);
@@ -145,7 +143,7 @@ impl LasSource {
         });
 
         let info = Info {
-            path: path.to_owned(),
+            path: file.path().to_owned(),
             format: if header.compressed { Format::Laz } else { Format::Las },
             version: format!("{}.{}", header.version.0, header.version.1),
             point_format: Some(header.point_format),
@@ -192,6 +190,10 @@ impl LasSource {
 
     pub fn info(&self) -> &Info {
         &self.info
+    }
+
+    pub fn bytes(&self) -> &Bytes {
+        &self.file
     }
 
     pub fn copc(&self) -> Option<&Copc> {
@@ -466,7 +468,7 @@ impl LasSource {
 }
 
 /// The number of records of a LAS file: the header's count, less the records that the file is too short for.
-fn plain_points(file: &PositionedFile, header: &Header, warnings: &mut Vec<String>) -> u64 {
+fn plain_points(file: &Bytes, header: &Header, warnings: &mut Vec<String>) -> u64 {
     let present = (file.length() - header.data_start) / header.record_length as u64;
     if header.points == 0 && present > 0 && header.points_are_last {
         warnings.push(format!("the header says 0 points, but {present} records follow it (writer stopped?): read"));

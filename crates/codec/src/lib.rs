@@ -5,17 +5,16 @@
 //! in parallel, with progress and cancel. Files are not trusted: a header's claim alone never causes an allocation.
 
 mod brief;
+mod bytes;
 mod error;
 mod las;
 mod ply;
-mod positioned_file;
 
-use std::fs::File;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use cloud::{Attribute, Bounds, Chunk, Grid, Progress};
 
+pub use bytes::Bytes;
 pub use error::{Error, Result, why_unwritten};
 pub use las::{Copc, CopcNode, CopcSummary, write_copc};
 
@@ -100,20 +99,13 @@ pub fn open(path: &Path) -> Result<Source> {
 /// # Errors
 /// Those of `open`; if a single decoder would take more.
 pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
-    let metadata = std::fs::metadata(path).map_err(|error| Error::io(path, error))?;
-    if !metadata.is_file() {
-        // Opening a pipe would wait for someone to write.
-        let problem =
-            std::io::Error::other("not a regular file; points are read out of order, so save it as one first");
-        return Err(Error::io(path, problem));
-    }
-    let mut start = Vec::new();
-    let file = File::open(path).map_err(|error| Error::io(path, error))?;
-    file.take(4).read_to_end(&mut start).map_err(|error| Error::io(path, error))?;
-    match start.as_slice() {
-        b"LASF" => las::LasSource::open(path, memory).map(Source::Las),
-        [b'p', b'l', b'y', b'\n' | b'\r'] => ply::PlySource::open(path).map(Source::Ply),
-        _ => Err(Error::UnknownFormat { path: path.to_owned(), hint: hint(&start) }),
+    let bytes = Bytes::open(path)?;
+    let mut start = [0; 4];
+    let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
+    match &start[..count] {
+        b"LASF" => las::LasSource::open(bytes, memory).map(Source::Las),
+        [b'p', b'l', b'y', b'\n' | b'\r'] => ply::PlySource::open(bytes).map(Source::Ply),
+        start => Err(Error::UnknownFormat { path: path.to_owned(), hint: hint(start) }),
     }
 }
 
@@ -134,6 +126,14 @@ impl Source {
         match self {
             Self::Las(source) => source.info(),
             Self::Ply(source) => source.info(),
+        }
+    }
+
+    /// What the points are decoded from.
+    pub fn bytes(&self) -> &Bytes {
+        match self {
+            Self::Las(source) => source.bytes(),
+            Self::Ply(source) => source.bytes(),
         }
     }
 

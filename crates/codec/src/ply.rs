@@ -19,14 +19,13 @@ mod reader;
 mod rows;
 
 use std::io::Read as _;
-use std::path::Path;
 use std::sync::Mutex;
 
 use cloud::{Attribute, Bounds, Chunk, Progress};
 use rayon::prelude::*;
 
 use crate::brief::brief;
-use crate::positioned_file::PositionedFile;
+use crate::bytes::Bytes;
 use crate::{Error, Format, Info, Result, Selection, Summary};
 use columns::{ChunkBuilder, Roles, RowDecoder, Scalar};
 use header::{Element, Encoding, Header, Kind, MAX_HEADER_BYTES};
@@ -42,7 +41,7 @@ const NAMED_LISTS: usize = 8;
 /// An opened PLY file. It stays open, so that it is read to the end even if it is deleted or replaced.
 pub struct PlySource {
     info: Info,
-    file: PositionedFile,
+    file: Bytes,
     header: Header,
     /// The index of the vertex element.
     vertex: usize,
@@ -52,9 +51,9 @@ pub struct PlySource {
 }
 
 impl PlySource {
-    pub fn open(path: &Path) -> Result<Self> {
+    pub fn open(file: Bytes) -> Result<Self> {
+        let path = file.path();
         let io_error = |error| Error::io(path, error);
-        let file = PositionedFile::open(path)?;
         let mut start = Vec::new();
         file.section(0, file.length().min(MAX_HEADER_BYTES as u64)).read_to_end(&mut start).map_err(io_error)?;
         let header = Header::parse(&start)
@@ -109,6 +108,10 @@ impl PlySource {
 
     pub fn info(&self) -> &Info {
         &self.info
+    }
+
+    pub fn bytes(&self) -> &Bytes {
+        &self.file
     }
 
     fn element(&self) -> &Element {
@@ -220,7 +223,7 @@ fn lock(totals: &Mutex<Totals>) -> std::sync::MutexGuard<'_, Totals> {
 /// Reads a block and emits its chunks, of `most` rows each, with their rows and bounds. Returns the number of rows read
 /// and of damaged rows.
 fn read_block(
-    file: &PositionedFile,
+    file: &Bytes,
     (block, most): (Block, usize),
     packing: &Packing,
     plan: &RowDecoder,
@@ -285,7 +288,7 @@ fn list_warning(element: &Element) -> Option<String> {
 /// Decides from a sample what the header leaves open: the range of colours, and whether opacity and normals are all
 /// zero.
 fn decide_conventions(
-    file: &PositionedFile,
+    file: &Bytes,
     header: &Header,
     element: &Element,
     rows: &Rows,
@@ -343,7 +346,7 @@ fn check_length(rows: &Rows, element: &Element) -> std::result::Result<(), Strin
 }
 
 /// Warns that faces are not shown, and says how much of the data after the vertices is missing.
-fn face_warnings(file: &PositionedFile, header: &Header, vertex: usize, rows: &Rows) -> std::io::Result<Vec<String>> {
+fn face_warnings(file: &Bytes, header: &Header, vertex: usize, rows: &Rows) -> std::io::Result<Vec<String>> {
     let mut warnings = Vec::new();
     for element in header.elements.iter().filter(|element| faces::is_surface(element) && element.count > 0) {
         let what = if faces::is_polygons(element) { "faces" } else { "triangle strips" };

@@ -588,6 +588,22 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_takes_the_name_of_one_that_is_open_gets_an_index_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, other] = ["a.las", "b.las"].map(|name| folder.path().join(name));
+        let mut points = made_up::terrain(1000);
+        made_up::write_las(&path, &points);
+        // Length and time are those of the file that has the name now, for both.
+        points.reverse();
+        made_up::write_las(&other, &points);
+        let before = [Arc::new(codec::open(&path).unwrap())];
+        std::fs::rename(&other, &path).unwrap();
+        let after = [Arc::new(codec::open(&path).unwrap())];
+        assert_ne!(Identity::of(&before).unwrap().key, Identity::of(&after).unwrap().key);
+        assert_eq!(Identity::of(&after).unwrap(), Identity::of(&after).unwrap());
+    }
+
+    #[test]
     fn an_index_is_removed_when_nobody_has_it_open() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.las");

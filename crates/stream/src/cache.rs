@@ -7,7 +7,6 @@
 
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind::{NotFound, PermissionDenied};
-use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -61,7 +60,7 @@ impl Identity {
             hash.add(&stamp.length.to_le_bytes());
             let since = stamp.modified.and_then(|time| time.duration_since(SystemTime::UNIX_EPOCH).ok());
             hash.add(&since.map_or(0, |since| since.as_nanos()).to_le_bytes());
-            add_samples(&mut hash, path, stamp.length).map_err(|error| Error::io(path, error))?;
+            add_samples(&mut hash, input.bytes(), stamp.length).map_err(|error| Error::io(path, error))?;
             stamps.push(stamp);
         }
         Ok(Self { key: hash.0, stamps })
@@ -78,16 +77,14 @@ impl Identity {
     }
 }
 
-fn add_samples(hash: &mut Fnv, path: &Path, length: u64) -> std::io::Result<()> {
-    let mut file = File::open(path)?;
+/// Samples of the file that is open: of one that has taken its name since, an index would be of other points than its name says.
+fn add_samples(hash: &mut Fnv, bytes: &codec::Bytes, length: u64) -> std::io::Result<()> {
     let last = length.saturating_sub(SAMPLE_BYTES as u64);
-    let mut bytes = Vec::with_capacity(SAMPLE_BYTES);
+    let mut buffer = vec![0; SAMPLE_BYTES];
     for sample in 0..INNER_SAMPLES + 2 {
         let start = (u128::from(last) * u128::from(sample) / u128::from(INNER_SAMPLES + 1)) as u64;
-        bytes.clear();
-        file.seek(SeekFrom::Start(start))?;
-        file.by_ref().take(SAMPLE_BYTES as u64).read_to_end(&mut bytes)?;
-        hash.add(&bytes);
+        let count = bytes.read_at(start, &mut buffer)?;
+        hash.add(&buffer[..count]);
     }
     Ok(())
 }

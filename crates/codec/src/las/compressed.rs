@@ -16,7 +16,7 @@ use laz::{DecompressionSelection, LazVlr};
 
 use super::header::Header;
 use super::items;
-use crate::positioned_file::{PositionedFile, Section};
+use crate::bytes::{Bytes, Section};
 use crate::{Error, Result};
 
 /// The number of bytes read ahead of the decoder.
@@ -62,7 +62,7 @@ pub struct Compressed {
 
 impl Compressed {
     /// Finds the chunks. `memory` bounds what decoders take, in bytes.
-    pub fn open(file: &PositionedFile, header: &Header, memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn open(file: &Bytes, header: &Header, memory: u64, warnings: &mut Vec<String>) -> Result<Self> {
         let malformed = |problem: String| Error::malformed(file.path(), "LASzip record", problem);
         let Some(record) = &header.laszip else {
             return Err(malformed("missing, although the point format says the points are compressed".into()));
@@ -126,7 +126,7 @@ impl Compressed {
     }
 
     /// Makes one chunk of all points; `count` decodes them once to count them, as nothing else tells their number.
-    fn one_chunk(&mut self, file: &PositionedFile, offset: u64, promised: u64, count: bool) {
+    fn one_chunk(&mut self, file: &Bytes, offset: u64, promised: u64, count: bool) {
         let points = if promised > 0 { promised } else { u64::MAX };
         let mut chunk =
             CompressedChunk { first_point: 0, points, offset, length: file.length().saturating_sub(offset) };
@@ -168,7 +168,7 @@ impl Compressed {
 
     fn chunks_from_table(
         &mut self,
-        file: &PositionedFile,
+        file: &Bytes,
         table: &ChunkTable,
         data_start: u64,
         promised: u64,
@@ -209,7 +209,7 @@ impl Compressed {
     }
 
     /// Follows layered chunks from one to the next by the counts and sizes with which each starts.
-    fn chunks_from_their_headers(&mut self, file: &PositionedFile, data_start: u64, promised: u64) {
+    fn chunks_from_their_headers(&mut self, file: &Bytes, data_start: u64, promised: u64) {
         let most = if self.vlr.uses_variable_size_chunks() { u64::MAX } else { u64::from(self.vlr.chunk_size()) };
         let promised = if promised == 0 { u64::MAX } else { promised };
         let (mut offset, mut first_point) = (data_start, 0);
@@ -226,7 +226,7 @@ impl Compressed {
 
     /// Reads the head of the layered chunk at `offset`, if it ends before `end`. The chunk is a raw first record, the
     /// number of points, the size of each layer, the layers.
-    fn layered_chunk(&self, file: &PositionedFile, offset: u64, end: u64) -> Option<LayeredChunk> {
+    fn layered_chunk(&self, file: &Bytes, offset: u64, end: u64) -> Option<LayeredChunk> {
         let sizes_start = offset.checked_add(self.record_length as u64)?;
         let head_length = 4 + 4 * self.layers?;
         if sizes_start.checked_add(head_length)? > end {
@@ -247,7 +247,7 @@ impl Compressed {
     /// Starts decoding `chunk`; of a layered one only `layers`.
     pub fn stream<'a>(
         &'a self,
-        file: &'a PositionedFile,
+        file: &'a Bytes,
         chunk: &CompressedChunk,
         layers: DecompressionSelection,
     ) -> std::result::Result<Stream<'a>, String> {
@@ -336,7 +336,7 @@ fn laszip_kind(record: &[u8]) -> u16 {
 }
 
 /// The chunk table, if the file has one that fits it.
-fn read_table(file: &PositionedFile, header: &Header, vlr: &LazVlr) -> std::io::Result<Option<ChunkTable>> {
+fn read_table(file: &Bytes, header: &Header, vlr: &LazVlr) -> std::io::Result<Option<ChunkTable>> {
     let points_start = header.data_start + TABLE_OFFSET_LENGTH;
     let believable =
         |offset: &u64| *offset >= points_start && offset.checked_add(8).is_some_and(|end| end <= file.length());

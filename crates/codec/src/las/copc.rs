@@ -16,7 +16,7 @@ use super::compressed::CompressedChunk;
 use super::header::Header;
 use super::layout::bytes;
 use crate::brief::{number, vector};
-use crate::positioned_file::PositionedFile;
+use crate::bytes::Bytes;
 
 /// The offset of the info record's data: after a header of 375 bytes and a record's head of 54.
 const INFO_START: u64 = 375 + 54;
@@ -70,11 +70,7 @@ impl Copc {
     pub const MOST_POINTS: u32 = 1 << 24;
 
     /// Reads the octree. `None` for a file that does not claim to be COPC; an error says why its index cannot be used.
-    pub(super) fn read(
-        file: &PositionedFile,
-        header: &Header,
-        chunks: &[CompressedChunk],
-    ) -> Result<Option<Self>, String> {
+    pub(super) fn read(file: &Bytes, header: &Header, chunks: &[CompressedChunk]) -> Result<Option<Self>, String> {
         let info = match &header.copc_info {
             None => return Ok(None),
             Some((INFO_START, info)) if info.len() >= INFO_LENGTH => info,
@@ -103,7 +99,7 @@ impl Copc {
 
     /// The nodes with points of all pages.
     pub(super) fn read_pages(
-        file: &PositionedFile,
+        file: &Bytes,
         pages: Range<u64>,
         root: Range<u64>,
         chunks: &[CompressedChunk],

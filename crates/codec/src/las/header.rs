@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use super::layout::{Layout, bytes, text};
 use crate::brief::vector;
-use crate::positioned_file::PositionedFile;
+use crate::bytes::Bytes;
 use crate::{Error, Result};
 
 /// The most records: files have a handful, so a larger count is damage.
@@ -50,7 +50,7 @@ pub struct Header {
 }
 
 impl Header {
-    pub fn read(file: &PositionedFile, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn read(file: &Bytes, warnings: &mut Vec<String>) -> Result<Self> {
         let malformed = |place: &str, problem: String| Error::malformed(file.path(), place, problem);
         let raw = raw::Header::read_from(BufReader::new(file.section(0, file.length()))).map_err(|error| {
             let length = file.length();
@@ -210,7 +210,7 @@ impl Records {
     /// Walks `count` records from byte `start`, none beyond `end`; returns where it stopped.
     fn walk(
         &mut self,
-        file: &PositionedFile,
+        file: &Bytes,
         start: u64,
         end: u64,
         count: u64,

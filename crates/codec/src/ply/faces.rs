@@ -10,7 +10,7 @@ use super::number;
 use super::reader::Reader;
 use super::rows::{Rows, integer, list_length, next_token, skip_elements};
 use crate::brief::brief;
-use crate::positioned_file::PositionedFile;
+use crate::bytes::Bytes;
 
 /// The names of the list of a face's vertices.
 const INDEX_NAMES: [&str; 2] = ["vertex_indices", "vertex_index"];
@@ -43,7 +43,7 @@ impl From<io::Error> for FaceError {
 /// All triangles of the file, with checked vertex numbers. A file that is cut short gives its whole triangles.
 ///
 /// `vertex` is the index of the vertex element, `rows` is where its rows are.
-pub fn read(file: &PositionedFile, header: &Header, vertex: usize, rows: &Rows) -> Result<Vec<[u32; 3]>, FaceError> {
+pub fn read(file: &Bytes, header: &Header, vertex: usize, rows: &Rows) -> Result<Vec<[u32; 3]>, FaceError> {
     let mut triangles = Vec::new();
     let mut reader = Reader::new(file, header.length, file.length());
     for (index, element) in header.elements.iter().enumerate() {

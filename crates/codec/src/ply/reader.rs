@@ -3,7 +3,7 @@
 
 use std::io;
 
-use crate::positioned_file::PositionedFile;
+use crate::bytes::Bytes;
 
 /// The bytes read per system call: enough to hide the cost of the call, and few enough to stay in the second-level
 /// cache while the piece is decoded.
@@ -14,7 +14,7 @@ pub const PIECE_BYTES: usize = 256 << 10;
 pub const MAX_LINE_BYTES: usize = 4 << 20;
 
 pub struct Reader<'a> {
-    file: &'a PositionedFile,
+    file: &'a Bytes,
     /// `at..filled` has been read but not used.
     buffer: Vec<u8>,
     at: usize,
@@ -29,12 +29,12 @@ pub struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     /// Reads `offset..end` of the file.
-    pub fn new(file: &'a PositionedFile, offset: u64, end: u64) -> Self {
+    pub fn new(file: &'a Bytes, offset: u64, end: u64) -> Self {
         Self { file, buffer: Vec::new(), at: 0, filled: 0, next: offset, end, piece: PIECE_BYTES, in_cut_line: false }
     }
 
     /// The same for a few bytes: reads 4 KiB at a time instead of a whole piece.
-    pub fn short(file: &'a PositionedFile, offset: u64, end: u64) -> Self {
+    pub fn short(file: &'a Bytes, offset: u64, end: u64) -> Self {
         Self { piece: 4096, ..Self::new(file, offset, end) }
     }
 

@@ -14,7 +14,7 @@ use super::header::{Element, Encoding, Header, Kind, Property};
 use super::number;
 use super::reader::{PIECE_BYTES, Reader, count_lines, is_blank};
 use crate::brief::brief;
-use crate::positioned_file::PositionedFile;
+use crate::bytes::Bytes;
 
 /// The most bytes of the scalars of a chunk: whole chunks of rows up to 256 bytes.
 const CHUNK_BYTES: usize = 16 << 20;
@@ -53,7 +53,7 @@ pub struct Rows {
 }
 
 /// Finds the rows of element `index`.
-pub fn locate(file: &PositionedFile, header: &Header, index: usize) -> io::Result<Rows> {
+pub fn locate(file: &Bytes, header: &Header, index: usize) -> io::Result<Rows> {
     let element = &header.elements[index];
     let mut reader = Reader::new(file, header.length, file.length());
     let (_, problem) = skip_elements(&mut reader, header, &header.elements[..index])?;
@@ -101,7 +101,7 @@ fn locate_strided(start: u64, file_length: u64, stride: u64, count: u64, block_r
 }
 
 /// Cuts text at line ends into blocks of about a chunk each, and counts their lines in parallel.
-fn locate_lines(file: &PositionedFile, start: u64, newline: u8, count: u64) -> io::Result<Rows> {
+fn locate_lines(file: &Bytes, start: u64, newline: u8, count: u64) -> io::Result<Rows> {
     if count == 0 {
         return Ok(Rows { end: start, ..Rows::default() });
     }
@@ -155,7 +155,7 @@ fn locate_lines(file: &PositionedFile, start: u64, newline: u8, count: u64) -> i
 }
 
 /// The offset after the first line end at or after `offset`, at most `end`.
-fn next_line(file: &PositionedFile, offset: u64, end: u64, newline: u8) -> io::Result<u64> {
+fn next_line(file: &Bytes, offset: u64, end: u64, newline: u8) -> io::Result<u64> {
     if offset >= end {
         return Ok(end);
     }
@@ -232,7 +232,7 @@ fn skip_list_rows(
 }
 
 /// Some thousand packed rows from all over the file, from which its conventions are decided.
-pub fn sample(file: &PositionedFile, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8>> {
+pub fn sample(file: &Bytes, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8>> {
     let mut sample = Vec::new();
     let stride = packing.stride.max(1) as u64;
     for mut block in sample_blocks(file, rows, packing.header, packing.is_strided.then_some(stride))? {
@@ -250,7 +250,7 @@ const SAMPLE_PLACES: u64 = 64;
 const SAMPLE_ROWS: u64 = 16;
 const SAMPLE_BYTES: u64 = 64 << 10;
 
-fn sample_blocks(file: &PositionedFile, rows: &Rows, header: &Header, stride: Option<u64>) -> io::Result<Vec<Block>> {
+fn sample_blocks(file: &Bytes, rows: &Rows, header: &Header, stride: Option<u64>) -> io::Result<Vec<Block>> {
     let Some(start) = rows.blocks.first().map(|block| block.offset) else { return Ok(Vec::new()) };
     let mut sample = Vec::new();
     for place in 0..SAMPLE_PLACES {
@@ -275,12 +275,7 @@ fn sample_blocks(file: &PositionedFile, rows: &Rows, header: &Header, stride: Op
 }
 
 /// What is wrong with the first sampled line whose number of values differs from the header's.
-pub fn check_lines(
-    file: &PositionedFile,
-    rows: &Rows,
-    header: &Header,
-    element: &Element,
-) -> io::Result<Option<String>> {
+pub fn check_lines(file: &Bytes, rows: &Rows, header: &Header, element: &Element) -> io::Result<Option<String>> {
     let name = brief(&element.name);
     for block in sample_blocks(file, rows, header, None)? {
         let mut reader = Reader::new(file, block.offset, block.end);
@@ -334,7 +329,7 @@ const RECORD_ITEMS: usize = 64;
 /// Every property of a vertex as text: the file's own in ascii, else the shortest exact decimal. `None` if the row is
 /// gone.
 pub fn record(
-    file: &PositionedFile,
+    file: &Bytes,
     header: &Header,
     element: &Element,
     block: Block,
@@ -450,7 +445,7 @@ impl<'a> Packing<'a> {
     /// Reads `block` and passes its packed rows to `give` in pieces. Returns how many rows were read and how many of
     /// them were damaged: text with a missing number or a token that is no number, which becomes NaN, or 0 for an
     /// integer.
-    pub fn read(&self, file: &PositionedFile, block: Block, mut give: impl FnMut(&[u8])) -> io::Result<(u64, u64)> {
+    pub fn read(&self, file: &Bytes, block: Block, mut give: impl FnMut(&[u8])) -> io::Result<(u64, u64)> {
         let mut reader = Reader::new(file, block.offset, block.end);
         let (mut rows, mut damaged) = (0, 0);
         let mut packed = Vec::new();

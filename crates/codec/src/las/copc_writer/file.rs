@@ -322,9 +322,9 @@ mod tests {
     use std::collections::HashMap;
 
     use super::*;
+    use crate::bytes::Bytes;
     use crate::las::Copc;
     use crate::las::compressed::CompressedChunk;
-    use crate::positioned_file::PositionedFile;
 
     /// Four nodes below each, for this many levels; one branch in ten goes no further down.
     fn surface(levels: u32) -> Vec<Entry> {
@@ -355,7 +355,7 @@ mod tests {
             assert!(pages.len() / 32 <= nodes.len() + nodes.len() / 30, "links cost little");
             let file = tempfile::NamedTempFile::new().unwrap();
             std::fs::write(file.path(), [vec![0; START as usize], pages.clone()].concat()).unwrap();
-            let file = PositionedFile::open(file.path()).unwrap();
+            let file = Bytes::open(file.path()).unwrap();
             let chunk = |node: &Entry| CompressedChunk { first_point: 0, points: 7, offset: node.offset, length: 100 };
             let chunks: Vec<CompressedChunk> = nodes.iter().map(chunk).collect();
             let found = Copc::read_pages(&file, START..START + pages.len() as u64, root, &chunks).unwrap();

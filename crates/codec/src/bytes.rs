@@ -1,4 +1,5 @@
-//! A file that many threads read at once, each at its own offset.
+//! Where all formats read from: the bytes of a source, which many threads read at once, each at its own offset. A source that is
+//! not a file would be read here, too: nothing else opens one.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -6,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// An open file without a cursor.
-pub struct PositionedFile {
+/// The bytes of an open file. It stays open, so they are those of the file that was opened, whatever has its name later.
+pub struct Bytes {
     path: PathBuf,
     length: u64,
     #[cfg(unix)]
@@ -16,9 +17,17 @@ pub struct PositionedFile {
     file: std::sync::Mutex<File>,
 }
 
-impl PositionedFile {
+impl Bytes {
+    /// # Errors
+    /// If the path leads to no regular file, or to one that cannot be read.
     pub fn open(path: &Path) -> Result<Self> {
         let io = |error| Error::io(path, error);
+        if !std::fs::metadata(path).map_err(io)?.is_file() {
+            // Opening a pipe would wait for someone to write.
+            return Err(io(io::Error::other(
+                "not a regular file; points are read out of order, so save it as one first",
+            )));
+        }
         let file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
         #[cfg(not(unix))]
@@ -26,6 +35,7 @@ impl PositionedFile {
         Ok(Self { path: path.to_owned(), length, file })
     }
 
+    /// Where the source is: how messages name it, and how it is opened again.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -36,6 +46,9 @@ impl PositionedFile {
     }
 
     /// Fills `buffer` from byte `offset` on, as far as the file goes; returns the number of bytes read.
+    ///
+    /// # Errors
+    /// If the file cannot be read there.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
         let mut filled = 0;
         while filled < buffer.len() {
@@ -50,7 +63,7 @@ impl PositionedFile {
     }
 
     /// The `N` bytes at `offset`, or `None` if the file is too short.
-    pub fn bytes_at<const N: usize>(&self, offset: u64) -> io::Result<Option<[u8; N]>> {
+    pub(crate) fn bytes_at<const N: usize>(&self, offset: u64) -> io::Result<Option<[u8; N]>> {
         let mut bytes = [0; N];
         Ok((self.read_at(offset, &mut bytes)? == N).then_some(bytes))
     }
@@ -68,14 +81,14 @@ impl PositionedFile {
     }
 
     /// Bytes `start..end` as a stream with a cursor of its own.
-    pub fn section(&self, start: u64, end: u64) -> Section<'_> {
+    pub(crate) fn section(&self, start: u64, end: u64) -> Section<'_> {
         Section { file: self, start, position: start, end }
     }
 }
 
 /// A part of a file as `Read` and `Seek` (positions count from the start of the part), for decoders that need a stream.
-pub struct Section<'a> {
-    file: &'a PositionedFile,
+pub(crate) struct Section<'a> {
+    file: &'a Bytes,
     start: u64,
     position: u64,
     end: u64,
