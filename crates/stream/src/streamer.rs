@@ -1,13 +1,14 @@
-//! The way of a cut into memory: worker threads that read pages in the order of their importance, a cache of decoded chunks
-//! under a byte ceiling, and the changes that whoever draws has to make, in an order in which nothing blinks.
+//! Loads the nodes of a cut: worker threads read pages in the order of their importance, a cache keeps decoded chunks
+//! within a limit of bytes, and the caller gets the changes to draw in an order in which nothing blinks.
 //!
-//! - A chunk is *shown* from the [`Change::Put`] that hands it over to its [`Change::Drop`]. Shown nodes are closed towards the
-//!   root: a child comes after its parent and goes before it, so no place that had points loses all of them.
-//! - Where points come, their chunks are put first and the radii of those that stand for them shrink afterwards; where points go,
-//!   the radii of those that stay grow first.
-//! - What the last cut does not want stays shown until the budget needs its place, or goes at once where nothing else is to be
-//!   shown; the least recently wanted goes first. It stays in memory after that as long as there is room.
-//! - The ceiling counts all decoded chunks: shown, kept and being read. A chunk that is dropped counts no more from the call of
+//! - A chunk is *shown* from the [`Change::Put`] that hands it over to its [`Change::Drop`]. The shown nodes are closed
+//!   towards the root: a child comes after its parent and goes before it, so no place that had points loses all of them.
+//! - Where points come, their chunks are put first, and the radii of the points that represented them shrink afterwards;
+//!   where points go, the radii of those that stay grow first.
+//! - Nodes that the last cut does not want stay shown until the budget needs their place, or go at once if
+//!   [`Streamer::show_only_wanted`] is set; the least recently wanted goes first. They stay in memory after that as long as
+//!   there is room.
+//! - The limit counts all decoded chunks: shown, kept and being read. A dropped chunk no longer counts from the call of
 //!   [`Streamer::changes`] that says so, though the caller may hold it for a little longer.
 
 mod nodes;
@@ -26,7 +27,7 @@ pub use state::StreamStats;
 
 use crate::{Budget, Error, Wanted};
 
-/// Brings nodes into memory and says what to draw. All calls return at once: reading is done by threads of its own.
+/// Loads nodes and says what to draw. All calls return at once: threads of its own read.
 pub struct Streamer {
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
@@ -34,14 +35,14 @@ pub struct Streamer {
 
 struct Shared {
     state: Mutex<State>,
-    /// There may be something to read, or room for it.
+    /// Signals that there may be something to read, or room for it.
     work: Condvar,
     wake: Box<dyn Fn() + Send + Sync>,
 }
 
 impl Streamer {
-    /// With so many threads. `wake` is called by them whenever [`Streamer::changes`] has something to do; it must not
-    /// drop the streamer.
+    /// Starts `workers` threads. They call `wake` whenever [`Streamer::changes`] has something to do; it must not drop
+    /// the streamer.
     ///
     /// # Errors
     /// If the threads cannot be started.
@@ -57,19 +58,19 @@ impl Streamer {
         Ok(streamer)
     }
 
-    /// A cloud under a number that is free.
+    /// Adds a cloud under an unused number.
     pub fn add(&self, cloud: usize, paged: PagedCloud) {
         self.replace(cloud, paged);
     }
 
-    /// Another way to read the cloud, as when its radii are known now. What is shown stays until its nodes are read again; if the
-    /// octree is another one, it is dropped.
+    /// Replaces the way in which the cloud is read, for example when its radii are known. Shown nodes stay until they
+    /// have been read again; if the octree is another one, they are dropped.
     pub fn replace(&self, cloud: usize, paged: PagedCloud) {
         self.shared.lock().replace(cloud, paged);
         self.shared.work.notify_all();
     }
 
-    /// Forgets a cloud. No change of it follows: the caller drops what it has of it.
+    /// Removes a cloud. No change of it follows: the caller drops its chunks.
     pub fn remove(&self, cloud: usize) {
         let mut state = self.shared.lock();
         state.asked.retain(|wanted| wanted.cloud != cloud);
@@ -78,20 +79,20 @@ impl Streamer {
         self.shared.work.notify_all();
     }
 
-    /// What to show from now on, the most important first, parents before children, as [`crate::choose`] gives it. Takes the
-    /// place of the last one: what is no longer wanted and not being read yet will not be read. What goes beyond the budget is
-    /// left out, and so are nodes without their parent.
+    /// Sets the cut: the nodes to show from now on, the most important first, parents before children, as
+    /// [`crate::choose`] gives them. It replaces the last one: nodes that are no longer wanted and not being read yet
+    /// will not be read. Nodes beyond the budget are left out, and so are nodes without their parent.
     pub fn want(&self, wanted: Vec<Wanted>) {
         self.shared.lock().want(wanted);
         self.shared.work.notify_all();
     }
 
-    /// Whether nothing is to be shown but what the last cut wants: then what is there at the end does not depend on earlier cuts.
+    /// Whether only nodes of the last cut may be shown: then the final state does not depend on earlier cuts.
     pub fn show_only_wanted(&self, only_wanted: bool) {
         self.shared.lock().only_wanted = only_wanted;
     }
 
-    /// Points that are shown and bytes of decoded chunks, at most.
+    /// Sets the largest numbers of shown points and of bytes of decoded chunks.
     pub fn set_budget(&self, budget: Budget) {
         let mut state = self.shared.lock();
         state.set_budget(budget);
@@ -99,9 +100,9 @@ impl Streamer {
         self.shared.work.notify_all();
     }
 
-    /// What has changed since the last call. To be called after each wake, and after a new cut or budget: what is in memory
-    /// already comes at once. Where a chunk shares its `positions` with the one that it takes the place of, only its radii are
-    /// other ones.
+    /// The changes since the last call. The caller asks after each wake, and after a new cut or budget: nodes that are
+    /// already in memory come at once. If a chunk shares its `positions` with the one that it replaces, only its radii
+    /// differ.
     pub fn changes(&self) -> Vec<Change> {
         let changes = self.shared.lock().changes();
         if !changes.is_empty() {
@@ -127,12 +128,12 @@ impl Drop for Streamer {
 }
 
 impl Shared {
-    /// The state is made sense of by short functions that do not panic half-way.
+    /// Locks the state. A poisoned lock is usable: the state is changed by short functions that do not panic half-way.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What each thread does.
+    /// The loop of each thread.
     fn work(&self) {
         while let Some(job) = self.next_job() {
             let page = std::panic::catch_unwind(AssertUnwindSafe(|| job.load()));
@@ -143,14 +144,14 @@ impl Shared {
         }
     }
 
-    /// Waits for one; `None` at the end.
+    /// Waits for a job; `None` at the end.
     fn next_job(&self) -> Option<Job> {
         let mut state = self.lock();
         while !state.stopped {
             if let Some(job) = state.next_job() {
                 return Some(job);
             }
-            // No room although there is something to read: the caller is to make it by dropping chunks.
+            // There is something to read but no room: the caller is to make room by dropping chunks.
             if !state.queue.is_empty() && !state.asks_for_room {
                 state.asks_for_room = true;
                 drop(state);

@@ -9,14 +9,14 @@ use glam::DVec3;
 use crate::radius_scale::{Field, Octants, Radii, count_octants, cube_center, to_full_density};
 use crate::{Error, NodeId, Octree, Result, prefix};
 
-/// A chunk's radii are held twice where they are scaled.
+/// The bytes of a point in memory: if radii are scaled, a chunk's radii exist twice.
 pub(super) const SCALED_RADIUS_BYTES: u64 = 2;
 
-/// What a reader gives.
+/// The result of a reader.
 pub struct Page {
-    /// All points of a node in the order of their batches.
+    /// All points of a node in batch order.
     pub chunk: Chunk,
-    /// That were read for it from the disk.
+    /// The number of bytes read from the disk for it.
     pub disk_bytes: u64,
 }
 
@@ -24,15 +24,15 @@ pub struct Page {
 #[derive(Clone)]
 pub struct PagedCloud {
     pub octree: Arc<Octree>,
-    /// Bytes of a decoded point, its normal and radius included, without `exact_positions`.
+    /// The size of a decoded point in bytes, with its normal and radius, without `exact_positions`.
     pub point_bytes: u64,
     pub missing: Missing,
-    /// Called by several threads at a time. Radii that it gives are those of full density.
+    /// Reads a node; called by several threads at a time. Its radii are those of full density.
     pub read: Arc<dyn Fn(NodeId) -> Result<Page> + Send + Sync>,
 }
 
 impl PagedCloud {
-    /// Bytes of a whole node in memory.
+    /// The memory of a whole node in bytes.
     pub(super) fn cost(&self, node: NodeId) -> u64 {
         let node = self.octree.node(node);
         let point_bytes = node.point_bytes(self.point_bytes).saturating_add(SCALED_RADIUS_BYTES);
@@ -40,21 +40,21 @@ impl PagedCloud {
     }
 }
 
-/// What is done for nodes whose pages have no radii.
+/// What to do for nodes whose pages have no radii.
 #[derive(Clone, Copy, Debug)]
 pub enum Missing {
-    /// Normals and radii are estimated from the node's own points.
+    /// Estimates normals and radii from the node's own points.
     Estimate(SurfelOptions),
-    /// One radius for all of a node's points, after its density. Normals stay missing.
+    /// Gives all points of a node one radius, according to its density. Normals stay missing.
     Provisional,
 }
 
-/// What has changed for whoever draws: to be done in this order.
+/// A change for the caller to draw; changes are applied in their order.
 #[derive(Debug)]
 pub enum Change {
-    /// The chunk of a node comes, or takes another form.
+    /// The chunk of a node is new, or replaces its earlier form.
     Put { cloud: usize, node: NodeId, chunk: Chunk },
-    /// The chunk of a node goes.
+    /// The chunk of a node is removed.
     Drop { cloud: usize, node: NodeId },
     /// The node cannot be read, and is not tried again; the others go on.
     Failed { cloud: usize, node: NodeId, error: Error },
@@ -64,10 +64,10 @@ pub enum Change {
 pub(super) struct Job {
     pub(super) cloud: usize,
     pub(super) node: NodeId,
-    /// Of the cloud when the job was given out.
+    /// The generation of the cloud when the job was given out.
     pub(super) generation: u64,
     pub(super) paged: PagedCloud,
-    /// Set aside for it.
+    /// The number of bytes reserved for it.
     pub(super) bytes: u64,
 }
 
@@ -77,11 +77,11 @@ pub(super) struct Loaded {
     pub(super) node: NodeId,
     /// All of its points, or those of its first batches; radii are those of full density.
     pub(super) chunk: Chunk,
-    /// Of the node's cube.
+    /// The middle of the node's cube.
     pub(super) center: DVec3,
-    /// Of all of the node's points.
+    /// The numbers of all of the node's points by octant.
     pub(super) own: Octants,
-    /// Radii are those of the node's own points, made those of full density.
+    /// Whether radii were estimated from the node's own points and converted to full density.
     pub(super) is_estimated: bool,
     pub(super) disk_bytes: u64,
 }
@@ -91,30 +91,30 @@ pub(super) struct ShownNode {
     pub(super) loaded: Loaded,
     pub(super) generation: u64,
     pub(super) drawn: Octants,
-    /// That it is drawn with.
+    /// The radii with which it is drawn.
     pub(super) radii: Radii,
 }
 
 #[derive(Default)]
 pub(super) struct Entry {
-    /// Batches; 0: not wanted.
+    /// The number of wanted batches; 0 if the node is not wanted.
     pub(super) wanted: usize,
     /// The number of the last cut that wanted it. No child's is larger than its parent's.
     pub(super) wanted_at: u64,
     pub(super) in_flight: bool,
     pub(super) failed: bool,
-    /// Not shown, or to take the place of what is shown. All points, of the cloud's generation.
+    /// The decoded node if it is not shown, or will replace what is shown. All points, of the cloud's generation.
     pub(super) loaded: Option<Loaded>,
     pub(super) shown: Option<ShownNode>,
 }
 
 pub(super) struct Held {
     pub(super) paged: PagedCloud,
-    /// Counts replacements.
+    /// The number of replacements so far.
     pub(super) generation: u64,
-    /// What is shown follows it.
+    /// The growth of radii that the shown chunks follow.
     pub(super) field: Field,
-    /// Nodes that are shown with larger radii than need be.
+    /// The nodes that are shown with larger radii than necessary.
     pub(super) loose: BTreeSet<NodeId>,
     pub(super) entries: BTreeMap<NodeId, Entry>,
 }
@@ -136,7 +136,7 @@ impl Job {
 }
 
 impl Missing {
-    /// Radii of full density, where the chunk has none.
+    /// Adds radii of full density, if the chunk has none.
     fn fill(self, chunk: &mut Chunk, octree: &Octree, id: NodeId) {
         if chunk.radii.is_some() {
             return;
@@ -169,7 +169,7 @@ impl Loaded {
         field.radii(id, &self.chunk, !self.is_estimated)
     }
 
-    /// Its first so many points.
+    /// The node with only its first `points` points.
     pub(super) fn first(self, points: usize) -> Self {
         if points >= self.chunk.len() {
             return self;
@@ -194,12 +194,12 @@ impl ShownNode {
         Change::Put { cloud, node: self.loaded.node, chunk }
     }
 
-    /// `None` for a node without points, which was never put.
+    /// Removes the node from the picture; `None` for a node without points, which was never put.
     pub(super) fn leave(&self, cloud: usize) -> Option<Change> {
         (!self.loaded.chunk.is_empty()).then_some(Change::Drop { cloud, node: self.loaded.node })
     }
 
-    /// Puts it anew with these radii, if they are other ones.
+    /// Puts the node again with these radii, if they differ.
     pub(super) fn rescale(&mut self, cloud: usize, radii: Radii, changes: &mut Vec<Change>) {
         if radii != self.radii {
             self.radii = radii;
@@ -213,7 +213,7 @@ impl Entry {
         self.wanted > 0 || self.in_flight || self.failed || self.loaded.is_some() || self.shown.is_some()
     }
 
-    /// Whether children may be shown: its points are there, or never will be.
+    /// Whether children may be shown: its points are shown, or never will be.
     pub(super) fn is_present(&self) -> bool {
         self.shown.is_some() || self.failed
     }
@@ -224,12 +224,12 @@ impl Held {
         self.entries.get(&node)
     }
 
-    /// Points that are to be shown of a wanted node.
+    /// The number of points to show of a wanted node.
     pub(super) fn wanted_points(&self, node: NodeId, wanted: usize) -> usize {
         prefix(self.paged.octree.node(node).points as usize, wanted)
     }
 
-    /// Whether what is shown of a wanted node is what is wanted, or more.
+    /// Whether all that is wanted of a node is shown, or more.
     pub(super) fn is_satisfied(&self, node: NodeId, entry: &Entry) -> bool {
         let points = self.wanted_points(node, entry.wanted) as u64;
         let enough = |shown: &ShownNode| shown.generation == self.generation && shown.points() >= points;

@@ -1,5 +1,5 @@
-//! The way from what is shown to what is wanted: which nodes go, shrink and come, and with which radii, in an order in which nothing
-//! blinks.
+//! Plans the way from the shown nodes to the wanted ones: which nodes go, shrink and come, and with which radii, in an
+//! order in which nothing blinks.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,23 +13,23 @@ use crate::{NodeId, Wanted};
 #[derive(Default)]
 struct NodeChanges {
     drops: BTreeSet<(usize, NodeId)>,
-    /// Points that remain.
+    /// For each shrinking node, the number of points that remain.
     shrinks: BTreeMap<(usize, NodeId), usize>,
-    /// Parents before children, with their points.
+    /// The nodes to add with their number of points, parents before children.
     arrivals: Vec<(usize, NodeId, usize)>,
 }
 
-/// Where the radii of a cloud are to lead.
+/// The radii of a cloud when the plan is done.
 struct Target {
     field: Field,
-    /// Whose radii may be other ones than they are.
+    /// The nodes whose radii may change.
     nodes: BTreeSet<NodeId>,
-    /// Those that were worked out.
+    /// The radii computed so far.
     radii: BTreeMap<NodeId, Radii>,
 }
 
 impl Target {
-    /// Of what is to be shown of a node.
+    /// The radii of a node that will be shown.
     fn of(&mut self, id: NodeId, loaded: &Loaded) -> Radii {
         let radii = loaded.radii(id, &self.field);
         self.radii.insert(id, radii.clone());
@@ -37,7 +37,7 @@ impl Target {
     }
 }
 
-/// Where room can be made, the next last.
+/// A node from which room can be taken; lists of victims have the next one last.
 enum Victim {
     Drop(usize, NodeId),
     Shrink(usize, NodeId, usize),
@@ -59,6 +59,8 @@ impl State {
         changes
     }
 
+    /// Where room can be made without losing wanted points: nodes that are not wanted, then batches that are not. The
+    /// next one is last.
     fn victims(&self) -> Vec<Victim> {
         let mut victims: Vec<Victim> = self
             .wanted
@@ -134,6 +136,7 @@ impl State {
         plan
     }
 
+    /// The radii to reach, for the clouds that the plan changes or whose radii are larger than necessary.
     fn targets(&self, plan: &NodeChanges) -> BTreeMap<usize, Target> {
         let loose = self.clouds.iter().filter(|(_, held)| !held.loose.is_empty()).map(|(cloud, _)| *cloud);
         let touched: BTreeSet<usize> = loose
@@ -150,7 +153,7 @@ impl State {
         touched.into_iter().filter_map(target).collect()
     }
 
-    /// What is shown of a cloud when the plan is done.
+    /// The nodes of a cloud that are drawn when the plan is done.
     fn drawn_after(&self, cloud: usize, plan: &NodeChanges) -> BTreeMap<NodeId, Drawn> {
         let Some(held) = self.clouds.get(&cloud) else { return BTreeMap::new() };
         let mut drawn = BTreeMap::new();
@@ -179,7 +182,7 @@ impl State {
         drawn
     }
 
-    /// Of nodes that stay, where more must be covered than before.
+    /// Grows the radii of nodes that stay and must cover more than before.
     fn grow_radii(&mut self, plan: &NodeChanges, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
         for (cloud, target) in targets {
             for id in &target.nodes {
@@ -213,7 +216,7 @@ impl State {
             changes.push(shown.put(*cloud));
             entry.shown = Some(shown);
         }
-        // Children come after their parents in the set, and go before them.
+        // Children come after their parents in the set, and are dropped before them.
         for (cloud, id) in plan.drops.iter().rev() {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
             let Some(entry) = held.entries.get_mut(id) else { continue };
@@ -256,12 +259,12 @@ impl State {
         }
     }
 
-    /// Of nodes that have less to cover than before: exactly when all has come.
+    /// Shrinks the radii of nodes that have less to cover than before; exactly when all nodes have come.
     fn shrink_radii(&mut self, targets: BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
         let is_all = self.waiting_nodes() == 0;
         for (cloud, target) in targets {
             let Some(held) = self.clouds.get_mut(&cloud) else { continue };
-            // Most chunks would otherwise be put again with every few that come.
+            // Otherwise most chunks would be put again with every few that come.
             let mut loose = std::mem::take(&mut held.loose);
             loose.extend(target.radii.keys());
             loose.retain(|id| {

@@ -1,4 +1,4 @@
-//! What is wanted, what is to be read for it, and how much of the budgets is taken.
+//! The state of the streamer: the wanted nodes, the queue of reads for them, and the used part of the budgets.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, VecDeque};
@@ -7,22 +7,22 @@ use std::time::{Duration, Instant};
 use super::nodes::{Change, Entry, Held, Job, Loaded, PagedCloud, ShownNode};
 use crate::{BATCHES, Budget, Error, NodeId, Result, Wanted, prefix};
 
-/// Rates are taken over this long.
+/// The time over which rates are measured.
 const RATE_TIME: Duration = Duration::from_secs(1);
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StreamStats {
-    /// Nodes and points that are shown.
+    /// The numbers of shown nodes and points.
     pub shown_nodes: usize,
     pub shown_points: u64,
-    /// Of decoded chunks: shown, kept and being read.
+    /// The bytes of decoded chunks: shown, kept and being read.
     pub bytes: u64,
-    /// Nodes that are wanted and not shown yet.
+    /// The number of nodes that are wanted and not shown yet.
     pub waiting_nodes: usize,
-    /// Over the last second.
+    /// The bytes and points per second, over the last second.
     pub disk_bytes_per_second: f64,
     pub points_per_second: f64,
-    /// All that is wanted is shown, or cannot be read.
+    /// Whether every wanted node is shown, or cannot be read.
     pub settled: bool,
 }
 
@@ -33,18 +33,18 @@ pub(super) struct State {
     /// The last cut, whole and as far as the budget goes.
     pub(super) asked: Vec<Wanted>,
     pub(super) wanted: Vec<Wanted>,
-    /// Nothing else stays shown.
+    /// Whether no other nodes stay shown.
     pub(super) only_wanted: bool,
     pub(super) cuts: u64,
     pub(super) generations: u64,
-    /// Nodes to be read, next first.
+    /// The nodes to be read, the next first.
     pub(super) queue: VecDeque<(usize, NodeId)>,
     pub(super) bytes: u64,
     pub(super) shown_points: u64,
     pub(super) shown_nodes: usize,
-    /// To be handed over before anything else.
+    /// The changes to be handed over before any others.
     pub(super) pending: Vec<Change>,
-    /// When, bytes, points.
+    /// The reads of the last second: time, bytes, points.
     pub(super) reads: VecDeque<(Instant, u64, u64)>,
     pub(super) asks_for_room: bool,
     pub(super) stopped: bool,
@@ -78,14 +78,14 @@ impl State {
             let drops = self.remove(cloud);
             self.pending.extend(drops);
         }
-        // What was wrong with the pages before is not what these are.
+        // A failure of the pages before does not apply to these.
         self.pending.retain(|change| !matches!(change, Change::Failed { cloud: other, .. } if *other == cloud));
         self.generations += 1;
         let generation = self.generations;
         let before = self.clouds.remove(&cloud).map(|held| (held.entries, held.field, held.loose));
         let (mut entries, field, loose) = before.unwrap_or_default();
         for entry in entries.values_mut() {
-            // What is being read for the old generation will be thrown away.
+            // Nodes that are being read for the old generation will be thrown away.
             (entry.in_flight, entry.failed) = (false, false);
             self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
         }
@@ -93,7 +93,7 @@ impl State {
         self.accept();
     }
 
-    /// Gives the drops of what was shown, children first.
+    /// Removes a cloud; returns the drops of its shown nodes, children first.
     pub(super) fn remove(&mut self, cloud: usize) -> Vec<Change> {
         let mut drops = Vec::new();
         for entry in self.clouds.remove(&cloud).into_iter().flat_map(|held| held.entries.into_values()).rev() {
@@ -122,7 +122,7 @@ impl State {
 
     pub(super) fn set_budget(&mut self, budget: Budget) {
         if budget.bytes > self.budget.bytes {
-            // What was too large may be no more.
+            // A node that was too large may fit now.
             let entries = self.clouds.values_mut().flat_map(|held| held.entries.values_mut());
             entries.for_each(|entry| entry.failed = false);
         }
@@ -130,13 +130,13 @@ impl State {
         self.accept();
     }
 
-    /// Takes over the last cut as far as the budget goes.
+    /// Accepts the last cut as far as the budget goes.
     fn accept(&mut self) {
         for held in self.clouds.values_mut() {
             held.entries.values_mut().for_each(|entry| entry.wanted = 0);
         }
         let mut points = self.budget.points;
-        // One node more than is wanted must find room: it may have to be read to take the place of what is shown of it.
+        // There must be room for one node more than wanted: it may have to be read to replace its own shown form.
         let most = self.budget.bytes / 2;
         let cost_of = |wanted: &Wanted| {
             let paged = &self.clouds.get(&wanted.cloud)?.paged;
@@ -149,7 +149,7 @@ impl State {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
             let Some(node) = held.paged.octree.nodes.get(id.0 as usize) else { continue };
             let is_wanted = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0);
-            // What is too large is not wanted itself, so that what is shown of it can go.
+            // A node that is too large is not wanted itself, so that its shown form can go.
             let may_have_children = |id: NodeId| held.entry(id).is_some_and(|entry| entry.wanted > 0 || entry.failed);
             if !node.parent.is_none_or(may_have_children) || is_wanted(*id) || *batches == 0 {
                 continue;
@@ -205,7 +205,7 @@ impl State {
         Some(Job { cloud, node, generation: held.generation, paged: held.paged.clone(), bytes })
     }
 
-    /// Forgets kept chunks, the least recently wanted first, until so many bytes more have room.
+    /// Forgets kept chunks, the least recently wanted first, until there is room for `bytes` more.
     pub(super) fn evict(&mut self, bytes: u64) {
         if self.bytes.saturating_add(bytes) <= self.budget.bytes {
             return;
@@ -220,7 +220,7 @@ impl State {
         }
     }
 
-    /// Decoded chunks that nobody wants, least recently wanted first and children before their parents.
+    /// The decoded chunks that are kept but not wanted, least recently wanted first and children before their parents.
     fn kept(&self) -> Vec<(u64, Reverse<NodeId>, usize)> {
         self.unwanted(|entry| entry.loaded.is_some())
     }
@@ -255,7 +255,7 @@ impl State {
                 let excess = loaded.bytes().saturating_sub(held.paged.cost(job.node));
                 entry.loaded = Some(loaded);
                 if excess > 0 {
-                    // The cut was promised for less than its pages take: as much of it as there is room for.
+                    // The pages take more than the cut assumed: it is accepted again as far as there is room.
                     held.paged.point_bytes += excess.div_ceil(points);
                     self.accept();
                 }
@@ -281,14 +281,13 @@ impl State {
         self.clouds.get_mut(&cloud)?.entries.get_mut(&node)?.shown.as_mut()
     }
 
-    /// Where room can be made without losing what is wanted: nodes that are not, then batches that are not. The next is last.
+    /// The bytes of decoded nodes that are kept but not wanted.
     pub(super) fn kept_bytes(&self) -> u64 {
         let entries = self.clouds.values().flat_map(|held| held.entries.values());
         entries.filter(|entry| entry.wanted == 0).filter_map(|entry| entry.loaded.as_ref()).map(Loaded::bytes).sum()
     }
 
-    /// Where a plan leads, for the clouds that it changes or whose radii are larger than need be.
-    /// Nodes that are wanted and not there as they are wanted.
+    /// The number of wanted nodes that are not yet shown as wanted.
     pub(super) fn waiting_nodes(&self) -> usize {
         let waits = |wanted: &&Wanted| {
             let held = self.clouds.get(&wanted.cloud);
