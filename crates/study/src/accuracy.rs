@@ -1,4 +1,4 @@
-//! A renderer's images beside the truth.
+//! Compares a renderer's images with the truth.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use trace::{Exact, Geometry, Hit, MirrorPoint, PixelRays, Reflection, Surfels, V
 
 use crate::metrics::{Accuracy, MirrorPixel, PixelError, Truth, accuracy, pixel_error, surface_error};
 
-/// Why nothing could be judged.
+/// Why a frame could not be judged.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error("image {name} holds {found} values, expected {expected} for {width} x {height} pixels")]
@@ -21,8 +21,8 @@ pub enum Error {
 
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Images of one frame, as the output variables of the same names have them: rows top to bottom, channels interleaved, world
-/// coordinates, NaN where a pixel is empty.
+/// The images of one frame, in the form of the output variables of the same names: rows top to bottom, channels
+/// interleaved, world coordinates, NaN where a pixel is empty.
 #[derive(Clone, Copy, Debug)]
 pub struct MirrorImage<'a> {
     pub size: [u32; 2],
@@ -66,7 +66,7 @@ impl MirrorImage<'_> {
         Ok(self.mirror.iter().zip(positions).zip(normals).map(point).collect())
     }
 
-    /// Brings what was found together with the truth. `reflections` are in the order of those `points` that are some.
+    /// Pairs what was found with the truth. `reflections` are in the order of those `points` that are some.
     fn pixels(&self, points: &[Option<MirrorPoint>], reflections: &[Reflection]) -> Vec<Option<MirrorPixel>> {
         let mut reflections = reflections.iter();
         let pixel = |(point, found): (&Option<MirrorPoint>, &[f32; 4])| {
@@ -98,8 +98,8 @@ impl MirrorImage<'_> {
     }
 }
 
-/// Judges a frame by rays from its own mirror points, with its own normals, into the points it was drawn from: what is wrong
-/// is the method's fault alone. `progress` counts mirror pixels.
+/// Judges a frame by rays from its own mirror points, with its own normals, into the points from which it was drawn: so
+/// all errors are the method's. `progress` counts mirror pixels.
 ///
 /// # Errors
 /// Images of the wrong size; cancelled.
@@ -111,7 +111,7 @@ pub fn accuracy_same_input(image: &MirrorImage, surfels: &Surfels, progress: &Pr
     Ok(Accuracy { recall: Some(recall), ..accuracy })
 }
 
-/// How far each filled mirror pixel of a frame is off, judged as by [`accuracy_same_input`].
+/// The error of each filled mirror pixel of a frame, judged as by [`accuracy_same_input`].
 ///
 /// # Errors
 /// Images of the wrong size; cancelled.
@@ -125,7 +125,7 @@ pub fn pixel_errors_same_input(
     Ok((0..pixels.len()).map(|index| pixel_error(image.size[0] as usize, &pixels, index)).collect())
 }
 
-/// Of those points that are some, in order.
+/// The reflections at those points that are some, in order.
 fn first_reflections(
     points: &[Option<MirrorPoint>],
     geometry: &impl Geometry,
@@ -135,11 +135,11 @@ fn first_reflections(
     reflected(geometry, &mirrors, 1, progress).ok_or(Error::Cancelled)
 }
 
-/// Judges a frame by the rays through its pixel centres, which exact mirrors reflect into exact surfaces. Only pixels count that
-/// are mirrors in the frame and in truth. `progress` counts pixels, then mirror pixels.
+/// Judges a frame by the rays through its pixel centres, which exact mirrors reflect into exact surfaces. Only pixels
+/// count that are mirrors both in the frame and in truth. `progress` counts pixels, then mirror pixels.
 ///
 /// # Errors
-/// Images of the wrong size, or of another than that of `rays`; cancelled.
+/// Images of the wrong size, or of another size than that of `rays`; cancelled.
 pub fn accuracy_exact(image: &MirrorImage, rays: &PixelRays, exact: &Exact, progress: &Progress) -> Result<Accuracy> {
     let drawn = image.points()?;
     let seen = primary(exact, rays, progress).ok_or(Error::Cancelled)?;
@@ -161,9 +161,9 @@ pub fn accuracy_exact(image: &MirrorImage, rays: &PixelRays, exact: &Exact, prog
     Ok(Accuracy { surface, ..image.judge(Truth::Exact, &points, exact, progress)? })
 }
 
-/// Share of the points truly visible by reflection that were found. Truly visible are those whose disc is the first that
-/// some mirror pixel's reflected ray meets; one of them is found if, in one of these pixels, what was found lies on its
-/// disc. `reflections` are in the order of those `points` that are some. NaN if no point is visible.
+/// The share of the points truly visible by reflection that were found. A point is truly visible if its disc is the
+/// first that the reflected ray of some mirror pixel meets; it is found if, in one of these pixels, the position found
+/// lies on its disc. `reflections` are in the order of those `points` that are some. NaN if no point is visible.
 fn recall(
     points: &[Option<MirrorPoint>],
     reflections: &[Reflection],
@@ -202,7 +202,7 @@ mod tests {
         PixelRays::new(&camera(), &ViewSettings::default(), SIZE, 0.0)
     }
 
-    /// What a renderer would hand over.
+    /// The images that a renderer would give.
     #[derive(Clone)]
     struct Frame {
         mirror: Vec<f32>,
@@ -212,7 +212,7 @@ mod tests {
     }
 
     impl Frame {
-        /// Without any error; `broken` turns the mirrors' normals before they reflect.
+        /// A frame without any error; `broken` turns the mirrors' normals before they reflect.
         fn traced(geometry: &impl Geometry, broken: fn(DVec3) -> DVec3) -> Self {
             let mut frame = Self { mirror: vec![], position: vec![], normal: vec![], mirror_position: vec![] };
             for pixel in 0..rays().pixel_count() {
@@ -278,14 +278,14 @@ mod tests {
     fn surfaces_that_are_missing_added_or_elsewhere_are_told() {
         let mut frame = sphere();
         let pixels = frame.mirror.len();
-        // A tenth is missing, the rest five thousandths too far to the right.
+        // A tenth is missing, the others are five thousandths too far to the right.
         for (pixel, position) in frame.position.as_chunks_mut::<3>().0.iter_mut().enumerate() {
             if pixel % 10 == 0 { position.fill(f32::NAN) } else { position[0] += 0.005 }
         }
         let surface = frame.exact().surface.expect("what the eye sees");
         assert!((surface.missing - 0.1).abs() < 1.0 / pixels as f64 && surface.false_fill == 0.0, "{surface:?}");
         assert!((surface.position_error.median - 0.005).abs() < 1e-6, "{surface:?}");
-        // The truth sees nothing of a world without surfaces.
+        // The truth sees nothing in a world without surfaces.
         let nothing = Exact::new(Vec::new());
         let figures = accuracy_exact(&sphere().image(), &rays(), &nothing, &Progress::default()).unwrap();
         let surface = figures.surface.expect("what the eye sees");
@@ -412,8 +412,8 @@ mod tests {
 
     #[test]
     fn recall_is_the_share_of_the_visible_points_that_were_found() {
-        // Eye at z = 2 above a mirror of |x|, |y| <= 1 in z = 0, a ceiling at z = 3: as seen through the mirror from z = -2,
-        // it shows |x|, |y| <= 2.5.
+        // The eye is at z = 2 above a mirror of |x|, |y| <= 1 in z = 0, under a ceiling at z = 3: seen through the
+        // mirror from z = -2, it shows |x|, |y| <= 2.5.
         let radius = 0.1;
         let positions: Vec<[f32; 3]> = (0..10_000)
             .map(|index| [(index % 100) as f32 * 0.1 - 4.95, (index / 100) as f32 * 0.1 - 4.95, 3.0])
@@ -441,7 +441,8 @@ mod tests {
             };
             accuracy_same_input(&image, &surfels, &Progress::default()).unwrap().recall.unwrap()
         };
-        // The mirror lies halfway between eye and its image: what it shows is seen at 2.5 times its own place.
+        // The mirror is halfway between the eye and its image: a place of the mirror shows a point at 2.5 times its
+        // coordinates.
         let seen = |index: usize, coverage: f32| {
             let [x, y, _] = mirror(index);
             [x * 2.5, y * 2.5, 3.0, coverage]

@@ -1,8 +1,8 @@
-//! Plans that are in the program.
+//! The plans that are built into the program.
 
 use crate::plan::{Plan, PlanError};
 
-/// Name and text.
+/// The name and the text of each plan.
 const PLANS: [(&str, &str); 9] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("seed-attempts", include_str!("../../../assets/plans/seed-attempts.toml")),
@@ -15,7 +15,7 @@ const PLANS: [(&str, &str); 9] = [
     ("stability", include_str!("../../../assets/plans/stability.toml")),
 ];
 
-/// Names of the plans.
+/// The names of the plans.
 pub fn names() -> impl Iterator<Item = &'static str> {
     PLANS.iter().map(|(name, _)| *name)
 }
@@ -23,7 +23,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 /// The plan of this name, if there is one.
 ///
 /// # Errors
-/// None: all of them are checked by a test.
+/// None: a test checks all of them.
 pub fn plan(name: &str) -> Option<Result<Plan, PlanError>> {
     let (_, text) = PLANS.iter().find(|(known, _)| *known == name)?;
     Some(Plan::parse(name, text))

@@ -1,6 +1,6 @@
-//! Names of files made from titles that people wrote.
+//! Makes names of files from titles that people wrote.
 
-/// Returns a name that every file system takes. It is empty if the text has neither a letter from a to z nor a digit.
+/// Returns a name that every file system accepts. It is empty if the text has neither a letter from a to z nor a digit.
 pub fn file_name(text: &str) -> String {
     let plain = |character: char| if character.is_ascii_alphanumeric() { character.to_ascii_lowercase() } else { '-' };
     let words: String = text.chars().map(plain).collect();

@@ -1,4 +1,4 @@
-//! A built-in scene on the GPU and in the ray tracer, and what a setting costs and is worth on it.
+//! A built-in scene on the GPU and in the ray tracer, to measure the cost and the accuracy of settings.
 
 use std::sync::Arc;
 
@@ -25,38 +25,40 @@ pub struct FiveMirrors {
 /// How the indirect light of exact surfaces is traced, for [`FiveMirrors::indirect_truth`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TracedLight {
-    /// One pixel in each square so many pixels wide is traced, anywhere in it: edges of the scene and shares of interleaved
+    /// One pixel in each square of this width is traced, anywhere in it: edges of the scene and shares of interleaved
     /// lights have their periods, too.
     pub stride: usize,
-    /// Of each of these pixels.
+    /// The number of paths of each of these pixels.
     pub paths: u32,
-    /// With what reaches a surface by way of mirrors, which virtual lights do not give; else mirrors are black.
+    /// Whether light that reaches a surface by way of mirrors counts, which virtual lights do not give; else mirrors
+    /// are black.
     pub over_mirrors: bool,
 }
 
-/// Indirect light of the scene's exact surfaces at some pixels.
+/// The indirect light of the scene's exact surfaces at some pixels.
 pub struct IndirectTruth {
-    /// What is seen at the pixels that count, row by row: no mirrors.
+    /// The hits at the pixels that count, row by row, without mirrors.
     seen: Vec<Option<(Hit, DVec3)>>,
-    /// Of all pixels, linear red, green and blue.
+    /// The light of all pixels, linear red, green and blue.
     light: Vec<[f32; 3]>,
-    /// Standard deviation of the truth's own noise, over its mean.
+    /// The standard deviation of the truth's own noise relative to its mean.
     pub noise: f64,
 }
 
-/// Most relative difference of an albedo from the truth's, and least cosine between normals, at which a pixel shows one surface
-/// and the right one: colours of 8 bits, and the normals of splats, are less off.
+/// The largest relative difference of an albedo from the truth's, and the least cosine between normals, at which a
+/// pixel counts as showing one surface and the right one: 8-bit colours and the normals of splats differ less.
 const SAME_ALBEDO: f64 = 0.03;
 const SAME_NORMAL: f64 = 0.999;
 
-/// How far the indirect light of a picture is off.
+/// The error of a picture's indirect light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JudgedLight {
-    /// Over all pixels that were traced: pixels on edges and seams show a mean of two surfaces, and the truth one of them.
+    /// The error over all pixels that were traced: pixels on edges and seams show a mean of two surfaces, and the truth
+    /// one of them.
     pub all: LightError,
-    /// Over those whose normal and albedo are the truth's: the error of the light alone.
+    /// The error over the pixels whose normal and albedo are the truth's: the error of the light alone.
     pub same_surface: LightError,
-    /// Of those among all.
+    /// The share of those pixels among all.
     pub share: f64,
 }
 
@@ -84,7 +86,7 @@ impl Geometry for WithBlackMirrors<'_> {
 }
 
 impl FiveMirrors {
-    /// Samples and uploads the scene; `settings.scene` says how many points.
+    /// Samples and uploads the scene; `settings.scene` gives the number of points.
     ///
     /// # Errors
     /// No memory on the GPU.
@@ -121,8 +123,8 @@ impl FiveMirrors {
         Ok((tracer.judge(Truth::SameInput, &drawn, &progress)?, tracer.judge(Truth::Exact, &drawn, &progress)?))
     }
 
-    /// Indirect light at the pixels of a picture of `size`, path-traced on exact surfaces. Two runs of half the paths each tell
-    /// how noisy it is.
+    /// The indirect light at the pixels of a picture of `size`, path-traced on exact surfaces. Two runs of half the
+    /// paths each show how noisy it is.
     ///
     /// # Errors
     /// Tracing was cancelled.
@@ -140,7 +142,7 @@ impl FiveMirrors {
         let is_traced = |pixel: usize| {
             let cell = [pixel % width / traced.stride, pixel / width / traced.stride];
             let place = [pixel % width % traced.stride, pixel / width % traced.stride];
-            // A multiplicative hash of the cell (Knuth), of which the upper bits are even.
+            // A multiplicative hash of the cell (Knuth), whose upper bits are evenly distributed.
             let hash =
                 (cell[1] as u32).wrapping_mul(0x9e37_79b9).wrapping_add(cell[0] as u32).wrapping_mul(0x85eb_ca6b);
             let pick = (hash >> 12) as usize % (traced.stride * traced.stride);
@@ -206,9 +208,10 @@ impl FiveMirrors {
         Ok(JudgedLight { all: truth.judge(image), same_surface: light_error(&same, image, &truth.light), share })
     }
 
-    /// How much the indirect light of places on the walls flickers while the camera moves sideways, `frames` times by a quarter of
-    /// a pixel at the distance of the box's middle. Places are those of the first frame's pixels; what the others show there is
-    /// the nearest pixel's. The floor is left out, whose colours change from place to place, and so are edges.
+    /// Measures how much the indirect light of places on the walls flickers while the camera moves sideways, `frames`
+    /// times by a quarter of a pixel at the distance of the box's middle. The places are those of the first frame's
+    /// pixels; the other frames show them at the nearest pixel. The floor, whose colours change from place to place, is
+    /// left out, and so are edges.
     ///
     /// # Errors
     /// The device was lost, or the picture is too large.
@@ -229,7 +232,7 @@ impl FiveMirrors {
         let Followed { places, frames: shown } = follow(&five_mirrors::camera(), &settings.view, size, steps, draw)?;
         let is_on_wall = |place: &DVec3| {
             let gaps = (DVec3::new(1.0, 1.0, 2.0) - place.abs()).to_array();
-            // Beside one wall only, by more than a tenth from each other.
+            // Near one wall only, and more than a tenth away from every other one.
             let is_beside_one = gaps.iter().filter(|gap| **gap < 0.1).count() == 1;
             is_beside_one && place.y > -0.9
         };

@@ -1,4 +1,5 @@
-//! What flickers: places of the scene followed through frames of a camera that stands still or moves by parts of a pixel.
+//! Measures flicker: follows places of the scene through frames of a camera that stands still or moves by parts of a
+//! pixel.
 
 use glam::{DVec2, DVec3, UVec2};
 use scene::{Camera, Projection, ViewSettings};
@@ -6,17 +7,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::light::luminance;
 
-/// Standard deviation of a pixel's brightness from frame to frame, in grey levels of 8 bits. NaN where nothing could be measured.
+/// The standard deviation of a pixel's brightness from frame to frame, in grey levels of 8 bits. NaN where nothing
+/// could be measured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Flicker {
-    /// Over the pixels.
+    /// The mean over the pixels.
     pub mean: f64,
     pub max: f64,
 }
 
-/// Compares frames of linear red, green and blue over the pixels marked in `mask`. Brightness is the luminance as a screen shows
-/// it: clamped to 0 ..= 1, encoded as sRGB, times 255, not rounded. What is not finite (a point that a frame does not see) does
-/// not count; a pixel needs two frames.
+/// Compares frames of linear red, green and blue over the pixels marked in `mask`. Brightness is the luminance as a
+/// screen shows it: clamped to 0 ..= 1, encoded as sRGB, times 255, not rounded. Values that are not finite (a point
+/// that a frame does not see) do not count; a pixel needs two frames.
 pub fn flicker(mask: &[bool], frames: &[Vec<[f32; 3]>]) -> Flicker {
     let (mut pixels, mut sum, mut max) = (0.0, 0.0, f64::NAN);
     for pixel in (0..mask.len()).filter(|&pixel| mask[pixel]) {
@@ -37,7 +39,7 @@ pub fn flicker(mask: &[bool], frames: &[Vec<[f32; 3]>]) -> Flicker {
     Flicker { mean: sum / pixels, max }
 }
 
-/// Of linear light, 0 to 255 (IEC 61966-2-1).
+/// The grey level of linear light, 0 to 255 (IEC 61966-2-1).
 pub(crate) fn grey_level(color: [f64; 3]) -> f64 {
     let value = luminance(color).clamp(0.0, 1.0);
     255.0 * if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
@@ -47,27 +49,27 @@ pub(crate) fn grey_level(color: [f64; 3]) -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps {
     pub frames: u32,
-    /// Sideways from frame to frame, in pixels at the distance of what the camera looks at.
+    /// The sideways step from frame to frame, in pixels at the distance of the pivot.
     pub pixels: f64,
 }
 
 /// The images of one frame.
 pub struct FrameImages {
-    /// World positions of its pixels, NaN where there is nothing.
+    /// The world positions of its pixels, NaN where a pixel is empty.
     pub positions: Vec<[f32; 3]>,
-    /// Linear red, green and blue.
+    /// The linear red, green and blue.
     pub colors: Vec<[f32; 3]>,
 }
 
-/// The places that the first frame's pixels see, NaN where there is none, and what each frame shows of them: the colour of the nearest
-/// pixel, NaN where that lies outside of the picture or something else hides the place.
+/// The places that the first frame's pixels see (NaN for empty ones), and the colours of these places in each frame:
+/// that of the nearest pixel, NaN if that is outside of the picture or the place is hidden.
 pub struct Followed {
     pub places: Vec<DVec3>,
     pub frames: Vec<Vec<[f32; 3]>>,
 }
 
-/// A place is hidden where its pixel shows one that is farther off than so many pixels are wide; a surface seen flatter than 3 degrees
-/// counts as hidden, too.
+/// A place is hidden if its pixel shows one that differs in distance by more than this many pixels' width; a surface
+/// seen flatter than 3 degrees counts as hidden, too.
 const SAME_SURFACE: f64 = 20.0;
 
 /// Follows places while the camera moves; `draw` renders a frame.
@@ -81,7 +83,7 @@ pub fn follow<E>(
     steps: Steps,
     mut draw: impl FnMut(&Camera) -> Result<FrameImages, E>,
 ) -> Result<Followed, E> {
-    // Pixels of a unit of length at the distance 1; in parallel projection that of the pivot everywhere.
+    // The pixels of a unit of length at the distance 1; in parallel projection that of the pivot everywhere.
     let focal = f64::from(size[1]) / 2.0 / (f64::from(view.field_of_view).to_radians() / 2.0).tan();
     let step = camera.right() * (steps.pixels * camera.distance() / focal);
     let mut places: Vec<DVec3> = Vec::new();
@@ -123,7 +125,7 @@ mod tests {
 
     #[test]
     fn flicker_is_the_deviation_in_grey_levels() {
-        // Of sRGB 8-bit levels 100 and 102, so a deviation of 1, and of one that stands still.
+        // Deviations of 1, from sRGB 8-bit levels 100 and 102, and of 0.
         let linear = |level: f64| (((level / 255.0 + 0.055) / 1.055).powf(2.4)) as f32;
         let frame = |level: f64| vec![[linear(level); 3], [0.5, 0.2, 0.1], [9.0 * level as f32; 3], [f32::NAN; 3]];
         let frames = [frame(100.0), frame(102.0), frame(100.0), frame(102.0)];

@@ -1,21 +1,21 @@
-//! FLIP: the difference that a person sees who flips between two pictures (Andersson et al. 2020, "FLIP: A Difference Evaluator for
-//! Alternating Images"), for pictures of limited range.
+//! FLIP: the difference that a person sees who flips between two pictures (Andersson et al. 2020, "FLIP: A Difference
+//! Evaluator for Alternating Images"), for pictures of limited range.
 //!
-//! Two differences are joined: that of colours, after what the eye cannot resolve has been blurred away (sections 4.1 and
-//! 4.2), and that of edges and points, which sharpens it (4.3, 4.4). All filters are sums of Gaussians or their
-//! derivatives, which fall apart into one filter along the rows and one along the columns.
+//! It combines two differences: that of colours, after details that the eye cannot resolve have been blurred (sections
+//! 4.1 and 4.2), and that of edges and points, which sharpens it (4.3, 4.4). All filters are sums of Gaussians or their
+//! derivatives, which separate into one filter along the rows and one along the columns.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use rayon::prelude::*;
 
-/// Pixels per degree of the field of view: the authors' default, a 4K screen 0.7 m wide at 0.7 m distance.
+/// The pixels per degree of the field of view: the authors' default, a 4K screen 0.7 m wide at 0.7 m distance.
 const PIXELS_PER_DEGREE: f64 = 0.7 * 3840.0 / 0.7 * PI / 180.0;
 
 type Color = [f64; 3];
 
-/// Difference of each pixel, 0 to 1, of two pictures of linear red, green and blue (sRGB primaries), clamped to 0 ..= 1. Rows are
-/// `width` long; beyond the picture, its border goes on.
+/// The difference of each pixel, 0 to 1, of two pictures of linear red, green and blue (sRGB primaries), clamped to 0
+/// ..= 1. Rows are `width` long; the picture is continued by its border.
 pub fn flip(width: usize, picture: &[Color], reference: &[Color]) -> Vec<f64> {
     let [picture, reference] = [picture, reference].map(|colors| Perceived::new(width, colors));
     // Blue and green are the farthest apart (4.1).
@@ -33,11 +33,11 @@ pub fn flip(width: usize, picture: &[Color], reference: &[Color]) -> Vec<f64> {
         .collect()
 }
 
-/// What the eye makes of a picture.
+/// A picture as the eye perceives it.
 struct Perceived {
-    /// CIELAB after the blur, Hunt-adjusted.
+    /// The colours in CIELAB after the blur, Hunt-adjusted.
     colors: Vec<Color>,
-    /// Strength of edges and of points, 0 to 1.
+    /// The strength of edges and of points, 0 to 1.
     edges: Vec<f64>,
     points: Vec<f64>,
 }
@@ -65,8 +65,8 @@ impl Perceived {
     }
 }
 
-/// Contrast sensitivity of a channel as a blur: the sum of a sqrt(pi / b) exp(-pi^2 x^2 / b) over the given (a, b), x in
-/// degrees (equation 2), of which all channels take in the pixels that the widest one needs.
+/// The contrast sensitivity of a channel as a blur: the sum of a sqrt(pi / b) exp(-pi^2 x^2 / b) over the given (a, b),
+/// x in degrees (equation 2). All channels use as many pixels as the widest one needs.
 fn blur(width: usize, values: &[f64], gaussians: &[(f64, f64)]) -> Vec<f64> {
     let reach = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as isize;
     let kernel = |b: f64| -> Vec<f64> {
@@ -83,9 +83,9 @@ fn blur(width: usize, values: &[f64], gaussians: &[(f64, f64)]) -> Vec<f64> {
     sum
 }
 
-/// Strength of edges (first derivative of a Gaussian) or points (second), over both directions.
+/// The strength of edges (first derivative of a Gaussian) or points (second), over both directions.
 fn feature(width: usize, values: &[f64], derivative: u8) -> Vec<f64> {
-    // The Gaussian's deviation is half the width of the features looked for, 0.082 degrees.
+    // The Gaussian's deviation is half the width of the features searched for, 0.082 degrees.
     let deviation = 0.5 * 0.082 * PIXELS_PER_DEGREE;
     let reach = (3.0 * deviation).ceil() as isize;
     let gaussian = |x: isize| (-(x as f64 / deviation).powi(2) / 2.0).exp();
@@ -111,7 +111,7 @@ fn feature(width: usize, values: &[f64], derivative: u8) -> Vec<f64> {
 pub(crate) fn filter(width: usize, values: &[f64], along_rows: &[f64], along_columns: &[f64]) -> Vec<f64> {
     let height = values.len() / width.max(1);
     let reach = (along_rows.len() / 2) as isize;
-    // Index moved by one weight's offset, held in the picture.
+    // The index moved by one weight's offset, clamped to the picture.
     let held = |index: usize, weight: usize, length: usize| {
         (index as isize + weight as isize - reach).clamp(0, length as isize - 1) as usize
     };
@@ -139,7 +139,7 @@ fn color_error(distance: f64, farthest: f64) -> f64 {
     if distance < bend { 0.95 / bend * distance } else { 0.95 + (distance - bend) / (farthest - bend) * 0.05 }
 }
 
-/// HyAB distance to the power of 0.7 (4.1).
+/// The HyAB distance to the power of 0.7 (4.1).
 fn color_distance(a: Color, b: Color) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
 }
@@ -171,7 +171,7 @@ fn linear_from_opponent([lightness, red_green, blue_yellow]: Color) -> Color {
     multiply(&LINEAR_FROM_XYZ, [0, 1, 2].map(|axis| relative[axis] * white[axis]))
 }
 
-/// CIE XYZ over that of white.
+/// CIE XYZ relative to white.
 fn relative_xyz(linear: Color) -> Color {
     let (xyz, white) = (multiply(&XYZ_FROM_LINEAR, linear), multiply(&XYZ_FROM_LINEAR, [1.0; 3]));
     [0, 1, 2].map(|axis| xyz[axis] / white[axis])
@@ -188,7 +188,7 @@ const XYZ_FROM_LINEAR: [Color; 3] = [
     [1_425_312.0 / 73_733_382.0, 8_788_810.0 / 73_733_382.0, 70_074_185.0 / 73_733_382.0],
 ];
 
-/// Its inverse.
+/// The inverse of `XYZ_FROM_LINEAR`.
 const LINEAR_FROM_XYZ: [Color; 3] = [
     [3.241_003_232_976_358_7, -1.537_398_969_488_785_5, -0.498_615_881_996_362_9],
     [-0.969_224_252_202_516_6, 1.875_929_983_695_176, 0.041_554_226_340_084_724],
@@ -214,7 +214,7 @@ mod tests {
         values.iter().sum::<f64>() / values.len() as f64
     }
 
-    /// Values of the authors' own program, flip-evaluator 1.7.
+    /// The values come from the authors' own program, flip-evaluator 1.7.
     #[test]
     fn differences_are_those_of_the_authors_program() {
         let shifted = picture(|x, y| {

@@ -1,5 +1,5 @@
-//! A study's folder: the plan that is measured there and the journal of its runs, so that a study that was stopped goes on, and
-//! shards of one plan become one.
+//! A study's folder: the plan that is measured there and the journal of its runs, so that a stopped study can continue,
+//! and shards of one plan can be merged.
 
 use std::collections::HashSet;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -12,7 +12,7 @@ use crate::results::{Machine, Run, counted};
 const PLAN: &str = "plan.toml";
 const JOURNAL: &str = "runs.jsonl";
 
-/// What is wrong with a study's folder.
+/// The errors of a study's folder.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
     #[error("{path}: {reason}")]
@@ -33,18 +33,18 @@ pub enum FolderError {
     Malformed { place: String, problem: String },
 }
 
-/// A plan and what is known of it so far.
+/// A plan and its runs so far.
 pub struct Folder {
     pub path: PathBuf,
     pub plan: Plan,
     pub cases: Vec<Case>,
     pub runs: Vec<Run>,
-    /// What is written goes behind the last whole line. Locked until it is closed.
+    /// The journal; runs are appended after the last whole line. Locked until it is closed.
     journal: File,
 }
 
 impl Folder {
-    /// Opens a folder for a plan, or goes on with the runs that are there. `about` is put before the plan as a comment.
+    /// Opens a folder for a plan, or continues with the runs in it. `about` is put before the plan as a comment.
     ///
     /// # Errors
     /// A folder that cannot be written, that holds another plan, or that another process writes to.
@@ -66,7 +66,7 @@ impl Folder {
         check_journal(&journal_path)?;
         let open = OpenOptions::new().create(true).read(true).append(true).open(&journal_path);
         let mut journal = open.map_err(in_journal)?;
-        // Some file systems of clusters have no locks: there nothing can be told.
+        // Some file systems of clusters have no locks: there other writers cannot be detected.
         if let Err(TryLockError::WouldBlock) = journal.try_lock() {
             return Err(FolderError::InUse { folder: path.to_owned() });
         }
@@ -108,8 +108,9 @@ impl Folder {
         Ok(joined)
     }
 
-    /// Settings and rounds that `machine` need not make: those that it made without a failure, and all of settings that some other one
-    /// has finished. One that another machine or version has begun is made anew as a whole.
+    /// The settings and rounds that `machine` need not run: those that it ran without a failure, and all of settings
+    /// that another machine has finished. A setting that another machine or version has begun is measured anew as a
+    /// whole.
     pub fn done(&self, machine: &Machine) -> HashSet<(usize, u32)> {
         let own = self.runs.iter().filter(|run| run.machine == *machine && run.error.is_none());
         let mut done: HashSet<(usize, u32)> = own.map(|run| (run.case, run.round)).collect();
@@ -122,7 +123,7 @@ impl Folder {
         done
     }
 
-    /// Journals a run.
+    /// Appends a run to the journal.
     ///
     /// # Errors
     /// The disk is full, or the folder is gone.
@@ -165,7 +166,7 @@ fn read_journal(path: &Path, cases: usize) -> Result<Vec<Run>, FolderError> {
     }
 }
 
-/// A journal is a regular file, if it is there: what else has its name is not waited for.
+/// Checks that a journal is a regular file, if it exists: reading anything else of its name could block.
 fn check_journal(path: &Path) -> Result<(), FolderError> {
     match std::fs::metadata(path) {
         Ok(metadata) if !metadata.is_file() => {
@@ -180,7 +181,8 @@ fn unwritten(path: &Path, reason: std::io::Error) -> FolderError {
     FolderError::Unwritten(codec::Error::not_written(path, reason))
 }
 
-/// The runs of a journal's whole lines, and how many bytes these are. A last line without an end, or that is no JSON, was torn.
+/// The runs of a journal's whole lines, and the number of bytes of these lines. A last line without an end, or that is
+/// no JSON, was torn.
 fn whole_runs(path: &Path, bytes: &[u8], cases: usize) -> Result<(Vec<Run>, u64), FolderError> {
     let text = String::from_utf8_lossy(bytes);
     let (mut runs, mut whole) = (Vec::new(), 0);
@@ -204,7 +206,7 @@ fn whole_runs(path: &Path, bytes: &[u8], cases: usize) -> Result<(Vec<Run>, u64)
     Ok((runs, whole))
 }
 
-/// A file appears whole or not at all.
+/// Writes a file so that it appears whole or not at all.
 fn write_whole(path: &Path, content: &[u8]) -> Result<(), FolderError> {
     let io = |reason| unwritten(path, reason);
     let name = path.file_name().unwrap_or_default().to_string_lossy();

@@ -1,11 +1,11 @@
-//! How accurate reflections and indirect light are.
+//! Measures how accurate reflections and indirect light are.
 //!
-//! [`metrics`] holds the figures that one picture is judged by, [`flip`] the difference that a person would see, [`light`] the
-//! figures of indirect light. A [`Subject`] is a scene that pictures are made of; a [`Tracer`] brings one of
-//! them and the truth of `trace` together.
+//! [`metrics`] holds the figures by which one picture is judged, [`flip`] the difference that a person would see,
+//! [`light`] the figures of indirect light. A [`Subject`] is a scene of which pictures are made; a [`Tracer`] compares
+//! one of them with the truth of `trace`.
 //!
-//! A [`Plan`] says which settings are measured, [`runner`] measures them and journals each run in a [`Folder`], [`results`] are the
-//! table that comes of it, [`chart`] and [`report`] what people look at.
+//! A [`Plan`] lists the settings to measure, [`runner`] measures them and journals each run in a [`Folder`],
+//! [`results`] makes a table of the runs, and [`chart`] and [`report`] present it.
 
 mod accuracy;
 mod builtin;

@@ -1,20 +1,20 @@
-//! Figures of light: how far an image of it is off the truth.
+//! Figures of light: how far an image of it differs from the truth.
 
 use serde::{Deserialize, Serialize};
 
-/// How far an image of light is off the truth. NaN (`null` in JSON) where nothing could be measured.
+/// The error of an image of light. NaN (`null` in JSON) where nothing could be measured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightError {
-    /// Root of the mean square difference of linear red, green and blue, over the mean of the truth.
+    /// The root of the mean square difference of linear red, green and blue, relative to the mean of the truth.
     pub relative_rmse: f64,
-    /// Mean of the image over that of the truth.
+    /// The mean of the image relative to that of the truth.
     pub mean_ratio: f64,
-    /// Largest luminance of the image over that of the truth: what sparkles is far above 1.
+    /// The largest luminance of the image relative to that of the truth: far above 1 if the image sparkles.
     pub brightest_ratio: f64,
 }
 
-/// Compares images of linear red, green and blue over the pixels that are marked in `mask` and that the truth has a finite value
-/// for. What is not finite in `image` counts as black.
+/// Compares images of linear red, green and blue over the pixels that are marked in `mask` and finite in the truth.
+/// Values of `image` that are not finite count as black.
 pub fn light_error(mask: &[bool], image: &[[f32; 3]], truth: &[[f32; 3]]) -> LightError {
     let (mut values, mut squares, mut sums, mut brightest) = (0.0, 0.0, [0.0; 2], [0.0_f64; 2]);
     let marked = image.iter().zip(truth).zip(mask).filter(|(_, is_marked)| **is_marked).map(|(pair, _)| pair);
@@ -37,7 +37,7 @@ pub fn light_error(mask: &[bool], image: &[[f32; 3]], truth: &[[f32; 3]]) -> Lig
     }
 }
 
-/// Of linear red, green and blue with the primaries of sRGB (ITU-R BT.709).
+/// The luminance of linear red, green and blue with the primaries of sRGB (ITU-R BT.709).
 pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
 }

@@ -1,7 +1,7 @@
-//! The figures of accuracy that one picture gives, over its mirror pixels.
+//! The figures of accuracy of one picture, over its mirror pixels.
 //!
-//! A mirror pixel shows the point P of a mirror; the eye's ray is reflected there into a direction R. A method says that it
-//! sees the point Q; the truth is that the ray along R ends in H.
+//! A mirror pixel shows the point P of a mirror; the eye's ray is reflected there into a direction R. A method claims
+//! to see the point Q; in truth the ray along R ends in H.
 
 use glam::DVec3;
 use palette::color_difference::Ciede2000;
@@ -14,45 +14,46 @@ use crate::flip::flip;
 use crate::light::LightError;
 use crate::ssim::ssim;
 
-/// What a result is compared with.
+/// The reference of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Truth {
-    /// Rays from the picture's own mirror points into the points that it was drawn from, as discs: the method's error alone.
+    /// Rays from the picture's own mirror points into the points from which it was drawn, as discs: gives the method's
+    /// error alone.
     SameInput,
-    /// Rays from exact mirrors into exact surfaces: the errors of method and sampling.
+    /// Rays from exact mirrors into exact surfaces: gives the errors of method and sampling.
     Exact,
 }
 
-/// How well reflections are where they should be. NaN (`null` in JSON) where nothing could be measured.
+/// How accurate the places of reflections are. NaN (`null` in JSON) where nothing could be measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
     pub truth: Truth,
-    /// Pixels that the figures are of.
+    /// The number of pixels behind the figures.
     pub mirror_pixels: usize,
-    /// Share of the mirror pixels that a point was found for.
+    /// The share of the mirror pixels for which a point was found.
     pub coverage: f64,
-    /// Share of the mirror pixels that are filled, by a point found or from neighbours.
+    /// The share of the mirror pixels that are filled, by a point found or from neighbours.
     pub closed_coverage: f64,
-    /// Share of the mirror pixels that are filled although the truth sees nothing there.
+    /// The share of the mirror pixels that are filled although the truth sees nothing there.
     pub false_fill: f64,
-    /// Angle between Q - P and R over the filled pixels, degrees.
+    /// The angle between Q - P and R over the filled pixels, in degrees.
     pub angle_error: Percentiles,
-    /// The same in pixels: over the angle by which R changes from this pixel to the next.
+    /// The same in pixels: relative to the angle by which R changes from this pixel to the next.
     pub pixel_error: Percentiles,
-    /// Share of the pixels that are filled and see something whose |Q - P| differs from |H - P| by more than 5 %.
+    /// The share of the pixels that are filled and see something whose |Q - P| differs from |H - P| by more than 5 %.
     pub occlusion_error: f64,
-    /// Share of the points truly visible by reflection that were found; against the same points only.
+    /// The share of the points truly visible by reflection that were found; only with the same input.
     pub recall: Option<f64>,
     pub image: Option<ImageError>,
-    /// Of all that is seen, not of mirrors alone.
+    /// The error of the indirect light of all pixels, not of mirrors alone.
     pub indirect: Option<LightError>,
-    /// Of all that is seen; against exact surfaces only.
+    /// The error of all visible surfaces; only with exact surfaces.
     #[serde(default)]
     pub surface: Option<SurfaceError>,
 }
 
-/// Values that half, 95 and 99 of a hundred do not exceed.
+/// The values that half, 95 and 99 of a hundred do not exceed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
     pub median: f64,
@@ -61,7 +62,7 @@ pub struct Percentiles {
 }
 
 impl Percentiles {
-    /// By nearest rank. NaN if there are no values.
+    /// Percentiles by nearest rank. NaN if there are no values.
     pub fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         let rank = |share: f64| {
@@ -72,24 +73,24 @@ impl Percentiles {
     }
 }
 
-/// One mirror pixel. Positions in world coordinates, directions unit vectors.
+/// One mirror pixel. Positions are world coordinates, directions unit vectors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MirrorPixel {
     /// P.
     pub position: DVec3,
-    /// Direction of the eye's ray.
+    /// The direction of the eye's ray.
     pub incoming: DVec3,
-    /// R; zero where the mirror point has no normal, and nothing but its coverage can be judged.
+    /// R; zero if the mirror point has no normal, so that only its coverage can be judged.
     pub reflected: DVec3,
     /// Q.
     pub found: DVec3,
-    /// 0: nothing found, and Q means nothing; 1: found; between: closed from neighbours.
+    /// 0: nothing found, and Q is meaningless; 1: found; between: closed from neighbours.
     pub coverage: f64,
     /// H, if the ray ends anywhere.
     pub truth: Option<DVec3>,
 }
 
-/// Distances that differ by this share are not those of the same surface.
+/// Distances that differ by more than this share belong to different surfaces.
 const OCCLUSION_TOLERANCE: f64 = 0.05;
 
 /// Judges a picture of rows of `width` pixels, `None` where there is no mirror.
@@ -119,18 +120,20 @@ pub fn accuracy(truth: Truth, width: usize, pixels: &[Option<MirrorPixel>]) -> A
     }
 }
 
-/// How far what the eye sees is from where it is, mirrors and all. NaN (`null` in JSON) where nothing could be measured.
+/// How far visible surfaces are from their true places, mirrors included. NaN (`null` in JSON) where nothing could be
+/// measured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceError {
-    /// Share of the pixels in which the truth sees something and the picture nothing.
+    /// The share of the pixels in which the truth sees something and the picture nothing.
     pub missing: f64,
-    /// Share of the pixels in which the picture shows something and the truth nothing.
+    /// The share of the pixels in which the picture shows something and the truth nothing.
     pub false_fill: f64,
-    /// Between what the picture shows and what the ray through the pixel's centre meets, world units, where there are both.
+    /// The distance between the shown position and the hit of the ray through the pixel's centre, in world units, where
+    /// both exist.
     pub position_error: Percentiles,
 }
 
-/// Compares what pixels show with what they truly see, both as positions; NaN where that is nothing.
+/// Compares the shown positions of pixels with the true ones; NaN where nothing is seen.
 pub fn surface_error(drawn: &[DVec3], truth: &[DVec3]) -> SurfaceError {
     let is_something = |position: &&DVec3| position.is_finite();
     let pairs = || drawn.iter().zip(truth);
@@ -146,24 +149,24 @@ pub fn surface_error(drawn: &[DVec3], truth: &[DVec3]) -> SurfaceError {
     }
 }
 
-/// How far one pixel is off.
+/// The error of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelError {
-    /// Between Q - P and R, degrees.
+    /// The angle between Q - P and R in degrees.
     pub angle: f64,
-    /// The same over the angle by which R changes from this pixel to the next; none where it does not.
+    /// The same relative to the angle by which R changes from this pixel to the next; none if R does not change.
     pub pixels: Option<f64>,
-    /// Whether |Q - P| differs from |H - P| by more than 5 %; none where the truth sees nothing.
+    /// Whether |Q - P| differs from |H - P| by more than 5 %; none if the truth sees nothing.
     pub is_other_surface: Option<bool>,
 }
 
-/// Of a pixel that is filled; none of others. Arguments as in [`accuracy`] and [`direction_step`].
+/// The error of a filled pixel; none for others. Arguments as in [`accuracy`] and [`direction_step`].
 pub fn pixel_error(width: usize, pixels: &[Option<MirrorPixel>], index: usize) -> Option<PixelError> {
     let pixel = pixels[index].filter(|pixel| pixel.is_filled() && pixel.reflected != DVec3::ZERO)?;
     let angle = pixel.angle_error();
     let is_other_surface = pixel.truth.map(|truth| {
         let [found, true_distance] = [pixel.found, truth].map(|end| end.distance(pixel.position));
-        // Written so that a distance that is no number is wrong.
+        // The comparison counts a distance that is no number as wrong.
         let is_same = (found - true_distance).abs() <= OCCLUSION_TOLERANCE * true_distance;
         !is_same
     });
@@ -175,7 +178,7 @@ impl MirrorPixel {
         self.coverage > 0.0
     }
 
-    /// Degrees. A point that is nowhere, or on the mirror point itself, is as wrong as can be.
+    /// The error in degrees. A point that is not finite, or on the mirror point itself, has the largest error.
     fn angle_error(&self) -> f64 {
         match (self.found - self.position).try_normalize() {
             Some(direction) => angle(direction, self.reflected),
@@ -184,18 +187,18 @@ impl MirrorPixel {
     }
 }
 
-/// Angle between two unit vectors, degrees; exact for small ones, where the cosine is not.
+/// The angle between two unit vectors in degrees; exact for small ones, where the cosine is not.
 fn angle(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
-/// Neighbours whose points are this much farther apart along the ray than across it lie on different surfaces, or on one seen
-/// flatter than 3 degrees. At the built-in scenes' size it is a twentieth of the distance.
+/// Neighbours whose points are this much farther apart along the ray than across it are on different surfaces, or on
+/// one seen flatter than 3 degrees. At the built-in scenes' size it is a twentieth of the distance.
 const DEPTH_STEP: f64 = 20.0;
 
-/// By how many degrees the reflected direction changes from a mirror pixel to the next: the larger of the mean changes to the
-/// left and right and to the upper and lower neighbour, those without a mirror or beyond a depth step left out. `None`
-/// where that leaves no neighbour, or no change.
+/// The change of the reflected direction from a mirror pixel to the next in degrees: the larger of the mean changes to
+/// the left and right and to the upper and lower neighbour, without neighbours that show no mirror or lie beyond a
+/// depth step. `None` if no neighbour is left, or nothing changes.
 pub fn direction_step(width: usize, pixels: &[Option<MirrorPixel>], index: usize) -> Option<f64> {
     let pixel = pixels.get(index).copied().flatten()?;
     let column = index % width;
@@ -220,21 +223,21 @@ pub fn direction_step(width: usize, pixels: &[Option<MirrorPixel>], index: usize
 /// How different a picture looks, over its mirror pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ImageError {
-    /// Root of the mean square difference of linear red, green and blue, not clamped.
+    /// The root of the mean square difference of linear red, green and blue, not clamped.
     pub rmse: f64,
-    /// Mean CIEDE2000 difference in CIELAB (D65, 2 degrees).
+    /// The mean CIEDE2000 difference in CIELAB (D65, 2 degrees).
     pub delta_e: f64,
-    /// Mean of the FLIP differences, 0 to 1; see [`flip`](crate::flip::flip).
+    /// The mean of the FLIP differences, 0 to 1; see [`flip`](crate::flip::flip).
     pub flip: f64,
-    /// Mean structural similarity, -1 to 1, 1 for the same picture; see [`ssim`](crate::ssim::ssim).
+    /// The mean structural similarity, -1 to 1, 1 for equal pictures; see [`ssim`](crate::ssim::ssim).
     pub ssim: f64,
 }
 
-/// Compares two pictures, linear red, green and blue, over the pixels marked in `mirror`; what the others show does not matter.
-/// Colours that are not finite (empty pixels) count as black. Delta E, FLIP and SSIM see colours as a screen shows them, clamped
-/// to 0 ..= 1. `width` is that of a row. NaN if no pixel is marked.
+/// Compares two pictures, linear red, green and blue, over the pixels marked in `mirror`; other pixels do not matter.
+/// Colours that are not finite (empty pixels) count as black. Delta E, FLIP and SSIM see colours as a screen shows
+/// them, clamped to 0 ..= 1. `width` is that of a row. NaN if no pixel is marked.
 pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], reference: &[[f32; 3]]) -> ImageError {
-    // Outside of the mirrors both are black, so that nothing reaches in by the filters of FLIP and SSIM.
+    // Outside the mirrors both are black, so that nothing affects the mirrors through the filters of FLIP and SSIM.
     let of_mirrors = |colors: &[[f32; 3]]| -> Vec<[f64; 3]> {
         let marked = colors.iter().zip(mirror);
         marked.map(|(color, is_mirror)| if *is_mirror { finite(color) } else { [0.0; 3] }).collect()
@@ -259,13 +262,13 @@ pub fn image_error(width: usize, mirror: &[bool], picture: &[[f32; 3]], referenc
     }
 }
 
-/// CIEDE2000 difference of each pixel of two pictures, linear red, green and blue, in the way of [`image_error`].
+/// The CIEDE2000 difference of each pixel of two pictures, linear red, green and blue, as in [`image_error`].
 pub fn delta_e(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Vec<f32> {
     let difference = |(color, truth): (&[f32; 3], &[f32; 3])| lab(finite(color)).difference(lab(finite(truth))) as f32;
     picture.par_iter().zip(reference).map(difference).collect()
 }
 
-/// Black where there is no colour.
+/// Replaces missing colours by black.
 fn finite(color: &[f32; 3]) -> [f64; 3] {
     color.map(|value| if value.is_finite() { f64::from(value) } else { 0.0 })
 }
@@ -283,7 +286,8 @@ mod tests {
         glam::DQuat::from_axis_angle(axis, degrees.to_radians()) * direction
     }
 
-    /// At (x, 0, 0), seen from above, reflecting along z turned by `degrees` about y, into a ceiling at distance 2.
+    /// A pixel at (x, 0, 0), seen from above, that reflects along z turned by `degrees` about y, into a ceiling at
+    /// distance 2.
     fn pixel(x: f64, degrees: f64) -> MirrorPixel {
         let (position, reflected) = (DVec3::X * x, turned(DVec3::Y, degrees, DVec3::Z));
         let end = position + reflected * 2.0;
@@ -316,7 +320,7 @@ mod tests {
         assert_eq!(figures.mirror_pixels, 6);
         let shares = [figures.coverage, figures.closed_coverage, figures.false_fill, figures.occlusion_error];
         assert_eq!(shares, [4.0 / 6.0, 5.0 / 6.0, 1.0 / 6.0, 2.0 / 4.0]);
-        // Of 0, 3, 0, 0 and 180 degrees: a point on the mirror point itself points nowhere.
+        // The angles are 0, 3, 0, 0 and 180 degrees: a point on the mirror point itself has no direction.
         let turn = angle(turned(DVec3::X, 3.0, closed.reflected), closed.reflected);
         assert!(figures.angle_error.median < 1e-9 && figures.angle_error.p99 == 180.0, "{figures:?}");
         assert!((angle_of(&row[..3]) - turn).abs() < 1e-12 && turn > 2.9);
@@ -339,7 +343,7 @@ mod tests {
 
     #[test]
     fn direction_step_is_the_larger_of_both_ways_within_one_surface() {
-        // Two degrees a column, three a row; a third column of 5 more degrees, and one behind it all.
+        // Two degrees a column, three a row; a third column of 5 more degrees, and one far behind the others.
         let at = |column: f64, row: f64, degrees: f64| {
             let mut pixel = pixel(column, degrees);
             pixel.position.y = row;
@@ -391,11 +395,11 @@ mod tests {
         let mut picture = vec![[0.45, 0.25, 0.12]; 64];
         let mirror: Vec<bool> = (0..64).map(|index| index % 8 > 2).collect();
         let found = image_error(8, &mirror, &picture, &reference);
-        // CIEDE2000 of the pair as colour-science 0.4 has it.
+        // The CIEDE2000 difference of the pair according to colour-science 0.4.
         assert!((found.delta_e - 7.34935).abs() < 1e-3, "{}", found.delta_e);
         let mean_square = (0.05_f64.powi(2) + 0.05_f64.powi(2) + 0.02_f64.powi(2)) / 3.0;
         assert!((found.rmse - mean_square.sqrt()).abs() < 1e-6 && found.flip > 0.05, "{found:?}");
-        // What is no mirror does not matter, nor does it reach in.
+        // Pixels without a mirror do not matter, not even through the filters.
         picture.iter_mut().zip(&mirror).filter(|(_, is_mirror)| !**is_mirror).for_each(|(color, _)| *color = [9.0; 3]);
         assert_eq!(image_error(8, &mirror, &picture, &reference), found);
         let mut other = reference.clone();

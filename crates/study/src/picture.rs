@@ -1,4 +1,4 @@
-//! Pictures of what was drawn beside what is true.
+//! Makes pictures that show the drawn picture beside the truth.
 
 use anyhow::Context as _;
 use image::codecs::png::PngEncoder;
@@ -7,17 +7,18 @@ use palette::color_difference::Ciede2000 as _;
 
 use crate::metrics::lab;
 
-/// Colour difference (CIEDE2000) at the bright end of the heat map: a quarter of that between black and white, beyond mistake.
+/// The colour difference (CIEDE2000) at the bright end of the heat map: a quarter of that between black and white, an
+/// unmistakable one.
 const MOST_DIFFERENCE: f64 = 25.0;
-/// Least width of one of the three pictures: smaller ones are enlarged by whole pixels.
+/// The least width of one of the three pictures: smaller ones are enlarged by whole pixels.
 const LEAST_WIDTH: usize = 256;
-/// Between the pictures.
+/// The gap between the pictures.
 const GAP: usize = 8;
 
-/// Rows of 8-bit red, green and blue from the top as a PNG file.
+/// Encodes rows of 8-bit red, green and blue from the top as a PNG file.
 ///
 /// # Errors
-/// Not that many pixels.
+/// The number of pixels is wrong.
 pub fn png([width, height]: [u32; 2], rgb: &[u8]) -> anyhow::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new(&mut bytes);
@@ -25,8 +26,8 @@ pub fn png([width, height]: [u32; 2], rgb: &[u8]) -> anyhow::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// What was drawn, the truth and a heat map of their difference side by side, as a PNG file: the rectangle around the mirrors.
-/// Colours are linear red, green and blue. `None` where there is no mirror.
+/// The drawn picture, the truth and a heat map of their difference side by side, as a PNG file of the rectangle around
+/// the mirrors. Colours are linear red, green and blue. `None` if there is no mirror.
 ///
 /// # Errors
 /// None that a picture of this size could cause.
@@ -72,7 +73,7 @@ pub fn beside(
     png([all_width as u32, all_height as u32], &rgb).map(Some)
 }
 
-/// IEC 61966-2-1, clamped.
+/// The sRGB encoding of IEC 61966-2-1, clamped.
 fn encoded(value: f64) -> f64 {
     let value = value.clamp(0.0, 1.0);
     if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }

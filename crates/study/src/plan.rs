@@ -1,7 +1,8 @@
-//! Plans: which settings a study measures. A plan is a TOML file of groups; each group stands for all combinations of its
-//! scenes, methods and swept values. docs/study/README.md describes the format.
+//! Plans: the settings that a study measures. A plan is a TOML file of groups; each group stands for all combinations
+//! of its scenes, methods and swept values. docs/study/README.md describes the format.
 //!
-//! Everything that can be told without a scene is checked here, with the line of the file that is wrong, before anything runs.
+//! Everything that can be checked without a scene is checked here, with the line of the file that is wrong, before
+//! anything runs.
 
 mod check;
 mod lines;
@@ -23,22 +24,22 @@ use crate::results;
 
 pub use scene::RAY_TRACE;
 
-/// Swept in place of a parameter: the picture's size, as in `640x480`.
+/// The key of the picture's size, as in `640x480`; it is swept like a parameter.
 pub const SIZE: &str = "size";
 
-/// Characters of a message about a plan, which may quote it.
+/// The most characters of a message about a plan, which may quote it.
 const MOST_TOLD: usize = 400;
 
-/// What is wrong with a plan, and where.
+/// An error in a plan, and its place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {problem}")]
 pub struct PlanError {
-    /// File and line.
+    /// The file and the line.
     pub place: String,
     pub problem: String,
 }
 
-/// Width and height of a picture, pixels.
+/// The width and height of a picture in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Size(pub [u32; 2]);
@@ -49,7 +50,7 @@ impl std::str::FromStr for Size {
     fn from_str(text: &str) -> Result<Self, String> {
         let sides = text.split_once(['x', 'X']).map(|(width, height)| [width.parse(), height.parse()]);
         match sides {
-            // What software Vulkan draws at most.
+            // The largest picture that software Vulkan draws.
             Some([Ok(width), Ok(height)]) if [width, height].iter().all(|side| (1..=16_384).contains(side)) => {
                 Ok(Self([width, height]))
             }
@@ -72,7 +73,7 @@ impl From<Size> for String {
     }
 }
 
-/// What stands on the time axis of charts of time against error.
+/// The time axis of charts of time against error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Time {
@@ -98,32 +99,32 @@ impl Time {
 #[serde(deny_unknown_fields)]
 pub struct Plan {
     pub title: String,
-    /// For the report.
+    /// An explanation for the report.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub about: String,
     #[serde(default = "default_size")]
     pub size: Size,
-    /// Timed frames of each setting.
+    /// The number of timed frames of each setting.
     #[serde(default = "default_repeats")]
     pub repeats: u32,
-    /// What pictures are judged by. The exact truth is left out for scenes whose surfaces nobody knows.
+    /// The truths by which pictures are judged. The exact truth is left out for scenes whose surfaces are unknown.
     #[serde(default = "default_truths")]
     pub truths: Vec<Truth>,
-    /// Paths per pixel of the truth's indirect light.
+    /// The number of paths per pixel of the truth's indirect light.
     #[serde(default = "default_truth_samples")]
     pub truth_samples: u32,
-    /// Also measure how much mirrors flicker.
+    /// Whether to measure how much mirrors flicker, too.
     #[serde(default)]
     pub flicker: bool,
-    /// Figures that time is charted against, a chart each. If not given, two of each truth.
+    /// The figures charted against time, a chart each. If not given, two of each truth.
     #[serde(default)]
     pub errors: Vec<String>,
-    /// Figures that are charted over each swept key, a chart each.
+    /// The figures charted over each swept key, a chart each.
     #[serde(default = "default_figures")]
     pub figures: Vec<String>,
     #[serde(default)]
     pub time: Time,
-    /// Parameters of all settings.
+    /// The parameters of all settings.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
     #[serde(rename = "group")]
@@ -134,7 +135,7 @@ pub struct Plan {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Group {
-    /// `group-1` and so on if not given.
+    /// The name; `group-1` and so on if not given.
     #[serde(default)]
     pub name: String,
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -142,55 +143,56 @@ pub struct Group {
     /// What would mend the failure that this group shows.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub mends: String,
-    /// What `glint render` takes as input; `{name}` stands for the value of the variable `name`.
+    /// The inputs for `glint render`; `{name}` is replaced by the value of the variable `name`.
     pub scenes: Vec<String>,
     #[serde(default = "default_methods")]
     pub methods: Vec<String>,
-    /// Figures charted over the swept keys in place of the plan's; the bound's figure alone if there is a bound.
+    /// The figures charted over the swept keys instead of the plan's; only the bound's figure if there is a bound.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub figures: Vec<String>,
-    /// Also measure how much mirrors flicker in this group.
+    /// Whether to measure how much mirrors flicker in this group, too.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flicker: bool,
-    /// Show the worst setting: what was drawn, the truth, and their difference.
+    /// Whether to show the worst setting: what was drawn, the truth, and their difference.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub pictures: bool,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
-    /// Lists of values, or ranges `{ from, to, count, scale }`. A key without a dot is a variable, `size` the picture's size.
+    /// Lists of values, or ranges `{ from, to, count, scale }`. A key without a dot is a variable, `size` the picture's
+    /// size.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sweep: BTreeMap<String, toml::Value>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bound: Option<Bound>,
 }
 
-/// What a group's figure must not pass.
+/// The limit of a group's figure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bound {
     pub figure: String,
-    /// Those that it holds for; all if there are none.
+    /// The methods to which it applies; all if there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub methods: Vec<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_least: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_most: Option<f64>,
-    /// Least swept value that it holds for.
+    /// The least swept value to which it applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<f64>,
-    /// Largest swept value that it holds for.
+    /// The largest swept value to which it applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up_to: Option<f64>,
 }
 
 impl Bound {
-    /// Whether a value of the figure keeps within it.
+    /// Whether a value of the figure is within the bound.
     pub fn holds(&self, value: f64) -> bool {
         self.at_least.is_none_or(|least| value >= least) && self.at_most.is_none_or(|most| value <= most)
     }
 
-    /// Whether it says anything about a setting.
+    /// Whether it applies to a setting.
     pub fn is_about(&self, case: &Case) -> bool {
         let is_of_method = self.methods.is_empty() || self.methods.contains(&case.method);
         let swept = case.swept.first().and_then(|(_, value)| value.parse::<f64>().ok());
@@ -203,24 +205,25 @@ impl Bound {
 /// One setting of a plan.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Case {
-    /// Its place in the plan: the same for whoever expands it.
+    /// The index in the plan, equal in every expansion.
     pub index: usize,
-    /// Index of its group.
+    /// The index of its group.
     pub group: usize,
-    /// As the group has it, with the names of variables.
+    /// The scene as in the group, with the names of variables.
     pub scene_pattern: String,
-    /// With their values.
+    /// The scene with the variables' values.
     pub scene: String,
     pub method: String,
     pub size: [u32; 2],
-    /// Swept keys and variables with their values, sorted by key.
+    /// The swept keys and variables with their values, sorted by key.
     pub swept: Vec<(String, String)>,
-    /// Parameters that plan and group set; one list for all settings of a group.
+    /// The parameters that plan and group set; one list for all settings of a group.
     pub set: Arc<[(String, String)]>,
 }
 
 impl Case {
-    /// The parameters it is drawn with; `base` are those of its scene. The ray tracer starts from a surface without reflections.
+    /// The parameters with which it is drawn; `base` are those of its scene. The ray tracer starts from a surface
+    /// without reflections.
     ///
     /// # Errors
     /// A parameter that does not exist, or a value out of range; plans that were checked have none.
@@ -260,7 +263,7 @@ fn default_truth_samples() -> u32 {
     64
 }
 
-/// Where a reflection is and how it looks.
+/// The default figures: the place of a reflection and its look.
 fn default_errors(truths: &[Truth]) -> Vec<String> {
     let errors = truths.iter().map(|truth| results::truth_name(*truth));
     errors.flat_map(|truth| ["pixel_error_p95", "delta_e"].map(|error| format!("{truth}_{error}"))).collect()
@@ -270,14 +273,14 @@ fn default_figures() -> Vec<String> {
     ["hit_rate", "coverage", "method_ms"].map(str::to_owned).into()
 }
 
-/// Stands for every method of the renderer; `auto` is one of them.
+/// The word for every method of the renderer; `auto` is one of them.
 const ALL_METHODS: &str = "all";
 
 fn default_methods() -> Vec<String> {
     vec![Method::Auto.name().to_owned()]
 }
 
-/// A plan that cannot be read; the error names it already.
+/// A plan that cannot be read; the error already names the plan.
 fn unreadable(place: &str, error: &scene::Error) -> PlanError {
     let problem =
         if let scene::Error::Unreadable { problem, .. } = error { problem.clone() } else { error.to_string() };
@@ -285,7 +288,7 @@ fn unreadable(place: &str, error: &scene::Error) -> PlanError {
 }
 
 impl Plan {
-    /// Reads a plan and checks it. Scenes given by a relative path are taken to be beside the file.
+    /// Reads a plan and checks it. Scenes given by a relative path are relative to the file's folder.
     ///
     /// # Errors
     /// Not readable, or no plan: with the file and line, and what was expected.
@@ -293,7 +296,7 @@ impl Plan {
         let place = path.display().to_string();
         let text = scene::whole_file::read(path).map_err(|error| unreadable(&place, &error))?;
         let mut plan = Self::parse(&place, &text)?;
-        // Absolute, so that the plan that is kept beside the results still finds them.
+        // Absolute, so that the copy of the plan beside the results still finds the scenes.
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         for scene in plan.groups.iter_mut().flat_map(|group| &mut group.scenes) {
@@ -305,10 +308,10 @@ impl Plan {
         Ok(plan)
     }
 
-    /// `place` names the text in errors.
+    /// Parses a plan; `place` names the text in errors.
     ///
     /// # Errors
-    /// As for [`Plan::read`].
+    /// Those of [`Plan::read`].
     pub fn parse(place: &str, text: &str) -> Result<Self, PlanError> {
         let mut plan: Self = scene::whole_file::from_toml(text).map_err(|error| {
             let line = error.span().map(|span| line_at(text, span.start));

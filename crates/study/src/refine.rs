@@ -1,6 +1,6 @@
-//! The traced picture of a frame, coarse at once and finer while somebody looks: one pixel of 16, all mirrors, one of
-//! 4, all, each with one path of indirect light; then ever more paths, mirrors first. Each pixel's light is the mean of
-//! independent estimates without bias, so that what is added only takes noise away.
+//! Traces the picture of a frame, coarsely at once and then ever finer: one pixel of 16, all mirrors, one of 4, all,
+//! each with one path of indirect light; then more and more paths, mirrors first. Each pixel's light is the mean of
+//! independent unbiased estimates, so that further ones only reduce noise.
 
 use cloud::Progress;
 
@@ -9,28 +9,28 @@ use crate::truth::{Seen, Surface, Tracer};
 
 /// A picture that is being traced.
 pub struct Refinement {
-    /// What there is to trace.
+    /// The hits to trace from.
     seen: Seen,
     is_mirror: Vec<bool>,
-    /// Mean radiance, linear red, green and blue.
+    /// The mean radiance, linear red, green and blue.
     colors: Vec<[f32; 3]>,
-    /// Estimates behind each colour.
+    /// The number of estimates behind each colour.
     taken: Vec<u32>,
     width: usize,
-    /// Estimates that are wanted of each pixel.
+    /// The number of estimates that each pixel should have.
     wanted: u32,
 }
 
-/// Pixels that a step is about.
+/// The pixels of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Pixels {
-    /// One of so many in each row and column.
+    /// One of this many in each row and column.
     Every(usize),
     Mirrors,
 }
 
 impl Refinement {
-    /// Of what `tracer` sees at the frame's surface; nothing is traced yet.
+    /// Starts from what `tracer` sees at the frame's surface; nothing is traced yet.
     pub fn new(tracer: &Tracer, surface: &Surface) -> Self {
         let seen = tracer.seen(surface);
         let is_mirror = (0..surface.len()).map(|pixel| surface.is_mirror(pixel)).collect();
@@ -38,18 +38,18 @@ impl Refinement {
         Self { seen, is_mirror, colors, taken, width: tracer.width(), wanted: tracer.samples().max(1) }
     }
 
-    /// Traces the next step, of mirrors alone or of the whole picture; with `tracer` as in [`Refinement::new`]. False if nothing is
-    /// left to do.
+    /// Traces the next step, of mirrors alone or of the whole picture; `tracer` is that of [`Refinement::new`]. Returns
+    /// false if nothing is left to do.
     ///
     /// # Errors
-    /// Cancelled; the picture is then as it was before.
+    /// Cancelled; the picture is then unchanged.
     pub fn step(&mut self, tracer: &Tracer, mirrors_alone: bool, progress: &Progress) -> Result<bool> {
         let Some((pixels, until)) = self.next(mirrors_alone) else { return Ok(false) };
         let is_next: Vec<bool> = (0..self.seen.len()).map(|pixel| self.lacks(pixels, until, pixel)).collect();
-        // All that a step takes have as many estimates behind them.
+        // All pixels of a step have equally many estimates.
         let before = is_next.iter().position(|next| *next).map_or(0, |pixel| self.taken[pixel]);
         let masked: Seen = self.seen.iter().zip(&is_next).map(|(seen, next)| seen.filter(|_| *next)).collect();
-        // A seed that no step before had: their estimates are others.
+        // A seed that no earlier step had, so that the estimates are new.
         let seed = tracer.seed().wrapping_add(before);
         let traced = tracer.sampled_colors(&masked, until - before, seed, progress)?;
         let share = (until - before) as f32 / until as f32;
@@ -63,7 +63,7 @@ impl Refinement {
         Ok(true)
     }
 
-    /// The first step that something is left of: its pixels, and how many estimates each is to have.
+    /// The first step with pixels left: its pixels, and the number of estimates that each should have.
     fn next(&self, mirrors_alone: bool) -> Option<(Pixels, u32)> {
         let first = [Pixels::Every(4), Pixels::Mirrors, Pixels::Every(2), Pixels::Every(1)].map(|pixels| (pixels, 1));
         let doublings = || (1..=self.wanted.ilog2()).map(|power| 1 << power).chain([self.wanted]);
@@ -84,7 +84,8 @@ impl Refinement {
         is_among && self.seen[pixel].is_some() && self.taken[pixel] < until
     }
 
-    /// Estimates behind every mirror pixel, and behind every pixel; what is wanted of them where there is none.
+    /// The number of estimates behind every mirror pixel, and behind every pixel; the wanted number if there are no
+    /// such pixels.
     pub fn samples(&self) -> [u32; 2] {
         let least = |is_asked: &dyn Fn(usize) -> bool| {
             let asked = (0..self.seen.len()).filter(|pixel| self.seen[*pixel].is_some() && is_asked(*pixel));
@@ -93,23 +94,23 @@ impl Refinement {
         [least(&|pixel| self.is_mirror[pixel]), least(&|_| true)]
     }
 
-    /// Estimates that are wanted of each pixel: paths of indirect light, or 1 where there is none.
+    /// The number of estimates that each pixel should have: paths of indirect light, or 1 if there is none.
     pub fn wanted(&self) -> u32 {
         self.wanted
     }
 
-    /// Whether all is there, of the mirrors or of the picture.
+    /// Whether all estimates are done, of the mirrors or of the picture.
     pub fn is_done(&self, mirrors_alone: bool) -> bool {
         self.next(mirrors_alone).is_none()
     }
 
-    /// Whether all of the picture has colours from nearby, if no more: not mirrors alone.
+    /// Whether every pixel has at least the colour of a nearby one, in the whole picture and not in mirrors alone.
     pub fn is_whole(&self) -> bool {
         !(0..self.seen.len()).any(|pixel| self.lacks(Pixels::Every(4), 1, pixel))
     }
 
-    /// Linear red, green and blue, NaN where nothing is seen. A pixel that is still to be traced has the colour of one nearby that
-    /// was, or black.
+    /// The linear red, green and blue, NaN where nothing is seen. A pixel that is not traced yet has the colour of a
+    /// traced one nearby, or black.
     pub fn picture(&self) -> Vec<[f32; 3]> {
         let height = self.seen.len() / self.width.max(1);
         let color = |pixel: usize| {
@@ -152,7 +153,7 @@ mod tests {
         TracedScene::new(&parts.collect::<Vec<_>>(), None, 1.0, &Progress::default()).unwrap()
     }
 
-    /// What a frame would hold, by rays through the pixels' centres.
+    /// The frame that rays through the pixels' centres give.
     fn surface(scene: &TracedScene) -> Surface {
         let view = scene::ViewSettings::default();
         let camera = five_mirrors::camera();
@@ -184,7 +185,7 @@ mod tests {
         }
         assert_eq!((refinement.samples(), mirrors_were_done), ([5, 5], true));
         assert!(pixels_traced[0] <= 9 * 6 && pixels_traced.is_sorted(), "{pixels_traced:?}");
-        // By hand: paths 1, 1, 2 and 1, each step from a seed of its own.
+        // Computed by hand: paths 1, 1, 2 and 1, each step with a seed of its own.
         let mut expected = vec![[0.0_f64; 3]; surface.len()];
         for (samples, seed) in [(1, 0), (1, 1), (2, 2), (1, 4)] {
             let mut settings = settings.clone();
@@ -213,7 +214,7 @@ mod tests {
         assert!(refinement.step(&tracer, true, &cancelled).is_err());
         assert_eq!(refinement.taken.iter().max(), Some(&0));
         let progress = Progress::default();
-        // A lamp at the eye has no indirect light: one estimate is all there is to know.
+        // A lamp at the eye has no indirect light: one estimate is exact.
         assert!(
             refinement.step(&tracer, true, &progress).unwrap() && !refinement.step(&tracer, true, &progress).unwrap()
         );

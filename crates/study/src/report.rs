@@ -1,4 +1,4 @@
-//! A study as one page that needs no network: charts, bounds, pictures and the table, to be opened in any browser.
+//! Makes a page of a study that needs no network and opens in any browser: charts, bounds, pictures and the table.
 
 use std::fmt::Write as _;
 
@@ -17,7 +17,7 @@ td.number { text-align: right; font-variant-numeric: tabular-nums; }
 #results th { cursor: pointer; } .fails { color: #b00020; font-weight: bold; }
 ";
 
-/// Sorts the table by the column that is clicked, numbers as numbers, once more for the other way.
+/// Sorts the table by the column that is clicked, numbers as numbers; another click reverses the order.
 const SCRIPT: &str = "
 const table = document.getElementById('results');
 table.querySelectorAll('th').forEach((head, column) => head.addEventListener('click', () => {
@@ -34,11 +34,12 @@ table.querySelectorAll('th').forEach((head, column) => head.addEventListener('cl
 }));
 ";
 
-/// The page. Charts lie beside it as `NAME.svg`; `pictures` are file names from the page's folder with the settings that they show.
+/// The page. Charts are beside it as `NAME.svg`; `pictures` are file names relative to the page's folder with the
+/// settings that they show.
 pub fn html(plan: &Plan, rows: &[Row], charts: &[Chart], pictures: &[(String, &Row)]) -> String {
     let mut page = String::new();
     let title = escaped(&plan.title);
-    // Writing to a text cannot fail.
+    // Writing to a string cannot fail.
     let _ = write!(
         page,
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n\
@@ -139,7 +140,7 @@ fn table(page: &mut String, plan: &Plan, rows: &[Row]) {
     );
     page.push_str("<div class=\"wide\"><table id=\"results\">\n");
     let all: Vec<Vec<(String, Cell)>> = rows.iter().map(|row| results::cells(plan, row)).collect();
-    // Columns that are empty throughout are left to the files.
+    // Columns that are empty throughout are only in the files.
     let columns = all.first().map_or(0, Vec::len);
     let shown: Vec<usize> =
         (1..columns).filter(|column| all.iter().any(|cells| cells[*column].1 != Cell::Empty)).collect();
@@ -161,12 +162,12 @@ fn table(page: &mut String, plan: &Plan, rows: &[Row]) {
     page.push_str("</tbody>\n</table></div>\n");
 }
 
-/// With 4 significant digits, whole ones in full.
+/// A number with 4 significant digits, whole ones in full.
 fn plain_number(value: f64) -> String {
     if value.fract() == 0.0 { value.to_string() } else { format!("{:.3e}", value).parse().unwrap_or(value).to_string() }
 }
 
-/// A line of the table of bounds for each group that has one and each method it is of.
+/// A line of the table of bounds for each group with a bound and each method to which it applies.
 fn bounds(plan: &Plan, rows: &[Row]) -> Vec<String> {
     let mut lines = Vec::new();
     let cases = plan.cases();
@@ -203,9 +204,9 @@ fn bounds(plan: &Plan, rows: &[Row]) -> Vec<String> {
 /// Whether a bound holds.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Not all that it is about was measured, and nothing that was breaks it; or it is about nothing.
+    /// Some of its settings have not been measured, and none breaks it; or it applies to no setting.
     Unknown,
-    /// The value nearest to the bound, and where: the scene if there are several, and the swept values.
+    /// The value nearest to the bound, and its setting: the scene if there are several, and the swept values.
     Holds {
         worst: f64,
         at: String,
@@ -216,10 +217,10 @@ pub enum Verdict {
     },
 }
 
-/// Judges a bound by the rows of the settings `planned` of its group. One that failed, or in which the figure could not be measured,
-/// breaks it no less than a value beyond it would: then `worst` is NaN.
+/// Judges a bound by the rows of the settings `planned` of its group. A setting that failed, or in which the figure
+/// could not be measured, breaks it, too: then `worst` is NaN.
 pub fn judge(bound: &Bound, planned: &[&Case], rows: &[&Row]) -> Verdict {
-    // Times come after the picture was judged.
+    // Times are measured after the picture was judged.
     let is_of_time = [results::METHOD_MS, results::FRAME_MS].contains(&bound.figure.as_str());
     let is_measured = |row: &Row| !is_of_time || row.repeats > 0 || row.error.is_some();
     let about: Vec<&&Row> = rows.iter().filter(|row| bound.is_about(&row.case) && is_measured(row)).collect();
@@ -281,12 +282,12 @@ mod tests {
             judge(bound, &planned, &rows.iter().collect::<Vec<_>>())
         };
         let at = "splat.size 2".to_owned();
-        // The third is out of the range that it is about.
+        // The third is outside the bound's range.
         assert_eq!(judged([Some(0.99), Some(0.95), Some(0.1)]), Verdict::Holds { worst: 0.95, at: at.clone() });
         assert_eq!(judged([Some(0.99), Some(0.8), Some(1.0)]), Verdict::Fails { worst: 0.8, at: at.clone() });
         assert!(matches!(judged([Some(0.99), None, Some(1.0)]), Verdict::Fails { worst, .. } if worst.is_nan()));
         assert_eq!(judge(bound, &planned, &[]), Verdict::Unknown);
-        // What is still to come may break it, but cannot mend it.
+        // Settings that are still to come may break it, but cannot mend it.
         let begun = |coverage| judge(bound, &planned, &[&rows(&plan, [Some(coverage), None, None])[0]]);
         assert_eq!(begun(0.99), Verdict::Unknown);
         assert_eq!(begun(0.5), Verdict::Fails { worst: 0.5, at: "splat.size 1".into() });

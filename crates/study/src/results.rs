@@ -1,4 +1,4 @@
-//! What was measured: runs as they are journalled, the figures that stand in tables and charts, and a row for each setting.
+//! The results of a study: runs as they are journalled, the figures of tables and charts, and a row for each setting.
 //!
 //! `results.csv` and `results.json` hold the same rows. A new figure is one line in `FRAME_FIGURES`, `TRUTH_FIGURES` or
 //! `FLICKER_FIGURES`.
@@ -13,71 +13,71 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::metrics::{Accuracy, Truth};
 use crate::plan::{Case, Plan, RAY_TRACE, SIZE};
 
-/// Time of all passes that find what mirrors show, milliseconds.
+/// The time of all passes that find what mirrors show, in milliseconds.
 pub const METHOD_MS: &str = "method_ms";
-/// Time of the whole frame, milliseconds.
+/// The time of the whole frame, in milliseconds.
 pub const FRAME_MS: &str = "frame_ms";
 
-/// Time of all passes of one stage of a frame, milliseconds.
+/// The time of all passes of one stage of a frame, in milliseconds.
 pub fn stage_ms(passes: &[PassTime], stage: PassStage) -> f64 {
     passes.iter().filter(|pass| pass.stage == stage).map(|pass| pass.milliseconds).sum()
 }
 
-/// Something that is measured of a setting.
+/// A figure that is measured for a setting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Figure {
-    /// As in the table and in plans.
+    /// The name in the table and in plans.
     pub name: String,
-    /// For people.
+    /// The name for people.
     pub label: String,
-    /// Empty for a pure number.
+    /// The unit; empty for a pure number.
     pub unit: &'static str,
 }
 
 impl Figure {
-    /// Label and unit.
+    /// The label and the unit.
     pub fn title(&self) -> String {
         if self.unit.is_empty() { self.label.clone() } else { format!("{} [{}]", self.label, self.unit) }
     }
 
-    /// Whether a larger value is a better one; of errors and times a smaller one is.
+    /// Whether a larger value is better; of errors and times a smaller one is.
     pub fn more_is_better(&self) -> bool {
         let name = self.truth().and_then(|(_, prefix)| self.name.strip_prefix(prefix)).unwrap_or(&self.name);
         MORE_IS_BETTER.contains(&name.trim_start_matches('_'))
     }
 
-    /// The truth that it is judged by, and its name in plans.
+    /// The truth by which it is judged, and the figure's name in plans.
     pub fn truth(&self) -> Option<(Truth, &'static str)> {
         let named = TRUTHS.iter().find(|(_, prefix, _)| self.name.starts_with(prefix));
         named.map(|(truth, prefix, _)| (*truth, *prefix))
     }
 
-    /// Whether it is measured where `flicker` is asked for alone.
+    /// Whether it is measured only if `flicker` is asked for.
     pub fn is_of_flicker(&self) -> bool {
         FLICKER_FIGURES.iter().any(|(name, ..)| *name == self.name)
     }
 }
 
-/// All that one frame of a setting was judged by.
+/// The measurements of one frame of a setting.
 #[derive(Clone, Debug, Default)]
 pub struct Measured {
     pub mirror_pixels: f64,
-    /// Share of the mirror pixels.
+    /// The share of the mirror pixels in which a point was found.
     pub coverage: Option<f64>,
     pub closed_coverage: Option<f64>,
-    /// Share of the points.
+    /// The share of the points that found a pixel.
     pub hit_rate: Option<f64>,
     pub unconverged: Option<f64>,
     pub regions: Option<f64>,
-    /// Share of the mirror pixels that the renderer itself does not trust.
+    /// The share of the mirror pixels that the renderer itself does not trust.
     pub uncertain: Option<f64>,
     pub judged: Vec<Accuracy>,
-    /// Grey levels.
+    /// The flicker in grey levels.
     pub flicker_still: Option<f64>,
     pub flicker_moving: Option<f64>,
 }
 
-/// Name, label, unit, and where it comes from.
+/// The name, the label, the unit, and the source of a figure.
 type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
 
 const FRAME_FIGURES: [Reading<Measured>; 7] = [
@@ -111,10 +111,10 @@ const FLICKER_FIGURES: [Reading<Measured>; 2] = [
     ("flicker_moving", "flicker, camera moving", "grey levels", |measured| measured.flicker_moving),
 ];
 
-/// Of these, by either truth, a larger value is a better one.
+/// The figures of a truth of which a larger value is better.
 const MORE_IS_BETTER: [&str; 5] = ["coverage", "closed_coverage", "hit_rate", "recall", "ssim"];
 
-/// Truths in the order of the columns, with their names.
+/// The truths in the order of the columns, with their names.
 const TRUTHS: [(Truth, &str, &str); 2] =
     [(Truth::SameInput, "same_input", "same input"), (Truth::Exact, "exact", "exact")];
 
@@ -124,7 +124,7 @@ fn is_given(truth: Truth, figure: &str) -> bool {
 }
 
 impl Measured {
-    /// By name; what could not be measured is left out.
+    /// The values by name; those that could not be measured are left out.
     pub fn figures(&self) -> BTreeMap<String, f64> {
         let own = FRAME_FIGURES.iter().chain(&FLICKER_FIGURES);
         let own = own.map(|(name, _, _, read)| ((*name).to_owned(), read(self)));
@@ -172,38 +172,38 @@ pub fn figure(name: &str) -> Option<&'static Figure> {
     figures().iter().find(|figure| figure.name == name)
 }
 
-/// Where and by what a run was made.
+/// The machine and the program that made a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Machine {
     pub adapter: String,
     pub adapter_kind: String,
-    /// What passes are timed by, `gpu` or `host`.
+    /// The clock that times passes, `gpu` or `host`.
     pub clock: String,
     /// The program's version and commit.
     pub commit: String,
 }
 
-/// A line of the journal: a setting was drawn once.
+/// A line of the journal: one drawing of a setting.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Run {
-    /// Index of the setting.
+    /// The index of the setting.
     pub case: usize,
-    /// 0 is judged and not timed.
+    /// The round; 0 is judged and not timed.
     pub round: u32,
     pub machine: Machine,
-    /// Parameters that are neither swept nor at their defaults, `key=value` with spaces between (round 0).
+    /// The parameters that are neither swept nor at their defaults, `key=value` separated by spaces (round 0).
     #[serde(skip_serializing_if = "String::is_empty")]
     pub set: String,
-    /// Points of the scene (round 0).
+    /// The number of points of the scene (round 0).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<u64>,
-    /// Round 0.
+    /// The figures (round 0).
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub figures: BTreeMap<String, f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_ms: Option<f64>,
-    /// In order.
+    /// The passes in order.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub passes: Vec<TimedPass>,
     /// Why it failed.
@@ -217,14 +217,14 @@ impl Run {
     }
 }
 
-/// What one pass of a frame took.
+/// The time of one pass of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TimedPass {
     pub name: String,
     #[serde(serialize_with = "write_stage", deserialize_with = "read_stage")]
     pub stage: PassStage,
-    /// Milliseconds.
+    /// The time in milliseconds.
     pub ms: f64,
 }
 
@@ -247,7 +247,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Between two values they are interpolated. `None` of no values.
+    /// The quantiles of some values, interpolated between two values; `None` if there are no values.
     pub fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
         let last = values.len().checked_sub(1)?;
@@ -260,20 +260,20 @@ impl Spread {
     }
 }
 
-/// A setting and what was measured of it.
+/// A setting and its measurements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     pub case: Case,
-    /// Name of its group.
+    /// The name of its group.
     pub group: String,
-    /// Other parameters, `key=value` with spaces between.
+    /// The other parameters, `key=value` separated by spaces.
     pub set: String,
     pub points: Option<u64>,
-    /// Timed frames.
+    /// The number of timed frames.
     pub repeats: usize,
     pub frame_ms: Option<Spread>,
     pub method_ms: Option<Spread>,
-    /// Medians of each pass, and of all passes of each stage.
+    /// The medians of each pass, and of all passes of each stage.
     pub passes: Vec<(String, f64)>,
     pub stages: Vec<(PassStage, f64)>,
     pub figures: BTreeMap<String, f64>,
@@ -291,7 +291,7 @@ impl Row {
         }
     }
 
-    /// Quartiles of a time.
+    /// The quartiles of a time.
     pub fn spread(&self, figure: &str) -> Option<Spread> {
         match figure {
             FRAME_MS => self.frame_ms,
@@ -301,8 +301,9 @@ impl Row {
     }
 }
 
-/// The runs that count of each setting, by round. All are of one machine and version, else its figures and times would be of unlike
-/// things: of that which made most rounds, of several such the first. Of several runs of a round the first counts that did not fail.
+/// The runs that count for each setting, by round. All are of one machine and version, as figures and times of
+/// different ones cannot be mixed: of that which made the most rounds, and of several such the first. Among several
+/// runs of a round the first that did not fail counts.
 pub fn counted(runs: &[Run]) -> HashMap<usize, BTreeMap<u32, &Run>> {
     let mut of_machine: HashMap<usize, Vec<BTreeMap<u32, &Run>>> = HashMap::new();
     for run in runs {
@@ -323,7 +324,7 @@ pub fn counted(runs: &[Run]) -> HashMap<usize, BTreeMap<u32, &Run>> {
     of_machine.into_iter().map(|(case, machines)| (case, best(machines))).collect()
 }
 
-/// A row for each of the settings that `runs` has something of, in the plan's order, of the runs that are [`counted`].
+/// A row for each of the settings that have runs, in the plan's order, from the runs that are [`counted`].
 pub fn rows(plan: &Plan, cases: &[Case], runs: &[Run]) -> Vec<Row> {
     let of_case = counted(runs);
     let row = |case: &Case| {
@@ -373,13 +374,13 @@ impl Cell {
         value.filter(|value| value.is_finite()).map_or(Self::Empty, Self::Number)
     }
 
-    /// Numbers as they are.
+    /// Numbers are cells as they are.
     fn of_text(text: &str) -> Self {
         let number = text.parse::<f64>().ok().filter(|value| value.is_finite());
         number.map_or_else(|| Self::Text(text.to_owned()), Self::Number)
     }
 
-    /// Empty for an empty one.
+    /// The text of the cell; empty for an empty one.
     pub fn text(&self) -> String {
         match self {
             Self::Empty => String::new(),
@@ -392,14 +393,14 @@ impl Cell {
         match self {
             Self::Empty => serde_json::Value::Null,
             Self::Text(text) => text.as_str().into(),
-            // Whole numbers without a point, as in the CSV.
+            // Whole numbers have no decimal point, as in the CSV.
             Self::Number(number) if number.fract() == 0.0 && number.abs() < 1e15 => (*number as i64).into(),
             Self::Number(number) => (*number).into(),
         }
     }
 }
 
-/// Names and cells of a row, the same names in the same order for all rows of a plan.
+/// The names and cells of a row; all rows of a plan have the same names in the same order.
 pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     let text = |text: &str| if text.is_empty() { Cell::Empty } else { Cell::Text(text.to_owned()) };
     let Row { case, machine, .. } = row;
@@ -410,7 +411,7 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     put("scene", text(&case.scene));
     put("method", text(&case.method));
     for key in plan.swept_keys() {
-        // A variable may be called like another column, as in the pattern it stands in braces.
+        // A variable may have the name of another column, so its name is in braces, as in the pattern.
         let is_variable = !key.contains('.') && key != SIZE;
         let column = if is_variable { format!("{{{key}}}") } else { key.to_owned() };
         put(&column, case.swept_value(key).map_or(Cell::Empty, Cell::of_text));
@@ -431,7 +432,7 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     }
     put("adapter", text(&machine.adapter));
     put("adapter_kind", text(&machine.adapter_kind));
-    // The ray tracer works on the CPU, whatever drew the surface that it starts from.
+    // The ray tracer works on the CPU, whatever drew the surface from which it starts.
     let is_by_both = case.method == RAY_TRACE && machine.clock == "gpu";
     put("clock", text(if is_by_both { "gpu+host" } else { &machine.clock }));
     put("commit", text(&machine.commit));
@@ -439,7 +440,7 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     cells
 }
 
-/// The table as CSV (RFC 4180), names in the first line.
+/// Writes the table as CSV (RFC 4180), with names in the first line.
 ///
 /// # Errors
 /// Never in memory; the writer's type has one.
@@ -455,7 +456,7 @@ pub fn csv(plan: &Plan, rows: &[Row]) -> anyhow::Result<Vec<u8>> {
     Ok(writer.into_inner()?)
 }
 
-/// The table as a JSON list of objects, with the time of each pass and of each stage.
+/// Writes the table as a JSON list of objects, with the time of each pass and of each stage.
 ///
 /// # Errors
 /// Never in memory; the writer's type has one.
@@ -521,7 +522,7 @@ mod tests {
         assert_eq!(rows.len(), 1, "only what was run");
         let row = &rows[0];
         assert_eq!((row.repeats, row.points, row.value("coverage")), (3, Some(7), Some(0.75)));
-        // The search and the closing alone, whatever other passes there are.
+        // Only the search and the closing count, whatever other passes there are.
         assert_eq!((row.value(METHOD_MS), row.value(FRAME_MS)), (Some(22.0), Some(35.0)));
         assert_eq!(row.method_ms.map(|spread| (spread.low, spread.high)), Some((17.0, 27.0)));
         assert_eq!(row.passes[1], ("sscr_solve".to_owned(), 20.0));
@@ -546,7 +547,7 @@ mod tests {
         let newer = |run: Run| Run { machine: Machine { commit: "newer".into(), ..machine() }, ..run };
         let older = [judged(0), timed(0, 1, 10.0), timed(0, 3, 10.0)];
         let row = |runs: &[Run]| rows(&plan, &plan.cases(), runs).remove(0);
-        // The one that made more rounds; the first of two that made as many.
+        // The machine that made more rounds; the first of two that made as many.
         let mut runs = [newer(timed(0, 2, 90.0)), newer(judged(0))].to_vec();
         runs.extend(older);
         let found = row(&runs);

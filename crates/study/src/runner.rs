@@ -1,5 +1,6 @@
-//! Runs a plan: each setting is drawn and judged once, untimed, then timed in rounds. In each round every setting is drawn
-//! once, in an order drawn anew, so that whatever makes the machine faster or slower for a while hits all alike.
+//! Runs a plan: each setting is drawn and judged once, untimed, then timed in rounds. In each round every setting is
+//! drawn once, in a new random order, so that anything that speeds up or slows down the machine for a while affects all
+//! alike.
 
 use std::collections::{HashMap, HashSet};
 use std::hash::{Hash as _, Hasher as _};
@@ -24,9 +25,9 @@ use crate::results::{self, Figure, Machine, Measured, Row, Run, TimedPass};
 use crate::subject::Subject;
 use crate::truth::{Drawn, TracedScene, Tracer, View, mirrors_of};
 
-/// Where a plan's scenes come from.
+/// The source of a plan's scenes.
 pub trait Scenes {
-    /// The parameters that a scene brings.
+    /// The parameters of a scene.
     ///
     /// # Errors
     /// There is no such scene.
@@ -42,7 +43,7 @@ pub trait Scenes {
 /// Every N-th setting, from the K-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// From 1.
+    /// The number of the shard, from 1.
     pub number: usize,
     pub count: usize,
 }
@@ -68,45 +69,46 @@ impl std::str::FromStr for Shard {
     }
 }
 
-/// How far a study is.
+/// The progress of a study.
 #[derive(Clone, Copy, Debug)]
 pub struct State<'a> {
-    /// Drawings of settings that are done, of `total` that this call makes.
+    /// The number of drawings done, of `total` that this call makes.
     pub done: usize,
     pub total: usize,
-    /// What comes next; none at the end.
+    /// The next setting; none at the end.
     pub next: Option<&'a Case>,
 }
 
-/// What came of a study.
+/// The result of a study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outcome {
-    /// Drawings that this call made.
+    /// The number of drawings that this call made.
     pub runs: usize,
     pub settings: usize,
-    /// Settings that failed; the table says why.
+    /// The number of settings that failed; the table says why.
     pub failed: usize,
-    /// Settings that another version or clock had begun, made anew as a whole.
+    /// The number of settings that another version or clock had begun, and that were measured anew as a whole.
     pub redone: usize,
 }
 
-/// Points kept on the GPU and in memory at a time: with the tree of the ray tracer some 100 bytes each.
+/// The number of points kept on the GPU and in memory at a time: with the tree of the ray tracer some 100 bytes each.
 const MOST_POINTS: u64 = 24_000_000;
 
-/// Bytes of traced colours that are kept: those of some forty pictures of 800x600.
+/// The bytes of traced colours that are kept: those of some forty pictures of 800x600.
 const MOST_REFERENCE_BYTES: usize = 256 << 20;
 
-/// Frames of a still camera that flicker is measured over, and steps of a moving one.
+/// The number of frames of a still camera, and of steps of a moving one, over which flicker is measured.
 const STILL: Steps = Steps { frames: 16, pixels: 0.0 };
 const MOVING: Steps = Steps { frames: 9, pixels: 0.25 };
 
-/// Between the seed of the truth's paths and that of the method `ray_trace`, whose noise must not be taken for the truth's own.
+/// The difference between the seed of the truth's paths and that of the method `ray_trace`, so that the truth does not
+/// contain the method's own noise.
 const SEED_STEP: u32 = 0x5eed;
 
-/// Makes sure that all scenes of a plan exist, before anything is opened.
+/// Checks that all scenes of a plan exist, before anything is opened.
 ///
 /// # Errors
-/// One that does not, with the plan's group.
+/// A scene that does not exist, with the plan's group.
 pub fn check_scenes(plan: &Plan, scenes: &dyn Scenes) -> Result<(), PlanError> {
     let mut known = HashSet::new();
     for case in plan.cases() {
@@ -121,11 +123,12 @@ pub fn check_scenes(plan: &Plan, scenes: &dyn Scenes) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// Makes the runs of a shard that are still missing and writes the results after every round. `commit` is the program's version.
-/// `progress` may stop it: what is done is in the journal.
+/// Makes the missing runs of a shard and writes the results after every round. `commit` is the program's version.
+/// `progress` may stop it: finished runs are in the journal.
 ///
 /// # Errors
-/// A folder that cannot be written, runs of another adapter in it, or no renderer. Settings that fail are rows of the table instead.
+/// A folder that cannot be written, runs of another adapter in it, or no renderer. Settings that fail become rows of
+/// the table instead.
 pub fn run(
     folder: &mut Folder,
     shard: Shard,
@@ -168,13 +171,13 @@ pub fn run(
                 return Ok(outcome);
             }
             outcome.runs += 1;
-            // What could not be judged is not timed either.
+            // A setting that could not be judged is not timed either.
             if failed.contains(&case.index) {
                 continue;
             }
             let runner = running(&mut runner, gpu, scenes, &folder.plan)?;
             let made = if round == 0 { runner.judged(case) } else { runner.timed(case) };
-            // What was stopped is no failure of the setting.
+            // A drawing that was stopped is no failure of the setting.
             if made.is_err() && progress(state).is_break() {
                 return Ok(outcome);
             }
@@ -219,7 +222,7 @@ fn running<'a, 'b>(
     }
 }
 
-/// File names and settings of pictures that groups ask for and that are not there yet. Of a setting that shows no mirror there is none.
+/// The file names and settings of missing pictures that groups ask for. A setting without a visible mirror has none.
 fn missing_pictures(folder: &Folder) -> Vec<(String, Case)> {
     let rows = results::rows(&folder.plan, &folder.cases, &folder.runs);
     let shows_mirrors = |row: &Row| row.value("mirror_pixels").is_some_and(|pixels| pixels > 0.0);
@@ -228,7 +231,7 @@ fn missing_pictures(folder: &Folder) -> Vec<(String, Case)> {
     missing.map(|(name, row)| (name, row.case.clone())).collect()
 }
 
-/// Writes tables, charts and the report of what is known so far.
+/// Writes tables, charts and the report of the runs so far.
 ///
 /// # Errors
 /// A folder that cannot be written.
@@ -264,8 +267,8 @@ pub fn copy_pictures(folders: &[impl AsRef<Path>], into: &Folder) -> Result<(), 
     Ok(())
 }
 
-/// File name of the picture and row of each setting that is shown: of the groups that ask for pictures, for each scene and method the
-/// one whose figure is worst.
+/// The file name of the picture and the row of each setting that is shown: in groups that ask for pictures, for each
+/// scene and method the one whose figure is worst.
 fn worst<'a>(plan: &Plan, rows: &'a [Row]) -> Vec<(String, &'a Row)> {
     let mut shown: Vec<(String, &Row)> = Vec::new();
     for (index, group) in plan.groups.iter().enumerate().filter(|(_, group)| group.pictures) {
@@ -306,13 +309,13 @@ fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
     order
 }
 
-/// A scene that is loaded, and what was traced in it.
+/// A loaded scene, and what was traced in it.
 struct Loaded {
     subject: Subject,
     points: u64,
-    /// For `splat.size`.
+    /// The scene for the ray tracer, with the `splat.size` that it was made for.
     traced: Option<(f32, TracedScene)>,
-    /// Traced colours of mirror pixels, by all that they depend on.
+    /// The traced colours of mirror pixels, by a hash of all their inputs.
     references: HashMap<u64, Arc<Vec<[f32; 3]>>>,
 }
 
@@ -333,7 +336,7 @@ struct Runner<'a> {
     scenes: &'a dyn Scenes,
     plan: Plan,
     renderer: Renderer,
-    /// The last used one comes last.
+    /// The loaded scenes; the last used one comes last.
     loaded: Vec<(String, Loaded)>,
 }
 
@@ -342,7 +345,7 @@ impl<'a> Runner<'a> {
         Ok(Self { gpu, scenes, plan, renderer: Renderer::new(gpu.clone())?, loaded: Vec::new() })
     }
 
-    /// The case's parameters; its scene is then the last of those that are loaded.
+    /// Returns the case's parameters; its scene is then the last of `loaded`.
     fn prepare(&mut self, case: &Case) -> anyhow::Result<Settings> {
         let settings = case.settings(&self.scenes.settings(&case.scene)?)?;
         let key = loading_key(case, &settings);
@@ -351,12 +354,13 @@ impl<'a> Runner<'a> {
             self.loaded.push(found);
             return Ok(settings);
         }
-        // Least recently used scenes make room; how much the new one needs shows when it is there. If it finds none, all of them
-        // do: what fails for lack of memory is not told apart from other failures, which then come again.
+        // The least recently used scenes make room; how much the new one needs is known only when it is loaded. If
+        // loading fails, all of them make room: a lack of memory cannot be distinguished from other failures, which
+        // then occur again.
         let subject = match self.scenes.load(self.gpu, &case.scene, &settings) {
             Err(_) if !self.loaded.is_empty() => {
                 self.loaded.clear();
-                // Memory is given back when the GPU has nothing left to do.
+                // Memory is returned when the GPU has finished all work.
                 self.gpu.wait()?;
                 self.scenes.load(self.gpu, &case.scene, &settings)
             }
@@ -375,7 +379,7 @@ impl<'a> Runner<'a> {
         self.loaded.iter_mut().for_each(|(_, loaded)| loaded.references.clear());
     }
 
-    /// Draws a setting without timing it, and judges what was drawn.
+    /// Draws a setting without timing it, and judges the frame.
     fn judged(&mut self, case: &Case) -> anyhow::Result<Run> {
         let references = self.loaded.iter().flat_map(|(_, loaded)| loaded.references.values());
         if references.map(|colors| size_of_val(&colors[..])).sum::<usize>() > MOST_REFERENCE_BYTES {
@@ -462,7 +466,8 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// All that a scene's loading depends on: how it is read, coloured and, without a camera or light of its own, seen and lit.
+/// A hash of all that a scene's loading depends on: how it is read, coloured and, without a camera or light of its own,
+/// seen and lit.
 fn loading_key(case: &Case, settings: &Settings) -> String {
     let Settings { scene, surface, color, view, light, .. } = settings;
     let differing =
@@ -479,7 +484,8 @@ fn tracer<'a>(traced: &'a Option<(f32, TracedScene)>, view: View<'a>) -> anyhow:
     Ok(Tracer::new(scene, view))
 }
 
-/// What the renderer drew last, with what the ray tracer puts into it where it is the method; the latter's milliseconds.
+/// The frame that the renderer drew last, with the ray tracer's result in it if that is the method; and the ray
+/// tracer's milliseconds.
 fn drawn(loaded: &Loaded, case: &Case, settings: &Settings, renderer: &Renderer) -> anyhow::Result<(Drawn, f64)> {
     let tracer = tracer(&loaded.traced, view(&loaded.subject, settings, case.size))?;
     let mut drawn = tracer.drawn(renderer)?;
@@ -488,7 +494,8 @@ fn drawn(loaded: &Loaded, case: &Case, settings: &Settings, renderer: &Renderer)
     Ok((drawn, milliseconds))
 }
 
-/// What the truth sees at each pixel, and its colours at the mirrors; these are kept, as several settings have them in common.
+/// What the truth sees at each pixel, and its colours at the mirrors; the colours are kept, as several settings share
+/// them.
 fn reference(
     loaded: &mut Loaded,
     plan: &Plan,
@@ -530,9 +537,9 @@ fn reference(
     Ok((seen, reference))
 }
 
-/// How much the mirrors' pixels flicker, in grey levels: while the camera stands still, and while it moves sideways by quarters of a
-/// pixel. Then a place on the mirror is followed from frame to frame; that what it shows moves is part of the figure, and the
-/// same for all methods.
+/// How much the mirrors' pixels flicker, in grey levels: while the camera stands still, and while it moves sideways by
+/// quarters of a pixel. Then a place on the mirror is followed from frame to frame; the motion of its content is part
+/// of the figure, and the same for all methods.
 fn flickers(
     loaded: &Loaded,
     case: &Case,
@@ -545,13 +552,13 @@ fn flickers(
     let mask: Vec<bool> = first.surface.mirror.iter().map(|mirror| *mirror > 0.0).collect();
     let mut measure = |steps| -> anyhow::Result<Option<f64>> {
         let (view, mut settings) = (&settings.view, settings.clone());
-        // Each frame is drawn anew, by what a method remembers of the ones before.
+        // Each frame is drawn anew, and methods may use what they remember of the frames before.
         settings.reflection.keep = false;
         renderer.forget();
         let draw = |camera: &Camera| -> anyhow::Result<FrameImages> {
-            // From the world's coordinates to those near the scene, and back.
+            // Between the world's coordinates and those near the scene.
             let camera = Camera { eye: camera.eye + origin, pivot: camera.pivot + origin, ..*camera };
-            // The ray tracer's own draw goes on as it would from frame to frame.
+            // The ray tracer's random numbers continue as they would from frame to frame.
             settings.trace.seed = settings.trace.seed.wrapping_add(1);
             renderer.render(&subject.store, &camera, &settings, subject.objects(), case.size)?;
             let view = View { camera: &camera, settings: &settings, objects: subject.objects(), size: case.size };

@@ -1,13 +1,15 @@
-//! Structural similarity (Wang et al. 2004, "Image Quality Assessment: From Error Visibility to Structural Similarity"): whether two
-//! pictures have the same structure around a pixel, whatever their brightness and contrast. 1: the same.
+//! Structural similarity (Wang et al. 2004, "Image Quality Assessment: From Error Visibility to Structural
+//! Similarity"): whether two pictures have the same structure around a pixel, whatever their brightness and contrast.
+//! It is 1 for equal structures.
 //!
-//! Of the luminance as a screen shows it, by the authors' Gaussian window (deviation 1.5 pixels, 11 wide) and constants.
+//! It is computed from the luminance as a screen shows it, with the authors' Gaussian window (deviation 1.5 pixels, 11
+//! wide) and constants.
 
 use crate::flicker::grey_level;
 use crate::flip::filter;
 
-/// Similarity around each pixel, -1 to 1, of two pictures of linear red, green and blue (sRGB primaries), clamped to 0 ..= 1. Rows
-/// are `width` long; beyond the picture, its border goes on.
+/// The similarity around each pixel, -1 to 1, of two pictures of linear red, green and blue (sRGB primaries), clamped
+/// to 0 ..= 1. Rows are `width` long; the picture is continued by its border.
 pub fn ssim(width: usize, picture: &[[f64; 3]], reference: &[[f64; 3]]) -> Vec<f64> {
     let [x, y] =
         [picture, reference].map(|colors| -> Vec<f64> { colors.iter().map(|color| grey_level(*color)).collect() });
@@ -38,7 +40,7 @@ mod tests {
 
     const SIZE: usize = 32;
 
-    /// Linear grey of a pattern of grey levels.
+    /// The linear grey of a pattern of grey levels.
     fn picture(level: impl Fn(usize, usize) -> f64) -> Vec<[f64; 3]> {
         let linear = |level: f64| {
             let value = level / 255.0;
@@ -47,7 +49,7 @@ mod tests {
         (0..SIZE * SIZE).map(|pixel| [linear(level(pixel % SIZE, pixel / SIZE)); 3]).collect()
     }
 
-    /// Over the pixels whose windows lie in the picture.
+    /// The mean over the pixels whose windows lie in the picture.
     fn mean_inside(values: &[f64]) -> f64 {
         let inside: Vec<f64> = (0..values.len())
             .filter(|pixel| (5..SIZE - 5).contains(&(pixel % SIZE)) && (5..SIZE - 5).contains(&(pixel / SIZE)))
@@ -60,7 +62,7 @@ mod tests {
         120.0 + 60.0 * (x as f64 * 0.7).sin() + 40.0 * (y as f64 * 0.4).cos()
     }
 
-    /// Means of three pairs by scikit-image 0.26: structural_similarity(gaussian_weights=True, sigma=1.5,
+    /// The means of three pairs by scikit-image 0.26: structural_similarity(gaussian_weights=True, sigma=1.5,
     /// use_sample_covariance=False, data_range=255).
     const SHIFTED: f64 = 0.780_147_106_691;
     const DARKER: f64 = 0.952_434_225_043;

@@ -21,21 +21,21 @@ use trace::exact::Albedo;
 use crate::stability::sampled::{Piece, Scene};
 use crate::subject::Subject;
 
-/// What names of cases start with.
+/// The prefix of the names of cases.
 pub const PREFIX: &str = "stability/";
 
 /// A kind of scene.
 struct Case {
-    /// Without [`PREFIX`] and value.
+    /// The name without [`PREFIX`] and value.
     name: &'static str,
-    /// What its value is, in words, with the unit.
+    /// The meaning of its value, in words, with the unit.
     value: &'static str,
     default: f64,
     range: RangeInclusive<f64>,
     scene: fn(f64) -> Scene,
 }
 
-/// All of them, in the order of the docs.
+/// All cases, in the order of the docs.
 const CASES: [Case; 15] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
@@ -120,22 +120,22 @@ const CASES: [Case; 15] = [
     },
 ];
 
-/// Whether this is the name of a case, known or not.
+/// Whether the name has the form of a case, known or not.
 pub fn is_case(name: &str) -> bool {
     name.starts_with(PREFIX)
 }
 
-/// What a case sets: all defaults, but for its field of view.
+/// The settings of a case: all defaults, except its field of view.
 ///
 /// # Errors
-/// As of [`subject`].
+/// Those of [`subject`].
 pub fn settings(name: &str) -> anyhow::Result<Settings> {
     let mut settings = Settings::default();
     settings.view.field_of_view = scene(name)?.field_of_view;
     Ok(settings)
 }
 
-/// A case, from `stability/NAME:VALUE` or `stability/NAME`, which takes its default.
+/// The subject of a case `stability/NAME:VALUE`, or of `stability/NAME` with its default value.
 ///
 /// # Errors
 /// Unknown name, no number, out of range; no memory on the GPU.
@@ -171,26 +171,26 @@ fn find(name: &str) -> anyhow::Result<(&'static Case, f64)> {
     }
 }
 
-/// Rows of the pictures that widths in pixels are told for.
+/// The height of the pictures for which widths in pixels are given.
 const ROWS: f64 = 240.0;
-/// Of the five mirrors' definition.
+/// The field of view in the five mirrors' definition.
 const FIELD_OF_VIEW: f32 = 60.0;
-/// Radius of the sphere of the five mirrors.
+/// The radius of the sphere of the five mirrors.
 const RADIUS: f64 = 0.43;
-/// Width of the squares on the walls, those of the five mirrors' floor.
+/// The width of the squares on the walls, equal to those of the five mirrors' floor.
 const CHECK: f64 = 0.25;
 
-/// Width of a pixel at a distance of one along the line of sight, with the field of view above.
+/// The width of a pixel at a distance of one along the line of sight, with the field of view above.
 fn pixel() -> f64 {
     2.0 * (f64::from(FIELD_OF_VIEW).to_radians() / 2.0).tan() / ROWS
 }
 
-/// The box of the five mirrors. All of its walls are checkered: what is shown in the wrong place can be seen.
+/// The box of the five mirrors, with checkered walls, so that a misplaced reflection is visible.
 fn room() -> Vec<Piece> {
     walls().map(|(surface, _)| Piece::wall(surface, Albedo::At(checkered))).into()
 }
 
-/// Linear albedo of the box's walls: left red, right green, the others pale.
+/// The linear albedo of the box's walls: left red, right green, the others pale.
 fn checkered(position: DVec3) -> [f64; 3] {
     // The wall is across the axis along which the place is farthest out.
     let axis = (position / DVec3::new(1.0, 1.0, 2.0)).abs().max_position();
@@ -204,7 +204,7 @@ fn checkered(position: DVec3) -> [f64; 3] {
     own.map(|value| if is_dark { 0.25 * value } else { value })
 }
 
-/// Two wide lamps under the ceiling, which light all of the box.
+/// Two wide lamps under the ceiling, which light the whole box.
 fn lamps() -> Vec<SpotLight> {
     let lamp = |z| SpotLight {
         position: DVec3::new(0.0, 0.95, z),
@@ -216,19 +216,19 @@ fn lamps() -> Vec<SpotLight> {
     [-1.0, 1.0].map(lamp).into()
 }
 
-/// The box with these mirrors, seen as the five mirrors are.
+/// The box with these mirrors, seen like the five mirrors.
 fn in_room(mirrors: impl IntoIterator<Item = Piece>) -> Scene {
     let mut pieces = room();
     pieces.extend(mirrors);
     Scene { pieces, camera: five_mirrors::camera(), field_of_view: FIELD_OF_VIEW }
 }
 
-/// Facing the camera.
+/// A mirror that faces the camera.
 fn mirror(shape: Shape, position: DVec3, size: f64) -> Mirror {
     Mirror { position, as_points: true, ..Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Y, size) }
 }
 
-/// With points enough for its normals to be smooth: 25 thousand.
+/// A mirror with enough points for smooth normals: 25 thousand.
 fn sphere(position: DVec3, radius: f64) -> Piece {
     Piece::mirror(mirror(Shape::Sphere, position, radius)).spaced(radius / 45.0)
 }
@@ -257,7 +257,7 @@ fn wide_view(degrees: f64) -> Scene {
     Scene { camera, field_of_view: degrees as f32, ..in_room([sphere(eye + direction, radius)]) }
 }
 
-/// A hollow mirror, the eye on its axis.
+/// A hollow mirror with the eye on its axis.
 fn eye_at_focus(distance: f64) -> Scene {
     let (focal_length, rim) = (0.4, 0.5);
     let vertex = DVec3::Z * -1.2;
@@ -296,15 +296,15 @@ fn thin_tube(width: f64) -> Scene {
     in_room([Piece::mirror(mirror).spaced((tube / 2.5).min(0.006))])
 }
 
-/// A paraboloid that is this steep at its rim.
+/// A paraboloid with this slope at its rim.
 fn paraboloid(slope: f64) -> Shape {
-    // z = r^2 / 4 f, of which the slope is r / 2 f.
+    // z = r^2 / 4 f, whose slope is r / 2 f.
     Shape::Paraboloid { focal_length: 0.5 / slope.to_radians().tan() }
 }
 
 /// A hollow mirror, and a plane that touches its rim and covers a part of it.
 fn flat_beside_hollow(share: f64) -> Scene {
-    // The eye is more than five focal lengths away: nothing of this is due to the focus.
+    // The eye is more than five focal lengths away: the focus plays no role.
     let (rim, slope) = (0.45, 35.0_f64);
     let rim_height = rim * slope.to_radians().tan() / 2.0;
     let hollow = mirror(paraboloid(slope), DVec3::Z * -rim_height, rim);
@@ -318,7 +318,7 @@ fn flat_beside_hollow(share: f64) -> Scene {
     in_room(pieces.into_iter().flatten().map(|mirror| Piece::mirror(mirror).spaced(0.006)))
 }
 
-/// A sphere whose points have normals with noise.
+/// A sphere whose points have noisy normals.
 fn noisy_normals(degrees: f64) -> Scene {
     in_room([sphere(DVec3::ZERO, RADIUS).noisy(degrees)])
 }
@@ -347,14 +347,14 @@ fn sparse_room(points: f64) -> Scene {
 /// A sphere in a box without its ceiling and the wall behind the eye.
 fn open_box(radius: f64) -> Scene {
     let mut pieces = room();
-    // The last is behind the eye, the fourth the ceiling.
+    // The last is behind the eye, the fourth is the ceiling.
     pieces.pop();
     pieces.remove(3);
     pieces.push(sphere(DVec3::ZERO, radius));
     Scene { pieces, camera: five_mirrors::camera(), field_of_view: FIELD_OF_VIEW }
 }
 
-/// A sphere before a fence that stands this far before the wall it hides.
+/// A sphere before a fence at this distance from the wall that it hides.
 fn fence(distance: f64) -> Scene {
     // Slats along both side walls, a tenth wide and a tenth apart.
     let slats = (-18..18).step_by(2).flat_map(|slat| {
@@ -368,11 +368,11 @@ fn fence(distance: f64) -> Scene {
     in_room(slats.chain([sphere(DVec3::ZERO, RADIUS)]))
 }
 
-/// Spheres side by side, of the size that five have room for.
+/// Spheres side by side, of a size for which five have room.
 fn crowd(mirrors: f64) -> Scene {
     let count = mirrors.round() as i32;
     let at = |index: i32| DVec3::X * 0.36 * (f64::from(index) - f64::from(count - 1) / 2.0);
-    // As dense as each other, however many there are.
+    // Equally dense, however many there are.
     in_room((0..count).map(|index| sphere(at(index), 0.16).spaced(0.006)))
 }
 

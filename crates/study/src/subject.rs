@@ -1,4 +1,4 @@
-//! What pictures are made of and judged by: a scene in memory and on the GPU, and what looks at it.
+//! The subject of pictures and figures: a scene in memory and on the GPU, with its camera.
 
 use std::sync::Arc;
 
@@ -10,25 +10,25 @@ use scene::{Camera, ColorBy, Mirror, Settings, SpotLight};
 use trace::exact::Object;
 use trace::{Exact, Mesh, Vertex, linear_from_srgb};
 
-/// A scene that is loaded.
+/// A loaded scene.
 pub struct Subject {
     /// The points in memory, as they were uploaded to `store`.
     pub parts: Vec<Part>,
     pub store: PointStore,
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
-    /// As in [`Objects`].
+    /// The same as in [`Objects`].
     pub sky_is_open: bool,
     pub camera: Camera,
     /// The surfaces behind the points, if they are known.
     pub exact: Option<Exact>,
 }
 
-/// What a file says of a mesh beside its vertices.
+/// The faces of a mesh file.
 pub struct Faces {
-    /// By the vertices' places in the file.
+    /// The triangles, by the vertices' indices in the file.
     pub triangles: Vec<[u32; 3]>,
-    /// The vertices' normals are the file's own.
+    /// Whether the vertices' normals are the file's own.
     pub has_normals: bool,
 }
 
@@ -38,12 +38,12 @@ pub struct Part {
     pub specular_intensity: f32,
     pub specular_power: f32,
     pub plan: ColorPlan,
-    /// Unit vector.
+    /// The up direction, a unit vector.
     pub up: DVec3,
 }
 
 impl Subject {
-    /// One of the five mirrors; `settings.scene` says how many points.
+    /// One of the five mirrors; `settings.scene` gives the number of points.
     ///
     /// # Errors
     /// No memory on the GPU.
@@ -97,9 +97,9 @@ impl Subject {
         Ok(Self { parts: kept, store, mirrors, lights, sky_is_open: false, camera, exact })
     }
 
-    /// The surfaces behind clouds whose points are the vertices of meshes: their triangles, in the colours that the vertices are
-    /// drawn in, and the formulas of the mirrors. `faces`: of each cloud, in order. `None` where points of the clouds are
-    /// mirrors, or where there is no triangle to see.
+    /// Adds the surfaces behind clouds whose points are the vertices of meshes: their triangles, in the colours in
+    /// which the vertices are drawn, and the formulas of the mirrors. `faces` are those of each cloud, in order. `None`
+    /// where points of the clouds are mirrors, or if no triangle is visible.
     pub fn surfaces_of_meshes(&self, faces: &[Faces]) -> Option<Exact> {
         if faces.is_empty() || self.parts.len() != faces.len() + self.mirrors.len() {
             return None;
@@ -124,7 +124,7 @@ impl Subject {
 }
 
 impl Part {
-    /// The points that stand for a mirror.
+    /// The points that represent a mirror.
     pub fn of_mirror(mirror: &Mirror, samples: Cloud) -> Self {
         let own = scene::Color { by: ColorBy::Rgb, ..scene::Color::default() };
         let (plan, _) = ColorPlan::new(&samples, &own, DVec3::Z);
@@ -132,7 +132,7 @@ impl Part {
         Self { cloud: samples, specular_intensity, specular_power, plan, up: DVec3::Z }
     }
 
-    /// The colour of points that have none of their own, sRGB.
+    /// The sRGB colour of points without a colour of their own.
     pub(crate) fn plain(&self) -> [u8; 4] {
         if self.plan.source == ColorSource::Rgb { [u8::MAX; 4] } else { self.plan.plain }
     }
@@ -157,7 +157,7 @@ impl Part {
                 }
             }));
         }
-        // What could not be read of the file has left a gap; a vertex in it is none.
+        // A part of the file that could not be read has left a gap; a vertex in it does not exist.
         let there = |corner: u32| {
             let next = starts.partition_point(|(first, _)| *first <= u64::from(corner));
             let (first, start) = starts.get(next.checked_sub(1)?)?;
@@ -170,7 +170,7 @@ impl Part {
         Mesh::new(&vertices, &triangles)
     }
 
-    /// The points in the colours that they are drawn in, with places from `origin`.
+    /// The points in the colours in which they are drawn, relative to `origin`.
     pub(crate) fn painted(&self, origin: DVec3) -> Vec<Chunk> {
         let ramp = render::ramp_colors(self.plan.ramp);
         let classes = self.cloud.class_column();

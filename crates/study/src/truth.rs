@@ -1,8 +1,9 @@
-//! A frame that was drawn beside what the ray tracer sees in its place.
+//! Compares a frame with what the ray tracer sees in its place.
 //!
-//! [`TracedScene`] is the points as discs, and the exact surfaces behind them; making it is the costly part, and it serves all pictures
-//! of a scene. [`Tracer`] looks at it as one frame does. By [`Truth::SameInput`] all starts from the frame's own surface
-//! (positions, normals, colours of its pixels), by [`Truth::Exact`] from the rays through the pixels' centres.
+//! [`TracedScene`] is the points as discs, and the exact surfaces behind them; making it is the costly part, and it
+//! serves all pictures of a scene. [`Tracer`] looks at it as one frame does. With [`Truth::SameInput`] everything
+//! starts from the frame's own surface (positions, normals, colours of its pixels), with [`Truth::Exact`] from the rays
+//! through the pixels' centres.
 
 use std::time::Instant;
 
@@ -20,19 +21,19 @@ use crate::accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_
 use crate::metrics::{Accuracy, ImageError, PixelError, Truth, image_error};
 use crate::subject::Part;
 
-/// A scene as the ray tracer has it.
+/// A scene in the form for the ray tracer.
 pub struct TracedScene {
     pub surfels: Surfels,
-    /// For rays in coordinates from `origin`.
+    /// The exact surfaces, for rays in coordinates relative to `origin`.
     pub exact: Option<Exact>,
-    /// What all places are from: near the scene, so that images of 32-bit positions hold them finely.
+    /// The origin of all positions: near the scene, so that images of 32-bit positions are precise.
     pub origin: DVec3,
-    /// World coordinates.
+    /// The bounds in world coordinates.
     bounds: Bounds,
 }
 
 impl TracedScene {
-    /// `splat_size` as in `splat.size`.
+    /// Builds the scene; `splat_size` is `splat.size`.
     ///
     /// # Errors
     /// Cancelled.
@@ -51,7 +52,7 @@ impl TracedScene {
     }
 }
 
-/// How a frame was drawn.
+/// The settings with which a frame was drawn.
 #[derive(Clone, Copy)]
 pub struct View<'a> {
     pub camera: &'a Camera,
@@ -60,25 +61,25 @@ pub struct View<'a> {
     pub size: [u32; 2],
 }
 
-/// What each pixel sees, and the direction of the ray that sees it; none where that is nothing.
+/// For each pixel the hit that it sees and the direction of the ray; `None` if it sees nothing.
 pub type Seen = Vec<Option<(Hit, DVec3)>>;
 
-/// Those of the pixels that see a mirror.
+/// The hits of the pixels that see a mirror.
 pub fn mirrors_of(seen: &[Option<(Hit, DVec3)>]) -> Seen {
     seen.iter().map(|seen| seen.filter(|(hit, _)| hit.specular_intensity > 0.0)).collect()
 }
 
-/// A frame's images. Rows top to bottom; positions from the traced scene's origin.
+/// The images of a frame. Rows top to bottom; positions relative to the traced scene's origin.
 pub struct Drawn {
     pub surface: Surface,
-    /// Position of what is seen in the mirrors, and coverage: four values a pixel.
+    /// The positions seen in the mirrors, and coverage: four values a pixel.
     pub found: Vec<f32>,
-    /// Linear red, green and blue, before tone mapping.
+    /// The linear red, green and blue before tone mapping.
     pub color: Vec<[f32; 3]>,
 }
 
 impl Drawn {
-    /// The frame that was rendered last, with these settings; positions from `origin`.
+    /// The frame that was rendered last, with these settings; positions relative to `origin`.
     ///
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
@@ -98,7 +99,7 @@ fn has_reflections(settings: &Settings) -> bool {
     settings.reflection.method != Method::None && settings.reflection.bounces > 0
 }
 
-/// What the camera sees of the points.
+/// The surfaces that the camera sees of the points.
 pub struct Surface {
     pub mirror: Vec<f32>,
     pub position: Vec<f32>,
@@ -109,7 +110,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Of the frame that was rendered last, positions from `origin`.
+    /// The surface of the frame that was rendered last, with positions relative to `origin`.
     ///
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
@@ -125,13 +126,13 @@ impl Surface {
         })
     }
 
-    /// All that is known of it.
+    /// All images of the surface.
     pub(crate) fn images(&self) -> [&[f32]; 6] {
         let Self { mirror, position, normal, albedo, specular_intensity, specular_power } = self;
         [mirror, position, normal, albedo, specular_intensity, specular_power]
     }
 
-    /// What a frame would hold that saw these, without any error of its own.
+    /// A frame that saw these hits without any error of its own.
     #[cfg(test)]
     pub(crate) fn of_hits(hits: &[Option<Hit>]) -> Self {
         let vectors = |vector: fn(&Hit) -> DVec3| -> Vec<f32> {
@@ -150,7 +151,7 @@ impl Surface {
         }
     }
 
-    /// In pixels.
+    /// The width and height in pixels.
     pub fn len(&self) -> usize {
         self.mirror.len()
     }
@@ -163,7 +164,7 @@ impl Surface {
         self.mirror[pixel] > 0.0
     }
 
-    /// The surface that a pixel sees, as the end of the eye's ray.
+    /// The surface that a pixel sees, as the hit of the eye's ray.
     fn hit(&self, pixel: usize, rays: &PixelRays) -> Option<Hit> {
         let [position, normal, albedo] = [&self.position, &self.normal, &self.albedo].map(|image| {
             let [x, y, z] = [0, 1, 2].map(|axis| f64::from(image[pixel * 3 + axis]));
@@ -182,11 +183,11 @@ impl Surface {
     }
 }
 
-/// What the method `ray_trace` made of a frame.
+/// The result of the method `ray_trace` for a frame.
 pub struct RayTraced {
-    /// Of tracing and lighting what the mirror pixels show, all bounces, on all cores, by the host's clock.
+    /// The time of tracing and lighting what the mirror pixels show, all bounces, on all cores, by the host's clock.
     pub milliseconds: f64,
-    /// What each mirror pixel's ray meets first.
+    /// The first hit of each mirror pixel's ray.
     pub first: Vec<Option<Hit>>,
 }
 
@@ -212,7 +213,7 @@ impl<'a> Tracer<'a> {
         Self { scene, rays: PixelRays::new(&seen, &settings.view, size, reach), lights: lights.collect(), view }
     }
 
-    /// The frame that was rendered last, with the view that this tracer has.
+    /// The frame that was rendered last, with the view of this tracer.
     ///
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
@@ -227,7 +228,7 @@ impl<'a> Tracer<'a> {
         (0..surface.len()).map(seen).collect()
     }
 
-    /// What the rays through the pixels' centres meet of exact surfaces.
+    /// The hits of the rays through the pixels' centres on exact surfaces.
     ///
     /// # Errors
     /// No exact surfaces, or cancelled.
@@ -240,7 +241,7 @@ impl<'a> Tracer<'a> {
         self.scene.exact.as_ref().ok_or(Error::NoSurfaces)
     }
 
-    /// Puts what the ray tracer sees in the mirrors into the frame: the method `ray_trace`.
+    /// Replaces the content of the frame's mirrors by what the ray tracer sees in them: the method `ray_trace`.
     ///
     /// # Errors
     /// Cancelled.
@@ -260,7 +261,8 @@ impl<'a> Tracer<'a> {
         Ok(RayTraced { milliseconds, first })
     }
 
-    /// World positions and coverage of hits, in coordinates from `origin`; for the frame's own images, that is zero.
+    /// The world positions and the coverage of hits whose coordinates are relative to `origin`, which is zero for the
+    /// frame's own images.
     fn positions(&self, hits: &[Option<Hit>], origin: DVec3) -> Vec<f32> {
         let texel = |hit: &Option<Hit>| {
             hit.map_or([f32::NAN; 4], |hit| (hit.position + origin).as_vec3().extend(1.0).to_array())
@@ -268,7 +270,8 @@ impl<'a> Tracer<'a> {
         hits.iter().flat_map(texel).collect()
     }
 
-    /// What a method leaves behind of the first bounce, as the renderer's images of the same names have it.
+    /// The images of the first bounce that a method leaves behind, in the form of the renderer's images of the same
+    /// names.
     pub fn mirror_image(&self, aov: Aov, first: &[Option<Hit>]) -> Option<AovImage> {
         let vectors = |vector: fn(&Hit) -> DVec3| -> Vec<f32> {
             first.iter().flat_map(|hit| hit.as_ref().map_or(DVec3::NAN, vector).as_vec3().to_array()).collect()
@@ -282,7 +285,7 @@ impl<'a> Tracer<'a> {
         Some(AovImage { size: self.view.size, channels: aov.channels(), data })
     }
 
-    /// What the reflected ray of each mirror pixel meets.
+    /// The hits of the reflected ray of each mirror pixel.
     ///
     /// # Errors
     /// Cancelled.
@@ -298,7 +301,7 @@ impl<'a> Tracer<'a> {
         Ok(points.iter().map(|point| point.and_then(|_| reflections.next()?.first)).collect())
     }
 
-    /// How the frame is lit, as the ray tracer takes it.
+    /// The frame's lighting, in the form for the ray tracer.
     pub fn illumination(&self) -> Illumination<'_> {
         let Settings { light, sun, gi, trace, mirror, reflection, view, .. } = self.view.settings;
         let source = match light.lighting(!self.lights.is_empty(), self.view.objects.sky_is_open) {
@@ -318,7 +321,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Radiance of what is seen, linear red, green and blue; NaN where that is nothing.
+    /// The radiance of what is seen, linear red, green and blue; NaN if nothing is seen.
     ///
     /// # Errors
     /// No exact surfaces, or cancelled.
@@ -330,7 +333,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// [`Tracer::colors`] by the same input, with so many paths of indirect light from another seed than the settings say.
+    /// [`Tracer::colors`] with the same input, but with this number of paths of indirect light and another seed than
+    /// the settings'.
     ///
     /// # Errors
     /// Cancelled.
@@ -346,7 +350,7 @@ impl<'a> Tracer<'a> {
         colors_in(&self.scene.surfels, seen, &Illumination { indirect, ..illumination }, progress)
     }
 
-    /// Paths of indirect light that the settings ask for; 0 where there is no such light to find.
+    /// The number of paths of indirect light that the settings ask for; 0 if there is no such light.
     pub(crate) fn samples(&self) -> u32 {
         let Illumination { source, indirect, .. } = self.illumination();
         let has_light = match source {
@@ -365,13 +369,13 @@ impl<'a> Tracer<'a> {
         self.view.size[0] as usize
     }
 
-    /// Indirect light that each pixel's own surface sends out, without what it reflects as a mirror, linear red, green and blue; NaN
-    /// where nothing is seen.
+    /// The indirect light that each pixel's own surface sends out, without its mirror reflection, linear red, green and
+    /// blue; NaN where nothing is seen.
     ///
     /// # Errors
     /// No exact surfaces, or cancelled.
     pub fn indirect(&self, truth: Truth, seen: &[Option<(Hit, DVec3)>], progress: &Progress) -> Result<Vec<[f32; 3]>> {
-        // As the renderer's own: a mirror is diffuse if nobody looks for what it reflects.
+        // As in the renderer, a mirror is diffuse if reflections are not followed.
         let bounces = if has_reflections(self.view.settings) { self.view.settings.reflection.bounces } else { 0 };
         let illumination = Illumination { bounces, ..self.illumination() };
         let light = match truth {
@@ -382,7 +386,7 @@ impl<'a> Tracer<'a> {
         Ok(light.map(|light| light.unwrap_or(DVec3::NAN).as_vec3().to_array()).collect())
     }
 
-    /// Judges what was found in the mirrors; the colours are left to [`Tracer::image_error`].
+    /// Judges the positions found in the mirrors; [`Tracer::image_error`] judges the colours.
     ///
     /// # Errors
     /// No exact surfaces, or cancelled.
@@ -394,7 +398,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// How far each filled mirror pixel is off, by the same input.
+    /// The error of each filled mirror pixel, with the same input.
     ///
     /// # Errors
     /// Cancelled.

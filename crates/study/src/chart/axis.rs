@@ -1,10 +1,10 @@
-//! Axes: where a value stands, and what is written beside the line.
+//! Axes: the place of a value along the line, and the labels beside it.
 
-/// Values that span more than this many decades stand on a logarithmic axis.
+/// Values that span more than this many decades get a logarithmic axis.
 const LOG_FROM: f64 = 1.5;
-/// Share of a logarithmic axis that is set apart for the value zero.
+/// The share of a logarithmic axis that is reserved for the value zero.
 const FLOOR: f64 = 0.08;
-/// Room beyond the outermost values, share of the axis.
+/// The room beyond the outermost values as a share of the axis.
 const MARGIN: f64 = 0.05;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -15,46 +15,47 @@ enum Scale {
     Words(Vec<String>),
 }
 
-/// From values to places along a line.
+/// Maps values to places along a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     low: f64,
     high: f64,
     scale: Scale,
-    /// There are values without a place on a logarithmic axis: they stand at its very beginning.
+    /// The values at the beginning of a logarithmic axis, which have no other place on it.
     floor: Floor,
-    /// Values that are ticks, instead of round ones.
+    /// The values that are ticks, instead of round ones.
     stops: Vec<f64>,
 }
 
-/// What stands at the beginning of a logarithmic axis.
+/// The kind of values at the beginning of a logarithmic axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Floor {
-    /// Nothing.
+    /// None.
     None,
-    /// Zeros alone.
+    /// Only zeros.
     Zero,
-    /// Also values that are above zero, but next to nothing beside the others.
+    /// Also values above zero that are negligible beside the others.
     NearZero,
 }
 
-/// Decades of a logarithmic axis: a value that is a ten-thousandth of another one might as well be zero.
+/// The decades of a logarithmic axis: a value of a ten-thousandth of another one might as well be zero.
 const MOST_DECADES: f64 = 4.0;
-/// So long is the shortest logarithmic axis: two round values lie within.
+/// The length of the shortest logarithmic axis: it contains two round values.
 const LEAST_DECADES: f64 = 0.7;
-/// So few values are ticks themselves.
+/// Up to this many values are ticks themselves.
 const MOST_STOPS: usize = 10;
 
 /// A mark on an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// 0 to 1.
+    /// The place, 0 to 1.
     pub share: f64,
     pub label: String,
 }
 
 impl Axis {
-    /// Linear, or logarithmic if no value is negative and they span more than one and a half decades.
+    /// An axis for any values: linear, or logarithmic if no value is negative and they span more than one and a half
+    /// decades.
     pub fn of(values: &[f64]) -> Self {
         let positive = || values.iter().copied().filter(|value| *value > 0.0);
         let (least, most) = (positive().fold(f64::INFINITY, f64::min), positive().fold(0.0, f64::max));
@@ -66,14 +67,15 @@ impl Axis {
         }
     }
 
-    /// For errors that times are charted against: logarithmic from one decade, or that of doing nothing presses all others down.
+    /// An axis for errors charted against time: logarithmic from one decade on, because otherwise the error of doing
+    /// nothing would flatten all others.
     pub fn of_errors(values: &[f64]) -> Self {
         let positive = || values.iter().copied().filter(|value| *value > 0.0);
         let (least, most) = (positive().fold(f64::INFINITY, f64::min), positive().fold(0.0, f64::max));
         if most > 10.0 * least { Self::log(values) } else { Self::of(values) }
     }
 
-    /// For values that were swept: few of them are the ticks, and they keep clear of its ends.
+    /// An axis for swept values: a few of them are the ticks, and they keep clear of its ends.
     pub fn swept(values: &[f64]) -> Self {
         let mut axis = Self::of(values);
         if axis.scale == Scale::Linear {
@@ -83,7 +85,7 @@ impl Axis {
         Self { stops, ..axis }
     }
 
-    /// Values that are not above zero stand at its beginning.
+    /// Values that are not above zero are at its beginning.
     pub fn log(values: &[f64]) -> Self {
         let positive = || values.iter().copied().filter(|value| *value > 0.0 && value.is_finite());
         let (mut low, mut high) = (positive().fold(f64::INFINITY, f64::min), positive().fold(0.0, f64::max));
@@ -95,7 +97,7 @@ impl Axis {
         if has_least {
             low = positive().filter(|value| *value >= least).fold(high, f64::min);
         }
-        // Close values, or a single one, stand in the middle of an axis that has round values at all.
+        // Close values, or a single one, are in the middle of an axis that contains round values.
         let decades = (high / low).log10();
         let margin = (decades * MARGIN).max((LEAST_DECADES - decades) / 2.0);
         let factor = 10_f64.powf(margin);
@@ -113,7 +115,7 @@ impl Axis {
         if low > high {
             (low, high) = (0.0, 1.0);
         }
-        // Zero belongs to the picture unless all is far from it.
+        // Zero is included unless all values are far from it.
         if low >= 0.0 && low < 0.7 * high {
             low = 0.0;
         }
@@ -130,7 +132,7 @@ impl Axis {
         Self { low: 0.0, high: 1.0, scale: Scale::Words(words), floor: Floor::None, stops: Vec::new() }
     }
 
-    /// The value that stands for a word, or the number that a text is.
+    /// The value that represents a word, or the number in a text.
     pub fn value_of(&self, text: &str) -> Option<f64> {
         match &self.scale {
             Scale::Words(words) => {
@@ -140,7 +142,7 @@ impl Axis {
         }
     }
 
-    /// Where a value stands, 0 to 1 within the axis.
+    /// The place of a value, 0 to 1 within the axis.
     pub fn share(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Log if value < self.low => 0.0,
@@ -152,7 +154,7 @@ impl Axis {
         }
     }
 
-    /// Whether a value stands at the beginning of a logarithmic axis because it has no place on it.
+    /// Whether a value is at the beginning of a logarithmic axis because it has no other place on it.
     pub fn is_on_floor(&self, value: f64) -> bool {
         self.scale == Scale::Log && value < self.low
     }

@@ -1,11 +1,11 @@
-//! Where everything in a chart has its place.
+//! Computes where everything in a chart is placed.
 
 use super::shapes::{Anchor, Place, Shape, width};
 use super::{Chart, Curve, Limit, Marker, Panel, Style};
 
-/// Charts are read at this width.
+/// The width at which charts are read.
 const WIDTH: f64 = 900.0;
-/// Left and right of everything.
+/// The margin left and right of everything.
 const EDGE: f64 = 12.0;
 const TITLE_SIZE: f64 = 17.0;
 const TEXT_SIZE: f64 = 12.5;
@@ -15,12 +15,12 @@ const GRID: [u8; 3] = [228, 228, 228];
 const FRONT: [u8; 3] = [170, 170, 170];
 const FORBIDDEN: [u8; 3] = [200, 40, 40];
 const MARKER_RADIUS: f64 = 4.5;
-/// Between the lines of a legend.
+/// The distance between the lines of a legend.
 const LEGEND_LINE: f64 = 20.0;
-/// Length of a dash and of the gap behind it.
+/// The length of a dash and of the gap behind it.
 const DASHES: (f64, f64) = (6.0, 4.0);
 
-/// From the upper left corner.
+/// A rectangle, measured from the upper left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Rect {
     left: f64,
@@ -72,7 +72,7 @@ pub fn layout(chart: &Chart) -> (Vec<Shape>, [u32; 2]) {
     (shapes, [WIDTH as u32, (top + rows as f64 * panel_height + 6.0) as u32])
 }
 
-/// Names of curves and levels, once each, in lines from `top`; where the panels begin.
+/// Places the names of curves and levels, once each, in lines from `top`; returns where the panels begin.
 fn legend(chart: &Chart, top: f64, shapes: &mut Vec<Shape>) -> f64 {
     let mut entries: Vec<(&str, Option<Style>, Style)> = Vec::new();
     for panel in &chart.panels {
@@ -120,7 +120,7 @@ fn legend(chart: &Chart, top: f64, shapes: &mut Vec<Shape>) -> f64 {
 }
 
 fn draw_panel(panel: &Panel, area: Rect, shapes: &mut Vec<Shape>) {
-    // Of the height, titles and labels take 76.
+    // Titles and labels take 76 pixels of the height.
     let ticks_y = panel.y.ticks(((area.bottom - area.top - 76.0) / 40.0) as usize);
     let tick_width = ticks_y.iter().map(|tick| width(&tick.label, LABEL_SIZE)).fold(0.0, f64::max);
     let plot = Rect {
@@ -188,7 +188,7 @@ fn draw_limit(limit: &Limit, panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>)
     dashed(plot.at(left, y), plot.at(right, y), FORBIDDEN, 1, shapes);
 }
 
-/// Level until the next better setting, then down, or up where more is better.
+/// The front: level until the next better setting, then down, or up where more is better.
 fn draw_front(panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>) {
     let mut points: Vec<Place> = Vec::new();
     let start = if panel.more_is_better { plot.bottom } else { plot.top };
@@ -221,7 +221,7 @@ fn draw_curve(curve: &Curve, panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>)
     }
 }
 
-/// Hollow ones are on the floor of a logarithmic axis: their value is zero.
+/// Hollow marks are on the floor of a logarithmic axis: their value is zero.
 fn marker_shapes(style: Style, (x, y): Place, is_hollow: bool, shapes: &mut Vec<Shape>) {
     let radius = MARKER_RADIUS;
     let corners: &[(f64, f64)] = match style.marker {
@@ -244,7 +244,8 @@ fn marker_shapes(style: Style, (x, y): Place, is_hollow: bool, shapes: &mut Vec<
     }
 }
 
-/// Labels beside their marks, where they hide neither marks nor one another; a label without a place is left out.
+/// Places labels beside their marks, where they hide neither marks nor one another; a label without a place is left
+/// out.
 fn draw_labels(panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>) {
     let marks = || panel.curves.iter().flat_map(|curve| curve.marks.iter().map(move |mark| (mark, curve.style)));
     let at = |x: f64, y: f64| place(panel, plot, x, y);
@@ -278,7 +279,7 @@ fn draw_labels(panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>) {
         if let Some(label) = free {
             let center = ((label.left + label.right) / 2.0, (label.top + label.bottom) / 2.0);
             let color = style.color.map(|value| (f64::from(value) * 0.75) as u8);
-            // A label that is far off is led to its mark.
+            // A line connects a label that is far off with its mark.
             let (right, below) = (center.0 - x, center.1 - y);
             if below.abs() > 1.5 * down {
                 let end = (x + right * 0.6, y + below - below.signum() * half_height);

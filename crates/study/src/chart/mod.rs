@@ -1,6 +1,6 @@
-//! Charts of a study: time against error with the Pareto front, and figures over what was swept.
+//! Charts of a study: time against error with the Pareto front, and figures over swept values.
 //!
-//! A chart is panels of marks first (`charts`), then shapes with places (`layout`), then an SVG or PNG (`shapes`).
+//! A chart is first panels of marks (`charts`), then shapes with places (`layout`), then an SVG or PNG (`shapes`).
 
 mod axis;
 mod layout;
@@ -17,14 +17,14 @@ use axis::Axis;
 
 pub use axis::number;
 
-/// A picture of results.
+/// A chart of results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
-    /// File name without extension.
+    /// The file name without extension.
     pub name: String,
     pub title: String,
     panels: Vec<Panel>,
-    /// Most panels side by side.
+    /// The most panels side by side.
     columns: usize,
 }
 
@@ -37,9 +37,9 @@ struct Panel {
     x_title: String,
     y_title: String,
     curves: Vec<Curve>,
-    /// Values that hold for the whole width.
+    /// Values that are constant over the whole width.
     levels: Vec<Level>,
-    /// Corners of the Pareto front, by rising time.
+    /// The corners of the Pareto front, by rising time.
     front: Vec<(f64, f64)>,
     more_is_better: bool,
     limit: Option<Limit>,
@@ -47,7 +47,7 @@ struct Panel {
 
 #[derive(Clone, Debug, PartialEq)]
 struct Curve {
-    /// As the legend has it.
+    /// The name in the legend.
     name: String,
     style: Style,
     is_joined: bool,
@@ -58,7 +58,7 @@ struct Curve {
 struct Mark {
     x: f64,
     y: f64,
-    /// Quartiles.
+    /// The quartiles.
     whisker: Option<(f64, f64)>,
     label: String,
 }
@@ -70,7 +70,7 @@ struct Level {
     y: f64,
 }
 
-/// What a figure must not pass, over a part of the width.
+/// The bound of a figure, over a part of the width.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Limit {
     y: f64,
@@ -95,8 +95,9 @@ struct Style {
     marker: Marker,
 }
 
-/// Colours that colour-blind people tell apart (Okabe and Ito 2008), the yellow darkened for white paper; shapes tell those of one
-/// colour apart. The same for a method in all charts: in the order of `scene::METHODS`, to which methods are only added.
+/// Colours that colour-blind people can distinguish (Okabe and Ito 2008), the yellow darkened for white paper; markers
+/// distinguish curves of the same colour. A method has the same in all charts: they follow the order of
+/// `scene::METHODS`, to which methods are only appended.
 const METHOD_STYLES: [Style; 11] = [
     Style { color: [120, 120, 120], marker: Marker::Diamond },
     Style { color: [120, 120, 120], marker: Marker::Disc },
@@ -110,10 +111,10 @@ const METHOD_STYLES: [Style; 11] = [
     Style { color: [86, 180, 233], marker: Marker::Valley },
     Style { color: [204, 121, 167], marker: Marker::Square },
 ];
-/// Of the ray tracer.
+/// The style of the ray tracer.
 const TRUTH_STYLE: Style = Style { color: [0, 0, 0], marker: Marker::Diamond };
 
-/// For scenes and combinations of values.
+/// The colours of scenes and combinations of values.
 const OTHER_STYLES: [Style; 8] = [
     Style { color: [0, 114, 178], marker: Marker::Disc },
     Style { color: [213, 94, 0], marker: Marker::Square },
@@ -136,6 +137,8 @@ impl Style {
 }
 
 impl Chart {
+    /// The chart as SVG.
+    ///
     /// # Errors
     /// None but defects of the drawing.
     pub fn svg(&self) -> anyhow::Result<String> {
@@ -143,6 +146,8 @@ impl Chart {
         shapes::svg(&shapes, size)
     }
 
+    /// The chart as PNG.
+    ///
     /// # Errors
     /// None but defects of the drawing.
     pub fn png(&self) -> anyhow::Result<Vec<u8>> {
@@ -151,7 +156,8 @@ impl Chart {
     }
 }
 
-/// Indices of the points that no other one beats in both coordinates, by rising time. Of equal points the first counts.
+/// The indices of the points that no other one beats in both coordinates, by rising time. Of equal points the first
+/// counts.
 pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|&a, &b| points[a].0.total_cmp(&points[b].0).then(points[a].1.total_cmp(&points[b].1)));
@@ -164,7 +170,7 @@ pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// Those points of [`pareto`], of figures of either direction.
+/// The points of [`pareto`], for figures of either direction.
 fn front(points: &[(f64, f64)], more_is_better: bool) -> Vec<(f64, f64)> {
     let sign = if more_is_better { -1.0 } else { 1.0 };
     let errors: Vec<(f64, f64)> = points.iter().map(|(time, value)| (*time, sign * value)).collect();
@@ -202,7 +208,7 @@ fn short_scene(pattern: &str) -> String {
     short
 }
 
-/// In the order in which they first occur.
+/// The distinct texts, in the order in which they first occur.
 fn distinct<Item: PartialEq>(items: impl Iterator<Item = Item>) -> Vec<Item> {
     let mut found = Vec::new();
     for item in items {
@@ -213,12 +219,13 @@ fn distinct<Item: PartialEq>(items: impl Iterator<Item = Item>) -> Vec<Item> {
     found
 }
 
-/// Swept keys that are no variables of the scene.
+/// The swept keys that are no variables of the scene.
 fn is_of_setting(key: &str) -> bool {
     key.contains('.') || key == SIZE
 }
 
-/// What tells settings of one method on one scene apart: the swept values, else the group where the method occurs in several.
+/// The text that distinguishes settings of one method on one scene: the swept values, else the group if the method
+/// occurs in several.
 fn label(plan: &Plan, case: &Case) -> String {
     let swept = case.swept.iter().filter(|(key, _)| is_of_setting(key));
     let values: Vec<String> = swept.map(|(_, value)| value.parse().map_or_else(|_| value.clone(), number)).collect();
@@ -232,7 +239,7 @@ fn label(plan: &Plan, case: &Case) -> String {
 fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
     let (time, more_is_better) = (plan.time.name(), error.more_is_better());
     let mut panels = Vec::new();
-    // Unlike scenes have nothing in common, even those of one variable.
+    // Different scenes cannot be compared, even those of one variable.
     for scene in distinct(rows.iter().map(|row| row.case.scene.as_str())) {
         let of_scene = || rows.iter().filter(|row| row.case.scene == scene);
         let (mut curves, mut levels): (Vec<Curve>, Vec<Level>) = (Vec::new(), Vec::new());
@@ -253,7 +260,7 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
             let group = &plan.groups[row.case.group];
             let name = if swept.is_empty() { method.clone() } else { format!("{method}: {}", swept.join(", ")) };
             let mark = Mark { x, y, whisker: None, label: label(plan, &row.case) };
-            // A sweep of one key is a curve of its own; single settings of a method stand together.
+            // A sweep of one key is a curve of its own; single settings of a method are joined to one.
             let is_joined = group.sweep.keys().filter(|key| is_of_setting(key)).count() == 1;
             let is_first = swept.first().is_some_and(|key| {
                 let first = of_scene().find(|other| other.case.group == row.case.group && other.case.method == *method);
@@ -273,7 +280,7 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
         let times: Vec<f64> = points.iter().map(|(time, _)| *time).collect();
         let errors: Vec<f64> =
             points.iter().map(|(_, error)| *error).chain(levels.iter().map(|level| level.y)).collect();
-        // Of pictures of unlike sizes or points none is better than another: theirs was another task.
+        // Pictures of different sizes or numbers of points cannot be compared.
         let tasks = distinct(of_scene().map(|row| (row.case.size, row.points)));
         let front = if tasks.len() > 1 { Vec::new() } else { front(&points, more_is_better) };
         panels.push(Panel {
@@ -299,7 +306,7 @@ fn time_words(time: &str) -> &'static str {
     if time == METHOD_MS { "time of the method" } else { "time of the frame" }
 }
 
-/// `rows` are of all groups: those without a sweep are levels to compare with.
+/// `rows` are those of all groups: groups without a sweep are levels to compare with.
 fn sweep_chart(
     plan: &Plan,
     group: &Group,
@@ -321,7 +328,7 @@ fn sweep_chart(
     };
     let methods = distinct(of_group.iter().map(|row| row.case.method.as_str()));
     let combinations = distinct(of_group.iter().map(|row| others(&row.case)));
-    // With one method scenes are lines of one panel, as in the paper's figures.
+    // With one method, scenes are lines of one panel, as in the paper's figures.
     let is_by_scene = methods.len() == 1 && combinations.len() == 1 && scenes.len() > 1 && scenes.len() <= 8;
     let shown: Vec<Vec<&str>> =
         if is_by_scene { vec![scenes.clone()] } else { scenes.iter().map(|scene| vec![*scene]).collect() };
@@ -401,7 +408,7 @@ fn key_words(key: &str) -> &str {
     if key == SIZE { "size of the picture" } else { key }
 }
 
-/// With the parameter's unit.
+/// The key with the parameter's unit.
 fn key_title(key: &str) -> String {
     let settings = scene::Settings::default();
     let groups = settings.groups();

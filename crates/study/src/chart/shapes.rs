@@ -1,4 +1,4 @@
-//! What a chart is made of once everything has its place, and how that becomes an SVG or a PNG.
+//! The shapes of a chart once everything is placed, and their output as SVG or PNG.
 
 use std::sync::OnceLock;
 
@@ -13,10 +13,10 @@ use plotters::style::{Color as _, FontDesc, FontFamily, FontStyle, FontTransform
 
 use crate::picture;
 
-/// In pixels from the upper left.
+/// A position in pixels from the upper left.
 pub type Place = (f64, f64);
 
-/// How a text lies about its place.
+/// How a text is aligned to its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
     Start,
@@ -54,15 +54,16 @@ pub enum Shape {
     },
 }
 
-/// PNG files have so many pixels for one of the SVG: sharp on a dense screen.
+/// The number of PNG pixels per SVG pixel: sharp on a dense screen.
 const PNG_SCALE: f64 = 2.0;
-/// plotters takes the height of a line, SVG that of the letter m.
+/// plotters takes the height of a line as the size, SVG that of the letter m.
 const LINE_HEIGHT: f64 = 1.24;
-/// Bitmaps are centred by the whole line, with room for descenders; letters look centred this share of their size lower.
+/// Bitmaps are centred by the whole line, with room for descenders; letters look centred if they are this share of
+/// their size lower.
 const BITMAP_SINK: f64 = 0.13;
 const FAMILY: FontFamily<'static> = FontFamily::SansSerif;
 
-/// Charts look the same on every machine: their font is in the program. An SVG names any font without serifs.
+/// The font is in the program, so that charts look the same on every machine. An SVG names any font without serifs.
 fn register_font() {
     static IS_REGISTERED: OnceLock<bool> = OnceLock::new();
     IS_REGISTERED.get_or_init(|| {
@@ -71,14 +72,16 @@ fn register_font() {
     });
 }
 
-/// Width of a text, pixels.
+/// The width of a text in pixels.
 pub fn width(text: &str, size: f64) -> f64 {
     register_font();
     let font = FontDesc::new(FAMILY, size * LINE_HEIGHT * 16.0, FontStyle::Normal);
-    // Measured larger, as sizes are rounded to pixels. Other fonts without serifs are a little wider.
+    // Measured at a larger size, as sizes are rounded to pixels. Other fonts without serifs are a little wider.
     font.box_size(text).map_or(text.chars().count() as f64 * size * 0.6, |(width, _)| f64::from(width) / 16.0 * 1.1)
 }
 
+/// Writes the shapes as SVG.
+///
 /// # Errors
 /// None but defects of the drawing.
 pub fn svg(shapes: &[Shape], size: [u32; 2]) -> anyhow::Result<String> {
@@ -87,6 +90,8 @@ pub fn svg(shapes: &[Shape], size: [u32; 2]) -> anyhow::Result<String> {
     Ok(text)
 }
 
+/// Draws the shapes as PNG.
+///
 /// # Errors
 /// None but defects of the drawing.
 pub fn png(shapes: &[Shape], size: [u32; 2]) -> anyhow::Result<Vec<u8>> {
@@ -98,7 +103,7 @@ pub fn png(shapes: &[Shape], size: [u32; 2]) -> anyhow::Result<Vec<u8>> {
     picture::png(size, &rgb)
 }
 
-/// `sink` is the share of its size by which text is moved down.
+/// Draws the shapes; `sink` is the share of its size by which text is moved down.
 fn paint<Backend: DrawingBackend>(
     area: &DrawingArea<Backend, Shift>,
     shapes: &[Shape],

@@ -1,4 +1,4 @@
-//! What a plan must keep to: everything that can be told without a scene.
+//! Checks a plan without its scenes.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -13,13 +13,13 @@ use crate::file_name::file_name;
 use crate::metrics::Truth;
 use crate::results;
 
-/// Most settings of a plan: at a second each it would run for a day on the fastest machine.
+/// The most settings of a plan: at a second each it would run for a day on the fastest machine.
 const MOST_CASES: usize = 100_000;
 
-/// Bytes that the settings of a plan take, at most: what names and values a few lines repeat may be long.
+/// The most bytes of the settings of a plan: a few lines may repeat long names and values.
 const MOST_CASE_BYTES: usize = 32 << 20;
 
-/// Keys that a group sweeps, at most: each doubles the number of settings, or sweeps nothing.
+/// The most keys that a group sweeps: each at least doubles the number of settings, or sweeps nothing.
 const MOST_SWEPT: usize = 64;
 
 /// A problem, and the keys and indices that lead to its place in the file.
@@ -33,7 +33,7 @@ fn problem(path: &[&str], text: impl Into<String>) -> Problem {
 }
 
 impl Plan {
-    /// `place` names the text that the plan was read from in errors.
+    /// Checks the plan; `place` names the text from which it was read in errors.
     pub(super) fn check(&self, place: &str, text: &str) -> Result<(), PlanError> {
         self.odd().map_err(|Problem { path, text: problem }| {
             let table = DeTable::parse(text).ok();
@@ -98,7 +98,7 @@ impl Plan {
 }
 
 impl Group {
-    /// The number of its settings, and the bytes that they take at most.
+    /// The number of its settings, and the most bytes that they take.
     fn check(&self, path: &[&str], plan: &Plan) -> Result<(usize, usize), Problem> {
         let at = |rest: &[&str], text: String| problem(&[path, rest].concat(), text);
         for (key, list) in [("scenes", &self.scenes), ("methods", &self.methods)] {
@@ -193,13 +193,13 @@ fn check_method(name: &str) -> Result<(), String> {
     Err(format!("method `{name}` is unknown; available: {}, {RAY_TRACE}", Method::NAMES.join(", ")))
 }
 
-/// The first item that is there before.
+/// The first item that occurred before.
 fn twice(items: &[String]) -> Option<&String> {
     let mut known = HashSet::new();
     items.iter().find(|item| !known.insert(*item))
 }
 
-/// There is such a figure, and something that it is measured by.
+/// Checks that the figure exists and that something measures it.
 fn check_figure(name: &str, truths: &[Truth], has_flicker: bool) -> Result<(), String> {
     if let Some(figure) = results::figure(name) {
         return match figure.truth() {

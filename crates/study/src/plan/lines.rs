@@ -1,4 +1,4 @@
-//! Where in the file of a plan something stands.
+//! Finds the line of a plan's file that an error is about.
 
 use toml::de::{DeTable, DeValue};
 
@@ -10,7 +10,7 @@ pub(super) fn line_at(text: &str, offset: usize) -> usize {
     text.as_bytes().iter().take(offset).filter(|byte| **byte == b'\n').count() + 1
 }
 
-/// The line of what `path` leads to, or of the last part of it that the file has.
+/// The line of the value at `path`, or of the last part of the path that the file has.
 pub(super) fn line_of(text: &str, table: &DeTable<'_>, path: &[String]) -> Option<usize> {
     let (first, rest) = path.split_first()?;
     let (key, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == first.as_str())?;

@@ -1,10 +1,10 @@
-//! The values that a group sweeps, and the scenes that they are put into.
+//! The values that a group sweeps, and the scenes that contain them.
 
 use param::Kind;
 use scene::Settings;
 use serde::Deserialize;
 
-/// Evenly spaced values, or values of even ratios.
+/// Evenly spaced values, or values of equal ratios.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Range {
@@ -46,7 +46,7 @@ impl Range {
     }
 }
 
-/// As `--set` takes it.
+/// The value in the form that `--set` takes.
 pub(super) fn scalar_text(value: &toml::Value) -> Option<String> {
     match value {
         toml::Value::String(text) => Some(text.clone()),
@@ -76,7 +76,7 @@ fn range(sweep: &toml::Value) -> Result<Range, String> {
     range.problem().map_or(Ok(range), |text| Err(text.into()))
 }
 
-/// The values of a list or range, as text. Whole numbers where the parameter is one.
+/// The values of a list or range, as text. They are whole numbers if the parameter is one.
 pub(super) fn swept_values(key: &str, sweep: &toml::Value) -> Result<Vec<String>, String> {
     if let toml::Value::Array(values) = sweep {
         let text = |value| scalar_text(value).ok_or("expected numbers, texts, true or false in the list");
@@ -99,12 +99,12 @@ pub(super) fn swept_values(key: &str, sweep: &toml::Value) -> Result<Vec<String>
     Ok(values)
 }
 
-/// To 4 significant digits, which is finer than any chart shows.
+/// A number with 4 significant digits, which is finer than any chart shows.
 fn rounded(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
 
-/// The texts of a scene between the names of variables: each name stands before its text, none before the first.
+/// The texts of a scene between the names of variables: each name precedes its text, none precedes the first.
 pub(super) fn parts(scene: &str) -> impl Iterator<Item = (Option<&str>, &str)> {
     let (first, rest) = scene.split_once('{').map_or((scene, None), |(first, rest)| (first, Some(rest)));
     let named = rest.into_iter().flat_map(|rest| rest.split('{'));
@@ -112,7 +112,7 @@ pub(super) fn parts(scene: &str) -> impl Iterator<Item = (Option<&str>, &str)> {
     std::iter::once((None, first)).chain(named)
 }
 
-/// A scene with the values of variables in place of their names. What a value holds is not replaced again.
+/// A scene with the values of variables in place of their names. The content of a value is not replaced again.
 pub(super) fn filled(scene: &str, swept: &[(String, String)]) -> String {
     let mut filled = String::new();
     for (name, text) in parts(scene) {
@@ -123,7 +123,7 @@ pub(super) fn filled(scene: &str, swept: &[(String, String)]) -> String {
     filled
 }
 
-/// Bytes of a scene with values of these lengths.
+/// The length in bytes of a scene with values of these lengths.
 pub(super) fn filled_length(scene: &str, lengths: &[(&str, usize)]) -> usize {
     parts(scene).fold(0, |total, (name, text)| {
         let value = name.and_then(|name| lengths.iter().find(|(key, _)| *key == name));

@@ -1,4 +1,4 @@
-//! A scene of analytic surfaces as points: what the cases are built from.
+//! A scene of analytic surfaces as points, from which the cases are built.
 
 use std::sync::Arc;
 
@@ -13,11 +13,11 @@ use trace::exact::{Albedo, Object};
 
 use crate::subject::Subject;
 
-/// Surfaces, and who looks at them.
+/// Surfaces and their viewer.
 pub struct Scene {
     pub pieces: Vec<Piece>,
     pub camera: Camera,
-    /// Vertical, degrees.
+    /// The vertical field of view in degrees.
     pub field_of_view: f32,
 }
 
@@ -26,10 +26,10 @@ pub struct Piece {
     surface: Surface,
     placement: Placement,
     albedo: Albedo,
-    /// What it is, if it is a mirror.
+    /// The mirror, if the surface is one.
     mirror: Option<Mirror>,
     points: Points,
-    /// Standard deviation of the angle by which a point's normal is off, along each of two axes; degrees.
+    /// The standard deviation of the error angle of a point's normal, along each of two axes; degrees.
     noise: f64,
 }
 
@@ -38,7 +38,7 @@ pub struct Piece {
 enum Points {
     /// Its share, by area, of `scene.points`.
     Shared,
-    /// One for each square of this width, world units, on top of those.
+    /// One for each square of this width in world units, in addition to those.
     Spaced(f64),
 }
 
@@ -68,7 +68,7 @@ impl Piece {
 }
 
 impl Scene {
-    /// Samples and uploads it; `settings.scene` says how many points and their seed.
+    /// Samples and uploads the scene; `settings.scene` gives the number of points and their seed.
     ///
     /// # Errors
     /// No memory on the GPU.
@@ -123,7 +123,7 @@ impl Scene {
     }
 }
 
-/// A unit vector, off by an angle of two normal deviates of `degrees` along two axes; the same for the same number.
+/// A unit vector turned by an angle of two normal deviates of `degrees` along two axes; the same for the same number.
 fn tilted(normal: DVec3, degrees: f64, number: u64) -> DVec3 {
     if degrees == 0.0 {
         return normal;
