@@ -1,4 +1,4 @@
-//! What a person can ask for, by a key, a gesture or a panel. Panels read the state and push actions; `State::act` alone carries
+//! What a person can ask for, by a key, a gesture or a panel. Panels read the session and push actions; `Session::act` alone carries
 //! them out.
 
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! What each action does to the state.
+//! What each action does to the session.
 
 use glam::{DVec2, DVec3};
 use param::Choice as _;
@@ -13,9 +13,10 @@ use super::inspection::{Inspection, Ray, Surface, Target};
 use super::lens::to_vector;
 use super::messages::Level;
 use super::objects::{ObjectId, Objects, spot, unnamed};
+use super::outside::Effect;
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, PickPurpose};
-use super::state::{Effect, State};
+use super::session::Session;
 use super::work::Work;
 use super::{pick, sweep};
 
@@ -28,7 +29,7 @@ const MIRROR_SIZE: f64 = 0.1;
 /// Pixels about the cursor that its sight line takes in: as when a point is picked.
 const CAST_RADIUS: f64 = 4.0;
 
-impl State {
+impl Session {
     /// Does all that a panel or a painting of the window asked for.
     pub fn act_all(&mut self, actions: impl IntoIterator<Item = Action>) {
         actions.into_iter().for_each(|action| self.act(action));
@@ -49,7 +50,7 @@ impl State {
             Action::FlySpeed(notches) => {
                 // Six doublings either way: from an ant's pace to a jet's.
                 self.navigation.speed = (self.navigation.speed + notches * 0.5).clamp(-6.0, 6.0);
-                self.messages.note(format!("Speed × {:.2}", self.navigation.speed.exp2()));
+                self.outside.note(format!("Speed × {:.2}", self.navigation.speed.exp2()));
             }
             Action::Travel(way) => self.travel(way),
             Action::PivotHere => self.pick_under_cursor(PickPurpose::Pivot),
@@ -58,7 +59,7 @@ impl State {
             Action::ToggleMode => {
                 self.mode = if self.mode == Mode::Orbit { Mode::Fly } else { Mode::Orbit };
                 let text = if self.is_flying() { "Fly: drag to look, W A S D Q E to move" } else { "Orbit" };
-                self.messages.note(text);
+                self.outside.note(text);
             }
             Action::LookFrom(view) => self.look_from(view),
             Action::LookAlong { eye, pivot } => self.look_along(eye, pivot),
@@ -69,7 +70,7 @@ impl State {
                     Projection::Orthographic => Projection::Perspective,
                 };
             }
-            Action::PointAt(pixel) => self.navigation.point_at(pixel, self.now),
+            Action::PointAt(pixel) => self.navigation.point_at(pixel, self.outside.now),
             Action::AskHover => self.ask_hover(),
 
             Action::SetParameter { key, value } => self.set_parameter(&key, value),
@@ -85,7 +86,9 @@ impl State {
             }
             Action::Hold { raw_colors, truth } => {
                 self.raw_colors = raw_colors;
-                self.hold_truth(truth);
+                // The truth of nothing cannot be shown.
+                let is_held = truth && (self.truth.is_held || !self.clouds.is_empty());
+                self.truth.hold(is_held, &mut self.outside);
             }
             Action::ToggleLight => {
                 let is_lit = self.settings.light.by != Lighting::Colors;
@@ -106,21 +109,21 @@ impl State {
             }
 
             Action::Open(path) => drop(self.open(&[path])),
-            Action::OpenDialog => self.effects.push(Effect::OpenDialog),
+            Action::OpenDialog => self.outside.push(Effect::OpenDialog),
             Action::OpenPrompt => self.path_prompt = Some(PathPrompt::default()),
             Action::PromptForMirror => self.path_prompt = Some(PathPrompt::for_mirror()),
             Action::ChangePrompt(prompt) => self.path_prompt = Some(*prompt),
             Action::OpenPrompted(path) => self.open_prompted(path),
             Action::ClosePrompt => self.path_prompt = None,
-            Action::Copy(text) => self.effects.push(Effect::Copy(text)),
+            Action::Copy(text) => self.outside.push(Effect::Copy(text)),
             Action::CopyView => {
-                self.effects.push(Effect::Copy(self.view_as_text()));
-                self.messages.note("View copied as text");
+                self.outside.push(Effect::Copy(self.view_as_text()));
+                self.outside.note("View copied as text");
             }
             Action::Paste(text) => self.paste_view(&text),
             Action::CopyCommandLine => {
-                self.effects.push(Effect::Copy(self.command_line()));
-                self.messages.note("Command line copied");
+                self.outside.push(Effect::Copy(self.command_line()));
+                self.outside.note("Command line copied");
             }
             Action::SaveScene => self.save_scene(),
             Action::SavePicture => self.save_picture(),
@@ -170,7 +173,7 @@ impl State {
             Action::CountPoints(key, wanted) => {
                 if let Some(entry) = self.cloud(key) {
                     let (cloud, source, wanted) = (entry.cloud.clone(), entry.source.clone(), *wanted);
-                    self.effects.push(Effect::Work(Work::CountPoints { cloud, source, wanted }));
+                    self.outside.work(Work::CountPoints { cloud, source, wanted });
                 }
             }
             Action::Mark(marking) => self.edit_objects(|objects| objects.markings.push(*marking)),
@@ -195,12 +198,12 @@ impl State {
             Action::UndoPick => self.picks = std::mem::take(&mut self.navigation.picks_before),
             Action::PickTool => self.pick_tool = !self.pick_tool,
             Action::CopyPicks => {
-                self.effects.push(Effect::Copy(pick::as_text(&self.picks)));
-                self.messages.note("Picked points copied");
+                self.outside.push(Effect::Copy(pick::as_text(&self.picks)));
+                self.outside.note("Picked points copied");
             }
             Action::ClearPicks => self.picks.clear(),
 
-            Action::PinTruth => self.toggle_truth(),
+            Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
             Action::MeasureTruth(measure) => self.truth.measure = measure,
             Action::SplitTruth(share) => self.truth.split = share,
@@ -211,21 +214,21 @@ impl State {
             Action::ReturnTo(settings) => self.return_to(*settings),
             Action::ForgetTrials => self.tuning.forget_trials(),
             Action::AddToStudy => self.add_to_study(),
-            Action::AskSweep(key) => self.ask_sweep(&key),
-            Action::ChangeSweep(range) => self.sweep_asked = range.map(|range| *range),
+            Action::AskSweep(key) => self.sweeps.ask(&key, &self.settings, &mut self.outside),
+            Action::ChangeSweep(range) => self.sweeps.asked = range.map(|range| *range),
             Action::StartSweep { key, values } => self.start_sweep(&key, values, &sweep::places()),
-            Action::EndSweep => self.stop_sweep(),
+            Action::EndSweep => self.sweeps.stop(&mut self.outside),
 
             Action::EndTool => self.end_tool(),
             Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
             Action::TogglePanel => self.preferences.panel_is_open = !self.preferences.panel_is_open,
             Action::ToggleFullScreen => {
                 self.is_full_screen = !self.is_full_screen;
-                self.effects.push(Effect::SetFullScreen(self.is_full_screen));
+                self.outside.push(Effect::SetFullScreen(self.is_full_screen));
             }
             Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
-            Action::ListMessages(is_open) => self.messages.list_is_open = is_open,
-            Action::DismissMessage(place) => self.messages.dismiss(place),
+            Action::ListMessages(is_open) => self.outside.messages.list_is_open = is_open,
+            Action::DismissMessage(place) => self.outside.messages.dismiss(place),
             Action::Resize(size) => self.set_view_size(size),
             Action::Quit => self.wants_to_quit = true,
         }
@@ -242,7 +245,7 @@ impl State {
 
     fn pick_under_cursor(&mut self, purpose: PickPurpose) {
         if let Some(pixel) = self.cursor() {
-            self.render(Command::Pick { pixel, purpose });
+            self.outside.render(Command::Pick { pixel, purpose });
         }
     }
 
@@ -264,7 +267,7 @@ impl State {
         };
         self.objects.set(id, changed);
         if !is_renamed_alone {
-            self.navigation.camera_moved(self.now);
+            self.navigation.camera_moved(self.outside.now);
         }
     }
 
@@ -286,16 +289,16 @@ impl State {
         let places: Vec<[f64; 3]> = object.places().iter().map(DVec3::to_array).collect();
         let event = format!("{}_moved", object.kind().name);
         let event = json!({ "event": event, "name": name, "position": places[0], "target": places.get(1) });
-        self.log(event);
+        self.outside.log(event);
     }
 
     fn after_history(&mut self, done: bool, otherwise: &str) {
         if done {
-            self.navigation.camera_moved(self.now);
+            self.navigation.camera_moved(self.outside.now);
             let Objects { mirrors, lights, .. } = &self.objects;
-            self.log(json!({ "event": "history", "mirrors": mirrors.len(), "lights": lights.len() }));
+            self.outside.log(json!({ "event": "history", "mirrors": mirrors.len(), "lights": lights.len() }));
         } else {
-            self.messages.note(otherwise);
+            self.outside.note(otherwise);
         }
     }
 
@@ -320,7 +323,7 @@ impl State {
             let first = self.clouds.iter().flat_map(|entry| &entry.cloud.attributes).next();
             self.settings.color.attribute = first.map_or(String::new(), |attribute| attribute.name.clone());
         }
-        self.messages.note(format!("Colour: {}", by.name()));
+        self.outside.note(format!("Colour: {}", by.name()));
     }
 
     /// Esc: closes what lies on top, else ends the tool, else clears the picks.
@@ -331,7 +334,7 @@ impl State {
             self.path_prompt = None;
         } else if self.inspection.is_some() {
             self.inspection = None;
-            self.navigation.camera_moved(self.now);
+            self.navigation.camera_moved(self.outside.now);
         } else if self.pick_tool {
             self.pick_tool = false;
         } else if self.selected.is_some() {
@@ -364,7 +367,7 @@ impl State {
     fn place(&mut self, id: ObjectId, object: Object) {
         let kind = object.kind();
         if self.objects.count(kind) >= kind.most {
-            return self.messages.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
+            return self.outside.note(format!("There are {} {}s, and no room for more", kind.most, kind.name));
         }
         let (position, is_light) = (object.places()[0].to_array(), matches!(object, Object::Light(_)));
         self.history.settle(&self.settings, &self.objects);
@@ -374,8 +377,8 @@ impl State {
         self.objects.add(id, object);
         self.history.settle(&self.settings, &self.objects);
         let name = self.objects.get(id).map(|(name, _)| name);
-        self.log(json!({ "event": kind.name, "name": name, "position": position }));
-        self.navigation.camera_moved(self.now);
+        self.outside.log(json!({ "event": kind.name, "name": name, "position": position }));
+        self.navigation.camera_moved(self.outside.now);
         self.selected = Some(id);
         if is_light {
             self.warn_of_dark_lights();
@@ -399,7 +402,7 @@ impl State {
         }
         *before = by;
         let name = by.name();
-        self.messages.note(if by == Lighting::Colors {
+        self.outside.note(if by == Lighting::Colors {
             "Data colours, no light".into()
         } else {
             format!("Light: {name}")
@@ -416,7 +419,7 @@ impl State {
     /// Says so after lights came of which not all shine.
     pub(super) fn warn_of_dark_lights(&mut self) {
         if self.objects.lights.len() > MOST_LIGHTS {
-            self.say(Level::Warning, format!("Only the first {MOST_LIGHTS} lights shine"));
+            self.outside.say(Level::Warning, format!("Only the first {MOST_LIGHTS} lights shine"));
         }
     }
 
@@ -428,14 +431,14 @@ impl State {
 
     fn toggle_inspection(&mut self) {
         if self.inspection.take().is_some() {
-            self.navigation.camera_moved(self.now);
+            self.navigation.camera_moved(self.outside.now);
             return;
         }
         if !self.clouds.is_empty() {
             let id = self.next_object_id();
             self.inspection = Some(Inspection::new(id));
             self.selected = None;
-            self.messages.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");
+            self.outside.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");
         }
     }
 
@@ -455,7 +458,7 @@ impl State {
         held.update(None, eye, up);
         let is_changed = held.mirror != before;
         if is_changed {
-            self.navigation.camera_moved(self.now);
+            self.navigation.camera_moved(self.outside.now);
         }
         let Some(pixel) = cursor else { return };
         let Some(held) = &mut self.inspection else { return };
@@ -470,7 +473,7 @@ impl State {
             chunks.zip(entry.chunk_bounds()).map(target).collect::<Vec<_>>()
         };
         let ray = self.sight_line(pixel, visible.flat_map(targets).collect());
-        self.effects.push(Effect::Work(Work::Cast(ray)));
+        self.outside.work(Work::Cast(ray));
     }
 
     /// What a pixel looks along.
@@ -492,7 +495,7 @@ impl State {
         held.known = held.asked.take();
         if surface.is_some() {
             held.update(surface, eye, up);
-            self.navigation.camera_moved(self.now);
+            self.navigation.camera_moved(self.outside.now);
         }
     }
 }
@@ -517,21 +520,21 @@ mod tests {
 
     #[test]
     fn mirrors_are_added_up_to_the_number_that_a_scene_may_have() {
-        let mut state = State::new(Preferences::default());
+        let mut session = Session::new(Preferences::default());
         for _ in 0..MOST_MIRRORS + 2 {
-            state.add_mirror(Shape::Sphere);
+            session.add_mirror(Shape::Sphere);
         }
-        assert_eq!(state.objects.mirrors.len(), MOST_MIRRORS);
-        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("64 mirrors")));
+        assert_eq!(session.objects.mirrors.len(), MOST_MIRRORS);
+        assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("64 mirrors")));
     }
 
     #[test]
     fn point_size_and_field_of_view_stop_at_their_ranges() {
-        let mut state = State::new(Preferences::default());
+        let mut session = Session::new(Preferences::default());
         for _ in 0..200 {
-            state.act(Action::PointSize(1.0));
-            state.act(Action::FieldOfView(-1.0));
+            session.act(Action::PointSize(1.0));
+            session.act(Action::FieldOfView(-1.0));
         }
-        assert_eq!((state.settings.splat.size, state.settings.view.field_of_view), (20.0, 1.0));
+        assert_eq!((session.settings.splat.size, session.settings.view.field_of_view), (20.0, 1.0));
     }
 }

@@ -1,4 +1,4 @@
-//! The viewer without its window, for tests: a state, a render thread and the work that the state asks for, done one after the
+//! The viewer without its window, for tests: a session, a render thread and the work that the session asks for, done one after the
 //! other.
 
 use std::sync::mpsc::{Receiver, channel};
@@ -9,14 +9,15 @@ use render::Gpu;
 
 use super::action::Action;
 use super::interface;
+use super::outside::Effect;
 use super::preferences::Preferences;
 use super::render_thread::{Command, RenderThread, Report};
-use super::state::{Effect, State};
+use super::session::Session;
 use super::sweep_files::SweepResult;
 use super::work::Work;
 
 pub struct Bench {
-    pub state: State,
+    pub session: Session,
     /// What a sweep would have written.
     pub swept: Option<Box<SweepResult>>,
     thread: RenderThread,
@@ -39,15 +40,15 @@ impl Bench {
         };
         let (sender, reports) = channel();
         let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
-        let mut state = State::new(Preferences::default());
-        (state.settings.scene.points, state.settings.trace.samples) = (3000, 4);
+        let mut session = Session::new(Preferences::default());
+        (session.settings.scene.points, session.settings.trace.samples) = (3000, 4);
         // Few passes to compile.
-        (state.settings.gi.vpls, state.settings.gi.bounces) = (4, 1);
-        state.set_view_size([64, 48]);
-        assert!(state.open(&["five-mirrors/sphere"]));
-        let mut bench = Self { state, swept: None, thread, reports };
+        (session.settings.gi.vpls, session.settings.gi.bounces) = (4, 1);
+        session.set_view_size([64, 48]);
+        assert!(session.open(&["five-mirrors/sphere"]));
+        let mut bench = Self { session, swept: None, thread, reports };
         let Report::Ready { adapter } = bench.report() else { panic!("no renderer") };
-        bench.state.on_report(Report::Ready { adapter });
+        bench.session.on_report(Report::Ready { adapter });
         Some(bench)
     }
 
@@ -57,17 +58,17 @@ impl Bench {
 
     /// Draws the window's contents; the picture keeps its size.
     pub fn show(&mut self, ui: &mut Ui) {
-        let mut actions = interface::show(ui, &self.state, None);
+        let mut actions = interface::show(ui, &self.session, None);
         actions.retain(|action| !matches!(action, Action::Resize(_)));
-        self.state.act_all(actions);
+        self.session.act_all(actions);
     }
 
     /// Goes on until nothing is left to do.
     pub fn settle(&mut self) {
         let started = Instant::now();
         loop {
-            let mut is_done = self.state.step(Instant::now(), false).is_none();
-            for effect in std::mem::take(&mut self.state.effects) {
+            let mut is_done = self.session.step(Instant::now(), false).is_none();
+            for effect in std::mem::take(&mut self.session.outside.effects) {
                 is_done &= matches!(effect, Effect::Log(_));
                 self.work(effect);
             }
@@ -88,19 +89,19 @@ impl Bench {
                 self.thread.send(command);
                 if is_answered {
                     let report = self.report();
-                    self.state.on_report(report);
+                    self.session.on_report(report);
                 }
             }
             Effect::Load { inputs } => {
-                let job = world::start(inputs.clone(), &self.state.settings);
-                let id = self.state.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
-                job.events.iter().for_each(|event| self.state.on_loading(id, event));
+                let job = world::start(inputs.clone(), &self.session.settings);
+                let id = self.session.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
+                job.events.iter().for_each(|event| self.session.on_loading(id, event));
             }
             Effect::Work(Work::SaveSweep(sweep)) => self.swept = Some(sweep),
             Effect::Work(work) => {
                 let found = std::cell::RefCell::new(Vec::new());
-                work.run(&self.state.settings.stream.clone(), |news| found.borrow_mut().push(news));
-                found.into_inner().into_iter().for_each(|news| self.state.on_found(news));
+                work.run(&self.session.settings.stream.clone(), |news| found.borrow_mut().push(news));
+                found.into_inner().into_iter().for_each(|news| self.session.on_found(news));
             }
             // These need a window.
             Effect::OpenDialog | Effect::Copy(_) | Effect::SetFullScreen(_) | Effect::Log(_) => {}

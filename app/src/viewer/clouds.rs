@@ -33,6 +33,12 @@ pub struct Samples {
     pub area_per_point: Option<f64>,
 }
 
+impl Samples {
+    pub fn points(&self) -> u64 {
+        self.of.values().flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64).sum()
+    }
+}
+
 /// A cloud, and what the window makes of it.
 pub struct CloudEntry {
     assembly: Assembly,

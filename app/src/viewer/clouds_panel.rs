@@ -3,12 +3,12 @@
 use egui::{RichText, Ui};
 
 use super::action::Action;
-use super::state::State;
+use super::session::Session;
 use super::theme::{self, grouped};
 use super::widgets::eye;
 
-pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    for entry in &state.clouds {
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    for entry in &session.clouds {
         ui.push_id(entry.key.0, |ui| {
             ui.horizontal(|ui| {
                 if eye(ui, entry.is_visible, &entry.cloud.name).clicked() {
@@ -61,16 +61,16 @@ mod tests {
     use scene::Camera;
 
     use super::super::figures::Figures;
-    use super::super::state::Effect;
+    use super::super::outside::Effect;
     use super::super::work::{Found, Work};
     use super::*;
 
     /// The panel over a cloud of two points.
-    fn harness() -> Harness<'static, State> {
-        let state = State::with_two_points();
+    fn harness() -> Harness<'static, Session> {
+        let session = Session::with_two_points();
         let mut harness = Harness::builder().with_size([320.0, 200.0]).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
-            state,
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
         );
         harness.run_ok();
         harness
@@ -93,16 +93,16 @@ mod tests {
     #[test]
     fn frame_looks_at_the_whole_cloud_from_where_one_looks_now_and_is_undone() {
         let mut harness = harness();
-        let state = harness.state_mut();
-        state.renew_figures();
-        for effect in std::mem::take(&mut state.effects) {
+        let session = harness.state_mut();
+        session.renew_figures();
+        for effect in std::mem::take(&mut session.outside.effects) {
             if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
                 let figures = Box::new(Figures::of(&cloud, &basis.color, &basis.visibility, up));
-                state.on_found(Found::Figures { key, basis, figures });
+                session.on_found(Found::Figures { key, basis, figures });
             }
         }
-        state.camera = Camera::looking(DVec3::splat(900.0), DVec3::new(1.0, 2.0, -0.5), 3.0, DVec3::Z);
-        let before = state.camera;
+        session.camera = Camera::looking(DVec3::splat(900.0), DVec3::new(1.0, 2.0, -0.5), 3.0, DVec3::Z);
+        let before = session.camera;
         harness.get_by_label("Frame").click();
         harness.run_ok();
         let camera = harness.state().camera;

@@ -11,10 +11,10 @@ use world::{Change, CloudKey};
 
 use super::figures::{Basis, Figures};
 use super::messages::Level;
-use super::state::{Effect, State};
+use super::session::Session;
 use super::work::Work;
 
-impl State {
+impl Session {
     /// Asks for colours, histograms and bounds of clouds that have changed. Called every frame of the window.
     pub fn renew_figures(&mut self) {
         let color = &self.settings.color;
@@ -35,7 +35,7 @@ impl State {
                 // Ramps of a streamed cloud must not change with what of it is there.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);
-                self.effects.push(Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }));
+                self.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
             }
         }
     }
@@ -49,7 +49,7 @@ impl State {
             if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
                 let progress = Arc::<Progress>::default();
                 read.insert(Some(progress.clone()));
-                self.effects.push(Effect::Work(Work::ReadColumn { key, source, attribute, progress }));
+                self.outside.work(Work::ReadColumn { key, source, attribute, progress });
             }
             return;
         }
@@ -68,12 +68,12 @@ impl State {
         entry.figures = Some(figures);
         let chunks = entry.chunks();
         if !(same_plan && same_points) {
-            self.log(json!({ "event": "colored", "name": name, "by": plan.label }));
-            self.change(Change::Color { cloud: key, chunks, plan, up });
+            self.outside.log(json!({ "event": "colored", "name": name, "by": plan.label }));
+            self.outside.change(Change::Color { cloud: key, chunks, plan, up });
             self.frames.points_changed();
         }
         if let Some(warning) = warning.filter(|warning| !self.warned.contains(warning)) {
-            self.say(Level::Warning, warning.clone());
+            self.outside.say(Level::Warning, warning.clone());
             self.warned.push(warning);
         }
         if outline_changed && same_visibility {
@@ -95,12 +95,12 @@ impl State {
                 if !changes.is_empty() {
                     entry.marked = Vec::new();
                 }
-                changes.into_iter().for_each(|change| self.change(change));
+                changes.into_iter().for_each(|change| self.outside.change(change));
             }
             Err(error) => {
                 entry.column_reads.insert(attribute, None);
                 let name = entry.cloud.attributes.get(attribute).map_or(String::new(), |known| known.name.clone());
-                self.say(Level::Error, format!("{name}: {error}"));
+                self.outside.say(Level::Error, format!("{name}: {error}"));
             }
         }
     }

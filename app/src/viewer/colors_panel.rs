@@ -10,22 +10,22 @@ use scene::{ColorBy, Ramp};
 use super::action::Action;
 use super::figures::{Figures, share_below};
 use super::panel::parameter;
-use super::state::State;
+use super::session::Session;
 use super::theme::{self, grouped};
 use super::widgets::{eye, name_label};
 
-pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    let color = &state.settings.color;
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let color = &session.settings.color;
     parameter(ui, color, "by", actions);
     if color.by == ColorBy::Attribute {
-        attribute_choice(ui, state, actions);
+        attribute_choice(ui, session, actions);
     }
-    for (name, progress) in state.columns_under_way() {
+    for (name, progress) in session.columns_under_way() {
         let share = progress.done() as f32 / progress.total().max(1) as f32;
         ui.add(egui::ProgressBar::new(share).text(format!("reading {name}")).desired_height(14.0));
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
-    let with_ramp = state
+    let with_ramp = session
         .clouds
         .iter()
         .filter(|entry| entry.is_visible)
@@ -36,29 +36,29 @@ pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
             actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
         }
         parameter(ui, color, "ramp", actions);
-    } else if let Some(figures) = state.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
+    } else if let Some(figures) = session.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
         ui.label(RichText::new(format!("shown: {}", figures.plan.label)).small().color(theme::WEAK));
     }
     parameter(ui, color, "plain", actions);
     let mut classes: BTreeMap<u8, u64> = BTreeMap::new();
-    for (class, count) in state.clouds.iter().filter_map(|entry| entry.figures.as_ref()).flat_map(|f| &f.classes) {
+    for (class, count) in session.clouds.iter().filter_map(|entry| entry.figures.as_ref()).flat_map(|f| &f.classes) {
         *classes.entry(*class).or_default() += count;
     }
     // Files whose points are all of one class say nothing by it.
-    if classes.len() > 1 || !state.objects.visibility.shows_all() {
+    if classes.len() > 1 || !session.objects.visibility.shows_all() {
         ui.separator();
-        class_list(ui, state, &classes, actions);
+        class_list(ui, session, &classes, actions);
     }
 }
 
-fn attribute_choice(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut names: Vec<&str> = Vec::new();
-    for attribute in state.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
+    for attribute in session.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
         if !names.contains(&attribute.name.as_str()) {
             names.push(&attribute.name);
         }
     }
-    let mut chosen = state.settings.color.attribute.clone();
+    let mut chosen = session.settings.color.attribute.clone();
     ui.horizontal(|ui| {
         let label = name_label(ui, "Attribute");
         egui::ComboBox::from_id_salt("attribute")
@@ -75,7 +75,7 @@ fn attribute_choice(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
             .response
             .labelled_by(label.id);
     });
-    if chosen != state.settings.color.attribute {
+    if chosen != session.settings.color.attribute {
         actions.push(Action::set("color", "attribute", Value::Text(chosen)));
     }
 }
@@ -160,7 +160,7 @@ fn figure(value: f64, range: f64) -> String {
     format!("{value:.*}", decimals as usize)
 }
 
-fn class_list(ui: &mut Ui, state: &State, classes: &BTreeMap<u8, u64>, actions: &mut Vec<Action>) {
+fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.label(RichText::new("Classes").strong());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
@@ -173,7 +173,7 @@ fn class_list(ui: &mut Ui, state: &State, classes: &BTreeMap<u8, u64>, actions: 
         });
     });
     for (class, count) in classes {
-        let visible = state.objects.visibility.test().shows(Some(*class));
+        let visible = session.objects.visibility.test().shows(Some(*class));
         let name = class_name(*class);
         let name = if name.is_empty() { "user-defined or reserved" } else { name };
         ui.horizontal(|ui| {
@@ -203,15 +203,17 @@ mod tests {
     fn the_eye_of_a_class_hides_it_and_all_shows_it_again() {
         let classes = BTreeMap::from([(2_u8, 1200_u64), (6, 34)]);
         let mut harness = egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| class_list(ui, state, &classes, actions)),
-            State::new(Preferences::default()),
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| class_list(ui, session, &classes, actions))
+            },
+            Session::new(Preferences::default()),
         );
         harness.run();
         assert!(harness.query_by_label("2 ground").is_some());
         harness.get_by_label("Show class 6").click();
         harness.run();
         let hidden =
-            |harness: &egui_kittest::Harness<'_, State>| harness.state().objects.visibility.hidden_classes.clone();
+            |harness: &egui_kittest::Harness<'_, Session>| harness.state().objects.visibility.hidden_classes.clone();
         assert_eq!(hidden(&harness), [6].into());
         harness.get_by_label("All").click();
         harness.run();

@@ -1,4 +1,4 @@
-//! Does what the viewer's state asks for and what needs no window: points are drawn, files read and work is done on threads of
+//! Does what the viewer's session asks for and what needs no window: points are drawn, files read and work is done on threads of
 //! their own, which tell what came of it. The window and recordings do it here.
 
 use std::sync::Arc;
@@ -9,21 +9,14 @@ use scene::Settings;
 use world::{Event, Input, Job};
 
 use super::clouds::JobEntry;
-use super::render_thread::{Command, RenderThread, Report};
-use super::state::{Effect, State};
+use super::outside::{Effect, News};
+use super::render_thread::RenderThread;
+use super::session::Session;
 use super::truth_tasks::Answer;
-use super::under_way::{Pass, UnderWay};
-use super::work::{Found, Work};
+use super::under_way::UnderWay;
+use super::work::Work;
 
-/// What other threads tell.
-pub enum News {
-    /// An event of a job, and with a chunk its pass to the render thread.
-    Loading(u32, Event, Option<Pass>),
-    Report(Report),
-    Found(Found),
-}
-
-/// Hands news to whoever drives the state, from any thread; false once nobody listens.
+/// Hands news to whoever drives the session, from any thread; false once nobody listens.
 pub type Tell = Arc<dyn Fn(News) -> bool + Send + Sync>;
 
 pub struct Effects {
@@ -57,7 +50,7 @@ impl Effects {
     }
 
     /// Does an effect; gives it back if it needs a window.
-    pub fn run(&mut self, state: &mut State, effect: Effect) -> Option<Effect> {
+    pub fn run(&mut self, session: &mut Session, effect: Effect) -> Option<Effect> {
         match effect {
             Effect::Render(command) => {
                 if let Some(thread) = &self.render_thread {
@@ -65,20 +58,20 @@ impl Effects {
                 }
             }
             Effect::Load { inputs } => {
-                let job = (self.start)(inputs.clone(), &state.settings_of_next_job());
-                let id = state.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
+                let job = (self.start)(inputs.clone(), &session.settings_of_next_job());
+                let id = session.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
                 let (under_way, tell) = (self.under_way.clone(), self.tell.clone());
-                begin(state, "loading events", move || forward(&job, id, &under_way, &tell));
+                begin(session, "loading events", move || forward(&job, id, &under_way, &tell));
             }
             Effect::Work(work) => {
                 let truth = if let Work::Truth(task) = &work { Some(task.kind()) } else { None };
-                let (stream, tell) = (state.settings.stream.clone(), self.tell.clone());
+                let (stream, tell) = (session.settings.stream.clone(), self.tell.clone());
                 let found = move |found| {
                     let _ = tell(News::Found(found));
                 };
-                let is_begun = begin(state, work.name(), move || work.run(&stream, found));
+                let is_begun = begin(session, work.name(), move || work.run(&stream, found));
                 if let Some(kind) = truth.filter(|_| !is_begun) {
-                    state.on_truth(Answer::Failed(kind));
+                    session.on_truth(Answer::Failed(kind));
                 }
             }
             needs_window => return Some(needs_window),
@@ -87,23 +80,23 @@ impl Effects {
     }
 
     /// Ends what is drawn, loaded and made. What is half made is cleared away, unless that takes too long.
-    pub fn close(&mut self, state: &State) {
+    pub fn close(&mut self, session: &Session) {
         self.render_thread = None;
-        for job in &state.jobs {
+        for job in &session.jobs {
             job.progress.cancel();
             job.mailbox.end();
         }
         let start = Instant::now();
         let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
-        while !state.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
+        while !session.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
             std::thread::sleep(Duration::from_millis(5));
         }
     }
 
     /// The same, and waits for the frame that is being drawn, however long that takes.
-    pub fn end(&mut self, state: &State) {
+    pub fn end(&mut self, session: &Session) {
         let thread = self.render_thread.take();
-        self.close(state);
+        self.close(session);
         if let Some(thread) = thread {
             thread.end();
         }
@@ -111,10 +104,10 @@ impl Effects {
 }
 
 /// Runs `task` on a thread of its own; false, with a message, if there is no thread for it.
-pub fn begin(state: &mut State, name: &str, task: impl FnOnce() + Send + 'static) -> bool {
+pub fn begin(session: &mut Session, name: &str, task: impl FnOnce() + Send + 'static) -> bool {
     let started = std::thread::Builder::new().name(name.into()).spawn(task);
     if let Err(error) = &started {
-        state.messages.error(format!("{name}: no thread: {error}"));
+        session.outside.error(format!("{name}: no thread: {error}"));
     }
     started.is_ok()
 }
@@ -134,20 +127,4 @@ fn forward(job: &Job, id: u32, under_way: &Arc<UnderWay>, tell: &Tell) {
     let error = "loading stopped unexpectedly".to_string();
     tell(News::Loading(id, Event::Failed { input: String::new(), error, is_usage: false }, None));
     tell(News::Loading(id, Event::Finished, None));
-}
-
-impl State {
-    /// Takes in what other threads tell.
-    pub fn on_news(&mut self, news: News) {
-        match news {
-            News::Loading(job, event, pass) => {
-                self.on_loading(job, event);
-                if let Some(pass) = pass {
-                    self.render(Command::Arrived(pass));
-                }
-            }
-            News::Report(report) => self.on_report(report),
-            News::Found(found) => self.on_found(found),
-        }
-    }
 }

@@ -3,8 +3,10 @@
 use std::time::{Duration, Instant};
 
 use render::FrameStats;
+use serde_json::json;
 
-use super::render_thread::{Frame, FrameRequest};
+use super::outside::Outside;
+use super::render_thread::{self, Command, Frame, FrameRequest};
 
 /// While points come in, a frame at most this often: each takes time from reading.
 const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
@@ -31,9 +33,22 @@ pub struct Frames {
     is_at_rest: bool,
 }
 
+/// What decides when a frame is drawn, and how carefully.
+pub struct Situation {
+    /// Points are on their way that the picture wants.
+    pub points_come: bool,
+    /// What lights the points is still being found out.
+    pub light_comes: bool,
+    /// After how long the camera rests; `None` if it does.
+    pub rest: Option<Duration>,
+    pub a_mirror_is_dragged: bool,
+    /// Only final pictures are wanted.
+    pub is_recorded: bool,
+}
+
 /// What is to be done about a frame that is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Next {
+enum Next {
     /// It is drawn or shown already.
     Nothing,
     /// Another frame is being drawn; its report wakes the window.
@@ -55,8 +70,42 @@ impl Frames {
         self.careful_milliseconds > TOO_LONG
     }
 
+    /// Has a picture drawn, in a hurry where that is called for, unless it is drawn or shown already. Returns when to look again.
+    pub fn request(
+        &mut self,
+        mut wanted: FrameRequest,
+        situation: &Situation,
+        outside: &mut Outside,
+    ) -> Option<Duration> {
+        let &Situation { points_come, light_comes, rest, a_mirror_is_dragged, is_recorded } = situation;
+        if is_recorded && (points_come || light_comes) {
+            return None;
+        }
+        // The first picture comes soon, and a better one after it.
+        let is_hurried = !is_recorded && (self.shown.is_none() || rest.is_some() && self.is_slow());
+        let hurried = is_hurried.then(|| render_thread::hurried(&wanted.settings, a_mirror_is_dragged));
+        if let Some(settings) = hurried.filter(|hurried| *hurried != wanted.settings) {
+            wanted.settings = settings;
+            wanted.hurried = true;
+        }
+        match self.want(&wanted, points_come, outside.now) {
+            Next::Draw => {
+                outside.render(Command::Frame(Box::new(wanted)));
+                rest
+            }
+            Next::Wait => None,
+            Next::WaitFor(time) => Some(time),
+            Next::Nothing => {
+                if self.comes_to_rest(light_comes || points_come) {
+                    outside.log(json!({ "event": "settled" }));
+                }
+                rest
+            }
+        }
+    }
+
     /// Takes in which frame is wanted now. While points come, frames that differ only by them are not drawn too often.
-    pub fn want(&mut self, wanted: &FrameRequest, points_come: bool, now: Instant) -> Next {
+    fn want(&mut self, wanted: &FrameRequest, points_come: bool, now: Instant) -> Next {
         if self.requested.as_ref() == Some(wanted) {
             return Next::Nothing;
         }
@@ -81,7 +130,7 @@ impl Frames {
 
     /// Whether the picture on the screen is now, and was not before, the one that is wanted in the end. `may_change`: something is
     /// under way that could make it another.
-    pub fn comes_to_rest(&mut self, may_change: bool) -> bool {
+    fn comes_to_rest(&mut self, may_change: bool) -> bool {
         let is_final = self.requested.as_ref().is_some_and(|requested| !requested.hurried);
         let is_shown = self.under_way == 0 && self.shown.is_some() && is_final;
         let comes = !self.is_at_rest && is_shown && !may_change;

@@ -9,9 +9,9 @@ use world::mirrors;
 
 use super::clouds::CloudEntry;
 use super::lens::Lens;
-use super::state::State;
+use super::session::Session;
 
-impl State {
+impl Session {
     /// Of what is visible, without stray points.
     pub fn bounds(&self) -> Bounds {
         let of = |entry: &CloudEntry| entry.figures.as_ref().map_or(entry.bounds, |figures| figures.bounds);
@@ -83,13 +83,13 @@ impl State {
         self.camera = camera;
         self.camera_is_placed = true;
         self.history.after_jump(&self.settings, &self.objects);
-        self.navigation.camera_moved(self.now);
+        self.navigation.camera_moved(self.outside.now);
     }
 
     /// Puts the camera where a recording has it at `now`: no move that would be drawn in a hurry. Streamed clouds are looked at from
     /// there at once.
     pub fn stand(&mut self, camera: Camera, now: Instant) {
-        self.now = now;
+        self.outside.now = now;
         self.camera = camera;
         self.camera_is_placed = true;
         self.look_around();

@@ -10,7 +10,7 @@ use scene::{Object, SpotLight};
 use super::action::{Action, Handles};
 use super::lens::Lens;
 use super::objects::ObjectId;
-use super::state::State;
+use super::session::Session;
 use super::theme;
 
 /// A part that can be grabbed. Numbers are world axes.
@@ -50,9 +50,9 @@ struct Drag {
 }
 
 /// The object that is selected, with its name.
-fn selected(state: &State) -> Option<(ObjectId, String, Object)> {
-    let id = state.selected?;
-    let (name, object) = state.objects.get(id)?;
+fn selected(session: &Session) -> Option<(ObjectId, String, Object)> {
+    let id = session.selected?;
+    let (name, object) = session.objects.get(id)?;
     Some((id, name.to_owned(), object))
 }
 
@@ -131,8 +131,8 @@ pub struct PictureFrame {
 
 impl PictureFrame {
     /// Of the picture that is shown, so that handles stick to what is seen.
-    fn of(state: &State, rect: Rect) -> Option<Self> {
-        let request = &state.frames.shown.as_ref()?.request;
+    fn of(session: &Session, rect: Rect) -> Option<Self> {
+        let request = &session.frames.shown.as_ref()?.request;
         let lens = Lens::new(&request.camera, &request.settings.view, request.size);
         Some(Self::new(lens, request.size, rect))
     }
@@ -231,13 +231,13 @@ fn to_segment(point: Pos2, from: Pos2, to: Pos2) -> f32 {
 
 /// Lets the mouse grab and drag the handles of the selected object, and select lights by their symbols; before the camera has
 /// its turn. Returns whether the mouse is the gizmo's own: the camera is not to follow.
-pub fn interact(picture: &Response, state: &State, actions: &mut Vec<Action>) -> bool {
+pub fn interact(picture: &Response, session: &Session, actions: &mut Vec<Action>) -> bool {
     let mut gizmo = Gizmo::remembered(&picture.ctx);
     let was_grabbed = gizmo.drag.is_some();
     gizmo.hot_light = None;
-    if let Some(stage) = PictureFrame::of(state, picture.rect) {
-        handles(picture, state, &stage, &mut gizmo, actions);
-        point_at_light(picture, state, &stage, &mut gizmo, actions);
+    if let Some(stage) = PictureFrame::of(session, picture.rect) {
+        handles(picture, session, &stage, &mut gizmo, actions);
+        point_at_light(picture, session, &stage, &mut gizmo, actions);
     }
     if gizmo.drag.is_some() != was_grabbed {
         actions.push(Action::GrabHandle(gizmo.drag.is_some()));
@@ -249,7 +249,7 @@ pub fn interact(picture: &Response, state: &State, actions: &mut Vec<Action>) ->
 
 fn point_at_light(
     picture: &Response,
-    state: &State,
+    session: &Session,
     stage: &PictureFrame,
     gizmo: &mut Gizmo,
     actions: &mut Vec<Action>,
@@ -260,19 +260,19 @@ fn point_at_light(
         return;
     }
     let Some(pointer) = picture.ctx.input(|input| input.pointer.latest_pos()) else { return };
-    let near = symbols(state, stage).into_iter().filter(|(_, at, _)| at.distance(pointer) < SYMBOL + 4.0);
+    let near = symbols(session, stage).into_iter().filter(|(_, at, _)| at.distance(pointer) < SYMBOL + 4.0);
     gizmo.hot_light = near.min_by(|a, b| a.1.distance(pointer).total_cmp(&b.1.distance(pointer))).map(|near| near.0);
     if picture.clicked() && gizmo.hot_light.is_some() {
         actions.push(Action::Select(gizmo.hot_light));
     }
 }
 
-fn handles(picture: &Response, state: &State, stage: &PictureFrame, gizmo: &mut Gizmo, actions: &mut Vec<Action>) {
-    let Some((id, _, object)) = selected(state) else {
+fn handles(picture: &Response, session: &Session, stage: &PictureFrame, gizmo: &mut Gizmo, actions: &mut Vec<Action>) {
+    let Some((id, _, object)) = selected(session) else {
         (gizmo.hot, gizmo.drag) = (None, None);
         return;
     };
-    let layouts = layouts(&object, stage, state.handles);
+    let layouts = layouts(&object, stage, session.handles);
     let input = picture.ctx.input(|input| (input.pointer.latest_pos(), input.pointer.press_origin()));
     let (Some(pointer), pressed) = input else {
         gizmo.hot = None;
@@ -355,12 +355,12 @@ fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
 }
 
 /// Where the symbols of objects are: all while somebody looks after lights, or none.
-fn symbols(state: &State, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
+fn symbols(session: &Session, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
     let has_symbol = |object: &Object| object.kind().has_symbol;
-    if !state.light_panel_is_open && !selected(state).is_some_and(|(.., object)| has_symbol(&object)) {
+    if !session.light_panel_is_open && !selected(session).is_some_and(|(.., object)| has_symbol(&object)) {
         return Vec::new();
     }
-    let objects = state.objects.all().filter(|(.., object)| has_symbol(object));
+    let objects = session.objects.all().filter(|(.., object)| has_symbol(object));
     objects.filter_map(|(id, _, object)| Some((id, stage.place(object.places()[0])?, color_of(&object)))).collect()
 }
 
@@ -425,20 +425,20 @@ fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight, color: Color
 }
 
 /// Draws the handles of the selected object, and the symbols of lights.
-pub fn paint(painter: &Painter, rect: Rect, state: &State) {
-    let Some(stage) = PictureFrame::of(state, rect) else { return };
+pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
+    let Some(stage) = PictureFrame::of(session, rect) else { return };
     let painter = painter.with_clip_rect(rect);
-    let (selected, gizmo) = (selected(state), Gizmo::remembered(painter.ctx()));
+    let (selected, gizmo) = (selected(session), Gizmo::remembered(painter.ctx()));
     if let Some((.., object @ Object::Light(light))) = &selected {
         cone(&painter, &stage, light, color_of(object));
     }
-    for (id, at, color) in symbols(state, &stage) {
+    for (id, at, color) in symbols(session, &stage) {
         lamp(&painter, at, color, gizmo.hot_light == Some(id));
     }
     let Some((_, name, object)) = selected else { return };
     let held = gizmo.drag.as_ref().map(|drag| drag.grip);
     let hot = held.or(gizmo.hot);
-    for (place, layout) in layouts(&object, &stage, state.handles).into_iter().enumerate() {
+    for (place, layout) in layouts(&object, &stage, session.handles).into_iter().enumerate() {
         let Some(layout) = layout else { continue };
         // While something is dragged the others would be in the way.
         let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);

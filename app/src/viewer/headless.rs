@@ -1,4 +1,4 @@
-//! The viewer without a window, for recordings: the same state, driven by the same step, with a clock that is handed in. Each
+//! The viewer without a window, for recordings: the same session, driven by the same step, with a clock that is handed in. Each
 //! picture is the one that the window shows at rest.
 
 use std::path::Path;
@@ -11,18 +11,19 @@ use render::Gpu;
 use scene::Camera;
 use world::{Event, Request};
 
-use super::effects::{Effects, News};
+use super::effects::Effects;
 use super::messages::Level;
+use super::outside::News;
 use super::preferences::Preferences;
 use super::render_thread::{Command, FrameRequest, Report};
-use super::state::State;
+use super::session::Session;
 use crate::failure::{FAILED, UNUSABLE};
 use crate::interrupt;
 use crate::progress_bar::Bar;
 use crate::terminal;
 
 pub struct Headless {
-    state: State,
+    session: Session,
     effects: Effects,
     news: Receiver<News>,
     /// What the inputs leave of the exit status.
@@ -50,11 +51,11 @@ impl Headless {
         let tell = move |news| sender.send(news).is_ok();
         let mut effects = Effects::new(world::start_unseen, Arc::new(tell));
         effects.draw_for(gpu, wanted)?;
-        let mut state = State::new(Preferences::default());
-        (state.now, state.is_recorded) = (now, true);
-        state.set_view_size(size);
-        state.open_request(request);
-        let mut headless = Self { state, effects, news, status: 0, told: 0 };
+        let mut session = Session::new(Preferences::default());
+        (session.outside.now, session.is_recorded) = (now, true);
+        session.set_view_size(size);
+        session.open_request(request);
+        let mut headless = Self { session, effects, news, status: 0, told: 0 };
         headless.do_effects();
         Ok(headless)
     }
@@ -71,8 +72,8 @@ impl Headless {
     /// Ctrl-C, a picture that cannot be drawn or written.
     pub fn write(&mut self, path: &Path, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<Option<u64>> {
         let Some(request) = self.settle(camera, now, bar)? else { return Ok(None) };
-        let points = self.state.frames.shown.as_ref().map_or(0, |shown| shown.stats.points_drawn);
-        self.state.render(Command::Save { request: Box::new(request), path: path.to_owned() });
+        let points = self.session.frames.shown.as_ref().map_or(0, |shown| shown.stats.points_drawn);
+        self.session.outside.render(Command::Save { request: Box::new(request), path: path.to_owned() });
         self.do_effects();
         loop {
             // A file that is being written becomes whole, whatever happens.
@@ -91,19 +92,19 @@ impl Headless {
     /// # Errors
     /// Ctrl-C, a picture that cannot be drawn.
     pub fn settle(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<Option<FrameRequest>> {
-        self.state.stand(camera, now);
+        self.session.stand(camera, now);
         loop {
             interrupt::check()?;
-            self.state.step(now, false);
-            let is_quiet = self.state.effects.is_empty();
+            self.session.step(now, false);
+            let is_quiet = self.session.outside.effects.is_empty();
             self.do_effects();
             self.tell_messages(bar);
-            if let Some(request) = self.state.still_frame() {
+            if let Some(request) = self.session.still_frame() {
                 return Ok(Some(request.clone()));
             }
-            if self.state.is_loading() {
+            if self.session.is_loading() {
                 self.show_loading(bar);
-            } else if self.state.clouds.is_empty() {
+            } else if self.session.clouds.is_empty() {
                 return Ok(None);
             }
             match self.news.recv_timeout(if is_quiet { INTERVAL } else { Duration::ZERO }) {
@@ -129,20 +130,20 @@ impl Headless {
             }
             _ => {}
         }
-        self.state.on_news(news);
+        self.session.on_news(news);
         Ok(())
     }
 
     /// The clipboard, dialogs and the event log are the window's.
     fn do_effects(&mut self) {
-        for effect in std::mem::take(&mut self.state.effects) {
-            drop(self.effects.run(&mut self.state, effect));
+        for effect in std::mem::take(&mut self.session.outside.effects) {
+            drop(self.effects.run(&mut self.session, effect));
         }
     }
 
     /// Warnings and errors; notes are for who looks on.
     fn tell_messages(&mut self, bar: &Bar) {
-        let messages = &self.state.messages.all;
+        let messages = &self.session.outside.messages.all;
         for message in &messages[self.told..] {
             bar.suspend(|| match message.level {
                 Level::Note => {}
@@ -154,8 +155,8 @@ impl Headless {
     }
 
     fn show_loading(&self, bar: &Bar) {
-        let Some(job) = self.state.jobs.iter().find(|job| !job.is_loaded) else { return };
-        match self.state.stage_of(job) {
+        let Some(job) = self.session.jobs.iter().find(|job| !job.is_loaded) else { return };
+        match self.session.stage_of(job) {
             Some((_, stage)) => bar.show(stage, ""),
             None if job.has_streamed => {
                 bar.set_task("pages");
@@ -171,6 +172,6 @@ impl Drop for Headless {
     fn drop(&mut self) {
         // Chunks that wait to be taken in hold the loading threads back.
         self.news = channel().1;
-        self.effects.end(&self.state);
+        self.effects.end(&self.session);
     }
 }

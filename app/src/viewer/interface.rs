@@ -13,61 +13,61 @@ use super::bindings;
 use super::clouds::{JobEntry, short_name};
 use super::messages::Level;
 use super::path_prompt::Outcome;
-use super::state::State;
+use super::session::Session;
 use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
 use super::{
     clouds_panel, colors_panel, gizmo, light_panel, mirrors_panel, navigation, overlay, panel, pick_panel, presets,
-    streaming_panel, sweep, timings_panel, truth_panel, tuning,
+    streaming_panel, sweep_panel, timings_panel, truth_panel, tuning_panel,
 };
 
 /// Sections of parameters that panels of their own show. The others are made of parameters alone.
 const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
 
 /// Draws everything; `picture` is the render thread's last frame. Returns what was asked for, in order.
-pub fn show(ui: &mut Ui, state: &State, picture: Option<TextureId>) -> Vec<Action> {
+pub fn show(ui: &mut Ui, session: &Session, picture: Option<TextureId>) -> Vec<Action> {
     let mut actions = open_dropped(ui);
     let mut lights_are_shown = false;
-    if !state.interface_is_hidden {
+    if !session.interface_is_hidden {
         Panel::bottom("status")
             .exact_size(28.0)
             .resizable(false)
             .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 3)))
-            .show(ui, |ui| status_bar(ui, state, &mut actions));
-        if state.preferences.panel_is_open {
+            .show(ui, |ui| status_bar(ui, session, &mut actions));
+        if session.preferences.panel_is_open {
             Panel::left("panel")
                 .default_size(310.0)
                 .size_range(270.0..=480.0)
                 .frame(Frame::new().fill(theme::PANEL).inner_margin(egui::Margin::symmetric(10, 8)))
-                .show(ui, |ui| lights_are_shown = side_panel(ui, state, &mut actions));
+                .show(ui, |ui| lights_are_shown = side_panel(ui, session, &mut actions));
         }
     }
-    if lights_are_shown != state.light_panel_is_open {
+    if lights_are_shown != session.light_panel_is_open {
         actions.push(Action::ShowLights(lights_are_shown));
     }
     CentralPanel::default().frame(Frame::new()).show(ui, |ui| {
         let rect = ui.available_rect_before_wrap();
-        picture_area(ui, state, picture, rect, &mut actions);
+        picture_area(ui, session, picture, rect, &mut actions);
     });
-    state.messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
+    session.outside.messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
     let above_status = ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0));
-    pick_panel::show(ui.ctx(), above_status, state, &mut actions);
-    tuning::show(ui.ctx(), state, &mut actions);
-    sweep::show(ui.ctx(), state, &mut actions);
-    let mut shortcuts_are_open = state.shortcuts_are_open;
+    pick_panel::show(ui.ctx(), above_status, session, &mut actions);
+    tuning_panel::show(ui.ctx(), session, &mut actions);
+    sweep_panel::show(ui.ctx(), session, &mut actions);
+    let mut shortcuts_are_open = session.shortcuts_are_open;
     bindings::sheet_window(ui.ctx(), &mut shortcuts_are_open);
-    if shortcuts_are_open != state.shortcuts_are_open {
+    if shortcuts_are_open != session.shortcuts_are_open {
         actions.push(Action::ToggleShortcuts);
     }
-    path_prompt(ui.ctx(), state, &mut actions);
-    if let Some(problem) = &state.fatal {
+    path_prompt(ui.ctx(), session, &mut actions);
+    if let Some(problem) = &session.fatal {
         fatal_notice(ui.ctx(), problem, &mut actions);
     }
     actions
 }
 
-fn path_prompt(context: &egui::Context, state: &State, actions: &mut Vec<Action>) {
-    let Some(before) = &state.path_prompt else { return };
+fn path_prompt(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
+    let Some(before) = &session.path_prompt else { return };
     let mut prompt = before.clone();
     let outcome = prompt.show(context);
     if prompt != *before {
@@ -99,10 +99,10 @@ fn open_dropped(ui: &Ui) -> Vec<Action> {
 }
 
 /// Returns whether the lights are shown.
-fn side_panel(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) -> bool {
+fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
     ui.horizontal(|ui| {
         action_button(ui, "Open…", Action::OpenDialog, actions);
-        recent_menu(ui, state, actions);
+        recent_menu(ui, session, actions);
         action_button(ui, "Frame all", Action::FrameAll, actions);
         action_button(ui, "Save", Action::SavePicture, actions);
         action_button(ui, "?", Action::ToggleShortcuts, actions);
@@ -110,22 +110,22 @@ fn side_panel(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) -> bool {
     ui.add_space(4.0);
     let scrolled = egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         section(ui, "Clouds", true, |ui| {
-            clouds_panel::show(ui, state, actions);
-            if state.clouds.is_empty() {
+            clouds_panel::show(ui, session, actions);
+            if session.clouds.is_empty() {
                 ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
             }
         });
-        let is_streaming = state.clouds.iter().any(|entry| entry.streamed.is_some());
+        let is_streaming = session.clouds.iter().any(|entry| entry.streamed.is_some());
         if is_streaming {
-            section(ui, "Streaming", true, |ui| streaming_panel::show(ui, state, actions));
+            section(ui, "Streaming", true, |ui| streaming_panel::show(ui, session, actions));
         }
-        section(ui, "Colour", true, |ui| colors_panel::show(ui, state, actions));
-        let lights_are_shown = section(ui, "Light", true, |ui| light_panel::show(ui, state, actions));
-        section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, state, actions));
+        section(ui, "Colour", true, |ui| colors_panel::show(ui, session, actions));
+        let lights_are_shown = section(ui, "Light", true, |ui| light_panel::show(ui, session, actions));
+        section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, session, actions));
         let mut shown: Vec<&str> = OWN_PANELS.into();
         // While something is streamed, its parameters are in the section above.
         shown.extend(is_streaming.then_some(scene::Stream::table().section));
-        for group in state.settings.groups().map(Params::group) {
+        for group in session.settings.groups().map(Params::group) {
             if shown.contains(&group.section) {
                 continue;
             }
@@ -134,13 +134,13 @@ fn side_panel(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) -> bool {
             let acts_at_once = group.fields.iter().any(|field| !field.affects.points);
             section(ui, group.section, acts_at_once, |ui| {
                 if group.section == scene::Sscr::table().section {
-                    presets::show(ui, &state.settings, actions);
+                    presets::show(ui, &session.settings, actions);
                 }
-                parameter_groups(ui, state, group.section, actions)
+                parameter_groups(ui, session, group.section, actions)
             });
         }
-        section(ui, "Truth", true, |ui| truth_panel::show(ui, state, actions));
-        section(ui, "Timings", false, |ui| timings_panel::show(ui, state));
+        section(ui, "Truth", true, |ui| truth_panel::show(ui, session, actions));
+        section(ui, "Timings", false, |ui| timings_panel::show(ui, session));
         lights_are_shown
     });
     scrolled.inner
@@ -159,8 +159,8 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut U
     shown.body_response.is_some()
 }
 
-fn parameter_groups(ui: &mut Ui, state: &State, section: &str, actions: &mut Vec<Action>) {
-    let mut groups: Vec<_> = state.settings.groups().into_iter().collect();
+fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut Vec<Action>) {
+    let mut groups: Vec<_> = session.settings.groups().into_iter().collect();
     groups.retain(|params| params.group().section == section);
     let are_several = groups.len() > 1;
     for params in groups {
@@ -184,9 +184,9 @@ fn action_button(ui: &mut Ui, text: &str, action: Action, actions: &mut Vec<Acti
     }
 }
 
-fn recent_menu(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.menu_button("Recent", |ui| {
-        for recent in &state.preferences.recent {
+        for recent in &session.preferences.recent {
             if ui.button(short_name(recent)).on_hover_text(recent).clicked() {
                 actions.push(Action::Open(recent.into()));
             }
@@ -202,26 +202,26 @@ fn recent_menu(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
 
 // ---- picture ----
 
-fn picture_area(ui: &mut Ui, state: &State, picture: Option<TextureId>, rect: Rect, actions: &mut Vec<Action>) {
+fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect: Rect, actions: &mut Vec<Action>) {
     let scale = ui.ctx().pixels_per_point();
     let side = |length: f32| (length * scale).round().max(0.0) as u32;
     let size = [side(rect.width()), side(rect.height())];
-    actions.extend((size != state.view_size).then_some(Action::Resize(size)));
-    let [red, green, blue, _] = state.settings.view.background.bytes();
+    actions.extend((size != session.view_size).then_some(Action::Resize(size)));
+    let [red, green, blue, _] = session.settings.view.background.bytes();
     ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
-    if let (Some(picture), Some(_)) = (picture, &state.frames.shown) {
+    if let (Some(picture), Some(_)) = (picture, &session.frames.shown) {
         let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
         ui.painter().image(picture, rect, whole, Color32::WHITE);
     }
-    truth_panel::paint(ui, rect, state, actions);
-    overlay::paint(ui.painter(), rect, state);
-    let is_taken = gizmo::interact(&response, state, actions);
-    navigation::handle(ui, &response, is_taken, state, actions);
-    if state.pick_tool && response.contains_pointer() {
+    truth_panel::paint(ui, rect, session, actions);
+    overlay::paint(ui.painter(), rect, session);
+    let is_taken = gizmo::interact(&response, session, actions);
+    navigation::handle(ui, &response, is_taken, session, actions);
+    if session.pick_tool && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
-    if state.clouds.is_empty() && !state.is_loading() {
+    if session.clouds.is_empty() && !session.is_loading() {
         empty_state(ui, rect, actions);
     }
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
@@ -271,48 +271,48 @@ fn short_scene(name: &str) -> &str {
 
 // ---- status bar ----
 
-fn status_bar(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal_centered(|ui| {
-        let is_open = state.preferences.panel_is_open;
+        let is_open = session.preferences.panel_is_open;
         let text = if is_open { "<" } else { ">" };
         let help = if is_open { "Hide the panel" } else { "Show the panel" };
         if ui.small_button(text).on_hover_text(help).clicked() {
             actions.push(Action::TogglePanel);
         }
-        if state.adapter.is_none() && state.fatal.is_none() {
+        if session.adapter.is_none() && session.fatal.is_none() {
             ui.spinner();
             ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
         }
-        if let Some(job) = state.jobs.iter().find(|job| state.is_at_work(job)) {
-            if job_progress(ui, state, job) {
+        if let Some(job) = session.jobs.iter().find(|job| session.is_at_work(job)) {
+            if job_progress(ui, session, job) {
                 actions.push(Action::StopLoading);
             }
             ui.ctx().request_repaint_after(Duration::from_millis(100));
         } else {
-            let (points, all) = (state.points(), state.all_points());
+            let (points, all) = (session.points(), session.all_points());
             if all > points {
                 ui.label(format!("{} of {} points", grouped(points), grouped(all)));
             } else if points > 0 {
                 ui.label(format!("{} points", grouped(points)));
             }
         }
-        truth_panel::progress(ui, state, actions);
+        truth_panel::progress(ui, session, actions);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            messages_button(ui, state, actions);
-            if let Some(shown) = &state.frames.shown {
+            messages_button(ui, session, actions);
+            if let Some(shown) = &session.frames.shown {
                 ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
             }
-            if state.is_flying() {
+            if session.is_flying() {
                 ui.label(RichText::new("fly").color(theme::ACCENT));
             }
-            if state.is_unlit() {
+            if session.is_unlit() {
                 ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
             }
-            uncertain_reflections(ui, state, actions);
-            if state.pick_tool {
+            uncertain_reflections(ui, session, actions);
+            if session.pick_tool {
                 ui.label(RichText::new("pick").color(theme::ACCENT));
             }
-            if let Some((_, Some(world))) = state.navigation.hovered {
+            if let Some((_, Some(world))) = session.navigation.hovered {
                 ui.add_space(6.0);
                 // Enough to read along; a pick gives the rest.
                 let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
@@ -327,24 +327,24 @@ fn status_bar(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
 const MOSTLY_CERTAIN: f64 = 0.1;
 
 /// Says if a method is at its limits; a click shows where.
-fn uncertain_reflections(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let share =
-        state.frames.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
+        session.frames.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
     if share <= MOSTLY_CERTAIN {
         return;
     }
     let text = format!("{:.0} % of reflections uncertain", share * 100.0);
     let help = "Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where";
     if ui.small_button(RichText::new(text).color(theme::ACCENT)).on_hover_text(help).clicked() {
-        let is_shown = state.settings.reflection.show == Show::Uncertain;
+        let is_shown = session.settings.reflection.show == Show::Uncertain;
         let show = if is_shown { Show::Picture } else { Show::Uncertain };
         actions.push(Action::set("reflection", "show", param::Value::Choice(show as u32)));
     }
 }
 
 /// Returns whether Cancel was clicked.
-fn job_progress(ui: &mut Ui, state: &State, job: &JobEntry) -> bool {
-    if let Some((entry, stage)) = state.stage_of(job) {
+fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
+    if let Some((entry, stage)) = session.stage_of(job) {
         stage_progress(ui, stage, &entry.cloud.name);
     } else {
         let (done, total) = (job.progress.done(), job.progress.total());
@@ -379,13 +379,13 @@ fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str) {
     }
 }
 
-fn messages_button(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    let worst = state.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
+fn messages_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let worst = session.outside.messages.all.iter().map(|message| message.level).max_by_key(|level| *level as u8);
     let color = worst.filter(|level| *level != Level::Note).map_or(theme::WEAK, Level::color);
-    let count = state.messages.all.iter().filter(|message| message.level != Level::Note).count();
+    let count = session.outside.messages.all.iter().filter(|message| message.level != Level::Note).count();
     let text = if count > 0 { format!("Messages ({count})") } else { "Messages".into() };
     if ui.small_button(RichText::new(text).color(color)).clicked() {
-        actions.push(Action::ListMessages(!state.messages.list_is_open));
+        actions.push(Action::ListMessages(!session.outside.messages.list_is_open));
     }
 }
 
@@ -398,17 +398,17 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
     use world::Mailbox;
 
+    use super::super::outside::Effect;
     use super::super::preferences::Preferences;
-    use super::super::state::Effect;
     use super::*;
 
-    fn harness() -> Harness<'static, State> {
+    fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
-            |ui, state: &mut State| {
-                let actions = show(ui, state, None);
-                state.act_all(actions);
+            |ui, session: &mut Session| {
+                let actions = show(ui, session, None);
+                session.act_all(actions);
             },
-            State::new(Preferences::default()),
+            Session::new(Preferences::default()),
         )
     }
 
@@ -419,7 +419,7 @@ mod tests {
         assert!(harness.query_by_label("Drop a LAS, LAZ or PLY file here, or press Ctrl+O").is_some());
         harness.get_by_label("sphere").click();
         harness.run_ok();
-        let loads = harness.state().effects.iter().any(|effect| matches!(effect, Effect::Load { .. }));
+        let loads = harness.state().outside.effects.iter().any(|effect| matches!(effect, Effect::Load { .. }));
         assert!(loads, "the scene's button loads nothing");
     }
 
@@ -451,7 +451,7 @@ mod tests {
         assert!(panned.pivot.distance(orbited.pivot) > 0.1 && panned.forward().dot(orbited.forward()) > 0.999_999);
     }
 
-    fn drag(harness: &mut Harness<'static, State>, button: egui::PointerButton) {
+    fn drag(harness: &mut Harness<'static, Session>, button: egui::PointerButton) {
         let modifiers = egui::Modifiers::NONE;
         let (from, to) = (egui::pos2(700.0, 120.0), egui::pos2(760.0, 150.0));
         harness.event(egui::Event::PointerMoved(from));

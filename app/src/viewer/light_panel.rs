@@ -10,7 +10,7 @@ use super::bindings;
 use super::mirrors_panel::object_list;
 use super::objects::{ObjectId, PlacedLight};
 use super::panel::{parameter, parameters};
-use super::state::State;
+use super::session::Session;
 use super::theme;
 use super::widgets::{name_label, three};
 
@@ -26,27 +26,27 @@ const CHOICES: [(Lighting, &str, &str); 5] = [
     (Lighting::Colors, "Raw colours", "The data's own colours, no light"),
 ];
 
-pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 2.0;
         ui.spacing_mut().button_padding.x = 5.0;
         for (by, name, help) in CHOICES {
             let key = if by == Lighting::Colors { Action::ToggleLight } else { Action::NextLight };
             let shortcut = bindings::shortcut(&key);
-            let button = ui.selectable_label(state.settings.light.by == by, name);
+            let button = ui.selectable_label(session.settings.light.by == by, name);
             if button.on_hover_text(format!("{help} ({shortcut})")).clicked() {
                 actions.push(Action::LightBy(by));
             }
         }
     });
-    ui.label(RichText::new(explanation(state)).small().color(theme::WEAK));
+    ui.label(RichText::new(explanation(session)).small().color(theme::WEAK));
     ui.horizontal(|ui| {
         let help = "Stands where you are and aims at the pivot, where white reaches the screen's white (short of it by the filmic curve)";
         let shortcut = bindings::shortcut(&Action::AddSpot);
         if ui.button("Spot at the camera").on_hover_text(format!("{help} ({shortcut})")).clicked() {
             actions.push(Action::AddSpot);
         }
-        if state.objects.lights.is_empty() {
+        if session.objects.lights.is_empty() {
             ui.label(RichText::new("No lights.").color(theme::WEAK));
         }
     });
@@ -54,15 +54,15 @@ pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
         let unlit = if index < MOST_LIGHTS { "" } else { " (does not shine)" };
         (placed.id, format!("{}{unlit}", placed.name))
     };
-    object_list(ui, state, state.objects.lights.iter().enumerate().map(name).collect(), actions);
-    if let Some((id, light)) = state.selected.and_then(|id| Some((id, *state.objects.light(id)?))) {
+    object_list(ui, session, session.objects.lights.iter().enumerate().map(name).collect(), actions);
+    if let Some((id, light)) = session.selected.and_then(|id| Some((id, *session.objects.light(id)?))) {
         ui.separator();
-        ui.push_id(id.0, |ui| numbers(ui, state, id, light, actions));
+        ui.push_id(id.0, |ui| numbers(ui, session, id, light, actions));
     }
     ui.separator();
-    let settings = &state.settings;
+    let settings = &session.settings;
     parameter(ui, &settings.light, "show", actions);
-    let lighting = state.lighting();
+    let lighting = session.lighting();
     if lighting == Lighting::Headlight {
         parameter(ui, &settings.light, "headlight", actions);
     }
@@ -82,18 +82,20 @@ pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
 }
 
 /// What the choice comes to.
-fn explanation(state: &State) -> &'static str {
-    let is_auto = state.settings.light.by == Lighting::Auto;
-    let lights = &state.objects.lights;
-    match state.lighting() {
+fn explanation(session: &Session) -> &'static str {
+    let is_auto = session.settings.light.by == Lighting::Auto;
+    let lights = &session.objects.lights;
+    match session.lighting() {
         Lighting::Lights if lights.is_empty() => "There is no light in the scene: it is dark.",
-        Lighting::Lights if is_auto && state.objects.has_guess() => "A closed room without a light: a lamp is guessed.",
+        Lighting::Lights if is_auto && session.objects.has_guess() => {
+            "A closed room without a light: a lamp is guessed."
+        }
         Lighting::Lights if is_auto => "The scene has lights.",
         Lighting::Lights => "The lights of the scene.",
         Lighting::Sun if is_auto => "No lights in the scene, and the sky is open.",
         Lighting::Sun => "A sun and a sky.",
-        _ if is_auto && state.is_loading() => "A lamp at the eye until everything is read.",
-        _ if is_auto && state.objects.has_guess() => "A lamp at the eye; in the room, the lamp that is guessed.",
+        _ if is_auto && session.is_loading() => "A lamp at the eye until everything is read.",
+        _ if is_auto && session.objects.has_guess() => "A lamp at the eye; in the room, the lamp that is guessed.",
         Lighting::Headlight if is_auto => "No lights in the scene: a lamp at the eye.",
         Lighting::Headlight | Lighting::Auto => "A lamp at the eye.",
         Lighting::Colors => "Data colours, no light.",
@@ -105,7 +107,7 @@ fn part(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui))
 }
 
 /// The numbers of a light. What they make of it is taken only if it is one.
-fn numbers(ui: &mut Ui, state: &State, id: ObjectId, mut light: SpotLight, actions: &mut Vec<Action>) {
+fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, actions: &mut Vec<Action>) {
     let before = light;
     let step = light.position.distance(light.target) * 0.01;
     for (name, place) in [("Position", &mut light.position), ("Target", &mut light.target)] {
@@ -140,7 +142,7 @@ fn numbers(ui: &mut Ui, state: &State, id: ObjectId, mut light: SpotLight, actio
     });
     ui.horizontal(|ui| {
         if ui.button("Move to camera").on_hover_text("It stands where you are and aims at the pivot").clicked() {
-            (light.position, light.target) = (state.camera.eye, state.camera.pivot);
+            (light.position, light.target) = (session.camera.eye, session.camera.pivot);
         }
         if ui.button("Look from it").on_hover_text("You stand where it is and look at its target").clicked() {
             actions.push(Action::LookAlong { eye: light.position, pivot: light.target });
@@ -168,7 +170,7 @@ mod tests {
     use world::AutoLight;
 
     use super::super::objects::{GUESSED_LAMP, Origin, spot};
-    use super::super::state::Effect;
+    use super::super::outside::Effect;
     use super::super::work::{Found, Work};
     use super::*;
 
@@ -176,35 +178,35 @@ mod tests {
         AutoLight { surroundings: Some(surroundings) }
     }
 
-    fn harness() -> Harness<'static, State> {
+    fn harness() -> Harness<'static, Session> {
         let mut harness = Harness::builder().with_size([340.0, 900.0]).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
-            State::with_two_points(),
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            Session::with_two_points(),
         );
         harness.run_ok();
         harness
     }
 
-    fn names(state: &State) -> Vec<&str> {
-        state.objects.lights.iter().map(|placed| placed.name.as_str()).collect()
+    fn names(session: &Session) -> Vec<&str> {
+        session.objects.lights.iter().map(|placed| placed.name.as_str()).collect()
     }
 
     /// What a worker thread would answer to the last question for the surroundings.
-    fn answer(state: &mut State, found: Surroundings) {
-        let asked = std::mem::take(&mut state.effects).into_iter().rev().find_map(|effect| match effect {
+    fn answer(session: &mut Session, found: Surroundings) {
+        let asked = std::mem::take(&mut session.outside.effects).into_iter().rev().find_map(|effect| match effect {
             Effect::Work(Work::FindSurroundings { asked, .. }) => Some(asked),
             _ => None,
         });
-        state.on_found(Found::Surroundings {
+        session.on_found(Found::Surroundings {
             asked: asked.expect("the surroundings are asked for"),
             found: light_of(found),
         });
     }
 
     /// A room about the camera.
-    fn room(state: &State) -> Surroundings {
+    fn room(session: &Session) -> Surroundings {
         let lamp = spot(DVec3::new(5.0, 5.0, 2.7), DVec3::new(5.0, 5.0, 0.0), 140.0);
-        let (eye, half) = (state.camera.eye, DVec3::ONE);
+        let (eye, half) = (session.camera.eye, DVec3::ONE);
         Surroundings::Room(Room { lamp, inside: Bounds { min: eye - half, max: eye + half } })
     }
 
@@ -214,10 +216,10 @@ mod tests {
         assert!(harness.query_by_label("No lights.").is_some());
         harness.get_by_label("Spot at the camera").click();
         harness.run_ok();
-        let state = harness.state();
-        let added = state.objects.lights[0].clone();
-        assert_eq!((state.selected, state.lighting()), (Some(added.id), Lighting::Lights));
-        assert_eq!((added.light.position, added.light.target), (state.camera.eye, state.camera.pivot));
+        let session = harness.state();
+        let added = session.objects.lights[0].clone();
+        assert_eq!((session.selected, session.lighting()), (Some(added.id), Lighting::Lights));
+        assert_eq!((added.light.position, added.light.target), (session.camera.eye, session.camera.pivot));
         assert_eq!(added.light.problem(), None);
         harness.get_by_label("Copy spot").click();
         harness.run_ok();
@@ -248,13 +250,13 @@ mod tests {
     #[test]
     fn a_light_that_is_added_shines_whatever_was_chosen_before() {
         for by in [Lighting::Auto, Lighting::Sun, Lighting::Headlight, Lighting::Colors] {
-            let mut state = State::with_two_points();
-            state.settings.light.by = by;
-            state.history.settle(&state.settings, &state.objects);
-            state.act(Action::AddSpot);
-            assert_eq!(state.lighting(), Lighting::Lights);
-            state.act(Action::Undo);
-            assert_eq!((state.settings.light.by, state.objects.lights.len()), (by, 0), "one step of undo");
+            let mut session = Session::with_two_points();
+            session.settings.light.by = by;
+            session.history.settle(&session.settings, &session.objects);
+            session.act(Action::AddSpot);
+            assert_eq!(session.lighting(), Lighting::Lights);
+            session.act(Action::Undo);
+            assert_eq!((session.settings.light.by, session.objects.lights.len()), (by, 0), "one step of undo");
         }
     }
 
@@ -264,10 +266,10 @@ mod tests {
         for _ in 0..4 {
             harness.state_mut().act(Action::AddSpot);
         }
-        assert!(harness.state().messages.all.is_empty());
+        assert!(harness.state().outside.messages.all.is_empty());
         harness.state_mut().act(Action::AddSpot);
         harness.run_ok();
-        assert!(harness.state().messages.all.iter().any(|message| message.text.contains("first 4")));
+        assert!(harness.state().outside.messages.all.iter().any(|message| message.text.contains("first 4")));
         assert!(harness.query_by_label("spot 5 (does not shine)").is_some());
     }
 
@@ -281,9 +283,9 @@ mod tests {
     fn selecting_a_light_does_not_change_it() {
         for (intensity, outer_degrees) in [(0.0, 0.05), (1e-7, 85.0), (12_345.678, 33.333)] {
             let mut harness = harness();
-            let state = harness.state_mut();
-            state.act(Action::AddSpot);
-            let placed = &mut state.objects.lights[0];
+            let session = harness.state_mut();
+            session.act(Action::AddSpot);
+            let placed = &mut session.objects.lights[0];
             let odd =
                 SpotLight { intensity: [intensity; 3], inner_degrees: outer_degrees, outer_degrees, ..placed.light };
             assert_eq!(odd.problem(), None);
@@ -295,72 +297,73 @@ mod tests {
 
     #[test]
     fn a_lamp_that_was_deleted_does_not_come_back_of_itself() {
-        let mut state = State::with_two_points();
-        let found = room(&state);
-        answer(&mut state, found);
-        let id = state.objects.lights[0].id;
-        state.selected = Some(id);
-        let key = state.clouds[0].key;
-        state.set_visible(key, true);
-        answer(&mut state, found);
-        assert_eq!(state.objects.lights[0].id, id, "a new answer moves it");
-        state.act(Action::Delete);
-        state.set_visible(key, true);
-        answer(&mut state, found);
-        assert!(state.objects.lights.is_empty());
-        state.act(Action::Undo);
-        assert_eq!(names(&state), [GUESSED_LAMP]);
+        let mut session = Session::with_two_points();
+        let found = room(&session);
+        answer(&mut session, found);
+        let id = session.objects.lights[0].id;
+        session.selected = Some(id);
+        let key = session.clouds[0].key;
+        session.set_visible(key, true);
+        answer(&mut session, found);
+        assert_eq!(session.objects.lights[0].id, id, "a new answer moves it");
+        session.act(Action::Delete);
+        session.set_visible(key, true);
+        answer(&mut session, found);
+        assert!(session.objects.lights.is_empty());
+        session.act(Action::Undo);
+        assert_eq!(names(&session), [GUESSED_LAMP]);
     }
 
     #[test]
     fn two_equal_lights_of_a_file_are_two_and_those_that_are_there_do_not_come_again() {
-        let mut state = State::with_two_points();
+        let mut session = Session::with_two_points();
         let light = scene::five_mirrors::light();
         let file = world::Request { lights: vec![light, light], ..Default::default() };
-        state.open_request(file.clone());
-        assert_eq!(names(&state), ["spot", "spot 2"]);
-        state.open_request(file.clone());
-        assert_eq!(names(&state), ["spot", "spot 2"]);
+        session.open_request(file.clone());
+        assert_eq!(names(&session), ["spot", "spot 2"]);
+        session.open_request(file.clone());
+        assert_eq!(names(&session), ["spot", "spot 2"]);
         // Each step of undo has its own.
-        state.selected = Some(state.objects.lights[0].id);
-        state.act(Action::Delete);
-        state.selected = Some(state.objects.lights[0].id);
-        state.act(Action::Delete);
-        state.open_request(file);
-        assert_eq!(state.objects.lights.len(), 2);
-        state.act(Action::Undo);
-        assert_eq!(state.objects.lights.len(), 1);
+        session.selected = Some(session.objects.lights[0].id);
+        session.act(Action::Delete);
+        session.selected = Some(session.objects.lights[0].id);
+        session.act(Action::Delete);
+        session.open_request(file);
+        assert_eq!(session.objects.lights.len(), 2);
+        session.act(Action::Undo);
+        assert_eq!(session.objects.lights.len(), 1);
     }
 
     #[test]
     fn a_fifth_light_of_a_file_or_a_view_is_said_not_to_shine() {
         let lights = vec![scene::five_mirrors::light(); 5];
-        let says = |state: &State| state.messages.all.iter().any(|message| message.text.contains("first 4"));
-        let mut state = State::with_two_points();
-        state.open_request(world::Request { lights: lights.clone(), ..Default::default() });
-        assert!(says(&state));
-        let mut state = State::with_two_points();
-        state.paste_view(&scene::SceneFile { lights, ..Default::default() }.to_text());
-        assert!(says(&state));
+        let says =
+            |session: &Session| session.outside.messages.all.iter().any(|message| message.text.contains("first 4"));
+        let mut session = Session::with_two_points();
+        session.open_request(world::Request { lights: lights.clone(), ..Default::default() });
+        assert!(says(&session));
+        let mut session = Session::with_two_points();
+        session.paste_view(&scene::SceneFile { lights, ..Default::default() }.to_text());
+        assert!(says(&session));
     }
 
     #[test]
     fn a_late_answer_puts_no_lamp_into_an_empty_scene() {
-        let mut state = State::with_two_points();
-        let found = room(&state);
-        let (hidden, shown) = (state.clouds[0].key, false);
-        state.effects.clear();
-        state.set_visible(hidden, shown);
+        let mut session = Session::with_two_points();
+        let found = room(&session);
+        let (hidden, shown) = (session.clouds[0].key, false);
+        session.outside.effects.clear();
+        session.set_visible(hidden, shown);
         let asks = |effect: &Effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. }));
-        assert!(!state.effects.iter().any(asks), "there is nothing to be seen");
-        state.set_visible(hidden, true);
-        let asked = state.effects.iter().find_map(|effect| match effect {
+        assert!(!session.outside.effects.iter().any(asks), "there is nothing to be seen");
+        session.set_visible(hidden, true);
+        let asked = session.outside.effects.iter().find_map(|effect| match effect {
             Effect::Work(Work::FindSurroundings { asked, .. }) => Some(*asked),
             _ => None,
         });
-        state.remove_cloud(hidden);
-        state.on_found(Found::Surroundings { asked: asked.unwrap(), found: light_of(found) });
-        assert!(state.objects.lights.is_empty());
+        session.remove_cloud(hidden);
+        session.on_found(Found::Surroundings { asked: asked.unwrap(), found: light_of(found) });
+        assert!(session.objects.lights.is_empty());
     }
 
     #[test]
@@ -377,70 +380,70 @@ mod tests {
         harness.run_ok();
         harness.get_by_label("Move to camera").click();
         harness.run_ok();
-        let state = harness.state();
-        assert_eq!((names(state), state.objects.lights[0].origin), (vec!["lamp"], Origin::Person));
-        assert_eq!(state.objects.lights[0].light.position, state.camera.eye);
+        let session = harness.state();
+        assert_eq!((names(session), session.objects.lights[0].origin), (vec!["lamp"], Origin::Person));
+        assert_eq!(session.objects.lights[0].light.position, session.camera.eye);
     }
 
     #[test]
     fn a_guessed_lamp_shines_while_one_is_inside_and_stays_when_another_light_is_added() {
-        let mut state = State::with_two_points();
-        let found = room(&state);
-        answer(&mut state, found);
-        let inside = state.camera;
-        state.camera.fly(DVec3::new(0.0, 0.0, -9.0));
-        assert_eq!(state.lighting(), Lighting::Headlight, "from outside it would be dark");
-        state.settings.light.by = Lighting::Lights;
-        assert_eq!(state.lighting(), Lighting::Lights);
-        state.settings.light.by = Lighting::Auto;
-        state.act(Action::AddSpot);
-        assert_eq!((names(&state), state.lighting()), (vec!["lamp", "spot"], Lighting::Lights));
-        state.act(Action::Undo);
-        state.camera = inside;
-        assert_eq!((names(&state), state.lighting()), (vec![GUESSED_LAMP], Lighting::Lights));
+        let mut session = Session::with_two_points();
+        let found = room(&session);
+        answer(&mut session, found);
+        let inside = session.camera;
+        session.camera.fly(DVec3::new(0.0, 0.0, -9.0));
+        assert_eq!(session.lighting(), Lighting::Headlight, "from outside it would be dark");
+        session.settings.light.by = Lighting::Lights;
+        assert_eq!(session.lighting(), Lighting::Lights);
+        session.settings.light.by = Lighting::Auto;
+        session.act(Action::AddSpot);
+        assert_eq!((names(&session), session.lighting()), (vec!["lamp", "spot"], Lighting::Lights));
+        session.act(Action::Undo);
+        session.camera = inside;
+        assert_eq!((names(&session), session.lighting()), (vec![GUESSED_LAMP], Lighting::Lights));
     }
 
     #[test]
     fn the_open_sky_lets_the_sun_in_and_other_lights_keep_the_lamp_out() {
-        let mut state = State::with_two_points();
-        answer(&mut state, Surroundings::OpenSky);
-        assert_eq!(state.lighting(), Lighting::Sun);
-        let mut state = State::with_two_points();
-        state.act(Action::AddSpot);
-        let found = room(&state);
-        answer(&mut state, found);
-        assert_eq!(names(&state), ["spot"]);
+        let mut session = Session::with_two_points();
+        answer(&mut session, Surroundings::OpenSky);
+        assert_eq!(session.lighting(), Lighting::Sun);
+        let mut session = Session::with_two_points();
+        session.act(Action::AddSpot);
+        let found = room(&session);
+        answer(&mut session, found);
+        assert_eq!(names(&session), ["spot"]);
         // An answer to an older question.
-        state.on_found(Found::Surroundings { asked: 0, found: light_of(Surroundings::OpenSky) });
-        assert!(!state.sky_is_open());
+        session.on_found(Found::Surroundings { asked: 0, found: light_of(Surroundings::OpenSky) });
+        assert!(!session.sky_is_open());
     }
 
     #[test]
     fn a_guess_goes_when_a_file_brings_lights_and_when_its_cloud_is_closed() {
-        let mut state = State::with_two_points();
-        let found = room(&state);
-        answer(&mut state, found);
-        state.open_request(world::Request { lights: vec![scene::five_mirrors::light()], ..Default::default() });
-        assert_eq!(names(&state), ["spot"]);
-        let mut state = State::with_two_points();
-        let found = room(&state);
-        answer(&mut state, found);
-        state.remove_cloud(state.clouds[0].key);
-        assert!(state.objects.lights.is_empty());
+        let mut session = Session::with_two_points();
+        let found = room(&session);
+        answer(&mut session, found);
+        session.open_request(world::Request { lights: vec![scene::five_mirrors::light()], ..Default::default() });
+        assert_eq!(names(&session), ["spot"]);
+        let mut session = Session::with_two_points();
+        let found = room(&session);
+        answer(&mut session, found);
+        session.remove_cloud(session.clouds[0].key);
+        assert!(session.objects.lights.is_empty());
     }
 
     #[test]
     fn data_colours_come_and_go_with_one_key() {
-        let mut state = State::with_two_points();
-        state.settings.light.by = Lighting::Headlight;
-        state.act(Action::ToggleLight);
-        assert!(state.is_unlit());
-        state.act(Action::ToggleLight);
-        assert_eq!(state.settings.light.by, Lighting::Headlight);
+        let mut session = Session::with_two_points();
+        session.settings.light.by = Lighting::Headlight;
+        session.act(Action::ToggleLight);
+        assert!(session.is_unlit());
+        session.act(Action::ToggleLight);
+        assert_eq!(session.settings.light.by, Lighting::Headlight);
         let seen: Vec<Lighting> = (0..5)
             .map(|_| {
-                state.act(Action::NextLight);
-                state.settings.light.by
+                session.act(Action::NextLight);
+                session.settings.light.by
             })
             .collect();
         let expected = [Lighting::Colors, Lighting::Auto, Lighting::Lights, Lighting::Sun, Lighting::Headlight];
@@ -468,14 +471,14 @@ mod tests {
 
     #[test]
     fn a_view_brings_its_lights_back() {
-        let mut state = State::with_two_points();
-        state.act(Action::AddSpot);
-        let before = state.objects.lights[0].light;
-        state.act(Action::CopyView);
-        let Some(Effect::Copy(text)) = state.effects.pop() else { panic!("nothing was copied") };
-        let id = state.objects.lights[0].id;
-        state.objects.set(id, Object::Light(SpotLight { position: DVec3::splat(9.0), ..before }));
-        state.paste_view(&text);
-        assert_eq!(state.objects.lights.iter().map(|placed| placed.light).collect::<Vec<_>>(), [before]);
+        let mut session = Session::with_two_points();
+        session.act(Action::AddSpot);
+        let before = session.objects.lights[0].light;
+        session.act(Action::CopyView);
+        let Some(Effect::Copy(text)) = session.outside.effects.pop() else { panic!("nothing was copied") };
+        let id = session.objects.lights[0].id;
+        session.objects.set(id, Object::Light(SpotLight { position: DVec3::splat(9.0), ..before }));
+        session.paste_view(&text);
+        assert_eq!(session.objects.lights.iter().map(|placed| placed.light).collect::<Vec<_>>(), [before]);
     }
 }

@@ -7,10 +7,10 @@ use world::AutoLight;
 
 use super::clouds::CloudEntry;
 use super::objects::{Objects, Origin, PlacedLight};
-use super::state::{Effect, State};
+use super::session::Session;
 use super::work::Work;
 
-impl State {
+impl Session {
     /// Lights that files and a built-in scene bring, less those that are there already.
     pub(super) fn bring_lights(&mut self, lights: impl Iterator<Item = (SpotLight, Origin)>) {
         let mut named = Objects { lights: self.objects.lights.clone(), ..Objects::default() };
@@ -40,7 +40,7 @@ impl State {
         if !self.is_loading() && clouds.iter().any(|cloud| !cloud.chunks.is_empty()) {
             let (asked, up) = (self.light_search.ask(), self.up());
             let test = self.objects.visibility.test();
-            self.effects.push(Effect::Work(Work::FindSurroundings { asked, clouds, test, up }));
+            self.outside.work(Work::FindSurroundings { asked, clouds, test, up });
         }
     }
 
@@ -51,7 +51,7 @@ impl State {
         }
         let (id, lamp) = (self.next_object_id(), found.lamp());
         self.rewrite_objects(|objects| objects.guess(id, lamp));
-        self.log(json!({
+        self.outside.log(json!({
             "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": self.objects.lights.len(),
         }));
     }

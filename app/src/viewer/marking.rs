@@ -8,49 +8,49 @@ use super::action::Action;
 use super::clouds::CloudEntry;
 use super::draft::{Draft, NORMALS_WAYS, NormalsWay, WAYS, Way};
 use super::objects::Marking;
-use super::state::State;
+use super::session::Session;
 use super::streams;
 use super::theme::{self, grouped};
 use super::widgets::{choice, length, name_label, slider};
 
 /// Draws the choice, and what reflects already.
-pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    existing(ui, state, actions);
-    if state.clouds.is_empty() {
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    existing(ui, session, actions);
+    if session.clouds.is_empty() {
         ui.label(RichText::new("Open a cloud to turn some of its points into a mirror.").color(theme::WEAK));
         return;
     }
-    let radius = state.bounds().radius();
-    let picked = state.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
-    let mut draft = state.draft.clone();
+    let radius = session.bounds().radius();
+    let picked = session.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
+    let mut draft = session.draft.clone();
     if draft.edge == 0.0 && radius > 0.0 {
         // A tenth of the scene, and about a dozen points of a scan.
         (draft.edge, draft.radius) = (radius * 0.1, radius * 0.005);
     }
-    let known = draft.cloud.filter(|key| state.clouds.iter().any(|entry| entry.key == *key));
-    let at_pick = picked.map(|(key, _)| key).filter(|key| state.clouds.iter().any(|entry| entry.key == *key));
+    let known = draft.cloud.filter(|key| session.clouds.iter().any(|entry| entry.key == *key));
+    let at_pick = picked.map(|(key, _)| key).filter(|key| session.clouds.iter().any(|entry| entry.key == *key));
     let mut key = match draft.way {
         Way::Box => at_pick.or(known),
         _ => known,
     }
-    .unwrap_or(state.clouds[0].key);
-    choice(ui, "Cloud", &mut key, state.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
+    .unwrap_or(session.clouds[0].key);
+    choice(ui, "Cloud", &mut key, session.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
     draft.cloud = Some(key);
-    let Some(entry) = state.cloud(key) else { return };
+    let Some(entry) = session.cloud(key) else { return };
     if entry.streamed.is_some() {
         ui.label(RichText::new(format!("{} {}.", entry.cloud.name, streams::NOT_MARKED)).color(theme::WEAK));
     } else {
-        choose(ui, state, entry, &mut draft, actions);
+        choose(ui, session, entry, &mut draft, actions);
     }
-    if draft != state.draft {
+    if draft != session.draft {
         actions.push(Action::ChangeDraft(Box::new(draft)));
     }
 }
 
 /// Which points of a cloud, and how they are to reflect.
-fn choose(ui: &mut Ui, state: &State, entry: &CloudEntry, draft: &mut Draft, actions: &mut Vec<Action>) {
-    let radius = state.bounds().radius();
-    let picked = state.picks.last().map(|pick| pick.world);
+fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft, actions: &mut Vec<Action>) {
+    let radius = session.bounds().radius();
+    let picked = session.picks.last().map(|pick| pick.world);
     choice(ui, "Points", &mut draft.way, WAYS.into_iter());
     which_points(ui, draft, entry, radius, picked.is_some());
     choice(ui, "Normals", &mut draft.normals, NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, name)))
@@ -145,9 +145,9 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
 }
 
 /// What reflects, with a way to end it; and what is being worked out.
-fn existing(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    for marking in &state.objects.markings {
-        let Some(entry) = state.cloud(marking.key) else { continue };
+fn existing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    for marking in &session.objects.markings {
+        let Some(entry) = session.cloud(marking.key) else { continue };
         ui.horizontal(|ui| {
             let points = &marking.points;
             let what = match &points.points {
@@ -167,7 +167,7 @@ fn existing(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
             });
         });
     }
-    for entry in &state.clouds {
+    for entry in &session.clouds {
         let Some((_, progress)) = &entry.marking else { continue };
         ui.horizontal(|ui| {
             let share = progress.done() as f32 / progress.total().max(1) as f32;
@@ -192,56 +192,56 @@ mod tests {
     use world::{Change, Event, Opened, Part, mirrors};
 
     use super::super::figures::{Basis, Figures};
+    use super::super::outside::Effect;
     use super::super::preferences::Preferences;
     use super::super::render_thread::Command;
-    use super::super::state::Effect;
     use super::super::work::{Found, Work};
     use super::*;
 
     /// Six points of which two are water, and what a worker thread would have found out about them.
-    fn lake() -> State {
-        let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::default(), Arc::default());
+    fn lake() -> Session {
+        let mut session = Session::new(Preferences::default());
+        let job = session.add_job(&[], Arc::default(), Arc::default());
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let (name, input) = ("lake.laz".into(), "scans/lake.laz".into());
         let opened = Opened { name, input, attributes, expected_points: 6, up: DVec3::Z, ..Opened::default() };
-        state.on_loading(job, Event::Opened { cloud: 0, opened });
+        session.on_loading(job, Event::Opened { cloud: 0, opened });
         let mut chunk = Chunk::new(0, DVec3::ZERO, (0..6).map(|i| [i as f32, 0.1 * (i * i) as f32, 0.0]).collect());
         chunk.columns = vec![Some(Arc::new(Column::U8(vec![2, 2, 9, 9, 2, 1])))];
-        state.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
-        state.on_loading(job, Event::Finished);
-        let (key, cloud) = (state.clouds[0].key, state.clouds[0].cloud.clone());
-        let (color, visibility) = (state.settings.color.clone(), state.objects.visibility.clone());
+        session.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
+        session.on_loading(job, Event::Finished);
+        let (key, cloud) = (session.clouds[0].key, session.clouds[0].cloud.clone());
+        let (color, visibility) = (session.settings.color.clone(), session.objects.visibility.clone());
         let figures = Box::new(Figures::of(&cloud, &color, &visibility, DVec3::Z));
         let basis = Basis { color, visibility, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
-        state.on_found(Found::Figures { key, basis, figures });
-        state.history.watch(&state.settings, &state.objects, false, state.now);
-        state
+        session.on_found(Found::Figures { key, basis, figures });
+        session.history.watch(&session.settings, &session.objects, false, session.outside.now);
+        session
     }
 
-    /// Does what the state asks worker threads for.
-    fn work(state: &mut State) {
-        for effect in std::mem::take(&mut state.effects) {
+    /// Does what the session asks worker threads for.
+    fn work(session: &mut Session) {
+        for effect in std::mem::take(&mut session.outside.effects) {
             match effect {
                 Effect::Work(Work::CountPoints { cloud, wanted, .. }) => {
                     let marked = mirrors::mark(&cloud, None, &wanted, &Progress::default());
                     let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
-                    state.on_found(Found::Counted { wanted, result: result.map_err(|error| error.to_string()) });
+                    session.on_found(Found::Counted { wanted, result: result.map_err(|error| error.to_string()) });
                 }
                 Effect::Work(Work::MarkPoints { key, cloud, wanted, progress, .. }) => {
                     let mark = |wanted| mirrors::mark(&cloud, None, wanted, &progress).unwrap();
                     let result = Ok(wanted.iter().map(mark).collect());
-                    state.on_found(Found::Marked { key, wanted, result });
+                    session.on_found(Found::Marked { key, wanted, result });
                 }
-                Effect::Render(command) => state.effects.push(Effect::Render(command)),
+                Effect::Render(command) => session.outside.push(Effect::Render(command)),
                 _ => {}
             }
         }
     }
 
     /// Points that reflect, as the render thread was last told.
-    fn marked(state: &mut State) -> Option<u64> {
-        let effects = std::mem::take(&mut state.effects);
+    fn marked(session: &mut Session) -> Option<u64> {
+        let effects = std::mem::take(&mut session.outside.effects);
         effects.into_iter().rev().find_map(|effect| match effect {
             Effect::Render(Command::Change(Change::Mark { marked, .. })) => {
                 Some(marked.iter().map(|marked| marked.count).sum())
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn water_is_counted_turned_into_a_mirror_and_back_by_undo() {
         let mut harness = Harness::builder().with_size([340.0, 500.0]).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
             lake(),
         );
         harness.run_ok();
@@ -279,14 +279,14 @@ mod tests {
 
     #[test]
     fn stopping_leaves_what_reflected_before() {
-        let mut state = lake();
-        let key = state.clouds[0].key;
+        let mut session = lake();
+        let key = session.clouds[0].key;
         let points = MirrorPoints::whole("scans/lake.laz".into());
-        state.edit_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
-        state.sync_objects();
-        state.on_found(Found::Marked { key, wanted: vec![points], result: Ok(None) });
-        assert!(state.objects.markings.is_empty());
-        state.sync_objects();
-        assert!(state.clouds[0].marking.is_none(), "it begins again");
+        session.edit_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
+        session.sync_objects();
+        session.on_found(Found::Marked { key, wanted: vec![points], result: Ok(None) });
+        assert!(session.objects.markings.is_empty());
+        session.sync_objects();
+        assert!(session.clouds[0].marking.is_none(), "it begins again");
     }
 }

@@ -43,16 +43,8 @@ impl Messages {
         self.all.push(Message { level, text, since: Instant::now(), dismissed: false });
     }
 
-    pub fn note(&mut self, text: impl Into<String>) {
-        self.push(Level::Note, text);
-    }
-
     pub fn warning(&mut self, text: impl Into<String>) {
         self.push(Level::Warning, text);
-    }
-
-    pub fn error(&mut self, text: impl Into<String>) {
-        self.push(Level::Error, text);
     }
 
     /// Draws toasts in the upper right corner of `rect`, and the list if it is open.
@@ -186,13 +178,13 @@ mod tests {
     #[test]
     fn a_message_that_repeats_while_it_is_shown_is_one_message() {
         let mut messages = Messages::default();
-        messages.note("a");
-        messages.error("b");
-        messages.note("a");
+        messages.push(Level::Note, "a");
+        messages.push(Level::Error, "b");
+        messages.push(Level::Note, "a");
         assert_eq!(texts(&messages), ["a", "b"]);
         // Four others have taken its place on the screen.
-        ["c", "d", "e", "f"].into_iter().for_each(|text| messages.note(text));
-        messages.note("a");
+        ["c", "d", "e", "f"].into_iter().for_each(|text| messages.push(Level::Note, text));
+        messages.push(Level::Note, "a");
         assert_eq!(texts(&messages), ["a", "b", "c", "d", "e", "f", "a"]);
     }
 

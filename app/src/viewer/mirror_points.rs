@@ -11,10 +11,10 @@ use world::{Change, CloudKey};
 use super::clouds::Sample;
 use super::messages::Level;
 use super::objects::{Marking, ObjectId, unnamed};
-use super::state::{Effect, State};
+use super::session::Session;
 use super::work::Work;
 
-impl State {
+impl Session {
     /// Those of the scene, and the one that is held over it.
     pub fn all_mirrors(&self) -> impl Iterator<Item = (ObjectId, &Mirror)> {
         let placed = self.objects.mirrors.iter().map(|placed| (placed.id, &placed.mirror));
@@ -31,7 +31,7 @@ impl State {
     ) {
         let key = self.samples.of.get(&id).map(|sample| sample.key);
         let key = key.unwrap_or_else(|| self.next_cloud_key());
-        self.change(Change::Mirror { cloud: key, mirror: mirror.clone(), samples: chunks.clone() });
+        self.outside.change(Change::Mirror { cloud: key, mirror: mirror.clone(), samples: chunks.clone() });
         let with_bounds = |chunk: Chunk| {
             let bounds = chunk.bounds();
             (chunk, bounds)
@@ -49,7 +49,7 @@ impl State {
             self.samples.of.keys().copied().filter(|id| self.all_mirrors().all(|(known, _)| known != *id)).collect();
         for id in gone {
             if let Some(sample) = self.samples.of.remove(&id) {
-                self.change(Change::Close { cloud: sample.key });
+                self.outside.change(Change::Close { cloud: sample.key });
                 self.frames.points_changed();
             }
         }
@@ -82,7 +82,7 @@ impl State {
             let stale = self.all_mirrors().find(|(id, mirror)| !is_held(*id) && !is_current(*id, mirror));
             if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
                 self.samples.under_way = Some(id);
-                self.effects.push(Effect::Work(Work::SampleMirror { id, mirror, area_per_point }));
+                self.outside.work(Work::SampleMirror { id, mirror, area_per_point });
             }
         }
         for entry in &mut self.clouds {
@@ -95,7 +95,7 @@ impl State {
                     let progress = Arc::<Progress>::default();
                     entry.marking = Some((wanted.clone(), progress.clone()));
                     let (key, cloud, source) = (entry.key, entry.cloud.clone(), entry.source.clone());
-                    self.effects.push(Effect::Work(Work::MarkPoints { key, cloud, source, wanted, progress }));
+                    self.outside.work(Work::MarkPoints { key, cloud, source, wanted, progress });
                 }
                 None => {}
             }
@@ -127,16 +127,16 @@ impl State {
                 (entry.marked, entry.marks) = (wanted, marked.clone());
                 let (chunks, classes, name) = (entry.chunks(), entry.cloud.class_column(), entry.cloud.name.clone());
                 let count: u64 = marked.iter().map(|marked| marked.count).sum();
-                self.change(Change::Mark { cloud: key, chunks, classes, marked });
+                self.outside.change(Change::Mark { cloud: key, chunks, classes, marked });
                 self.frames.points_changed();
-                self.log(json!({ "event": "marked", "name": name, "points": count }));
+                self.outside.log(json!({ "event": "marked", "name": name, "points": count }));
             }
             Err(error) => {
                 entry.marked = wanted.clone();
                 self.rewrite_objects(|objects| {
                     objects.markings.retain(|marking| marking.key != key || !wanted.contains(&marking.points));
                 });
-                self.say(Level::Error, error);
+                self.outside.say(Level::Error, error);
             }
         }
     }
@@ -149,7 +149,9 @@ impl State {
                 Some(key) => {
                     self.rewrite_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
                 }
-                None => self.say(Level::Warning, format!("mirror points: no cloud is called `{}`", points.cloud)),
+                None => {
+                    self.outside.say(Level::Warning, format!("mirror points: no cloud is called `{}`", points.cloud))
+                }
             }
         }
     }

@@ -8,14 +8,14 @@ use super::action::Action;
 use super::bindings;
 use super::marking;
 use super::objects::ObjectId;
-use super::state::State;
+use super::session::Session;
 use super::theme;
 use super::widgets::{name_label, slider, three};
 
-pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         add_menu(ui, actions);
-        let is_held = state.inspection.is_some();
+        let is_held = session.inspection.is_some();
         let inspect = ui.selectable_label(is_held, "Inspect").on_hover_text(format!(
             "A mirror that follows the cursor and shows what faces away ({})",
             bindings::shortcut(&Action::Inspect)
@@ -31,16 +31,16 @@ pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
             actions.push(Action::SaveScene);
         }
     });
-    inspection(ui, state, actions);
-    list(ui, state, actions);
-    if let Some((id, mirror)) = state.selected.and_then(|id| Some((id, state.objects.mirror(id)?.clone()))) {
+    inspection(ui, session, actions);
+    list(ui, session, actions);
+    if let Some((id, mirror)) = session.selected.and_then(|id| Some((id, session.objects.mirror(id)?.clone()))) {
         ui.separator();
-        ui.push_id(id.0, |ui| numbers(ui, state, id, mirror, actions));
+        ui.push_id(id.0, |ui| numbers(ui, session, id, mirror, actions));
     }
     ui.add_space(4.0);
     egui::CollapsingHeader::new("Turn points into a mirror")
         .id_salt("marking")
-        .show_unindented(ui, |ui| marking::show(ui, state, actions));
+        .show_unindented(ui, |ui| marking::show(ui, session, actions));
 }
 
 fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {
@@ -62,8 +62,8 @@ fn capitalized(name: &str) -> String {
     name[..1].to_uppercase() + &name[1..]
 }
 
-fn inspection(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    let Some(before) = state.inspection.as_ref().map(|held| held.pose) else { return };
+fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let Some(before) = session.inspection.as_ref().map(|held| held.pose) else { return };
     let mut pose = before;
     ui.label(RichText::new("Click pins it, Esc takes it away.").small().color(theme::WEAK));
     slider(ui, "Distance", egui::Slider::new(&mut pose.distance, 0.005..=0.9).logarithmic(true))
@@ -84,16 +84,16 @@ fn inspection(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     }
 }
 
-fn list(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    if state.objects.mirrors.is_empty() {
+fn list(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    if session.objects.mirrors.is_empty() {
         ui.label(RichText::new("No mirrors.").color(theme::WEAK));
     }
-    let mirrors = state.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
-    object_list(ui, state, mirrors.collect(), actions);
+    let mirrors = session.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
+    object_list(ui, session, mirrors.collect(), actions);
 }
 
 /// Lines of mirrors or lights by their names: a click selects, buttons copy and delete.
-pub fn object_list(ui: &mut Ui, state: &State, objects: Vec<(ObjectId, String)>, actions: &mut Vec<Action>) {
+pub fn object_list(ui: &mut Ui, session: &Session, objects: Vec<(ObjectId, String)>, actions: &mut Vec<Action>) {
     for (id, name) in objects {
         ui.push_id(id.0, |ui| {
             ui.horizontal(|ui| {
@@ -106,7 +106,7 @@ pub fn object_list(ui: &mut Ui, state: &State, objects: Vec<(ObjectId, String)>,
                         actions.extend([Action::Select(Some(id)), Action::Duplicate]);
                     }
                     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                        let is_selected = state.selected == Some(id);
+                        let is_selected = session.selected == Some(id);
                         if ui.selectable_label(is_selected, &name).clicked() {
                             actions.push(Action::Select(if is_selected { None } else { Some(id) }));
                         }
@@ -118,7 +118,7 @@ pub fn object_list(ui: &mut Ui, state: &State, objects: Vec<(ObjectId, String)>,
 }
 
 /// The numbers of a mirror. What they make of it is taken only if it is one.
-fn numbers(ui: &mut Ui, state: &State, id: ObjectId, mut mirror: Mirror, actions: &mut Vec<Action>) {
+fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, actions: &mut Vec<Action>) {
     let before = mirror.clone();
     let step = mirror.size * 0.01;
     ui.horizontal(|ui| {
@@ -126,7 +126,7 @@ fn numbers(ui: &mut Ui, state: &State, id: ObjectId, mut mirror: Mirror, actions
         let edit = egui::TextEdit::singleline(&mut mirror.name).desired_width(150.0);
         let response = ui.add(edit).labelled_by(label.id);
         if response.lost_focus() {
-            mirror.name = state.objects.free_name(&mirror.name, Some(id));
+            mirror.name = session.objects.free_name(&mirror.name, Some(id));
         }
     });
     if let Some(position) = three(ui, "Position", mirror.position, step, "") {
@@ -138,9 +138,9 @@ fn numbers(ui: &mut Ui, state: &State, id: ObjectId, mut mirror: Mirror, actions
             egui::DragValue::new(&mut mirror.size).speed(step).range(f64::MIN_POSITIVE..=f64::MAX).max_decimals(6);
         ui.add(drag).labelled_by(label.id);
     });
-    let angles = remembered_angles(ui, mirror.rotation, state.up());
+    let angles = remembered_angles(ui, mirror.rotation, session.up());
     if let Some(angles) = three(ui, "Yaw pitch roll", angles, 0.5, "°") {
-        mirror.rotation = from_angles(angles, state.up());
+        mirror.rotation = from_angles(angles, session.up());
         remember_angles(ui, mirror.rotation, angles);
     }
     match &mut mirror.shape {
@@ -204,24 +204,24 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
-    use super::super::state::Effect;
+    use super::super::outside::Effect;
     use super::super::work::{Found, Work};
     use super::*;
 
     /// The panel over a scene of two points.
-    fn harness() -> Harness<'static, State> {
-        let state = State::with_two_points();
+    fn harness() -> Harness<'static, Session> {
+        let session = Session::with_two_points();
         Harness::builder().with_size([340.0, 900.0]).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
-            state,
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
         )
     }
 
-    fn names(harness: &Harness<'static, State>) -> Vec<String> {
+    fn names(harness: &Harness<'static, Session>) -> Vec<String> {
         harness.state().objects.mirrors.iter().map(|placed| placed.mirror.name.clone()).collect()
     }
 
-    fn add(harness: &mut Harness<'static, State>, shape: &str) {
+    fn add(harness: &mut Harness<'static, Session>, shape: &str) {
         harness.get_by_label("Add").click();
         harness.run_ok();
         harness.get_by_label(shape).click();
@@ -270,10 +270,10 @@ mod tests {
         let mut harness = harness();
         harness.run_ok();
         add(&mut harness, "Sphere");
-        let wanted = |harness: &mut Harness<'static, State>| {
-            let state = harness.state_mut();
-            state.sync_objects();
-            let effects = std::mem::take(&mut state.effects);
+        let wanted = |harness: &mut Harness<'static, Session>| {
+            let session = harness.state_mut();
+            session.sync_objects();
+            let effects = std::mem::take(&mut session.outside.effects);
             effects.into_iter().find_map(|effect| match effect {
                 Effect::Work(Work::SampleMirror { id, mirror, area_per_point }) => Some((id, mirror, area_per_point)),
                 _ => None,

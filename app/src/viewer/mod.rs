@@ -1,6 +1,6 @@
-//! The viewer's window. `state` is what it knows, `interface` draws it, `navigation` and `bindings` turn input into actions,
+//! The viewer's window. `session` is what it knows, `interface` draws it, `navigation` and `bindings` turn input into actions,
 //! `render_thread` draws the points, `screen` is the surface. Here they meet: events from the system, from loading, from the
-//! render thread and from workers come in, change the state, and the effects that it leaves are done.
+//! render thread and from workers come in, change the session, and the effects that it leaves are done.
 //!
 //! Nothing here waits: files are read, columns looked up, figures computed and points drawn on other threads, which wake the
 //! event loop with what they found.
@@ -37,6 +37,7 @@ mod mirrors_panel;
 mod navigation;
 mod objects;
 mod opening;
+mod outside;
 mod overlay;
 mod pace;
 mod panel;
@@ -49,12 +50,13 @@ mod presets;
 mod reflection_figures;
 mod render_thread;
 mod screen;
-mod state;
+mod session;
 mod streaming_panel;
 mod streams;
 mod study_file;
 mod sweep;
 mod sweep_files;
+mod sweep_panel;
 mod sweep_range;
 mod theme;
 mod timings_panel;
@@ -63,6 +65,7 @@ mod truth_panel;
 mod truth_tasks;
 mod truth_view;
 mod tuning;
+mod tuning_panel;
 mod under_way;
 mod views;
 mod widgets;
@@ -74,15 +77,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use effects::{Effects, News};
+use effects::Effects;
 use event_log::EventLog;
 pub use headless::Headless;
 use messages::Level;
+use outside::{Effect, News};
 use path_prompt::PathPrompt;
 use render_thread::Report;
 use screen::{Painted, Screen};
 use serde_json::json;
-use state::{Effect, State};
+use session::Session;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
@@ -111,15 +115,15 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     let wake = event_loop.create_proxy();
     interrupt::catch(move || drop(wake.send_event(Wake::Interrupted)));
     let (preferences, problem) = preferences::load();
-    let mut state = State::new(preferences);
+    let mut session = Session::new(preferences);
     if let Some(problem) = problem {
-        state.say(Level::Warning, problem);
+        session.outside.say(Level::Warning, problem);
     }
     let wake = event_loop.create_proxy();
     let tell = move |news| wake.send_event(Wake::News(news)).is_ok();
     let mut viewer = Viewer {
         wake: event_loop.create_proxy(),
-        state,
+        session,
         request: Some(request),
         wanted_gpu: gpu,
         screen: None,
@@ -133,7 +137,7 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     };
     let ended = event_loop.run_app(&mut viewer);
     viewer.screen = None;
-    viewer.effects.close(&viewer.state);
+    viewer.effects.close(&viewer.session);
     if let Err(error) = ended {
         // winit's own text tells where in its source, which helps nobody here.
         tracing::error!("window: {error}");
@@ -154,7 +158,7 @@ fn no_screen(error: &dyn std::error::Error) -> NoScreen {
 
 struct Viewer {
     wake: EventLoopProxy<Wake>,
-    state: State,
+    session: Session,
     /// Until the window is there.
     request: Option<Request>,
     wanted_gpu: Option<String>,
@@ -195,7 +199,7 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn user_event(&mut self, event_loop: &ActiveEventLoop, event: Wake) {
-        self.state.now = Instant::now();
+        self.session.outside.now = Instant::now();
         let is_chunk =
             matches!(event, Wake::News(News::Loading(_, world::Event::Chunk { .. } | world::Event::Dropped { .. }, _)));
         match event {
@@ -206,13 +210,13 @@ impl ApplicationHandler<Wake> for Viewer {
                 event_loop.exit();
             }
             Wake::Chosen(Some(paths), _) => {
-                self.state.open(&paths);
+                self.session.open(&paths);
             }
             Wake::Chosen(None, took) => {
                 if took < QUICKEST_HAND {
-                    self.state.log(json!({ "event": "prompt" }));
+                    self.session.outside.log(json!({ "event": "prompt" }));
                     let reason = "No file dialog answers on this desktop: type the path.";
-                    self.state.path_prompt = Some(PathPrompt::because(reason));
+                    self.session.path_prompt = Some(PathPrompt::because(reason));
                 }
             }
         }
@@ -225,7 +229,7 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
-        self.state.now = Instant::now();
+        self.session.outside.now = Instant::now();
         let Some(screen) = &mut self.screen else { return };
         match &event {
             WindowEvent::CloseRequested => {
@@ -242,9 +246,9 @@ impl ApplicationHandler<Wake> for Viewer {
             WindowEvent::RedrawRequested => return self.paint(event_loop),
             WindowEvent::KeyboardInput { event: key, .. } if !screen.context.text_edit_focused() => {
                 if let Some(trigger) = own_key(key, self.modifiers) {
-                    let action = bindings::action(trigger, self.state.mode);
+                    let action = bindings::action(trigger, self.session.mode);
                     if let (Some(action), ElementState::Pressed, false) = (action, key.state, key.repeat) {
-                        self.state.act(action);
+                        self.session.act(action);
                         self.do_effects();
                     }
                     return self.request_paint();
@@ -283,7 +287,7 @@ fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<b
 
 impl Viewer {
     fn open(&mut self, event_loop: &ActiveEventLoop) -> anyhow::Result<()> {
-        let screen = Screen::open(event_loop, self.state.preferences.window, self.wanted_gpu.as_deref())?;
+        let screen = Screen::open(event_loop, self.session.preferences.window, self.wanted_gpu.as_deref())?;
         let lost = self.device_lost.clone();
         screen.gpu.device.set_device_lost_callback(move |_, _| lost.store(true, Ordering::Relaxed));
         screen.gpu.device.on_uncaptured_error(Arc::new(|error| tracing::error!("window: {error}")));
@@ -292,7 +296,7 @@ impl Viewer {
         self.screen = Some(screen);
         self.log.write(&json!({ "event": "window" }));
         if let Some(request) = self.request.take() {
-            self.state.open_request(request);
+            self.session.open_request(request);
         }
         self.do_effects();
         self.request_paint();
@@ -312,14 +316,14 @@ impl Viewer {
 
     fn paint(&mut self, event_loop: &ActiveEventLoop) {
         let Some(screen) = &mut self.screen else { return };
-        let (state, mut actions) = (&mut self.state, Vec::new());
+        let (session, mut actions) = (&mut self.session, Vec::new());
         let picture = screen.picture();
-        let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, state, picture)));
+        let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, session, picture)));
         // What is asked for is seen in the next painting.
         let is_changed = !actions.is_empty();
-        state.act_all(actions);
+        session.act_all(actions);
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
-        let again = state.step(Instant::now(), is_held);
+        let again = session.step(Instant::now(), is_held);
         match painted {
             Painted::Next(delay) => {
                 self.log.on_painted();
@@ -331,45 +335,45 @@ impl Viewer {
             }
             Painted::Again => screen.window.request_redraw(),
         }
-        let title = self.state.title();
+        let title = self.session.title();
         if title != self.title {
             screen.window.set_title(&title);
             self.title = title;
         }
         self.do_effects();
-        if self.state.wants_to_quit {
+        if self.session.wants_to_quit {
             self.keep_preferences();
-            self.failure = self.state.fatal.take().map(anyhow::Error::msg);
+            self.failure = self.session.fatal.take().map(anyhow::Error::msg);
             event_loop.exit();
         }
     }
 
     fn on_news(&mut self, news: News) {
         if let (News::Report(Report::Frame(frame)), Some(screen)) = (&news, &mut self.screen) {
-            // The state decides whether it is shown.
+            // The session decides whether it is shown.
             screen.set_picture(frame.texture.clone());
         }
         let is_loaded = matches!(news, News::Loading(_, world::Event::Finished, _));
-        self.state.on_news(news);
+        self.session.on_news(news);
         if is_loaded {
             self.keep_preferences();
         }
     }
 
     fn keep_preferences(&mut self) {
-        if let Some(screen) = self.screen.as_ref().filter(|_| !self.state.is_full_screen) {
-            self.state.preferences.window = screen.size();
+        if let Some(screen) = self.screen.as_ref().filter(|_| !self.session.is_full_screen) {
+            self.session.preferences.window = screen.size();
         }
-        self.state.preferences.remember_settings(&self.state.settings);
-        if let Err(error) = preferences::save(&self.state.preferences) {
-            self.state.messages.warning(format!("settings are not kept: {error:#}"));
+        self.session.preferences.remember_settings(&self.session.settings);
+        if let Err(error) = preferences::save(&self.session.preferences) {
+            self.session.outside.warning(format!("settings are not kept: {error:#}"));
         }
     }
 
-    /// Does what the state asks for.
+    /// Does what the session asks for.
     fn do_effects(&mut self) {
-        for effect in std::mem::take(&mut self.state.effects) {
-            match self.effects.run(&mut self.state, effect) {
+        for effect in std::mem::take(&mut self.session.outside.effects) {
+            match self.effects.run(&mut self.session, effect) {
                 Some(Effect::OpenDialog) => {
                     let wake = self.wake.clone();
                     let choose = move || {
@@ -381,7 +385,7 @@ impl Viewer {
                         let chosen = dialog.pick_files();
                         let _ = wake.send_event(Wake::Chosen(chosen, asked.elapsed()));
                     };
-                    effects::begin(&mut self.state, "dialog", choose);
+                    effects::begin(&mut self.session, "dialog", choose);
                 }
                 Some(Effect::Copy(text)) => {
                     self.log.write(&json!({ "event": "copied", "text": text }));

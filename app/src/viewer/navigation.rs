@@ -13,7 +13,7 @@ use super::bindings::{self, Trigger};
 use super::lens::to_vector;
 use super::pick::Pick;
 use super::render_thread::{Command, PickPurpose};
-use super::state::State;
+use super::session::Session;
 
 /// Radians per pixel of the mouse: a half turn takes 630 pixels, about half a window.
 const RADIANS_PER_PIXEL: f64 = 0.005;
@@ -92,34 +92,35 @@ impl Navigation {
 
 /// Turns everything that was done over the picture and on the keyboard since the last frame of the window into actions.
 /// `picture` is the response of the picture's rectangle, which senses clicks and drags. `is_taken`: the mouse is on a handle.
-pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, state: &State, actions: &mut Vec<Action>) {
+pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, actions: &mut Vec<Action>) {
     let is_typing = ui.ctx().text_edit_focused();
     let scale = f64::from(ui.ctx().pixels_per_point());
     if is_typing {
-        hold(state, false, false, actions);
+        hold(session, false, false, actions);
     } else {
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
-        keys(ui, state, &mut shortcuts, actions);
-        held(ui, state, &shortcuts, actions);
+        keys(ui, session, &mut shortcuts, actions);
+        held(ui, session, &shortcuts, actions);
         ui.data_mut(|data| data.insert_temp(shortcut_keys(), shortcuts));
     }
     if !is_taken {
-        drags(picture, state, scale, actions);
+        drags(picture, session, scale, actions);
     }
     if picture.contains_pointer() {
-        wheel(ui, state, actions);
+        wheel(ui, session, actions);
     }
-    hover(ui, picture, state, scale, actions);
+    hover(ui, picture, session, scale, actions);
     if is_taken {
         // A click on a handle is meant for nothing else.
     } else if picture.double_clicked() {
         // Its first click was not meant as a pick.
         actions.push(Action::UndoPick);
-        actions.extend(bindings::action(Trigger::DoubleClick, state.mode));
+        actions.extend(bindings::action(Trigger::DoubleClick, session.mode));
     } else if picture.clicked() {
-        actions.extend(bindings::action(Trigger::Click, state.mode));
+        actions.extend(bindings::action(Trigger::Click, session.mode));
     }
-    let rests = [state.navigation.time_to_rest(state.now), state.navigation.pivot_mark(state.now)];
+    let rests =
+        [session.navigation.time_to_rest(session.outside.now), session.navigation.pivot_mark(session.outside.now)];
     if let Some(soonest) = rests.into_iter().flatten().min() {
         ui.ctx().request_repaint_after(soonest);
     }
@@ -131,12 +132,12 @@ fn shortcut_keys() -> egui::Id {
     egui::Id::unique("keys of shortcuts")
 }
 
-fn keys(ui: &Ui, state: &State, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
+fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
     for event in ui.input(|input| input.events.clone()) {
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
             Event::Key { key, pressed: true, repeat, modifiers, .. } => {
-                let action = bindings::action(Trigger::Key(modifiers.into(), key), state.mode);
+                let action = bindings::action(Trigger::Key(modifiers.into(), key), session.mode);
                 if action.is_some() {
                     shortcuts.insert(key);
                 } else {
@@ -148,8 +149,8 @@ fn keys(ui: &Ui, state: &State, shortcuts: &mut HashSet<egui::Key>, actions: &mu
             Event::Key { key, pressed: false, .. } => {
                 shortcuts.remove(&key);
             }
-            Event::Copy => actions.extend(bindings::action(command(egui::Key::C), state.mode)),
-            Event::Paste(text) if bindings::action(command(egui::Key::V), state.mode) == Some(Action::PasteView) => {
+            Event::Copy => actions.extend(bindings::action(command(egui::Key::C), session.mode)),
+            Event::Paste(text) if bindings::action(command(egui::Key::V), session.mode) == Some(Action::PasteView) => {
                 actions.push(Action::Paste(text));
             }
             _ => {}
@@ -158,15 +159,15 @@ fn keys(ui: &Ui, state: &State, shortcuts: &mut HashSet<egui::Key>, actions: &mu
 }
 
 /// What is held down, where that has changed.
-fn hold(state: &State, raw_colors: bool, truth: bool, actions: &mut Vec<Action>) {
-    if (raw_colors, truth) != (state.raw_colors, state.truth.is_held) {
+fn hold(session: &Session, raw_colors: bool, truth: bool, actions: &mut Vec<Action>) {
+    if (raw_colors, truth) != (session.raw_colors, session.truth.is_held) {
         actions.push(Action::Hold { raw_colors, truth });
     }
 }
 
-fn held(ui: &Ui, state: &State, shortcuts: &HashSet<egui::Key>, actions: &mut Vec<Action>) {
+fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mut Vec<Action>) {
     let (held, seconds) = ui.input(|input| (bindings::held(input, shortcuts).collect::<Vec<_>>(), input.stable_dt));
-    hold(state, held.contains(&Action::RawColors), held.contains(&Action::ShowTruth), actions);
+    hold(session, held.contains(&Action::RawColors), held.contains(&Action::ShowTruth), actions);
     let mut direction = DVec3::ZERO;
     for action in &held {
         if let Action::Fly(step) = action {
@@ -182,25 +183,25 @@ fn held(ui: &Ui, state: &State, shortcuts: &HashSet<egui::Key>, actions: &mut Ve
         () => 1.0,
     };
     // A quarter of the scene's radius a second: from end to end in eight seconds.
-    let speed = state.bounds().radius().max(1e-6) * 0.25 * f64::from(state.navigation.speed).exp2() * factor;
+    let speed = session.bounds().radius().max(1e-6) * 0.25 * f64::from(session.navigation.speed).exp2() * factor;
     // After a pause of the window no jump.
     let seconds = f64::from(seconds.min(0.1));
     actions.push(Action::Travel(direction * speed * seconds));
     ui.ctx().request_repaint();
 }
 
-fn drags(picture: &Response, state: &State, scale: f64, actions: &mut Vec<Action>) {
+fn drags(picture: &Response, session: &Session, scale: f64, actions: &mut Vec<Action>) {
     for button in [egui::PointerButton::Primary, egui::PointerButton::Secondary, egui::PointerButton::Middle] {
         if picture.dragged_by(button) {
             let delta = picture.drag_delta();
             let delta = DVec2::new(f64::from(delta.x), f64::from(delta.y));
-            let action = bindings::action(Trigger::Drag(button), state.mode);
+            let action = bindings::action(Trigger::Drag(button), session.mode);
             actions.extend(action.map(|action| action.dragged(delta, scale)));
         }
     }
 }
 
-fn wheel(ui: &Ui, state: &State, actions: &mut Vec<Action>) {
+fn wheel(ui: &Ui, session: &Session, actions: &mut Vec<Action>) {
     for event in ui.input(|input| input.events.clone()) {
         let Event::MouseWheel { unit, delta, modifiers, .. } = event else { continue };
         // Shift and Alt turn the wheel sideways on some systems.
@@ -211,19 +212,19 @@ fn wheel(ui: &Ui, state: &State, actions: &mut Vec<Action>) {
             MouseWheelUnit::Point => turned / 50.0,
             MouseWheelUnit::Page => turned * 10.0,
         };
-        let action = bindings::action(Trigger::Wheel(modifiers.into()), state.mode);
+        let action = bindings::action(Trigger::Wheel(modifiers.into()), session.mode);
         actions.extend(action.map(|action| action.scaled(notches)));
     }
 }
 
 /// Looks up what the cursor points at once it rests.
-fn hover(ui: &Ui, picture: &Response, state: &State, scale: f64, actions: &mut Vec<Action>) {
+fn hover(ui: &Ui, picture: &Response, session: &Session, scale: f64, actions: &mut Vec<Action>) {
     let position = picture.hover_pos().filter(|_| picture.contains_pointer());
     let pixel = position.map(|position| {
         let from_corner = position - picture.rect.min;
         [from_corner.x, from_corner.y].map(|distance| (f64::from(distance.max(0.0)) * scale) as u32)
     });
-    let (navigation, now) = (&state.navigation, state.now);
+    let (navigation, now) = (&session.navigation, session.outside.now);
     let is_new = navigation.cursor.map(|(known, _)| known) != pixel;
     if is_new || pixel.is_none() && navigation.hovered.is_some() {
         actions.push(Action::PointAt(pixel));
@@ -232,8 +233,8 @@ fn hover(ui: &Ui, picture: &Response, state: &State, scale: f64, actions: &mut V
     let since = navigation.cursor.filter(|_| !is_new).map_or(now, |(_, since)| since);
     let rested = now.saturating_duration_since(since);
     let is_known = navigation.hovered.is_some_and(|(known, _)| known == pixel);
-    let is_busy = navigation.asked.is_some() || state.frames.under_way > 0 || navigation.time_to_rest(now).is_some();
-    if is_known || state.frames.shown.is_none() || picture.dragged() {
+    let is_busy = navigation.asked.is_some() || session.frames.under_way > 0 || navigation.time_to_rest(now).is_some();
+    if is_known || session.frames.shown.is_none() || picture.dragged() {
         return;
     }
     if rested < HOVER_DELAY {
@@ -243,7 +244,7 @@ fn hover(ui: &Ui, picture: &Response, state: &State, scale: f64, actions: &mut V
     }
 }
 
-impl State {
+impl Session {
     /// Pixel under the cursor.
     pub fn cursor(&self) -> Option<[u32; 2]> {
         self.navigation.cursor.map(|(pixel, _)| pixel)
@@ -252,7 +253,7 @@ impl State {
     /// The camera was moved by hand.
     fn camera_moved_by_hand(&mut self) {
         self.camera_is_placed = true;
-        self.navigation.camera_moved(self.now);
+        self.navigation.camera_moved(self.outside.now);
     }
 
     /// Drags the picture by points of the window; by pixels of the picture to pan.
@@ -271,7 +272,7 @@ impl State {
             self.camera_moved_by_hand();
         }
         if !matches!(drag, Action::Look(_)) {
-            self.navigation.show_pivot(self.now);
+            self.navigation.show_pivot(self.outside.now);
         }
     }
 
@@ -284,14 +285,14 @@ impl State {
     pub fn ask_hover(&mut self) {
         if let Some(pixel) = self.cursor() {
             self.navigation.asked = Some(pixel);
-            self.render(Command::Pick { pixel, purpose: PickPurpose::Hover });
+            self.outside.render(Command::Pick { pixel, purpose: PickPurpose::Hover });
         }
     }
 
     /// Turns of the wheel: done at once if the point under the cursor is known, else when it is.
     pub fn zoom(&mut self, notches: f32) {
         self.navigation.pending_zoom += notches;
-        self.navigation.zoom_since.get_or_insert(self.now);
+        self.navigation.zoom_since.get_or_insert(self.outside.now);
         if self.navigation.anchor().is_none() && self.navigation.asked.is_none() {
             self.ask_hover();
         }
@@ -319,7 +320,7 @@ impl State {
     /// again.
     pub fn end_zoom_wait(&mut self) -> Option<Duration> {
         self.cursor()?;
-        let waited = self.now.saturating_duration_since(self.navigation.zoom_since?);
+        let waited = self.outside.now.saturating_duration_since(self.navigation.zoom_since?);
         let left = ZOOM_PATIENCE.checked_sub(waited).filter(|left| !left.is_zero());
         self.apply_pending_zoom(left.is_none());
         left.filter(|_| self.navigation.zoom_since.is_some())

@@ -9,10 +9,10 @@ use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStat
 use super::clouds::{CloudEntry, JobEntry, short_name};
 use super::messages::Level;
 use super::objects::Origin;
-use super::state::State;
+use super::session::Session;
 use super::theme::grouped;
 
-impl State {
+impl Session {
     pub fn on_loading(&mut self, job: u32, event: Event) {
         match event {
             Event::Opened { cloud, opened } => self.on_opened(job, cloud, opened),
@@ -36,7 +36,7 @@ impl State {
                 let name = short_name(&input).to_string();
                 // Errors name the file already, with its path.
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
-                self.say(Level::Error, text);
+                self.outside.say(Level::Error, text);
             }
             Event::Finished => self.finish_job(job),
         }
@@ -48,9 +48,9 @@ impl State {
 
     fn on_opened(&mut self, job: u32, index: usize, opened: Opened) {
         for warning in &opened.warnings {
-            self.say(Level::Warning, format!("{}: {warning}", opened.name));
+            self.outside.say(Level::Warning, format!("{}: {warning}", opened.name));
         }
-        self.log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
+        self.outside.log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
         // Streamed clouds have no source to look records up in; built-in scenes have no file.
         if opened.source.is_some() || std::path::Path::new(&opened.input).exists() {
             self.preferences.remember_file(&opened.input);
@@ -58,7 +58,7 @@ impl State {
         let bounds = opened.source.as_ref().and_then(|source| source.info().bounds);
         let key = self.next_cloud_key();
         let (assembly, change) = Assembly::open(key, opened);
-        self.change(change);
+        self.outside.change(change);
         self.clouds.push(CloudEntry::new(assembly));
         if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
             entry.clouds.insert(index, key);
@@ -77,13 +77,13 @@ impl State {
         let is_first = entry.figures.is_none() && entry.cloud.chunks.len() == 1;
         let uncolored = is_first.then(|| (entry.cloud.clone(), entry.chunks(), entry.up));
         let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
-        self.change(change);
+        self.outside.change(change);
         if let Some((cloud, chunks, up)) = uncolored {
             // What is drawn before the figures are known has colours, too.
             let shown = cloud.shown(&self.objects.visibility.test());
             let (plan, _) = ColorPlan::new(&shown, &self.settings.color, up);
             if plan.missing_column(&cloud).is_none() {
-                self.change(Change::Color { cloud: key, chunks, plan, up });
+                self.outside.change(Change::Color { cloud: key, chunks, plan, up });
             }
         }
         self.tint_chunk(key, part);
@@ -97,7 +97,7 @@ impl State {
         let key = self.key_of(job, cloud);
         let change = key.and_then(|key| self.cloud_mut(key)).and_then(|entry| entry.take_out(part));
         if let Some(change) = change {
-            self.change(change);
+            self.outside.change(change);
             self.frames.points_changed();
         }
     }
@@ -108,14 +108,14 @@ impl State {
         let warnings = entry.end(summary);
         let (name, points) = (entry.cloud.name.clone(), entry.points);
         for warning in warnings {
-            self.say(Level::Warning, format!("{name}: {warning}"));
+            self.outside.say(Level::Warning, format!("{name}: {warning}"));
         }
         if summary.cancelled {
             let rest =
                 if points > 0 { format!("; the {} points read so far stay", grouped(points)) } else { String::new() };
-            self.say(Level::Note, format!("{name}: stopped{rest}"));
+            self.outside.say(Level::Note, format!("{name}: stopped{rest}"));
         }
-        self.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
+        self.outside.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
         // Its index could not be made, which was said.
         let is_lost = |entry: &CloudEntry| entry.streamed.is_some() && !entry.is_indexed() && entry.points == 0;
         if let Some(key) = key.filter(|key| !summary.cancelled && self.cloud(*key).is_some_and(is_lost)) {
@@ -144,9 +144,9 @@ impl State {
         // Chunks of normals are new colours, too.
         entry.figures_basis = None;
         let name = entry.cloud.name.clone();
-        changes.into_iter().for_each(|change| self.change(change));
+        changes.into_iter().for_each(|change| self.outside.change(change));
         self.frames.points_changed();
-        self.log(json!({ "event": "surfels", "name": name }));
+        self.outside.log(json!({ "event": "surfels", "name": name }));
     }
 
     fn finish_job(&mut self, job: u32) {
@@ -166,7 +166,7 @@ impl State {
         for (key, name) in empty {
             self.remove_cloud(key);
             if !job.progress.is_cancelled() {
-                self.say(Level::Warning, format!("{name}: has no points"));
+                self.outside.say(Level::Warning, format!("{name}: has no points"));
             }
         }
         if !job.is_loaded {
@@ -180,7 +180,7 @@ impl State {
         self.place_awaited_markings();
         self.ask_surroundings();
         let points = self.points();
-        self.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
+        self.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
     }
 
     /// Whether points are still to come, whatever is looked at.
@@ -220,7 +220,7 @@ impl State {
             job.progress.cancel();
             job.mailbox.stop_all();
         }
-        self.log(json!({ "event": "cancelled" }));
+        self.outside.log(json!({ "event": "cancelled" }));
     }
 
     pub fn remove_cloud(&mut self, key: CloudKey) {
@@ -242,7 +242,7 @@ impl State {
             objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
         });
         self.picks.retain(|pick| pick.point.chunk.cloud != key);
-        self.change(Change::Close { cloud: key });
+        self.outside.change(Change::Close { cloud: key });
         self.frames.points_changed();
         // The job of a cloud that is gone need not go on.
         for job in &self.jobs {
@@ -267,7 +267,7 @@ impl State {
     pub fn set_visible(&mut self, key: CloudKey, visible: bool) {
         if let Some(entry) = self.cloud_mut(key) {
             entry.is_visible = visible;
-            self.change(Change::Show { cloud: key, is_visible: visible });
+            self.outside.change(Change::Show { cloud: key, is_visible: visible });
             self.frames.points_changed();
             self.ask_surroundings();
         }
@@ -292,7 +292,7 @@ impl State {
         let visibility = &self.objects.visibility;
         if *visibility != self.drawn_visibility {
             self.drawn_visibility = visibility.clone();
-            self.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
+            self.outside.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
             self.samples.area_per_point = None;
             self.frames.points_changed();
             self.ask_surroundings();

@@ -8,15 +8,15 @@ use glam::DVec3;
 use super::clouds::CloudEntry;
 use super::gizmo;
 use super::lens::Lens;
-use super::state::State;
+use super::session::Session;
 use super::theme;
 
 const SHADOW: Color32 = Color32::from_black_alpha(160);
 /// Boxes of pages that are drawn; more would be a tangle.
 const MOST_BOXES: usize = 2000;
 
-pub fn paint(painter: &Painter, rect: Rect, state: &State) {
-    let Some(shown) = &state.frames.shown else { return };
+pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
+    let Some(shown) = &session.frames.shown else { return };
     let size = shown.request.size;
     let lens = Lens::new(&shown.request.camera, &shown.request.settings.view, size);
     let place = |world: DVec3| -> Option<Pos2> {
@@ -26,18 +26,18 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
         Some(rect.min + vec2(x, y))
     };
     let painter = painter.with_clip_rect(rect);
-    if state.settings.stream.overlay {
-        let boxes = state.clouds.iter().filter(|entry| entry.is_visible).flat_map(CloudEntry::shown_boxes);
+    if session.settings.stream.overlay {
+        let boxes = session.clouds.iter().filter(|entry| entry.is_visible).flat_map(CloudEntry::shown_boxes);
         for (bounds, [red, green, blue, _]) in boxes.take(MOST_BOXES) {
             wire(&painter, &place, bounds, Stroke::new(1.0, Color32::from_rgb(red, green, blue)));
         }
     }
-    let marked = state.navigation.pivot_mark(state.now).and_then(|_| place(shown.request.camera.pivot));
+    let marked = session.navigation.pivot_mark(session.outside.now).and_then(|_| place(shown.request.camera.pivot));
     if let Some(at) = marked {
         pivot(&painter, at);
     }
-    let places: Vec<Option<Pos2>> = state.picks.iter().map(|pick| place(pick.world)).collect();
-    if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), state.distance()) {
+    let places: Vec<Option<Pos2>> = session.picks.iter().map(|pick| place(pick.world)).collect();
+    if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), session.distance()) {
         painter.line_segment([*first, *second], Stroke::new(3.5, SHADOW));
         painter.line_segment([*first, *second], Stroke::new(1.5, theme::ACCENT));
         tag(&painter, *first + (*second - *first) * 0.5, &format!("{:.3}", distance.total));
@@ -45,7 +45,7 @@ pub fn paint(painter: &Painter, rect: Rect, state: &State) {
     for at in places.into_iter().flatten() {
         cross(&painter, at);
     }
-    gizmo::paint(&painter, rect, state);
+    gizmo::paint(&painter, rect, session);
 }
 
 /// The edges of a box.
@@ -146,10 +146,12 @@ mod tests {
 
     #[test]
     fn nothing_is_painted_before_there_is_a_picture() {
-        let mut state = State::with_two_points();
-        state.settings.stream.overlay = true;
-        state.navigation.show_pivot(state.now);
+        let mut session = Session::with_two_points();
+        session.settings.stream.overlay = true;
+        session.navigation.show_pivot(session.outside.now);
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
-        assert!(shapes(|painter| paint(painter, rect, &state)).iter().all(|shape| matches!(shape, egui::Shape::Noop)));
+        assert!(
+            shapes(|painter| paint(painter, rect, &session)).iter().all(|shape| matches!(shape, egui::Shape::Noop))
+        );
     }
 }

@@ -4,12 +4,12 @@ use egui::{Align2, RichText, Ui};
 
 use super::action::Action;
 use super::pick::coordinates;
-use super::state::State;
+use super::session::Session;
 use super::theme;
 
 /// A card in the lower right corner of the picture, if something is picked.
-pub fn show(context: &egui::Context, rect: egui::Rect, state: &State, actions: &mut Vec<Action>) {
-    if state.picks.is_empty() {
+pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, actions: &mut Vec<Action>) {
+    if session.picks.is_empty() {
         return;
     }
     let mut is_open = true;
@@ -22,15 +22,15 @@ pub fn show(context: &egui::Context, rect: egui::Rect, state: &State, actions: &
         .default_pos(corner)
         .constrain_to(rect)
         .default_width(290.0)
-        .show(context, |ui| contents(ui, state, actions));
+        .show(context, |ui| contents(ui, session, actions));
     if !is_open {
         actions.push(Action::ClearPicks);
     }
 }
 
-fn contents(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.set_width(290.0);
-    if let Some(distance) = state.distance() {
+    if let Some(distance) = session.distance() {
         egui::Grid::new("distance").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
             let figures =
                 [("Distance", distance.total), ("Horizontal", distance.horizontal), ("Vertical", distance.vertical)];
@@ -42,7 +42,7 @@ fn contents(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
         });
         ui.separator();
     }
-    let Some(pick) = state.picks.last() else { return };
+    let Some(pick) = session.picks.last() else { return };
     ui.horizontal(|ui| {
         ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
         if !pick.is_streamed {
@@ -92,10 +92,10 @@ mod tests {
     use glam::DVec3;
     use world::{CloudKey, Part};
 
+    use super::super::outside::Effect;
     use super::super::pick::Pick;
     use super::super::preferences::Preferences;
     use super::super::render_thread::PickedPoint;
-    use super::super::state::Effect;
     use super::*;
 
     fn pick(world: DVec3) -> Pick {
@@ -112,11 +112,11 @@ mod tests {
 
     #[test]
     fn two_picks_show_their_distance_and_can_be_copied() {
-        let mut state = State::new(Preferences::default());
-        state.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
+        let mut session = Session::new(Preferences::default());
+        session.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
         let mut harness = egui_kittest::Harness::builder().with_size([400.0, 400.0]).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| contents(ui, state, actions)),
-            state,
+            |ui, session: &mut Session| session.show_and_act(|session, actions| contents(ui, session, actions)),
+            session,
         );
         harness.run();
         assert!(harness.query_by_label("5.0000").is_some());
@@ -124,7 +124,7 @@ mod tests {
         assert!(harness.query_by_label("1234").is_some());
         harness.get_by_label("Copy").click();
         harness.run();
-        let copied = harness.state().effects.iter().find_map(|effect| match effect {
+        let copied = harness.state().outside.effects.iter().find_map(|effect| match effect {
             Effect::Copy(text) => Some(text.clone()),
             _ => None,
         });

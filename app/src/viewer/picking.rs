@@ -8,10 +8,10 @@ use super::inspection::{self, Target};
 use super::objects::{ObjectId, Placed};
 use super::pick::{Distance, Pick, loaded_attributes};
 use super::render_thread::{PickPurpose, PickedPoint};
-use super::state::{Effect, State};
+use super::session::Session;
 use super::work::Work;
 
-impl State {
+impl Session {
     /// World position of a point: the file's own coordinates.
     pub fn world_position(&self, picked: PickedPoint) -> Option<DVec3> {
         let entry = self.cloud(picked.chunk.cloud)?;
@@ -43,14 +43,15 @@ impl State {
                 let mut camera = self.camera;
                 camera.recenter(world);
                 self.jump(self.settings.clone(), camera);
-                self.navigation.show_pivot(self.now);
-                self.log(json!({ "event": "pivot", "world": world.to_array() }));
+                self.navigation.show_pivot(self.outside.now);
+                self.outside.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
-            (PickPurpose::Pivot, None) => self.messages.note("No point there to turn about"),
+            (PickPurpose::Pivot, None) => self.outside.note("No point there to turn about"),
             (PickPurpose::Select, _) => match (mirror, found) {
                 (Some((id, _)), _) => {
                     self.selected = Some(id);
-                    self.log(json!({ "event": "selected", "mirror": self.objects.mirror(id).map(|m| &m.name) }));
+                    self.outside
+                        .log(json!({ "event": "selected", "mirror": self.objects.mirror(id).map(|m| &m.name) }));
                 }
                 (None, Some((point, world))) => {
                     self.selected = None;
@@ -87,13 +88,13 @@ impl State {
         if self.picks.len() == 2 {
             self.picks.remove(0);
         }
-        self.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
+        self.outside.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
         self.picks.push(Pick { point, number, cloud, world, record, is_streamed });
         if let Some(source) = source {
-            self.effects.push(Effect::Work(Work::ReadRecord { picked: point, record: number, source }));
+            self.outside.work(Work::ReadRecord { picked: point, record: number, source });
         }
         if let Some(distance) = self.distance() {
-            self.log(json!({
+            self.outside.log(json!({
                 "event": "distance", "total": distance.total, "horizontal": distance.horizontal,
                 "vertical": distance.vertical,
             }));

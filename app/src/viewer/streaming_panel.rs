@@ -8,31 +8,31 @@ use world::{CloudKey, CloudTask, IndexEntry, IndexState, StreamStats, TaskKind, 
 use super::action::Action;
 use super::clouds::{CloudEntry, Streamed};
 use super::panel;
-use super::state::State;
+use super::session::Session;
 use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
 
-pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    for entry in &state.clouds {
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    for entry in &session.clouds {
         if let Some(streamed) = &entry.streamed {
-            ui.push_id(entry.key.0, |ui| cloud(ui, state, entry, streamed, actions));
+            ui.push_id(entry.key.0, |ui| cloud(ui, session, entry, streamed, actions));
         }
     }
     // Those of which there is something to tell.
-    let jobs = || state.jobs.iter().filter(|job| job.has_streamed && job.stream.points_total > 0);
+    let jobs = || session.jobs.iter().filter(|job| job.has_streamed && job.stream.points_total > 0);
     for job in jobs() {
         if jobs().count() > 1 {
             weak(ui, format!("what is there of {}", job.name));
         }
-        let points = (most_points(&state.settings.view, &state.settings.stream) as f64 * job.share) as u64;
-        let bytes = (half_of(state.settings.stream.host_bytes) as f64 * job.share) as u64;
+        let points = (most_points(&session.settings.view, &session.settings.stream) as f64 * job.share) as u64;
+        let bytes = (half_of(session.settings.stream.host_bytes) as f64 * job.share) as u64;
         ui.push_id(job.id, |ui| figures(ui, &job.stream, points, bytes));
         ui.add_space(4.0);
     }
-    panel::parameter(ui, &state.settings.view, "point_budget", actions);
-    panel::parameters(ui, &state.settings.stream, &[], actions);
-    if let Some(size) = state.cache_size {
-        let most = state.settings.stream.cache_bytes;
+    panel::parameter(ui, &session.settings.view, "point_budget", actions);
+    panel::parameters(ui, &session.settings.stream, &[], actions);
+    if let Some(size) = session.cache_size {
+        let most = session.settings.stream.cache_bytes;
         weak(ui, format!("All indexes take {} of {most}", theme::bytes(size)));
     }
 }
@@ -42,7 +42,7 @@ fn weak(ui: &mut Ui, text: impl Into<String>) {
 }
 
 /// How far the pages of a cloud are.
-fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, actions: &mut Vec<Action>) {
+fn cloud(ui: &mut Ui, session: &Session, entry: &CloudEntry, streamed: &Streamed, actions: &mut Vec<Action>) {
     ui.add(egui::Label::new(RichText::new(&entry.cloud.name).strong()).truncate());
     let stage = entry.task.as_deref();
     let made = |making: TaskKind| stage.filter(|stage| stage.kind == making);
@@ -50,7 +50,7 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, ac
         None | Some(IndexState::Indexing) => match made(TaskKind::Index).map(|stage| (stage, stage.status())) {
             Some((_, TaskStatus::Stopped)) => {
                 let help = "Make the index after all, from its beginning";
-                resume(ui, state, entry.key, "no index: what is shown is a preview", help, actions);
+                resume(ui, session, entry.key, "no index: what is shown is a preview", help, actions);
             }
             Some((stage, _)) if stage.is_pending() => {
                 let help = "Stop; nothing is kept of the index, and the preview stays";
@@ -79,7 +79,7 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, ac
                 Some((_, TaskStatus::Stopped)) => {
                     resume(
                         ui,
-                        state,
+                        session,
                         entry.key,
                         ready,
                         "Go on with normals and radii where they were stopped",
@@ -91,7 +91,7 @@ fn cloud(ui: &mut Ui, state: &State, entry: &CloudEntry, streamed: &Streamed, ac
             if let Some(kept) = kept {
                 index(ui, entry.key, kept, actions);
             }
-            if state.settings.stream.overlay {
+            if session.settings.stream.overlay {
                 legend(ui, streamed);
             }
         }
@@ -126,10 +126,10 @@ fn pending(ui: &mut Ui, key: CloudKey, stage: &CloudTask, help: &str, actions: &
 }
 
 /// What is left of something that was stopped.
-fn resume(ui: &mut Ui, state: &State, key: CloudKey, text: &str, help: &str, actions: &mut Vec<Action>) {
+fn resume(ui: &mut Ui, session: &Session, key: CloudKey, text: &str, help: &str, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         weak(ui, text);
-        if state.job_of(key).is_some() && ui.small_button("Resume").on_hover_text(help).clicked() {
+        if session.job_of(key).is_some() && ui.small_button("Resume").on_hover_text(help).clicked() {
             actions.push(Action::ResumeMaking(key));
         }
     });
@@ -200,30 +200,30 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
     use world::{Event, IndexRequest, Mailbox, Opened, Part};
 
+    use super::super::outside::Effect;
     use super::super::preferences::Preferences;
-    use super::super::state::Effect;
     use super::super::work::{Found, Work};
     use super::*;
 
     /// Two clouds of job 0: the index of the first is being made, that of the second comes next.
-    fn indexing() -> (State, [Arc<CloudTask>; 2]) {
-        let mut state = State::new(Preferences::default());
+    fn indexing() -> (Session, [Arc<CloudTask>; 2]) {
+        let mut session = Session::new(Preferences::default());
         let mailbox = Arc::<Mailbox>::default();
-        state.add_job(&[], Arc::default(), mailbox.clone());
+        session.add_job(&[], Arc::default(), mailbox.clone());
         let stages = ["survey.laz", "town.laz"].map(|name| {
-            let cloud = state.clouds.len();
+            let cloud = session.clouds.len();
             let (name, input, up) = (name.into(), name.into(), glam::DVec3::Z);
             let opened = Opened { name, input, expected_points: 200, up, ..Opened::default() };
-            state.on_loading(0, Event::Opened { cloud, opened });
-            state.on_loading(0, Event::Pages { cloud, pages: IndexState::Indexing });
+            session.on_loading(0, Event::Opened { cloud, opened });
+            session.on_loading(0, Event::Pages { cloud, pages: IndexState::Indexing });
             let stage = mailbox.plan(cloud, CloudTask::new(TaskKind::Index, 200));
-            state.on_loading(0, Event::Task { cloud, task: stage.clone() });
+            session.on_loading(0, Event::Task { cloud, task: stage.clone() });
             stage
         });
         stages[0].begin();
         stages[0].progress.set_total(400);
         stages[0].progress.add(172);
-        (state, stages)
+        (session, stages)
     }
 
     /// The index of a cloud of 12,345 points in two levels.
@@ -244,17 +244,17 @@ mod tests {
         IndexState::Indexed { octree: Arc::new(octree), grid: None, was_built: true, has_surfels, entry: kept }
     }
 
-    fn harness(state: State) -> Harness<'static, State> {
+    fn harness(session: Session) -> Harness<'static, Session> {
         Harness::builder().with_size([360.0, 700.0]).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
-            state,
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
         )
     }
 
     #[test]
     fn each_index_tells_how_far_it_is_and_is_stopped_and_resumed_by_itself() {
-        let (state, stages) = indexing();
-        let mut harness = harness(state);
+        let (session, stages) = indexing();
+        let mut harness = harness(session);
         harness.run_ok();
         assert!(harness.query_by_label("indexing 43 %").is_some());
         assert!(harness.query_by_label("its index will be made next").is_some());
@@ -268,21 +268,21 @@ mod tests {
         assert!(harness.query_by_label("another program is making its index").is_some());
         // What is left is said also when nothing is made any more.
         let chunk = cloud::Chunk::new(0, glam::DVec3::ZERO, vec![[0.0; 3]]);
-        let (mut state, _) = indexing();
-        state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Preview(0), chunk });
-        state.stop_loading();
-        state.on_loading(0, Event::Finished);
-        let mut harness = self::harness(state);
+        let (mut session, _) = indexing();
+        session.on_loading(0, Event::Chunk { cloud: 0, part: Part::Preview(0), chunk });
+        session.stop_loading();
+        session.on_loading(0, Event::Finished);
+        let mut harness = self::harness(session);
         harness.run_ok();
         assert!(harness.query_by_label("no index: what is shown is a preview").is_some());
     }
 
     #[test]
     fn what_was_stopped_is_resumed() {
-        let (mut state, _) = indexing();
-        state.stop_loading();
-        let mailbox = state.jobs[0].mailbox.clone();
-        let mut harness = harness(state);
+        let (mut session, _) = indexing();
+        session.stop_loading();
+        let mailbox = session.jobs[0].mailbox.clone();
+        let mut harness = harness(session);
         harness.run_ok();
         harness.query_all_by_label("Resume").nth(1).unwrap().click();
         harness.run_ok();
@@ -293,11 +293,11 @@ mod tests {
 
     #[test]
     fn what_is_there_of_a_streamed_cloud_is_told_beside_its_budgets() {
-        let (mut state, _) = indexing();
-        state.settings.stream.overlay = true;
-        state.settings.stream.host_bytes = param::Bytes(500_000_000);
-        state.settings.view.point_budget = 1_000_000;
-        state.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
+        let (mut session, _) = indexing();
+        session.settings.stream.overlay = true;
+        session.settings.stream.host_bytes = param::Bytes(500_000_000);
+        session.settings.view.point_budget = 1_000_000;
+        session.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
         let stats = StreamStats {
             nodes: 3,
             points_total: 12_345,
@@ -305,9 +305,9 @@ mod tests {
             nodes_waiting: 7,
             ..StreamStats::default()
         };
-        state.on_loading(0, Event::Stream(stats));
-        state.on_found(Found::CacheSize(3_000_000_000));
-        let mut harness = harness(state);
+        session.on_loading(0, Event::Stream(stats));
+        session.on_found(Found::CacheSize(3_000_000_000));
+        let mut harness = harness(session);
         harness.run_ok();
         let lines = ["2,000 of 1,000,000", "7 nodes", "0 kB of 250 MB", "index: 1 MB", "Host bytes"];
         for text in lines.into_iter().chain(["Point budget", "All indexes take 3.00 GB of 50GiB", " 0 ", " 1 "]) {
@@ -318,19 +318,19 @@ mod tests {
 
     #[test]
     fn an_index_is_deleted_with_its_cloud() {
-        let (mut state, _) = indexing();
-        state.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
-        let key = state.clouds[0].key;
-        let mut harness = harness(state);
+        let (mut session, _) = indexing();
+        session.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
+        let key = session.clouds[0].key;
+        let mut harness = harness(session);
         harness.run_ok();
         harness.get_by_label("Delete…").click();
         harness.run_ok();
         harness.get_by_label("Close cloud and delete index").click();
         harness.run_ok();
-        let state = harness.state();
-        assert!(state.cloud(key).is_none() && state.clouds.len() == 1);
+        let session = harness.state();
+        assert!(session.cloud(key).is_none() && session.clouds.len() == 1);
         let is_deletion = |effect: &Effect| matches!(effect, Effect::Work(Work::DeleteIndex(kept)) if kept.folder.as_path() == std::path::Path::new("/cache/0123"));
-        assert!(state.effects.iter().any(is_deletion));
-        assert!(state.jobs[0].mailbox.is_closed(0));
+        assert!(session.outside.effects.iter().any(is_deletion));
+        assert!(session.jobs[0].mailbox.is_closed(0));
     }
 }

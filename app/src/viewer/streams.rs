@@ -12,11 +12,11 @@ use world::{Change, CloudKey, IndexEntry, IndexState, Part, StreamStats, StreamV
 use super::clouds::{CloudEntry, JobEntry, Streamed};
 use super::messages::Level;
 use super::pace::shares;
-use super::state::{Effect, State};
+use super::session::Session;
 use super::theme;
 use super::work::Work;
 
-impl State {
+impl Session {
     pub(super) fn on_pages(&mut self, job: u32, cloud: usize, pages: IndexState) {
         if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
             entry.has_streamed = true;
@@ -31,19 +31,19 @@ impl State {
         entry.streamed = Some(Streamed::new(entry.octree().map(Arc::as_ref), rests));
         let bounds = entry.index_bounds().unwrap_or(Bounds::EMPTY);
         let (key, name) = (entry.key, entry.cloud.name.clone());
-        self.change(change);
+        self.outside.change(change);
         self.make_room();
         if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
             let total = self.cloud(key).map_or(0, |entry| entry.total());
-            self.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
+            self.outside.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
             if is_kept {
-                self.effects.push(Effect::Work(Work::MeasureCache));
+                self.outside.work(Work::MeasureCache);
             }
             if !was_indexed {
                 self.frame_while_unplaced(bounds);
             }
         } else {
-            self.log(json!({ "event": "indexing", "name": name }));
+            self.outside.log(json!({ "event": "indexing", "name": name }));
         }
     }
 
@@ -59,7 +59,7 @@ impl State {
         let most = most_points(&self.settings.view, &self.settings.stream);
         let points = total(false) + samples + total(true).min(most);
         if std::mem::replace(&mut self.expected_points, points) != points {
-            self.change(Change::Expect { points });
+            self.outside.change(Change::Expect { points });
         }
     }
 
@@ -90,7 +90,7 @@ impl State {
                 streamed.rests += 1;
             }
         }
-        self.log(json!({
+        self.outside.log(json!({
             "event": "streamed", "points": stats.points_resident, "nodes": stats.nodes, "host_bytes": stats.host_bytes,
         }));
     }
@@ -109,7 +109,7 @@ impl State {
     pub fn look_around(&mut self) {
         self.make_room();
         let mut view = self.settings.view.clone();
-        if self.navigation.time_to_rest(self.now).is_some() && self.settings.stream.frame_ms > 0.0 {
+        if self.navigation.time_to_rest(self.outside.now).is_some() && self.settings.stream.frame_ms > 0.0 {
             view.point_budget = self.pace.budget(view.point_budget);
         }
         let (camera, size, stream) = (self.camera, self.view_size, self.settings.stream.clone());
@@ -160,23 +160,23 @@ impl State {
         let kept = self.cloud(key).and_then(|entry| entry.pages.as_ref()?.entry().cloned());
         if let Some(kept) = kept {
             self.remove_cloud(key);
-            self.effects.push(Effect::Work(Work::DeleteIndex(kept)));
+            self.outside.work(Work::DeleteIndex(kept));
         }
     }
 
     pub(super) fn on_index_deleted(&mut self, kept: &IndexEntry, result: Result<(), String>) {
         match result {
-            Ok(()) => self.say(Level::Note, format!("Index deleted: {} free", theme::bytes(kept.bytes))),
-            Err(error) => self.say(Level::Error, error),
+            Ok(()) => self.outside.say(Level::Note, format!("Index deleted: {} free", theme::bytes(kept.bytes))),
+            Err(error) => self.outside.say(Level::Error, error),
         }
-        self.effects.push(Effect::Work(Work::MeasureCache));
+        self.outside.work(Work::MeasureCache);
     }
 
     /// Learns from a frame what a moving picture can afford.
     pub(super) fn keep_pace(&mut self, milliseconds: f64) {
         let wanted = f64::from(self.settings.stream.frame_ms);
         let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
-        if is_streamed && wanted > 0.0 && self.navigation.time_to_rest(self.now).is_some() {
+        if is_streamed && wanted > 0.0 && self.navigation.time_to_rest(self.outside.now).is_some() {
             self.pace.learn(milliseconds, wanted);
         }
     }
@@ -188,7 +188,7 @@ impl State {
         if self.levels_are_shown
             && let Some(color) = self.cloud(key).and_then(|entry| entry.level_color(part))
         {
-            self.change(Change::Tint { tints: vec![(key.chunk(part), Some(color))] });
+            self.outside.change(Change::Tint { tints: vec![(key.chunk(part), Some(color))] });
         }
     }
 
@@ -207,7 +207,7 @@ impl State {
         let streamed = self.clouds.iter().filter(|entry| entry.streamed.is_some());
         let all: Vec<Vec<_>> = streamed.map(tints).collect();
         for tints in all {
-            self.change(Change::Tint { tints });
+            self.outside.change(Change::Tint { tints });
             self.frames.points_changed();
         }
     }
@@ -223,7 +223,7 @@ impl State {
             self.clouds.iter().filter(is_marked).map(|entry| (entry.key, entry.cloud.name.clone())).collect();
         for (key, name) in refused {
             self.rewrite_objects(|objects| objects.markings.retain(|marking| marking.key != key));
-            self.say(Level::Error, format!("{name}: {NOT_MARKED}"));
+            self.outside.say(Level::Error, format!("{name}: {NOT_MARKED}"));
         }
     }
 }
@@ -241,6 +241,7 @@ mod tests {
     use world::{Event, Opened};
 
     use super::super::objects::Marking;
+    use super::super::outside::Effect;
     use super::super::preferences::Preferences;
     use super::super::render_thread::{Command, PickPurpose, PickedPoint, Report};
     use super::super::work::Found;
@@ -278,14 +279,14 @@ mod tests {
         chunk
     }
 
-    fn put(state: &mut State, node: u32, places: &[f32]) {
+    fn put(session: &mut Session, node: u32, places: &[f32]) {
         let first_point = octree().nodes[node as usize].first_point;
         let chunk = chunk(first_point, places);
-        state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Node(NodeId(node)), chunk });
+        session.on_loading(0, Event::Chunk { cloud: 0, part: Part::Node(NodeId(node)), chunk });
     }
 
-    fn drop_chunk(state: &mut State, node: u32) {
-        state.on_loading(0, Event::Dropped { cloud: 0, part: Part::Node(NodeId(node)) });
+    fn drop_chunk(session: &mut Session, node: u32) {
+        session.on_loading(0, Event::Dropped { cloud: 0, part: Part::Node(NodeId(node)) });
     }
 
     fn opened(attributes: Vec<Attribute>) -> Event {
@@ -295,11 +296,11 @@ mod tests {
     }
 
     /// A streamed cloud whose index is there, by job 0, with the chunk of its root.
-    fn streamed() -> State {
-        let mut state = State::new(Preferences::default());
-        state.add_job(&[], Arc::default(), Arc::default());
+    fn streamed() -> Session {
+        let mut session = Session::new(Preferences::default());
+        session.add_job(&[], Arc::default(), Arc::default());
         let intensity = Attribute { name: "intensity".into(), column_type: ColumnType::U8 };
-        state.on_loading(0, opened(vec![intensity]));
+        session.on_loading(0, opened(vec![intensity]));
         let pages = IndexState::Indexed {
             octree: Arc::new(octree()),
             grid: GRID,
@@ -307,60 +308,60 @@ mod tests {
             has_surfels: true,
             entry: None,
         };
-        state.on_loading(0, Event::Pages { cloud: 0, pages });
-        put(&mut state, 0, &[1.0, 7.0]);
-        state.history.watch(&state.settings, &state.objects, false, state.now);
-        state
+        session.on_loading(0, Event::Pages { cloud: 0, pages });
+        put(&mut session, 0, &[1.0, 7.0]);
+        session.history.watch(&session.settings, &session.objects, false, session.outside.now);
+        session
     }
 
     /// All that the last look needs is there.
-    fn settle(state: &mut State) {
-        state.look_around();
-        let stats = StreamStats { view_number: state.jobs[0].look, is_settled: true, ..StreamStats::default() };
-        state.on_loading(0, Event::Stream(stats));
+    fn settle(session: &mut Session) {
+        session.look_around();
+        let stats = StreamStats { view_number: session.jobs[0].look, is_settled: true, ..StreamStats::default() };
+        session.on_loading(0, Event::Stream(stats));
     }
 
-    fn commands(state: &mut State) -> Vec<Change> {
-        let effects = std::mem::take(&mut state.effects).into_iter();
+    fn commands(session: &mut Session) -> Vec<Change> {
+        let effects = std::mem::take(&mut session.outside.effects).into_iter();
         let change = |effect| if let Effect::Render(Command::Change(change)) = effect { Some(change) } else { None };
         effects.filter_map(change).collect()
     }
 
     #[test]
     fn points_and_bounds_are_counted_right_while_chunks_come_change_and_go() {
-        let mut state = State::new(Preferences::default());
-        state.add_job(&[], Arc::default(), Arc::default());
-        state.on_loading(0, opened(Vec::new()));
-        state.on_loading(0, Event::Pages { cloud: 0, pages: IndexState::Indexing });
-        put(&mut state, 0, &[1.0]);
-        put(&mut state, 3, &[2.0, 6.0, 8.0]);
-        put(&mut state, 0, &[1.0, 3.0]);
-        let revision = state.frames.revision;
-        assert_eq!((state.clouds[0].points, state.points(), state.clouds[0].cloud.len()), (5, 5, 5));
-        assert_eq!(state.bounds().max, DVec3::splat(8.0));
-        drop_chunk(&mut state, 3);
-        assert_eq!((state.clouds[0].points, state.clouds[0].cloud.len()), (2, 2));
-        assert_eq!((state.bounds().min, state.bounds().max), (DVec3::ONE, DVec3::splat(3.0)));
-        assert!(state.frames.revision > revision && state.clouds[0].chunk_bounds().len() == 1);
+        let mut session = Session::new(Preferences::default());
+        session.add_job(&[], Arc::default(), Arc::default());
+        session.on_loading(0, opened(Vec::new()));
+        session.on_loading(0, Event::Pages { cloud: 0, pages: IndexState::Indexing });
+        put(&mut session, 0, &[1.0]);
+        put(&mut session, 3, &[2.0, 6.0, 8.0]);
+        put(&mut session, 0, &[1.0, 3.0]);
+        let revision = session.frames.revision;
+        assert_eq!((session.clouds[0].points, session.points(), session.clouds[0].cloud.len()), (5, 5, 5));
+        assert_eq!(session.bounds().max, DVec3::splat(8.0));
+        drop_chunk(&mut session, 3);
+        assert_eq!((session.clouds[0].points, session.clouds[0].cloud.len()), (2, 2));
+        assert_eq!((session.bounds().min, session.bounds().max), (DVec3::ONE, DVec3::splat(3.0)));
+        assert!(session.frames.revision > revision && session.clouds[0].chunk_bounds().len() == 1);
         let removed =
             |command: &Change| matches!(command, Change::TakeOut { key } if key.part == Part::Node(NodeId(3)));
-        assert_eq!(commands(&mut state).iter().filter(|command| removed(command)).count(), 1);
-        let revision = state.frames.revision;
-        drop_chunk(&mut state, 3);
-        assert!(commands(&mut state).is_empty() && state.frames.revision == revision, "it has gone already");
+        assert_eq!(commands(&mut session).iter().filter(|command| removed(command)).count(), 1);
+        let revision = session.frames.revision;
+        drop_chunk(&mut session, 3);
+        assert!(commands(&mut session).is_empty() && session.frames.revision == revision, "it has gone already");
     }
 
     #[test]
     fn what_is_drawn_first_has_its_colours() {
-        let mut state = streamed();
-        let sent = commands(&mut state);
+        let mut session = streamed();
+        let sent = commands(&mut session);
         let chunk = sent.iter().position(|command| matches!(command, Change::Put { .. }));
         let color = sent.iter().position(
             |command| matches!(command, Change::Color { plan, .. } if plan.source == render::ColorSource::Column(0)),
         );
         assert!(chunk.is_some() && color > chunk, "{chunk:?}, {color:?}");
-        put(&mut state, 3, &[2.0, 3.0, 4.0]);
-        assert!(!commands(&mut state).iter().any(|command| matches!(command, Change::Color { .. })));
+        put(&mut session, 3, &[2.0, 3.0, 4.0]);
+        assert!(!commands(&mut session).iter().any(|command| matches!(command, Change::Color { .. })));
     }
 
     #[test]
@@ -391,68 +392,70 @@ mod tests {
 
     #[test]
     fn bounds_and_number_of_a_streamed_cloud_are_those_of_its_index() {
-        let mut state = streamed();
-        assert_eq!(state.bounds(), octree().nodes[0].bounds);
-        put(&mut state, 3, &[2.0, 3.0, 4.0]);
-        drop_chunk(&mut state, 0);
-        assert_eq!(state.bounds(), octree().nodes[0].bounds);
-        assert_eq!((state.points(), state.all_points(), state.clouds[0].total()), (3, 8, 8));
-        assert_eq!(state.title(), "survey - 8 points - glint");
-        let room = |state: &mut State| {
-            let commands = commands(state).into_iter();
+        let mut session = streamed();
+        assert_eq!(session.bounds(), octree().nodes[0].bounds);
+        put(&mut session, 3, &[2.0, 3.0, 4.0]);
+        drop_chunk(&mut session, 0);
+        assert_eq!(session.bounds(), octree().nodes[0].bounds);
+        assert_eq!((session.points(), session.all_points(), session.clouds[0].total()), (3, 8, 8));
+        assert_eq!(session.title(), "survey - 8 points - glint");
+        let room = |session: &mut Session| {
+            let commands = commands(session).into_iter();
             commands
                 .filter_map(|command| if let Change::Expect { points } = command { Some(points) } else { None })
                 .last()
         };
-        assert_eq!(room(&mut state), Some(8), "no more room is made than all points take");
-        state.settings.view.point_budget = 4;
-        state.look_around();
-        assert_eq!(room(&mut state), Some(4), "nor than may be there");
-        state.look_around();
-        assert_eq!(room(&mut state), None);
+        assert_eq!(room(&mut session), Some(8), "no more room is made than all points take");
+        session.settings.view.point_budget = 4;
+        session.look_around();
+        assert_eq!(room(&mut session), Some(4), "nor than may be there");
+        session.look_around();
+        assert_eq!(room(&mut session), None);
     }
 
     #[test]
     fn a_streamed_cloud_is_loaded_with_its_first_look_and_at_rest_with_its_last() {
-        let mut state = streamed();
-        assert!(state.is_loading() && state.points_come());
-        settle(&mut state);
-        state.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
-        assert!(!state.is_loading() && !state.points_come());
-        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. }))));
-        state.camera.eye += DVec3::ONE;
-        state.look_around();
-        assert!(!state.is_loading() && state.points_come());
-        let late = StreamStats { view_number: state.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
-        state.on_loading(0, Event::Stream(late));
-        assert!(state.points_come(), "that is about an earlier look");
-        settle(&mut state);
-        assert!(!state.points_come());
-        assert_eq!(state.clouds[0].streamed.as_ref().unwrap().rests, 2);
-        state.on_loading(0, Event::Finished);
-        assert!(state.jobs.is_empty() && state.clouds.len() == 1);
+        let mut session = streamed();
+        assert!(session.is_loading() && session.points_come());
+        settle(&mut session);
+        session.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
+        assert!(!session.is_loading() && !session.points_come());
+        assert!(
+            session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. })))
+        );
+        session.camera.eye += DVec3::ONE;
+        session.look_around();
+        assert!(!session.is_loading() && session.points_come());
+        let late = StreamStats { view_number: session.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
+        session.on_loading(0, Event::Stream(late));
+        assert!(session.points_come(), "that is about an earlier look");
+        settle(&mut session);
+        assert!(!session.points_come());
+        assert_eq!(session.clouds[0].streamed.as_ref().unwrap().rests, 2);
+        session.on_loading(0, Event::Finished);
+        assert!(session.jobs.is_empty() && session.clouds.len() == 1);
     }
 
     #[test]
     fn a_streamed_point_is_picked_with_all_that_its_page_holds_and_no_record_is_looked_up() {
-        let mut state = streamed();
-        put(&mut state, 3, &[2.0, 3.251, 4.0]);
-        commands(&mut state);
-        let point = Some(PickedPoint { chunk: state.clouds[0].key.chunk(Part::Node(NodeId(3))), index: 1 });
-        state.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
-        let pick = &state.picks[0];
+        let mut session = streamed();
+        put(&mut session, 3, &[2.0, 3.251, 4.0]);
+        commands(&mut session);
+        let point = Some(PickedPoint { chunk: session.clouds[0].key.chunk(Part::Node(NodeId(3))), index: 1 });
+        session.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
+        let pick = &session.picks[0];
         assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.25), true));
         assert_eq!(pick.record, Some(Ok(vec![("intensity".to_string(), "3".to_string())])));
-        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::ReadRecord { .. }))));
+        assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::ReadRecord { .. }))));
     }
 
     #[test]
     fn a_ramp_stays_while_chunks_come_and_go_and_the_histogram_counts_what_is_there() {
-        let mut state = streamed();
-        state.settings.color.by = scene::ColorBy::Height;
-        let found = |state: &mut State| {
-            state.renew_figures();
-            let effects = std::mem::take(&mut state.effects);
+        let mut session = streamed();
+        session.settings.color.by = scene::ColorBy::Height;
+        let found = |session: &mut Session| {
+            session.renew_figures();
+            let effects = std::mem::take(&mut session.outside.effects);
             let asked = effects.into_iter().find_map(|effect| match effect {
                 Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }) => Some((key, cloud, basis, up, kept)),
                 _ => None,
@@ -462,34 +465,34 @@ mod tests {
                 Some(kept) => kept.recounted(&cloud, &basis.visibility, up),
                 None => super::super::figures::Figures::of(&cloud, &basis.color, &basis.visibility, up),
             };
-            state.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
+            session.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
             true
         };
-        assert!(found(&mut state));
-        let counted = |state: &State| state.clouds[0].figures.as_ref().unwrap().histogram.iter().sum::<u32>();
-        let plan = state.clouds[0].figures.as_ref().unwrap().plan.clone();
-        assert_eq!(counted(&state), 2);
-        put(&mut state, 3, &[2.0, 3.0, 4.0]);
-        drop_chunk(&mut state, 0);
-        put(&mut state, 2, &[6.0]);
-        settle(&mut state);
-        commands(&mut state);
-        assert!(found(&mut state), "what is there is counted when it is complete");
-        assert_eq!(state.clouds[0].figures.as_ref().unwrap().plan, plan);
-        assert_eq!(counted(&state), 4);
-        assert!(!commands(&mut state).iter().any(|command| matches!(command, Change::Color { .. })));
-        state.settings.color.high = 0.5;
-        assert!(found(&mut state) && state.clouds[0].figures.as_ref().unwrap().plan != plan);
+        assert!(found(&mut session));
+        let counted = |session: &Session| session.clouds[0].figures.as_ref().unwrap().histogram.iter().sum::<u32>();
+        let plan = session.clouds[0].figures.as_ref().unwrap().plan.clone();
+        assert_eq!(counted(&session), 2);
+        put(&mut session, 3, &[2.0, 3.0, 4.0]);
+        drop_chunk(&mut session, 0);
+        put(&mut session, 2, &[6.0]);
+        settle(&mut session);
+        commands(&mut session);
+        assert!(found(&mut session), "what is there is counted when it is complete");
+        assert_eq!(session.clouds[0].figures.as_ref().unwrap().plan, plan);
+        assert_eq!(counted(&session), 4);
+        assert!(!commands(&mut session).iter().any(|command| matches!(command, Change::Color { .. })));
+        session.settings.color.high = 0.5;
+        assert!(found(&mut session) && session.clouds[0].figures.as_ref().unwrap().plan != plan);
     }
 
     #[test]
     fn levels_are_shown_of_what_is_there_and_of_what_comes_and_end() {
-        let mut state = streamed();
-        state.settings.stream.overlay = true;
-        commands(&mut state);
-        state.sync_levels();
-        put(&mut state, 2, &[6.0, 6.5, 7.0]);
-        let tints: Vec<_> = commands(&mut state)
+        let mut session = streamed();
+        session.settings.stream.overlay = true;
+        commands(&mut session);
+        session.sync_levels();
+        put(&mut session, 2, &[6.0, 6.5, 7.0]);
+        let tints: Vec<_> = commands(&mut session)
             .into_iter()
             .filter_map(|command| if let Change::Tint { tints } = command { Some(tints) } else { None })
             .flatten()
@@ -499,54 +502,54 @@ mod tests {
             [0, 2].map(|node| Part::Node(NodeId(node)))
         );
         assert!(tints[0].1.is_some() && tints[1].1.is_some() && tints[0].1 != tints[1].1, "{tints:?}");
-        let boxes = state.clouds[0].shown_boxes();
+        let boxes = session.clouds[0].shown_boxes();
         assert_eq!(boxes.len(), 2, "the node between them is not there, so the root is the last above");
-        state.settings.stream.overlay = false;
-        state.sync_levels();
+        session.settings.stream.overlay = false;
+        session.sync_levels();
         let ends = |command: &Change| matches!(command, Change::Tint { tints } if tints.len() == 2 && tints.iter().all(|(_, tint)| tint.is_none()));
-        assert!(commands(&mut state).iter().any(ends));
+        assert!(commands(&mut session).iter().any(ends));
     }
 
     #[test]
     fn points_of_a_streamed_cloud_are_no_mirror_and_that_is_said() {
-        let mut state = streamed();
-        settle(&mut state);
-        state.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
-        let key = state.clouds[0].key;
-        state.edit_objects(|objects| {
+        let mut session = streamed();
+        settle(&mut session);
+        session.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
+        let key = session.clouds[0].key;
+        session.edit_objects(|objects| {
             objects.markings.push(Marking { key, points: MirrorPoints::whole("survey".into()) })
         });
-        state.sync_objects();
-        assert!(state.objects.markings.is_empty());
-        assert!(!state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
-        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
+        session.sync_objects();
+        assert!(session.objects.markings.is_empty());
+        assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
+        assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
     }
 
     #[test]
     fn what_is_opened_later_gets_half_until_it_tells_what_it_needs() {
-        let mut state = streamed();
-        state.add_job(&[], Arc::default(), Arc::default());
-        state.jobs[1].has_streamed = true;
-        settle(&mut state);
-        assert_eq!([state.jobs[0].share, state.jobs[1].share], [0.5, 0.5]);
+        let mut session = streamed();
+        session.add_job(&[], Arc::default(), Arc::default());
+        session.jobs[1].has_streamed = true;
+        settle(&mut session);
+        assert_eq!([session.jobs[0].share, session.jobs[1].share], [0.5, 0.5]);
         for (job, demand) in [(0, 0.01), (1, 1.0)] {
-            state.on_loading(job, Event::Stream(StreamStats { demand, ..StreamStats::default() }));
+            session.on_loading(job, Event::Stream(StreamStats { demand, ..StreamStats::default() }));
         }
-        state.look_around();
-        assert!(state.jobs[0].share < 0.1 && state.jobs[1].share > 0.9);
+        session.look_around();
+        assert!(session.jobs[0].share < 0.1 && session.jobs[1].share > 0.9);
     }
 
     #[test]
     fn a_hidden_cloud_is_not_looked_at() {
-        let mut state = streamed();
-        settle(&mut state);
-        let (key, look) = (state.clouds[0].key, state.jobs[0].look);
-        state.set_visible(key, false);
-        state.look_around();
-        assert!(state.jobs[0].look > look, "that is another look");
-        assert_eq!(state.hidden(&state.jobs[0]), BTreeSet::from([0]));
-        state.set_visible(key, true);
-        state.look_around();
-        assert!(state.hidden(&state.jobs[0]).is_empty());
+        let mut session = streamed();
+        settle(&mut session);
+        let (key, look) = (session.clouds[0].key, session.jobs[0].look);
+        session.set_visible(key, false);
+        session.look_around();
+        assert!(session.jobs[0].look > look, "that is another look");
+        assert_eq!(session.hidden(&session.jobs[0]), BTreeSet::from([0]));
+        session.set_visible(key, true);
+        session.look_around();
+        assert!(session.hidden(&session.jobs[0]).is_empty());
     }
 }

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use scene::whole_file;
+use scene::{Settings, whole_file};
 
 use crate::picture_file;
 
@@ -52,4 +52,34 @@ pub fn add_to_study(plan: &Path, scene: &str, mut group: toml::Table) -> anyhow:
         picture_file::write_text(&scene_path, scene)?;
     }
     picture_file::write_text(plan, &joined)
+}
+
+/// Parameters, and the size of the picture, as a group of a study's plan, whose name and scene are still to come.
+pub fn group_of(written: &Settings, [width, height]: [u32; 2]) -> toml::Table {
+    // What the group names itself.
+    let is_set = |key: &String| key != "reflection.method" && !key.starts_with("scene.");
+    let differing: Vec<String> = written.differing().into_iter().map(|(key, _)| key).filter(is_set).collect();
+    let values = written.all().into_iter().filter(|(key, _)| differing.contains(key));
+    let text = |key: &str| {
+        let texts = written.differing().into_iter();
+        texts.filter(|(known, _)| known == key).map(|(_, text)| text).next().unwrap_or_default()
+    };
+    let value = |key: &str, value: &param::Value| match value {
+        param::Value::Bool(on) => toml::Value::Boolean(*on),
+        param::Value::U32(number) => toml::Value::Integer((*number).into()),
+        // By its text: the shortest that reads back as the same number.
+        param::Value::F32(_) => text(key).parse().map_or(toml::Value::String(text(key)), toml::Value::Float),
+        _ => toml::Value::String(text(key)),
+    };
+    let set: toml::Table = values.map(|(key, known)| (key.clone(), value(&key, &known))).collect();
+    let method = param::Choice::name(written.reflection.method);
+    let list = |text: String| toml::Value::Array(vec![toml::Value::String(text)]);
+    let mut group = toml::Table::new();
+    group.insert("methods".into(), list(method.into()));
+    let sweep = toml::Table::from_iter([("size".to_string(), list(format!("{width}x{height}")))]);
+    group.insert("sweep".into(), toml::Value::Table(sweep));
+    if !set.is_empty() {
+        group.insert("set".into(), toml::Value::Table(set));
+    }
+    group
 }

@@ -4,14 +4,14 @@ use egui::{Align, Layout, RichText, Ui};
 use render::{Clock, ReflectionStats};
 
 use super::reflection_figures::FIGURES;
-use super::state::State;
+use super::session::Session;
 use super::theme::{self, bytes, grouped};
 
-fn reflections(ui: &mut Ui, state: &State, stats: &ReflectionStats) {
+fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
     for (index, (name, text, figure)) in FIGURES.into_iter().enumerate() {
         let Some(value) = figure(stats) else { continue };
         let rect = row(ui, name, &text(value), None);
-        sparkline(ui, rect, state.figure_history.of(index).filter(|value| value.is_finite()).collect());
+        sparkline(ui, rect, session.figure_history.of(index).filter(|value| value.is_finite()).collect());
     }
     if stats.bounces > 1 {
         row(ui, "Bounces", &stats.bounces.to_string(), None);
@@ -39,14 +39,14 @@ fn sparkline(ui: &Ui, row: egui::Rect, values: Vec<f64>) {
     ui.painter().add(egui::Shape::line(points, egui::Stroke::new(1.2, theme::ACCENT.gamma_multiply(0.8))));
 }
 
-pub fn show(ui: &mut Ui, state: &State) {
-    let Some(shown) = &state.frames.shown else {
+pub fn show(ui: &mut Ui, session: &Session) {
+    let Some(shown) = &session.frames.shown else {
         ui.label(RichText::new("No frame yet.").color(theme::WEAK));
         return;
     };
     let stats = &shown.stats;
     if let Some(reflection) = &stats.reflection {
-        reflections(ui, state, reflection);
+        reflections(ui, session, reflection);
     }
     let clock = match stats.clock {
         Clock::Gpu => "GPU clock",
@@ -66,20 +66,20 @@ pub fn show(ui: &mut Ui, state: &State) {
         ui.label(RichText::new("Nearest point while moving, refined at rest").small().color(theme::ACCENT));
     }
     ui.separator();
-    let loaded: u64 = state.clouds.iter().map(|entry| entry.points).sum();
-    let total: u64 = state.clouds.iter().map(|entry| entry.expected_points.max(entry.points)).sum();
+    let loaded: u64 = session.clouds.iter().map(|entry| entry.points).sum();
+    let total: u64 = session.clouds.iter().map(|entry| entry.expected_points.max(entry.points)).sum();
     row(ui, "Points drawn", &grouped(stats.points_drawn), None);
     row(ui, "On the GPU", &grouped(stats.points_resident), None);
     row(ui, "Loaded", &grouped(loaded), None);
     row(ui, "In the files", &grouped(total), None);
     ui.separator();
-    let points: usize = state.clouds.iter().map(|entry| entry.cloud.size_in_bytes()).sum();
+    let points: usize = session.clouds.iter().map(|entry| entry.cloud.size_in_bytes()).sum();
     row(ui, "GPU memory", &bytes(stats.gpu_bytes), None);
     row(ui, "Points in memory", &bytes(points as u64), None);
     if let Some(resident) = host_memory() {
         row(ui, "Program", &bytes(resident), None);
     }
-    if let Some(adapter) = &state.adapter {
+    if let Some(adapter) = &session.adapter {
         ui.label(RichText::new(adapter).small().color(theme::WEAK));
     }
 }
@@ -138,15 +138,15 @@ mod tests {
 
     #[test]
     fn the_history_keeps_the_last_frames_and_what_a_method_does_not_tell_is_left_out() {
-        let mut state = State::new(super::super::preferences::Preferences::default());
+        let mut session = Session::new(super::super::preferences::Preferences::default());
         for frame in 0..REMEMBERED + 30 {
-            state.figure_history.push(&stats(frame as f64));
+            session.figure_history.push(&stats(frame as f64));
         }
-        let coverage: Vec<f64> = state.figure_history.of(1).collect();
+        let coverage: Vec<f64> = session.figure_history.of(1).collect();
         assert_eq!((coverage.len(), coverage[0]), (REMEMBERED, 30.0));
         let mut harness = egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui_state(
-            |ui, state: &mut State| reflections(ui, state, &stats(0.5).reflection.unwrap_or_default()),
-            state,
+            |ui, session: &mut Session| reflections(ui, session, &stats(0.5).reflection.unwrap_or_default()),
+            session,
         );
         harness.run();
         for shown in ["Mirror pixels", "12,345", "Coverage", "50.00 %", "Regions"] {

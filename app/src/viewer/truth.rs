@@ -11,178 +11,185 @@ use std::time::Duration;
 
 use cloud::Progress;
 use render::ColorPlan;
+use scene::{Settings, Visibility};
 use serde_json::json;
 
+use super::clouds::{CloudEntry, Samples};
+use super::frames::Frames;
 use super::messages::Level;
+use super::outside::Outside;
 use super::render_thread::{Captured, Command, FrameRequest};
-use super::state::{Effect, State};
 use super::truth_tasks::{Answer, Judge, Measure, SceneKey, Source, Task, Trace};
-use super::truth_view::{Label, Look, MOST_POINTS, Picture, Taken, Traced, Tracing, too_many_points};
+use super::truth_view::{Label, Look, MOST_POINTS, Picture, Taken, Traced, Tracing, TruthView, too_many_points};
+use super::tuning::Tuning;
 use super::work::Work;
 
 /// A frame that has stood still for so long is worth work: on the way of a slider there are many that nobody means.
 const REST: Duration = Duration::from_millis(200);
 
-impl State {
-    /// Holds or releases the truth's key.
-    pub fn hold_truth(&mut self, is_held: bool) {
-        if is_held && !self.truth.is_held && self.clouds.is_empty() {
-            return;
-        }
-        if is_held != self.truth.is_held {
-            self.truth.is_held = is_held;
-            self.log(json!({ "event": "truth_key", "down": is_held }));
-        }
+/// What of the session the truth depends on.
+pub struct Around<'a> {
+    pub clouds: &'a [CloudEntry],
+    pub samples: &'a Samples,
+    pub settings: &'a Settings,
+    pub visibility: &'a Visibility,
+    pub frames: &'a Frames,
+    /// The frame on the screen, if it is final.
+    pub still: Option<FrameRequest>,
+    pub raw_colors: bool,
+    pub is_swept: bool,
+}
+
+impl Around<'_> {
+    pub fn points(&self) -> u64 {
+        traced_points(self.clouds, self.samples)
     }
 
-    pub fn toggle_truth(&mut self) {
-        self.truth.is_pinned = !self.truth.is_pinned;
+    /// All that is shown, to be traced.
+    pub fn sources(&self) -> Vec<Source> {
+        let clouds = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
+            let (cloud, up) = (entry.cloud.clone(), entry.up);
+            let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
+            let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud, &self.settings.color, up).0);
+            Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test: self.visibility.test() }
+        });
+        let mirrors = self.samples.of.values().map(|sample| {
+            let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();
+            Source::Mirror { mirror: sample.mirror.clone(), chunks }
+        });
+        clouds.chain(mirrors).collect()
+    }
+}
+
+/// Points that are shown, those of mirrors included: as many are traced.
+pub fn traced_points(clouds: &[CloudEntry], samples: &Samples) -> u64 {
+    let visible = clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.points);
+    visible.sum::<u64>() + samples.points()
+}
+
+impl TruthView {
+    /// Holds or releases the truth's key.
+    pub fn hold(&mut self, is_held: bool, outside: &mut Outside) {
+        if is_held != self.is_held {
+            self.is_held = is_held;
+            outside.log(json!({ "event": "truth_key", "down": is_held }));
+        }
     }
 
     /// Why nothing is shown yet.
-    pub fn truth_is_awaited(&self) -> &'static str {
+    pub fn awaited(&self, is_swept: bool) -> &'static str {
         match () {
-            () if self.truth.is_too_large => "too many points to trace the truth",
-            () if self.sweep.is_some() => "the truth waits for the sweep",
-            () if self.truth.still.is_none() => "the truth waits for the picture to stand still",
+            () if self.is_too_large => "too many points to trace the truth",
+            () if is_swept => "the truth waits for the sweep",
+            () if self.still.is_none() => "the truth waits for the picture to stand still",
             () => "the truth is being traced",
         }
     }
 
-    /// The frame whose truth belongs in the picture now. None where the view has moved on and its picture is still to come: what was
-    /// traced is of another.
-    pub fn truth_frame(&self) -> Option<FrameRequest> {
-        let request = &self.frames.shown.as_ref().filter(|_| self.truth.is_asked_for())?.request;
-        let is_current = request.camera == self.camera && request.size == self.view_size && !request.hurried;
-        is_current.then(|| request.clone())
-    }
-
-    /// Points that are shown, those of mirrors included: as many are traced.
-    pub fn traced_points(&self) -> u64 {
-        let of_mirrors =
-            self.samples.of.values().flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64);
-        let visible = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.points);
-        visible.chain(of_mirrors).sum()
-    }
-
     /// Whether more points are shown than are traced, which is said when it begins to be so.
-    fn has_too_many_points(&mut self) -> bool {
-        let is_too_large = self.traced_points() > MOST_POINTS;
-        if is_too_large && !self.truth.is_too_large {
-            self.say(Level::Warning, too_many_points());
+    fn has_too_many_points(&mut self, points: u64, outside: &mut Outside) -> bool {
+        let is_too_large = points > MOST_POINTS;
+        if is_too_large && !self.is_too_large {
+            outside.say(Level::Warning, too_many_points());
         }
-        self.truth.is_too_large = is_too_large;
+        self.is_too_large = is_too_large;
         is_too_large
     }
 
-    /// Ends all that is under way for the truth, the chart and a sweep.
-    pub fn stop_truth(&mut self) {
-        self.truth.stop();
-        self.tuning.is_open = false;
-        self.stop_sweep();
-    }
-
     /// Takes what is wanted of the truth one step on; called every frame of the window. Returns when to look again.
-    pub fn sync_truth(&mut self) -> Option<Duration> {
-        let basis = self.wanted_frame().map(FrameRequest::truth_basis);
-        let wanted = self.frames.requested.as_ref();
-        let truth = &mut self.truth;
-        truth.cancel_others(wanted, basis.as_ref());
-        if truth.asked_for.is_some() && truth.asked_for != basis {
-            truth.asked_for = None;
+    pub fn sync(&mut self, around: &Around<'_>, tuning: &mut Tuning, outside: &mut Outside) -> Option<Duration> {
+        let wanted = around.frames.requested.as_ref();
+        let basis = wanted.map(FrameRequest::truth_basis);
+        self.cancel_others(wanted, basis.as_ref());
+        if self.asked_for.is_some() && self.asked_for != basis {
+            self.asked_for = None;
         }
-        if truth.is_held {
-            truth.asked_for.clone_from(&basis);
+        if self.is_held {
+            self.asked_for.clone_from(&basis);
         }
-        let revision = self.frames.revision;
-        let outdated = |key: &SceneKey| key.revision != revision;
-        truth.building.iter().filter(|(key, _)| outdated(key)).for_each(|(_, progress)| progress.cancel());
-        if truth.scene.as_ref().is_some_and(|(key, _)| outdated(key)) {
-            truth.free();
+        let outdated = |key: &SceneKey| key.revision != around.frames.revision;
+        self.building.iter().filter(|(key, _)| outdated(key)).for_each(|(_, progress)| progress.cancel());
+        if self.scene.as_ref().is_some_and(|(key, _)| outdated(key)) {
+            self.free();
         }
-        let still = self.still_frame().cloned();
-        if self.truth.still.as_ref().map(|(known, _)| known) != still.as_ref() {
-            self.truth.still = still.map(|request| (request, self.now));
+        if self.still.as_ref().map(|(known, _)| known) != around.still.as_ref() {
+            self.still = around.still.clone().map(|request| (request, outside.now));
         }
-        let is_judged = self.truth.judges || self.tuning.is_open;
-        if self.sweep.is_some() {
+        let is_judged = self.judges || tuning.is_open;
+        if around.is_swept {
             return None;
         }
-        if !(self.truth.is_wanted() || is_judged) || self.has_too_many_points() {
-            self.truth.cancel();
+        if !(self.is_wanted() || is_judged) || self.has_too_many_points(around.points(), outside) {
+            self.cancel();
             return None;
         }
-        let (Some((request, since)), Some(basis)) = (self.truth.still.clone(), basis) else { return None };
-        if let Some(left) = REST.checked_sub(self.now.saturating_duration_since(since)).filter(|left| !left.is_zero()) {
+        let (Some((request, since)), Some(basis)) = (self.still.clone(), basis) else { return None };
+        let waited = outside.now.saturating_duration_since(since);
+        if let Some(left) = REST.checked_sub(waited).filter(|left| !left.is_zero()) {
             return Some(left);
         }
-        self.work_on_truth(request, basis, is_judged);
+        let tuning = Some(tuning).filter(|_| is_judged && !around.raw_colors);
+        self.work_on(request, basis, around, tuning, outside);
         None
     }
 
-    /// The next step for a frame that stands still.
-    fn work_on_truth(&mut self, request: FrameRequest, basis: FrameRequest, is_judged: bool) {
+    /// The next step for a frame that stands still, which `tuning` wants judged.
+    fn work_on(
+        &mut self,
+        request: FrameRequest,
+        basis: FrameRequest,
+        around: &Around<'_>,
+        tuning: Option<&mut Tuning>,
+        outside: &mut Outside,
+    ) {
         let key = SceneKey::of(&request);
-        let Some(scene) = self.truth.scene(key) else { return self.build_truth(key) };
-        let truth = &mut self.truth;
-        let Some(drawn) =
-            truth.captured.as_ref().filter(|(known, _)| *known == request).map(|(_, drawn)| drawn.clone())
-        else {
-            if truth.capturing.as_ref() != Some(&request) {
-                truth.capturing = Some(request.clone());
-                let (request, origin) = (Box::new(request), scene.origin);
-                self.render(Command::Capture { request, origin });
+        let Some(scene) = self.scene(key) else { return self.build(key, || around.sources(), outside) };
+        let drawn = self.captured.as_ref().filter(|(known, _)| *known == request);
+        let Some(drawn) = drawn.map(|(_, drawn)| drawn.clone()) else {
+            if self.capturing.as_ref() != Some(&request) {
+                self.capturing = Some(request.clone());
+                outside.render(Command::Capture { request: Box::new(request), origin: scene.origin });
             }
             return;
         };
-        if is_judged && !self.raw_colors && self.measure(&request) {
+        let mut tuning = tuning;
+        if let Some(tuning) = &mut tuning
+            && tuning.measure(&request, around.settings, || self.is_quiet(), outside)
+        {
             return;
         }
         let judge = Judge { request: request.clone(), scene, drawn, progress: Arc::default() };
         // It takes less time than a step of tracing, which it would wait behind.
-        self.judge(&judge);
-        self.trace(basis, &judge);
-        self.present(&judge);
-        if let Some(figures) = self.truth.figures(&request).filter(|_| is_judged && !self.raw_colors) {
-            self.tuning.note(&request, &self.settings, figures);
+        self.judge(&judge, outside);
+        self.trace(basis, &judge, outside);
+        self.present(&judge, outside);
+        if let (Some(figures), Some(tuning)) = (self.figures(&request), tuning) {
+            tuning.note(&request, around.settings, figures);
         }
     }
 
     /// Makes the points ready to be traced.
-    pub fn build_truth(&mut self, key: SceneKey) {
-        if let Some((building, progress)) = &self.truth.building {
+    pub fn build(&mut self, key: SceneKey, sources: impl FnOnce() -> Vec<Source>, outside: &mut Outside) {
+        if let Some((building, progress)) = &self.building {
             // It answers when it has ended.
             if *building != key {
                 progress.cancel();
             }
             return;
         }
-        let test = self.objects.visibility.test();
-        let clouds = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
-            let (cloud, up) = (entry.cloud.clone(), entry.up);
-            let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
-            let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud.shown(&test), &self.settings.color, up).0);
-            Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test }
-        });
-        let mirrors = self.samples.of.values().map(|sample| {
-            let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();
-            Source::Mirror { mirror: sample.mirror.clone(), chunks }
-        });
-        let sources = clouds.chain(mirrors).collect();
         let progress = Arc::<Progress>::default();
-        self.truth.building = Some((key, progress.clone()));
-        self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Build { key, sources, progress }))));
+        self.building = Some((key, progress.clone()));
+        outside.work(Work::Truth(Box::new(Task::Build { key, sources: sources(), progress })));
     }
 
-    fn trace(&mut self, basis: FrameRequest, judge: &Judge) {
-        let truth = &mut self.truth;
-        let alone = !truth.wants_picture(&basis);
-        if let Some(tracing) = &truth.tracing {
+    fn trace(&mut self, basis: FrameRequest, judge: &Judge, outside: &mut Outside) {
+        let alone = !self.wants_picture(&basis);
+        if let Some(tracing) = &self.tracing {
             // Either this very frame's, or it answers when it has ended.
             tracing.mirrors_alone.store(alone, Ordering::Relaxed);
             return;
         }
-        let traced = truth.traced.as_mut().filter(|traced| traced.pass.basis == basis);
+        let traced = self.traced.as_mut().filter(|traced| traced.pass.basis == basis);
         if traced.as_ref().is_some_and(|traced| traced.is_done[usize::from(!alone)]) {
             return;
         }
@@ -190,113 +197,106 @@ impl State {
         let (progress, mirrors_alone) = (Arc::<Progress>::default(), Arc::new(AtomicBool::new(alone)));
         let tracing =
             Tracing { basis: basis.clone(), progress: progress.clone(), mirrors_alone: mirrors_alone.clone() };
-        truth.tracing = Some(tracing);
+        self.tracing = Some(tracing);
         let (scene, drawn) = (judge.scene.clone(), judge.drawn.clone());
         let trace = Trace { basis, scene, drawn, refinement, mirrors_alone, progress };
-        self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Trace(Box::new(trace))))));
+        outside.work(Work::Truth(Box::new(Task::Trace(Box::new(trace)))));
     }
 
-    fn judge(&mut self, judge: &Judge) {
-        let truth = &mut self.truth;
+    fn judge(&mut self, judge: &Judge, outside: &mut Outside) {
         let request = &judge.request;
-        let Some(verdict) = truth.verdict.as_ref().filter(|verdict| verdict.request == *request) else {
-            if truth.judging.is_none() {
+        let Some(verdict) = self.verdict.as_ref().filter(|verdict| verdict.request == *request) else {
+            if self.judging.is_none() {
                 let judge = judge.anew();
-                truth.judging = Some((request.clone(), judge.progress.clone()));
-                self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Judge(judge)))));
+                self.judging = Some((request.clone(), judge.progress.clone()));
+                outside.work(Work::Truth(Box::new(Task::Judge(judge))));
             }
             return;
         };
         // Colours are compared when the mirrors' truth is as fine as it gets: noise would count as an error.
-        let pass = truth.traced.as_ref().map(|traced| &traced.pass);
+        let pass = self.traced.as_ref().map(|traced| &traced.pass);
         let pass = pass.filter(|pass| pass.samples[0] == pass.wanted_samples && pass.basis == request.truth_basis());
-        if let (None, None, Some(pass)) = (verdict.figures.image, &truth.comparing, pass) {
+        if let (None, None, Some(pass)) = (verdict.figures.image, &self.comparing, pass) {
             let (judge, colors) = (judge.anew(), pass.colors.clone());
-            truth.comparing = Some((request.clone(), judge.progress.clone()));
-            self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Compare { judge, colors }))));
+            self.comparing = Some((request.clone(), judge.progress.clone()));
+            outside.work(Work::Truth(Box::new(Task::Compare { judge, colors })));
         }
     }
 
     /// Makes pictures of what was traced for the screen.
-    fn present(&mut self, judge: &Judge) {
-        let truth = &mut self.truth;
+    fn present(&mut self, judge: &Judge, outside: &mut Outside) {
         let Judge { request, .. } = judge;
         let basis = request.truth_basis();
-        if !truth.wants_picture(&basis) {
+        if !self.wants_picture(&basis) {
             return;
         }
         let is_shown = |traced: &&Traced| traced.pass.basis == basis && traced.pass.is_whole;
-        let Some(traced) = truth.traced.as_ref().filter(is_shown) else { return };
+        let Some(traced) = self.traced.as_ref().filter(is_shown) else { return };
         let (colors, pass) = (traced.pass.colors.clone(), traced.number);
         let label = Label { request: request.clone(), pass, measure: None };
-        if truth.presenting.is_none() && truth.presented.as_ref().is_none_or(|(known, _)| *known != label) {
-            truth.presenting = Some(label);
+        if self.presenting.is_none() && self.presented.as_ref().is_none_or(|(known, _)| *known != label) {
+            self.presenting = Some(label);
             let (request, colors) = (Box::new(request.clone()), colors.clone());
-            self.effects.push(Effect::Render(Command::Present { request, colors, pass }));
+            outside.render(Command::Present { request, colors, pass });
         }
-        let measure = truth.measure;
+        let measure = self.measure;
         // Places stay as they are while colours become finer.
         let pass = if measure == Measure::Place { 0 } else { pass };
         let label = Label { request: request.clone(), pass, measure: Some(measure) };
-        let is_asked_for = truth.is_pinned && truth.look == Look::Difference;
-        let is_new = truth.difference.as_ref().is_none_or(|(known, _)| *known != label);
-        if is_asked_for && is_new && truth.drawing.is_none() {
+        let is_asked_for = self.is_pinned && self.look == Look::Difference;
+        let is_new = self.difference.as_ref().is_none_or(|(known, _)| *known != label);
+        if is_asked_for && is_new && self.drawing.is_none() {
             let judge = judge.anew();
-            truth.drawing = Some((label, judge.progress.clone()));
-            self.effects.push(Effect::Work(Work::Truth(Box::new(Task::Difference { judge, measure, colors, pass }))));
+            self.drawing = Some((label, judge.progress.clone()));
+            outside.work(Work::Truth(Box::new(Task::Difference { judge, measure, colors, pass })));
         }
     }
 
     /// The images of a frame that the render thread was asked for.
-    pub fn on_captured(&mut self, captured: Captured) {
-        let Some(captured) = self.on_swept_images(captured) else { return };
-        let is_current = self.is_of_scene(&captured.request);
-        let truth = &mut self.truth;
-        if truth.capturing.as_ref() == Some(&captured.request) {
-            truth.capturing = None;
-            truth.captured = Some((captured.request, Arc::new(captured.drawn))).filter(|_| is_current);
+    pub fn on_captured(&mut self, captured: Captured, revision: u64) {
+        let is_current = self.is_of_scene(&captured.request, revision);
+        if self.capturing.as_ref() == Some(&captured.request) {
+            self.capturing = None;
+            self.captured = Some((captured.request, Arc::new(captured.drawn))).filter(|_| is_current);
         }
     }
 
     /// Whether what was found out about a frame is still of use: points that have changed, or Stop, have freed its scene.
-    fn is_of_scene(&self, request: &FrameRequest) -> bool {
-        let scene = self.truth.scene.as_ref();
-        request.revision == self.frames.revision && scene.is_some_and(|(key, _)| key.revision == self.frames.revision)
+    fn is_of_scene(&self, request: &FrameRequest, revision: u64) -> bool {
+        let scene = self.scene.as_ref();
+        request.revision == revision && scene.is_some_and(|(key, _)| key.revision == revision)
     }
 
     /// A picture of the truth, as the render thread shows it.
-    pub fn on_presented(&mut self, request: FrameRequest, pass: u32, rgba: Vec<u8>) {
-        self.truth.presenting = None;
-        if !self.is_of_scene(&request) {
+    pub fn on_presented(
+        &mut self,
+        request: FrameRequest,
+        pass: u32,
+        rgba: Vec<u8>,
+        revision: u64,
+        outside: &mut Outside,
+    ) {
+        self.presenting = None;
+        if !self.is_of_scene(&request, revision) {
             return;
         }
         let (size, label) = (request.size, Label { request, pass, measure: None });
-        self.log(json!({ "event": "truth", "pass": pass }));
-        self.truth.presented = Some((label, Picture::new(size, rgba)));
+        outside.log(json!({ "event": "truth", "pass": pass }));
+        self.presented = Some((label, Picture::new(size, rgba)));
     }
 
-    /// The truth cannot be had: nothing more is asked for it. In a sweep it is the value at hand that failed.
-    pub fn on_not_judged(&mut self, problem: &str) {
-        (self.truth.capturing, self.truth.presenting) = (None, None);
-        self.tuning.forget_measuring();
-        if self.on_value_failed(problem) {
-            return;
-        }
-        self.stop_truth();
-        self.say(Level::Error, format!("The truth cannot be shown: {problem}"));
+    /// What the render thread was asked for will not come.
+    pub fn on_not_judged(&mut self) {
+        (self.capturing, self.presenting) = (None, None);
     }
 
-    pub fn on_truth(&mut self, answer: Answer) {
+    /// What a worker thread found; what comes of it outside of the truth.
+    pub fn on_answer(&mut self, answer: Answer, revision: u64) -> Taken {
         let is_current = match answer.request() {
-            Some(request) => self.is_of_scene(request),
-            None => answer.revision().is_none_or(|revision| revision == self.frames.revision),
+            Some(request) => self.is_of_scene(request, revision),
+            None => answer.revision().is_none_or(|known| known == revision),
         };
-        match self.truth.take(answer, is_current) {
-            Taken::Nothing => {}
-            Taken::Log(event) => self.log(event),
-            Taken::Swept { request, figures, picture } => self.on_swept(&request, *figures, picture),
-            Taken::Failed(problem) => self.on_not_judged(&problem),
-        }
+        self.take(answer, is_current)
     }
 }
 
@@ -308,6 +308,8 @@ mod tests {
 
     use super::super::action::Action;
     use super::super::bench::Bench;
+    use super::super::render_thread::Report;
+    use super::super::session::Session;
     use super::super::truth_tasks::Kind;
     use super::*;
 
@@ -321,47 +323,47 @@ mod tests {
     }
 
     /// Whether the truth of the frame on the screen is in the picture.
-    fn is_shown(state: &State) -> bool {
-        state.truth_frame().is_some_and(|request| state.truth.picture(&request).is_some())
+    fn is_shown(session: &Session) -> bool {
+        session.truth_frame().is_some_and(|request| session.truth.picture(&request).is_some())
     }
 
     #[test]
     fn the_key_shows_the_truth_of_this_view_alone_and_judges_it() {
         let Some(mut bench) = Bench::with_sphere() else { return };
         bench.settle();
-        assert!(!is_shown(&bench.state) && bench.state.truth.scene.is_none(), "nobody has asked for it");
+        assert!(!is_shown(&bench.session) && bench.session.truth.scene.is_none(), "nobody has asked for it");
         let mut harness = harness(bench);
         harness.key_down(egui::Key::X);
         harness.run_ok();
-        assert!(harness.state().state.truth.is_held);
+        assert!(harness.state().session.truth.is_held);
         harness.state_mut().settle();
-        let Bench { state, .. } = harness.state_mut();
-        assert!(is_shown(state));
-        let request = state.still_frame().cloned().unwrap();
-        let (samples, wanted) = state.truth.samples(&request).unwrap();
+        let Bench { session, .. } = harness.state_mut();
+        assert!(is_shown(session));
+        let request = session.still_frame().cloned().unwrap();
+        let (samples, wanted) = session.truth.samples(&request).unwrap();
         assert_eq!((samples, wanted), ([4, 4], 4), "as many paths as trace.samples says");
-        let figures = state.truth.figures(&request).unwrap();
+        let figures = session.truth.figures(&request).unwrap();
         assert!(figures.mirror_pixels > 100 && figures.pixel_error.p95 < 3.0, "{figures:?}");
         assert!(figures.image.is_some_and(|image| image.delta_e < 10.0), "{figures:?}");
 
         // Another method has the same truth, which is not traced anew, and other figures.
-        let number = state.truth.traced.as_ref().map(|traced| traced.number);
-        state.settings.reflection.method = scene::Method::None;
+        let number = session.truth.traced.as_ref().map(|traced| traced.number);
+        session.settings.reflection.method = scene::Method::None;
         harness.state_mut().settle();
-        let Bench { state, .. } = harness.state_mut();
-        let other = state.still_frame().cloned().unwrap();
-        assert_eq!(state.truth.traced.as_ref().map(|traced| traced.number), number);
-        assert!(is_shown(state) && state.truth.figures(&request).is_none());
-        assert_eq!(state.truth.figures(&other).unwrap().coverage, 0.0);
+        let Bench { session, .. } = harness.state_mut();
+        let other = session.still_frame().cloned().unwrap();
+        assert_eq!(session.truth.traced.as_ref().map(|traced| traced.number), number);
+        assert!(is_shown(session) && session.truth.figures(&request).is_none());
+        assert_eq!(session.truth.figures(&other).unwrap().coverage, 0.0);
 
         // A view that turns has none until it stands still again.
-        state.camera.orbit(0.3, 0.1);
-        assert!(!is_shown(state));
+        session.camera.orbit(0.3, 0.1);
+        assert!(!is_shown(session));
         harness.state_mut().settle();
-        assert!(is_shown(&harness.state().state));
+        assert!(is_shown(&harness.state().session));
         harness.key_up(egui::Key::X);
         harness.run_ok();
-        assert!(!is_shown(&harness.state().state));
+        assert!(!is_shown(&harness.state().session));
     }
 
     #[test]
@@ -372,41 +374,41 @@ mod tests {
         harness.run_ok();
         harness.state_mut().settle();
         harness.run_ok();
-        assert!(is_shown(&harness.state().state));
+        assert!(is_shown(&harness.state().session));
         harness.get_by_label("Difference").click();
         harness.run_ok();
         harness.get_by_label("Place").click();
         harness.run_ok();
         harness.state_mut().settle();
-        let Bench { state, .. } = harness.state_mut();
-        let request = state.still_frame().cloned().unwrap();
+        let Bench { session, .. } = harness.state_mut();
+        let request = session.still_frame().cloned().unwrap();
         let clear = |picture: &Picture| picture.rgba.as_chunks::<4>().0.iter().filter(|rgba| rgba[3] == 0).count();
-        let of_mirrors = clear(state.truth.difference(&request).unwrap());
-        state.truth.measure = Measure::Color;
-        assert!(state.truth.difference(&request).is_none(), "a heat map of places is none of colours");
+        let of_mirrors = clear(session.truth.difference(&request).unwrap());
+        session.truth.measure = Measure::Color;
+        assert!(session.truth.difference(&request).is_none(), "a heat map of places is none of colours");
         harness.state_mut().settle();
-        let Bench { state, .. } = harness.state_mut();
-        let of_all = clear(state.truth.difference(&request).unwrap());
+        let Bench { session, .. } = harness.state_mut();
+        let of_all = clear(session.truth.difference(&request).unwrap());
         assert!(of_mirrors > of_all, "{of_mirrors} {of_all}");
 
         // Points that go take with them what was made of them.
-        let keys: Vec<_> = state.clouds.iter().map(|entry| entry.key).collect();
-        keys.into_iter().for_each(|key| state.remove_cloud(key));
+        let keys: Vec<_> = session.clouds.iter().map(|entry| entry.key).collect();
+        keys.into_iter().for_each(|key| session.remove_cloud(key));
         harness.state_mut().settle();
-        let Bench { state, .. } = harness.state_mut();
-        assert!(!is_shown(state) && state.truth.scene.is_none() && state.truth.activity().is_none());
+        let Bench { session, .. } = harness.state_mut();
+        assert!(!is_shown(session) && session.truth.scene.is_none() && session.truth.activity().is_none());
     }
 
     #[test]
     fn settings_that_were_tried_are_dots_and_a_click_goes_back_to_one() {
         let Some(mut bench) = Bench::with_sphere() else { return };
-        bench.state.act(Action::ToggleChart);
+        bench.session.act(Action::ToggleChart);
         bench.settle();
-        bench.state.settings.reflection.method = scene::Method::Sscr;
+        bench.session.settings.reflection.method = scene::Method::Sscr;
         bench.settle();
-        bench.state.history.watch(&bench.state.settings, &bench.state.objects, false, bench.state.now);
-        let request = bench.state.still_frame().cloned().unwrap();
-        let [frame, method] = bench.state.tuning.times(&request).unwrap();
+        bench.session.history.watch(&bench.session.settings, &bench.session.objects, false, bench.session.outside.now);
+        let request = bench.session.still_frame().cloned().unwrap();
+        let [frame, method] = bench.session.tuning.times(&request).unwrap();
         assert!(frame > method && method > 0.0, "{frame} {method}");
         let mut harness = harness(bench);
         // The row of the setting before this one.
@@ -415,80 +417,90 @@ mod tests {
         let row = row.into_iter().find(|row| row.accesskit_node().label().is_some_and(|text| is_row(&text)));
         row.unwrap().click();
         harness.run_ok();
-        let Bench { state, .. } = harness.state_mut();
-        assert_eq!(state.settings.reflection.method.name(), scene::Method::Auto.name());
-        state.act(Action::Undo);
-        assert_eq!(state.settings.reflection.method, scene::Method::Sscr);
+        let Bench { session, .. } = harness.state_mut();
+        assert_eq!(session.settings.reflection.method.name(), scene::Method::Auto.name());
+        session.act(Action::Undo);
+        assert_eq!(session.settings.reflection.method, scene::Method::Sscr);
     }
 
     #[test]
     fn more_points_than_are_traced_are_a_message_and_not_a_wait() {
-        let mut state = State::with_two_points();
-        state.clouds[0].points = MOST_POINTS + 1;
-        assert!(state.has_too_many_points());
+        let mut session = Session::with_two_points();
+        let has_too_many = |session: &mut Session| {
+            let points = traced_points(&session.clouds, &session.samples);
+            session.truth.has_too_many_points(points, &mut session.outside)
+        };
+        session.clouds[0].points = MOST_POINTS + 1;
+        assert!(has_too_many(&mut session));
         // As while a file is read.
-        state.clouds[0].points += 1000;
-        assert!(state.has_too_many_points());
-        let told = state.messages.all.iter().filter(|message| message.text.contains("30,000,000")).count();
+        session.clouds[0].points += 1000;
+        assert!(has_too_many(&mut session));
+        let told = session.outside.messages.all.iter().filter(|message| message.text.contains("30,000,000")).count();
         assert_eq!(told, 1);
-        state.clouds[0].is_visible = false;
-        assert!(!state.has_too_many_points(), "points that are hidden are not traced");
-        state.clouds[0].is_visible = true;
-        state.clouds[0].points = MOST_POINTS;
-        assert!(!state.has_too_many_points());
+        session.clouds[0].is_visible = false;
+        assert!(!has_too_many(&mut session), "points that are hidden are not traced");
+        session.clouds[0].is_visible = true;
+        session.clouds[0].points = MOST_POINTS;
+        assert!(!has_too_many(&mut session));
     }
 
     #[test]
     fn unpinning_ends_tracing() {
-        let mut state = State::with_two_points();
+        let mut session = Session::with_two_points();
         let basis = FrameRequest::any().truth_basis();
-        state.frames.requested = Some(basis.clone());
+        session.frames.requested = Some(basis.clone());
         let progress = Arc::<Progress>::default();
         let tracing = Tracing { basis, progress: progress.clone(), mirrors_alone: Arc::default() };
-        (state.truth.is_pinned, state.truth.tracing) = (true, Some(tracing));
-        state.sync_truth();
+        (session.truth.is_pinned, session.truth.tracing) = (true, Some(tracing));
+        session.sync_truth();
         assert!(!progress.is_cancelled());
-        state.toggle_truth();
-        state.sync_truth();
+        session.act(Action::PinTruth);
+        session.sync_truth();
         assert!(progress.is_cancelled());
+    }
+
+    /// The render thread has made a picture of the truth.
+    fn present(session: &mut Session, request: FrameRequest) {
+        let rgba = vec![255; 64 * 48 * 4];
+        session.on_report(Report::Presented { request: Box::new(request), pass: 99, rgba });
     }
 
     #[test]
     fn an_answer_that_comes_too_late_is_not_shown() {
         let Some(mut bench) = Bench::with_sphere() else { return };
-        bench.state.act(Action::PinTruth);
+        bench.session.act(Action::PinTruth);
         bench.settle();
-        let state = &mut bench.state;
-        let old = state.still_frame().cloned().unwrap();
-        let figures = state.truth.figures(&old).cloned().unwrap();
-        assert!(is_shown(state) && state.truth.bytes() > 64 * 48 * 200);
-        state.camera.orbit(0.3, 0.1);
-        state.on_presented(old.clone(), 99, vec![255; 64 * 48 * 4]);
-        assert!(!is_shown(state), "of a view that was left");
+        let session = &mut bench.session;
+        let old = session.still_frame().cloned().unwrap();
+        let figures = session.truth.figures(&old).cloned().unwrap();
+        assert!(is_shown(session) && session.truth.bytes() > 64 * 48 * 200);
+        session.camera.orbit(0.3, 0.1);
+        present(session, old.clone());
+        assert!(!is_shown(session), "of a view that was left");
         bench.settle();
-        assert!(is_shown(&bench.state));
+        assert!(is_shown(&bench.session));
 
         // Of points that are gone: nothing is kept of it.
-        let state = &mut bench.state;
-        state.set_visible(state.clouds[0].key, false);
+        let session = &mut bench.session;
+        session.set_visible(session.clouds[0].key, false);
         let progress = Arc::<Progress>::default();
-        state.truth.judging = Some((old.clone(), progress.clone()));
-        state.sync_truth();
+        session.truth.judging = Some((old.clone(), progress.clone()));
+        session.sync_truth();
         assert!(progress.is_cancelled());
-        state.truth.verdict = None;
-        state.on_truth(Answer::Judged { request: old.clone(), result: Ok(Box::new(figures)) });
-        assert!(state.truth.verdict.is_none() && state.truth.judging.is_none());
-        state.on_presented(old, 99, vec![255; 64 * 48 * 4]);
-        assert!(state.truth.presented.is_none());
+        session.truth.verdict = None;
+        session.on_truth(Answer::Judged { request: old.clone(), result: Ok(Box::new(figures)) });
+        assert!(session.truth.verdict.is_none() && session.truth.judging.is_none());
+        present(session, old);
+        assert!(session.truth.presented.is_none());
     }
 
     #[test]
     fn a_worker_that_fails_is_told_and_leaves_nothing_waiting() {
-        let mut state = State::with_two_points();
-        let key = SceneKey { revision: state.frames.revision, splat_size: 0 };
-        (state.truth.is_pinned, state.truth.building) = (true, Some((key, Arc::default())));
-        state.on_truth(Answer::Failed(Kind::Build));
-        assert!(state.truth.building.is_none() && !state.truth.is_pinned);
-        assert!(state.messages.all.iter().any(|message| message.text.contains("stopped unexpectedly")));
+        let mut session = Session::with_two_points();
+        let key = SceneKey { revision: session.frames.revision, splat_size: 0 };
+        (session.truth.is_pinned, session.truth.building) = (true, Some((key, Arc::default())));
+        session.on_truth(Answer::Failed(Kind::Build));
+        assert!(session.truth.building.is_none() && !session.truth.is_pinned);
+        assert!(session.outside.messages.all.iter().any(|message| message.text.contains("stopped unexpectedly")));
     }
 }

@@ -7,9 +7,10 @@ use study::Accuracy;
 use super::action::Action;
 use super::bindings;
 use super::panel::parameters;
-use super::state::State;
-use super::sweep;
+use super::session::Session;
+use super::sweep_panel;
 use super::theme::{self, bytes};
+use super::truth::traced_points;
 use super::truth_tasks::{ASTRAY_COLOR, Measure, RAMP};
 use super::truth_view::{Activity, BYTES_PER_POINT, Look, PEAK_BYTES_PER_POINT};
 
@@ -34,19 +35,19 @@ const SHADOW: Color32 = Color32::from_black_alpha(170);
 
 // ---- panel ----
 
-pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         let help = format!("Keeps the truth in the picture ({})", bindings::shortcut(&Action::PinTruth));
-        if ui.selectable_label(state.truth.is_pinned, "Pin").on_hover_text(help).clicked() {
+        if ui.selectable_label(session.truth.is_pinned, "Pin").on_hover_text(help).clicked() {
             actions.push(Action::PinTruth);
         }
         let help = format!("Every setting tried, time against error ({})", bindings::shortcut(&Action::ToggleChart));
-        if ui.selectable_label(state.tuning.is_open, "Tuning chart").on_hover_text(help).clicked() {
+        if ui.selectable_label(session.tuning.is_open, "Tuning chart").on_hover_text(help).clicked() {
             actions.push(Action::ToggleChart);
         }
         ui.label(RichText::new(format!("hold {}", bindings::shortcut(&Action::ShowTruth))).color(theme::WEAK));
     });
-    let truth = &state.truth;
+    let truth = &session.truth;
     if truth.is_pinned {
         actions.extend(choices(ui, truth.look, &LOOKS).map(Action::LookAtTruth));
         if truth.look == Look::Difference {
@@ -62,16 +63,17 @@ pub fn show(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
     if ui.checkbox(&mut judges, "Judge each setting").on_hover_text(help).changed() {
         actions.push(Action::JudgeSettings(judges));
     }
-    figures(ui, state);
-    let text = match state.truth.bytes() {
+    figures(ui, session);
+    let text = match session.truth.bytes() {
         0 => {
-            let [kept, peak] = [BYTES_PER_POINT, PEAK_BYTES_PER_POINT].map(|each| bytes(state.traced_points() * each));
+            let [kept, peak] = [BYTES_PER_POINT, PEAK_BYTES_PER_POINT]
+                .map(|each| bytes(traced_points(&session.clouds, &session.samples) * each));
             format!("Tracing takes {kept} more memory, {peak} while it begins")
         }
         kept => format!("{} kept for tracing", bytes(kept)),
     };
     ui.label(RichText::new(text).small().color(theme::WEAK));
-    parameters(ui, &state.settings.trace, &[], actions);
+    parameters(ui, &session.settings.trace, &[], actions);
 }
 
 /// Choices side by side; the one that was clicked.
@@ -88,10 +90,10 @@ fn choices<T: Copy + PartialEq>(ui: &mut Ui, value: T, choices: &[(T, &str, &str
 }
 
 /// How right the picture on the screen is, and what it costs.
-fn figures(ui: &mut Ui, state: &State) {
-    let Some(request) = state.still_frame() else { return };
-    let times = state.tuning.times(request);
-    if let Some(figures) = state.truth.figures(request) {
+fn figures(ui: &mut Ui, session: &Session) {
+    let Some(request) = session.still_frame() else { return };
+    let times = session.tuning.times(request);
+    if let Some(figures) = session.truth.figures(request) {
         for (name, text, help) in lines(figures) {
             line(ui, name, &text, help);
         }
@@ -145,20 +147,25 @@ fn line(ui: &mut Ui, name: &str, text: &str, help: &str) {
 // ---- over the picture ----
 
 /// Draws the truth over the picture in `rect`, as far as it is there and of what is on the screen.
-pub fn paint(ui: &Ui, rect: Rect, state: &State, actions: &mut Vec<Action>) {
-    let Some(request) = state.truth_frame() else { return };
-    let look = state.truth.shown_look();
+pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) {
+    let Some(request) = session.truth_frame() else { return };
+    let look = session.truth.shown_look();
     let painter = ui.painter().with_clip_rect(rect);
     let picture = match look {
-        Look::Difference => state.truth.difference(&request),
-        Look::Truth | Look::Split => state.truth.picture(&request),
+        Look::Difference => session.truth.difference(&request),
+        Look::Truth | Look::Split => session.truth.picture(&request),
     };
     let Some(picture) = picture.map(|picture| picture.texture(ui.ctx())) else {
-        tag(&painter, rect.left_top() + vec2(10.0, 10.0), Align2::LEFT_TOP, state.truth_is_awaited());
+        tag(
+            &painter,
+            rect.left_top() + vec2(10.0, 10.0),
+            Align2::LEFT_TOP,
+            session.truth.awaited(session.sweeps.under_way.is_some()),
+        );
         return;
     };
     let part = match look {
-        Look::Split => split(ui, rect, state.truth.split, actions),
+        Look::Split => split(ui, rect, session.truth.split, actions),
         Look::Truth => rect,
         Look::Difference => {
             // What is not measured is still to be recognised.
@@ -174,10 +181,10 @@ pub fn paint(ui: &Ui, rect: Rect, state: &State, actions: &mut Vec<Action>) {
             painter.line_segment(line, Stroke::new(3.5, SHADOW));
             painter.line_segment(line, Stroke::new(1.5, theme::ACCENT));
         }
-        Look::Difference => legend(&painter, rect, state.truth.measure),
+        Look::Difference => legend(&painter, rect, session.truth.measure),
         Look::Truth => {}
     }
-    let paths = state.truth.samples(&request).map_or(String::new(), |(samples, wanted)| paths(samples, wanted));
+    let paths = session.truth.samples(&request).map_or(String::new(), |(samples, wanted)| paths(samples, wanted));
     let corner = pos2(part.left() + 10.0, part.top() + 10.0);
     tag(&painter, corner, Align2::LEFT_TOP, &format!("ray-traced truth{paths}"));
 }
@@ -250,9 +257,9 @@ fn legend(painter: &egui::Painter, rect: Rect, measure: Measure) {
 // ---- status bar ----
 
 /// What the ray tracer is at, with a way to end it.
-pub fn progress(ui: &mut Ui, state: &State, actions: &mut Vec<Action>) {
-    sweep::progress(ui, state, actions);
-    let Some(activity) = state.truth.activity() else { return };
+pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    sweep_panel::progress(ui, session, actions);
+    let Some(activity) = session.truth.activity() else { return };
     let text = match activity {
         Activity::Building => "making the points ready for tracing".into(),
         Activity::Tracing { wanted: 0, .. } => "tracing the truth".into(),
@@ -319,10 +326,10 @@ mod tests {
 
     #[test]
     fn what_is_shown_is_chosen_once_the_truth_is_pinned() {
-        let state = State::with_two_points();
+        let session = Session::with_two_points();
         let mut harness = Harness::builder().with_size([340.0, 600.0]).with_max_steps(16).build_ui_state(
-            |ui, state: &mut State| state.show_and_act(|state, actions| show(ui, state, actions)),
-            state,
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
         );
         harness.run_ok();
         assert!(harness.query_by_label("Difference").is_none());
@@ -340,15 +347,15 @@ mod tests {
     #[test]
     fn the_line_between_picture_and_truth_is_dragged_and_stays_where_it_can_be_grabbed() {
         let rect = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 100.0));
-        let mut state = State::with_two_points();
-        state.truth.split = 0.5;
+        let mut session = Session::with_two_points();
+        session.truth.split = 0.5;
         let mut harness = Harness::builder().with_size(rect.size()).build_ui_state(
-            |ui, state: &mut State| {
-                state.show_and_act(|state, actions| {
-                    let _ = split(ui, rect, state.truth.split, actions);
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| {
+                    let _ = split(ui, rect, session.truth.split, actions);
                 });
             },
-            state,
+            session,
         );
         harness.run();
         let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);

@@ -8,10 +8,10 @@ use serde_json::json;
 use super::clouds::short_name;
 use super::objects::Placed;
 use super::render_thread::{Command, FrameRequest};
-use super::state::{Effect, State};
+use super::session::Session;
 use super::work::Work;
 
-impl State {
+impl Session {
     /// The view, without its clouds.
     pub(super) fn view_as_text(&self) -> String {
         SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings()) }.to_text()
@@ -23,14 +23,14 @@ impl State {
             Ok(file) => {
                 let view = file.view();
                 for warning in view.warnings {
-                    self.messages.warning(format!("pasted view: {warning}"));
+                    self.outside.warning(format!("pasted view: {warning}"));
                 }
                 self.jump(view.settings, view.camera.unwrap_or(self.camera));
                 self.take_objects(&file);
-                self.messages.note("View pasted");
-                self.log(json!({ "event": "pasted" }));
+                self.outside.note("View pasted");
+                self.outside.log(json!({ "event": "pasted" }));
             }
-            Err(error) => self.messages.error(format!("The clipboard holds no view: {error}")),
+            Err(error) => self.outside.error(format!("The clipboard holds no view: {error}")),
         }
     }
 
@@ -100,13 +100,13 @@ impl State {
     pub(super) fn save_scene(&mut self) {
         let file = self.movable_scene(&self.written_settings());
         if file.clouds.is_empty() {
-            self.messages.note("There is no scene to save yet");
+            self.outside.note("There is no scene to save yet");
             return;
         }
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");
         let file = SceneFile { paths: self.paths.clone(), ..file };
-        self.effects.push(Effect::Work(Work::SaveScene { path, text: file.to_text() }));
+        self.outside.work(Work::SaveScene { path, text: file.to_text() });
     }
 
     /// The command that renders what is on the screen, for a POSIX shell.
@@ -129,14 +129,14 @@ impl State {
 
     pub(super) fn save_picture(&mut self) {
         let Some(shown) = &self.frames.shown else {
-            self.messages.note("There is no picture to save yet");
+            self.outside.note("There is no picture to save yet");
             return;
         };
         let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
         let request = request.unhurried(&self.settings);
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "png");
-        self.render(Command::Save { request: Box::new(request), path });
+        self.outside.render(Command::Save { request: Box::new(request), path });
     }
 }
 
@@ -169,17 +169,18 @@ mod tests {
     use scene::{Mirror, Shape};
 
     use super::super::action::Action;
+    use super::super::outside::Effect;
     use super::super::preferences::Preferences;
     use super::*;
 
     #[test]
     fn a_view_that_is_copied_and_pasted_elsewhere_is_the_same() {
-        let mut one = State::new(Preferences::default());
+        let mut one = Session::new(Preferences::default());
         one.camera.orbit(0.3, 0.2);
         one.settings.splat.size = 2.5;
         one.act(Action::CopyView);
-        let Some(Effect::Copy(text)) = one.effects.pop() else { panic!("nothing was copied") };
-        let mut other = State::new(Preferences::default());
+        let Some(Effect::Copy(text)) = one.outside.effects.pop() else { panic!("nothing was copied") };
+        let mut other = Session::new(Preferences::default());
         other.paste_view(&text);
         assert_eq!(other.settings, one.settings);
         assert!(other.camera.eye.distance(one.camera.eye) < 1e-9);
@@ -189,10 +190,10 @@ mod tests {
 
     #[test]
     fn hidden_classes_are_copied_saved_and_pasted_and_a_view_that_shows_all_shows_them_again() {
-        let mut one = State::with_two_points();
-        let view = |state: &mut State| {
-            state.act(Action::CopyView);
-            let Some(Effect::Copy(text)) = state.effects.pop() else { panic!("nothing was copied") };
+        let mut one = Session::with_two_points();
+        let view = |session: &mut Session| {
+            session.act(Action::CopyView);
+            let Some(Effect::Copy(text)) = session.outside.effects.pop() else { panic!("nothing was copied") };
             text
         };
         let all = view(&mut one);
@@ -201,7 +202,7 @@ mod tests {
         assert!(hiding.contains("hidden_classes = [7, 18]"), "{hiding}");
         assert!(one.command_line().contains("hidden_classes = [7, 18]"), "{}", one.command_line());
         assert!(one.view_as_scene().contains("hidden_classes = [7, 18]"));
-        let mut other = State::new(Preferences::default());
+        let mut other = Session::new(Preferences::default());
         other.paste_view(&hiding);
         assert_eq!(other.objects.visibility, one.objects.visibility);
         one.paste_view(&all);
@@ -218,11 +219,11 @@ mod tests {
 
     #[test]
     fn text_that_is_no_view_is_refused_and_changes_nothing() {
-        let mut state = State::new(Preferences::default());
-        let before = state.camera;
-        state.paste_view("hello");
-        assert_eq!(state.camera, before);
-        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("no view")));
+        let mut session = Session::new(Preferences::default());
+        let before = session.camera;
+        session.paste_view("hello");
+        assert_eq!(session.camera, before);
+        assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("no view")));
     }
 
     /// Runs the copied command line by `sh`, with a `glint` that keeps its words and its standard input.
@@ -246,15 +247,15 @@ mod tests {
 
         use crate::command_line::{Command, CommandLine};
 
-        let mut state = State::new(Preferences::default());
-        state.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
-        state.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
+        let mut session = Session::new(Preferences::default());
+        session.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
+        session.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
         let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
         // Would end the view and go on as commands.
         mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
-        let id = state.next_object_id();
-        state.edit_objects(|objects| objects.add(id, Object::Mirror(mirror.clone())));
-        let (words, input) = run_by_shell(&state.command_line());
+        let id = session.next_object_id();
+        session.edit_objects(|objects| objects.add(id, Object::Mirror(mirror.clone())));
+        let (words, input) = run_by_shell(&session.command_line());
         let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
             ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
         )
@@ -271,7 +272,7 @@ mod tests {
         );
         let view =
             SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
-        assert_eq!(view.camera.map(|camera| camera.pivot), Some(state.camera.pivot));
+        assert_eq!(view.camera.map(|camera| camera.pivot), Some(session.camera.pivot));
         assert_eq!(view.mirrors[0].name, mirror.name.trim());
     }
 

@@ -1,4 +1,4 @@
-//! The work that the state asks for and that needs neither the window nor the render thread: reading, counting, sampling,
+//! The work that the session asks for and that needs neither the window nor the render thread: reading, counting, sampling,
 //! tracing, writing. The window runs it on threads, tests run it in place; both call `run`.
 
 use std::collections::BTreeMap;

@@ -2,6 +2,7 @@
 //! window. What has to happen outside (drawing, reading, the clipboard) is left in `effects` for the window to do.
 
 use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -9,46 +10,35 @@ use cloud::Progress;
 use glam::DVec3;
 use scene::{Camera, CameraPath, Lighting, Mirror, MirrorPoints, Settings, Visibility};
 use serde_json::json;
-use world::{Change, CloudKey, Input, Mailbox};
+use world::{CloudKey, Input, Mailbox};
 
 use super::action::{Handles, Mode};
 use super::clouds::{CloudEntry, JobEntry, Samples, short_name};
 use super::draft::Draft;
-use super::frames::{Frames, Next};
+use super::frames::{Frames, Situation};
 use super::history::History;
 use super::inspection::Inspection;
 use super::light_search::LightSearch;
 use super::messages::{Level, Messages};
 use super::navigation::Navigation;
 use super::objects::{ObjectId, Objects, Origin, Placed};
+use super::outside::{Effect, News, Outside};
 use super::pace::Pace;
 use super::path_prompt::PathPrompt;
 use super::pick::Pick;
 use super::preferences::Preferences;
 use super::reflection_figures::FigureHistory;
-use super::render_thread::{self, Command, FrameRequest, Report};
-use super::sweep::Sweep;
-use super::sweep_range::SweepRange;
+use super::render_thread::{Command, FrameRequest, Report};
+use super::study_file::{STUDY, group_of};
+use super::sweep::{self, Sweeps};
 use super::theme::grouped;
-use super::truth_view::TruthView;
+use super::truth::Around;
+use super::truth_tasks::Answer;
+use super::truth_view::{Taken, TruthView};
 use super::tuning::Tuning;
 use super::work::{Found, Work};
 
-/// What is to be done outside the state.
-pub enum Effect {
-    Render(Command),
-    Load {
-        inputs: Vec<Input>,
-    },
-    Work(Work),
-    OpenDialog,
-    Copy(String),
-    SetFullScreen(bool),
-    /// A line of the event log.
-    Log(serde_json::Value),
-}
-
-pub struct State {
+pub struct Session {
     pub clouds: Vec<CloudEntry>,
     pub jobs: Vec<JobEntry>,
     pub settings: Settings,
@@ -81,11 +71,9 @@ pub struct State {
     pub raw_colors: bool,
     pub truth: TruthView,
     pub tuning: Tuning,
-    /// A sweep that is being set up, and one that is under way.
-    pub sweep_asked: Option<SweepRange>,
-    pub sweep: Option<Sweep>,
+    pub sweeps: Sweeps,
     pub history: History,
-    pub messages: Messages,
+    pub outside: Outside,
     pub preferences: Preferences,
     pub path_prompt: Option<PathPrompt>,
     pub shortcuts_are_open: bool,
@@ -96,9 +84,6 @@ pub struct State {
     pub frames: Frames,
     /// Pixels of the picture.
     pub view_size: [u32; 2],
-    pub effects: Vec<Effect>,
-    /// The time, by the clock of whoever drives the state; set at every step and input.
-    pub now: Instant,
     next_cloud: u32,
     next_job: u32,
     next_object: u32,
@@ -121,7 +106,7 @@ pub struct State {
     pub is_recorded: bool,
 }
 
-impl State {
+impl Session {
     pub fn new(preferences: Preferences) -> Self {
         let (settings, warnings) = preferences.settings();
         let mut messages = Messages::default();
@@ -151,10 +136,9 @@ impl State {
             raw_colors: false,
             truth: TruthView::new(),
             tuning: Tuning::default(),
-            sweep_asked: None,
-            sweep: None,
+            sweeps: Sweeps::default(),
             history: History::default(),
-            messages,
+            outside: Outside::new(messages),
             preferences,
             path_prompt: None,
             shortcuts_are_open: false,
@@ -163,8 +147,6 @@ impl State {
             adapter: None,
             frames: Frames::default(),
             view_size: [1, 1],
-            effects: Vec::new(),
-            now: Instant::now(),
             next_cloud: 0,
             next_job: 0,
             next_object: 0,
@@ -189,27 +171,9 @@ impl State {
         self.clouds.iter_mut().find(|entry| entry.key == key)
     }
 
-    pub fn render(&mut self, command: Command) {
-        self.effects.push(Effect::Render(command));
-    }
-
-    pub(super) fn change(&mut self, change: Change) {
-        self.render(Command::Change(change));
-    }
-
     pub(super) fn next_cloud_key(&mut self) -> CloudKey {
         self.next_cloud += 1;
         CloudKey(self.next_cloud - 1)
-    }
-
-    pub fn log(&mut self, event: serde_json::Value) {
-        self.effects.push(Effect::Log(event));
-    }
-
-    pub fn say(&mut self, level: Level, text: impl Into<String>) {
-        let text = text.into();
-        self.log(json!({ "event": "message", "level": level.name(), "text": text }));
-        self.messages.push(level, text);
     }
 
     // ---- opening ----
@@ -224,7 +188,7 @@ impl State {
                 true
             }
             Err(error) => {
-                self.say(Level::Error, error.to_string());
+                self.outside.say(Level::Error, error.to_string());
                 false
             }
         }
@@ -233,7 +197,7 @@ impl State {
     pub fn open_request(&mut self, request: world::Request) {
         let built_in_light = request.built_in_light();
         for warning in request.warnings {
-            self.say(Level::Warning, warning);
+            self.outside.say(Level::Warning, warning);
         }
         if let Some(view) = request.view {
             // The camera of a built-in scene comes without parameters of its own: those at hand stay.
@@ -254,7 +218,7 @@ impl State {
         self.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
         self.paths.extend(request.paths);
         if !request.inputs.is_empty() {
-            self.effects.push(Effect::Load { inputs: request.inputs });
+            self.outside.push(Effect::Load { inputs: request.inputs });
         }
     }
 
@@ -262,8 +226,22 @@ impl State {
     pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
-        self.jobs.push(JobEntry::new(id, inputs, progress, mailbox, self.now));
+        self.jobs.push(JobEntry::new(id, inputs, progress, mailbox, self.outside.now));
         id
+    }
+
+    /// Takes in what other threads tell.
+    pub fn on_news(&mut self, news: News) {
+        match news {
+            News::Loading(job, event, pass) => {
+                self.on_loading(job, event);
+                if let Some(pass) = pass {
+                    self.outside.render(Command::Arrived(pass));
+                }
+            }
+            News::Report(report) => self.on_report(report),
+            News::Found(found) => self.on_found(found),
+        }
     }
 
     pub fn on_found(&mut self, found: Found) {
@@ -276,7 +254,7 @@ impl State {
                 }
                 let attributes: serde_json::Map<_, _> =
                     result.unwrap_or_default().into_iter().map(|(name, value)| (name, value.into())).collect();
-                self.log(json!({ "event": "record", "point": record, "attributes": attributes }));
+                self.outside.log(json!({ "event": "record", "point": record, "attributes": attributes }));
             }
             Found::Samples { id, mirror, area_per_point, samples } => {
                 self.samples.under_way = None;
@@ -291,13 +269,13 @@ impl State {
             Found::Surface(surface) => self.on_surface(surface),
             Found::Truth(answer) => self.on_truth(*answer),
             Found::AddedToStudy { plan, result } => self.on_added_to_study(&plan, result),
-            Found::SweepSaved { folder, result } => self.on_sweep_saved(&folder, result),
+            Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
             Found::SceneSaved { path, result } => match result {
                 Ok(()) => {
-                    self.log(json!({ "event": "scene_saved", "path": path }));
-                    self.messages.note(format!("Scene saved: {}", path.display()));
+                    self.outside.log(json!({ "event": "scene_saved", "path": path }));
+                    self.outside.note(format!("Scene saved: {}", path.display()));
                 }
-                Err(error) => self.say(Level::Error, error),
+                Err(error) => self.outside.say(Level::Error, error),
             },
             Found::IndexDeleted { kept, result } => self.on_index_deleted(&kept, result),
             Found::CacheSize(bytes) => self.cache_size = Some(bytes),
@@ -311,7 +289,7 @@ impl State {
         self.history.settle(&self.settings, &self.objects);
         change(&mut self.objects);
         self.history.settle(&self.settings, &self.objects);
-        self.navigation.camera_moved(self.now);
+        self.navigation.camera_moved(self.outside.now);
     }
 
     /// Whole clouds to be turned into mirrors when they have come.
@@ -335,7 +313,7 @@ impl State {
     pub(super) fn bring_mirror(&mut self, mirror: Mirror, input: Option<String>) -> ObjectId {
         let id = self.next_object_id();
         let mirror = Mirror { name: self.objects.free_name(&mirror.name, None), ..mirror };
-        self.log(json!({ "event": "mirror", "name": mirror.name }));
+        self.outside.log(json!({ "event": "mirror", "name": mirror.name }));
         self.rewrite_objects(|objects| {
             objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: input.clone() });
         });
@@ -349,7 +327,7 @@ impl State {
     /// `is_held`: a mouse button is down or text is being typed. Returns after how long the next step is due, if nothing
     /// happens before.
     pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
-        self.now = now;
+        self.outside.now = now;
         let zoom = self.end_zoom_wait();
         self.follow_cursor();
         let steps = self.history.steps();
@@ -357,13 +335,12 @@ impl State {
         self.sync_visibility();
         let frame = self.request_frame();
         if self.history.steps() != steps {
-            self.log(json!({ "event": "step" }));
+            self.outside.log(json!({ "event": "step" }));
         }
         self.renew_figures();
         self.look_around();
         self.sync_levels();
         self.sync_objects();
-        self.sync_sweep();
         let truth = self.sync_truth();
         [quiet, zoom, frame, truth].into_iter().flatten().min()
     }
@@ -375,18 +352,32 @@ impl State {
         if self.adapter.is_none() || self.view_size.contains(&0) || is_empty {
             return None;
         }
-        if self.is_recorded && (self.points_come() || !self.light_search.is_known()) {
-            return None;
+        let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
+        let situation = Situation {
+            points_come: self.points_come(),
+            light_comes: !self.light_search.is_known(),
+            rest: self.navigation.time_to_rest(self.outside.now),
+            a_mirror_is_dragged: is_mirror && self.handle_is_grabbed,
+            is_recorded: self.is_recorded,
+        };
+        let under_way = self.frames.under_way;
+        let again = self.frames.request(self.picture(), &situation, &mut self.outside);
+        if is_first && self.frames.under_way > under_way {
+            self.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
         }
+        again
+    }
+
+    /// The picture of what is seen now, with nothing spared.
+    fn picture(&self) -> FrameRequest {
         let mut settings = self.settings.clone();
         if self.raw_colors {
             settings.edl.strength = 0.0;
             settings.light.by = Lighting::Colors;
         }
-        let settings = settings.drawn();
-        let mut wanted = FrameRequest {
+        FrameRequest {
             camera: self.camera,
-            settings,
+            settings: settings.drawn(),
             mirrors: self.all_mirrors().map(|(_, mirror)| mirror.clone()).collect(),
             lights: self.lights(),
             sky_is_open: self.sky_is_open(),
@@ -394,33 +385,7 @@ impl State {
             revision: self.frames.revision,
             hurried: false,
             light_may_lag: self.light_may_lag(),
-        };
-        let rest = self.navigation.time_to_rest(self.now);
-        let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
-        let is_dragged = is_mirror && self.handle_is_grabbed;
-        // The first picture comes soon, and a better one after it.
-        let is_hurried = !self.is_recorded && (is_first || rest.is_some() && self.frames.is_slow());
-        let hurried = is_hurried.then(|| render_thread::hurried(&wanted.settings, is_dragged));
-        if let Some(settings) = hurried.filter(|hurried| *hurried != wanted.settings) {
-            wanted.settings = settings;
-            wanted.hurried = true;
         }
-        match self.frames.want(&wanted, self.points_come(), self.now) {
-            Next::Draw => {}
-            Next::Wait => return None,
-            Next::WaitFor(time) => return Some(time),
-            Next::Nothing => {
-                if self.frames.comes_to_rest(!self.light_search.is_known() || self.points_come()) {
-                    self.log(json!({ "event": "settled" }));
-                }
-                return rest;
-            }
-        }
-        if is_first {
-            self.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
-        }
-        self.render(Command::Frame(Box::new(wanted)));
-        rest
     }
 
     /// The frame that is wanted now, as far as it has been asked for.
@@ -442,7 +407,7 @@ impl State {
         }
         match report {
             Report::Ready { adapter } => {
-                self.log(json!({ "event": "ready", "adapter": adapter }));
+                self.outside.log(json!({ "event": "ready", "adapter": adapter }));
                 self.adapter = Some(adapter);
                 // The window is painted before the frame is asked for.
                 let has_points = self.points() > 0;
@@ -452,7 +417,7 @@ impl State {
             Report::Frame(_) if self.clouds.is_empty() => self.frames.give_up(),
             Report::Frame(frame) => {
                 self.keep_pace(frame.total_milliseconds);
-                self.log(json!({
+                self.outside.log(json!({
                     "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
                 }));
                 if !frame.request.hurried {
@@ -462,22 +427,127 @@ impl State {
             }
             Report::Picked { pixel, purpose, point } => self.on_picked(pixel, purpose, point),
             Report::Saved(path) => {
-                self.log(json!({ "event": "saved", "path": path }));
-                self.messages.note(format!("Picture saved: {}", path.display()));
+                self.outside.log(json!({ "event": "saved", "path": path }));
+                self.outside.note(format!("Picture saved: {}", path.display()));
             }
-            Report::Captured(captured) => self.on_captured(*captured),
-            Report::Measured { request, stats } => self.on_measured(&request, &stats),
-            Report::Presented { request, pass, rgba } => self.on_presented(*request, pass, rgba),
+            Report::Captured(captured) => {
+                if let Some(captured) = self.sweeps.on_images(*captured, &self.truth, &mut self.outside) {
+                    self.truth.on_captured(captured, self.frames.revision);
+                }
+            }
+            Report::Measured { request, stats } => {
+                if !self.sweeps.on_frame(&request, &stats) {
+                    self.tuning.on_measured(&request, &stats);
+                }
+            }
+            Report::Presented { request, pass, rgba } => {
+                self.truth.on_presented(*request, pass, rgba, self.frames.revision, &mut self.outside);
+            }
             Report::NotJudged(problem) => self.on_not_judged(&problem),
-            Report::Problem(problem) => self.say(Level::Error, problem),
+            Report::Problem(problem) => self.outside.say(Level::Error, problem),
             Report::NotDrawn(problem) => {
                 self.frames.give_up();
-                self.say(Level::Error, problem);
+                self.outside.say(Level::Error, problem);
             }
             Report::Lost(problem) => {
-                self.log(json!({ "event": "lost", "text": problem }));
+                self.outside.log(json!({ "event": "lost", "text": problem }));
                 self.fatal = Some(problem);
             }
+        }
+    }
+
+    // ---- truth ----
+
+    /// What of the session the truth and a sweep depend on, beside the parts that they change.
+    fn with_truth<R>(
+        &mut self,
+        act: impl FnOnce(&Around<'_>, &mut TruthView, &mut Tuning, &mut Sweeps, &mut Outside) -> R,
+    ) -> R {
+        let around = Around {
+            still: self.still_frame().cloned(),
+            clouds: &self.clouds,
+            samples: &self.samples,
+            settings: &self.settings,
+            visibility: &self.objects.visibility,
+            frames: &self.frames,
+            raw_colors: self.raw_colors,
+            is_swept: self.sweeps.under_way.is_some(),
+        };
+        act(&around, &mut self.truth, &mut self.tuning, &mut self.sweeps, &mut self.outside)
+    }
+
+    /// Takes a sweep and the truth one step on. Returns when to look again.
+    pub fn sync_truth(&mut self) -> Option<Duration> {
+        self.with_truth(|around, truth, _, sweeps, outside| sweeps.sync(around, truth, outside));
+        self.with_truth(|around, truth, tuning, _, outside| truth.sync(around, tuning, outside))
+    }
+
+    pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {
+        self.with_truth(|around, _, _, sweeps, outside| sweeps.start(key, values, places, around, outside));
+    }
+
+    /// The frame whose truth belongs in the picture now. None where the view has moved on and its picture is still to come: what was
+    /// traced is of another.
+    pub fn truth_frame(&self) -> Option<FrameRequest> {
+        let request = &self.frames.shown.as_ref().filter(|_| self.truth.is_asked_for())?.request;
+        let is_current = request.camera == self.camera && request.size == self.view_size && !request.hurried;
+        is_current.then(|| request.clone())
+    }
+
+    /// Ends all that is under way for the truth, the chart and a sweep.
+    pub fn stop_truth(&mut self) {
+        self.truth.stop();
+        self.tuning.is_open = false;
+        self.sweeps.stop(&mut self.outside);
+    }
+
+    /// The truth cannot be had: nothing more is asked for it. In a sweep it is the value at hand that failed.
+    fn on_not_judged(&mut self, problem: &str) {
+        self.truth.on_not_judged();
+        self.tuning.forget_measuring();
+        if !self.sweeps.on_failed(problem, &mut self.outside) {
+            self.stop_truth();
+            self.outside.say(Level::Error, format!("The truth cannot be shown: {problem}"));
+        }
+    }
+
+    pub fn on_truth(&mut self, answer: Answer) {
+        match self.truth.on_answer(answer, self.frames.revision) {
+            Taken::Nothing => {}
+            Taken::Log(event) => self.outside.log(event),
+            Taken::Swept { request, figures, picture } => self.sweeps.on_judged(&request, *figures, picture),
+            Taken::Failed(problem) => self.on_not_judged(&problem),
+        }
+    }
+
+    /// Goes back to a setting: one step of undo.
+    pub fn return_to(&mut self, settings: Settings) {
+        self.history.settle(&self.settings, &self.objects);
+        self.settings = settings;
+        self.history.settle(&self.settings, &self.objects);
+        self.outside.log(json!({ "event": "returned" }));
+    }
+
+    /// Adds the setting at hand to the plan in the current folder, with the view as a scene beside it.
+    pub fn add_to_study(&mut self) {
+        if self.clouds.is_empty() {
+            self.outside.note("There is no setting to add yet");
+            return;
+        }
+        let scene = self.view_as_scene();
+        // Absolute: a plan may be run from anywhere.
+        let folder = std::env::current_dir().unwrap_or_default();
+        let group = group_of(&self.written_settings(), self.view_size);
+        self.outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
+    }
+
+    fn on_added_to_study(&mut self, path: &Path, result: Result<(), String>) {
+        match result {
+            Ok(()) => {
+                self.outside.log(json!({ "event": "added_to_study", "path": path }));
+                self.outside.note(format!("Added to the study: {}", path.display()));
+            }
+            Err(error) => self.outside.say(Level::Error, error),
         }
     }
 
@@ -505,22 +575,22 @@ impl State {
 }
 
 #[cfg(test)]
-impl State {
+impl Session {
     /// A scene of two points that is completely read, for tests of the panels.
     pub fn with_two_points() -> Self {
         use world::{Event, Opened, Part};
 
         use super::preferences::Preferences;
-        let mut state = Self::new(Preferences::default());
-        let job = state.add_job(&[], Arc::default(), Arc::default());
+        let mut session = Self::new(Preferences::default());
+        let job = session.add_job(&[], Arc::default(), Arc::default());
         let (name, input) = ("cloud.ply".into(), "cloud.ply".into());
         let opened = Opened { name, input, expected_points: 2, up: DVec3::Z, ..Opened::default() };
-        state.on_loading(job, Event::Opened { cloud: 0, opened });
+        session.on_loading(job, Event::Opened { cloud: 0, opened });
         let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
-        state.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
-        state.on_loading(job, Event::Finished);
-        state.history.watch(&state.settings, &state.objects, false, state.now);
-        state
+        session.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
+        session.on_loading(job, Event::Finished);
+        session.history.watch(&session.settings, &session.objects, false, session.outside.now);
+        session
     }
 
     /// Draws a panel and does what it asks for.
@@ -532,75 +602,5 @@ impl State {
 }
 
 #[cfg(test)]
-mod tests {
-    use world::{Event, Opened, Part};
-
-    use super::super::objects::Marking;
-    use super::*;
-
-    /// A cloud with one attribute whose header has been read, by job 0.
-    fn opened() -> (State, CloudKey) {
-        let mut state = State::new(Preferences::default());
-        let job = state.add_job(&[], Arc::default(), Arc::default());
-        let attributes = vec![cloud::Attribute { name: "intensity".into(), column_type: cloud::ColumnType::U8 }];
-        let (name, input) = ("cloud.ply".into(), "cloud.ply".into());
-        let opened = Opened { name, input, attributes, expected_points: 3, up: DVec3::Z, ..Opened::default() };
-        state.on_loading(job, Event::Opened { cloud: 0, opened });
-        let key = state.clouds[0].key;
-        (state, key)
-    }
-
-    #[test]
-    fn a_column_that_cannot_be_read_is_no_longer_under_way() {
-        let (mut state, key) = opened();
-        state.clouds[0].column_reads.insert(0, Some(Arc::default()));
-        assert_eq!(state.columns_under_way().map(|(name, _)| name).collect::<Vec<_>>(), ["intensity"]);
-        state.on_found(Found::Column { key, attribute: 0, result: Err("gone".into()) });
-        assert_eq!(state.columns_under_way().count(), 0);
-        assert!(state.messages.all.last().is_some_and(|message| message.text == "intensity: gone"));
-    }
-
-    #[test]
-    fn a_cloud_that_is_opened_as_a_mirror_reflects_when_it_has_come_and_is_no_step_of_undo() {
-        let (mut state, key) = opened();
-        state.history.watch(&state.settings, &state.objects, false, state.now);
-        state.await_marking(MirrorPoints::whole("cloud.ply".into()));
-        state.await_marking(MirrorPoints::whole("gone.ply".into()));
-        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
-        state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
-        state.sync_objects();
-        assert!(state.objects.markings.is_empty(), "its points are still to come");
-        state.on_loading(0, Event::Finished);
-        assert_eq!(state.objects.markings, [Marking { key, points: MirrorPoints::whole("cloud.ply".into()) }]);
-        assert!(state.messages.all.last().is_some_and(|message| message.text.contains("gone.ply")));
-        assert!(!state.history.undo(&mut state.settings, &mut state.objects, &mut state.camera));
-        state.sync_objects();
-        assert!(state.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
-        state.remove_cloud(key);
-        assert!(state.objects.markings.is_empty());
-    }
-
-    #[test]
-    fn a_cloud_without_points_leaves_the_renderer_too() {
-        let (mut state, removed) = opened();
-        state.on_loading(0, Event::Finished);
-        assert!(state.clouds.is_empty());
-        let is_removal = |effect: &Effect| matches!(effect, Effect::Render(Command::Change(Change::Close { cloud })) if *cloud == removed);
-        assert!(state.effects.iter().any(is_removal));
-    }
-
-    #[test]
-    fn a_frame_that_cannot_be_drawn_ends_neither_the_window_nor_later_frames() {
-        let (mut state, _) = opened();
-        state.on_report(Report::Ready { adapter: "any".into() });
-        state.request_frame();
-        assert_eq!(state.frames.under_way, 0, "there is nothing to show yet");
-        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
-        state.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
-        state.request_frame();
-        assert_eq!(state.frames.under_way, 1);
-        assert!(state.frames.requested.as_ref().is_some_and(|request| request.hurried), "the first picture comes soon");
-        state.on_report(Report::NotDrawn("too large".into()));
-        assert_eq!((state.frames.under_way, state.fatal.as_deref()), (0, None));
-    }
-}
+#[path = "session_tests.rs"]
+mod tests;
