@@ -1,4 +1,4 @@
-//! What is read back of the last frame: its picture, its linear images, the point under a pixel.
+//! Reads back the last frame: its picture, its linear images, the point under a pixel.
 
 use glam::DVec3;
 
@@ -16,7 +16,7 @@ use crate::targets::{Image, Targets};
 pub struct Picked {
     pub cloud: CloudId,
     pub chunk: ChunkId,
-    /// In the chunk.
+    /// The index in the chunk.
     pub index: usize,
     pub linear_depth: f32,
     pub pixel: [u32; 2],
@@ -39,10 +39,11 @@ impl Renderer {
         self.read_aov_from(aov, DVec3::ZERO)
     }
 
-    /// The same with positions from `origin`: 32-bit world coordinates of a survey are no finer than half a metre.
+    /// The same with positions relative to `origin`: 32-bit world coordinates of a survey are no finer than half a
+    /// metre.
     ///
     /// # Errors
-    /// As `read_aov`.
+    /// Those of `read_aov`.
     pub fn read_aov_from(&self, aov: Aov, origin: DVec3) -> Result<AovImage> {
         let targets = self.rendered()?;
         let camera = self.camera.ok_or_else(nothing_rendered)?;
@@ -71,7 +72,7 @@ impl Renderer {
             Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
             Aov::MirrorNormal => floats32(&read(&first()?.seen.normal)?),
             Aov::Curvature | Aov::Regions => floats32(&read(self.regions()?)?),
-            // Four values a pixel, as the others have.
+            // Four values a pixel, like the others.
             Aov::Uncertain => {
                 floats32(&read(self.doubt()?)?).into_iter().flat_map(|doubt| [doubt, 0.0, 0.0, 0.0]).collect()
             }
@@ -120,7 +121,7 @@ impl Renderer {
         Ok(AovImage { size: targets.size, channels, data })
     }
 
-    /// The point drawn nearest to a pixel, at most `radius` pixels from it; where a gap was closed, one beside it.
+    /// The point drawn nearest to a pixel, at most `radius` pixels from it; where a gap was closed, a point beside it.
     ///
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
@@ -144,7 +145,7 @@ impl Renderer {
             for x in left..=right {
                 let place = ((y - top) * width + x) as usize;
                 let word = words[place];
-                // Behind a closed gap lies a point that is not seen.
+                // The point behind a closed gap is not visible.
                 let same =
                     SAME_SURFACE * if camera.orthographic { camera.reference_depth as f32 } else { shown[place] };
                 let is_seen = word[1] != 0 && f32::from_bits(u32::MAX - word[1]) <= shown[place] + same;
@@ -165,7 +166,7 @@ impl Renderer {
         }))
     }
 
-    /// Curvature and regions of the mirror pixels of the last frame.
+    /// The curvature and the regions of the mirror pixels of the last frame.
     fn regions(&self) -> Result<&Image> {
         let views = self.reflections.as_ref().and_then(Reflections::views).filter(|views| views.has_regions);
         let image = views.map(|views| views.image);

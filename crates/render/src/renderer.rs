@@ -1,4 +1,4 @@
-//! A frame: which passes run in which order, on which images, and what they take.
+//! Renders a frame: runs the passes in their order on its images, and measures their time.
 
 use std::sync::Arc;
 
@@ -22,49 +22,49 @@ use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, Selection};
 use crate::targets::{Image, Targets, storage};
 
-/// What a frame cost and drew.
+/// The cost and the content of a frame.
 #[derive(Clone, Debug)]
 pub struct FrameStats {
-    /// In order; a pass that runs once a page is summed.
+    /// The passes in order; a pass that runs once a page is summed.
     pub passes: Vec<PassTime>,
-    /// From the first pass to the last.
+    /// The time from the first pass to the last.
     pub frame_milliseconds: f64,
     pub points_drawn: u64,
     pub points_resident: u64,
     pub gpu_bytes: u64,
     pub clock: Clock,
-    /// Where reflections were asked for.
+    /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
 }
 
-/// Renders frames. One at a time, on any thread.
+/// Renders frames, one at a time, on any thread.
 pub struct Renderer {
     pub(crate) gpu: Arc<Gpu>,
     pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
     pub(crate) reflections: Option<Reflections>,
     lights: Lights,
-    /// What the surfaces and reflections at hand were made from.
+    /// The inputs from which the current surfaces and reflections were made.
     kept: Option<Kept>,
     kept_shadows: Vec<DrawnMap>,
     pub(crate) gi: GlobalIllumination,
-    /// There was some in the last frame.
+    /// Whether the last frame had indirect light.
     pub(crate) has_indirect: bool,
-    /// Of the last frame.
+    /// The camera of the last frame.
     pub(crate) camera: Option<FrameCamera>,
     /// Whether the last frame's picture was mapped by the filmic curve.
     is_filmic: bool,
-    /// The numbers that points had when the last frame was drawn.
+    /// The identities that points had when the last frame was drawn.
     pub(crate) drawn: Arc<Identities>,
 }
 
-/// All that the surfaces and the reflected points of a frame depend on.
+/// All inputs of the surfaces and the reflected points of a frame.
 #[derive(Clone, PartialEq)]
 struct Kept {
     camera: FrameCamera,
-    /// Those that affect what is found; the others at their defaults.
+    /// The settings that affect what is found; the others are at their defaults.
     settings: Settings,
-    /// Steps are counted, which are shown.
+    /// Whether steps are counted because they are shown.
     counts_steps: bool,
     revision: u64,
     mirrors: Vec<Mirror>,
@@ -83,9 +83,9 @@ impl Kept {
 }
 
 impl Renderer {
-    /// Compiles the passes that every picture needs and runs each once on a tiny one: drivers compile at the first dispatch,
-    /// on software Vulkan for seconds, so call this off the window's thread. Passes of reflections are compiled when they are
-    /// first asked for.
+    /// Compiles the passes that every picture needs and runs each once on a tiny one: drivers compile at the first
+    /// dispatch, on software Vulkan for seconds, so call this off the window's thread. Passes of reflections are
+    /// compiled when they are first needed.
     ///
     /// # Errors
     /// A shader is refused, or the device is lost.
@@ -128,7 +128,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Forgets what is kept while nothing changes, so that the next frame is made from scratch. For measurements.
+    /// Forgets everything that is kept between frames, so that the next frame is made from scratch. For measurements.
     pub fn forget(&mut self) {
         (self.kept, self.kept_shadows) = (None, Vec::new());
         if let Some(reflections) = &mut self.reflections {
@@ -137,8 +137,8 @@ impl Renderer {
         self.gi.forget();
     }
 
-    /// Whether the frames that follow may be lit by the virtual lights at hand although points have come or gone since: all
-    /// points are looked through to place them, which is for pictures that stay.
+    /// Whether the following frames may be lit by the current virtual lights although points have come or gone since:
+    /// placing them examines all points, which is worthwhile only for pictures that stay.
     pub fn let_light_lag(&mut self, may_lag: bool) {
         self.gi.may_lag = may_lag;
     }
@@ -161,12 +161,12 @@ impl Renderer {
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
         let mut frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
         let spheres = store.mirror_spheres(settings).chain(reflection::mirror_spheres(settings, objects.mirrors));
-        // Splats reach at least as far as their smallest size, and closing a gap two pixels further.
+        // Splats reach at least as far as their smallest size, and closing a gap reaches two pixels further.
         frame_camera.mirror_tiles = frame_camera.tiles_of(spheres, f64::from(settings.splat.min_pixels) * 0.5 + 2.0);
         let lights = Lights::mapped(settings, objects, camera, size, bounds);
         let asks = Kept::new(frame_camera, settings, store, objects);
         let is_kept = settings.reflection.keep && self.kept.as_ref() == Some(&asks);
-        // Half a frame must not be kept if an error leaves it so, nor what methods drew in it.
+        // After an error neither half a frame nor the methods' work on it may be kept.
         if let Some(reflections) = self.reflections.as_mut().filter(|_| self.kept.is_none()) {
             reflections.forget();
         }
@@ -189,7 +189,7 @@ impl Renderer {
                 normal: &targets.surfaces[targets.shown].normal,
                 position: &targets.position,
             };
-            // What no mirror on the screen needs is not made ready.
+            // Data that no mirror on the screen needs is not prepared.
             if Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty() {
                 let everywhere = store.draw_list(&frame_camera, settings, method::supply(settings));
                 let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
@@ -219,7 +219,7 @@ impl Renderer {
         let gi = has_indirect.then_some(&mut self.gi);
         shade(&mut recorder, &inputs, settings, targets, reflections, &self.lights, gi, shading)?;
         let is_filmic = match settings.tone.curve {
-            // Data colours stay as they are.
+            // The colours of the data are not mapped.
             Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
             curve => curve == Curve::Filmic,
         };
@@ -244,7 +244,7 @@ impl Renderer {
                     albedo_in,
                     normal_in,
                     position_in,
-                    // What looks for views of a method that has none is not shown.
+                    // A view that the method does not have is not shown.
                     views_in: views.as_ref().map_or(&reflections.doubt, |views| views.image).bind(),
                     doubt_in: reflections.doubt.bind(),
                     picture_out: targets.picture.bind(),
@@ -282,8 +282,8 @@ impl Renderer {
         self.targets.as_ref().map(|targets| &targets.picture.texture)
     }
 
-    /// Makes the last frame's picture anew, of other colours: linear red, green and blue of each pixel, rows top to bottom.
-    /// `store` and `settings` are those of the frame.
+    /// Makes the last frame's picture anew from other colours: linear red, green and blue of each pixel, rows top to
+    /// bottom. `store` and `settings` are those of the frame.
     ///
     /// # Errors
     /// Nothing was rendered yet, not a colour for each pixel, or the device was lost.
@@ -343,7 +343,7 @@ impl Renderer {
     }
 }
 
-/// Splats the points as the camera sees them, closes gaps, and places each pixel in the world.
+/// Splats the points as the camera sees them, closes gaps, and computes the world position of each pixel.
 fn draw_surface(
     recorder: &mut Recorder<'_>,
     inputs: &Inputs,

@@ -1,4 +1,4 @@
-//! Shading of what a frame shows: direct and indirect light on each surface, and what mirrors reflect, blended in.
+//! Shades a frame: direct and indirect light on each surface, and the reflections in mirrors, blended in.
 
 use scene::{Lighting, Mirror, Settings};
 
@@ -13,12 +13,12 @@ use crate::reflection::{Reflections, SurfaceImages};
 use crate::store::PointStore;
 use crate::targets::{Image, Targets};
 
-/// What decides how surfaces are shaded, beside the parameters.
+/// The choices that determine how surfaces are shaded, besides the parameters.
 #[derive(Clone, Copy)]
 pub(crate) struct Shading {
-    /// Not auto.
+    /// The lighting, with `auto` resolved.
     pub(crate) lighting: Lighting,
-    /// With shadow maps; of a sun, its maps.
+    /// The number of lights with shadow maps; for a sun, the number of its maps.
     light_count: u32,
     has_highlights: bool,
 }
@@ -34,7 +34,7 @@ impl Shading {
     }
 }
 
-/// Shades what the camera sees and what each bounce sees, and blends them from the last bounce to the camera.
+/// Shades the surfaces that the camera and each bounce see, and blends them from the last bounce to the camera.
 pub(crate) fn shade(
     recorder: &mut Recorder<'_>,
     inputs: &Inputs,
@@ -87,7 +87,7 @@ pub(crate) fn shade(
             gi.shade(recorder, inputs, settings, &receiver)?;
         }
     }
-    // From the last bounce on, what is reflected is added to what reflects it.
+    // From the last bounce on, each reflection is added to the surface that reflects it.
     let mut reflected: Option<&Image> = None;
     for index in (0..surfaces.len()).rev() {
         let surface = surfaces[index];

@@ -1,7 +1,7 @@
-//! Points resident on the GPU: pages of buffers, chunks within them, and what each frame draws of them.
+//! The points on the GPU: pages of buffers, the chunks in them, and what each frame draws of them.
 //!
-//! A point takes 16 bytes that every splatting pass reads (position, radius, class), 8 more that only visible points are
-//! asked for (colour, normal), and 4 for the attribute shown, while one is shown.
+//! A point takes 16 bytes that every splatting pass reads (position, radius, class), 8 more that are read only for
+//! visible points (colour, normal), and 4 for the attribute shown, while one is shown.
 
 pub(crate) mod draw_list;
 mod pages;
@@ -20,33 +20,33 @@ use crate::gpu::{Error, Gpu, Result};
 use crate::identities::{ChunkId, CloudId, Identities};
 use crate::layout::{ATTRIBUTE_BYTES, POINT_BYTES, SCALAR_BYTES};
 
-/// What a leaf of a chunk's tree can count (reflection/surfel_tree.rs); loaded chunks are far smaller.
+/// The largest count in a leaf of a chunk's tree (reflection/surfel_tree.rs); loaded chunks are far smaller.
 const MOST_CHUNK_POINTS: usize = 1 << 24;
 
 /// How a cloud reflects: a specular intensity above 0 makes it a mirror.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Material {
-    /// 0 to 1.
+    /// The specular intensity, 0 to 1.
     pub specular_intensity: f32,
     pub specular_power: f32,
-    /// Samples of a mirror that the renderer may also draw by its formula.
+    /// Whether the points are samples of a mirror that the renderer may also draw by its formula.
     pub has_formula: bool,
-    /// Drawn as these samples unless `mirror.surface` asks for the formula.
+    /// Whether the mirror is drawn as these samples unless `mirror.surface` asks for the formula.
     pub as_points: bool,
 }
 
 struct StoredCloud {
-    /// Clouds with a smaller number come first.
+    /// The order of clouds: those with a smaller number come first.
     order: u64,
     material: Material,
-    /// Of all that may come of it, as far as that is known.
+    /// The bounds of all points that may come, if they are known.
     bounds: Bounds,
     visible: bool,
     provisional_radius: f32,
     source: ColorSource,
     low: f64,
     high: f64,
-    /// What is taken off scalars before they are narrowed to f32 (GPS times, ids).
+    /// The value that is subtracted from scalars before they are narrowed to f32 (GPS times, ids).
     scalar_origin: f64,
     plain: [u8; 4],
     up_axis: usize,
@@ -58,28 +58,28 @@ struct StoredChunk {
     range: std::ops::Range<u32>,
     origin: DVec3,
     shown: Shown,
-    /// In place of the colours of its points.
+    /// The colour that replaces those of its points.
     tint: Option<[u8; 4]>,
-    /// Which column its scalars hold, and what was taken off them.
+    /// The column in its scalars, and the value that was subtracted from them.
     scalars: Option<(usize, f64)>,
-    /// The points themselves, shared with whoever loaded them; of the columns there is only that of the classes.
+    /// The points themselves, shared with the loader; without columns except that of the classes.
     points: Chunk,
-    /// Another number after each change of the points.
+    /// A number that is different after each change of the points.
     revision: u64,
 }
 
-/// What is known of the points of a chunk that are shown.
+/// Figures of the shown points of a chunk.
 struct Shown {
     points: u32,
     bounds: Bounds,
-    /// Largest known splat radius, world units.
+    /// The largest known splat radius in world units.
     largest_radius: f32,
     lacks_radii: bool,
 }
 
 impl Shown {
     fn of(points: &Chunk, test: &PointTest) -> Self {
-        // What else the points have need not be copied.
+        // Other columns need not be copied.
         let chunk = Chunk { exact_positions: None, colors: None, normals: None, ..points.clone() };
         let chunk = chunk.shown(CLASSES, test);
         // Packed radii grow with the radius.
@@ -93,34 +93,34 @@ impl Shown {
     }
 }
 
-/// Where chunks of the store have the classes of their points.
+/// The index of the column in which chunks of the store have the classes of their points.
 const CLASSES: Option<usize> = Some(0);
 
 impl StoredChunk {
-    /// All that it takes of its page.
+    /// The range of the page that it takes.
     fn room(&self) -> std::ops::Range<u32> {
         self.range.start..self.range.start + room_of(self.range.len() as u32)
     }
 
-    /// Of any of its splats, world units.
+    /// The radius of its largest splat in world units.
     fn largest_radius(&self, cloud: &StoredCloud, splat: &Splat) -> f64 {
         let provisional = if self.shown.lacks_radii { cloud.provisional_radius } else { 0.0 };
         f64::from(self.shown.largest_radius.max(provisional)) * f64::from(splat.size)
     }
 }
 
-/// A chunk and where its points lie in the store.
+/// A chunk and the place of its points in the store.
 pub(crate) struct PlacedChunk<'a> {
     pub points: &'a Chunk,
-    /// Another number after each change of the points.
+    /// A number that is different after each change of the points.
     pub revision: u64,
-    /// Of the points that are shown.
+    /// The bounds of the points that are shown.
     pub bounds: Bounds,
     pub page: usize,
-    /// In the page; a multiple of `BLOCK_POINTS`.
+    /// The first point's index in the page; a multiple of `BLOCK_POINTS`.
     pub first: u32,
     pub first_identity: u32,
-    /// Radius of its points whose own is not known yet, world units.
+    /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
     pub largest_radius: f32,
     pub shown: ShownPoints<'a>,
@@ -129,15 +129,15 @@ pub(crate) struct PlacedChunk<'a> {
 /// A chunk of a cloud that is shown.
 pub(crate) struct VisibleChunk<'a> {
     pub points: &'a Chunk,
-    /// Of its first point; the others follow.
+    /// The identity of its first point; the others follow.
     pub first_identity: u32,
-    /// Radius of its points whose own is not known yet, world units.
+    /// The radius of points whose own is not known yet, in world units.
     pub provisional_radius: f32,
     pub shown_points: usize,
     pub shown: ShownPoints<'a>,
 }
 
-/// Which points of a chunk are shown.
+/// Tells which points of a chunk are shown.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct ShownPoints<'a> {
     /// The classes of the points and the test of them, if the points have classes and the test hides any.
@@ -160,7 +160,7 @@ fn next_revision() -> u64 {
     REVISION.fetch_add(1, std::sync::atomic::Ordering::Relaxed)
 }
 
-/// Points resident on the GPU.
+/// The points on the GPU.
 pub struct PointStore {
     gpu: Arc<Gpu>,
     pages: Vec<PageBuffers>,
@@ -169,11 +169,11 @@ pub struct PointStore {
     next_cloud: u32,
     next_chunk: u32,
     ramp: Ramp,
-    /// Which points are shown.
+    /// Decides which points are shown.
     test: PointTest,
-    /// Points announced by `reserve`.
+    /// The number of points announced by `reserve`.
     reserved: u32,
-    /// Stands in for buffers a page does not have.
+    /// A buffer that takes the place of those that a page does not have.
     nothing: wgpu::Buffer,
     /// See `revision()`.
     revision: u64,
@@ -181,7 +181,7 @@ pub struct PointStore {
     geometry_revision: u64,
     /// See `uploaded_bytes()`.
     uploaded_bytes: u64,
-    /// Made anew when it is asked for after a change.
+    /// The identities, made when they are first needed after a change.
     identities: OnceLock<Arc<Identities>>,
 }
 
@@ -212,8 +212,8 @@ impl PointStore {
         self.identities = OnceLock::new();
     }
 
-    /// Says which clouds come first: of points that are equally near, the one of the last cloud is seen. Without it, clouds come
-    /// in the order in which they were added.
+    /// Sets the order of clouds: among points at equal distances, that of the last cloud is seen. Without it, clouds
+    /// come in the order in which they were added.
     pub fn set_order(&mut self, cloud: CloudId, order: u64) {
         self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
@@ -221,7 +221,7 @@ impl PointStore {
         }
     }
 
-    /// The numbers of all points: by cloud, then by the first point of the chunk in its file or index.
+    /// The identities of all points: by cloud, then by the first point of the chunk in its file or index.
     pub(crate) fn identities(&self) -> &Arc<Identities> {
         self.identities.get_or_init(|| {
             let known = self.chunks.iter().filter_map(|(id, chunk)| {
@@ -234,8 +234,8 @@ impl PointStore {
         })
     }
 
-    /// Announces how many points there will be at once, so that the next page is as large as those take that are still to come.
-    /// Nothing is allocated before points come, and never more than one page ahead of them.
+    /// Announces the total number of points, so that the next page has room for all that are still to come. Nothing is
+    /// allocated before points come, and never more than one page ahead of them.
     pub fn reserve(&mut self, points: u64) {
         self.reserved = points.min(u64::from(u32::MAX)) as u32;
     }
@@ -263,7 +263,7 @@ impl PointStore {
         id
     }
 
-    /// Uploads a chunk. `classes`: the column that holds the classes of its points, if it has them.
+    /// Uploads a chunk. `classes` is the index of the column that holds the classes of its points, if it has one.
     ///
     /// # Errors
     /// More points than a page holds, or no more memory.
@@ -290,18 +290,19 @@ impl PointStore {
         Ok(id)
     }
 
-    /// Uploads a chunk's points again, when normals, radii or colours have come, or more or fewer of its points are wanted: then
-    /// it may find another place, and what it shows of an attribute is to be given anew (`set_color`). Colours and normals that it
-    /// shares with the chunk before are not sent again; positions are, with the radii that lie beside them.
+    /// Uploads a chunk's points again, when it has new normals, radii or colours, or another number of points: then it
+    /// may get another place, and its attribute must be set again (`set_color`). Colours and normals that it shares
+    /// with the chunk before are not uploaded again; positions are, with the radii that lie beside them.
     ///
     /// # Errors
-    /// The chunk is not in the store, has more points than a page holds, or there is no more memory: then it is taken out.
+    /// The chunk is not in the store, has more points than a page holds, or there is no more memory: then it is
+    /// removed.
     pub fn update_chunk(&mut self, id: ChunkId, chunk: &Chunk, classes: Option<usize>) -> Result<()> {
         self.fit(id, chunk.len())?;
         self.change();
         let stored = self.chunks.get_mut(&id).ok_or_else(not_stored)?;
         stored.origin = chunk.origin;
-        // Those that are the same lie where they lay.
+        // Equal colours and normals stay where they are.
         let has_same_looks = Arc::ptr_eq(&stored.points.positions, &chunk.positions)
             && is_same(&stored.points.colors, &chunk.colors)
             && is_same(&stored.points.normals, &chunk.normals);
@@ -332,12 +333,12 @@ impl PointStore {
             self.gpu.queue.write_buffer(&page.attributes, first * ATTRIBUTE_BYTES, bytemuck::cast_slice(&attributes));
             self.uploaded_bytes += attributes.len() as u64 * ATTRIBUTE_BYTES;
         }
-        // Writes are staged until the next submit; without one, loading a large cloud would hold it twice.
+        // Writes are staged until the next submit; without one, loading a large cloud would keep it in memory twice.
         self.gpu.queue.submit([]);
         Ok(())
     }
 
-    /// Gives a chunk room for `count` points, where it lies or elsewhere.
+    /// Gives a chunk room for `count` points, in its place or elsewhere.
     fn fit(&mut self, id: ChunkId, count: usize) -> Result<()> {
         self.check_size(count)?;
         let stored = self.chunks.get(&id).ok_or_else(not_stored)?;
@@ -370,7 +371,7 @@ impl PointStore {
         Ok(())
     }
 
-    /// Radius of the cloud's points whose spacing is not known yet, world units.
+    /// Sets the radius of the cloud's points whose spacing is not known yet, in world units.
     pub fn set_provisional_radius(&mut self, cloud: CloudId, radius: f32) {
         self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
@@ -378,8 +379,8 @@ impl PointStore {
         }
     }
 
-    /// Colours a cloud by a plan; `ids` are those of `cloud.chunks`, in order. Chunks without the plan's column keep what they
-    /// show of it.
+    /// Colours a cloud by a plan; `ids` are those of `cloud.chunks`, in order. Chunks without the plan's column keep
+    /// the values shown before.
     ///
     /// # Errors
     /// No more memory.
@@ -400,7 +401,7 @@ impl PointStore {
             (stored.plain, stored.up_axis, stored.low, stored.high) = (plan.plain, up_axis(up), plan.low, plan.high);
             return Ok(());
         };
-        // The same column keeps its origin while more of it comes in, so that what is there need not be sent again.
+        // A column keeps its origin while more of it comes in, so that its uploaded values need not be sent again.
         let origin = if stored.source == plan.source { stored.scalar_origin } else { plan.full_range.0 };
         (stored.source, stored.scalar_origin) = (plan.source, origin);
         (stored.plain, stored.up_axis, stored.low, stored.high) = (plan.plain, up_axis(up), plan.low, plan.high);
@@ -413,7 +414,7 @@ impl PointStore {
         Ok(())
     }
 
-    /// Shows all points of a chunk in one sRGB colour, or again in their own.
+    /// Shows all points of a chunk in one sRGB colour, or in their own again.
     pub fn set_tint(&mut self, id: ChunkId, tint: Option<[u8; 4]>) {
         if let Some(chunk) = self.chunks.get_mut(&id).filter(|chunk| chunk.tint != tint) {
             chunk.tint = tint;
@@ -444,8 +445,8 @@ impl PointStore {
         }
     }
 
-    /// Tells where all of a cloud lies of which only some chunks are here, so that what follows from the scene's bounds does not
-    /// change with them.
+    /// Sets the bounds of a whole cloud of which only some chunks are in the store, so that results that depend on the
+    /// scene's bounds do not change with them.
     pub fn set_bounds(&mut self, cloud: CloudId, bounds: Bounds) {
         self.change();
         if let Some(cloud) = self.clouds.get_mut(&cloud) {
@@ -453,7 +454,7 @@ impl PointStore {
         }
     }
 
-    /// Says which points of all clouds are shown.
+    /// Sets which points of all clouds are shown.
     pub fn set_visibility(&mut self, visibility: &Visibility) {
         let test = visibility.test();
         if self.test != test {
@@ -472,7 +473,7 @@ impl PointStore {
         self.free_pages();
     }
 
-    /// Takes a chunk out; its room is for others. One that is not there is none.
+    /// Removes a chunk and frees its room; ignores one that is not in the store.
     pub fn remove_chunk(&mut self, id: ChunkId) {
         if self.chunks.contains_key(&id) {
             self.change();
@@ -487,14 +488,14 @@ impl PointStore {
         }
     }
 
-    /// Empty pages at the end give their memory back; earlier ones keep the numbers of later ones.
+    /// Frees empty pages at the end; earlier ones keep the numbers of later ones.
     fn free_pages(&mut self) {
         while self.pages.last().is_some_and(|page| page.room.is_unused()) {
             self.pages.pop();
         }
     }
 
-    /// Spheres that hold all splats that may reflect.
+    /// Spheres that contain all splats that may reflect.
     pub(crate) fn mirror_spheres(&self, settings: &Settings) -> impl Iterator<Item = (DVec3, f64)> {
         self.chunks.values().filter_map(|chunk| {
             let cloud = self.clouds.get(&chunk.cloud)?;
@@ -505,8 +506,7 @@ impl PointStore {
         })
     }
 
-    /// The visible clouds that are mirrors, but for those that are drawn by their formula, with the numbers of their chunks, in
-    /// order.
+    /// The visible clouds that are mirrors, except those that are drawn by their formula, with their chunks, in order.
     pub(crate) fn mirror_clouds(&self, settings: &Settings) -> BTreeMap<CloudId, Vec<ChunkId>> {
         let mut mirrors: BTreeMap<CloudId, Vec<ChunkId>> = BTreeMap::new();
         for (id, chunk) in &self.chunks {
@@ -521,7 +521,7 @@ impl PointStore {
         mirrors
     }
 
-    /// Whether a visible cloud shows lights as highlights, whatever `light.gloss` is.
+    /// Whether a visible cloud shows highlights of lights, whatever `light.gloss` is.
     pub(crate) fn has_highlights(&self) -> bool {
         let shows_them = |material: &Material| material.specular_intensity > 0.0 && material.specular_power > 0.0;
         self.clouds.values().any(|cloud| cloud.visible && shows_them(&cloud.material))
@@ -548,17 +548,17 @@ impl PointStore {
         })
     }
 
-    /// Points that each page has room for.
+    /// The number of points that each page has room for.
     pub(crate) fn page_capacities(&self) -> Vec<u32> {
         self.pages.iter().map(|page| page.capacity()).collect()
     }
 
-    /// Another number after each change, and in each store.
+    /// A number that is different after each change, and in each store.
     pub(crate) fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// Another number after each change of more than colours.
+    /// A number that is different after each change of more than colours.
     pub(crate) fn geometry_revision(&self) -> u64 {
         self.geometry_revision
     }
@@ -585,7 +585,7 @@ impl PointStore {
         self.chunks.values().map(|chunk| chunk.range.len() as u64).sum()
     }
 
-    /// Bytes of GPU memory the points take, unused room of pages included.
+    /// The GPU memory of the points in bytes, unused room of pages included.
     pub fn gpu_bytes(&self) -> u64 {
         let bytes = |page: &PageBuffers| {
             let scalars = if page.scalars.is_some() { SCALAR_BYTES } else { 0 };
@@ -594,12 +594,12 @@ impl PointStore {
         self.pages.iter().map(bytes).sum()
     }
 
-    /// Bytes of points that were sent to the GPU so far, scalars left out.
+    /// The bytes of points that were uploaded so far, without scalars.
     pub fn uploaded_bytes(&self) -> u64 {
         self.uploaded_bytes
     }
 
-    /// World bounds of what is shown of the visible clouds, and of what is still to come of them.
+    /// The world bounds of the shown points of visible clouds, and of those that are still to come.
     pub fn bounds(&self) -> Bounds {
         let shown =
             self.chunks.values().filter(|chunk| self.clouds.get(&chunk.cloud).is_some_and(|cloud| cloud.visible));
@@ -613,8 +613,8 @@ impl PointStore {
         ramp_colors(self.ramp).into_iter().chain(classes).map(u32::from_le_bytes).collect()
     }
 
-    /// The chunk, its cloud and the index in it of the point with an identity from the `nearest` buffer of a frame, by the numbers
-    /// that points had when it was drawn. `None` where that point is gone.
+    /// The cloud, the chunk and the index in it of the point that has this identity in the `nearest` buffer of a frame;
+    /// `drawn` are the identities of that frame. `None` if the point is gone.
     pub(crate) fn find(&self, identity: u32, drawn: &Identities) -> Option<(CloudId, ChunkId, usize)> {
         let (id, index) = drawn.find(identity)?;
         let chunk = self.chunks.get(&id).filter(|chunk| index < chunk.range.len())?;
@@ -626,7 +626,7 @@ impl PointStore {
     }
 }
 
-/// Whether a column is still the one that it was.
+/// Whether a column is unchanged.
 fn is_same<T>(before: &Option<Arc<Vec<T>>>, now: &Option<Arc<Vec<T>>>) -> bool {
     match (before, now) {
         (Some(before), Some(now)) => Arc::ptr_eq(before, now),

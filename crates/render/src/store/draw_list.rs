@@ -1,4 +1,4 @@
-//! What a frame draws of the store: the chunks that may be in the picture, as blocks of points.
+//! Selects what a frame draws of the store: the chunks that may be in the picture, as blocks of points.
 
 use glam::Vec3;
 use scene::{Settings, Splat};
@@ -10,36 +10,36 @@ use crate::layout::{BLOCK_POINTS, Block, Item};
 use crate::store::pages::PageBuffers;
 use crate::store::{CLASSES, PointStore, StoredChunk, StoredCloud};
 
-/// Which chunks a frame takes.
+/// The chunks that a frame selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Selection {
-    /// What may be in the picture, but for mirrors that are drawn by their formula.
+    /// Chunks that may be in the picture, except mirrors that are drawn by their formula.
     Seen,
-    /// What may be in the picture, but for one cloud and mirrors that are drawn by their formula.
+    /// Chunks that may be in the picture, except those of one cloud and mirrors that are drawn by their formula.
     SeenBesides(CloudId),
-    /// What may be in the picture.
+    /// Chunks that may be in the picture.
     SeenWithMirrors,
-    /// All that is visible, wherever the camera looks, but for mirrors that are drawn by their formula.
+    /// All visible chunks, wherever the camera looks, except mirrors that are drawn by their formula.
     Everywhere,
-    /// All that is visible, wherever the camera looks.
+    /// All visible chunks, wherever the camera looks.
     EverywhereWithMirrors,
 }
 
-/// Words of the class masks: those of points without a class come first, then those of all others.
+/// The words of the class masks: those of points without a class come first, then those of all others.
 const UNCLASSED: [u32; 8] = [u32::MAX; 8];
 
 /// What a frame draws of one page.
 pub(crate) struct PageDraw {
-    /// Number of the page in the store.
+    /// The number of the page in the store.
     pub number: usize,
     pub capacity: u32,
     pub points: wgpu::Buffer,
     pub attributes: wgpu::Buffer,
     pub scalars: wgpu::Buffer,
-    /// Of discs, and of points that cover one pixel: two kernels draw them.
+    /// The blocks of discs, and those of points that cover one pixel: two kernels draw them.
     pub blocks: [Vec<Block>; 2],
-    /// Which item each run of `BLOCK_POINTS` points of the page belongs to; then, for each run of as many identities of the store,
-    /// which run of the page has them. `u32::MAX` where none is drawn.
+    /// The item of each run of `BLOCK_POINTS` points of the page; then, for each run of as many identities of the
+    /// store, the run of the page that has them. `u32::MAX` where none is drawn.
     pub items_of_runs: Vec<u32>,
 }
 
@@ -48,7 +48,7 @@ pub(crate) struct PageDraw {
 pub(crate) struct DrawList {
     pub pages: Vec<PageDraw>,
     pub items: Vec<Item>,
-    /// Of each item.
+    /// The chunk of each item.
     pub chunks: Vec<ChunkId>,
     pub class_masks: Vec<u32>,
     pub filter_classes: bool,
@@ -60,7 +60,7 @@ impl StoredChunk {
     fn is_of_single_pixels(&self, cloud: &StoredCloud, camera: &FrameCamera, splat: &Splat) -> bool {
         let scale = camera.most_pixels_per_unit(self.shown.bounds.center(), self.shown.bounds.radius());
         let pixels = self.largest_radius(cloud, splat) * scale;
-        // The limits as disc_of_point in splat.wgsl has them.
+        // The limits are those of disc_of_point in splat.wgsl.
         let (least, most) =
             (f64::from(splat.min_pixels) * 0.5, f64::from(splat.max_pixels.max(splat.min_pixels)) * 0.5);
         pixels.clamp(least, most) <= 0.5
@@ -68,7 +68,7 @@ impl StoredChunk {
 }
 
 impl PointStore {
-    /// What a frame draws of the visible clouds.
+    /// Selects what a frame draws of the visible clouds.
     pub(crate) fn draw_list(&self, camera: &FrameCamera, settings: &Settings, selection: Selection) -> DrawList {
         let splat = &settings.splat;
         let asks_where_seen = !matches!(selection, Selection::Everywhere | Selection::EverywhereWithMirrors);
@@ -126,7 +126,7 @@ impl PointStore {
     fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera, class_mask: u32) -> Item {
         let mut height_axis = Vec3::ZERO;
         height_axis[cloud.up_axis] = 1.0;
-        // Heights are told relative to the ramp's lower end, so that f32 has digits left for them.
+        // Heights are relative to the ramp's lower end, so that f32 has enough digits for them.
         let (low, reference) =
             if cloud.source == ColorSource::Height { (0.0, cloud.low) } else { (cloud.low - cloud.scalar_origin, 0.0) };
         let range = cloud.high - cloud.low;

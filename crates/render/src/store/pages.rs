@@ -1,22 +1,22 @@
-//! Pages of the store: buffers on the GPU that hold many chunks, and the room in them.
+//! The pages of the store: buffers on the GPU that hold many chunks, and the room in them.
 
 use crate::gpu::{Error, Gpu, Result};
 use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, POINT_BYTES, SCALAR_BYTES};
 use crate::room::Room;
 use crate::store::{PointStore, StoredChunk};
 
-/// Smallest page: 24 MiB, so that small clouds stay small.
+/// The smallest page: 24 MiB, so that small clouds stay small.
 const SMALLEST_PAGE: u32 = 1 << 20;
-/// Pages are multiples of this: 6 MiB.
+/// The size of pages is a multiple of this: 6 MiB.
 const PAGE_GRAIN: u32 = 1 << 18;
-/// What chunks take more than their points, since they begin at whole blocks, as a share of these: half a block of chunks of
-/// some ten thousand.
+/// The room that chunks take beyond their points, since they begin at whole blocks, as a share of the points: half a
+/// block for chunks of some ten thousand.
 const ROUNDING_SHARE: u32 = 16;
 
 pub(super) struct PageBuffers {
     pub(super) points: wgpu::Buffer,
     pub(super) attributes: wgpu::Buffer,
-    /// Made when the first chunk of the page shows an attribute.
+    /// The scalars, made when the first chunk of the page shows an attribute.
     pub(super) scalars: Option<wgpu::Buffer>,
     pub(super) room: Room,
 }
@@ -27,14 +27,14 @@ impl PageBuffers {
     }
 }
 
-/// Points that a chunk of `count` takes of a page: whole blocks, since a run of a block has one item.
+/// The room in points that a chunk of `count` takes of a page: whole blocks, since a run of a block has one item.
 pub(super) fn room_of(count: u32) -> u32 {
     count.max(1).next_multiple_of(BLOCK_POINTS)
 }
 
 impl PointStore {
-    /// Room for `count` points, from a multiple of `BLOCK_POINTS` on: a run of that many points has one item. Where enough is free
-    /// but nowhere together, chunks are slid: there is never a further page while a page has room.
+    /// Finds room for `count` points, starting at a multiple of `BLOCK_POINTS`: a run of that many points has one item.
+    /// If enough is free but not in one piece, chunks are slid: no page is added while another has room.
     pub(super) fn allocate(&mut self, count: u32) -> Result<(usize, std::ops::Range<u32>)> {
         let room = room_of(count);
         let range = |first: u32| first..first + count;
@@ -86,7 +86,7 @@ impl PointStore {
         room.slid(stretch, taken);
     }
 
-    /// A further page, with room for at least `room` points.
+    /// Adds a page with room for at least `room` points.
     fn add_page(&mut self, room: u32) -> Result<usize> {
         let largest = self.largest_page();
         if room > largest {
@@ -99,10 +99,10 @@ impl PointStore {
         let resident: u32 = self.pages.iter().map(|page| page.capacity()).sum();
         let announced = self.reserved.saturating_sub(resident);
         let announced = announced.saturating_add(announced / ROUNDING_SHARE);
-        // Half as much again as there is, where nothing is known: few pages, little of them in vain.
+        // If nothing was announced, half as much again as is resident: few pages, and little of them unused.
         let wanted = if announced > 0 { announced } else { resident / 2 }.max(room);
         let capacity = wanted.min(largest).next_multiple_of(PAGE_GRAIN).clamp(SMALLEST_PAGE, largest);
-        // Points have numbers of 32 bits.
+        // Identities of points have 32 bits.
         if resident.checked_add(capacity).is_none() {
             return Err(self.too_large("identities of all points", 8 << 32, 4 << 32));
         }
@@ -119,7 +119,8 @@ impl PointStore {
         Ok(self.pages.len() - 1)
     }
 
-    /// Points of the largest page: what one binding takes. A page costs a dispatch a pass, so few large ones are better.
+    /// The number of points of the largest page, which fills one binding. A page costs a dispatch a pass, so few large
+    /// ones are better.
     fn largest_page(&self) -> u32 {
         let limits = self.gpu.device.limits();
         let points = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / POINT_BYTES;
