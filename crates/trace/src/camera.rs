@@ -5,17 +5,17 @@ use scene::{Camera, Projection, ViewSettings};
 
 use crate::Ray;
 
-/// Where a picture is seen from.
+/// The viewpoint of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Viewpoint {
-    /// All rays start here, world units.
+    /// All rays start here, in world units.
     Eye(DVec3),
     /// All rays run along this unit vector.
     Parallel(DVec3),
 }
 
 impl Viewpoint {
-    /// Unit vector of the ray that sees `position`.
+    /// The unit vector of the ray that sees `position`.
     pub fn toward(&self, position: DVec3) -> DVec3 {
         match *self {
             Self::Eye(eye) => (position - eye).normalize_or_zero(),
@@ -23,7 +23,7 @@ impl Viewpoint {
         }
     }
 
-    /// Distance along that ray, from the eye or from any plane across the rays.
+    /// The distance along that ray, from the eye or from any plane across the rays.
     pub fn distance(&self, position: DVec3) -> f64 {
         match *self {
             Self::Eye(eye) => position.distance(eye),
@@ -38,14 +38,14 @@ pub struct PixelRays {
     eye: DVec3,
     world_from_view: DMat3,
     projection: Projection,
-    /// Pixels per unit of the picture plane: at distance 1, or in parallel projection anywhere.
+    /// The pixels per unit of the picture plane: at distance 1, or in parallel projection anywhere.
     pixels_per_unit: f64,
     pub size: [u32; 2],
 }
 
 impl PixelRays {
-    /// In parallel projection, rays start `reach` before the plane through the eye, so that all of a scene lies before them:
-    /// twice its radius and the eye's distance to its middle is enough.
+    /// In parallel projection, rays start `reach` before the plane through the eye, so that the whole scene is in front
+    /// of them: twice its radius and the eye's distance to its middle is enough.
     pub fn new(camera: &Camera, view: &ViewSettings, size: [u32; 2], reach: f64) -> Self {
         let tangent = (f64::from(view.field_of_view).to_radians() / 2.0).tan();
         let half_height = f64::from(size[1]) / 2.0;
@@ -73,7 +73,7 @@ impl PixelRays {
         self.size[0] as usize * self.size[1] as usize
     }
 
-    /// Through the centre of a pixel, counted row by row.
+    /// The ray through the centre of a pixel, counted row by row.
     pub fn ray(&self, pixel: usize) -> Ray {
         let width = self.size[0] as usize;
         let [x, y] = [pixel % width, pixel / width].map(|index| index as f64 + 0.5);

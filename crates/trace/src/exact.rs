@@ -1,8 +1,8 @@
-//! Analytic surfaces and triangles, hit in f64: what a cloud of points stands for.
+//! Analytic surfaces and triangles, hit in f64: the surfaces that a cloud of points samples.
 //!
-//! Rectangle, sphere and paraboloid have closed forms. Torus and star-shaped surfaces are zeros of a function f along the ray:
-//! marching brackets the first change of sign with steps of |f| over a bound of its slope (sphere tracing; Hart 1996),
-//! which cannot skip one, and bisection refines it to the last digit.
+//! Rectangle, sphere and paraboloid have closed forms. Torus and star-shaped surfaces are zeros of a function f along
+//! the ray: marching brackets the first change of sign with steps of |f| over a bound of its slope (sphere tracing;
+//! Hart 1996), which cannot skip one, and bisection refines it to the last digit.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -14,37 +14,38 @@ use scene::five_mirrors::{Variant, walls};
 
 use crate::{Geometry, Hit, Mesh, Ray};
 
-/// A surface in the world and what it is made of.
+/// A surface in the world and its material.
 #[derive(Clone, Copy, Debug)]
 pub struct Object {
     surface: Surface,
     placement: Placement,
-    /// Linear albedo at a world position.
+    /// The linear albedo at a world position.
     albedo: Albedo,
     specular_intensity: f64,
     specular_power: f64,
-    /// Of a star-shaped surface, else unused.
+    /// The bounds of a star-shaped surface; unused for others.
     reach: Reach,
 }
 
-/// Linear albedo of a surface's diffuse part.
+/// The linear albedo of a surface's diffuse part.
 #[derive(Clone, Copy, Debug)]
 pub enum Albedo {
     Even([f64; 3]),
-    /// At a world position.
+    /// A function of the world position.
     At(fn(DVec3) -> [f64; 3]),
 }
 
-/// Bounds of a star-shaped surface r(d).
+/// The bounds of a star-shaped surface r(d).
 #[derive(Clone, Copy, Debug)]
 struct Reach {
     largest_radius: f64,
-    /// Bound of the slope of |p| - r(p / |p|) outside the surface.
+    /// A bound of the slope of |p| - r(p / |p|) outside the surface.
     slope: f64,
 }
 
 impl Object {
-    /// `specular_intensity`: share of the light that is reflected, 0 to 1. It shows no highlights of lights.
+    /// `specular_intensity` is the share of the light that is reflected, 0 to 1. The surface shows no highlights of
+    /// lights.
     pub fn new(surface: Surface, placement: Placement, albedo: Albedo, specular_intensity: f64) -> Self {
         let reach = match surface {
             Surface::Star(shape) => Reach::of(&shape),
@@ -53,7 +54,7 @@ impl Object {
         Self { surface, placement, albedo, specular_intensity, specular_power: 0.0, reach }
     }
 
-    /// By its formula.
+    /// The object of a mirror, by its formula.
     pub fn of_mirror(mirror: &Mirror) -> Self {
         let (surface, placement) = mirror.surface();
         let albedo = Albedo::Even(mirror.color.map(f64::from));
@@ -61,7 +62,7 @@ impl Object {
             .with_specular_power(f64::from(mirror.specular_power))
     }
 
-    /// With highlights of this exponent, if it is a mirror.
+    /// The object with highlights of this exponent, if it is a mirror.
     pub fn with_specular_power(self, specular_power: f64) -> Self {
         Self { specular_power, ..self }
     }
@@ -86,12 +87,12 @@ impl Object {
     }
 }
 
-/// Objects and meshes to trace rays in.
+/// Objects and meshes in which rays are traced.
 #[derive(Clone, Debug)]
 pub struct Exact {
     objects: Vec<Object>,
     meshes: Vec<Arc<Mesh>>,
-    /// What rays and hits are from, world coordinates. Objects have been moved there.
+    /// The origin of rays and hits in world coordinates. Objects have been moved there.
     origin: DVec3,
 }
 
@@ -100,12 +101,12 @@ impl Exact {
         Self { objects, meshes: Vec::new(), origin: DVec3::ZERO }
     }
 
-    /// With the triangles of meshes, none of which is a mirror.
+    /// Adds the triangles of meshes, none of which is a mirror.
     pub fn with_meshes(self, meshes: Vec<Mesh>) -> Self {
         Self { meshes: meshes.into_iter().map(Arc::new).collect(), ..self }
     }
 
-    /// The same for rays in coordinates from `origin`, where it was the world's before.
+    /// The same for rays in coordinates relative to `origin`; before, they were world coordinates.
     pub fn seen_from(mut self, origin: DVec3) -> Self {
         for object in &mut self.objects {
             object.placement.translation -= origin - self.origin;
@@ -174,12 +175,12 @@ impl Geometry for Exact {
     }
 }
 
-// From here on in a surface's own coordinates, where it is about 1 large.
+// From here on in a surface's own coordinates, where its size is about 1.
 
-/// A ray that leaves a surface sees nothing nearer than this: far above the rounding of its origin.
+/// The least distance of a hit from the surface that a ray leaves: far above the rounding of its origin.
 const CLEARANCE: f64 = 1e-9;
 
-/// Edges are in by as much as rounding may carry a hit over them, so that a box has no cracks.
+/// A hit may exceed an edge by as much as rounding may carry it, so that a box has no cracks.
 const EDGE: f64 = 1e-12;
 
 fn rectangle(corner: DVec3, [u, v]: [DVec3; 2], origin: DVec3, direction: DVec3, from: f64) -> Option<(f64, DVec3)> {
@@ -190,7 +191,8 @@ fn rectangle(corner: DVec3, [u, v]: [DVec3; 2], origin: DVec3, direction: DVec3,
     (distance > from && is_in(u) && is_in(v)).then_some((distance, normal))
 }
 
-/// The two solutions of a t^2 + 2 b t + c = 0, the smaller first, without cancellation; one and infinity if `a` is 0.
+/// The two solutions of a t^2 + 2 b t + c = 0, the smaller first, without cancellation; one solution and infinity if
+/// `a` is 0.
 fn quadratic(a: f64, b: f64, c: f64) -> Option<[f64; 2]> {
     let discriminant = b * b - a * c;
     if discriminant.is_nan() || discriminant < 0.0 {
@@ -219,7 +221,7 @@ fn paraboloid(focal_length: f64, rim_radius: f64, origin: DVec3, direction: DVec
 
 fn torus(ring: f64, tube: f64, origin: DVec3, direction: DVec3, from: f64) -> Option<(f64, DVec3)> {
     let range = ball(ring + tube, origin, direction, from)?;
-    // The distance from the tube's middle changes by no more than one goes.
+    // The distance from the tube's middle changes by no more than the step along the ray.
     let distance = first_zero(range, 1.0, |distance| {
         let p = origin + direction * distance;
         (p.x.hypot(p.y) - ring).hypot(p.z) - tube
@@ -246,8 +248,8 @@ fn ball(radius: f64, origin: DVec3, direction: DVec3, from: f64) -> Option<[f64;
     (far > from).then_some([near.max(from), far])
 }
 
-/// Least step of the march. What is skipped is a chord of this length: with bumps of a fiftieth of the surface's size, it
-/// lies less than 1e-9 deep.
+/// The least step of the march. It may skip a chord of this length: with bumps of a fiftieth of the surface's size,
+/// that lies less than 1e-9 deep.
 const LEAST_STEP: f64 = 1e-5;
 
 /// The first change of sign of `f`, whose slope is at most `slope`, to the last digit.
@@ -272,11 +274,11 @@ fn first_zero([from, to]: [f64; 2], slope: f64, f: impl Fn(f64) -> f64) -> Optio
     None
 }
 
-/// Directions from pole to pole at which a star-shaped surface is looked at, and half those around: 0.35 degrees apart,
-/// a tenth of the narrowest bump of the built-in shapes.
+/// The number of directions from pole to pole in which a star-shaped surface is sampled, half of those around: 0.35
+/// degrees apart, a tenth of the narrowest bump of the built-in shapes.
 const REACH_STEPS: usize = 512;
 
-/// What the bounds are widened by: between two directions, the slopes of the built-in shapes grow by less.
+/// The factor by which the bounds are widened: between two directions, the slopes of the built-in shapes grow by less.
 const REACH_MARGIN: f64 = 1.05;
 
 impl Reach {
@@ -294,7 +296,7 @@ impl Reach {
                 steepest = steepest.max((gradient - direction * gradient.dot(direction)).length());
             }
         }
-        // |grad f|^2 = 1 + |slope of r|^2 / |p|^2, largest where |p| is least.
+        // grad f|^2 = 1 + |slope of r|^2 / |p|^2, largest where |p| is least.
         let slope = (1.0 + (steepest * REACH_MARGIN / smallest).powi(2)).sqrt();
         Self { largest_radius: largest * REACH_MARGIN, slope }
     }
@@ -312,7 +314,7 @@ mod tests {
         PixelRays::new(&camera(), &ViewSettings::default(), size, 0.0)
     }
 
-    /// From a point inside, where a ray leaves the box of the scene.
+    /// Where a ray from a point inside leaves the box of the scene.
     fn leaves_box(origin: DVec3, direction: DVec3) -> DVec3 {
         let wall = DVec3::new(1.0, 1.0, 2.0);
         let distances = (wall * DVec3::ONE.copysign(direction) - origin) / direction;
@@ -327,7 +329,7 @@ mod tests {
         let (mut mirrors, mut worst) = (0, 0.0_f64);
         for (pixel, hit) in seen.iter().enumerate() {
             let (ray, hit) = (rays.ray(pixel), hit.expect("the box is closed"));
-            // By the foot of the perpendicular from the centre.
+            // Computed from the foot of the perpendicular from the centre.
             let along = -ray.origin.dot(ray.direction);
             let off = (ray.origin + ray.direction * along).length();
             assert_eq!(hit.specular_intensity > 0.0, off < 0.43, "pixel {pixel} passes the centre at {off}");
@@ -375,15 +377,15 @@ mod tests {
         mirror != Variant::Parabolic || p.x.hypot(p.y) <= 0.45
     }
 
-    /// Walks along the ray in small steps and asserts that the field changes its sign nowhere before `end`, up to bumps that
-    /// the steps of the tracer may miss as well.
+    /// Walks along the ray in small steps and asserts that the field changes its sign nowhere before `end`, except at
+    /// bumps that the steps of the tracer may miss as well.
     fn assert_nothing_before(mirror: Variant, ray: &Ray, from: f64, end: f64) {
         let start = field(mirror, ray.at(from));
         for step in 1..3000 {
             let p = ray.at(from + (end - from) * f64::from(step) / 3000.0);
             let value = field(mirror, p);
             let crossed = value * start < 0.0 && value.abs() > 1e-8 && is_within(mirror, p);
-            // The paraboloid's field changes sign outside of its rim, where there is no mirror.
+            // The paraboloid's field changes sign outside its rim, where there is no mirror.
             assert!(!crossed || mirror == Variant::Parabolic, "{mirror:?}: missed before {end} at {p}");
         }
     }
@@ -410,7 +412,7 @@ mod tests {
                 }));
                 let sine = gradient.normalize().cross(hit.normal).length();
                 assert!(sine < 1e-6, "{mirror:?}: the normal is {sine} off");
-                // The reflected ray: away from the mirror, and again the first hit.
+                // The reflected ray leaves the mirror, and its first hit is checked, too.
                 let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: ray.direction };
                 let next = point.reflected().unwrap();
                 let end = scene.nearest(&next).expect("the box is closed");

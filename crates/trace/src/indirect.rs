@@ -1,15 +1,16 @@
-//! Indirect light by path tracing: what the sky and other surfaces send to a surface, and it sends on to the eye.
+//! Indirect light by path tracing: the light that the sky and other surfaces send to a surface, and that the surface
+//! sends on to the eye.
 //!
-//! Each sample follows one path from the surface, in directions drawn by what the surface does with light, and asks at each
-//! surface that it meets for the light that arrives there straight from the lights or the sun (next-event estimation; Kajiya
-//! 1986). The sky's light is what paths find that escape. The estimate is unbiased. First directions of a surface's samples are
+//! Each sample follows one path from the surface, in directions drawn according to the surface's reflectance, and adds
+//! at each surface on the path the direct light of the lights or the sun there (next-event estimation; Kajiya 1986).
+//! Paths that escape find the sky's light. The estimate is unbiased. The first directions of a surface's samples are
 //! spread by the R2 sequence (Roberts 2018), shifted at random from pixel to pixel (Cranley and Patterson 1976).
 //!
-//! Mirrors on the way are followed, for their share, as far as reflections are followed at all, and that counts as no reflection
-//! between surfaces. Their highlights are left out: light that a mirror throws from a lamp onto a surface (a caustic) is no part
-//! of this light, nor of the renderer's.
+//! Mirrors on the way are followed, with their share, as far as reflections are followed at all, and do not count as a
+//! reflection between surfaces. Their highlights are left out: light that a mirror throws from a lamp onto a surface (a
+//! caustic) is part neither of this light nor of the renderer's.
 //!
-//! Random numbers are hashes of seed, pixel, sample and dimension: the same on any number of threads.
+//! Random numbers are hashes of seed, pixel, sample and dimension: they do not depend on the number of threads.
 
 use cloud::Progress;
 use glam::DVec3;
@@ -22,22 +23,23 @@ use crate::{Geometry, Hit, Ray, mirrored};
 /// How indirect light is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Indirect {
-    /// Most reflections between surfaces before light reaches the one that is seen; with 0 there is light of the sky only.
+    /// The most reflections between surfaces before light reaches the visible one; with 0 there is only light of the
+    /// sky.
     pub bounces: u32,
-    /// Paths that are averaged for a surface; 0: no indirect light.
+    /// The number of paths that are averaged for a surface; 0 for no indirect light.
     pub samples: u32,
     pub seed: u32,
 }
 
 impl Indirect {
-    /// Surfaces whose paths are as much work as `BATCH` rays.
+    /// The number of surfaces whose paths are as much work as `BATCH` rays.
     pub(crate) fn batch(&self) -> usize {
         (BATCH / self.samples.max(1) as usize).max(1)
     }
 }
 
-/// Indirect light of each pixel's surface: its hit and the direction of the ray that sees it; none where nothing is seen.
-/// `progress` counts pixels. `None` when cancelled.
+/// The indirect light of each pixel's surface, given as its hit and the direction of the ray that sees it; none where
+/// nothing is seen. `progress` counts pixels. `None` when cancelled.
 pub fn indirect_picture(
     geometry: &impl Geometry,
     seen: &[Option<(Hit, DVec3)>],
@@ -49,8 +51,8 @@ pub fn indirect_picture(
     })
 }
 
-/// Indirect light that a hit sends back along the ray that arrives in `direction`, by its diffuse part and its highlight; of a
-/// mirror whose reflection is followed, by what that leaves of the diffuse part. `pixel` chooses the paths.
+/// The indirect light that a hit sends back along the ray that arrives in `direction`, by its diffuse part and its
+/// highlight; for a mirror whose reflection is followed, only by the remaining diffuse part. `pixel` chooses the paths.
 pub fn indirect(
     geometry: &impl Geometry,
     hit: &Hit,
@@ -79,12 +81,12 @@ struct PathTracer<'a, G> {
 }
 
 impl<G: Geometry> PathTracer<'_, G> {
-    /// Whether a ray can find light that `bounces` surfaces, at most, are to reflect.
+    /// Whether a ray can find light that at most `bounces` surfaces are to reflect.
     fn finds_light(&self, bounces: u32) -> bool {
         self.illumination.sky().is_some() || bounces > 0 && !matches!(self.illumination.source, Source::Headlight(_))
     }
 
-    /// Light by one path from a surface.
+    /// The light of one path from a surface.
     fn path(&self, mut position: DVec3, surface: &Reflectance, first: [f64; 2], numbers: &mut Random) -> DVec3 {
         let mut light = DVec3::ZERO;
         let Some(mut next) = surface.sample(first) else {
@@ -104,7 +106,7 @@ impl<G: Geometry> PathTracer<'_, G> {
             if bounces > 0 {
                 light += throughput * scattered(self.geometry, &hit, &surface, self.illumination);
             }
-            // The path goes on over a mirror or from the surface, by their shares.
+            // The path continues over a mirror or from the surface, in proportion to their shares.
             let mirror = if self.finds_light(bounces) { surface.mirror.max_element() } else { 0.0 };
             let scatter = if bounces > 0 && self.finds_light(bounces - 1) { surface.scattered() } else { 0.0 };
             let either = mirror + scatter;
@@ -128,14 +130,14 @@ impl<G: Geometry> PathTracer<'_, G> {
     }
 }
 
-/// Point `index` of the R2 sequence, of [0, 1) in both dimensions, shifted.
+/// Point `index` of the R2 sequence in [0, 1) in both dimensions, shifted.
 fn spread(shift: [f64; 2], index: u32) -> [f64; 2] {
     // Powers of 1 over the root of x^3 = x + 1.
     const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
     [0, 1].map(|axis| (shift[axis] + f64::from(index) * STEPS[axis]).fract())
 }
 
-/// A stream of random numbers of its own for each name (SplitMix64; Steele et al. 2014).
+/// A stream of random numbers, different for each name (SplitMix64; Steele et al. 2014).
 struct Random {
     state: u64,
 }
@@ -147,7 +149,7 @@ impl Random {
         Self { state: name.into_iter().fold(0, |state, part| Self::mixed((state ^ part).wrapping_add(Self::STEP))) }
     }
 
-    /// Of [0, 1).
+    /// A number in [0, 1).
     fn next(&mut self) -> f64 {
         self.state = self.state.wrapping_add(Self::STEP);
         (Self::mixed(self.state) >> 11) as f64 / (1_u64 << 53) as f64
@@ -176,7 +178,7 @@ mod tests {
         Object::new(surface, Placement::ORIGIN, Albedo::Even([albedo; 3]), specular_intensity)
     }
 
-    /// In z = `z`, 2000 wide.
+    /// A floor in z = `z`, 2000 wide.
     fn floor(z: f64, albedo: f64, specular_intensity: f64) -> Object {
         let corner = DVec3::new(-1000.0, -1000.0, z);
         rectangle(corner, [DVec3::X * 2000.0, DVec3::Y * 2000.0], albedo, specular_intensity)
@@ -212,7 +214,7 @@ mod tests {
             for bounces in [1, 2, 3, 30] {
                 let indirect = Indirect { bounces, samples: 1 << 14, seed: 1 };
                 let illumination = Illumination { indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
-                // Each bit of a sphere lights all others alike.
+                // Each bit of a sphere lights all others equally.
                 let arriving: f64 =
                     (1..=bounces).map(|k| albedo.powi(k as i32) * flux / (4.0 * PI * radius * radius)).sum();
                 for direction in [DVec3::X, DVec3::new(-1.0, 2.0, 0.5)] {
@@ -248,7 +250,7 @@ mod tests {
                     sum += radiance(&geometry, &hit, -point.normal, pixel, &illumination).x * share / count;
                 }
             }
-            // Nothing leaves a closed box: each reflection sends out its albedo's share of what the one before did.
+            // Nothing leaves a closed box: each reflection sends out its albedo's share of the light of the one before.
             let expected: f64 = (0..=bounces).map(|k| albedo.powi(k as i32 + 1) * flux / area).sum();
             assert_near(sum * PI, expected, 0.01, &format!("{bounces} bounces"));
         }
@@ -279,7 +281,7 @@ mod tests {
             indirect_at(&geometry, DVec3::new(1e-3, 0.0, 1.0), -DVec3::Z, &illumination)
         };
         assert_near(at_foot(0), 0.5 * 0.6 * FRAC_1_PI, 2e-3, "the sky alone");
-        // The wall sees half of the sky, too, and fills the other half of what the floor sees.
+        // The wall sees half of the sky, too, and fills the other half of the floor's view.
         assert_near(at_foot(1), (0.5 + 0.5 * 0.8 * 0.5) * 0.6 * FRAC_1_PI, 8e-3, "with the wall's light");
     }
 
@@ -293,7 +295,7 @@ mod tests {
             let illumination = Illumination { indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
             indirect_at(&geometry, DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.5, 0.0, -1.0), &illumination)
         };
-        // Floor and ceiling: the floor's light comes back to it after an even number of reflections only.
+        // Floor and ceiling: the floor's light comes back to it only after an even number of reflections.
         assert!(with(0) == 0.0 && with(1) == 0.0, "{} {}", with(0), with(1));
         assert!(with(2) > 0.0);
         assert_near(with(3), with(2), 1e-9, "the third bounce ends on the ceiling");
@@ -321,12 +323,13 @@ mod tests {
         };
         let diffuse = with(0.0, 1, 1);
         assert!(diffuse > 0.0);
-        // A perfect mirror throws the lamp's light nowhere: that would be a caustic. A half one sends half of it diffusely.
+        // A perfect mirror passes on none of the lamp's light: that would be a caustic. A half one sends half of it out
+        // diffusely.
         assert_eq!(with(1.0, 1, 1), 0.0);
         assert_near(with(0.5, 1, 1), 0.5 * diffuse, 0.02, "half a mirror");
         // A mirror that is not followed is diffuse.
         assert_near(with(1.0, 0, 1), diffuse, 1e-9, "not followed");
-        // The ground beyond is seen in it after two reflections between surfaces: ceiling, ground, and over the mirror.
+        // It shows the ground beyond after two reflections between surfaces: ceiling, ground, and over the mirror.
         assert!(with(0.5, 1, 2) > with(0.5, 1, 1) * 1.01);
     }
 
@@ -343,7 +346,7 @@ mod tests {
             let direction = rays.ray(pixel).direction;
             let onward = mirrored(direction, mirror.normal);
             let wall = geometry.nearest(&Ray::from_surface(mirror.position, onward)).unwrap();
-            // Walls are diffuse: they look the same from everywhere, and by the same paths to the bit.
+            // Walls are diffuse: they look the same from everywhere, and with the same paths to the bit.
             let there = radiance(&geometry, &wall, onward, pixel, &illumination);
             let shown = radiance(&geometry, &mirror, direction, pixel, &illumination);
             assert!(shown.distance(there) <= 1e-12 * there.length(), "pixel {pixel}: {shown} instead of {there}");
@@ -404,7 +407,7 @@ mod tests {
             let illumination = Illumination { bounces, indirect, ..Illumination::new(sky(PI), &settings) };
             indirect_at(&geometry, DVec3::Z, -DVec3::Z, &illumination)
         };
-        // Along the normal a highlight sends out all that it receives.
+        // Along the normal a highlight sends out all the light that it receives.
         assert_near(with(0), 0.4 + 0.9, 5e-3, "not followed");
         assert_near(with(1), 0.1 * 0.4, 1e-9, "followed");
     }

@@ -1,11 +1,12 @@
-//! The truth: a CPU ray tracer over the same surfels the renderer draws, and over exact surfaces: formulas and triangles.
+//! The truth: a CPU ray tracer over the same surfels that the renderer draws, and over exact surfaces: formulas and
+//! triangles.
 //!
-//! It judges the renderer and therefore shares no code with it. Everything that decides where a ray ends is f64, every
-//! picture is computed on all cores and is the same for any number of them.
+//! It judges the renderer and therefore shares no code with it. Everything that decides where a ray ends is f64.
+//! Pictures are computed on all cores and do not depend on their number.
 //!
-//! [`Surfels`] and [`Exact`] are what rays are traced in; [`PixelRays`] are the rays of a picture's pixel centres;
-//! [`reflected`] follows the eye's rays from a camera G-buffer into mirrors; [`picture`] lights what they see, and
-//! [`indirect_picture`] gives the part of that light which other surfaces and the sky send.
+//! Rays are traced in [`Surfels`] and [`Exact`]; [`PixelRays`] are the rays of a picture's pixel centres; [`reflected`]
+//! follows the eye's rays from a camera G-buffer into mirrors; [`picture`] lights what they see, and
+//! [`indirect_picture`] computes the part of that light that comes from other surfaces and the sky.
 
 mod camera;
 pub mod exact;

@@ -1,7 +1,8 @@
-//! Light: spot lights with shadows, or a sun and a sky, or a lamp at the eye; blended with what mirrors reflect.
+//! Direct light: spot lights with shadows, or a sun and a sky, or a lamp at the eye; blended with reflections in
+//! mirrors.
 //!
-//! The definition is the renderer's; reflectance.rs has that of surfaces. Light that was reflected before it reaches a surface,
-//! and that of the sky, comes from [`indirect`]. Where a mirror's ray sees nothing, it shows the background.
+//! The definition is the renderer's; reflectance.rs has that of surfaces. Light that was reflected before it reaches a
+//! surface, and that of the sky, comes from [`indirect`]. A mirror whose ray hits nothing shows the background.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -14,65 +15,66 @@ use crate::reflectance::{Gloss, Reflectance};
 use crate::reflection::in_parallel;
 use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
-/// Where light comes from.
+/// The source of the light.
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     Lights(&'a [SpotLight]),
     Sun(Sunlight),
-    /// A lamp at the eye, or at the mirror point that sees a surface, whose share (0 to 1) of the picture falls with the angle
-    /// that a surface is seen at; at 0 surfaces show their own colours.
+    /// A lamp at the eye, or at the mirror point that sees a surface. The share (0 to 1) is the part of the light that
+    /// falls off with the angle between surface and view; at 0 surfaces show their own colours.
     Headlight(f64),
 }
 
 /// A sun without size, and a sky that is evenly bright in the upper half of the directions and dark below.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sunlight {
-    /// Unit vector toward the sun.
+    /// The unit vector toward the sun.
     pub direction: DVec3,
-    /// Unit vector.
+    /// The up direction, a unit vector.
     pub up: DVec3,
-    /// Of a surface that faces the sun.
+    /// The irradiance of a surface that faces the sun.
     pub irradiance: f64,
-    /// Irradiance by the whole sky of a surface that faces up.
+    /// The irradiance by the whole sky of a surface that faces up.
     pub sky: f64,
 }
 
 impl Sunlight {
-    /// `up`: the world's up axis, of any length.
+    /// `up` is the world's up axis, of any length.
     pub fn new(sun: &Sun, up: DVec3) -> Self {
         let (irradiance, sky) = (f64::from(sun.irradiance), f64::from(sun.sky));
         Self { direction: sun.direction(up), up: up.normalize_or(DVec3::Z), irradiance, sky }
     }
 
-    /// Radiance of the sky, seen along `direction`.
+    /// The radiance of the sky in `direction`.
     pub(crate) fn sky_radiance(&self, direction: DVec3) -> f64 {
         if direction.dot(self.up) > 0.0 { self.sky * FRAC_1_PI } else { 0.0 }
     }
 }
 
-/// What lights a scene, and how far light is followed.
+/// The light of a scene, and how far it is followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Illumination<'a> {
     pub source: Source<'a>,
     pub gloss: Gloss,
-    /// Mirrors that a ray is followed over, be it the eye's or a path of light.
+    /// The number of mirrors over which a ray is followed, whether of the eye or of a path of light.
     pub bounces: u32,
-    /// Those that the eye's ray has been followed over already; light takes its own way to what they show.
+    /// The number of mirrors over which the eye's ray has been followed already; light takes its own way to the
+    /// surfaces that they show.
     pub passed: u32,
     pub mirror: &'a MirrorSettings,
-    /// What mirrors show where nothing is, linear.
+    /// The linear colour that mirrors show where their ray hits nothing.
     pub background: DVec3,
     pub indirect: Indirect,
 }
 
 impl<'a> Illumination<'a> {
-    /// Direct light on diffuse surfaces, mirrors included, before black.
+    /// Direct light on diffuse surfaces, mirrors included, in front of black.
     pub fn new(source: Source<'a>, mirror: &'a MirrorSettings) -> Self {
         let indirect = Indirect { bounces: 0, samples: 0, seed: 0 };
         Self { source, gloss: Gloss::NONE, bounces: 0, passed: 0, mirror, background: DVec3::ZERO, indirect }
     }
 
-    /// Mirrors that the eye's ray may still be followed over.
+    /// The number of mirrors over which the eye's ray may still be followed.
     pub fn left(&self) -> u32 {
         self.bounces.saturating_sub(self.passed)
     }
@@ -86,8 +88,8 @@ impl<'a> Illumination<'a> {
     }
 }
 
-/// Linear red, green and blue of each pixel, row by row; none where nothing is seen. `progress` counts pixels. `None` when
-/// cancelled.
+/// The linear red, green and blue of each pixel, row by row; none where nothing is seen. `progress` counts pixels.
+/// `None` when cancelled.
 pub fn picture(
     geometry: &impl Geometry,
     rays: &PixelRays,
@@ -100,7 +102,8 @@ pub fn picture(
     })
 }
 
-/// Light that a hit sends back along the ray that arrives in `direction`. `pixel` chooses the paths of its indirect light.
+/// The light that a hit sends back along the ray that arrives in `direction`. `pixel` chooses the paths of its indirect
+/// light.
 pub fn radiance(
     geometry: &impl Geometry,
     hit: &Hit,
@@ -117,15 +120,15 @@ pub fn radiance(
     own + surface.mirror * reflected_light(geometry, &point, pixel, illumination)
 }
 
-/// Light that reaches a mirror point along the reflected ray.
+/// The light that reaches a mirror point along the reflected ray.
 fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, pixel: usize, illumination: &Illumination) -> DVec3 {
     let seen = point.reflected().and_then(|ray| Some((geometry.nearest(&ray)?, ray.direction)));
     let beyond = Illumination { passed: illumination.passed + 1, ..*illumination };
     seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, &beyond))
 }
 
-/// What mirrors of specular intensity 1 show at these points, the first reflection included in `illumination.bounces`. `progress`
-/// counts points. `None` when cancelled.
+/// What mirrors of specular intensity 1 show at these points; the first reflection counts as one of
+/// `illumination.bounces`. `progress` counts points. `None` when cancelled.
 pub fn reflected_picture(
     geometry: &impl Geometry,
     points: &[MirrorPoint],
@@ -137,8 +140,8 @@ pub fn reflected_picture(
     })
 }
 
-/// Light of the lights, the sun or the lamp that a hit sends back along the ray that arrives in `direction`: by its diffuse part,
-/// of a mirror whose reflection is followed what that leaves of it, and its highlight.
+/// The light of the lights, the sun or the lamp that a hit sends back along the ray that arrives in `direction`: by its
+/// diffuse part, by the remainder of it for a mirror whose reflection is followed, and by its highlight.
 pub fn direct(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
     let surface = Reflectance::new(hit, direction, illumination.left(), illumination);
     match illumination.source {
@@ -147,7 +150,7 @@ pub fn direct(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illuminatio
     }
 }
 
-/// Light of the lights or the sun that a surface at `hit` sends to the eye that `surface` is seen by.
+/// The light of the lights or the sun that a surface at `hit` sends to the eye of `surface`.
 pub(crate) fn scattered(
     geometry: &impl Geometry,
     hit: &Hit,
@@ -159,7 +162,7 @@ pub(crate) fn scattered(
     }
     let shine = |to_light: DVec3, distance: f64, normal_irradiance: DVec3| {
         let cosine = to_light.dot(hit.normal);
-        // Written so that a light right on the surface (NaN) gives none.
+        // The comparison is false for a light right on the surface (NaN).
         let is_lit = cosine > 0.0 && normal_irradiance != DVec3::ZERO;
         if is_lit && !geometry.is_blocked(&Ray::from_surface(hit.position, to_light), distance) {
             normal_irradiance * cosine * surface.scattering(to_light)
@@ -182,7 +185,7 @@ pub(crate) fn scattered(
     }
 }
 
-/// Radiant intensity of a spot light in a direction.
+/// The radiant intensity of a spot light in a direction.
 fn intensity(light: &SpotLight, direction: DVec3) -> DVec3 {
     let axis = (light.target - light.position).normalize_or_zero();
     let angle = axis.cross(direction).length().atan2(axis.dot(direction)).to_degrees();
@@ -208,13 +211,13 @@ mod tests {
 
     const ALBEDO: [f64; 3] = [0.8, 0.4, 0.2];
 
-    /// In z = `z`, x from `x` on.
+    /// A wall in z = `z`, from `x` on.
     fn wall(x: f64, z: f64, albedo: [f64; 3], specular_intensity: f64) -> Object {
         let surface = Surface::Rectangle { corner: DVec3::new(x, -5.0, z), edges: [DVec3::X * 10.0, DVec3::Y * 10.0] };
         Object::new(surface, Placement::ORIGIN, Albedo::Even(albedo), specular_intensity)
     }
 
-    /// Two above the middle of the wall in z = 0, straight down.
+    /// A light two above the middle of the wall in z = 0, straight down.
     fn light() -> SpotLight {
         SpotLight {
             position: DVec3::Z * 2.0,
@@ -230,7 +233,7 @@ mod tests {
         (geometry.nearest(&Ray::from_eye(DVec3::new(0.5, 0.0, 1.0), direction)).unwrap(), direction)
     }
 
-    /// Of the diffuse part.
+    /// The direct light of the diffuse part.
     fn direct_of(geometry: &Exact, hit: &Hit, lights: &[SpotLight]) -> DVec3 {
         let settings = MirrorSettings::default();
         direct(geometry, hit, -hit.normal, &Illumination::new(Source::Lights(lights), &settings))
@@ -326,7 +329,7 @@ mod tests {
             direct(&geometry, &hit, direction, &illumination)
         };
         let expected = DVec3::from(ALBEDO) * 3.0 * 60.0_f64.to_radians().sin() / std::f64::consts::PI;
-        // The shadow's edge lies 1.5 / tan 60 degrees west of the edge that casts it.
+        // The shadow's edge is 1.5 / tan 60 degrees west of the edge that casts it.
         let edge = 0.2 - 1.5 / 60.0_f64.to_radians().tan();
         assert!(at(edge - 1e-6).distance(expected) < 1e-7, "{} {expected}", at(edge - 1e-6));
         assert_eq!(at(edge + 1e-6), DVec3::ZERO);
@@ -391,7 +394,7 @@ mod tests {
             if let Some(hit) = hit.filter(|hit| hit.specular_intensity > 0.0) {
                 let incoming = rays.ray(pixel).direction;
                 points.push(MirrorPoint { position: hit.position, normal: hit.normal, incoming });
-                // The lamp's highlight lies on top.
+                // The lamp's highlight is added.
                 expected.push(color.unwrap() - direct(&geometry, &hit, incoming, &illumination));
             }
         }

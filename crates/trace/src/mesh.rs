@@ -1,8 +1,8 @@
-//! Triangles as a surface: what the vertices of a mesh were drawn for.
+//! Triangles as a surface: the surface that the vertices of a mesh sample.
 //!
-//! A tree proposes triangles in f32, and each is then tested in f64 by signs that are the same for both triangles of an edge (Woop,
-//! Benthin and Wald 2013), so that no ray passes between two triangles that share it. Among equal distances the first
-//! triangle of the mesh wins. So the hits do not depend on the shape of the tree.
+//! A tree proposes triangles in f32, and each is then tested in f64 by signs that are equal for both triangles of an
+//! edge (Woop, Benthin and Wald 2013), so that no ray passes between two triangles that share it. Among equal distances
+//! the first triangle of the mesh wins. So the hits do not depend on the shape of the tree.
 
 use cloud::Bounds;
 use glam::{DVec3, Vec3, Vec3A};
@@ -17,20 +17,20 @@ use crate::tree::{self, BOX_MARGIN, round_up};
 /// A corner of triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
-    /// World.
+    /// The world position.
     pub position: DVec3,
-    /// Linear; between the corners of a triangle it is interpolated.
+    /// The linear albedo; interpolated between the corners of a triangle.
     pub albedo: Vec3,
-    /// Of the surface that the triangles stand for, where somebody measured or modelled it; else zero, and light falls on the
-    /// triangle as it lies. A normal that is averaged from triangles is a guess about what they stand for: it belongs to what is
-    /// judged, not to the truth.
+    /// The normal of the surface that the triangles approximate, if somebody measured or modelled it; else zero, and
+    /// light falls on the flat triangle. A normal averaged from triangles is a guess about that surface: it belongs to
+    /// the pictures that are judged, not to the truth.
     pub normal: Vec3,
 }
 
-/// A corner as it is traced.
+/// A corner in the form for tracing.
 #[derive(Clone, Copy, Debug)]
 struct Corner {
-    /// From `Mesh::center`.
+    /// The position relative to `Mesh::center`.
     position: DVec3,
     albedo: Vec3,
     normal: Vec3,
@@ -39,18 +39,18 @@ struct Corner {
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
     corners: [u32; 3],
-    /// Its place in the mesh, triangles that were left out included.
+    /// Its index in the mesh, counting triangles that were left out.
     number: u32,
 }
 
-/// Triangles to trace rays in. They have two sides, both alike.
+/// Triangles in which rays are traced. Both of their sides are visible.
 pub struct Mesh {
-    /// World position in the middle.
+    /// The world position of the middle.
     center: DVec3,
-    /// Of a ball about the middle that all triangles are in.
+    /// The radius of a ball about the middle that contains all triangles.
     radius: f64,
     corners: Vec<Corner>,
-    /// In the order of the tree's leaves.
+    /// The triangles in the order of the tree's leaves.
     triangles: Vec<Triangle>,
     tree: CwBvh,
     left_out: usize,
@@ -60,21 +60,23 @@ pub struct Mesh {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TriangleHit {
     pub distance: f64,
-    /// Unit vector on the side that the ray comes from.
+    /// The unit normal on the side from which the ray comes.
     pub normal: DVec3,
     pub albedo: DVec3,
     pub triangle: u32,
 }
 
-/// A ray that leaves a surface sees nothing nearer than this share of the mesh's radius: far above the rounding of its origin.
+/// The least distance of a hit from the surface that a ray leaves, as a share of the mesh's radius: far above the
+/// rounding of its origin.
 const CLEARANCE: f64 = 1e-9;
 
-/// From more than this many radii away, a ray is followed from where it comes near: so all it is computed with is as small as
-/// the mesh.
+/// From more than this many radii away, a ray is followed from where it comes near, so that all numbers in the
+/// computation are as small as the mesh.
 const NEAR: f64 = 2.0;
 
 impl Mesh {
-    /// Triangles that name a vertex which is not there or not finite, and those without an area, are left out.
+    /// Builds the tree. Triangles that name a vertex that does not exist or is not finite, and those without an area,
+    /// are left out.
     ///
     /// Needs some 50 bytes a vertex and 35 a triangle, and 150 a triangle while the tree is built.
     pub fn new(vertices: &[Vertex], triangles: &[[u32; 3]]) -> Self {
@@ -106,7 +108,7 @@ impl Mesh {
         Self { center, radius, corners, triangles, tree, left_out }
     }
 
-    /// Number of triangles that rays can hit.
+    /// The number of triangles that rays can hit.
     pub fn len(&self) -> usize {
         self.triangles.len()
     }
@@ -115,12 +117,12 @@ impl Mesh {
         self.triangles.is_empty()
     }
 
-    /// Number of triangles that were left out.
+    /// The number of triangles that were left out.
     pub fn left_out(&self) -> usize {
         self.left_out
     }
 
-    /// The first hit of a ray in coordinates from `origin`.
+    /// The first hit of a ray in coordinates relative to `origin`.
     pub(crate) fn nearest(&self, ray: &Ray, origin: DVec3) -> Option<TriangleHit> {
         let local = Local::of(self, ray, origin)?;
         let tree_ray = tree::ray(local.origin, ray.direction, f64::INFINITY)?;
@@ -143,7 +145,7 @@ impl Mesh {
         Some(self.hit(ray, local.skipped, crossing, triangle))
     }
 
-    /// Whether a ray in coordinates from `origin` hits anything before `distance`.
+    /// Whether a ray in coordinates relative to `origin` hits anything before `distance`.
     pub(crate) fn is_blocked(&self, ray: &Ray, origin: DVec3, distance: f64) -> bool {
         let Some(local) = Local::of(self, ray, origin) else { return false };
         let rest = distance - local.skipped;
@@ -172,7 +174,7 @@ impl Mesh {
         };
         let known = corners.iter().all(|corner| corner.normal != Vec3::ZERO);
         let smooth = if known { mean(|corner| corner.normal).normalize_or_zero() } else { DVec3::ZERO };
-        // Where the smooth surface turns its back on a ray that sees the triangle's front, the triangle counts.
+        // If the smooth surface turns its back on a ray that sees the triangle's front, the triangle's normal counts.
         let smooth = if smooth.dot(own) < 0.0 { -smooth } else { smooth };
         let is_seen = smooth.dot(ray.direction) * own.dot(ray.direction) > 0.0;
         TriangleHit {
@@ -201,28 +203,28 @@ impl Triangle {
 /// Where a ray crosses a triangle.
 #[derive(Clone, Copy, Debug)]
 struct Crossing {
-    /// From the local origin.
+    /// The distance from the local origin.
     distance: f64,
-    /// Of the corners; their sum is 1.
+    /// The barycentric shares of the corners; their sum is 1.
     shares: [f64; 3],
 }
 
 /// A ray near a mesh, and the shear that turns its direction into an axis.
 struct Local {
-    /// From the mesh's middle.
+    /// The origin relative to the mesh's middle.
     origin: DVec3,
-    /// Length of the ray before the origin.
+    /// The length of the ray before the local origin.
     skipped: f64,
-    /// A ray that leaves a surface sees nothing before.
+    /// The least distance of a hit for a ray that leaves a surface.
     from: f64,
-    /// The last is the one that the ray mostly runs along.
+    /// The axes; the ray mostly runs along the last.
     axes: [usize; 3],
-    /// By which the other two are sheared, and the last is scaled.
+    /// The factors by which the other two axes are sheared, and the last is scaled.
     shear: [f64; 3],
 }
 
 impl Local {
-    /// None where the ray passes by the mesh or is no ray.
+    /// `None` if the ray misses the mesh or is not valid.
     fn of(mesh: &Mesh, ray: &Ray, origin: DVec3) -> Option<Self> {
         if mesh.is_empty() {
             return None;
@@ -254,20 +256,20 @@ impl Local {
 
     fn crossing(&self, corners: [DVec3; 3]) -> Option<Crossing> {
         let [kx, ky, kz] = self.axes;
-        // Each corner on its own, so that it is in the same place for all its triangles.
+        // Each corner is computed on its own, so that it is in the same place for all its triangles.
         let [a, b, c] = corners.map(|corner| {
             let offset = corner - self.origin;
             let along = offset[kz];
             [offset[kx] - self.shear[0] * along, offset[ky] - self.shear[1] * along, self.shear[2] * along]
         });
-        // The same products with the other sign for the neighbour across an edge.
+        // The neighbour across an edge computes the same products with the other sign.
         let side = |[ax, ay, _]: [f64; 3], [bx, by, _]: [f64; 3]| ax * by - ay * bx;
         let areas = [side(b, c), side(c, a), side(a, b)];
         if areas.iter().any(|area| *area < 0.0) && areas.iter().any(|area| *area > 0.0) {
             return None;
         }
         let whole: f64 = areas.iter().sum();
-        // Not a number where the ray lies in the triangle's plane, which is no hit.
+        // NaN if the ray lies in the triangle's plane, which is no hit.
         let shares = areas.map(|area| area / whole);
         let distance = shares[0] * a[2] + shares[1] * b[2] + shares[2] * c[2];
         (distance > self.from.max(0.0)).then_some(Crossing { distance, shares })

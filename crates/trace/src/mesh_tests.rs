@@ -1,4 +1,4 @@
-//! Meshes whose surface is known another way.
+//! Tests meshes whose surface is also known in another form.
 
 use cloud::sampling::{Placement, Surface};
 use scene::{Mirror, Shape};
@@ -13,7 +13,7 @@ fn unit(seed: u64) -> f64 {
     ((mixed ^ mixed >> 31) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Each coordinate from -1 to 1.
+/// Each coordinate is from -1 to 1.
 fn random_vector(seed: u64) -> DVec3 {
     DVec3::from_array([0, 1, 2].map(|axis| 2.0 * unit(3 * seed + axis) - 1.0))
 }
@@ -34,7 +34,7 @@ fn exact(mesh: Mesh) -> Exact {
     Exact::new(Vec::new()).with_meshes(vec![mesh])
 }
 
-/// Of half widths `half` about `center`.
+/// A cuboid of half widths `half` about `center`.
 fn cuboid(center: DVec3, half: DVec3) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let sign = |corner: u32, axis: u32| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
     let corners = (0..8).map(|corner| center + half * DVec3::new(sign(corner, 0), sign(corner, 1), sign(corner, 2)));
@@ -46,7 +46,7 @@ fn cuboid(center: DVec3, half: DVec3) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (corners.collect(), triangles)
 }
 
-/// An octahedron whose edges are halved `levels` times, its corners moved onto the unit sphere.
+/// An octahedron whose edges are halved `levels` times, with its corners moved onto the unit sphere.
 fn ball(levels: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let mut corners = vec![DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z];
     let mut triangles = Vec::new();
@@ -84,7 +84,7 @@ fn twelve_triangles_are_the_six_sides_of_their_box() {
         })
     });
     let sides = Exact::new(sides.collect());
-    // From inside, from outside, from afar.
+    // Rays from inside, from outside, from afar.
     let (mut hits, mut misses) = (0, 0);
     for (reach, aimed) in [(0.99, false), (10.0, true), (1e4, true)] {
         for index in 0..4000 {
@@ -127,13 +127,13 @@ fn a_finer_sphere_of_triangles_comes_closer_by_the_square_of_its_edges() {
     for pair in errors.windows(2) {
         let (places, normals) = (pair[0].0 / pair[1].0, pair[0].1 / pair[1].1);
         assert!((3.5..4.5).contains(&places), "{errors:?}");
-        // The normal is the triangle's own: it comes closer by the edges alone.
+        // The normal is the triangle's own: its error decreases linearly with the edges.
         assert!((1.7..2.3).contains(&normals), "{errors:?}");
     }
     assert!(errors[3].0 < 2e-3, "{errors:?}");
 }
 
-/// Rays from inside a closed mesh into its edges, its corners and anywhere.
+/// Shoots rays from inside a closed mesh at its edges, its corners and anywhere.
 fn assert_closed(corners: &[DVec3], triangles: &[[u32; 3]], center: DVec3, rays: u64) {
     let scene = exact(mesh(corners, triangles)).seen_from(center);
     for index in 0..rays {
@@ -162,7 +162,7 @@ fn assert_closed(corners: &[DVec3], triangles: &[[u32; 3]], center: DVec3, rays:
 #[test]
 fn no_ray_leaves_a_closed_mesh_through_its_edges_and_corners() {
     let (corners, triangles) = ball(5);
-    // Uneven: no two triangles alike.
+    // Uneven: all triangles differ.
     let uneven: Vec<DVec3> =
         corners.iter().zip(0..).map(|(corner, index)| *corner * (1.0 + 2e-3 * unit(index))).collect();
     assert_closed(&uneven, &triangles, DVec3::ZERO, 100_000);
@@ -202,7 +202,7 @@ fn the_tree_finds_what_trying_every_triangle_finds() {
 fn what_is_no_triangle_is_left_out_and_counted() {
     let (mut corners, mut triangles) = cuboid(DVec3::ZERO, DVec3::ONE);
     let nowhere = corners.len() as u32;
-    // Vertices that no triangle has do not matter, wherever they are.
+    // Vertices that no triangle uses do not matter, wherever they are.
     corners.extend([DVec3::NAN, DVec3::INFINITY, DVec3::splat(1e300), DVec3::ZERO]);
     let zero = nowhere + 3;
     let bad = [

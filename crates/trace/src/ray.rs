@@ -1,17 +1,17 @@
-//! Rays, what they hit, and what they can be traced in.
+//! Rays, their hits, and the interface of geometry.
 
 use glam::DVec3;
 
-/// A ray that leaves a disc, or a point of a mirror among discs, sees no disc nearer than this many radii of that disc. Splats
-/// overlap their neighbours, so that close to its own surface a ray meets discs that stand for the point it starts from.
-/// Part of the definition of a reflection: the renderer leaves the same points out.
+/// A ray that leaves a disc, or a point of a mirror among discs, sees no disc nearer than this many radii of that disc.
+/// Splats overlap their neighbours, so close to its own surface a ray meets discs that represent the point from which
+/// it starts. This is part of the definition of a reflection: the renderer leaves the same points out.
 pub const SELF_DISTANCE: f64 = 4.0;
 
 /// A half line. Lengths are world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
     pub origin: DVec3,
-    /// Unit vector.
+    /// The direction, a unit vector.
     pub direction: DVec3,
     /// Whether `origin` lies on a surface, which the ray must not hit at once.
     pub leaves_surface: bool,
@@ -31,27 +31,27 @@ impl Ray {
     }
 }
 
-/// Where a ray ends. Surfaces have two sides, both alike.
+/// Where a ray ends. Both sides of surfaces are visible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// From the ray's origin, world units.
+    /// The distance from the ray's origin in world units.
     pub distance: f64,
     pub position: DVec3,
-    /// Unit vector on the side that the ray comes from.
+    /// The unit normal on the side from which the ray comes.
     pub normal: DVec3,
-    /// Linear red, green and blue.
+    /// The linear red, green and blue.
     pub albedo: DVec3,
-    /// Share of the light that is reflected; a mirror where it is above 0.
+    /// The share of the light that is reflected; above 0 for a mirror.
     pub specular_intensity: f64,
-    /// Exponent of the highlight that a mirror shows of lights; 0 for none, and where there is no mirror.
+    /// The exponent of a mirror's highlights of lights; 0 for none, and for other surfaces.
     pub specular_power: f64,
-    /// Running number of the chunk (`Surfels`), or of the object or after these the mesh (`Exact`).
+    /// The index of the chunk (`Surfels`); or of the object, or after these of the mesh (`Exact`).
     pub surface: u32,
-    /// Index of the point in its chunk (`Surfels`), or of the triangle in its mesh (`Exact`, where objects have 0).
+    /// The index of the point in its chunk (`Surfels`), or of the triangle in its mesh (`Exact`, where objects have 0).
     pub point: u32,
 }
 
-/// What rays are traced in.
+/// Geometry in which rays are traced.
 pub trait Geometry: Sync {
     /// The first hit.
     fn nearest(&self, ray: &Ray) -> Option<Hit>;

@@ -18,10 +18,10 @@ use scene::Highlight;
 use crate::light::{Illumination, Source};
 use crate::{Hit, mirrored};
 
-/// Highlights of surfaces that are no mirrors, and the shape of all highlights.
+/// The highlights of surfaces that are no mirrors, and the shape of all highlights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gloss {
-    /// Share of the light that the highlight takes from the diffuse part, 0 to 1.
+    /// The share of the light that the highlight takes from the diffuse part, 0 to 1.
     pub share: f64,
     pub power: f64,
     pub shape: Highlight,
@@ -36,27 +36,27 @@ impl Gloss {
 pub(crate) struct Reflectance {
     normal: DVec3,
     to_eye: DVec3,
-    /// Share of light that is sent out diffusely.
+    /// The share of light that is sent out diffusely.
     pub diffuse: DVec3,
-    /// Share that the highlight sends out at most; 0 without one.
+    /// The largest share that the highlight sends out; 0 without one.
     gloss: DVec3,
     power: f64,
     shape: Highlight,
-    /// Share of what arrives along the reflected ray; 0 where no reflection is followed.
+    /// The share of the light that arrives along the reflected ray; 0 where no reflection is followed.
     pub mirror: DVec3,
 }
 
-/// A direction that light may come from.
+/// A direction from which light may come.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Incoming {
-    /// Unit vector away from the surface.
+    /// The unit vector away from the surface.
     pub direction: DVec3,
-    /// What radiance from there contributes to the mean over all samples.
+    /// The weight of the radiance from there in the mean over all samples.
     pub weight: DVec3,
 }
 
 impl Reflectance {
-    /// Of a hit of a ray that arrives in `direction`, and may go on over `reflections` mirrors.
+    /// The reflectance at a hit of a ray that arrives in `direction`, and may continue over `reflections` mirrors.
     pub fn new(hit: &Hit, direction: DVec3, reflections: u32, illumination: &Illumination) -> Self {
         let settings = illumination.mirror;
         let Gloss { share: gloss, power, shape } = illumination.gloss;
@@ -65,7 +65,7 @@ impl Reflectance {
         if hit.specular_intensity > 0.0 {
             (diffuse, gloss, power) = (1.0, hit.specular_intensity, hit.specular_power);
             if reflections > 0 {
-                // Schlick 1994: all of it is reflected, without a tint, the flatter the ray.
+                // Schlick 1994: the flatter the ray, the more is reflected, up to all of it, without a tint.
                 let flatness = (1.0 - direction.dot(hit.normal).abs()).clamp(0.0, 1.0);
                 let grazing = f64::from(settings.fresnel) * flatness.powi(5);
                 let share = hit.specular_intensity + (1.0 - hit.specular_intensity) * grazing;
@@ -76,12 +76,12 @@ impl Reflectance {
             // A lamp at the eye shows the data's own colours.
             (diffuse, gloss) = (1.0, 0.0);
         }
-        // A perfect mirror shows no lamp that has no size.
+        // A perfect mirror shows no lamp without size.
         let gloss = if power > 0.0 { gloss * tint(0.0) } else { DVec3::ZERO };
         Self { normal: hit.normal, to_eye: -direction, diffuse: diffuse * hit.albedo, gloss, power, shape, mirror }
     }
 
-    /// Without its highlight where the reflected ray stands for it.
+    /// The reflectance without the highlight if the reflected ray replaces it.
     pub fn beside_reflection(self) -> Self {
         if self.mirror == DVec3::ZERO { self } else { self.without_highlight() }
     }
@@ -95,18 +95,18 @@ impl Reflectance {
         self.scattered() > 0.0
     }
 
-    /// Largest share of light, over the colours, that is sent out by the diffuse part and the highlight.
+    /// The largest share of light, over the colours, that the diffuse part and the highlight send out.
     pub fn scattered(&self) -> f64 {
         self.diffuse.max_element() + self.gloss.max_element()
     }
 
-    /// Radiance toward the eye over the irradiance by light from `to_light`, a unit vector.
+    /// The radiance toward the eye per irradiance by light from `to_light`, a unit vector.
     pub fn scattering(&self, to_light: DVec3) -> DVec3 {
         let lobe = if self.gloss == DVec3::ZERO { 0.0 } else { self.lobe(to_light) };
         self.diffuse * FRAC_1_PI + self.gloss * lobe
     }
 
-    /// The highlight's radiance over irradiance where it sends out all light.
+    /// The highlight's radiance per irradiance if it sends out all light.
     fn lobe(&self, to_light: DVec3) -> f64 {
         let p = self.power;
         match self.shape {
@@ -121,8 +121,8 @@ impl Reflectance {
         }
     }
 
-    /// Draws a direction that light may come from, by two numbers of [0, 1): by the cosine for the diffuse part, by the lobe for
-    /// the highlight. `None` if it leads into the surface: no light, but a sample.
+    /// Draws a direction from which light may come, by two numbers in [0, 1): by the cosine for the diffuse part, by
+    /// the lobe for the highlight. `None` if it leads into the surface: then the sample has no light.
     pub fn sample(&self, [mut u, v]: [f64; 2]) -> Option<Incoming> {
         let scattered = self.scattered();
         let diffuse_chance = self.diffuse.max_element() / scattered;
@@ -130,7 +130,7 @@ impl Reflectance {
         u = if is_diffuse { u / diffuse_chance } else { (u - diffuse_chance) / (1.0 - diffuse_chance) };
         let direction = if is_diffuse { around(self.normal, (1.0 - u).sqrt(), v) } else { self.sample_lobe(u, v)? };
         let cosine = direction.dot(self.normal);
-        // Written so that what has no normal (NaN) gets no light.
+        // The comparison is false without a normal (NaN).
         let is_above = cosine > 0.0;
         if !is_above {
             return None;
@@ -143,7 +143,7 @@ impl Reflectance {
     }
 
     fn sample_lobe(&self, u: f64, v: f64) -> Option<DVec3> {
-        // Density (p + 1) / (2 pi) cos^p about the axis.
+        // The density is (p + 1) / (2 pi) cos^p about the axis.
         let cosine = (1.0 - u).powf(1.0 / (self.power + 1.0));
         match self.shape {
             Highlight::Phong => Some(around(mirrored(-self.to_eye, self.normal), cosine, v)),
@@ -154,14 +154,14 @@ impl Reflectance {
         }
     }
 
-    /// Density of directions drawn for the highlight, per steradian.
+    /// The density of directions drawn for the highlight, per steradian.
     fn lobe_density(&self, direction: DVec3) -> f64 {
         let density = |cosine: f64| (self.power + 1.0) / TAU * cosine.max(0.0).powf(self.power);
         match self.shape {
             Highlight::Phong => density(direction.dot(mirrored(-self.to_eye, self.normal))),
             Highlight::Blinn => {
                 let middle = (direction + self.to_eye).normalize_or_zero();
-                // Mirrored directions lie four times as thin as the middles, over the cosine.
+                // Mirrored directions are four times as sparse as the halfway directions, over the cosine.
                 density(middle.dot(self.normal)) / (4.0 * middle.dot(self.to_eye))
             }
         }
@@ -202,8 +202,8 @@ mod tests {
         Reflectance::new(&hit, -DVec3::new(sin, 0.0, cos), 0, &illumination)
     }
 
-    /// Share of the light that arrives evenly from all around and is sent to the eye: by reciprocity, that of the light from
-    /// the eye's side which is sent anywhere. Midpoints of a grid that is fine about the lobe's middle.
+    /// The share of evenly arriving light that is sent to the eye: by reciprocity, the share of the light from the
+    /// eye's side that is sent anywhere. Computed at midpoints of a grid that is fine about the lobe's middle.
     fn albedo(surface: &Reflectance) -> f64 {
         let axis = match surface.shape {
             Highlight::Phong => mirrored(-surface.to_eye, DVec3::Z),
@@ -212,7 +212,7 @@ mod tests {
         let (rings, turns) = (800, 800);
         let mut sum = 0.0;
         for ring in 0..rings {
-            // Angles grow with the cube, from where the lobe is high.
+            // Angles grow with the cube, starting where the lobe is high.
             let angle = |step: f64| PI * (step / f64::from(rings)).powi(3);
             let (low, high) = (angle(f64::from(ring)), angle(f64::from(ring + 1)));
             let solid_angle = (low.cos() - high.cos()) * TAU / f64::from(turns);
@@ -264,7 +264,7 @@ mod tests {
 
     #[test]
     fn weights_of_samples_are_bounded() {
-        // A sample that counts for many makes a picture sparkle.
+        // A sample with a large weight makes a picture sparkle.
         for shape in [Highlight::Phong, Highlight::Blinn] {
             for power in POWERS {
                 let surface = surface(shape, power, 0.95, 60.0);

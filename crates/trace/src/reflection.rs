@@ -1,4 +1,4 @@
-//! What a picture's rays see, directly and in mirrors.
+//! Follows a picture's rays, directly and in mirrors.
 
 use std::ops::Range;
 
@@ -12,9 +12,9 @@ use crate::{Geometry, Hit, PixelRays, Ray};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MirrorPoint {
     pub position: DVec3,
-    /// Of any length but zero, on either side.
+    /// The normal, of any length but zero, on either side.
     pub normal: DVec3,
-    /// Unit vector of the ray that arrives.
+    /// The unit vector of the ray that arrives.
     pub incoming: DVec3,
 }
 
@@ -27,7 +27,7 @@ impl MirrorPoint {
     }
 }
 
-/// `direction` after a mirror with this unit normal, whichever side it is on.
+/// `direction` after a mirror with this unit normal, on either side.
 pub fn mirrored(direction: DVec3, normal: DVec3) -> DVec3 {
     direction - 2.0 * direction.dot(normal) * normal
 }
@@ -35,16 +35,16 @@ pub fn mirrored(direction: DVec3, normal: DVec3) -> DVec3 {
 /// What is seen in a mirror point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflection {
-    /// Unit vector of the ray that leaves the mirror; zero where the mirror point is missing.
+    /// The unit vector of the ray that leaves the mirror; zero if the mirror point is missing.
     pub direction: DVec3,
     /// The first hit, whether it is a mirror or not: the Mirror G-Buffer of the first bounce.
     pub first: Option<Hit>,
-    /// Where the ray ends after as many mirrors as were followed.
+    /// Where the ray ends after the mirrors that were followed.
     pub last: Option<Hit>,
 }
 
-/// Follows the rays from mirror points, over `bounces` mirrors at most, the mirror points included. `progress` counts points.
-/// `None` when cancelled.
+/// Follows the rays from mirror points, over at most `bounces` mirrors, the mirror points included. `progress` counts
+/// points. `None` when cancelled.
 pub fn reflected(
     geometry: &impl Geometry,
     points: &[MirrorPoint],
@@ -69,15 +69,16 @@ pub fn reflected(
     })
 }
 
-/// What each pixel sees, row by row. `progress` counts pixels. `None` when cancelled.
+/// The hit of each pixel's ray, row by row. `progress` counts pixels. `None` when cancelled.
 pub fn primary(geometry: &impl Geometry, rays: &PixelRays, progress: &Progress) -> Option<Vec<Option<Hit>>> {
     in_parallel(rays.pixel_count(), BATCH, progress, |pixel| geometry.nearest(&rays.ray(pixel)))
 }
 
-/// Rays that are followed between two looks at the wish to stop: some milliseconds of work.
+/// The number of rays between two checks for a cancel: some milliseconds of work.
 pub(crate) const BATCH: usize = 1024;
 
-/// `work` of 0 .. count in order, on all cores, `batch` items between two looks at the wish to stop.
+/// The results of `work` for 0 .. count in order, computed on all cores, with `batch` items between two checks for a
+/// cancel.
 pub(crate) fn in_parallel<T: Send>(
     count: usize,
     batch: usize,

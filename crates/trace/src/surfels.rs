@@ -2,8 +2,8 @@
 //!
 //! Among equal distances the first point wins. So the hits do not depend on the shape of the tree.
 //!
-//! Splats of scattered points leave gaps (a hundredth of the reference scene's walls), which the renderer closes. A ray that
-//! meets no disc is in a gap, not in the open, if surfaces are all around it.
+//! Splats of scattered points leave gaps (a hundredth of the reference scene's walls), which the renderer closes. A ray
+//! that meets no disc is in a gap, not in the open, if surfaces are all around it.
 
 use cloud::{Bounds, Chunk, Progress, provisional_radius, unpack_normal, unpack_radius};
 use glam::{DVec3, Vec3, Vec3A};
@@ -19,32 +19,32 @@ use crate::{Geometry, Hit, Ray, SELF_DISTANCE};
 #[derive(Clone, Copy, Debug)]
 pub struct Part<'a> {
     pub chunks: &'a [Chunk],
-    /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
+    /// The share of the light that is reflected, 0 to 1; the remainder is diffuse.
     pub specular_intensity: f32,
-    /// Exponent of highlights, if it is a mirror; 0 for none.
+    /// The exponent of highlights of a mirror; 0 for none.
     pub specular_power: f32,
-    /// Linear albedo of points without a colour.
+    /// The linear albedo of points without a colour.
     pub plain: [f32; 3],
 }
 
-/// A point as the traversal reads it.
+/// A point in the form for tracing.
 #[derive(Clone, Copy, Debug)]
 struct Disc {
-    /// From `Surfels::center`.
+    /// The position relative to `Surfels::center`.
     position: Vec3,
     radius: f32,
-    /// Zero where the disc faces the ray.
+    /// The normal; zero if the disc faces the ray.
     normal: Vec3,
-    /// Running number of the point, points that were left out included.
+    /// The running number of the point, counting points that were left out.
     point: u32,
 }
 
-/// Discs to trace rays in: the points of a scene with their normals and radii; a point without a normal is a disc that faces
-/// the ray. Points that are not finite are left out.
+/// Discs in which rays are traced: the points of a scene with their normals and radii; a point without a normal is a
+/// disc that faces the ray. Points that are not finite are left out.
 pub struct Surfels {
-    /// World position in the middle.
+    /// The world position of the middle.
     center: DVec3,
-    /// In the order of the tree's leaves.
+    /// The discs in the order of the tree's leaves.
     discs: Vec<Disc>,
     tree: CwBvh,
     surfaces: Vec<Surface>,
@@ -52,12 +52,12 @@ pub struct Surfels {
     splat_size: f32,
 }
 
-/// A chunk, and what its points are made of.
+/// A chunk, and the material of its points.
 struct Surface {
     chunk: Chunk,
-    /// Running number of its first point.
+    /// The running number of its first point.
     first: u32,
-    /// Radius of points whose own is not known, before `splat_size`.
+    /// The radius of points whose own is not known, before `splat_size`.
     unknown_radius: f32,
     specular_intensity: f64,
     specular_power: f64,
@@ -65,8 +65,9 @@ struct Surface {
 }
 
 impl Surfels {
-    /// `splat_size` scales all radii, as `splat.size` does. Points whose radius is not known yet get that of points
-    /// spread evenly over their part's bounds. `progress` is asked between steps only. `None` when cancelled.
+    /// Builds the tree. `splat_size` scales all radii, as `splat.size` does. Points whose radius is not known yet get
+    /// that of points spread evenly over their part's bounds. `progress` is checked only between steps. `None` when
+    /// cancelled.
     ///
     /// Needs some 45 bytes a point, and 300 while the tree is built. Points beyond the 2^32nd are left out.
     pub fn new(parts: &[Part], splat_size: f32, progress: &Progress) -> Option<Self> {
@@ -117,7 +118,7 @@ impl Surfels {
         (!progress.is_cancelled()).then_some(Self { center, discs, tree, surfaces, median_radius, splat_size })
     }
 
-    /// Number of discs.
+    /// The number of discs.
     pub fn len(&self) -> usize {
         self.discs.len()
     }
@@ -126,7 +127,7 @@ impl Surfels {
         self.discs.is_empty()
     }
 
-    /// World centre and radius of the disc that was hit.
+    /// The world centre and the radius of the disc that was hit.
     pub fn disc(&self, hit: &Hit) -> (DVec3, f64) {
         let Surface { chunk, unknown_radius, .. } = &self.surfaces[hit.surface as usize];
         let point = hit.point as usize;
@@ -153,8 +154,8 @@ impl Surfels {
         best
     }
 
-    /// For a ray that meets no disc: the surface beside it, if three of four parallel rays a median radius off meet one.
-    /// Beside a straight silhouette at most two do.
+    /// For a ray that meets no disc: the surface beside it, if three of four parallel rays at a distance of a median
+    /// radius meet one. Beside a straight silhouette at most two do.
     fn around_gap(&self, ray: &Ray) -> Option<(f64, &Disc)> {
         let side = ray.direction.any_orthonormal_vector();
         let sides = [side, ray.direction.cross(side)];
@@ -167,7 +168,7 @@ impl Surfels {
         let &[(nearest, _), (_, disc), .., (farthest, _)] = beside.as_slice() else {
             return None;
         };
-        // The disc's plane goes on into the gap.
+        // The disc's plane continues into the gap.
         Some((disc.plane_distance(self.centered_origin(ray), ray).max(nearest).min(farthest), disc))
     }
 
@@ -192,7 +193,7 @@ impl Surfels {
         }
     }
 
-    /// The ray as the tree sees it; none if it cannot be traced.
+    /// The ray in the tree's form; none if it cannot be traced.
     fn tree_ray(&self, ray: &Ray, most: f64) -> Option<obvhs::ray::Ray> {
         if self.is_empty() {
             return None;
@@ -225,7 +226,7 @@ impl Geometry for Surfels {
 
 impl Disc {
     fn bounds(&self, scene_margin: f32) -> Aabb {
-        // Large discs round by a share of their own radius.
+        // The rounding of large discs is a share of their own radius.
         let margin = scene_margin + self.radius * BOX_MARGIN;
         // A disc with the unit normal n reaches r sqrt(1 - n_x^2) along x; without one it may face any way.
         let reach = self.radius * (Vec3::ONE - self.normal * self.normal).max(Vec3::ZERO).map(f32::sqrt);
@@ -234,13 +235,13 @@ impl Disc {
         Aabb::new(position - reach - margin, position + reach + margin)
     }
 
-    /// Where the ray meets the disc; `origin` is the ray's, from the same centre as the disc's position.
+    /// Where the ray meets the disc; `origin` is the ray's, relative to the same centre as the disc's position.
     fn distance(&self, origin: DVec3, ray: &Ray) -> Option<f64> {
         let radius = f64::from(self.radius);
         let distance = self.plane_distance(origin, ray);
         let offset = self.position.as_dvec3() - origin;
         let nearest = if ray.leaves_surface { SELF_DISTANCE * radius } else { 0.0 };
-        // Written so that the NaN of a ray within the disc's plane is no hit.
+        // The comparison is false for the NaN of a ray within the disc's plane.
         let is_hit = distance > nearest && (ray.direction * distance - offset).length_squared() <= radius * radius;
         is_hit.then_some(distance)
     }
@@ -299,7 +300,7 @@ mod tests {
 
     #[test]
     fn the_tree_finds_what_trying_every_disc_finds() {
-        // Once at the origin, once where f32 holds no more than 6 cm.
+        // Once at the origin, once where f32 has a precision of 6 cm.
         for center in [DVec3::ZERO, DVec3::new(631_000.0, 5_077_000.0, 100.0)] {
             let mut points: Vec<(DVec3, Option<Vec3>)> = Vec::new();
             for part in sample(Variant::Blob, 6000, 1) {
@@ -390,7 +391,7 @@ mod tests {
         let hit = down(2.0);
         assert_eq!((hit.surface, hit.point), (1, 1));
         assert_eq!((hit.specular_intensity, hit.specular_power), (f64::from(0.8_f32), 70.0));
-        // sRGB of one half is 187.5; 10 lies on the straight part of the curve.
+        // The sRGB of one half is 187.5; 10 is on the straight part of the curve.
         assert!(
             (hit.albedo - DVec3::new(1.0, 0.503, 10.0 / 255.0 / 12.92)).abs().max_element() < 1e-3,
             "{}",
@@ -404,7 +405,7 @@ mod tests {
         assert_eq!(surfels(&[]).nearest(&ray), None);
         let lost = [(DVec3::NAN, Some(Vec3::Z)), (DVec3::INFINITY, None)];
         assert!(surfels(&[chunk(DVec3::ZERO, &lost, 0.1)]).is_empty());
-        // As many points in one place as the tree could not tell apart, and ever closer ones.
+        // More points in one place than the tree could separate, and ever closer ones.
         let mut points = vec![(DVec3::ZERO, Some(Vec3::Z)); 100_000];
         points.push((DVec3::X * 1000.0, Some(Vec3::Z)));
         let heap = surfels(&[chunk(DVec3::ZERO, &points, 0.1)]);
