@@ -16,7 +16,7 @@ use world::Request;
 
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
-use crate::subject::{self, Opened};
+use crate::subject::{self, LoadedSubject};
 use crate::truth::{self, Asked, Reference};
 use crate::{interrupt, listing, picture_file, terminal};
 
@@ -53,7 +53,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     terminal::warn(&request.warnings);
 
     let camera = |outline: &[DVec3], up| viewpoint.camera(outline, up, &settings, arguments.size);
-    let Opened { mut subject, status, stream, sources } =
+    let LoadedSubject { mut subject, status, stream, sources } =
         match subject::open(&gpu, request, &settings, arguments.size, camera)? {
             Ok(opened) => opened,
             // All that is to be said has been said.

@@ -15,7 +15,7 @@ use study::{Folder, Plan, Scenes, Shard, Subject, stability};
 use crate::command_line::{MergeArguments, StudyArguments, StudyCommand};
 use crate::failure::usage;
 use crate::progress_bar::Bar;
-use crate::subject::{self, Opened};
+use crate::subject::{self, LoadedSubject};
 use crate::terminal::{complain, print, warn};
 use crate::{interrupt, truth};
 
@@ -196,7 +196,7 @@ impl Scenes for Inputs {
         let camera = |outline: &[glam::DVec3], up| own.unwrap_or_else(|| framing(outline, up));
         let opened = subject::open(gpu, request, settings, STREAMED_FOR, camera)?;
         match opened {
-            Ok(Opened { mut subject, status: 0, sources, .. }) => {
+            Ok(LoadedSubject { mut subject, status: 0, sources, .. }) => {
                 if let Err(error) = truth::find_surfaces(&mut subject, &sources) {
                     warn([format!("{scene}: no exact truth: {error:#}")]);
                 }

@@ -14,7 +14,7 @@ use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
 use scene::{Camera, Mirror, MirrorPoints, Settings};
 use serde::Serialize;
-use study::{Exact, Part, Subject};
+use study::{Exact, Subject, SubjectPart};
 use world::{
     Assembly, AutoLight, Change, CloudKey, CloudTask, Event, Input, Job, Request, Resident, StreamStats, StreamView,
     mirrors,
@@ -26,7 +26,7 @@ use crate::progress_bar::{self, Bar};
 use crate::terminal::{self, Few};
 
 /// A scene that was opened.
-pub struct Opened {
+pub struct LoadedSubject {
     pub subject: Subject,
     /// What the inputs leave of the exit status: those that failed have been reported.
     pub status: u8,
@@ -62,7 +62,7 @@ pub fn open(
     settings: &Settings,
     size: [u32; 2],
     camera: impl FnOnce(&[DVec3], DVec3) -> Camera,
-) -> anyhow::Result<Result<Opened, u8>> {
+) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
     let exact = request.built_in().map(Exact::five_mirrors);
     request.lights.extend(request.built_in_light());
@@ -122,7 +122,7 @@ pub fn open(
         let cloud = CloudKey((clouds.len() + index) as u32);
         resident.apply(Change::Mirror { cloud, mirror: mirror.clone(), samples: samples.clone() })?;
         let samples = Cloud { name: mirror.name.clone(), chunks: samples, ..Cloud::default() };
-        parts.push(Part::of_mirror(&mirror, samples));
+        parts.push(SubjectPart::of_mirror(&mirror, samples));
         mirrors.push(mirror);
     }
     let (store, lights, sky_is_open) = (resident.store, request.lights, light.sky_is_open());
@@ -130,7 +130,7 @@ pub fn open(
     // Of a mesh of which some points are hidden, the triangles are not what is drawn.
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
-    Ok(Ok(Opened { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
+    Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
 }
 
 /// How long the receiver waits before it looks at the progress again.
@@ -255,7 +255,7 @@ fn upload(
     reflecting: &[&MirrorPoints],
     settings: &Settings,
     test: &PointTest,
-) -> anyhow::Result<Vec<Part>> {
+) -> anyhow::Result<Vec<SubjectPart>> {
     let (plan, warning) = ColorPlan::new(&loaded.cloud.shown(test), &settings.color, loaded.up);
     if let Some(warning) = warning {
         terminal::warn([warning]);
@@ -282,7 +282,7 @@ fn upload(
         resident.apply(Change::Mark { cloud, chunks, classes, marked })?;
     }
     resident.apply(Change::Color { cloud, chunks, plan: plan.clone(), up })?;
-    let part = |(material, chunks): (render::Material, Vec<Chunk>)| Part {
+    let part = |(material, chunks): (render::Material, Vec<Chunk>)| SubjectPart {
         cloud: Cloud { chunks, ..loaded.cloud.clone() },
         specular_intensity: material.specular_intensity,
         specular_power: material.specular_power,

@@ -133,7 +133,7 @@ fn is_of_meshes(request: &Request) -> bool {
     !request.inputs.is_empty() && request.mirror_points.is_empty() && request.inputs.iter().all(is_mesh)
 }
 
-/// Gives a scene of meshes its triangles as the surfaces behind its points; `sources` as in `Opened`.
+/// Gives a scene of meshes its triangles as the surfaces behind its points; `sources` as in `LoadedSubject`.
 ///
 /// # Errors
 /// Faces that cannot be read.

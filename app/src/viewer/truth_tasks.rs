@@ -9,7 +9,7 @@ use cloud::{Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Material, Objects};
 use scene::Mirror;
-use study::{Accuracy, Drawn, ImageError, Part, Refinement, TracedScene, Tracer, Truth, View, mirrors_of};
+use study::{Accuracy, Drawn, ImageError, Refinement, SubjectPart, TracedScene, Tracer, Truth, View, mirrors_of};
 use world::mirrors::{self, Marked};
 
 use super::contact_sheet;
@@ -204,14 +204,14 @@ impl FrameRequest {
 }
 
 impl Source {
-    fn parts(self) -> Vec<Part> {
+    fn parts(self) -> Vec<SubjectPart> {
         match self {
             Self::Mirror { mirror, chunks } => {
                 let cloud = Cloud { name: mirror.name.clone(), chunks, ..Cloud::default() };
-                vec![Part::of_mirror(&mirror, cloud)]
+                vec![SubjectPart::of_mirror(&mirror, cloud)]
             }
             Self::Cloud { cloud, plan, up, marked, test } => {
-                let part = |(material, chunks): (Material, Vec<Chunk>)| Part {
+                let part = |(material, chunks): (Material, Vec<Chunk>)| SubjectPart {
                     cloud: Cloud { chunks, ..cloud.clone() },
                     specular_intensity: material.specular_intensity,
                     specular_power: material.specular_power,
@@ -248,7 +248,7 @@ impl Task {
     fn work(self, answer: &impl Fn(Answer)) {
         match self {
             Self::Build { key, sources, progress } => {
-                let parts: Vec<Part> = sources.into_iter().flat_map(Source::parts).collect();
+                let parts: Vec<SubjectPart> = sources.into_iter().flat_map(Source::parts).collect();
                 let splat_size = f32::from_bits(key.splat_size);
                 // The one error there is: cancelled.
                 let scene = TracedScene::new(&parts, None, splat_size, &progress).ok().map(Arc::new);

@@ -45,7 +45,7 @@ pub struct Renderer {
     pub(crate) reflections: Option<Reflections>,
     lights: Lights,
     /// The inputs from which the current surfaces and reflections were made.
-    kept: Option<Kept>,
+    made_from: Option<SurfaceInputs>,
     kept_shadows: Vec<DrawnMap>,
     pub(crate) gi: GlobalIllumination,
     /// Whether the last frame had indirect light.
@@ -60,7 +60,7 @@ pub struct Renderer {
 
 /// All inputs of the surfaces and the reflected points of a frame.
 #[derive(Clone, PartialEq)]
-struct Kept {
+struct SurfaceInputs {
     camera: FrameCamera,
     /// The settings that affect what is found; the others are at their defaults.
     settings: Settings,
@@ -70,7 +70,7 @@ struct Kept {
     mirrors: Vec<Mirror>,
 }
 
-impl Kept {
+impl SurfaceInputs {
     fn new(camera: FrameCamera, settings: &Settings, store: &PointStore, objects: Objects<'_>) -> Self {
         Self {
             camera,
@@ -97,7 +97,7 @@ impl Renderer {
             targets: None,
             reflections: None,
             lights,
-            kept: None,
+            made_from: None,
             kept_shadows: Vec::new(),
             gi: GlobalIllumination::default(),
             has_indirect: false,
@@ -124,13 +124,13 @@ impl Renderer {
             settings.reflection.method = Method::None;
             self.render(&store, &camera, &settings, Objects::default(), [8, 8])?;
         }
-        (self.targets, self.reflections, self.kept) = (None, None, None);
+        (self.targets, self.reflections, self.made_from) = (None, None, None);
         Ok(())
     }
 
     /// Forgets everything that is kept between frames, so that the next frame is made from scratch. For measurements.
     pub fn forget(&mut self) {
-        (self.kept, self.kept_shadows) = (None, Vec::new());
+        (self.made_from, self.kept_shadows) = (None, Vec::new());
         if let Some(reflections) = &mut self.reflections {
             reflections.forget();
         }
@@ -164,13 +164,13 @@ impl Renderer {
         // Splats reach at least as far as their smallest size, and closing a gap reaches two pixels further.
         frame_camera.mirror_tiles = frame_camera.tiles_of(spheres, f64::from(settings.splat.min_pixels) * 0.5 + 2.0);
         let lights = Lights::mapped(settings, objects, camera, size, bounds);
-        let asks = Kept::new(frame_camera, settings, store, objects);
-        let is_kept = settings.reflection.keep && self.kept.as_ref() == Some(&asks);
+        let asks = SurfaceInputs::new(frame_camera, settings, store, objects);
+        let is_kept = settings.reflection.keep && self.made_from.as_ref() == Some(&asks);
         // After an error neither half a frame nor the methods' work on it may be kept.
-        if let Some(reflections) = self.reflections.as_mut().filter(|_| self.kept.is_none()) {
+        if let Some(reflections) = self.reflections.as_mut().filter(|_| self.made_from.is_none()) {
             reflections.forget();
         }
-        self.kept = None;
+        self.made_from = None;
         self.drawn = store.identities().clone();
         let points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
 
@@ -264,7 +264,7 @@ impl Renderer {
             store.gpu_bytes() + targets.bytes() + reflections.bytes() + self.lights.shadows.size() + self.gi.bytes();
         let reflection = if Reflections::asked(settings) > 0 { Some(reflections.stats(gpu, settings)?) } else { None };
         self.has_indirect = has_indirect;
-        (self.camera, self.kept, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
+        (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         self.is_filmic = is_filmic;
         Ok(FrameStats {
             passes,
@@ -329,7 +329,7 @@ impl Renderer {
         if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
             self.targets = Some(Targets::new(&self.gpu.device, size));
             self.reflections = Some(Reflections::new(&self.gpu.device, size));
-            self.kept = None;
+            self.made_from = None;
         }
         if let Some(targets) =
             self.targets.as_mut().filter(|targets| quality == Quality::High && targets.sums.is_none())

@@ -132,7 +132,7 @@ pub fn walls() -> [(Surface, Albedo); 6] {
 }
 
 /// The points of one material.
-pub struct Part {
+pub struct SampledPart {
     /// Positions, normals, radii and colours; each chunk's points lie together.
     pub chunks: Vec<Chunk>,
     /// Which mirror they sample; the walls have none.
@@ -144,7 +144,7 @@ pub struct Part {
 ///
 /// Colours are albedos as 8-bit sRGB, which is what a chunk holds: the linear values are met within 0.004, and the darkest
 /// (0.05) within 3 %.
-pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<Part> {
+pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<SampledPart> {
     let (walls, mirrors) = (walls(), variant.mirrors());
     let areas: Vec<f64> = walls
         .iter()
@@ -162,7 +162,7 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<Part> {
         counts.push((after - before) as usize);
         before = after;
     }
-    let mut parts = vec![Part { chunks: Vec::new(), mirror: None }];
+    let mut parts = vec![SampledPart { chunks: Vec::new(), mirror: None }];
     let walls_count = walls.len();
     for (index, (surface, albedo)) in walls.into_iter().enumerate() {
         let points = surface.sample(counts[index], seed.wrapping_add(index as u64));
@@ -175,7 +175,7 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<Part> {
         points.iter_mut().for_each(|point| *point = at.place(*point));
         let mut chunks = Vec::new();
         append(&mut chunks, points, radius, |_| [f64::from(MIRROR_GREY); 3]);
-        parts.push(Part { chunks, mirror: Some(mirror) });
+        parts.push(SampledPart { chunks, mirror: Some(mirror) });
     }
     parts
 }
@@ -231,7 +231,7 @@ mod tests {
 
     const FEW: u64 = 100_000;
 
-    fn points(part: &Part) -> impl Iterator<Item = (DVec3, DVec3)> {
+    fn points(part: &SampledPart) -> impl Iterator<Item = (DVec3, DVec3)> {
         part.chunks.iter().flat_map(|chunk| {
             let normals = chunk.normals.as_ref().expect("normals");
             (0..chunk.len())
@@ -239,7 +239,7 @@ mod tests {
         })
     }
 
-    fn count(part: &Part) -> u64 {
+    fn count(part: &SampledPart) -> u64 {
         part.chunks.iter().map(|chunk| chunk.len() as u64).sum()
     }
 

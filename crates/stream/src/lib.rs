@@ -39,5 +39,5 @@ pub use error::{Error, Result};
 pub use octree::{Node, NodeId, Octree};
 pub use pages::Pages;
 pub use plan::index_attributes;
-pub use streamer::{Change, Missing, Page, PagedCloud, StreamStats, Streamer};
+pub use streamer::{Missing, NodeChange, Page, PagedCloud, Streamer, StreamerStats};
 pub use surfels::{coarsest, estimate_surfels};

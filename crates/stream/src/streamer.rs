@@ -1,7 +1,7 @@
 //! Loads the nodes of a cut: worker threads read pages in the order of their importance, a cache keeps decoded chunks
 //! within a limit of bytes, and the caller gets the changes to draw in an order in which nothing blinks.
 //!
-//! - A chunk is *shown* from the [`Change::Put`] that hands it over to its [`Change::Drop`]. The shown nodes are closed
+//! - A chunk is *shown* from the [`NodeChange::Put`] that hands it over to its [`NodeChange::Drop`]. The shown nodes are closed
 //!   towards the root: a child comes after its parent and goes before it, so no place that had points loses all of them.
 //! - Where points come, their chunks are put first, and the radii of the points that represented them shrink afterwards;
 //!   where points go, the radii of those that stay grow first.
@@ -21,9 +21,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use nodes::Job;
-pub use nodes::{Change, Missing, Page, PagedCloud};
+pub use nodes::{Missing, NodeChange, Page, PagedCloud};
 use state::State;
-pub use state::StreamStats;
+pub use state::StreamerStats;
 
 use crate::{Budget, Error, Wanted};
 
@@ -103,7 +103,7 @@ impl Streamer {
     /// The changes since the last call. The caller asks after each wake, and after a new cut or budget: nodes that are
     /// already in memory come at once. If a chunk shares its `positions` with the one that it replaces, only its radii
     /// differ.
-    pub fn changes(&self) -> Vec<Change> {
+    pub fn changes(&self) -> Vec<NodeChange> {
         let changes = self.shared.lock().changes();
         if !changes.is_empty() {
             self.shared.work.notify_all();
@@ -111,7 +111,7 @@ impl Streamer {
         changes
     }
 
-    pub fn stats(&self) -> StreamStats {
+    pub fn stats(&self) -> StreamerStats {
         self.shared.lock().stats()
     }
 }

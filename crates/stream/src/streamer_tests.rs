@@ -15,7 +15,7 @@ use crate::{BATCHES, NodeId, Octree, Result, Tree, ViewMeasure, choose, prefix};
 
 /// Of a point of a test page: position, normal, radius; and the radius once more.
 const POINT_BYTES: u64 = 12 + 4 + 2;
-const HELD_POINT_BYTES: u64 = POINT_BYTES + SCALED_RADIUS_BYTES;
+const DECODED_POINT_BYTES: u64 = POINT_BYTES + SCALED_RADIUS_BYTES;
 const PLENTY: Budget = Budget { points: u64::MAX, bytes: u64::MAX };
 
 fn paged(octree: &Arc<Octree>, page: impl Fn(&Octree, NodeId) -> Result<Chunk> + Send + Sync + 'static) -> PagedCloud {
@@ -55,16 +55,16 @@ struct Drawer {
 }
 
 impl Drawer {
-    fn apply(&mut self, change: Change) {
+    fn apply(&mut self, change: NodeChange) {
         match change {
-            Change::Put { cloud, node, chunk } => {
+            NodeChange::Put { cloud, node, chunk } => {
                 let old = self.chunks.insert((cloud, node), chunk);
                 self.puts[usize::from(old.is_some())] += 1;
             }
-            Change::Drop { cloud, node } => {
+            NodeChange::Drop { cloud, node } => {
                 assert!(self.chunks.remove(&(cloud, node)).is_some(), "dropped what is not there");
             }
-            Change::Failed { cloud, node, error } => self.failed.push((cloud, node, error.to_string())),
+            NodeChange::Failed { cloud, node, error } => self.failed.push((cloud, node, error.to_string())),
         }
     }
 
@@ -93,7 +93,7 @@ impl Drawer {
 fn cut_from(octree: &Octree, eye: DVec3, points: u64) -> Vec<Wanted> {
     let down = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::NEG_Z).transpose();
     let view = ViewMeasure::perspective(eye, down, DVec2::ONE, 1000.0, 0.25);
-    let trees = [Tree { cloud: 0, octree, point_bytes: HELD_POINT_BYTES }];
+    let trees = [Tree { cloud: 0, octree, point_bytes: DECODED_POINT_BYTES }];
     choose(&trees, |_, octree, node| view.pixels(octree, node), Budget { points, bytes: u64::MAX }, 1.0)
 }
 
@@ -112,7 +112,7 @@ fn all_that_is_wanted_comes_as_it_was_read() {
     }
     let stats = streamer.stats();
     assert_eq!((stats.shown_points, stats.shown_nodes), (octree.points(), octree.nodes.len()));
-    assert_eq!(stats.bytes, octree.points() * HELD_POINT_BYTES);
+    assert_eq!(stats.bytes, octree.points() * DECODED_POINT_BYTES);
     assert_eq!(stats.points_per_second, octree.points() as f64);
     assert_eq!(stats.disk_bytes_per_second, 100.0 * octree.nodes.len() as f64);
 }
@@ -166,7 +166,7 @@ fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
     let octree = Arc::new(terrain(5));
     let points = 20_000;
     assert!(octree.points() > 15 * points, "the budget is small");
-    let budget = Budget { points, bytes: 30_000 * HELD_POINT_BYTES };
+    let budget = Budget { points, bytes: 30_000 * DECODED_POINT_BYTES };
     let ledger = Arc::new(Ledger::default());
     let streamer = Streamer::new(3, budget, || {}).unwrap();
     let reader = ledger.clone();
@@ -189,18 +189,18 @@ fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
         for _ in 0..if step % 10 == 9 { 2000 } else { 3 } {
             let changes = streamer.changes();
             assert!(streamer.stats().bytes <= budget.bytes, "{:?}", streamer.stats());
-            let dropped = changes.iter().filter(|change| matches!(change, Change::Drop { .. })).count() as u64;
+            let dropped = changes.iter().filter(|change| matches!(change, NodeChange::Drop { .. })).count() as u64;
             // Whoever holds it: the drawer still has what it is told to drop.
-            assert!(ledger.held_points() * HELD_POINT_BYTES <= budget.bytes + dropped * 256 * HELD_POINT_BYTES);
+            assert!(ledger.held_points() * DECODED_POINT_BYTES <= budget.bytes + dropped * 256 * DECODED_POINT_BYTES);
             for change in changes {
                 let put = match &change {
-                    Change::Put { cloud, node, chunk } => Some(((*cloud, *node), covered(chunk, &probes))),
-                    Change::Drop { cloud, node } => {
+                    NodeChange::Put { cloud, node, chunk } => Some(((*cloud, *node), covered(chunk, &probes))),
+                    NodeChange::Drop { cloud, node } => {
                         drops += 1;
                         coverage.remove(&(*cloud, *node));
                         None
                     }
-                    Change::Failed { .. } => panic!("{change:?}"),
+                    NodeChange::Failed { .. } => panic!("{change:?}"),
                 };
                 drawer.apply(change);
                 coverage.extend(put);
@@ -311,7 +311,7 @@ fn a_smaller_budget_is_kept_at_once_and_a_larger_one_used() {
     }
     for nodes in [40, 3, 60] {
         // One node is kept free.
-        let bytes = (nodes + 1) * 256 * HELD_POINT_BYTES;
+        let bytes = (nodes + 1) * 256 * DECODED_POINT_BYTES;
         streamer.set_budget(Budget { points: u64::MAX, bytes });
         drawer.settle(&streamer);
         assert!(streamer.stats().bytes <= bytes);
@@ -481,7 +481,7 @@ fn a_node_that_cannot_be_read_is_told_once_and_stops_no_other() {
     assert_eq!(told[2], (3, "a page has 2 points instead of 256"));
     assert_eq!(told.len(), 3);
     assert_eq!(drawer.points(), octree.points() - 3 * 256, "what lies below them is there");
-    assert_eq!(streamer.stats().bytes, drawer.points() * HELD_POINT_BYTES);
+    assert_eq!(streamer.stats().bytes, drawer.points() * DECODED_POINT_BYTES);
 }
 
 #[test]
@@ -517,7 +517,7 @@ fn swollen(octree: &Arc<Octree>) -> PagedCloud {
 #[test]
 fn pages_larger_than_was_said_settle_with_as_many_as_there_is_room_for() {
     let octree = Arc::new(terrain(4));
-    let swollen_bytes = 256 * (HELD_POINT_BYTES + 24);
+    let swollen_bytes = 256 * (DECODED_POINT_BYTES + 24);
     for workers in [1, 4] {
         for nodes in [30, 100] {
             let budget = Budget { points: u64::MAX, bytes: nodes * swollen_bytes };
@@ -541,7 +541,7 @@ fn a_node_that_turns_out_too_large_is_told_and_its_room_given_back() {
     let large = octree.nodes[0].children[1].unwrap();
     octree.nodes[large.0 as usize].points = 4096;
     let octree = Arc::new(octree);
-    let cost = 4096 * HELD_POINT_BYTES;
+    let cost = 4096 * DECODED_POINT_BYTES;
     let streamer = Streamer::new(2, Budget { points: u64::MAX, bytes: 3 * cost }, || {}).unwrap();
     streamer.add(0, swollen(&octree));
     streamer.want(everything(0, &octree));
@@ -559,7 +559,7 @@ fn what_is_shown_goes_when_it_is_too_large_for_a_smaller_budget() {
     streamer.want(everything(0, &octree));
     let mut drawer = Drawer::default();
     drawer.settle(&streamer);
-    streamer.set_budget(Budget { points: u64::MAX, bytes: 256 * HELD_POINT_BYTES - 1 });
+    streamer.set_budget(Budget { points: u64::MAX, bytes: 256 * DECODED_POINT_BYTES - 1 });
     drawer.settle(&streamer);
     assert_eq!((drawer.points(), streamer.stats().bytes), (0, 0));
 }
@@ -594,7 +594,7 @@ fn a_cloud_that_goes_while_it_is_read_leaves_nothing() {
     // The reads that were under way count until they end.
     let ended = (0..10_000).any(|_| {
         std::thread::sleep(Duration::from_millis(1));
-        streamer.stats().bytes == drawer.points() * HELD_POINT_BYTES
+        streamer.stats().bytes == drawer.points() * DECODED_POINT_BYTES
     });
     assert!(ended && begun.try_recv().is_err());
     // The number is free again.
@@ -612,7 +612,7 @@ fn a_cloud_that_goes_while_it_is_read_leaves_nothing() {
 fn a_replaced_cloud_is_read_again_and_never_gone() {
     let octree = Arc::new(terrain(3));
     // Room for one node more than there are.
-    let bytes = (octree.points() + 256) * HELD_POINT_BYTES;
+    let bytes = (octree.points() + 256) * DECODED_POINT_BYTES;
     let streamer = Streamer::new(2, Budget { points: u64::MAX, bytes }, || {}).unwrap();
     let with_radii = |add_radii: bool| {
         paged(&octree, move |octree, node| {
@@ -690,7 +690,7 @@ fn normals_and_radii_that_are_missing_are_estimated() {
 fn wakes_whenever_there_is_something_to_take() {
     let octree = Arc::new(terrain(4));
     let (wake, woken) = sync_channel(1);
-    let budget = Budget { points: 20_000, bytes: 21_000 * HELD_POINT_BYTES };
+    let budget = Budget { points: 20_000, bytes: 21_000 * DECODED_POINT_BYTES };
     let streamer = Streamer::new(2, budget, move || {
         let _ = wake.try_send(());
     })
@@ -713,7 +713,7 @@ fn wakes_whenever_there_is_something_to_take() {
 #[test]
 fn many_threads_at_once_come_to_the_same_end() {
     let octree = Arc::new(terrain(4));
-    let streamer = Streamer::new(8, Budget { points: 30_000, bytes: 40_000 * HELD_POINT_BYTES }, || {}).unwrap();
+    let streamer = Streamer::new(8, Budget { points: 30_000, bytes: 40_000 * DECODED_POINT_BYTES }, || {}).unwrap();
     streamer.add(0, paged(&octree, |octree, node| Ok(terrain_page(octree, node))));
     let drawer = Mutex::new(Drawer::default());
     let is_done = AtomicBool::new(false);
@@ -734,7 +734,7 @@ fn many_threads_at_once_come_to_the_same_end() {
                     for step in 0..100 {
                         let eye = DVec3::new(f64::from(step * 10), f64::from(looker * 400), 50.0);
                         streamer.want(cut_from(octree, eye, 30_000));
-                        assert!(streamer.stats().bytes <= 40_000 * HELD_POINT_BYTES);
+                        assert!(streamer.stats().bytes <= 40_000 * DECODED_POINT_BYTES);
                         std::thread::yield_now();
                     }
                 })

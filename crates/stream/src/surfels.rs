@@ -355,7 +355,7 @@ fn holds(space: &Bounds, position: DVec3) -> bool {
 }
 
 /// The points of one node that a group reads.
-struct Part {
+struct NodePoints {
     node: NodeId,
     chunk: Chunk,
     own: Own,
@@ -448,7 +448,7 @@ impl<'a> Build<'a> {
     /// Estimates a group. Returns the number of its own points.
     fn estimate(&self, group: &Group, progress: &Progress) -> Result<u64> {
         let parts = self.load(group)?;
-        let own_points = |part: &Part| match &part.own {
+        let own_points = |part: &NodePoints| match &part.own {
             Own::All => part.chunk.len(),
             Own::Equal(points) => *points,
             Own::Some(own) => own.len(),
@@ -456,7 +456,7 @@ impl<'a> Build<'a> {
         let own = parts.iter().map(|part| own_points(part) as u64).sum();
         let equal = parts.iter().map(|part| own_points(part).saturating_sub(part.chunk.len()) as u64).sum::<u64>();
         let (kept, chunks): (Vec<(NodeId, Own)>, Vec<Chunk>) =
-            parts.into_iter().map(|Part { node, chunk, own }| ((node, own), chunk)).unzip();
+            parts.into_iter().map(|NodePoints { node, chunk, own }| ((node, own), chunk)).unzip();
         let seen: u64 = chunks.iter().map(|chunk| chunk.len() as u64).sum();
         progress.add(equal);
         progress.set_total(progress.total() + equal + seen - own);
@@ -468,7 +468,7 @@ impl<'a> Build<'a> {
 
     /// Reads the points that a group needs. Narrows its margin until it holds at most half as many points as a group
     /// may have.
-    fn load(&self, group: &Group) -> Result<Vec<Part>> {
+    fn load(&self, group: &Group) -> Result<Vec<NodePoints>> {
         let octree = self.pages.octree();
         let points: u64 = group.nodes.iter().map(|node| self.weights[node.0 as usize]).sum();
         let width = group.cells.first().map_or(0.0, |cell| octree.width / f64::from(cell.level).exp2());
@@ -481,7 +481,7 @@ impl<'a> Build<'a> {
             view.find(NodeId(0), &mut wanted);
             // The fixed order makes sums round the same way in every run.
             wanted.sort_unstable_by_key(|(node, _)| *node);
-            let parts: Option<Vec<Part>> = wanted
+            let parts: Option<Vec<NodePoints>> = wanted
                 .into_par_iter()
                 .map(|(node, role)| view.read(node, role).transpose())
                 .collect::<Option<Result<_>>>()
@@ -617,17 +617,17 @@ impl View<'_> {
     }
 
     /// The part that a node gives; `None` if the margin holds too many points.
-    fn read(&self, node: NodeId, role: Role) -> Result<Option<Part>> {
+    fn read(&self, node: NodeId, role: Role) -> Result<Option<NodePoints>> {
         let mut chunk = self.pages.read_page(node)?;
         chunk.colors = None;
         chunk.columns = Vec::new();
         let octree = self.pages.octree();
         if role != Role::Above && is_one_place(self.pages, octree.node(node)) {
             let own = if role == Role::Below { Own::Equal(chunk.len()) } else { Own::Some(Vec::new()) };
-            return Ok(Some(Part { node, chunk: chunk.select(&[0]), own }));
+            return Ok(Some(NodePoints { node, chunk: chunk.select(&[0]), own }));
         }
         if role == Role::Below {
-            return Ok(Some(Part { node, chunk, own: Own::All }));
+            return Ok(Some(NodePoints { node, chunk, own: Own::All }));
         }
         let level = octree.node(node).level;
         let cells = self.group.cells.iter();
@@ -647,7 +647,7 @@ impl View<'_> {
         if self.others.fetch_add(others, Ordering::Relaxed) + others > self.most && self.margin > 0.0 {
             return Ok(None);
         }
-        Ok(Some(Part { node, chunk: chunk.select(&kept), own: Own::Some(own) }))
+        Ok(Some(NodePoints { node, chunk: chunk.select(&kept), own: Own::Some(own) }))
     }
 }
 

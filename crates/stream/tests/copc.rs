@@ -12,7 +12,7 @@ use cloud::{Chunk, Cloud, Progress, SurfelOptions};
 use codec::{Selection, Source};
 use glam::DVec3;
 use real_data::test_data;
-use stream::{BATCHES, Budget, Change, Missing, NodeId, Page, PagedCloud, Pages, Streamer, Wanted, prefix};
+use stream::{BATCHES, Budget, Missing, NodeChange, NodeId, Page, PagedCloud, Pages, Streamer, Wanted, prefix};
 
 const FILES: [&str; 3] =
     ["lone_star_las14_pf6.copc.laz", "ellipsoid_las14_pf7.copc.laz", "simple_with_hierarchy_page.copc.laz"];
@@ -151,9 +151,9 @@ fn a_copc_file_streams_whole_with_nodes_that_are_empty() {
         while !until(&shown) && start.elapsed().as_secs() < 60 {
             for change in streamer.changes() {
                 match change {
-                    Change::Put { node, chunk, .. } => drop(shown.insert(node, chunk.len())),
-                    Change::Drop { node, .. } => assert!(shown.remove(&node).is_some()),
-                    Change::Failed { error, .. } => panic!("{error}"),
+                    NodeChange::Put { node, chunk, .. } => drop(shown.insert(node, chunk.len())),
+                    NodeChange::Drop { node, .. } => assert!(shown.remove(&node).is_some()),
+                    NodeChange::Failed { error, .. } => panic!("{error}"),
                 }
             }
         }

@@ -194,7 +194,7 @@ mod tests {
     use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{MirrorSettings, ViewSettings};
     use trace::exact::{Albedo, Object};
-    use trace::{Illumination, Part, Ray, Source, mirrored, picture};
+    use trace::{Illuminant, Illumination, MaterialPoints, Ray, mirrored, picture};
 
     const SIZE: [u32; 2] = [120, 90];
 
@@ -251,11 +251,11 @@ mod tests {
 
     fn surfels(points: u64) -> Surfels {
         let parts = sample(Variant::Sphere, points, 1);
-        let parts: Vec<Part> = parts
+        let parts: Vec<MaterialPoints> = parts
             .iter()
             .map(|part| {
                 let specular_intensity = part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity);
-                Part { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
+                MaterialPoints { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
             })
             .collect();
         Surfels::new(&parts, 1.0, &Progress::default()).unwrap()
@@ -380,7 +380,7 @@ mod tests {
     fn broken_pictures_are_caught() {
         let settings = MirrorSettings::default();
         let lights = [light()];
-        let illumination = Illumination { bounces: 1, ..Illumination::new(Source::Lights(&lights), &settings) };
+        let illumination = Illumination { bounces: 1, ..Illumination::new(Illuminant::Lights(&lights), &settings) };
         let scene = Exact::five_mirrors(Variant::Sphere);
         let colors = picture(&scene, &rays(), &illumination, &Progress::default()).unwrap();
         let colors: Vec<[f32; 3]> =
@@ -423,7 +423,7 @@ mod tests {
             radii: Some(vec![cloud::pack_radius(radius); positions.len()].into()),
             ..cloud::Chunk::new(0, DVec3::ZERO, positions.clone())
         };
-        let part = Part { chunks: &[chunk], specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+        let part = MaterialPoints { chunks: &[chunk], specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
         let surfels = Surfels::new(&[part], 1.0, &Progress::default()).unwrap();
         let mirror = |index: usize| [(index % 200) as f32 * 0.01 - 0.995, (index / 200) as f32 * 0.01 - 0.995, 0.0];
         let position: Vec<f32> = (0..40_000).flat_map(mirror).collect();

@@ -7,7 +7,9 @@ use glam::DVec3;
 use render::{Aov, FrameStats, Gpu, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Method, Settings};
-use trace::{Exact, Geometry, Gloss, Hit, Illumination, Indirect, PixelRays, Ray, Source, Sunlight, indirect_picture};
+use trace::{
+    Exact, Geometry, Gloss, Hit, Illuminant, Illumination, Indirect, PixelRays, Ray, Sunlight, indirect_picture,
+};
 
 use crate::flicker::{Flicker, Followed, FrameImages, Steps, flicker, follow};
 use crate::light::{LightError, light_error};
@@ -155,8 +157,8 @@ impl FiveMirrors {
         };
         let seen: Vec<Option<(Hit, DVec3)>> = (0..rays.pixel_count()).map(seen).collect();
         let source = match light.by {
-            scene::Lighting::Sun => Source::Sun(Sunlight::new(sun, camera.up)),
-            _ => Source::Lights(&self.subject.lights),
+            scene::Lighting::Sun => Illuminant::Sun(Sunlight::new(sun, camera.up)),
+            _ => Illuminant::Lights(&self.subject.lights),
         };
         let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
         let gloss = Gloss { share, power, shape: light.highlight };

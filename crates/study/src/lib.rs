@@ -41,6 +41,6 @@ pub use plan::{Bound, Case, Group, Plan, PlanError, RAY_TRACE};
 pub use refine::Refinement;
 pub use results::{Figure, Row};
 pub use runner::{Scenes, Shard};
-pub use subject::{Faces, Part, Subject};
+pub use subject::{Faces, Subject, SubjectPart};
 pub use trace::Exact;
 pub use truth::{Drawn, RayTraced, Seen, Surface, TracedScene, Tracer, View, mirrors_of};

@@ -138,7 +138,7 @@ mod tests {
     use scene::five_mirrors::{self, Variant};
 
     use super::*;
-    use crate::subject::Part;
+    use crate::subject::SubjectPart;
     use crate::truth::{TracedScene, View};
     use crate::{Truth, mirrors_of};
 
@@ -148,7 +148,7 @@ mod tests {
         let parts = five_mirrors::sample(Variant::Sphere, 4000, 1).into_iter().map(|part| {
             let cloud = Cloud { chunks: part.chunks, ..Cloud::default() };
             let wall = scene::Mirror { specular_intensity: 0.0, ..Variant::Sphere.mirrors()[0].clone() };
-            Part::of_mirror(&part.mirror.unwrap_or(wall), cloud)
+            SubjectPart::of_mirror(&part.mirror.unwrap_or(wall), cloud)
         });
         TracedScene::new(&parts.collect::<Vec<_>>(), None, 1.0, &Progress::default()).unwrap()
     }

@@ -13,7 +13,7 @@ use trace::{Exact, Mesh, Vertex, linear_from_srgb};
 /// A loaded scene.
 pub struct Subject {
     /// The points in memory, as they were uploaded to `store`.
-    pub parts: Vec<Part>,
+    pub parts: Vec<SubjectPart>,
     pub store: PointStore,
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
@@ -33,7 +33,7 @@ pub struct Faces {
 }
 
 /// Points of one material.
-pub struct Part {
+pub struct SubjectPart {
     pub cloud: Cloud,
     pub specular_intensity: f32,
     pub specular_power: f32,
@@ -59,7 +59,7 @@ impl Subject {
     /// No memory on the GPU.
     pub fn sampled(
         gpu: &Arc<Gpu>,
-        parts: Vec<five_mirrors::Part>,
+        parts: Vec<five_mirrors::SampledPart>,
         lights: Vec<SpotLight>,
         camera: Camera,
         exact: Option<Exact>,
@@ -70,7 +70,7 @@ impl Subject {
         store.reserve(parts.iter().flat_map(|part| &part.chunks).map(|chunk| chunk.len() as u64).sum());
         let mirrors = parts.iter().filter_map(|part| part.mirror.clone()).collect();
         let mut kept = Vec::new();
-        for five_mirrors::Part { chunks, mirror } in parts {
+        for five_mirrors::SampledPart { chunks, mirror } in parts {
             let material = mirror.as_ref().map_or(Material::default(), |mirror| Material {
                 specular_intensity: mirror.specular_intensity,
                 specular_power: mirror.specular_power,
@@ -82,8 +82,8 @@ impl Subject {
                 chunks.iter().map(|chunk| store.add_chunk(id, chunk, None)).collect::<render::Result<_>>()?;
             let cloud = Cloud { chunks, ..Cloud::default() };
             let part = match mirror {
-                Some(mirror) => Part::of_mirror(&mirror, cloud),
-                None => Part {
+                Some(mirror) => SubjectPart::of_mirror(&mirror, cloud),
+                None => SubjectPart {
                     plan: ColorPlan::new(&cloud, &settings.color, up).0,
                     cloud,
                     specular_intensity: 0.0,
@@ -123,7 +123,7 @@ impl Subject {
     }
 }
 
-impl Part {
+impl SubjectPart {
     /// The points that represent a mirror.
     pub fn of_mirror(mirror: &Mirror, samples: Cloud) -> Self {
         let own = scene::Color { by: ColorBy::Rgb, ..scene::Color::default() };
@@ -236,7 +236,7 @@ mod tests {
         let chunks = vec![chunk(0, 0.0, [255, 0, 0]), chunk(10, 1.0, [0, 188, 0])];
         let cloud = Cloud { chunks, ..Cloud::default() };
         let (plan, _) = ColorPlan::new(&cloud, &scene::Color::default(), DVec3::Z);
-        let part = Part { cloud, specular_intensity: 0.0, specular_power: 0.0, plan, up: DVec3::Z };
+        let part = SubjectPart { cloud, specular_intensity: 0.0, specular_power: 0.0, plan, up: DVec3::Z };
         let faces = Faces { triangles: triangles.to_vec(), has_normals };
         Exact::new(Vec::new()).with_meshes(vec![part.mesh(&faces)])
     }

@@ -13,13 +13,13 @@ use rayon::prelude::*;
 use render::{Aov, AovImage, MOST_LIGHTS, Objects, Renderer};
 use scene::{Camera, Lighting, Method, Settings, SpotLight};
 use trace::{
-    Exact, Geometry, Gloss, Hit, Illumination, Indirect, MirrorPoint, PixelRays, Source, Sunlight, Surfels,
+    Exact, Geometry, Gloss, Hit, Illuminant, Illumination, Indirect, MirrorPoint, PixelRays, Sunlight, Surfels,
     indirect_picture, linear_from_srgb, primary, radiance, reflected,
 };
 
 use crate::accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
 use crate::metrics::{Accuracy, ImageError, PixelError, Truth, image_error};
-use crate::subject::Part;
+use crate::subject::SubjectPart;
 
 /// A scene in the form for the ray tracer.
 pub struct TracedScene {
@@ -37,15 +37,15 @@ impl TracedScene {
     ///
     /// # Errors
     /// Cancelled.
-    pub fn new(parts: &[Part], exact: Option<Exact>, splat_size: f32, progress: &Progress) -> Result<Self> {
+    pub fn new(parts: &[SubjectPart], exact: Option<Exact>, splat_size: f32, progress: &Progress) -> Result<Self> {
         let chunks = parts.iter().flat_map(|part| &part.cloud.chunks);
         let bounds = chunks.fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
         let origin = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().round() };
         let painted: Vec<Vec<Chunk>> = parts.iter().map(|part| part.painted(origin)).collect();
         let parts = parts.iter().zip(&painted).map(|(part, chunks)| {
             let [red, green, blue, _] = part.plain().map(|value| linear_from_srgb(value) as f32);
-            let Part { specular_intensity, specular_power, .. } = *part;
-            trace::Part { chunks, specular_intensity, specular_power, plain: [red, green, blue] }
+            let SubjectPart { specular_intensity, specular_power, .. } = *part;
+            trace::MaterialPoints { chunks, specular_intensity, specular_power, plain: [red, green, blue] }
         });
         let surfels = Surfels::new(&parts.collect::<Vec<_>>(), splat_size, progress).ok_or(Error::Cancelled)?;
         Ok(Self { surfels, exact: exact.map(|exact| exact.seen_from(origin)), origin, bounds })
@@ -305,10 +305,10 @@ impl<'a> Tracer<'a> {
     pub fn illumination(&self) -> Illumination<'_> {
         let Settings { light, sun, gi, trace, mirror, reflection, view, .. } = self.view.settings;
         let source = match light.lighting(!self.lights.is_empty(), self.view.objects.sky_is_open) {
-            Lighting::Lights => Source::Lights(&self.lights),
-            Lighting::Sun => Source::Sun(Sunlight::new(sun, self.view.camera.up)),
-            Lighting::Auto | Lighting::Headlight => Source::Headlight(f64::from(light.headlight)),
-            Lighting::Colors => Source::Headlight(0.0),
+            Lighting::Lights => Illuminant::Lights(&self.lights),
+            Lighting::Sun => Illuminant::Sun(Sunlight::new(sun, self.view.camera.up)),
+            Lighting::Auto | Lighting::Headlight => Illuminant::Headlight(f64::from(light.headlight)),
+            Lighting::Colors => Illuminant::Headlight(0.0),
         };
         let [red, green, blue, _] = view.background.bytes().map(linear_from_srgb);
         let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
@@ -354,9 +354,9 @@ impl<'a> Tracer<'a> {
     pub(crate) fn samples(&self) -> u32 {
         let Illumination { source, indirect, .. } = self.illumination();
         let has_light = match source {
-            Source::Lights(_) => indirect.bounces > 0,
-            Source::Sun(sun) => sun.sky > 0.0 || indirect.bounces > 0,
-            Source::Headlight(_) => false,
+            Illuminant::Lights(_) => indirect.bounces > 0,
+            Illuminant::Sun(sun) => sun.sky > 0.0 || indirect.bounces > 0,
+            Illuminant::Headlight(_) => false,
         };
         if has_light { indirect.samples } else { 0 }
     }

@@ -8,7 +8,7 @@ use divan::{Bencher, black_box};
 use glam::DVec3;
 use scene::five_mirrors::{Variant, camera, light, sample};
 use scene::{MirrorSettings, ViewSettings};
-use trace::{Geometry, Illumination, Indirect, Part, PixelRays, Ray, Source, Surfels, indirect};
+use trace::{Geometry, Illuminant, Illumination, Indirect, MaterialPoints, PixelRays, Ray, Surfels, indirect};
 
 const DISCS: u64 = 1_000_000;
 const SIZE: [u32; 2] = [400, 300];
@@ -26,8 +26,8 @@ fn unit(seed: u64) -> f64 {
 
 fn surfels(variant: Variant) -> Surfels {
     let parts = sample(variant, DISCS, 1);
-    let part = |part| Part { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
-    let parts: Vec<Part> = parts.iter().map(|points| part(&points.chunks)).collect();
+    let part = |part| MaterialPoints { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+    let parts: Vec<MaterialPoints> = parts.iter().map(|points| part(&points.chunks)).collect();
     Surfels::new(&parts, 1.0, &Progress::default()).expect("not cancelled")
 }
 
@@ -65,7 +65,7 @@ fn paths(bencher: Bencher) {
     let samples = 4;
     let illumination = Illumination {
         indirect: Indirect { bounces: 1, samples, seed: 1 },
-        ..Illumination::new(Source::Lights(&lights), &mirror)
+        ..Illumination::new(Illuminant::Lights(&lights), &mirror)
     };
     let seen: Vec<_> = coherent().into_iter().filter_map(|ray| Some((surfels.nearest(&ray)?, ray.direction))).collect();
     let light_of = |pixel: usize| indirect(&surfels, &seen[pixel].0, seen[pixel].1, pixel, &illumination);
@@ -78,8 +78,9 @@ fn paths(bencher: Bencher) {
 fn build(bencher: Bencher) {
     bencher.counter(ItemsCount::new(DISCS)).with_inputs(|| sample(Variant::Sphere, DISCS, 1)).bench_local_values(
         |parts| {
-            let part = |part| Part { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
-            let parts: Vec<Part> = parts.iter().map(|points| part(&points.chunks)).collect();
+            let part =
+                |part| MaterialPoints { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+            let parts: Vec<MaterialPoints> = parts.iter().map(|points| part(&points.chunks)).collect();
             Surfels::new(&parts, 1.0, &Progress::default())
         },
     );

@@ -15,7 +15,7 @@
 use cloud::Progress;
 use glam::DVec3;
 
-use crate::light::{Illumination, Source, scattered};
+use crate::light::{Illuminant, Illumination, scattered};
 use crate::reflectance::Reflectance;
 use crate::reflection::{BATCH, in_parallel};
 use crate::{Geometry, Hit, Ray, mirrored};
@@ -83,7 +83,8 @@ struct PathTracer<'a, G> {
 impl<G: Geometry> PathTracer<'_, G> {
     /// Whether a ray can find light that at most `bounces` surfaces are to reflect.
     fn finds_light(&self, bounces: u32) -> bool {
-        self.illumination.sky().is_some() || bounces > 0 && !matches!(self.illumination.source, Source::Headlight(_))
+        self.illumination.sky().is_some()
+            || bounces > 0 && !matches!(self.illumination.source, Illuminant::Headlight(_))
     }
 
     /// The light of one path from a surface.
@@ -168,7 +169,7 @@ mod tests {
 
     use super::*;
     use crate::exact::{Albedo, Object};
-    use crate::{Exact, Gloss, Part, PixelRays, Sunlight, Surfels, picture, primary, radiance};
+    use crate::{Exact, Gloss, MaterialPoints, PixelRays, Sunlight, Surfels, picture, primary, radiance};
     use cloud::sampling::{Placement, Surface};
     use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{Highlight, MirrorSettings, SpotLight, ViewSettings};
@@ -184,8 +185,8 @@ mod tests {
         rectangle(corner, [DVec3::X * 2000.0, DVec3::Y * 2000.0], albedo, specular_intensity)
     }
 
-    fn sky(sky: f64) -> Source<'static> {
-        Source::Sun(Sunlight { direction: DVec3::Z, up: DVec3::Z, irradiance: 0.0, sky })
+    fn sky(sky: f64) -> Illuminant<'static> {
+        Illuminant::Sun(Sunlight { direction: DVec3::Z, up: DVec3::Z, irradiance: 0.0, sky })
     }
 
     fn lamp(position: DVec3, target: DVec3, degrees: f32) -> SpotLight {
@@ -213,7 +214,8 @@ mod tests {
             let sphere = Exact::new(vec![object]);
             for bounces in [1, 2, 3, 30] {
                 let indirect = Indirect { bounces, samples: 1 << 14, seed: 1 };
-                let illumination = Illumination { indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
+                let illumination =
+                    Illumination { indirect, ..Illumination::new(Illuminant::Lights(&lights), &settings) };
                 // Each bit of a sphere lights all others equally.
                 let arriving: f64 =
                     (1..=bounces).map(|k| albedo.powi(k as i32) * flux / (4.0 * PI * radius * radius)).sum();
@@ -236,7 +238,7 @@ mod tests {
         let area: f64 = walls.iter().map(|(surface, _)| surface.area()).sum();
         for bounces in [1, 3, 12] {
             let indirect = Indirect { bounces, samples: 16, seed: 2 };
-            let illumination = Illumination { indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
+            let illumination = Illumination { indirect, ..Illumination::new(Illuminant::Lights(&lights), &settings) };
             let mut sum = 0.0;
             let places = 20_000;
             for (index, (surface, _)) in walls.iter().enumerate() {
@@ -292,7 +294,7 @@ mod tests {
         let lights = [lamp(DVec3::Z * 0.9, DVec3::ZERO, 60.0)];
         let with = |bounces| {
             let indirect = Indirect { bounces, samples: 1 << 14, seed: 5 };
-            let illumination = Illumination { indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
+            let illumination = Illumination { indirect, ..Illumination::new(Illuminant::Lights(&lights), &settings) };
             indirect_at(&geometry, DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.5, 0.0, -1.0), &illumination)
         };
         // Floor and ceiling: the floor's light comes back to it only after an even number of reflections.
@@ -317,7 +319,7 @@ mod tests {
             let illumination = Illumination {
                 indirect,
                 bounces: reflections,
-                ..Illumination::new(Source::Lights(&lights), &settings)
+                ..Illumination::new(Illuminant::Lights(&lights), &settings)
             };
             indirect_at(&scene(specular_intensity), DVec3::Z * 0.5, -DVec3::Z, &illumination)
         };
@@ -338,7 +340,7 @@ mod tests {
         let (geometry, settings, lights) = (Exact::five_mirrors(Variant::Sphere), MirrorSettings::default(), [light()]);
         let indirect = Indirect { bounces: 1, samples: 64, seed: 4 };
         let illumination =
-            Illumination { bounces: 1, indirect, ..Illumination::new(Source::Lights(&lights), &settings) };
+            Illumination { bounces: 1, indirect, ..Illumination::new(Illuminant::Lights(&lights), &settings) };
         let rays = PixelRays::new(&camera(), &ViewSettings::default(), [40, 30], 0.0);
         let mut mirrors = 0;
         for (pixel, hit) in primary(&geometry, &rays, &Progress::default()).unwrap().into_iter().enumerate() {
@@ -417,11 +419,11 @@ mod tests {
         let (settings, lights) = (MirrorSettings::default(), [light()]);
         let rays = PixelRays::new(&camera(), &ViewSettings::default(), [48, 36], 0.0);
         let parts = sample(Variant::Torus, 30_000, 1);
-        let parts: Vec<Part> = parts
+        let parts: Vec<MaterialPoints> = parts
             .iter()
             .map(|part| {
                 let specular_intensity = part.mirror.as_ref().map_or(0.0, |_| 0.8);
-                Part { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
+                MaterialPoints { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
             })
             .collect();
         let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
@@ -430,7 +432,7 @@ mod tests {
             gloss,
             bounces: 1,
             indirect: Indirect { bounces: 2, samples: 3, seed: 11 },
-            ..Illumination::new(Source::Lights(&lights), &settings)
+            ..Illumination::new(Illuminant::Lights(&lights), &settings)
         };
         let draw = |threads: usize, illumination: &Illumination| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -470,14 +472,19 @@ mod tests {
         let rays = PixelRays::new(&camera(), &ViewSettings::default(), [48, 36], 0.0);
         let exact = Exact::five_mirrors(Variant::None);
         let parts = sample(Variant::None, 200_000, 1);
-        let parts: Vec<Part> = parts
+        let parts: Vec<MaterialPoints> = parts
             .iter()
-            .map(|part| Part { chunks: &part.chunks, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] })
+            .map(|part| MaterialPoints {
+                chunks: &part.chunks,
+                specular_intensity: 0.0,
+                specular_power: 0.0,
+                plain: [0.5; 3],
+            })
             .collect();
         let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
         let illumination = Illumination {
             indirect: Indirect { bounces: 1, samples: 256, seed: 1 },
-            ..Illumination::new(Source::Lights(&lights), &settings)
+            ..Illumination::new(Illuminant::Lights(&lights), &settings)
         };
         let seen = |hits: Vec<Option<Hit>>| -> Vec<Option<(Hit, DVec3)>> {
             hits.into_iter().enumerate().map(|(pixel, hit)| Some((hit?, rays.ray(pixel).direction))).collect()
@@ -505,7 +512,7 @@ mod tests {
         let illumination = Illumination {
             gloss,
             indirect: indirect_settings,
-            ..Illumination::new(Source::Lights(&lights), &settings)
+            ..Illumination::new(Illuminant::Lights(&lights), &settings)
         };
         let ray = Ray::from_eye(DVec3::ZERO, -DVec3::Y);
         let hit = geometry.nearest(&ray).unwrap();

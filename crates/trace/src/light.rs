@@ -17,7 +17,7 @@ use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
 /// The source of the light.
 #[derive(Clone, Copy, Debug)]
-pub enum Source<'a> {
+pub enum Illuminant<'a> {
     Lights(&'a [SpotLight]),
     Sun(Sunlight),
     /// A lamp at the eye, or at the mirror point that sees a surface. The share (0 to 1) is the part of the light that
@@ -54,7 +54,7 @@ impl Sunlight {
 /// The light of a scene, and how far it is followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Illumination<'a> {
-    pub source: Source<'a>,
+    pub source: Illuminant<'a>,
     pub gloss: Gloss,
     /// The number of mirrors over which a ray is followed, whether of the eye or of a path of light.
     pub bounces: u32,
@@ -69,7 +69,7 @@ pub struct Illumination<'a> {
 
 impl<'a> Illumination<'a> {
     /// Direct light on diffuse surfaces, mirrors included, in front of black.
-    pub fn new(source: Source<'a>, mirror: &'a MirrorSettings) -> Self {
+    pub fn new(source: Illuminant<'a>, mirror: &'a MirrorSettings) -> Self {
         let indirect = Indirect { bounces: 0, samples: 0, seed: 0 };
         Self { source, gloss: Gloss::NONE, bounces: 0, passed: 0, mirror, background: DVec3::ZERO, indirect }
     }
@@ -82,7 +82,7 @@ impl<'a> Illumination<'a> {
     /// The sky, if it shines.
     pub(crate) fn sky(&self) -> Option<&Sunlight> {
         match &self.source {
-            Source::Sun(sun) if sun.sky > 0.0 => Some(sun),
+            Illuminant::Sun(sun) if sun.sky > 0.0 => Some(sun),
             _ => None,
         }
     }
@@ -145,8 +145,10 @@ pub fn reflected_picture(
 pub fn direct(geometry: &impl Geometry, hit: &Hit, direction: DVec3, illumination: &Illumination) -> DVec3 {
     let surface = Reflectance::new(hit, direction, illumination.left(), illumination);
     match illumination.source {
-        Source::Headlight(share) => surface.diffuse * (1.0 - share + share * direction.dot(hit.normal).abs().min(1.0)),
-        Source::Lights(_) | Source::Sun(_) => scattered(geometry, hit, &surface, illumination),
+        Illuminant::Headlight(share) => {
+            surface.diffuse * (1.0 - share + share * direction.dot(hit.normal).abs().min(1.0))
+        }
+        Illuminant::Lights(_) | Illuminant::Sun(_) => scattered(geometry, hit, &surface, illumination),
     }
 }
 
@@ -171,7 +173,7 @@ pub(crate) fn scattered(
         }
     };
     match illumination.source {
-        Source::Lights(lights) => {
+        Illuminant::Lights(lights) => {
             let each = lights.iter().map(|light| {
                 let to_light = light.position - hit.position;
                 let distance = to_light.length();
@@ -180,8 +182,8 @@ pub(crate) fn scattered(
             });
             each.sum()
         }
-        Source::Sun(sun) => shine(sun.direction, f64::INFINITY, DVec3::splat(sun.irradiance)),
-        Source::Headlight(_) => DVec3::ZERO,
+        Illuminant::Sun(sun) => shine(sun.direction, f64::INFINITY, DVec3::splat(sun.irradiance)),
+        Illuminant::Headlight(_) => DVec3::ZERO,
     }
 }
 
@@ -236,7 +238,7 @@ mod tests {
     /// The direct light of the diffuse part.
     fn direct_of(geometry: &Exact, hit: &Hit, lights: &[SpotLight]) -> DVec3 {
         let settings = MirrorSettings::default();
-        direct(geometry, hit, -hit.normal, &Illumination::new(Source::Lights(lights), &settings))
+        direct(geometry, hit, -hit.normal, &Illumination::new(Illuminant::Lights(lights), &settings))
     }
 
     #[test]
@@ -280,7 +282,7 @@ mod tests {
         assert!(own.x > 0.0 && reflected.x > 0.0);
         let seen = |bounces, tint, fresnel| {
             let mirror = &MirrorSettings { tint, fresnel, ..MirrorSettings::default() };
-            let illumination = Illumination { bounces, ..Illumination::new(Source::Lights(&lights), mirror) };
+            let illumination = Illumination { bounces, ..Illumination::new(Illuminant::Lights(&lights), mirror) };
             radiance(&geometry, &hit, direction, 0, &illumination)
         };
         let grazing = (1.0 + direction.z).powi(5);
@@ -306,7 +308,7 @@ mod tests {
         let (hit, direction) = seen_at(&geometry, 0.3);
         let seen = |lamp, bounces| {
             let mirror = &MirrorSettings::default();
-            let illumination = Illumination { bounces, ..Illumination::new(Source::Headlight(lamp), mirror) };
+            let illumination = Illumination { bounces, ..Illumination::new(Illuminant::Headlight(lamp), mirror) };
             radiance(&geometry, &hit, direction, 0, &illumination)
         };
         let cosine = -direction.z;
@@ -323,7 +325,7 @@ mod tests {
         let geometry = Exact::new(vec![wall(-5.0, 0.0, ALBEDO, 0.0), wall(0.2, 1.5, ALBEDO, 0.0)]);
         let settings = MirrorSettings::default();
         let sun = Sun { azimuth: 90.0, elevation: 60.0, irradiance: 3.0, sky: 5.0 };
-        let illumination = Illumination::new(Source::Sun(Sunlight::new(&sun, DVec3::Z)), &settings);
+        let illumination = Illumination::new(Illuminant::Sun(Sunlight::new(&sun, DVec3::Z)), &settings);
         let at = |x: f64| {
             let (hit, direction) = seen_at(&geometry, x);
             direct(&geometry, &hit, direction, &illumination)
@@ -349,7 +351,8 @@ mod tests {
             let mirror = &MirrorSettings { tint, ..MirrorSettings::default() };
             let gloss = Gloss { share: gloss, power: 40.0, shape: Highlight::Phong };
             let lights = [light];
-            let illumination = Illumination { gloss, bounces, ..Illumination::new(Source::Lights(&lights), mirror) };
+            let illumination =
+                Illumination { gloss, bounces, ..Illumination::new(Illuminant::Lights(&lights), mirror) };
             radiance(&geometry, &hit, direction, 0, &illumination)
         };
         let (at, to_light) = (DVec3::X * 0.1, light.position - DVec3::X * 0.1);
@@ -376,7 +379,8 @@ mod tests {
         let (hit, direction) = seen_at(&geometry, 0.3);
         let background = DVec3::new(0.1, 0.2, 0.3);
         let settings = MirrorSettings::default();
-        let illumination = Illumination { bounces: 2, background, ..Illumination::new(Source::Lights(&[]), &settings) };
+        let illumination =
+            Illumination { bounces: 2, background, ..Illumination::new(Illuminant::Lights(&[]), &settings) };
         assert_eq!(radiance(&geometry, &hit, direction, 0, &illumination), background);
     }
 
@@ -386,7 +390,7 @@ mod tests {
         let geometry = Exact::five_mirrors(Variant::Torus);
         let settings = MirrorSettings::default();
         let lights = [five_mirrors::light()];
-        let illumination = Illumination { bounces: 3, ..Illumination::new(Source::Lights(&lights), &settings) };
+        let illumination = Illumination { bounces: 3, ..Illumination::new(Illuminant::Lights(&lights), &settings) };
         let none = Progress::default();
         let (colors, seen) = (picture(&geometry, &rays, &illumination, &none), primary(&geometry, &rays, &none));
         let (mut points, mut expected) = (Vec::new(), Vec::new());

@@ -15,7 +15,7 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 use glam::DVec3;
 use scene::Highlight;
 
-use crate::light::{Illumination, Source};
+use crate::light::{Illuminant, Illumination};
 use crate::{Hit, mirrored};
 
 /// The highlights of surfaces that are no mirrors, and the shape of all highlights.
@@ -72,7 +72,7 @@ impl Reflectance {
                 diffuse = 1.0 - share;
                 mirror = share * tint(grazing);
             }
-        } else if matches!(illumination.source, Source::Headlight(_)) {
+        } else if matches!(illumination.source, Illuminant::Headlight(_)) {
             // A lamp at the eye shows the data's own colours.
             (diffuse, gloss) = (1.0, 0.0);
         }
@@ -197,8 +197,10 @@ mod tests {
             point: 0,
         };
         let settings = MirrorSettings::default();
-        let illumination =
-            Illumination { gloss: Gloss { share, power, shape }, ..Illumination::new(Source::Lights(&[]), &settings) };
+        let illumination = Illumination {
+            gloss: Gloss { share, power, shape },
+            ..Illumination::new(Illuminant::Lights(&[]), &settings)
+        };
         Reflectance::new(&hit, -DVec3::new(sin, 0.0, cos), 0, &illumination)
     }
 

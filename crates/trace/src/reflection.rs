@@ -101,7 +101,7 @@ pub(crate) fn in_parallel<T: Send>(
 mod tests {
     use super::*;
     use crate::exact::{Albedo, Exact, Object};
-    use crate::{Illumination, Part, Source, Surfels, picture};
+    use crate::{Illuminant, Illumination, MaterialPoints, Surfels, picture};
     use cloud::sampling::{Placement, Surface};
     use scene::five_mirrors::{Variant, camera, light, sample};
     use scene::{MirrorSettings, ViewSettings};
@@ -152,15 +152,21 @@ mod tests {
         let draw = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let parts: Vec<Part> = parts
+                let parts: Vec<MaterialPoints> = parts
                     .iter()
                     .map(|part| {
                         let specular_intensity = part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity);
-                        Part { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
+                        MaterialPoints {
+                            chunks: &part.chunks,
+                            specular_intensity,
+                            specular_power: 0.0,
+                            plain: [0.5; 3],
+                        }
                     })
                     .collect();
                 let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
-                let illumination = Illumination { bounces: 2, ..Illumination::new(Source::Lights(&lights), &mirrors) };
+                let illumination =
+                    Illumination { bounces: 2, ..Illumination::new(Illuminant::Lights(&lights), &mirrors) };
                 picture(&surfels, &rays, &illumination, &Progress::default()).unwrap()
             })
         };

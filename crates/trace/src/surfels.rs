@@ -17,7 +17,7 @@ use crate::{Geometry, Hit, Ray, SELF_DISTANCE};
 
 /// Points of one material.
 #[derive(Clone, Copy, Debug)]
-pub struct Part<'a> {
+pub struct MaterialPoints<'a> {
     pub chunks: &'a [Chunk],
     /// The share of the light that is reflected, 0 to 1; the remainder is diffuse.
     pub specular_intensity: f32,
@@ -70,7 +70,7 @@ impl Surfels {
     /// cancelled.
     ///
     /// Needs some 45 bytes a point, and 300 while the tree is built. Points beyond the 2^32nd are left out.
-    pub fn new(parts: &[Part], splat_size: f32, progress: &Progress) -> Option<Self> {
+    pub fn new(parts: &[MaterialPoints], splat_size: f32, progress: &Progress) -> Option<Self> {
         let bounds =
             parts.iter().flat_map(|part| part.chunks).fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));
         let center = if bounds.is_empty() { DVec3::ZERO } else { bounds.center() };
@@ -281,7 +281,7 @@ mod tests {
     }
 
     fn surfels(chunks: &[Chunk]) -> Surfels {
-        let part = Part { chunks, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+        let part = MaterialPoints { chunks, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
         Surfels::new(&[part], 1.0, &Progress::default()).unwrap()
     }
 
@@ -382,9 +382,12 @@ mod tests {
             colors: Some(Arc::new(vec![[0, 0, 0, 255], [255, 188, 10, 255]])),
             ..chunk(DVec3::ZERO, &[(DVec3::X, Some(Vec3::Z)), (DVec3::X * 2.0, Some(Vec3::Z))], 0.1)
         };
-        let mirror = Part { chunks: &[colored], specular_intensity: 0.8, specular_power: 70.0, plain: [0.0; 3] };
-        let parts =
-            [Part { chunks: &[plain], specular_intensity: 0.0, specular_power: 0.0, plain: [0.1, 0.2, 0.3] }, mirror];
+        let mirror =
+            MaterialPoints { chunks: &[colored], specular_intensity: 0.8, specular_power: 70.0, plain: [0.0; 3] };
+        let parts = [
+            MaterialPoints { chunks: &[plain], specular_intensity: 0.0, specular_power: 0.0, plain: [0.1, 0.2, 0.3] },
+            mirror,
+        ];
         let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
         let down = |x: f64| surfels.nearest(&Ray::from_eye(DVec3::new(x, 0.0, 1.0), -DVec3::Z)).unwrap();
         assert!(down(0.0).albedo.distance(DVec3::new(0.1, 0.2, 0.3)) < 1e-7);

@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 use cloud::Bounds;
 use glam::DVec2;
 use scene::{Projection, Settings};
-use stream::{Budget, Change, Missing, Node, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose};
+use stream::{
+    Budget, Missing, Node, NodeChange, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose,
+};
 
 use crate::budget::{CUT_PART, half_of, most_points};
 use crate::chunk_key::Part;
@@ -268,9 +270,9 @@ impl Director {
         Some(())
     }
 
-    fn pass_on(&mut self, change: Change) -> Option<()> {
+    fn pass_on(&mut self, change: NodeChange) -> Option<()> {
         match change {
-            Change::Put { cloud, node, chunk } => {
+            NodeChange::Put { cloud, node, chunk } => {
                 let part = Part::Node(node);
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
                 let points = chunk.len() as u64;
@@ -282,7 +284,7 @@ impl Director {
                 }
                 self.send(Event::Chunk { cloud, part, chunk })
             }
-            Change::Drop { cloud, node } => {
+            NodeChange::Drop { cloud, node } => {
                 let part = Part::Node(node);
                 if let Some(streamed) = self.clouds.get_mut(&cloud) {
                     streamed.resident.remove(&part);
@@ -290,7 +292,7 @@ impl Director {
                 }
                 self.send(Event::Dropped { cloud, part })
             }
-            Change::Failed { cloud, error, .. } => {
+            NodeChange::Failed { cloud, error, .. } => {
                 let Some(streamed) = self.clouds.get_mut(&cloud) else { return Some(()) };
                 let is_damage = matches!(
                     error,

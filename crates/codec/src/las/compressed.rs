@@ -263,11 +263,11 @@ impl Compressed {
         }
         let section = file.section(chunk.offset, end);
         let source = if points == 1 {
-            Source::First(section)
+            RecordSource::First(section)
         } else {
             let source = BufReader::with_capacity(READ_AHEAD, section);
             let decoder = guarded(|| items::decoder(self.vlr.items(), self.layers.is_some(), source, layers))??;
-            Source::Decoder(decoder)
+            RecordSource::Decoder(decoder)
         };
         Ok(Stream { compressed: self, source, left: points, decoded: 0 })
     }
@@ -276,13 +276,13 @@ impl Compressed {
 /// Records decoded from one compressed chunk.
 pub struct Stream<'a> {
     compressed: &'a Compressed,
-    source: Source<'a>,
+    source: RecordSource<'a>,
     left: u64,
     decoded: u64,
 }
 
 /// Where records come from.
-enum Source<'a> {
+enum RecordSource<'a> {
     /// The first record of a chunk is not compressed. If it is the only one, no decoder is set up, which would take as
     /// long as a thousand points: files may have a chunk for every point.
     First(Section<'a>),
@@ -300,7 +300,7 @@ impl Stream<'_> {
         let length = self.compressed.record_length;
         let mut decoded = 0;
         let decoder = match &mut self.source {
-            Source::First(section) => {
+            RecordSource::First(section) => {
                 let Some(record) = records.get_mut(..length).filter(|_| self.left > 0) else { return (0, Ok(())) };
                 if let Err(error) = section.read_exact(record) {
                     return (0, Err(error.to_string()));
@@ -308,7 +308,7 @@ impl Stream<'_> {
                 self.left -= 1;
                 return (1, Ok(()));
             }
-            Source::Decoder(decoder) => decoder,
+            RecordSource::Decoder(decoder) => decoder,
         };
         let outcome = guarded(|| {
             for record in records.chunks_exact_mut(length) {

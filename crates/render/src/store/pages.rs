@@ -2,7 +2,7 @@
 
 use crate::gpu::{Error, Gpu, Result};
 use crate::layout::{ATTRIBUTE_BYTES, BLOCK_POINTS, POINT_BYTES, SCALAR_BYTES};
-use crate::room::Room;
+use crate::page_space::PageSpace;
 use crate::store::{PointStore, StoredChunk};
 
 /// The smallest page: 24 MiB, so that small clouds stay small.
@@ -18,7 +18,7 @@ pub(super) struct PageBuffers {
     pub(super) attributes: wgpu::Buffer,
     /// The scalars, made when the first chunk of the page shows an attribute.
     pub(super) scalars: Option<wgpu::Buffer>,
-    pub(super) room: Room,
+    pub(super) room: PageSpace,
 }
 
 impl PageBuffers {
@@ -115,7 +115,7 @@ impl PointStore {
                 problem: format!("no memory for more points: {error}"),
             });
         }
-        self.pages.push(PageBuffers { points, attributes, scalars: None, room: Room::new(capacity) });
+        self.pages.push(PageBuffers { points, attributes, scalars: None, room: PageSpace::new(capacity) });
         Ok(self.pages.len() - 1)
     }
 

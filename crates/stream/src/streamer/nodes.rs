@@ -51,7 +51,7 @@ pub enum Missing {
 
 /// A change for the caller to draw; changes are applied in their order.
 #[derive(Debug)]
-pub enum Change {
+pub enum NodeChange {
     /// The chunk of a node is new, or replaces its earlier form.
     Put { cloud: usize, node: NodeId, chunk: Chunk },
     /// The chunk of a node is removed.
@@ -108,7 +108,7 @@ pub(super) struct Entry {
     pub(super) shown: Option<ShownNode>,
 }
 
-pub(super) struct Held {
+pub(super) struct CloudNodes {
     pub(super) paged: PagedCloud,
     /// The number of replacements so far.
     pub(super) generation: u64,
@@ -189,18 +189,18 @@ impl ShownNode {
         self.loaded.chunk.len() as u64
     }
 
-    pub(super) fn put(&self, cloud: usize) -> Change {
+    pub(super) fn put(&self, cloud: usize) -> NodeChange {
         let chunk = Chunk { radii: self.radii.clone(), ..self.loaded.chunk.clone() };
-        Change::Put { cloud, node: self.loaded.node, chunk }
+        NodeChange::Put { cloud, node: self.loaded.node, chunk }
     }
 
     /// Removes the node from the picture; `None` for a node without points, which was never put.
-    pub(super) fn leave(&self, cloud: usize) -> Option<Change> {
-        (!self.loaded.chunk.is_empty()).then_some(Change::Drop { cloud, node: self.loaded.node })
+    pub(super) fn leave(&self, cloud: usize) -> Option<NodeChange> {
+        (!self.loaded.chunk.is_empty()).then_some(NodeChange::Drop { cloud, node: self.loaded.node })
     }
 
     /// Puts the node again with these radii, if they differ.
-    pub(super) fn rescale(&mut self, cloud: usize, radii: Radii, changes: &mut Vec<Change>) {
+    pub(super) fn rescale(&mut self, cloud: usize, radii: Radii, changes: &mut Vec<NodeChange>) {
         if radii != self.radii {
             self.radii = radii;
             changes.push(self.put(cloud));
@@ -219,7 +219,7 @@ impl Entry {
     }
 }
 
-impl Held {
+impl CloudNodes {
     pub(super) fn entry(&self, node: NodeId) -> Option<&Entry> {
         self.entries.get(&node)
     }

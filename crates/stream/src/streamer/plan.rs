@@ -4,14 +4,14 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::nodes::{Change, Entry, Loaded, ShownNode};
+use super::nodes::{Entry, Loaded, NodeChange, ShownNode};
 use super::state::State;
 use crate::radius_scale::{Drawn, Field, Radii, count_first_octants, is_near, larger};
 use crate::{NodeId, Wanted};
 
 /// The nodes that are dropped, shrunk and added to reach the wanted cut.
 #[derive(Default)]
-struct NodeChanges {
+struct CutChanges {
     drops: BTreeSet<(usize, NodeId)>,
     /// For each shrinking node, the number of points that remain.
     shrinks: BTreeMap<(usize, NodeId), usize>,
@@ -44,7 +44,7 @@ enum Victim {
 }
 
 impl State {
-    pub(super) fn changes(&mut self) -> Vec<Change> {
+    pub(super) fn changes(&mut self) -> Vec<NodeChange> {
         let mut changes = std::mem::take(&mut self.pending);
         self.asks_for_room = false;
         let plan = self.plan();
@@ -55,7 +55,7 @@ impl State {
         self.shrink_radii(targets, &mut changes);
         self.evict(0);
         // A node without points is shown so that those below it can be, but there is nothing to draw.
-        changes.retain(|change| !matches!(change, Change::Put { chunk, .. } if chunk.is_empty()));
+        changes.retain(|change| !matches!(change, NodeChange::Put { chunk, .. } if chunk.is_empty()));
         changes
     }
 
@@ -76,14 +76,14 @@ impl State {
         victims
     }
 
-    fn plan(&self) -> NodeChanges {
-        let mut plan = NodeChanges::default();
+    fn plan(&self) -> CutChanges {
+        let mut plan = CutChanges::default();
         let mut victims = self.victims();
         let mut points = self.shown_points;
         let mut bytes = self.bytes - self.kept_bytes();
         let upcoming = self.queue.iter().take(self.workers);
         let upcoming: u64 = upcoming.filter_map(|(cloud, node)| Some(self.clouds.get(cloud)?.paged.cost(*node))).sum();
-        let mut make_room = |plan: &mut NodeChanges, points: &mut u64, bytes: &mut u64| {
+        let mut make_room = |plan: &mut CutChanges, points: &mut u64, bytes: &mut u64| {
             let Some(victim) = victims.pop() else { return false };
             let (cloud, node, left) = match victim {
                 Victim::Drop(cloud, node) => (cloud, node, 0),
@@ -137,7 +137,7 @@ impl State {
     }
 
     /// The radii to reach, for the clouds that the plan changes or whose radii are larger than necessary.
-    fn targets(&self, plan: &NodeChanges) -> BTreeMap<usize, Target> {
+    fn targets(&self, plan: &CutChanges) -> BTreeMap<usize, Target> {
         let loose = self.clouds.iter().filter(|(_, held)| !held.loose.is_empty()).map(|(cloud, _)| *cloud);
         let touched: BTreeSet<usize> = loose
             .chain(plan.drops.iter().map(|(cloud, _)| *cloud))
@@ -154,7 +154,7 @@ impl State {
     }
 
     /// The nodes of a cloud that are drawn when the plan is done.
-    fn drawn_after(&self, cloud: usize, plan: &NodeChanges) -> BTreeMap<NodeId, Drawn> {
+    fn drawn_after(&self, cloud: usize, plan: &CutChanges) -> BTreeMap<NodeId, Drawn> {
         let Some(held) = self.clouds.get(&cloud) else { return BTreeMap::new() };
         let mut drawn = BTreeMap::new();
         let prefix_of = |loaded: &Loaded, points: usize| {
@@ -183,7 +183,7 @@ impl State {
     }
 
     /// Grows the radii of nodes that stay and must cover more than before.
-    fn grow_radii(&mut self, plan: &NodeChanges, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
+    fn grow_radii(&mut self, plan: &CutChanges, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<NodeChange>) {
         for (cloud, target) in targets {
             for id in &target.nodes {
                 if let Some(shown) = self.shown_mut(*cloud, *id)
@@ -199,9 +199,9 @@ impl State {
 
     fn drop_and_shrink(
         &mut self,
-        plan: &NodeChanges,
+        plan: &CutChanges,
         targets: &mut BTreeMap<usize, Target>,
-        changes: &mut Vec<Change>,
+        changes: &mut Vec<NodeChange>,
     ) {
         for ((cloud, id), points) in &plan.shrinks {
             let Some(entry) = self.clouds.get_mut(cloud).and_then(|held| held.entries.get_mut(id)) else { continue };
@@ -233,7 +233,7 @@ impl State {
         }
     }
 
-    fn show(&mut self, plan: &NodeChanges, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
+    fn show(&mut self, plan: &CutChanges, targets: &mut BTreeMap<usize, Target>, changes: &mut Vec<NodeChange>) {
         for (cloud, id, points) in &plan.arrivals {
             let Some(held) = self.clouds.get_mut(cloud) else { continue };
             let generation = held.generation;
@@ -260,7 +260,7 @@ impl State {
     }
 
     /// Shrinks the radii of nodes that have less to cover than before; exactly when all nodes have come.
-    fn shrink_radii(&mut self, targets: BTreeMap<usize, Target>, changes: &mut Vec<Change>) {
+    fn shrink_radii(&mut self, targets: BTreeMap<usize, Target>, changes: &mut Vec<NodeChange>) {
         let is_all = self.waiting_nodes() == 0;
         for (cloud, target) in targets {
             let Some(held) = self.clouds.get_mut(&cloud) else { continue };

@@ -4,14 +4,14 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
-use super::nodes::{Change, Entry, Held, Job, Loaded, PagedCloud, ShownNode};
+use super::nodes::{CloudNodes, Entry, Job, Loaded, NodeChange, PagedCloud, ShownNode};
 use crate::{BATCHES, Budget, Error, NodeId, Result, Wanted, prefix};
 
 /// The time over which rates are measured.
 const RATE_TIME: Duration = Duration::from_secs(1);
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StreamStats {
+pub struct StreamerStats {
     /// The numbers of shown nodes and points.
     pub shown_nodes: usize,
     pub shown_points: u64,
@@ -29,7 +29,7 @@ pub struct StreamStats {
 pub(super) struct State {
     pub(super) budget: Budget,
     pub(super) workers: usize,
-    pub(super) clouds: BTreeMap<usize, Held>,
+    pub(super) clouds: BTreeMap<usize, CloudNodes>,
     /// The last cut, whole and as far as the budget goes.
     pub(super) asked: Vec<Wanted>,
     pub(super) wanted: Vec<Wanted>,
@@ -43,7 +43,7 @@ pub(super) struct State {
     pub(super) shown_points: u64,
     pub(super) shown_nodes: usize,
     /// The changes to be handed over before any others.
-    pub(super) pending: Vec<Change>,
+    pub(super) pending: Vec<NodeChange>,
     /// The reads of the last second: time, bytes, points.
     pub(super) reads: VecDeque<(Instant, u64, u64)>,
     pub(super) asks_for_room: bool,
@@ -79,7 +79,7 @@ impl State {
             self.pending.extend(drops);
         }
         // A failure of the pages before does not apply to these.
-        self.pending.retain(|change| !matches!(change, Change::Failed { cloud: other, .. } if *other == cloud));
+        self.pending.retain(|change| !matches!(change, NodeChange::Failed { cloud: other, .. } if *other == cloud));
         self.generations += 1;
         let generation = self.generations;
         let before = self.clouds.remove(&cloud).map(|held| (held.entries, held.field, held.loose));
@@ -89,12 +89,12 @@ impl State {
             (entry.in_flight, entry.failed) = (false, false);
             self.bytes -= entry.loaded.take().map_or(0, |loaded| loaded.bytes());
         }
-        self.clouds.insert(cloud, Held { paged, generation, field, loose, entries });
+        self.clouds.insert(cloud, CloudNodes { paged, generation, field, loose, entries });
         self.accept();
     }
 
     /// Removes a cloud; returns the drops of its shown nodes, children first.
-    pub(super) fn remove(&mut self, cloud: usize) -> Vec<Change> {
+    pub(super) fn remove(&mut self, cloud: usize) -> Vec<NodeChange> {
         let mut drops = Vec::new();
         for entry in self.clouds.remove(&cloud).into_iter().flat_map(|held| held.entries.into_values()).rev() {
             self.bytes -= entry.loaded.map_or(0, |loaded| loaded.bytes());
@@ -106,9 +106,9 @@ impl State {
             }
         }
         self.pending.retain(|change| match change {
-            Change::Put { cloud: other, .. }
-            | Change::Drop { cloud: other, .. }
-            | Change::Failed { cloud: other, .. } => *other != cloud,
+            NodeChange::Put { cloud: other, .. }
+            | NodeChange::Drop { cloud: other, .. }
+            | NodeChange::Failed { cloud: other, .. } => *other != cloud,
         });
         self.accept();
         drops
@@ -160,7 +160,7 @@ impl State {
                 entry.wanted_at = self.cuts;
                 if !std::mem::replace(&mut entry.failed, true) {
                     let error = Error::TooLarge { bytes: cost, budget: self.budget.bytes };
-                    self.pending.push(Change::Failed { cloud: *cloud, node: *id, error });
+                    self.pending.push(NodeChange::Failed { cloud: *cloud, node: *id, error });
                 }
                 continue;
             }
@@ -262,7 +262,7 @@ impl State {
             }
             Err(error) => {
                 entry.failed = true;
-                self.pending.push(Change::Failed { cloud: job.cloud, node: job.node, error });
+                self.pending.push(NodeChange::Failed { cloud: job.cloud, node: job.node, error });
             }
         }
     }
@@ -297,11 +297,11 @@ impl State {
         self.wanted.iter().filter(waits).count()
     }
 
-    pub(super) fn stats(&mut self) -> StreamStats {
+    pub(super) fn stats(&mut self) -> StreamerStats {
         self.forget_reads();
         let waiting_nodes = self.waiting_nodes();
         let seconds = RATE_TIME.as_secs_f64();
-        StreamStats {
+        StreamerStats {
             shown_nodes: self.shown_nodes,
             shown_points: self.shown_points,
             bytes: self.bytes,

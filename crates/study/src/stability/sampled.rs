@@ -6,7 +6,7 @@ use cloud::hash;
 use cloud::sampling::{Placement, Surface};
 use glam::DVec3;
 use render::Gpu;
-use scene::five_mirrors::{Part, append, splat_radius};
+use scene::five_mirrors::{SampledPart, append, splat_radius};
 use scene::{Camera, Mirror, Settings, SpotLight};
 use trace::Exact;
 use trace::exact::{Albedo, Object};
@@ -74,7 +74,7 @@ impl Scene {
     /// No memory on the GPU.
     pub fn subject(&self, gpu: &Arc<Gpu>, lights: Vec<SpotLight>, settings: &Settings) -> anyhow::Result<Subject> {
         let seed = u64::from(settings.scene.seed);
-        let mut parts = vec![Part { chunks: Vec::new(), mirror: None }];
+        let mut parts = vec![SampledPart { chunks: Vec::new(), mirror: None }];
         for (index, piece) in self.pieces.iter().enumerate() {
             let count = self.count(piece, settings.scene.points.into());
             let mut points = piece.surface.sample(count, seed.wrapping_add(index as u64));
@@ -92,7 +92,7 @@ impl Scene {
                 Some(mirror) => {
                     let mut chunks = Vec::new();
                     append(&mut chunks, points, radius, albedo);
-                    parts.push(Part { chunks, mirror: Some(mirror.clone()) });
+                    parts.push(SampledPart { chunks, mirror: Some(mirror.clone()) });
                 }
             }
         }

@@ -6,13 +6,13 @@ use std::ops::Range;
 
 /// The unused parts of a page, in points.
 #[derive(Debug)]
-pub(crate) struct Room {
+pub(crate) struct PageSpace {
     capacity: u32,
     /// The free ranges: sorted, not empty, not adjacent.
     free: Vec<Range<u32>>,
 }
 
-impl Room {
+impl PageSpace {
     /// A page that is all free.
     pub fn new(capacity: u32) -> Self {
         let mut room = Self { capacity, free: Vec::new() };
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn parts_that_touch_are_joined_and_the_smallest_that_fits_is_taken() {
-        let mut room = Room::new(100);
+        let mut room = PageSpace::new(100);
         let taken: Vec<u32> = (0..10).filter_map(|_| room.take(10)).collect();
         assert_eq!(taken, (0..10).map(|i| i * 10).collect::<Vec<_>>());
         assert_eq!(room.take(1), None);
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn what_is_slid_together_is_the_stretch_with_the_least_in_it() {
-        let mut room = Room::new(100);
+        let mut room = PageSpace::new(100);
         room.take(100);
         [5..10, 30..36, 40..45, 90..95].into_iter().for_each(|part| room.release(part));
         assert_eq!(room.take(10), None);
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn parts_that_come_and_go_for_long_always_find_room_where_so_much_is_free() {
         const CAPACITY: u32 = 100_000;
-        let mut room = Room::new(CAPACITY);
+        let mut room = PageSpace::new(CAPACITY);
         // The parts that are taken, by their first point.
         let mut held: Vec<Range<u32>> = Vec::new();
         let (mut used, mut slid) = (0, 0);
