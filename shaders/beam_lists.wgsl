@@ -1,6 +1,6 @@
-// The upper level of hierarchical SSCR: bounds the reflected rays of each tile of 8 x 8 pixels by a beam, lets the nodes of a
-// page's trees descend into it, and lists for each tile the runs of nodes that its rays may meet. A node is taken apart only
-// while it is wider than the beam; below that, its parts would all be listed. One thread a tile.
+// The upper level of hierarchical SSCR: bounds the reflected rays of each tile of 8 x 8 pixels by a beam, lets the
+// nodes of a page's trees descend into it, and lists for each tile the runs of nodes that its rays may meet. A node is
+// divided only while it is wider than the beam; below that, all its parts would be listed. One thread a tile.
 #import frame_group
 #import splat
 #import surfel_tree
@@ -13,7 +13,7 @@
 @group(1) @binding(3) var<storage, read> tops: array<Node>;
 @group(1) @binding(4) var<storage, read> places: array<TreePlace>;
 @group(1) @binding(5) var<storage, read> nodes: array<Node>;
-// LIST_WORDS words a tile: how many runs, then a place and a node for each.
+// LIST_WORDS words a tile: the number of runs, then a place and a node for each.
 @group(1) @binding(6) var<storage, read_write> lists: array<u32>;
 
 @compute @workgroup_size(64)
@@ -51,7 +51,7 @@ fn beam_lists(@builtin(global_invocation_id) id: vec3u) {
             count = list_tree(beam, top.high_leaf.w, list, count);
         }
     }
-    // Too many to list: the tile's rays start from the top of the tree.
+    // Too many nodes to list: the tile's rays start from the top of the tree.
     lists[list] = select(count, LIST_IS_FULL, count > LIST_RUNS);
 }
 

@@ -1,5 +1,5 @@
-// Adds indirect light to direct light, and what a mirror reflects to its own radiance, of which the passes that shade have left
-// it the rest. Where a mirror sees no point it shows the background. One thread a pixel.
+// Adds indirect light to direct light, and a mirror's reflection to its own radiance, which the shading passes have
+// already reduced. A mirror that sees no point shows the background. One thread a pixel.
 #import frame_group
 #import packing
 #import brdf
@@ -11,10 +11,10 @@
 // xyz: the mirror point that sees the surface, w: its specular intensity, 0 where there is no mirror.
 @group(1) @binding(3) var from_in: texture_2d<f32>;
 @group(1) @binding(4) var radiance_in: texture_2d<f32>;
-// w: coverage of what is reflected.
+// w: coverage of the reflected surface.
 @group(1) @binding(5) var seen_in: texture_2d<f32>;
 @group(1) @binding(6) var reflected_in: texture_2d<f32>;
-// Indirect light of the surface itself.
+// The indirect light of the surface itself.
 @group(1) @binding(7) var indirect_in: texture_2d<f32>;
 @group(1) @binding(8) var color_out: texture_storage_2d<rgba16float, write>;
 

@@ -1,4 +1,4 @@
-// Places each pixel of the camera's G-buffer in the world, relative to the eye. One thread a pixel.
+// Computes the position of each pixel of the camera's G-buffer in world axes, relative to the eye. One thread a pixel.
 #import frame_group
 
 @group(1) @binding(0) var depth_in: texture_2d<f32>;

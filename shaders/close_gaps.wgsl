@@ -1,7 +1,8 @@
-// Closes pixels that see through a gap between splats: points are samples, and however large the discs, some pixels between
-// them stay open. A pixel counts as a gap if at least five of its eight neighbours form one surface nearer than what it shows;
-// it takes their mean, and of their depths those that their planes have there. Gaps of two by two pixels close. Beside a
-// straight outline three neighbours are nearer, so it stays; only an inner corner loses its pixel. One thread a pixel.
+// Closes pixels that see through a gap between splats: points are samples, and however large the discs, some pixels
+// between them stay open. A pixel counts as a gap if at least five of its eight neighbours form one surface nearer than
+// its own; it takes their mean, with the depths that their planes have at its place. Gaps of two by two pixels close.
+// Beside a straight outline three neighbours are nearer, so it stays; only an inner corner loses its pixel. One thread
+// a pixel.
 #import frame_group
 #import splat
 
@@ -12,7 +13,7 @@
 @group(1) @binding(4) var normal_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(5) var depth_out: texture_storage_2d<r32float, write>;
 
-// Neighbours this much behind the nearest of them, or less, are one surface with it; a pixel behind by more is behind it.
+// Neighbours up to this far behind the nearest of them form one surface with it; a pixel further behind is behind it.
 // Relative to the depth: a surface seen at 80 degrees changes by this much over two pixels of a 60-degree picture.
 const SAME_SURFACE: f32 = 0.02;
 const ENOUGH: u32 = 5u;
@@ -32,7 +33,7 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
     var front = 3e38;
     for (var i = 0; i < 8; i++) {
         let at = center + neighbor(i);
-        // Beyond the picture's edge nothing is known.
+        // Nothing is known beyond the picture's edge.
         depths[i] = 0.0;
         if all(at >= vec2i(0)) && all(at <= last) {
             depths[i] = textureLoad(depth_in, at, 0).x;
@@ -50,7 +51,7 @@ fn close_gaps(@builtin(global_invocation_id) id: vec3u) {
     var albedo_sum = vec4f(0.0);
     var normal_sum = vec4f(0.0);
     var depth_sum = 0.0;
-    // Gaps are rare: the condition stands in the loop because software rasterisers run both sides of a branch.
+    // Gaps are rare: the condition is in the loop because software rasterisers run both sides of a branch.
     for (var i = 0; is_gap && i < 8; i++) {
         if depths[i] > 0.0 && depths[i] <= limit {
             let at = center + neighbor(i);

@@ -10,7 +10,7 @@
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read_write> curvature_map: array<u32>;
 
-// The surface is what the camera sees, not what a mirror does.
+// Whether the surface is the camera's, not one seen in a mirror.
 override from_camera: bool = true;
 
 @compute @workgroup_size(8, 8)
@@ -28,17 +28,17 @@ fn curvature(@builtin(global_invocation_id) id: vec3u) {
     curvature_map[id.y * frame.width + id.x] = flags;
 }
 
-// Flags of the change from the previous pixel along one direction.
+// The flags of the change from the previous pixel along one direction.
 fn change_from(pixel: vec2u, direction: vec2u, axis: vec3f) -> u32 {
     if any(pixel < direction) || textureLoad(point_in, pixel - direction, 0).w == 0.0 {
         return 0u;
     }
     let depth = textureLoad(eye_in, pixel, 0).w;
     let before = textureLoad(eye_in, pixel - direction, 0).w;
-    // In parallel views the eye's distance says nothing; rays from a mirror start on it in every view.
+    // In parallel views the eye's distance is meaningless; rays from a mirror start on it in every view.
     let compared = select(before, frame.reference_depth, from_camera && frame.orthographic != 0u);
     if abs(depth - before) > settings.sscr.depth_step_threshold * compared {
-        // How one surface's normal differs from another's is no curvature.
+        // A change of the normal from one surface to another is no curvature.
         return DEPTH_STEP << direction.y;
     }
     let turn = dot(textureLoad(normal_in, pixel, 0).xyz - textureLoad(normal_in, pixel - direction, 0).xyz, axis);

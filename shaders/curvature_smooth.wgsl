@@ -1,5 +1,6 @@
-// A planar pixel of the curvature map bends as its predecessor does, up to the next depth step or gap (Preiner 2010, section
-// 3.5.2, step 1). Runs along the rows, then along the columns: each only changes its own direction's bits. One thread a line.
+// Gives a planar pixel of the curvature map the bend of its predecessor, up to the next depth step or gap (Preiner
+// 2010, section 3.5.2, step 1). Runs along the rows, then along the columns: each run only changes its own direction's
+// bits. One thread a line.
 #import frame_group
 #import region
 

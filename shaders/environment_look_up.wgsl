@@ -12,7 +12,7 @@
 @group(2) @binding(4) var<storage, read> mirrors: MappedMirrors;
 @group(2) @binding(5) var albedo_out: texture_storage_2d<rgba16float, write>;
 @group(2) @binding(6) var normal_out: texture_storage_2d<rgba32float, write>;
-// xyz: relative to the eye, w: 1, or 0 where nothing was found.
+// xyz: position relative to the eye, w: 1, or 0 where nothing was found.
 @group(2) @binding(7) var position_out: texture_storage_2d<rgba32float, write>;
 // A look-up takes no steps.
 @group(2) @binding(8) var views_out: texture_storage_2d<rgba32float, write>;
@@ -58,8 +58,8 @@ fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
     }
 }
 
-// The direction in which a map is looked up: the reflected one, or from the map's middle to where the reflected ray
-// leaves the scene's box.
+// The direction to look up in a map: the reflected one, or that from the map's middle to the place where the reflected
+// ray leaves the scene's box.
 fn looked_up(point: vec3f, reflected: vec3f, center: vec3f) -> vec3f {
     if settings.environment_map.proxy != ENVIRONMENT_MAP_PROXY_BOX {
         return reflected;
@@ -67,7 +67,7 @@ fn looked_up(point: vec3f, reflected: vec3f, center: vec3f) -> vec3f {
     let inverse = 1.0 / reflected;
     let exits = max((mirrors.scene_low.xyz - point) * inverse, (mirrors.scene_high.xyz - point) * inverse);
     let exit = min(exits.x, min(exits.y, exits.z));
-    // A mirror that is drawn by its formula may stand outside of the box of the points.
+    // A mirror that is drawn by its formula may be outside the box of the points.
     return select(reflected, point + reflected * exit - center, exit > 0.0);
 }
 
@@ -76,11 +76,11 @@ fn largest_part(direction: vec3f) -> f32 {
     return max(parts.x, max(parts.y, parts.z));
 }
 
-// Where a direction lies in a map, as face_camera of crates/render/src/reflection/environment_map.rs sees it.
+// The place of a direction in a map, as seen by face_camera of crates/render/src/reflection/environment_map.rs.
 fn texel_of_direction(map: u32, direction: vec3f) -> u32 {
     let size = settings.environment_map.size;
     let parts = abs(direction);
-    // The part along the face's axis, then those that point right and up in it.
+    // The component along the face's axis, then those to its right and up.
     var turned = direction;
     var axis = 0u;
     if parts.y > parts.x && parts.y >= parts.z {

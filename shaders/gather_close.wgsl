@@ -13,7 +13,7 @@
 @group(1) @binding(5) var normal_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(6) var position_out: texture_storage_2d<rgba32float, write>;
 
-// Coverage of a closed pixel: told from found ones, and above none.
+// The coverage of a closed pixel: different from that of found ones, and above zero.
 const CLOSED: f32 = 0.5;
 
 @compute @workgroup_size(8, 8)
@@ -60,7 +60,7 @@ fn gather_close(@builtin(global_invocation_id) thread: vec3u) {
     textureStore(position_out, center, position);
 }
 
-// What a neighbour found; w: 0 where it found nothing or is no mirror pixel.
+// What a neighbour found; w: 0 if it found nothing or is no mirror pixel.
 fn seen_at(pixel: vec2i) -> vec4f {
     let size = vec2i(i32(frame.width), i32(frame.height));
     if any(pixel < vec2i(0)) || any(pixel >= size) || textureLoad(point_in, pixel, 0).w == 0.0 {

@@ -10,7 +10,7 @@
 @group(2) @binding(3) var<storage, read> hits: array<vec4u>;
 @group(2) @binding(4) var albedo_out: texture_storage_2d<rgba16float, write>;
 @group(2) @binding(5) var normal_out: texture_storage_2d<rgba32float, write>;
-// xyz: relative to the eye, w: 1, or 0 where nothing was found.
+// xyz: position relative to the eye, w: 1, or 0 where nothing was found.
 @group(2) @binding(6) var position_out: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(8, 8)

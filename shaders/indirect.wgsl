@@ -1,6 +1,6 @@
-// Light of the virtual lights on a surface, whatever it was seen by: the camera, or a mirror (Keller 1997; SSCR, 4.7). Each pixel
-// of a tile is lit by its own run of the lights (interleaved sampling, Keller and Heidrich 2001); pixels of the same place in
-// their tiles are worked on together, so that a workgroup walks one run. One thread a pixel.
+// The light of the virtual lights on a surface, seen by the camera or in a mirror (Keller 1997; SSCR, 4.7). Each pixel
+// of a tile is lit by its own run of the lights (interleaved sampling, Keller and Heidrich 2001); pixels at the same
+// place in their tiles are processed together, so that a workgroup walks one run. One thread a pixel.
 #import frame_group
 #import brdf
 #import gloss
@@ -64,7 +64,7 @@ fn indirect(@builtin(global_invocation_id) thread: vec3u) {
         diffuse += sum.diffuse;
         glossy += sum.glossy;
     }
-    // A run stands for all of the lights.
+    // A run represents all lights.
     let runs = f32(interleave * interleave);
     textureStore(diffuse_out, id, vec4f(diffuse * runs / 3.14159265, 1.0));
     if is_glossy {
@@ -75,11 +75,11 @@ fn indirect(@builtin(global_invocation_id) thread: vec3u) {
 struct Arriving {
     // Irradiance.
     diffuse: vec3f,
-    // Times the highlight's shape.
+    // Multiplied by the highlight's shape.
     glossy: vec3f,
 }
 
-// Light of run `run` of `count` lights.
+// The light of run `run` of `count` lights.
 fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, toward_eye: vec3f, gloss: Gloss) -> Arriving {
     let runs = interleave * interleave;
     let begin = first + count * run / runs;
@@ -101,7 +101,8 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
             continue;
         }
         let area_over_pi = light.position.w;
-        // A disc that faces a surface lights it by A / (d^2 + A / pi) exactly; a point light's square would have no bound.
+        // A disc that faces a surface lights it by A / (d^2 + A / pi) exactly; a point light's square would be
+        // unbounded.
         var transfer = cosine * cosine_there / select(max(squared, 1e-12), squared + area_over_pi, is_spherical);
         if is_spherical && !is_sky && squared < NEAR * area_over_pi {
             transfer = transfer_of_square(light, offset, normal);
@@ -113,11 +114,11 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
         if is_sky {
             transfer = cosine;
         }
-        // The radius under which a sphere is seen spreads highlights (after Hasan et al. 2009, whose mean over the cone is
-        // taken here by the variances of cone and lobe).
+        // The radius under which a sphere is seen spreads highlights (after Hasan et al. 2009, whose mean over the cone
+        // is approximated here by the variances of cone and lobe).
         var spread = 0.0;
         if is_spherical {
-            // A light of the sky stands for a cap of 2 pi over their number.
+            // A light of the sky represents a cap of 2 pi over their number.
             let squared_sine = select(area_over_pi / (squared + area_over_pi), 2.0 / f32(lights.sky_lights), is_sky);
             spread = 0.25 * squared_sine;
         }
@@ -140,13 +141,14 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
     return sum;
 }
 
-// A light counts as near within so many squares of its radius.
+// A light counts as near within this many squares of its radius.
 const NEAR: f32 = 25.0;
 
-// Cosines over squared distance of a near light, which is taken for the square that it stands for: in corners a disc's mean
-// direction would darken what lies within its radius. The integral over what of the square lies above the surface's horizon
-// (Lambert 1760), over that part's area: where surfaces meet, the light's own ends there. The square is four
-// fifths wider than the light's share of the surface, which evens out how unevenly lights are spread.
+// The cosines over squared distance of a near light, which is treated as the square that it represents: in corners a
+// disc's mean direction would darken the surface within its radius. It is the integral over the part of the square
+// above the surface's horizon (Lambert 1760), divided by that part's area: where surfaces meet, the light's own surface
+// ends there. The square is four fifths wider than the light's share of the surface, which compensates for the uneven
+// spread of lights.
 fn transfer_of_square(light: Vpl, offset: vec3f, normal: vec3f) -> f32 {
     let half = 0.9 * sqrt(3.14159265 * light.position.w);
     let along = light.tangent.xyz * half;
@@ -174,16 +176,16 @@ fn transfer_of_square(light: Vpl, offset: vec3f, normal: vec3f) -> f32 {
     return abs(sum.x) / max(abs(sum.y), 1e-20);
 }
 
-// What an edge adds to twice the integral of the cosines and to twice the area.
+// The contribution of an edge to twice the integral of the cosines and to twice the area.
 fn edge_of_square(light: Vpl, normal: vec3f, start: vec3f, end: vec3f) -> vec2f {
     let turn = cross(start, end);
     let sine = length(turn);
-    // No turn: an edge toward the surface, or none at all.
+    // No contribution: an edge toward the surface, or of no length.
     let light_of_edge = select(0.0, atan2(sine, dot(start, end)) * dot(normal, turn) / sine, sine > 0.0);
     return vec2f(light_of_edge, dot(light.normal.xyz, turn));
 }
 
-// 1 where the light sees the surface at `at`, 0 where its shadow map holds something nearer.
+// 1 if the light sees the surface at `at`, 0 if its shadow map has something nearer.
 fn share_seen(v: u32, light: Vpl, at: vec3f, normal: vec3f) -> f32 {
     let point = point_in_map(lights, light, at);
     let size = f32(lights.map_size);
@@ -192,7 +194,7 @@ fn share_seen(v: u32, light: Vpl, at: vec3f, normal: vec3f) -> f32 {
     // The surface itself, as the texel's middle sees its plane.
     let ray = ray_of_map(lights, light, (texel + 0.5) / size * 2.0 - 1.0);
     let plane = dot(normal, at - ray.origin) / dot(normal, ray.direction);
-    // Written so that NaN (a plane along the ray) leaves the distance.
+    // The comparison is false for NaN (a plane along the ray), which keeps the distance.
     let expected = select(point.distance, plane, plane > 0.5 * point.distance && plane < point.distance);
     let stored = distance_of_code(lights, light.normal.w, code >> 16u);
     let bias = settings.gi.shadow_bias * lights.disc_radius;

@@ -1,5 +1,5 @@
-// Indirect light as radiance: the mean over a tile of pixels, which each were lit by a run of the virtual lights, as far as they
-// lie on one surface; times the surface's colour. One thread a pixel.
+// Indirect light as radiance: the mean over the pixels of a tile that lie on one surface, each lit by its own run of
+// the virtual lights; times the surface's colour. One thread a pixel.
 #import frame_group
 #import brdf
 #import gloss
@@ -17,10 +17,10 @@
 @group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
 
 override from_camera: bool = true;
-// Edge of the window, in pixels; 1: nothing is averaged.
+// The edge of the window in pixels; 1 for no average.
 override window: u32 = 1u;
 override is_glossy: bool = false;
-// A reflection is followed from here: it takes the place of the mirror's own light.
+// Set if a reflection is followed from here, which replaces the mirror's own light.
 override is_mixed: bool = false;
 
 @compute @workgroup_size(8, 8)
@@ -89,7 +89,7 @@ fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
     if albedo.a == 0.0 {
         radiance = radiance * (1.0 - gloss.share) + highlight;
     } else if is_mixed {
-        // What a mirror reflects as a highlight is in its reflection already.
+        // A mirror's highlight is already part of its reflection.
         radiance *= 1.0 - mirror_share(albedo.a, grazing);
     } else {
         radiance += highlight;

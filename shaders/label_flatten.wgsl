@@ -20,7 +20,7 @@ fn label_flatten(@builtin(global_invocation_id) id: vec3u) {
         at = parent;
         parent = atomicLoad(&parents[at]);
     }
-    // Threads that are still on their way up only find a shorter one.
+    // Other threads that still walk up only find a shorter way.
     atomicStore(&parents[index], at);
     atomicAdd(&sizes[at], 1u);
 }

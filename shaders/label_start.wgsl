@@ -5,9 +5,9 @@
 #import region
 
 @group(1) @binding(0) var<storage, read> curvature_map: array<u32>;
-// A pixel's parent in its tree; OUTSIDE where it is in none.
+// A pixel's parent in its tree; OUTSIDE if it is in none.
 @group(1) @binding(1) var<storage, read_write> parents: array<u32>;
-// Pixels of the tree whose root this is.
+// The number of pixels of the tree whose root this is.
 @group(1) @binding(2) var<storage, read_write> sizes: array<u32>;
 
 @compute @workgroup_size(8, 8)

@@ -28,7 +28,7 @@ fn mirror_average(@builtin(global_invocation_id) id: vec3u) {
     let relative = total3(pixel, SUM_POSITION) / (count * POSITION_STEPS) - 1.0;
     let offset = relative * POSITION_REACH * farthest;
     let normal_sum = total3(pixel, SUM_NORMAL) / count - f32(NORMAL_BIAS);
-    // Where no point had a normal, or they cancelled, the surface is taken to face the mirror.
+    // If no point had a normal, or they cancelled, the surface is assumed to face the mirror.
     let normal = select(-offset, normal_sum, dot(normal_sum, normal_sum) > 1.0);
     let unit = normal * inverseSqrt(max(dot(normal, normal), 1e-30));
     let albedo = vec4f(total3(pixel, SUM_ALBEDO) / (count * 4095.0), total(pixel, SUM_INTENSITY) / (count * 1023.0));

@@ -3,11 +3,11 @@
 #import blocks
 #import mirror_splat
 
-// By point of the page.
+// Indexed by point of the page.
 @group(2) @binding(0) var<storage, read> solutions: array<Solution>;
 // w: specular intensity, 0 where there is no mirror.
 @group(2) @binding(1) var point_in: texture_2d<f32>;
-// Nearness of the nearest point; 0: none.
+// The nearness of the nearest point; 0 if there is none.
 @group(2) @binding(2) var<storage, read_write> nearest: array<atomic<u32>>;
 
 @compute @workgroup_size(128)

@@ -1,5 +1,5 @@
-// Counts mirror pixels, and those in which something was found; tells which of them are not to be trusted, whatever the method, from
-// what it found alone. One thread a pixel.
+// Counts mirror pixels, and those in which something was found; marks the doubtful ones, for any method, from the found
+// surfaces alone. One thread a pixel.
 #import frame_group
 #import counters
 #import mirror_ray
@@ -8,25 +8,25 @@
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 // xyz: normal of the mirror.
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
-// xyz: where the ray came from.
+// xyz: origin of the ray.
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
-// xyz: position of what was found, w: coverage.
+// xyz: position found, w: coverage.
 @group(1) @binding(3) var seen_in: texture_2d<f32>;
 // xyz: its normal.
 @group(1) @binding(4) var seen_normal_in: texture_2d<f32>;
-// 0: nothing to doubt, or nothing found; else why.
+// 0: trusted, or nothing found; else the reason.
 @group(1) @binding(5) var doubt_out: texture_storage_2d<r32float, write>;
 @group(1) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Closed from its neighbours.
 const CLOSED: f32 = 1.0;
-// What was found lies more than a pixel beside the reflected ray.
+// The position found is more than a pixel beside the reflected ray.
 const OFF_ITS_RAY: f32 = 2.0;
 // Its neighbours show other surfaces: one of them hides the other, or is missing.
 const ALONE: f32 = 3.0;
 
-// Distance from a neighbour's surface, relative to that from the mirror, at which it is another: the tolerance of the occlusion
-// error.
+// The distance from a neighbour's surface, relative to that from the mirror, at which it is another: the tolerance of
+// the occlusion error.
 const OTHER_SURFACE: f32 = 0.05;
 
 @compute @workgroup_size(8, 8)
@@ -59,12 +59,12 @@ fn reflected(id: vec2u) -> vec3f {
     return reflected_direction(textureLoad(point_in, id, 0).xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
 }
 
-// Angle between unit vectors; exact for small ones, where the cosine is not.
+// The angle between unit vectors; exact for small ones, where the cosine is not.
 fn angle(a: vec3f, b: vec3f) -> f32 {
     return atan2(length(cross(a, b)), dot(a, b));
 }
 
-// By which angle the reflected direction changes to a neighbour; huge where there is none.
+// The angle by which the reflected direction changes to a neighbour; huge if there is none.
 fn change(id: vec2u, step: vec2i, direction: vec3f) -> f32 {
     let other = vec2u(vec2i(id) + step);
     let is_inside = all(vec2i(id) + step >= vec2i(0)) && other.x < frame.width && other.y < frame.height;
@@ -76,18 +76,19 @@ fn change(id: vec2u, step: vec2i, direction: vec3f) -> f32 {
     return angle(direction, reflected(at));
 }
 
-// Along each axis the smaller change counts, so that the edge of another mirror does not; of both axes the larger.
+// Along each axis the smaller change counts, so that the edge of another mirror does not; the larger of both axes is
+// taken.
 fn is_off(id: vec2u, point: vec3f, seen: vec3f) -> bool {
     let direction = reflected(id);
     let sideways = min(change(id, vec2i(-1, 0), direction), change(id, vec2i(1, 0), direction));
     let upright = min(change(id, vec2i(0, -1), direction), change(id, vec2i(0, 1), direction));
     let step = max(select(sideways, 0.0, sideways > 1e8), select(upright, 0.0, upright > 1e8));
     let offset = seen - point;
-    // A pixel without neighbours has nothing to be compared with; one on the mirror point itself points nowhere.
+    // A pixel without neighbours cannot be compared; one on the mirror point itself has no direction.
     return dot(offset, offset) == 0.0 || (step > 0.0 && angle(normalize(offset), direction) > step);
 }
 
-// Whether less than a third of the neighbours that found something lie on the same surface.
+// Whether less than a third of the neighbours that found something are on the same surface.
 fn is_alone(id: vec2u, point: vec3f, seen: vec3f) -> bool {
     let normal = textureLoad(seen_normal_in, id, 0).xyz;
     let most = OTHER_SURFACE * distance(seen, point);

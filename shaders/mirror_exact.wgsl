@@ -1,9 +1,9 @@
-// Draws mirrors by their formulas into the camera's G-buffer: a ray a pixel, where a mirror may be
-// seen. One thread a pixel.
+// Draws mirrors by their formulas into the camera's G-buffer: a ray a pixel, where a mirror may be seen. One thread a
+// pixel.
 #import frame_group
 #import mirror_formula
 
-// Of the surface without these mirrors, which the images that are written to hold as well.
+// The surface without these mirrors; the images that are written hold it as well.
 @group(1) @binding(0) var depth_in: texture_2d<f32>;
 @group(1) @binding(1) var<storage, read> mirrors: array<FormulaMirror>;
 @group(1) @binding(2) var albedo_out: texture_storage_2d<rgba16float, write>;

@@ -1,4 +1,4 @@
-// The mirror pixels of a surface, and where the rays to them came from. One thread a pixel.
+// The mirror pixels of a surface, and the origins of the rays to them. One thread a pixel.
 #import frame_group
 
 // a: specular intensity.
@@ -9,10 +9,10 @@
 @group(1) @binding(2) var from_in: texture_2d<f32>;
 // xyz: mirror point, w: specular intensity, 0 where there is no mirror.
 @group(1) @binding(3) var point_out: texture_storage_2d<rgba32float, write>;
-// xyz: where the ray came from, w: linear depth of the mirror point seen from there.
+// xyz: origin of the ray, w: linear depth of the mirror point seen from there.
 @group(1) @binding(4) var eye_out: texture_storage_2d<rgba32float, write>;
 
-// The surface is what the camera sees, not what a mirror does.
+// Whether the surface is the camera's, not one seen in a mirror.
 override from_camera: bool = true;
 
 @compute @workgroup_size(8, 8)
@@ -21,7 +21,7 @@ fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let position = textureLoad(position_in, id.xy, 0);
-    // Beyond the first bounce, only where the mirror before it saw something is there a surface.
+    // Beyond the first bounce there is a surface only where the mirror before it saw something.
     let is_seen = position.w > 0.0 && (from_camera || textureLoad(from_in, id.xy, 0).w > 0.0);
     let intensity = select(0.0, textureLoad(albedo_in, id.xy, 0).a, is_seen);
     var eye = vec4f(0.0);

@@ -1,18 +1,18 @@
-// Forward methods, visibility pass (Preiner 2010, sections 3.7 and 4.5.3): all points within the depth offset of the nearest
-// add what they are to the mirror pixels they cover. One workgroup a block of points.
+// Forward methods, visibility pass (Preiner 2010, sections 3.7 and 4.5.3): all points within the depth offset of the
+// nearest add their values to the mirror pixels that they cover. One workgroup a block of points.
 #import blocks
 #import color
 #import mirror_splat
 #import mirror_sums
 
-// By point of the page.
+// Indexed by point of the page.
 @group(2) @binding(0) var<storage, read> solutions: array<Solution>;
 // xyz: mirror point. w: specular intensity, 0 where there is no mirror.
 @group(2) @binding(1) var point_in: texture_2d<f32>;
 @group(2) @binding(2) var<storage, read> nearest: array<u32>;
 // MIRROR_SUMS words a pixel.
 @group(2) @binding(3) var<storage, read_write> sums: array<atomic<u32>>;
-// Half as many.
+// Half as many words of carries.
 @group(2) @binding(4) var<storage, read_write> carries: array<atomic<u32>>;
 
 @compute @workgroup_size(128)
@@ -40,7 +40,7 @@ fn splat_point(item: Item, index: u32) {
     for (var y = splat.first.y; y <= splat.last.y; y++) {
         for (var x = splat.first.x; x <= splat.last.x; x++) {
             let pixel = u32(y) * frame.width + u32(x);
-            // Where there is no mirror nothing is nearest, and `farthest` no number.
+            // Without a mirror there is no nearest point, and `farthest` is not a number.
             let farthest = farthest_counted(depth_from_nearness(nearest[pixel]), frame.scene_radius);
             if solution.distance <= farthest {
                 let toward = q - textureLoad(point_in, vec2i(x, y), 0).xyz;

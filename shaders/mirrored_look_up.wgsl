@@ -9,7 +9,7 @@
 @group(2) @binding(2) var<storage, read> mirrors: MappedMirrors;
 @group(2) @binding(3) var albedo_out: texture_storage_2d<rgba16float, write>;
 @group(2) @binding(4) var normal_out: texture_storage_2d<rgba32float, write>;
-// xyz: relative to the eye, w: 1, or 0 where nothing was found.
+// xyz: position relative to the eye, w: 1, or 0 where nothing was found.
 @group(2) @binding(5) var position_out: texture_storage_2d<rgba32float, write>;
 // A look-up takes no steps.
 @group(2) @binding(6) var views_out: texture_storage_2d<rgba32float, write>;

@@ -14,7 +14,7 @@ fn present(@builtin(global_invocation_id) id: vec3u) {
     }
     let depth = textureLoad(depth_in, id.xy, 0).x;
     if depth == 0.0 {
-        // Colours of parameters are 0xrrggbbaa, and what the screen shows: no light that would be mapped.
+        // Colours of parameters are 0xrrggbbaa in screen colours: they are not light to be mapped.
         textureStore(picture_out, id.xy, vec4f(unpack4x8unorm(settings.view.background).wzy, 1.0));
         return;
     }
@@ -22,7 +22,7 @@ fn present(@builtin(global_invocation_id) id: vec3u) {
     textureStore(picture_out, id.xy, vec4f(screen_color(settings, color), 1.0));
 }
 
-// Neighbours that stand before the pixel darken it, by the logarithm of the ratio of depths: the same step looks the same
+// Neighbours in front of the pixel darken it, by the logarithm of the ratio of depths: the same step looks the same
 // near and far.
 fn eye_dome(pixel: vec2i, depth: f32) -> f32 {
     if settings.edl.strength == 0.0 {
@@ -39,6 +39,7 @@ fn eye_dome(pixel: vec2i, depth: f32) -> f32 {
             sum += log2(1.0 + max(0.0, depth_step(frame, neighbor_depth, depth)));
         }
     }
-    // 300 is the customary factor: at strength 0.4 a step of one percent of the depth on one side darkens by a fifth or so.
+    // 300 is the customary factor: at strength 0.4 a step of one percent of the depth on one side darkens by about a
+    // fifth.
     return exp(-300.0 * settings.edl.strength * sum / 8.0);
 }

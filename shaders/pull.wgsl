@@ -1,5 +1,5 @@
-// Pull (Preiner 2010, sections 3.6, 3 and 4.6.1): one level of the Mirror G-Buffer's pyramid from the level below, the mean
-// of those of four pixels that hold something. One thread a pixel of the level made.
+// Pull (Preiner 2010, sections 3.6, 3 and 4.6.1): one level of the Mirror G-Buffer's pyramid from the level below, the
+// mean of those of four pixels that hold something. One thread a pixel of the level made.
 #import frame_group
 
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;

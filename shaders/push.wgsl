@@ -4,7 +4,7 @@
 
 // w: specular intensity, 0 where there is no mirror.
 @group(1) @binding(0) var point_in: texture_2d<f32>;
-// Pyramids of the Mirror G-Buffer; level 0 is as it was found.
+// The pyramids of the Mirror G-Buffer; level 0 holds what was found.
 @group(1) @binding(1) var albedo_in: texture_2d<f32>;
 @group(1) @binding(2) var normal_in: texture_2d<f32>;
 @group(1) @binding(3) var position_in: texture_2d<f32>;

@@ -9,13 +9,13 @@
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read> parents: array<u32>;
-// Labels of the roots.
+// The labels of the roots.
 @group(1) @binding(4) var<storage, read> sizes: array<u32>;
 // REGION_WORDS words each.
 @group(1) @binding(5) var<storage, read_write> regions: array<atomic<u32>>;
 @group(1) @binding(6) var<storage, read_write> mirror_pixels: array<MirrorPixel>;
 
-// Whether the bounds of the reflected rays are asked for.
+// Whether the bounds of the reflected rays are needed.
 override bound_rays: bool = false;
 
 @compute @workgroup_size(8, 8)
@@ -72,7 +72,7 @@ fn label_of(index: u32) -> u32 {
     return sizes[root];
 }
 
-// Looking first saves nearly all atomics: bounds settle after a few pixels.
+// Reading first saves nearly all atomics: bounds settle after a few pixels.
 fn lower(word: u32, value: u32) {
     if atomicLoad(&regions[word]) > value {
         atomicMin(&regions[word], value);

@@ -5,7 +5,7 @@
 
 @group(1) @binding(0) var<storage, read> parents: array<u32>;
 @group(1) @binding(1) var<storage, read> sizes: array<u32>;
-// Regions and pixels of each run.
+// The numbers of regions and pixels of each run.
 @group(1) @binding(2) var<storage, read_write> runs: array<vec2u>;
 
 @compute @workgroup_size(256)

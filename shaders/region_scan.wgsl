@@ -1,4 +1,4 @@
-// Numbering the regions, second of three passes: what lies before each run of pixels, and the totals. One workgroup.
+// Numbering the regions, second of three passes: the sums before each run of pixels, and the totals. One workgroup.
 #import frame_group
 #import region
 #import scan
@@ -8,7 +8,7 @@
 @group(1) @binding(1) var<storage, read_write> totals: RegionTotals;
 @group(1) @binding(2) var<storage, read_write> counters: array<u32>;
 
-// Regions are told of the first bounce.
+// The statistics report the regions of the first bounce.
 override count_regions: bool = true;
 
 @compute @workgroup_size(256)

@@ -1,6 +1,6 @@
-// Direct light on a surface, whatever it was seen by: the camera, or a mirror. Lambertian (radiance = albedo / pi x irradiance)
-// with highlights; of a mirror whose reflection blend.wgsl adds, the diffuse light that is left beside it. Linear radiance. One
-// thread a pixel.
+// Direct light on a surface, seen by the camera or in a mirror. Lambertian (radiance = albedo / pi x irradiance) with
+// highlights; for a mirror whose reflection blend.wgsl adds, the diffuse light that remains beside it. Linear radiance.
+// One thread a pixel.
 #import frame_group
 #import splat
 #import light
@@ -22,11 +22,11 @@
 override from_camera: bool = true;
 // LIGHT_BY_*, never auto.
 override lighting: u32 = LIGHT_BY_HEADLIGHT;
-// Of a sun, its maps.
+// For a sun, the number of its maps.
 override light_count: u32 = 0u;
-// The reflections of this surface's mirrors are followed.
+// Set if the reflections of this surface's mirrors are followed.
 override is_mixed: bool = false;
-// Some surface shows lights as highlights.
+// Set if some surface shows highlights of lights.
 override has_highlights: bool = false;
 
 @compute @workgroup_size(8, 8)
@@ -52,7 +52,7 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
     let to_eye = toward_viewer(frame, position.xyz, from_camera, mirror_point);
     let cosine = clamp(dot(normal.xyz, to_eye), 0.0, 1.0);
     let is_mirror = albedo.a > 0.0;
-    // Diffuse share of the albedo.
+    // The diffuse share of the albedo.
     var share = 1.0;
     if is_mixed && is_mirror {
         share -= mirror_share(albedo.a, grazing_share(settings, cosine));
@@ -61,7 +61,7 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
     if lighting == LIGHT_BY_COLORS {
         radiance = albedo.rgb * share;
     } else if lighting == LIGHT_BY_HEADLIGHT {
-        // A lamp at the eye, or where the reflected ray comes from: all that is seen is turned to it.
+        // A lamp at the eye, or at the origin of the reflected ray: every visible surface is turned to it.
         radiance = albedo.rgb * (share * mix(1.0, cosine, settings.light.headlight));
     } else {
         let gloss = gloss_of(settings, albedo.a, normal.w);

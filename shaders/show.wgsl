@@ -1,5 +1,5 @@
-// Shows how a method came to its result, or what it found, instead of the picture: mirror pixels in false colours, the rest
-// darkened. One thread a pixel.
+// Shows how a method came to its result, or what it found, instead of the picture: mirror pixels in false colours,
+// other pixels darkened. One thread a pixel.
 #import frame_group
 #import packing
 #import tone
@@ -14,7 +14,7 @@
 @group(1) @binding(4) var position_in: texture_2d<f32>;
 // x: flags of the curvature map (shaders/shared/region.wgsl), y: label, z: steps, w: share of searches out of steps.
 @group(1) @binding(5) var views_in: texture_2d<f32>;
-// Why what was found is not to be trusted, as in mirror_doubt.wgsl; 0 where it is.
+// Why the result is doubtful, as in mirror_doubt.wgsl; 0 where it is trusted.
 @group(1) @binding(6) var doubt_in: texture_2d<f32>;
 @group(1) @binding(7) var picture_out: texture_storage_2d<rgba8unorm, write>;
 
@@ -68,10 +68,10 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
     textureStore(picture_out, id.xy, vec4f(color, 1.0));
 }
 
-// White in the heat map.
+// The value that is white in the heat map.
 override most_steps: u32 = 64u;
 
-// Far apart for numbers that follow one another: the hue turns by the golden angle.
+// Distant hues for consecutive numbers: the hue turns by the golden angle.
 fn color_of_number(number: u32) -> vec3f {
     if number == 0u {
         return vec3f(0.15);

@@ -1,16 +1,16 @@
-// A part of the light, or of what light falls on, instead of the picture. One thread a pixel.
+// Shows a part of the light, or a property of the lit surfaces, instead of the picture. One thread a pixel.
 #import frame_group
 #import tone
 #import heat
 #import light_view
 
 @group(1) @binding(0) var<uniform> views: LightViews;
-// Light, albedo or normal, by what is shown.
+// Light, albedo or normal, according to the view.
 @group(1) @binding(1) var image_in: texture_2d<f32>;
 @group(1) @binding(2) var depth_in: texture_2d<f32>;
 @group(1) @binding(3) var picture_out: texture_storage_2d<rgba8unorm, write>;
 
-// There is such light at all.
+// Set if there is such light.
 override has_light: bool = true;
 
 @compute @workgroup_size(8, 8)
@@ -32,7 +32,7 @@ fn show_light(@builtin(global_invocation_id) id: vec3u) {
             case LIGHT_SHOW_DEPTH: {
                 color = heat(closeness(depth, views.nearest.x, views.farthest.x, frame.orthographic != 0u));
             }
-            // The ground that virtual lights are drawn on.
+            // The background on which virtual lights are drawn.
             default: { color = screen_color(settings, image) * DIMMED; }
         }
     }

@@ -1,4 +1,4 @@
-// What lamps or the sun see: their shadow maps, a cell each, by distance (bright is near) and slope. One thread a pixel.
+// The shadow maps of the lamps or the sun, a cell each, by distance (bright is near) and slope. One thread a pixel.
 #import frame_group
 #import light
 #import light_view
@@ -26,18 +26,18 @@ fn show_light_buffer(@builtin(global_invocation_id) id: vec3u) {
     textureStore(picture_out, id.xy, vec4f(color, 1.0));
 }
 
-// Linear depth; 0: empty.
+// The linear depth; 0 if empty.
 fn depth_at(map: u32, texel: vec2i) -> f32 {
     let inside = clamp(texel, vec2i(0), vec2i(SHADOW_SIZE - 1));
     let key = shadows[(i32(map) * SHADOW_SIZE + inside.y) * SHADOW_SIZE + inside.x].y;
     return select(0.0, depth_from_nearness(key), key != 0u);
 }
 
-// Cosine between the surface's normal and the line to the light.
+// The cosine between the surface's normal and the line to the light.
 fn facing(map: u32, texel: vec2i, depth: f32) -> f32 {
     let light = lights[map];
     let is_sun = light.axis_outer.w == 0.0;
-    // World units of a texel, and of the place of this one, across the axis.
+    // The world units of a texel, and of the place of this one, across the axis.
     let width = select(depth, 1.0, is_sun) / light.intensity_focal.a;
     let across = (vec2f(texel) + 0.5 - f32(SHADOW_SIZE / 2)) * width;
     let slope = vec2f(slope_along(map, texel, vec2i(1, 0), depth), slope_along(map, texel, vec2i(0, 1), depth)) / width;
@@ -48,7 +48,7 @@ fn facing(map: u32, texel: vec2i, depth: f32) -> f32 {
     return abs(dot(normal, toward));
 }
 
-// Change of depth from texel to texel: the smaller of both sides, so that edges do not count.
+// The change of depth from texel to texel: the smaller of both sides, so that edges do not count.
 fn slope_along(map: u32, texel: vec2i, step: vec2i, depth: f32) -> f32 {
     let before = depth_at(map, texel - step);
     let after = depth_at(map, texel + step);

@@ -1,5 +1,5 @@
-// The shadow maps of the virtual lights, a cell each: first those of the sky, then bounce by bounce. Bright is near, and what is
-// outside of a map's disc is not of the half space before its light. One thread a pixel.
+// The shadow maps of the virtual lights, a cell each: first those of the sky, then bounce by bounce. Bright is near;
+// pixels outside a map's disc are outside the half space in front of its light. One thread a pixel.
 #import frame_group
 #import light_view
 #import vpl
@@ -22,7 +22,7 @@ fn show_shadow_maps(@builtin(global_invocation_id) id: vec3u) {
         let kind = vpls[cell.index].normal.w;
         let texel = vec2u(cell.at * f32(virtual_lights.map_size));
         let code = shadow_maps[cell.index * virtual_lights.map_stride + texel.y * virtual_lights.map_size + texel.x];
-        // From a 64th of the scene's diameter on.
+        // Begins at a 64th of the scene's diameter.
         let farthest = 2.0 * virtual_lights.eye_radius.w;
         let distance = distance_of_code(virtual_lights, kind, code >> 16u);
         let share = closeness(distance, farthest / 64.0, farthest, kind == VPL_SKY);

@@ -1,6 +1,6 @@
-// Virtual lights as discs of the colour that their surface shines in, over the picture that is there: where the camera sees them,
-// or where the lamps' maps hold them. Those of further bounces are smaller, those that the camera does not see darker. One
-// thread a pixel; the threads of a tile look for its discs together.
+// Virtual lights as discs in the colour that their surface reflects, over the picture: where the camera sees them, or
+// where they are in the lamps' maps. Those of further bounces are smaller, hidden ones darker. One thread a pixel; the
+// threads of a tile search its discs together.
 #import frame_group
 #import light
 #import light_view
@@ -15,12 +15,12 @@
 @group(1) @binding(5) var depth_in: texture_2d<f32>;
 @group(1) @binding(6) var picture_out: texture_storage_2d<rgba8unorm, write>;
 
-// Into the cells of the lamps' maps, each those of the first bounce that it gave rise to.
+// Draws into each cell of the lamps' maps the lights of the first bounce that come from that lamp.
 override in_light_buffer: bool = false;
 
 struct Mark {
     center: vec2f,
-    // Pixels; 0: not drawn.
+    // The radius in pixels; 0 if it is not drawn.
     radius: f32,
     depth: f32,
     color: vec3f,
@@ -29,7 +29,7 @@ struct Mark {
 
 const NO_MARK: Mark = Mark(vec2f(0.0), 0.0, 3e38, vec3f(0.0), 0u);
 
-// As many as a tile has threads.
+// The number of threads of a tile.
 var<workgroup> marks: array<Mark, 64>;
 var<workgroup> found: atomic<u32>;
 
@@ -60,7 +60,7 @@ fn show_virtual_lights(
         workgroupBarrier();
         for (var i = 0u; i < atomicLoad(&found); i++) {
             let mark = marks[i];
-            // By number where they stand in one place: the order in which they are found is not always the same.
+            // Ordered by number if they are at one place: the order in which they are found varies.
             let is_before = mark.depth < nearest.depth || (mark.depth == nearest.depth && mark.index < nearest.index);
             if is_before && distance(mark.center, at) <= mark.radius {
                 nearest = mark;
@@ -104,7 +104,8 @@ fn mark_in_map(map: u32, index: u32) -> Mark {
     let toward = select(-normalize(offset), -lamp.axis_outer.xyz, is_sun);
     let place = shadow_texel(lamp, offset);
     let is_inside = all(place.xy >= vec2f(0.0)) && all(place.xy < vec2f(f32(SHADOW_SIZE)));
-    // Other lamps', and the sky's, come from elsewhere: a degree is coarse beside rounding and fine beside two lamps.
+    // Lights of other lamps, and of the sky, come from elsewhere: a degree is coarse compared with rounding and fine
+    // compared with the angle between two lamps.
     if light.normal.w != VPL_LOCAL || dot(light.incoming.xyz, toward) < 0.9998 || !is_inside {
         return NO_MARK;
     }
@@ -113,7 +114,8 @@ fn mark_in_map(map: u32, index: u32) -> Mark {
     return Mark(center, max(f32(views.edge) / 200.0, 1.0), place.z, color_of(light), index);
 }
 
-// The radiance of the surface that it stands for, as the screen shows it; at least six tenths as bright as the screen, to be seen.
+// The radiance of the surface that it represents, in screen colours; at least six tenths of the screen's brightness, so
+// that it is visible.
 fn color_of(light: Vpl) -> vec3f {
     let strength = light.intensity.rgb + light.glossy.rgb / 3.14159265;
     let shown = screen_color(settings, strength / max(light.position.w * 3.14159265, 1e-20));

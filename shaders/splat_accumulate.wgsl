@@ -42,10 +42,10 @@ fn splat_point(item: Item, index: u32) {
             return;
         }
         let front = front_depth(single.pixel);
-        // A single pixel counts as half a pixel in radius, whatever smaller the disc is.
+        // A single pixel counts as half a pixel in radius, however small the disc is.
         let half_pixel = 0.5 / pixels_per_unit(frame, single.center.z);
         let offset = half_pixel * settings.splat.depth_offset;
-        // Most points of a dense scan are hidden: they are found out before anything else of them is read.
+        // Most points of a dense scan are hidden: they are rejected before anything else of them is read.
         if single.center.z <= front + offset {
             let surface = surface_of_point(item, point, index, single.center);
             let at = floor(pixel_from_view(frame, single.center)) + 0.5;
@@ -75,7 +75,7 @@ fn splat_point(item: Item, index: u32) {
 struct PointSurface {
     // Linear, ALBEDO_MOST is 1.
     albedo: vec3u,
-    // World, 11 bits and sign.
+    // World axes, 11 bits and sign.
     normal: vec3i,
     normal_in_view: vec3f,
 }
@@ -103,7 +103,7 @@ fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front:
     add_surface(pixel, 2u, biased.z);
     let behind = u32(clamp(((fragment.depth - front) / front - LEAST_BEHIND) / BEHIND_RANGE, 0.0, 1.0) * 65535.0 + 0.5);
     add_surface(pixel, 3u, behind * weight);
-    // Most points are no mirrors: they pay nothing for it.
+    // Most points are no mirrors and skip this.
     if item.specular_intensity > 0.0 {
         add_specular(pixel, 0u, u32(item.specular_intensity * 1023.0 + 0.5) * weight);
         add_specular(pixel, 1u, u32(item.specular_power + 0.5) * weight);

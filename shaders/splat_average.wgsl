@@ -11,7 +11,7 @@
 @group(1) @binding(5) var albedo_out: texture_storage_2d<rgba16float, write>;
 // xyz: world normal towards the eye, w: specular power.
 @group(1) @binding(6) var normal_out: texture_storage_2d<rgba32float, write>;
-// Linear depth, world units; 0: empty.
+// The linear depth in world units; 0 if empty.
 @group(1) @binding(7) var depth_out: texture_storage_2d<r32float, write>;
 
 @compute @workgroup_size(8, 8)
@@ -35,7 +35,7 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     let depth = front * (1.0 + LEAST_BEHIND + BEHIND_RANGE * (surface_sum.w / weight / 65535.0));
     let sum = surface_sum.xyz - f32(NORMAL_BIAS) * weight;
     let ray = view_from_pixel(frame, vec2f(id.xy) + 0.5, depth);
-    // Where no point had a normal, or they cancelled, the surface is taken to face the eye.
+    // If no point had a normal, or they cancelled, the surface is assumed to face the eye.
     let facing = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
     let normal = select(facing, normalize(sum), dot(sum, sum) > weight * weight);
     let albedo = vec4f(color_sum.yzw / (weight * ALBEDO_MOST), specular.x / 1023.0);

@@ -1,5 +1,5 @@
-// First of two passes that do with 32-bit atomics what splat_nearest does with 64: the nearness of each pixel's nearest
-// fragment.
+// First of two passes that do with 32-bit atomics what splat_nearest does with 64: finds the nearness of each pixel's
+// nearest fragment.
 #import nearest_point
 
 // Two words a pixel: identity of the point, nearness. 0: empty. The layout is that of the 64-bit pass.

@@ -1,5 +1,5 @@
-// Second of two passes that do with 32-bit atomics what splat_nearest does with 64: which point the nearest fragment of each
-// pixel belongs to.
+// Second of two passes that do with 32-bit atomics what splat_nearest does with 64: finds the point to which the
+// nearest fragment of each pixel belongs.
 #import nearest_point
 
 // Two words a pixel: identity of the point, nearness. 0: empty. The layout is that of the 64-bit pass.

@@ -1,5 +1,5 @@
-// The nearest point of each pixel by one 64-bit atomic maximum of (nearness, identity) per fragment
-// (Schuetz, Kerbl, Wimmer 2021). One workgroup per block of points.
+// Finds the nearest point of each pixel by one 64-bit atomic maximum of (nearness, identity) per fragment (Schuetz,
+// Kerbl, Wimmer 2021). One workgroup per block of points.
 #import nearest_point
 
 // Low word: identity of the point. High word: nearness. 0: empty.
@@ -16,7 +16,7 @@ fn splat_nearest(
 
 fn put(pixel: u32, depth: f32, identity: u32) {
     let key = (u64(nearness(depth)) << 32u) | u64(identity);
-    // Looking first saves the atomic wherever something nearer is there already.
+    // Reading first saves the atomic if something nearer is already there.
     if atomicLoad(&nearest[pixel]) < key {
         atomicMax(&nearest[pixel], key);
     }

@@ -7,7 +7,7 @@
 @group(2) @binding(1) var albedo_out: texture_storage_2d<rgba16float, write>;
 // xyz: world normal towards the eye, w: specular power.
 @group(2) @binding(2) var normal_out: texture_storage_2d<rgba32float, write>;
-// Linear depth, world units; 0: empty.
+// The linear depth in world units; 0 if empty.
 @group(2) @binding(3) var depth_out: texture_storage_2d<r32float, write>;
 
 @compute @workgroup_size(8, 8)

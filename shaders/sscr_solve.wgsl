@@ -1,5 +1,6 @@
-// Screen-space curved reflections (Preiner 2010, sections 3.4 and 4.5): draws a region for each point and searches it for the
-// pixel that reflects the point. What is found is kept for the passes that splat it. One workgroup a block of points.
+// Screen-space curved reflections (Preiner 2010, sections 3.4 and 4.5): draws a region for each point and searches it
+// for the pixel that reflects the point. The result is kept for the passes that splat it. One workgroup a block of
+// points.
 #import blocks
 #import counters
 #import mirror_space
@@ -11,16 +12,16 @@
 @group(2) @binding(1) var<storage, read> mirror_pixels: array<MirrorPixel>;
 @group(2) @binding(2) var<storage, read> regions: array<Region>;
 @group(2) @binding(3) var<storage, read> totals: RegionTotals;
-// By point of the page. In: where it was found last.
+// Indexed by point of the page. In: where the point was found last.
 @group(2) @binding(4) var<storage, read_write> solutions: array<Solution>;
 @group(2) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 // ENDING_WORDS words a pixel.
 @group(2) @binding(6) var<storage, read_write> endings: array<atomic<u32>>;
 
 struct Round {
-    // Which of a point's draws of a region this is.
+    // The number of this draw among a point's draws of a region.
     draw: u32,
-    // Of the random numbers.
+    // The seed of the random numbers.
     seed: u32,
 }
 
@@ -55,7 +56,7 @@ fn splat_point(item: Item, index: u32) {
     let last = solutions[index];
     var solution = Solution(0u, 0.0);
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
-    // Written so that NaN, which is a point without a place, is not searched for.
+    // The comparison is false for NaN, a point without a place, which is not searched for.
     let is_point = dot(q, q) < 3e38;
     if totals.regions > 0u && is_point && is_shown(item.class_mask, point) {
         let identity = identities_from + index;
@@ -96,21 +97,22 @@ fn splat_point(item: Item, index: u32) {
             atomicAdd(&unconverged, select(0u, 1u, outcome.state == UNCONVERGED));
         }
     }
-    // The place of an earlier frame is kept for points that are not found now.
+    // Points that are not found now keep the place of an earlier frame.
     if solution.distance == 0.0 && seeds == SSCR_SEEDS_LAST_FRAME {
         solution.place = last.place;
     }
     solutions[index] = solution;
 }
 
-// The label of the region that a point is tried in: by the regions' pixels and a Halton number (section 4.5.1), or in turn.
-// The paper sorts the regions by size first; drawing from the running sum is the same in any order.
+// The label of the region in which a point is tried: drawn in proportion to the regions' pixels with a Halton number
+// (section 4.5.1), or in turn. The paper sorts the regions by size first; drawing from the running sum is the same in
+// any order.
 fn drawn_label(identity: u32) -> u32 {
     if !weighted {
         return (identity + round.draw) % totals.regions + 1u;
     }
-    // Draws are apart by the golden ratio, which spreads any number of them evenly: a product of integers wraps where one of
-    // floats would run out of digits.
+    // Draws differ by the golden ratio, which spreads any number of them evenly: a product of integers wraps where one
+    // of floats would run out of digits.
     let apart = f32((round.draw * 2654435769u) >> 8u) / 16777216.0;
     let number = fract(halton(identity) + apart);
     let place = min(u32(number * f32(totals.pixels)), totals.pixels - 1u);
@@ -148,8 +150,8 @@ fn probe(search: Search, at: vec2f) -> Probe {
     return Probe(at, mapped_error(reflected), is_inside);
 }
 
-// What is kept of a root: nothing where the point lies behind the mirror, or is a point of the mirror itself beside it. The
-// paper also leaves out points that turn their back; clouds are drawn from both sides here, and so they are reflected.
+// The root to keep: none if the point is behind the mirror, or belongs to the mirror itself beside it. The paper also
+// leaves out points that turn their back; clouds are drawn from both sides here, and so they are reflected.
 fn solution_at(item: Item, point: vec4u, q: vec3f, label: u32, at: vec2f) -> Solution {
     if any(at < vec2f(0.0)) || label_at(at) != label {
         return Solution(0u, 0.0);
@@ -165,7 +167,8 @@ fn solution_at(item: Item, point: vec4u, q: vec3f, label: u32, at: vec2f) -> Sol
     return Solution(pack_place(at), reach);
 }
 
-// Whether any ray reflected in the region may meet the point: its mirror points lie in a sphere, its reflected rays in a cone.
+// Whether any ray reflected in the region may meet the point: its mirror points lie in a sphere, its reflected rays in
+// a cone.
 fn may_reflect(region: Region, q: vec3f) -> bool {
     if !cull {
         return true;
@@ -176,7 +179,7 @@ fn may_reflect(region: Region, q: vec3f) -> bool {
     let direction_high = from_ordered3(region.direction_high);
     let radius = length(point_high - point_low) * 0.5;
     let axis = (direction_low + direction_high) * 0.5;
-    // Unit directions within this distance of the axis' tip; half a sphere of them or more rules nothing out.
+    // Unit directions within this distance of the axis' tip; half a sphere of them or more excludes nothing.
     let spread = length(direction_high - direction_low) * 0.5;
     let offset = q - (point_low + point_high) * 0.5;
     let reach = length(offset);
@@ -184,12 +187,12 @@ fn may_reflect(region: Region, q: vec3f) -> bool {
     if sine >= 1.0 || reach <= radius {
         return true;
     }
-    // The angle to the axis, less what the sphere of mirror points may add.
+    // The angle to the axis, less the angle that the sphere of mirror points may add.
     let angle = acos(clamp(dot(offset, axis) / (reach * length(axis)), -1.0, 1.0));
     return angle <= asin(sine) + asin(min(radius / reach, 1.0)) + CULL_SLACK;
 }
 
-// Radians: a search ends within a few pixels of the root, and the ray of a pixel is not the last of its region.
+// In radians: a search ends within a few pixels of the root, and the ray of a pixel is not the last of its region.
 const CULL_SLACK: f32 = 0.05;
 
 fn from_ordered3(bits: array<u32, 3>) -> vec3f {

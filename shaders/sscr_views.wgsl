@@ -1,4 +1,4 @@
-// What the search and its preparation did at each pixel, to be looked at. One thread a pixel.
+// Images of the work of the search and its preparation at each pixel. One thread a pixel.
 #import frame_group
 #import mirror_space
 

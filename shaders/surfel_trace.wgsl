@@ -1,5 +1,5 @@
-// Follows the reflected eye ray of each mirror pixel through the points of a page, as oriented discs, to the nearest hit. Runs
-// once for each page; later pages start from what earlier ones found. One thread a pixel.
+// Follows the reflected eye ray of each mirror pixel through the points of a page, as oriented discs, to the nearest
+// hit. Runs once for each page; later pages start from the hits of earlier ones. One thread a pixel.
 #import frame_group
 #import splat
 #import surfel_tree
@@ -15,28 +15,28 @@
 @group(1) @binding(4) var<storage, read> places: array<TreePlace>;
 @group(1) @binding(5) var<storage, read> nodes: array<Node>;
 @group(1) @binding(6) var<storage, read> surfels: array<vec2u>;
-// Index in the page of each disc's point.
+// The index in the page of each disc's point.
 @group(1) @binding(7) var<storage, read> order: array<u32>;
-// Runs of the trees that the pixel's tile may see, `LIST_WORDS` words a tile (see beam_lists.wgsl).
+// The runs of the trees that the pixel's tile may see, `LIST_WORDS` words a tile (see beam_lists.wgsl).
 @group(1) @binding(8) var<storage, read> lists: array<u32>;
-// x: f32 bits of the key that the nearest is chosen by. y: identity of the point + 1, 0: nothing yet. z: f32 bits of the
-// distance. w: tests so far, while they are counted.
+// x: f32 bits of the key by which the nearest is chosen. y: identity of the point + 1, 0: nothing yet. z: f32 bits of
+// the distance. w: tests so far, while they are counted.
 @group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
 @group(1) @binding(10) var<storage, read> points: array<vec4u>;
 @group(1) @binding(11) var<storage, read> class_masks: array<u32>;
-// z: nodes and discs that the ray was tested against.
+// z: number of nodes and discs against which the ray was tested.
 @group(1) @binding(12) var views_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(13) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Set while the tests are shown.
 override count_tests: bool = false;
-// Start from the tile's list, not from the top of the tree.
+// Set if rays start from the tile's list instead of the top of the tree.
 override use_lists: bool = false;
 
 struct Nearest {
     key: f32,
     distance: f32,
-    // Of its point; NONE if nothing was found.
+    // The identity of its point; NONE if nothing was found.
     identity: u32,
     // So far.
     nodes_tested: u32,
@@ -102,7 +102,8 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
     }
 }
 
-// Where discs overlap, the one whose centre is nearer to the ray is a little nearer: else rounding would choose.
+// Where discs overlap, the one whose centre is nearer to the ray is taken to be a little nearer: else rounding would
+// decide.
 const CENTER_SHARE: f32 = 0.05;
 
 fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: Nearest) -> Nearest {
@@ -129,11 +130,11 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
             var is_nearer = hit.distance > 0.0 && key <= nearest.key;
             var identity = 0u;
             if is_nearer {
-                // Of discs that are equally near, the one that comes first: not the one that is met first.
+                // Among discs at equal distances the first in order wins, not the first that is met.
                 identity = place.first_identity + order[first_surfel + k] - place.first_surfel;
                 is_nearer = key < nearest.key || identity < nearest.identity;
             }
-            // The point is fetched where it matters alone: points lie all over memory.
+            // The point is fetched only where it matters: points are scattered over memory.
             if filter_classes && is_nearer {
                 is_nearer = is_shown(place.class_mask, points[order[first_surfel + k]]);
             }

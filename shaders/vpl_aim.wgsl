@@ -1,15 +1,15 @@
-// Where the light of lamps and sun first meets a surface: for each virtual light the first of its directions in which the
-// shadow map holds a point. One thread a virtual light.
+// Where the light of lamps and sun first meets a surface: for each virtual light the first of its directions in which
+// the shadow map holds a point. One thread a virtual light.
 #import frame_group
 #import vpl
 
 @group(1) @binding(0) var<uniform> lights: Virtual;
-// VPL_TRIES a virtual light: layer << 24 | texel of that shadow map; AIM_NONE where there is none.
+// VPL_TRIES a virtual light: layer << 24 | texel of that shadow map; AIM_NONE if there is none.
 @group(1) @binding(1) var<storage, read> aims: array<u32>;
 @group(1) @binding(2) var<storage, read> shadows: array<vec2u>;
 // The texel of each virtual light, as above.
 @group(1) @binding(3) var<storage, read_write> hits: array<u32>;
-// Two a layer: lights whose first direction meets something, lights of which any does.
+// Two a layer: the number of lights whose first direction meets something, and of lights of which any direction does.
 @group(1) @binding(4) var<storage, read_write> counts: array<atomic<u32>>;
 
 const VPL_TRIES: u32 = 8u;
@@ -28,7 +28,8 @@ fn vpl_aim(@builtin(global_invocation_id) id: vec3u) {
         }
         let layer = aim >> 24u;
         let texel = vec2i(vec2u((aim & 0xffffffu) % LAMP_MAP_SIZE, (aim & 0xffffffu) / LAMP_MAP_SIZE));
-        // A gap between splats is no hole in a surface: the texels around are looked at as well, from the middle one on.
+        // A gap between splats is no hole in a surface: the texels around are tried as well, starting from the middle
+        // one.
         for (var i = 0; i < 9 && hit == AIM_NONE; i++) {
             let place = (i + 4) % 9;
             let near = texel + vec2i(place % 3 - 1, place / 3 - 1);

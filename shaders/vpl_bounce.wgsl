@@ -1,12 +1,12 @@
-// The virtual lights of the next bounce: each stands where one of the lights before sends its light, in a direction drawn by
-// the cosine, as that light's shadow map has it; what is drawn carries all that its parent reflects. Lights of the sky send
-// theirs to a place drawn evenly over their map. One thread a virtual light.
+// The virtual lights of the next bounce: each is placed where one of the lights before sends its light, in a direction
+// drawn by the cosine from that light's shadow map; it carries all the light that its parent reflects. Lights of the
+// sky send theirs to a place drawn evenly over their map. One thread a virtual light.
 #import frame_group
 #import vpl_of_surface
 
 @group(1) @binding(0) var<uniform> lights: Virtual;
-// Of each new light: its parent, or PARENT_NONE; bits of two numbers from 0 to 1, or of a place in a sky light's map; bits of
-// the share of the parent's light.
+// For each new light: its parent, or PARENT_NONE; bits of two numbers from 0 to 1, or of a place in a sky light's map;
+// bits of the share of the parent's light.
 @group(1) @binding(1) var<storage, read> births: array<vec4u>;
 @group(1) @binding(2) var<storage, read> shadow_maps: array<u32>;
 // Two a point, see vpl_points.wgsl.
@@ -49,7 +49,7 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let point = (code & 0xffffu) * lights.subsets + birth.x % lights.subsets;
-    // Through the texel's middle, whose distance it is: the light stands on the disc.
+    // Through the texel's middle, to which its distance refers: the light is on the disc.
     let ray = ray_of_map(lights, light, (vec2f(texel) + 0.5) / size * 2.0 - 1.0);
     let distance = distance_of_code(lights, light.normal.w, code >> 16u);
     let toward = -ray.direction;
@@ -58,8 +58,8 @@ fn vpl_bounce(@builtin(global_invocation_id) id: vec3u) {
     // Points without a normal face the light, as in the first bounce.
     normal = select(normal, toward, all(surface.xyz == vec3f(0.0)));
     let albedo = surfaces[point * OCCLUDER_VECTORS + 1u];
-    // A light of intensity I cos sends out pi I, and its highlight's flux, which is taken to leave it as evenly; one of the sky
-    // sheds its irradiance over an area of its map, which its share says.
+    // A light of intensity I cos sends out pi I, and its highlight's flux, which is assumed to leave it as evenly; one
+    // of the sky sends its irradiance over an area of its map, which is given by its share.
     var flux = light.intensity.rgb;
     if !is_sky {
         flux = flux * 3.14159265 + light.glossy.rgb;

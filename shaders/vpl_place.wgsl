@@ -1,6 +1,6 @@
-// The virtual lights of the first bounce of lamps and sun: each stands on the point that its light meets and reflects an equal
-// part of the flux. Runs once for each page of the point store and takes the lights whose point lies in it. One thread a
-// virtual light.
+// The virtual lights of the first bounce of lamps and sun: each is placed on the point that its light meets and
+// reflects an equal part of the flux. Runs once for each page of the point store and takes the lights whose point lies
+// in it. One thread a virtual light.
 #import point_surface
 #import vpl_of_surface
 
@@ -8,15 +8,15 @@
 @group(2) @binding(1) var<storage, read> hits: array<u32>;
 @group(2) @binding(2) var<storage, read> counts: array<u32>;
 @group(2) @binding(3) var<storage, read> shadows: array<vec2u>;
-// Of each layer: how its light shines.
+// For each layer, how its light shines.
 @group(2) @binding(4) var<storage, read> emitters: array<Emitter>;
 @group(2) @binding(5) var<storage, read_write> vpls: array<Vpl>;
 
-// Of crates/render/src/layout.rs. Positions from the virtual lights' origin.
+// Declared in crates/render/src/layout.rs. Positions are relative to the virtual lights' origin.
 struct Emitter {
-    // xyz: position; w: 1 where the light's rays are parallel.
+    // xyz: position; w: 1 if the light's rays are parallel.
     position: vec4f,
-    // w: texels per unit of tangent, or per world unit where the rays are parallel.
+    // w: texels per unit of tangent, or per world unit if the rays are parallel.
     axis_focal: vec4f,
     right: vec4f,
     up: vec4f,
@@ -50,7 +50,7 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
     let toward = select(-normalize(offset), -emitter.axis_focal.xyz, is_parallel);
     let surface = surface_of_point(index, toward);
     let cosine = max(dot(surface.normal.xyz, toward), 0.0);
-    // First tries tell what part of the flux meets anything; all that do share it.
+    // First tries tell what part of the flux meets anything; all lights that do share it.
     let flux = emitter.flux.rgb * f32(counts[layer * AIM_COUNTS]) / f32(max(counts[layer * AIM_COUNTS + 1u], 1u));
     // The surface that receives this flux.
     var irradiance = dot(emitter.strength.rgb, vec3f(1.0)) * cosine;
@@ -60,7 +60,7 @@ fn vpl_place(@builtin(global_invocation_id) id: vec3u) {
         irradiance *= clamp((emitter.angles.y - angle) / edge, 0.0, 1.0) / dot(offset, offset);
     }
     let area = dot(flux, vec3f(1.0)) / max(irradiance, 1e-20);
-    // A light that only grazes a surface, or the cone's edge, would stand for more than there is.
+    // A light that only grazes a surface, or the cone's edge, would represent a larger surface than exists.
     let most = 0.01 * lights.eye_radius.w * lights.eye_radius.w;
     let squared = min(area / 3.14159265, most);
     vpls[lights.sky_lights + id.x] =

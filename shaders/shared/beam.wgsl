@@ -1,5 +1,5 @@
-// Rays of a tile bounded by intervals: every ray starts in a box of origins and goes along a direction in a box of directions.
-// crates/render/src/reflection/beam.rs is the CPU twin.
+// The rays of a tile, bounded by intervals: every ray starts in a box of origins and goes along a direction in a box of
+// directions. crates/render/src/reflection/beam.rs is the CPU twin.
 
 struct Beam {
     origin_low: vec3f,
@@ -8,9 +8,9 @@ struct Beam {
     direction_high: vec3f,
 }
 
-// Where, at the earliest, a ray of the beam can enter a box; negative: no ray can. For o + t d to lie between low and high for
-// some o and d of the beam, t must satisfy t d_high >= low - o_high and t d_low <= high - o_low on each axis: necessary, so no
-// ray that meets the box is lost.
+// The earliest distance at which a ray of the beam can enter a box; negative if no ray can. For o + t d to lie between
+// low and high for some o and d of the beam, t must satisfy t d_high >= low - o_high and t d_low <= high - o_low on
+// each axis. The condition is necessary, so no ray that meets the box is lost.
 fn beam_entry(beam: Beam, low: vec3f, high: vec3f) -> f32 {
     let least = low - beam.origin_high;
     let most = high - beam.origin_low;
@@ -41,7 +41,7 @@ fn beam_entry(beam: Beam, low: vec3f, high: vec3f) -> f32 {
     return select(-1.0, entry, is_possible && entry <= exit * 1.00001);
 }
 
-// Extent of the beam across at a distance.
+// The extent of the beam across at a distance.
 fn beam_width(beam: Beam, distance: f32) -> f32 {
     let across = (beam.origin_high - beam.origin_low) + (beam.direction_high - beam.direction_low) * distance;
     return max(across.x, max(across.y, across.z));

@@ -1,4 +1,4 @@
-// How a splatting pass walks the points of a page, block by block, one workgroup each. The importing pass defines
+// Walks the points of a page in a splatting pass, block by block, one workgroup each. The importing pass defines
 // `splat_point(item, index)`.
 #import page_group
 #import visibility

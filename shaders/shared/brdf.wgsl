@@ -1,10 +1,10 @@
-// What surfaces do with light that arrives, the same for direct and indirect light: highlights, and a mirror's share.
+// The reflectance of surfaces, the same for direct and indirect light: highlights, and a mirror's share.
 #import params
 
-// Reflected radiance over irradiance of a highlight, of a surface that reflects nothing else; directions are unit vectors
-// away from the surface. `kind`: LIGHT_HIGHLIGHT_*. Both are scaled so that no direction of light is reflected as more than
-// arrived: Phong 1975 after Lafortune and Willems 1994, Blinn 1977 after the integral over n.h, which is exact for light along
-// the normal.
+// The reflected radiance per irradiance of a highlight, for a surface that reflects nothing else; directions are unit
+// vectors away from the surface. `kind` is LIGHT_HIGHLIGHT_*. Both are scaled so that no direction of light is
+// reflected as more than arrived: Phong 1975 after Lafortune and Willems 1994, Blinn 1977 after the integral over n.h,
+// which is exact for light along the normal.
 fn highlight(kind: u32, normal: vec3f, to_light: vec3f, to_eye: vec3f, power: f32) -> f32 {
     if kind == LIGHT_HIGHLIGHT_PHONG {
         let cosine = dot(reflect(-to_light, normal), to_eye);
@@ -16,18 +16,18 @@ fn highlight(kind: u32, normal: vec3f, to_light: vec3f, to_eye: vec3f, power: f3
     return scale * pow(max(cosine, 0.0), power);
 }
 
-// How much of what a mirror does not reflect straight on it reflects at this angle (Schlick 1994); `cosine`: between its
-// normal and the line of sight.
+// The share of the light that a mirror does not reflect at normal incidence but reflects at this angle (Schlick 1994);
+// `cosine` is that between its normal and the line of sight.
 fn grazing_share(settings: Settings, cosine: f32) -> f32 {
     return settings.mirror.fresnel * pow(1.0 - clamp(cosine, 0.0, 1.0), 5.0);
 }
 
-// Share of a mirror's picture that is reflected; its own diffuse light makes up the rest.
+// The share of a mirror's picture that is reflected; its own diffuse light is the remainder.
 fn mirror_share(specular_intensity: f32, grazing: f32) -> f32 {
     return specular_intensity + (1.0 - specular_intensity) * grazing;
 }
 
-// Colour of what a surface reflects as a highlight or a mirror.
+// The colour of the light that a surface reflects as a highlight or a mirror.
 fn mirror_tint(settings: Settings, albedo: vec3f, grazing: f32) -> vec3f {
     return mix(vec3f(1.0), albedo, settings.mirror.tint * (1.0 - grazing));
 }

@@ -1,4 +1,5 @@
-// The colour of a point, by what the cloud is coloured by. Values of COLOR_* are those of crates/render/src/coloring.rs.
+// The colour of a point, according to the source of the cloud's colours. The values of COLOR_* are those of
+// crates/render/src/coloring.rs.
 #import packing
 #import page_group
 
@@ -9,7 +10,7 @@ const COLOR_CLASS: u32 = 3u;
 const COLOR_HEIGHT: u32 = 4u;
 const COLOR_SCALAR: u32 = 5u;
 
-// Entry of the palette (256 colours of the ramp, then 256 of the classes), or PALETTE_NONE for a colour of its own.
+// The entry of the palette (256 colours of the ramp, then 256 of the classes), or PALETTE_NONE for a colour of its own.
 const PALETTE_NONE: u32 = 0xffffffffu;
 
 fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
@@ -25,7 +26,7 @@ fn palette_index(item: Item, point: vec4u, scalar: f32) -> u32 {
     return u32(clamp((value - item.low) * item.inverse_range, 0.0, 1.0) * 255.0 + 0.5);
 }
 
-// Linear albedo of the point `index` of the page, whose words `point` and `attributes` the pass has read already.
+// The linear albedo of the point `index` of the page; the pass has already read its words `point` and `attributes`.
 fn albedo_of_point(item: Item, index: u32, point: vec4u, attributes: vec2u) -> vec3f {
     var scalar = 0.0;
     if item.color_source == COLOR_SCALAR {
@@ -39,9 +40,9 @@ fn albedo_of_point(item: Item, index: u32, point: vec4u, attributes: vec2u) -> v
     let own = select(item.plain, attributes.x, item.color_source == COLOR_RGB);
     var srgb = unpack4x8unorm(select(palette_color, own, entry == PALETTE_NONE)).rgb;
     if item.color_source == COLOR_NORMAL {
-        // Normals are shown as they are commonly drawn: components -1 to 1 as sRGB 0 to 1.
+        // Normals are shown in the common way: components -1 to 1 as sRGB 0 to 1.
         srgb = unpack_normal(attributes.y) * 0.5 + 0.5;
     }
-    // Once, for all sources: the powers in it are most of what a point's colour costs.
+    // Once, for all sources: its powers are most of the cost of a point's colour.
     return linear_from_srgb(srgb);
 }

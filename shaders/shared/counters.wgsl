@@ -1,14 +1,14 @@
-// What a frame's reflections count; crates/render/src/reflection/mod.rs reads them when the frame is done.
+// The counters of a frame's reflections; crates/render/src/reflection/mod.rs reads them when the frame is done.
 const MIRROR_PIXELS: u32 = 0u;
 const FOUND_PIXELS: u32 = 1u;
 const CLOSED_PIXELS: u32 = 2u;
 const POINTS_TRIED: u32 = 3u;
 const POINTS_FOUND: u32 = 4u;
 const REGIONS: u32 = 5u;
-// Those of the points tried whose search ran out of steps.
+// The points tried whose search ran out of steps.
 const POINTS_UNCONVERGED: u32 = 6u;
-// While steps are shown: nodes and discs that rays were tested against.
+// The nodes and discs against which rays were tested, while steps are shown.
 const NODES_TESTED: u32 = 7u;
 const DISCS_TESTED: u32 = 8u;
-// Those of the mirror pixels that are not to be trusted.
+// The doubtful mirror pixels.
 const DOUBTED_PIXELS: u32 = 9u;

@@ -5,22 +5,22 @@ struct Frame {
     right: vec4f,
     up: vec4f,
     forward: vec4f,
-    // A plane; where a pass looks at it, only what lies before it is seen. xyz: unit normal. w: its product with a place on the
-    // plane, relative to the eye.
+    // A plane; in passes that test it, only points in front of it are visible. xyz: unit normal. w: its product with a
+    // place on the plane, relative to the eye.
     clip: vec4f,
     // Perspective: pixels per unit of tangent. Orthographic: pixels per world unit.
     focal_pixels: f32,
     orthographic: u32,
     width: u32,
     height: u32,
-    // Nothing nearer than this is drawn, world units.
+    // Nothing nearer than this is drawn, in world units.
     near: f32,
-    // Orthographic: the pivot's distance, which depth differences are compared with, since depths themselves depend on where
-    // along the line of sight the eye was put. Perspective: 0.
+    // Orthographic: the pivot's distance, to which depth differences are compared, since depths themselves depend on
+    // where along the line of sight the eye was put. Perspective: 0.
     reference_depth: f32,
-    // Of what is drawn, world units.
+    // The radius of what is drawn in world units.
     scene_radius: f32,
-    // Tiles of 8 x 8 pixels: column | row << 16 of the first that a mirror may be seen in.
+    // The tiles of 8 x 8 pixels: column | row << 16 of the first one in which a mirror may be seen.
     mirror_tile: u32,
 }
 
@@ -29,7 +29,7 @@ fn mirror_pixel(frame: Frame, thread: vec3u) -> vec2u {
     return thread.xy + 8u * vec2u(frame.mirror_tile & 0xffffu, frame.mirror_tile >> 16u);
 }
 
-// How far `far` lies behind `near`, as a share of the depth at which it is seen.
+// The distance of `far` behind `near`, as a share of the depth at which it is seen.
 fn depth_step(frame: Frame, near: f32, far: f32) -> f32 {
     return (far - near) / select(near, frame.reference_depth, frame.orthographic != 0u);
 }
@@ -42,7 +42,7 @@ fn world_direction(frame: Frame, view: vec3f) -> vec3f {
     return frame.right.xyz * view.x + frame.up.xyz * view.y + frame.forward.xyz * view.z;
 }
 
-// Unit vector from a surface to what it is seen from: the eye, or where it is seen by reflection the mirror point.
+// The unit vector from a surface to its viewer: the eye, or for surfaces seen by reflection the mirror point.
 fn toward_viewer(frame: Frame, position: vec3f, from_camera: bool, mirror_point: vec3f) -> vec3f {
     let origin = select(mirror_point, vec3f(0.0), from_camera);
     let offset = select(origin - position, -frame.forward.xyz, from_camera && frame.orthographic != 0u);
@@ -59,13 +59,13 @@ fn pixel_from_view(frame: Frame, view: vec3f) -> vec2f {
     return vec2f(f32(frame.width) * 0.5 + view.x * scale, f32(frame.height) * 0.5 - view.y * scale);
 }
 
-// View-space x and y, over depth where the projection is perspective, of a pixel coordinate.
+// View-space x and y of a pixel coordinate, divided by depth in a perspective projection.
 fn slope_from_pixel(frame: Frame, pixel: vec2f) -> vec2f {
     let centered = vec2f(pixel.x - f32(frame.width) * 0.5, f32(frame.height) * 0.5 - pixel.y);
     return centered / frame.focal_pixels;
 }
 
-// View-space point at `depth` seen through a pixel coordinate.
+// The view-space point at `depth` seen through a pixel coordinate.
 fn view_from_pixel(frame: Frame, pixel: vec2f, depth: f32) -> vec3f {
     let slope = slope_from_pixel(frame, pixel);
     return vec3f(select(slope * depth, slope, frame.orthographic != 0u), depth);

@@ -1,4 +1,5 @@
-// How glossy a surface is: mirrors by their own specular intensity and power, all else by the parameters.
+// The gloss of a surface: mirrors have their own specular intensity and power, all other surfaces those of the
+// parameters.
 #import params
 
 struct Gloss {
@@ -8,7 +9,7 @@ struct Gloss {
 
 fn gloss_of(settings: Settings, specular_intensity: f32, specular_power: f32) -> Gloss {
     if specular_intensity > 0.0 {
-        // A power of 0 stands for a perfect mirror, which shows no light that has no size.
+        // A power of 0 means a perfect mirror, which shows no light without size.
         return Gloss(select(0.0, specular_intensity, specular_power > 0.0), specular_power);
     }
     return Gloss(settings.light.gloss, settings.light.gloss_power);

@@ -1,42 +1,42 @@
-// Spot lights, the sun, and their shadow maps. Filled by crates/render/src/lighting.rs. The importing pass has the bindings
-// `lights` and `shadows`: SHADOW_SIZE squared texels a light, one light after the other, row by row; x: identity
-// of the nearest point, y: its nearness, 0 where there is none.
+// Spot lights, the sun, and their shadow maps. Filled by crates/render/src/lighting.rs. The importing pass has the
+// bindings `lights` and `shadows`: SHADOW_SIZE squared texels a light, one light after the other, row by row; x:
+// identity of the nearest point, y: its nearness, 0 if there is none.
 #import frame_group
 #import splat
 
 struct LightSource {
     // xyz: relative to the eye. w: inner angle, radians.
     position_inner: vec4f,
-    // xyz: unit axis. w: outer angle, radians; 0: a sun, whose light is parallel.
+    // xyz: unit axis. w: outer angle in radians; 0 for a sun, whose light is parallel.
     axis_outer: vec4f,
-    // rgb: radiant intensity within the inner cone, of a sun irradiance across its light. a: shadow map texels per unit of
-    // tangent, of a sun per world unit.
+    // rgb: radiant intensity within the inner cone; for a sun, irradiance across its light. a: shadow map texels per
+    // unit of tangent; for a sun, per world unit.
     intensity_focal: vec4f,
     right: vec4f,
     up: vec4f,
 }
 
-// Texels along an edge of a shadow map.
+// The number of texels along an edge of a shadow map.
 const SHADOW_SIZE: i32 = 1024;
 
 struct Arriving {
-    // Unit vector to the light.
+    // The unit vector to the light.
     direction: vec3f,
-    // What is not in shadow.
+    // The share that is not in shadow.
     irradiance: vec3f,
 }
 
-// The finest map of the sun that shows a point: the first is that of the whole scene; where `count` is 2, the second is fitted
-// to the view.
+// The finest map of the sun that contains a point: the first is that of the whole scene; if `count` is 2, the second is
+// fitted to the view.
 fn sun_map(count: u32, position: vec3f) -> u32 {
     let texel = shadow_texel(lights[1], position - lights[1].position_inner.xyz).xy;
-    // The filter takes in a texel on each side.
+    // The filter needs a texel on each side.
     let is_inside = all(texel >= vec2f(1.0)) && all(texel < vec2f(f32(SHADOW_SIZE - 1)));
     return select(0u, 1u, count > 1u && is_inside);
 }
 
-// What reaches a surface from light `index`; `position` is relative to the eye. Normals may point either way (they were turned
-// to the eye): what matters is whether eye and light are on the same side, and they are turned to the eye already.
+// The light that reaches a surface from light `index`; `position` is relative to the eye. Normals may point either way:
+// they were turned to the eye, so what matters is whether eye and light are on the same side.
 fn light_arriving(index: u32, position: vec3f, normal: vec3f) -> Arriving {
     let light = lights[index];
     let offset = position - light.position_inner.xyz;
@@ -48,7 +48,8 @@ fn light_arriving(index: u32, position: vec3f, normal: vec3f) -> Arriving {
     return Arriving(direction, across * (max(cosine, 0.0) * share_lit(index, light, offset, cosine)));
 }
 
-// Radiant intensity towards a point at `offset` from a spot light, falling linearly in angle from the inner to the outer cone.
+// The radiant intensity towards a point at `offset` from a spot light; it falls linearly in angle from the inner to the
+// outer cone.
 fn intensity_toward(light: LightSource, offset: vec3f) -> vec3f {
     let along = dot(offset, light.axis_outer.xyz);
     let across = length(offset - light.axis_outer.xyz * along);
@@ -57,7 +58,7 @@ fn intensity_toward(light: LightSource, offset: vec3f) -> vec3f {
     return light.intensity_focal.rgb * clamp((light.axis_outer.w - angle) / edge, 0.0, 1.0);
 }
 
-// Texel coordinates of a point at `offset` from the light; z: linear depth.
+// The texel coordinates of a point at `offset` from the light; z: linear depth.
 fn shadow_texel(light: LightSource, offset: vec3f) -> vec3f {
     let view = vec3f(dot(offset, light.right.xyz), dot(offset, light.up.xyz), dot(offset, light.axis_outer.xyz));
     let scale = light.intensity_focal.a / select(max(view.z, 1e-6), 1.0, light.axis_outer.w == 0.0);
@@ -65,11 +66,11 @@ fn shadow_texel(light: LightSource, offset: vec3f) -> vec3f {
     return vec3f(middle + view.x * scale, middle - view.y * scale, view.z);
 }
 
-// Share of the 3 x 3 texels about a point that are not in shadow.
+// The share of the 3 x 3 texels about a point that are not in shadow.
 fn share_lit(index: u32, light: LightSource, offset: vec3f, cosine: f32) -> f32 {
     let texel = shadow_texel(light, offset);
     let tangent = sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 0.05);
-    // Over the filter's two texels to the side a surface rises by its slope; splats stand as much above it again.
+    // Over the filter's two texels to the side a surface rises by its slope; splats rise as much above it again.
     let width = select(texel.z, 1.0, light.axis_outer.w == 0.0) / light.intensity_focal.a;
     let bias = settings.light.shadow_bias * width * (1.0 + tangent);
     let center = vec2i(floor(texel.xy));

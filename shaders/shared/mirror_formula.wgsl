@@ -2,12 +2,12 @@
 // crates/render/src/reflection/formula.rs.
 
 struct FormulaMirror {
-    // Rows of the rotation from world axes to the mirror's own. w of the first: which shape; of the second: its parameter; of the
-    // third: size, world units.
+    // The rows of the rotation from world axes to the mirror's own. w of the first: the shape; of the second: its
+    // parameter; of the third: the size in world units.
     x_kind: vec4f,
     y_parameter: vec4f,
     z_size: vec4f,
-    // xyz: relative to the eye. w: radius of a sphere about it that holds all of the mirror, world units.
+    // xyz: position relative to the eye. w: radius in world units of a sphere about it that contains the whole mirror.
     position_reach: vec4f,
     // rgb: linear albedo. a: specular intensity.
     color_intensity: vec4f,
@@ -24,13 +24,14 @@ const BLOB: f32 = 4.0;
 const CORAL: f32 = 5.0;
 
 struct FormulaHit {
-    // Along the ray, world units; 0: missed.
+    // The distance along the ray in world units; 0 for a miss.
     distance: f32,
-    // World axes, either side.
+    // The normal in world axes, on either side.
     normal: vec3f,
 }
 
-// Rays leave a mirror from this far off it, in mirror sizes: rounding puts the mirror point a little in or out.
+// The distance from a mirror, in mirror sizes, at which rays leave it: rounding puts the mirror point a little in or
+// out.
 const LEAVE: f32 = 1e-3;
 
 // `origin` is relative to the eye, `direction` has unit length. Hits nearer than `least` (world units) do not count.
@@ -38,7 +39,7 @@ fn formula_hit(mirror: FormulaMirror, origin: vec3f, direction: vec3f, least: f3
     let miss = FormulaHit(0.0, vec3f(0.0));
     let size = mirror.z_size.w;
     let offset = origin - mirror.position_reach.xyz;
-    // Where the ray is within reach.
+    // The part of the ray within reach.
     let along = -dot(offset, direction);
     let across = offset + direction * along;
     let half_squared = mirror.position_reach.w * mirror.position_reach.w - dot(across, across);
@@ -63,7 +64,7 @@ fn formula_hit(mirror: FormulaMirror, origin: vec3f, direction: vec3f, least: f3
     return FormulaHit((hit.distance + shift) * size, normalize(normal));
 }
 
-// First hit between begin and end, in the mirror's own coordinates; at `begin` for a miss.
+// The first hit between begin and end, in the mirror's own coordinates; at `begin` for a miss.
 fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32) -> FormulaHit {
     let miss = FormulaHit(begin, vec3f(0.0));
     if kind == PLANE {
@@ -90,7 +91,7 @@ fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32
         }
         return miss;
     }
-    // By steps that cannot pass the surface, then by halving the last one.
+    // By steps that cannot pass the surface, then by bisection of the last one.
     var t = begin;
     var step = 0.0;
     let start = implicit(kind, parameter, o + d * begin);
@@ -113,7 +114,7 @@ fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32
         t = select(middle, t, is_before);
     }
     let p = o + d * t;
-    // Central differences: the gradients of the star shapes are longer than this, and not more exact in 32 bits.
+    // Central differences: the gradients of the star shapes have longer formulas, which are no more exact in 32 bits.
     let e = 2e-3;
     let normal = vec3f(
         implicit(kind, parameter, p + vec3f(e, 0.0, 0.0)) - implicit(kind, parameter, p - vec3f(e, 0.0, 0.0)),
@@ -124,7 +125,7 @@ fn shape_hit(kind: f32, parameter: f32, o: vec3f, d: vec3f, begin: f32, end: f32
 }
 
 const MOST_STEPS: i32 = 400;
-// A graze may slip through what is thinner than this, a three-hundredth of the mirror.
+// A grazing ray may slip through parts thinner than this, a three-hundredth of the mirror.
 const SHORTEST_STEP: f32 = 3e-3;
 
 // Negative inside or behind. For torus, blob and coral its absolute value is no more than the distance to the surface.
@@ -152,7 +153,7 @@ fn implicit(kind: f32, parameter: f32, p: vec3f) -> f32 {
     return (r - (1.0 + bumps + 0.03 * sin(41.0 * q.x + 3.0 * q.y))) / 3.6;
 }
 
-// How far a ray from a point must go before it can meet the mirror: a little, if the point lies on it.
+// The distance that a ray from a point must go before it can meet the mirror; small if the point lies on it.
 fn leave(mirror: FormulaMirror, point: vec3f) -> f32 {
     let size = mirror.z_size.w;
     let offset = (point - mirror.position_reach.xyz) / size;
@@ -161,7 +162,7 @@ fn leave(mirror: FormulaMirror, point: vec3f) -> f32 {
     return select(0.0, LEAVE * size, lies_on_it);
 }
 
-// Roots of a t^2 + 2 b t + c, smaller first; 3e38 where there are none.
+// The roots of a t^2 + 2 b t + c, smaller first; 3e38 if there are none.
 fn quadratic(a: f32, b: f32, c: f32) -> vec2f {
     let discriminant = b * b - a * c;
     if discriminant < 0.0 {

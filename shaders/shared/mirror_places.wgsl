@@ -3,12 +3,12 @@
 #import point_surface
 
 struct MappedMirror {
-    // xyz: lower corner of its box, relative to the eye. w: number of its map; below 0: nothing is seen in it.
+    // xyz: lower corner of its box, relative to the eye. w: number of its map; below 0 if nothing is seen in it.
     low_map: vec4f,
     // xyz: upper corner.
     high: vec4f,
-    // What the map is seen from, relative to the eye: of an environment map a place, of a mirrored viewpoint a plane,
-    // unit normal and its product with a place on it.
+    // The viewpoint of the map, relative to the eye: for an environment map a place; for a mirrored viewpoint a plane,
+    // as its unit normal and its product with a place on it.
     view: vec4f,
 }
 
@@ -19,7 +19,7 @@ struct MappedMirrors {
     places: array<MappedMirror>,
 }
 
-// The mirror that a place lies on: the one whose box is nearest, and of boxes that hold the place the smallest.
+// The mirror on which a place lies: the one whose box is nearest, and among boxes that contain the place the smallest.
 fn mirror_at(place: vec3f) -> MappedMirror {
     var best = mirrors.places[0];
     var best_distance = 3e38;
@@ -38,9 +38,9 @@ fn mirror_at(place: vec3f) -> MappedMirror {
     return best;
 }
 
-// How far along a line the plane of a point of the page lies; `depth`, which the map has for the texel's middle, where
-// the point has no normal or is seen edge-on. A texel is `width` world units wide there. The map's depth tells far
-// things, not how they lean.
+// The distance along a line to the plane of a point of the page; or `depth`, which the map has for the texel's middle,
+// if the point has no normal or is seen edge-on. A texel is `width` world units wide there. The map's depth alone does
+// not tell how distant surfaces slant.
 fn distance_to_point(index: u32, origin: vec3f, direction: vec3f, depth: f32, width: f32) -> f32 {
     let item = items[items_of_runs[index / BLOCK_POINTS]];
     let offset = bitcast<vec3f>(points[index].xyz) + item.origin_radius.xyz - origin;

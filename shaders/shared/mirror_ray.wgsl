@@ -1,9 +1,9 @@
 // The reflected eye ray of a mirror pixel.
 
 struct MirrorRay {
-    // Relative to the eye.
+    // The origin relative to the eye.
     origin: vec3f,
-    // Unit length, no component zero.
+    // The direction: unit length, no component zero.
     direction: vec3f,
     inverse: vec3f,
 }

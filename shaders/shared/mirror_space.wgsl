@@ -2,7 +2,7 @@
 // CPU twin: crates/render/src/reflection/sscr/twin.rs.
 #import packing
 
-// 32 bytes in a row, so that a step of the search costs one fetch from memory.
+// 32 consecutive bytes, so that a step of the search costs one fetch from memory.
 struct MirrorPixel {
     // xyz: f32 bits of P relative to the camera's eye, world axes. w: label of its region, 0: none.
     point_label: vec4u,
@@ -10,7 +10,8 @@ struct MirrorPixel {
     normal_eye: vec4u,
 }
 
-// Words a pixel of where searches ended: how many, their steps, those of them that ran out of steps.
+// The words per pixel for where searches ended: their number, their steps, and the number of those that ran out of
+// steps.
 const ENDING_WORDS: u32 = 3u;
 
 // Octahedral unit vector in two snorm16 halves: the inverse of unpack_normal.
@@ -25,7 +26,7 @@ fn reflected_in_mirror_space(pixel: MirrorPixel, right: vec3f, q: vec3f) -> vec3
     let normal = bitcast<vec3f>(pixel.normal_eye.xyz);
     let z = unpack_normal(pixel.normal_eye.w);
     let across = right - z * dot(right, z);
-    // Zero where the ray runs along the view's x axis, which only further bounces can.
+    // Zero where the ray runs along the view's x axis, which happens only in further bounces.
     let x = across * inverseSqrt(max(dot(across, across), 1e-30));
     let y = cross(z, x);
     let offset = bitcast<vec3f>(pixel.point_label.xyz) - q;
@@ -34,8 +35,8 @@ fn reflected_in_mirror_space(pixel: MirrorPixel, right: vec3f, q: vec3f) -> vec3
     return vec3f(dot(rho, x), dot(rho, y), dot(rho, z));
 }
 
-// The signed error angles along x and y. The printed formula takes the angles of rho - e, both of whose parts vanish at the
-// root; here they are those of the reflected direction rho itself, which is e at the root and only there.
+// The signed error angles along x and y. The printed formula takes the angles of rho - e, both of whose components
+// vanish at the root; here they are those of the reflected direction rho itself, which is e at the root and only there.
 fn mirror_space_error(reflected: vec3f) -> vec2f {
     return vec2f(atan2(reflected.x, reflected.z), atan2(reflected.y, reflected.z));
 }

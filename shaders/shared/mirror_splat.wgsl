@@ -1,13 +1,14 @@
-// What forward methods hand to the passes that splat points onto the mirror.
+// The results that forward methods pass to the passes that splat points onto the mirror.
 
 struct Solution {
-    // Where on the screen the point is reflected, see pack_place. 0: nowhere yet.
+    // The place on the screen where the point is reflected, see pack_place. 0: none yet.
     place: u32,
-    // From the mirror, world units. 0: not reflected.
+    // The distance from the mirror in world units. 0: not reflected.
     distance: f32,
 }
 
-// Of the mirror's own surface around the mirror point nothing is reflected there: points nearer than this many splat radii.
+// The mirror does not reflect its own surface around the mirror point: points nearer than this many splat radii are
+// left out.
 const OWN_SURFACE_RADII: f32 = 4.0;
 
 // A quarter of a pixel is finer than any splat shows, and lets 16 bits reach over 16,000 pixels.
@@ -24,13 +25,13 @@ fn unpack_place(place: u32) -> vec2f {
 }
 
 struct MirrorSplat {
-    // Pixels, inclusive; on the screen.
+    // The first and last pixels, inclusive; on the screen.
     first: vec2i,
     last: vec2i,
 }
 
-// The square of pixels whose centres a splat covers; at least the one it is in. Its side falls linearly with the distance to
-// one pixel (Preiner 2010, section 3.6, 2).
+// The square of pixels whose centres a splat covers; at least the one it is in. Its side falls linearly with the
+// distance to one pixel (Preiner 2010, section 3.6, 2).
 fn splat_of_solution(solution: Solution, largest: f32, far: f32, size: vec2u) -> MirrorSplat {
     let at = unpack_place(solution.place);
     let side = max(mix(largest, 1.0, min(solution.distance / far, 1.0)), 1.0);

@@ -1,22 +1,22 @@
-// What the visibility pass of forward methods adds up in each mirror pixel. Sums are fixed-point words with 16 bits of carry
-// each, so that the order of the points cannot matter and a pixel can take all there are.
+// The sums that the visibility pass of forward methods accumulates in each mirror pixel. They are fixed-point words
+// with 16 bits of carry each, so that the order of the points cannot matter and a pixel can take all points.
 #import frame_group
 
 const MIRROR_SUMS: u32 = 12u;
 const SUM_COUNT: u32 = 0u;
 // Linear, 12 bits.
 const SUM_ALBEDO: u32 = 1u;
-// World, 11 bits and sign.
+// World axes, 11 bits and sign.
 const SUM_NORMAL: u32 = 4u;
 const SUM_INTENSITY: u32 = 7u;
 const SUM_POSITION: u32 = 8u;
 const SUM_POWER: u32 = 11u;
-// Positions are relative to the mirror point, in 20 bits of this many distances to the farthest point that counts, either
-// side: a splat reaches over pixels whose mirror points lie elsewhere. The step is 4 millionths of the distance.
+// Positions are relative to the mirror point, in 20 bits of this many distances to the farthest point that counts, to
+// either side: a splat extends over pixels whose mirror points are elsewhere. The step is 4 millionths of the distance.
 const POSITION_REACH: f32 = 2.0;
 const POSITION_STEPS: f32 = 524287.0;
 
-// Distance from the mirror up to which points count, where the nearest is at `front`; world units.
+// The largest distance from the mirror at which points count, if the nearest is at `front`; world units.
 fn farthest_counted(front: f32, scene_radius: f32) -> f32 {
     let behind = settings.sscr.mirror_depth_offset * scene_radius;
     return front + select(behind, 0.0, settings.sscr.visibility == SSCR_VISIBILITY_NEAREST);

@@ -1,11 +1,11 @@
-// Offers every fragment of a point to its pixel. The importing pass defines `put(pixel, depth, identity)`, which keeps the
-// nearest. Of discs in one plane that should be the one whose middle is nearest, or colours would spread beyond their edges: so
-// discs are hollow, by RIM of their radius, which is far below what the points' positions are known to.
+// Offers every fragment of a point to its pixel. The importing pass defines `put(pixel, depth, identity)`, which keeps
+// the nearest. Among discs in one plane the one whose middle is nearest should win, or colours would spread beyond
+// their edges: so discs are hollow, by RIM of their radius, which is far below the precision of the points' positions.
 #import blocks
 
 const RIM: f32 = 0.001;
 
-// Set where points behind the plane of the frame are not to be seen.
+// Set if points behind the plane of the frame are hidden.
 override clips: bool = false;
 
 fn splat_point(item: Item, index: u32) {

@@ -2,7 +2,7 @@
 
 const NO_NORMAL: u32 = 0x80008000u;
 
-// Octahedral unit normal from two snorm16 halves; zero for NO_NORMAL.
+// The unit normal from two snorm16 octahedral coordinates; zero for NO_NORMAL.
 fn unpack_normal(packed: u32) -> vec3f {
     if packed == NO_NORMAL {
         return vec3f(0.0);
@@ -14,7 +14,7 @@ fn unpack_normal(packed: u32) -> vec3f {
     return normalize(vec3f(flat, z));
 }
 
-// World-space radius from a 16-bit logarithm; zero where it is not known.
+// The radius in world units from a 16-bit logarithm; zero if it is not known.
 fn unpack_radius(packed: u32) -> f32 {
     return select(exp2(f32(packed) / 2048.0 - 20.0), 0.0, packed == 0u);
 }

@@ -1,6 +1,6 @@
-// Group 1 of the passes that read points: a page of the point store. Filled by crates/render/src/inputs.rs. Binding 5 says of
-// which items the points are: `blocks` for passes that walk the points (blocks.wgsl), `items_of_runs` for passes that look
-// points up (point_surface.wgsl).
+// Group 1 of the passes that read points: a page of the point store. Filled by crates/render/src/inputs.rs. Binding 5
+// tells to which items the points belong: `blocks` for passes that walk the points (blocks.wgsl), `items_of_runs` for
+// passes that look points up (point_surface.wgsl).
 #import frame_group
 #import splat
 

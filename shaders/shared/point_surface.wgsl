@@ -2,18 +2,19 @@
 #import page_group
 #import color
 
-// Item of each run of BLOCK_POINTS points of the page.
+// The item of each run of BLOCK_POINTS points of the page.
 @group(1) @binding(5) var<storage, read> items_of_runs: array<u32>;
 
 struct SurfaceOfPoint {
     // a: specular intensity.
     albedo: vec4f,
-    // World, towards the eye; w: specular power.
+    // The world normal towards the eye; w: specular power.
     normal: vec4f,
 }
 
-// Where the point with an identity lies in the page, or a number that no page has room for. Behind the items of the page's runs
-// of BLOCK_POINTS points, `items_of_runs` tells for each run of identities which run of the page it is.
+// The index in the page of the point with an identity, or a number beyond all pages if it is not in this one. After the
+// items of the page's runs of BLOCK_POINTS points, `items_of_runs` has for each run of identities the run of the page
+// that contains it.
 fn index_of_identity(identity: u32) -> u32 {
     let at = (page.point_count + identity) / BLOCK_POINTS;
     if at >= arrayLength(&items_of_runs) || items_of_runs[at] == 0xffffffffu {
@@ -24,7 +25,7 @@ fn index_of_identity(identity: u32) -> u32 {
 
 fn surface_of_point(index: u32, toward_eye: vec3f) -> SurfaceOfPoint {
     let item = items[items_of_runs[index / BLOCK_POINTS]];
-    // Points lie all over memory: what is not asked for is not fetched.
+    // Points are scattered over memory: only what is needed is fetched.
     var point = vec4u(0u);
     if item.color_source == COLOR_HEIGHT || item.color_source == COLOR_CLASS {
         point = points[index];

@@ -1,7 +1,8 @@
-// Regions of the mirror that bend one way, and the bits of the curvature map they are made from (Preiner 2010, sections 3.5
-// and 4.4). CPU twin: crates/render/src/reflection/sscr/twin.rs.
+// Regions of the mirror that bend one way, and the bits of the curvature map from which they are made (Preiner 2010,
+// sections 3.5 and 4.4). CPU twin: crates/render/src/reflection/sscr/twin.rs.
 
-// How the surface bends from the previous pixel to this one: two bits for x, then two for y. Neither: planar.
+// How the surface bends from the previous pixel to this one: two bits for x, then two for y. If none is set, it is
+// planar.
 const CONVEX: u32 = 1u;
 const HOLLOW: u32 = 2u;
 const BENT: u32 = 3u;
@@ -10,32 +11,32 @@ const DIRECTION_BITS: u32 = 2u;
 const DEPTH_STEP: u32 = 16u;
 const MIRROR: u32 = 128u;
 
-// Label of a pixel that no region can hold: outside of the mirror, or on a border.
+// The label of a pixel that belongs to no region: outside the mirror, or on a border.
 const OUTSIDE: u32 = 0xffffffffu;
-// Smallest region that a bracket fits in: two by two pixels.
+// The smallest region that a bracket fits in: two by two pixels.
 const LEAST_REGION: u32 = 4u;
-// Pixels that a workgroup numbers the regions of.
+// The number of pixels in which a workgroup numbers the regions.
 const RUN_PIXELS: u32 = 1024u;
 
 struct Region {
-    // First and last pixel.
+    // The first and last pixel.
     first_x: u32,
     first_y: u32,
     last_x: u32,
     last_y: u32,
     pixels: u32,
-    // Pixels of this region and all before it.
+    // The number of pixels of this region and all before it.
     accumulated: u32,
     unused_0: u32,
     unused_1: u32,
-    // Bounds of its mirror points and of the directions reflected there, as ordered integers.
+    // The bounds of its mirror points and of the directions reflected there, as ordered integers.
     point_low: array<u32, 3>,
     point_high: array<u32, 3>,
     direction_low: array<u32, 3>,
     direction_high: array<u32, 3>,
 }
 
-// Words of a Region, and the places of its words, for passes that write them as atomics.
+// The number of words of a Region, and the indices of its words, for passes that write them as atomics.
 const REGION_WORDS: u32 = 20u;
 const REGION_FIRST: u32 = 0u;
 const REGION_LAST: u32 = 2u;
@@ -46,13 +47,13 @@ const REGION_POINT_HIGH: u32 = 11u;
 const REGION_DIRECTION_LOW: u32 = 14u;
 const REGION_DIRECTION_HIGH: u32 = 17u;
 
-// What the regions add up to.
+// The totals of all regions.
 struct RegionTotals {
     regions: u32,
     pixels: u32,
 }
 
-// Integers in the order of the numbers they stand for, so that integer atomics find their minimum and maximum.
+// Integers in the order of the numbers that they represent, so that integer atomics find their minimum and maximum.
 fn ordered(value: f32) -> u32 {
     let bits = bitcast<u32>(value);
     return select(bits | 0x80000000u, ~bits, bits >= 0x80000000u);

@@ -10,11 +10,11 @@ override seeds: u32 = SSCR_SEEDS_RANDOM;
 override per_region: bool = false;
 
 struct Search {
-    // Of the region.
+    // The bounds of the region.
     label: u32,
     first: vec2f,
     extent: vec2f,
-    // Share of the pixels in its bounds that are its own.
+    // The share of the pixels in its bounds that are its own.
     fill: f32,
     // The point, relative to the camera's eye.
     q: vec3f,
@@ -29,13 +29,13 @@ struct Probe {
 }
 
 const FOUND: u32 = 0u;
-// Outside of the region, or with steps that are too small.
+// The search left the region, or its steps became too small.
 const LOST: u32 = 1u;
-// Out of steps.
+// The search ran out of steps.
 const UNCONVERGED: u32 = 2u;
 
 struct Outcome {
-    // Where it was found, or where the search ended.
+    // The pixel coordinate of the result, or where the search ended.
     at: vec2f,
     state: u32,
     steps: u32,
@@ -69,7 +69,7 @@ fn halton(index: u32) -> f32 {
 
 // A step below this stays in its pixel more often than not (section 3.4.3 ends where "the step size fell below 1 pixel").
 const LEAST_STEP: f32 = 0.5;
-// Cells along each side of the grid of start pixels: 16 probes cost about what a search from a bad start does.
+// The cells along each side of the grid of start pixels: 16 probes cost about as much as a search from a bad start.
 const GRID: u32 = 4u;
 
 fn random_place(search: Search, state: ptr<function, u32>) -> vec2f {
@@ -78,10 +78,10 @@ fn random_place(search: Search, state: ptr<function, u32>) -> vec2f {
     return search.first + search.extent * vec2f(x, y);
 }
 
-// How often a start pixel outside of the region is drawn again.
+// How often a start pixel outside the region is drawn again.
 fn seed_attempts(search: Search) -> u32 {
     if per_region {
-        // So many that one start in a hundred is lost to the holes of the region.
+        // Often enough that one start in a hundred is lost to the holes of the region.
         return u32(clamp(log2(0.01) / log2(clamp(1.0 - search.fill, 1e-3, 0.999)), 1.0, 32.0));
     }
     return settings.sscr.seed_attempts;
@@ -107,7 +107,7 @@ fn start_of(search: Search, last: vec2f) -> Start {
         return Start(last, last + side, vec2f(2.0));
     }
     if seeds == SSCR_SEEDS_GRID {
-        // The two best cells. Where holes of the region swallow the grid, anywhere.
+        // The two best cells; anywhere, if holes of the region swallow the grid.
         var least = 3e38;
         var second_least = 3e38;
         for (var cell = 0u; cell < GRID * GRID; cell++) {
@@ -156,10 +156,10 @@ fn find_root(search: Search, start: Start, state: ptr<function, u32>) -> Outcome
     return descent(search, first, start.step, state);
 }
 
-// Interleaved bracketing and bisection. Two pixels, the last two of a walk: along each axis it goes on while the error falls,
-// turns round where it grows, and turns with half the step where the error changes its sign.
-// One probe a turn of the loop, be it of a start pixel, a step or a shortened step: threads that run in step wait for each
-// other by probes, not by steps.
+// Interleaved bracketing and bisection. Two pixels, the last two of a walk: along each axis it goes on while the error
+// falls, turns round where it grows, and turns with half the step where the error changes its sign. One probe a turn of
+// the loop, of a start pixel, a step or a shortened step: threads that run in step wait for each other by probes, not
+// by steps.
 fn interleaved(search: Search, start: Start, state: ptr<function, u32>) -> Outcome {
     var p1 = Probe(vec2f(0.0), vec2f(0.0), false);
     var p2 = p1;
@@ -222,11 +222,11 @@ fn interleaved(search: Search, start: Start, state: ptr<function, u32>) -> Outco
     return Outcome(p2.at, outcome, steps);
 }
 
-// How the error changes over a pixel along x and along y.
+// The change of the error over a pixel along x and along y.
 struct Slope {
     along_x: vec2f,
     along_y: vec2f,
-    // Whether the region has the neighbours that it takes.
+    // Whether the region has the neighbours that are needed.
     is_known: bool,
 }
 
@@ -255,11 +255,11 @@ fn newton_step(slope: Slope, error: vec2f) -> vec2f {
     return step / select(determinant, 1e-20, abs(determinant) < 1e-20);
 }
 
-// A root within one pixel of a pixel's centre, by the slope there, is found: nearer the pixels cannot tell.
+// A root within one pixel of a pixel's centre, by the slope there, counts as found: pixels are no more precise.
 const ROOT_REACH: f32 = 1.0;
 
-// Newton, Broyden and conjugate gradient: from pixel centre to pixel centre by steps of at most the first step's length. Where
-// no step stays in the region they start anew: walks from a bad start end at its rim.
+// Newton, Broyden and conjugate gradient: from pixel centre to pixel centre by steps of at most the first step's
+// length. If no step stays in the region they start anew: walks from a bad start end at its rim.
 fn descent(search: Search, start: Probe, first_step: vec2f, state: ptr<function, u32>) -> Outcome {
     var here = centered(start);
     var slope = slope_at(search, here);
@@ -271,7 +271,7 @@ fn descent(search: Search, start: Probe, first_step: vec2f, state: ptr<function,
     while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
         var step = newton_step(slope, here.error);
         if solver == SSCR_SOLVER_BROYDEN && all(abs(step) <= vec2f(ROOT_REACH)) {
-            // What has been learned of the slope on the way may be wrong here.
+            // The slope learned on the way may be wrong here.
             slope = slope_at(search, here);
             step = newton_step(slope, here.error);
         }
@@ -280,8 +280,8 @@ fn descent(search: Search, start: Probe, first_step: vec2f, state: ptr<function,
             outcome.state = FOUND;
         } else {
             if solver == SSCR_SOLVER_CONJUGATE_GRADIENT {
-                // Of half the squared error; Polak and Ribiere's weight, started anew where it turns negative. The length is
-                // that to the minimum along the direction if the slope stays as it is.
+                // The gradient of half the squared error, with Polak and Ribiere's weight, started anew where it turns
+                // negative. The length is that to the minimum along the direction if the slope stays the same.
                 let steepest = vec2f(dot(slope.along_x, here.error), dot(slope.along_y, here.error));
                 let weight = dot(steepest, steepest - gradient) / max(dot(gradient, gradient), 1e-20);
                 direction = -steepest + direction * max(weight, 0.0);
@@ -321,7 +321,7 @@ fn descent(search: Search, start: Probe, first_step: vec2f, state: ptr<function,
     return outcome;
 }
 
-// All of a pixel has the error of its centre.
+// The whole pixel has the error of its centre.
 fn centered(found: Probe) -> Probe {
     return Probe(floor(found.at) + 0.5, found.error, found.is_inside);
 }
@@ -330,7 +330,7 @@ fn squared_error(found: Probe) -> f32 {
     return select(3e38, dot(found.error, found.error), found.is_inside);
 }
 
-// The simplex of Nelder and Mead 1965 on the squared error; outside of the region it is infinite.
+// The simplex of Nelder and Mead 1965 on the squared error, which is infinite outside the region.
 fn nelder_mead(search: Search, start: Probe, first_step: vec2f) -> Outcome {
     var best = start;
     var middle = probe_after(search, best.at, vec2f(first_step.x, 0.0));

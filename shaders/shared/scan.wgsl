@@ -1,4 +1,4 @@
-// Sums of what the lower invocations of a workgroup of 256 hold (Hillis, Steele 1986).
+// Prefix sums over the lower invocations of a workgroup of 256 (Hillis, Steele 1986).
 
 var<workgroup> scanned: array<vec2u, 256>;
 
@@ -7,7 +7,7 @@ struct Scan {
     total: vec2u,
 }
 
-// To be called by all invocations of the workgroup alike.
+// All invocations of the workgroup must call it alike.
 fn scan(lane: u32, value: vec2u) -> Scan {
     scanned[lane] = value;
     workgroupBarrier();

@@ -1,5 +1,5 @@
-// A point as an oriented disc on the screen: what it covers and how deep it is there. Used by every splatting pass, so that
-// all of them agree on the same fragments.
+// A point as an oriented disc on the screen: the pixels that it covers and its depth there. Every splatting pass uses
+// it, so that all of them agree on the same fragments.
 #import frame
 #import packing
 #import params
@@ -30,28 +30,28 @@ const BLOCK_POINTS: u32 = 1024u;
 // A run of at most BLOCK_POINTS points of one item: what one workgroup splats.
 struct Block {
     item: u32,
-    // In the page.
+    // The index of the first point in the page.
     first: u32,
     count: u32,
-    // Of its first point: the others follow.
+    // The identity of its first point: the others follow.
     first_identity: u32,
 }
 
-// What differs from page to page of the point store.
+// The values of one page of the point store.
 struct Page {
     block_count: u32,
-    // That it has room for.
+    // The number of points that it has room for.
     point_count: u32,
-    // 1 for the first page of the frame: it writes the empty pixels.
+    // 1 for the first page of the frame, which writes the empty pixels.
     is_first: u32,
     unused: u32,
 }
 
-// All there is to know of a point that covers one pixel: the pixel that holds its centre.
+// A point that covers one pixel: the pixel that contains its centre.
 struct Single {
     pixel: u32,
     is_drawn: bool,
-    // View space.
+    // The position in view space.
     center: vec3f,
 }
 
@@ -59,25 +59,26 @@ fn single_of_point(frame: Frame, item: Item, point: vec4u) -> Single {
     let center = view_from_relative(frame, bitcast<vec3f>(point.xyz) + item.origin_radius.xyz);
     let pixel = floor(pixel_from_view(frame, center));
     let size = vec2f(f32(frame.width), f32(frame.height));
-    // Written so that NaN is not drawn.
+    // The comparison is false for NaN, which is not drawn.
     let is_drawn = center.z > frame.near && center.z < 3e38 && all(pixel >= vec2f(0.0)) && all(pixel < size);
     return Single(u32(pixel.y) * frame.width + u32(pixel.x), is_drawn, center);
 }
 
 struct Disc {
-    // View space.
+    // The position in view space.
     center: vec3f,
-    // World units, after the limits in pixels.
+    // The radius in world units, after the limits in pixels.
     radius: f32,
-    // View space, towards the eye; zero: the disc faces the eye.
+    // The normal in view space, towards the eye; zero if the disc faces the eye.
     normal: vec3f,
     pixel: vec2f,
     // 0: not drawn.
     radius_pixels: f32,
-    // Pixels that may be covered, inclusive.
+    // The pixels that may be covered, inclusive.
     first: vec2i,
     last: vec2i,
-    // Covers one pixel's centre or less: needs no orientation, and reading the normal would cost as much as the position.
+    // Covers one pixel's centre or less: needs no orientation, and reading the normal would cost as much as the
+    // position.
     is_single: bool,
 }
 
@@ -87,7 +88,7 @@ const NOT_DRAWN: Disc = Disc(vec3f(0.0), 0.0, vec3f(0.0), vec2f(0.0), 0.0, vec2i
 fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
     let relative = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let center = view_from_relative(frame, relative);
-    // Written so that NaN is not drawn.
+    // The comparison is false for NaN, which is not drawn.
     if !(center.z > frame.near && center.z < 3e38) {
         return NOT_DRAWN;
     }
@@ -115,7 +116,7 @@ fn disc_of_point(frame: Frame, splat: Splat, item: Item, point: vec4u) -> Disc {
     return Disc(center, radius_pixels / scale, vec3f(0.0), pixel, shown_radius, shown_first, shown_last, is_single);
 }
 
-// View-space normal of a point towards the eye; zero if it has none.
+// The view-space normal of a point towards the eye; zero if it has none.
 fn normal_toward_eye(frame: Frame, center: vec3f, packed_normal: u32) -> vec3f {
     let normal = view_from_relative(frame, unpack_normal(packed_normal));
     let away = select(dot(normal, center), normal.z, frame.orthographic != 0u);
@@ -129,7 +130,7 @@ struct Fragment {
     weight: f32,
 }
 
-// Where the ray through a pixel coordinate meets a point's plane, view space.
+// The view-space point at which the ray through a pixel coordinate meets a point's plane.
 fn hit_of_plane(frame: Frame, center: vec3f, normal: vec3f, pixel: vec2f) -> vec3f {
     let slope = slope_from_pixel(frame, pixel);
     if frame.orthographic != 0u {
@@ -139,12 +140,12 @@ fn hit_of_plane(frame: Frame, center: vec3f, normal: vec3f, pixel: vec2f) -> vec
     return direction * (dot(normal, center) / dot(normal, direction));
 }
 
-// Steepest surface that is taken for its plane beside a point: 80 degrees.
+// The steepest surface whose plane is used beside a point: 80 degrees.
 const STEEPEST: f32 = 6.0;
 
-// Depth at a pixel's centre of a surface whose depth `own` is known at a point `width` world units beside it; `plane` is that of
-// the point's plane there. With the point's own depth a slanted surface would lie to the side, and of several points the nearer
-// would win. Seen edge-on, and without a normal (NaN), it is the point's own.
+// The depth at a pixel's centre of a surface whose depth is `own` at a point `width` world units beside it; `plane` is
+// the depth of the point's plane there. With the point's own depth a slanted surface would shift to the side, and the
+// nearer of several points would win. Seen edge-on, or without a normal (NaN), the result is the point's own depth.
 fn depth_beside(own: f32, plane: f32, width: f32) -> f32 {
     return select(own, plane, abs(plane - own) <= STEEPEST * width);
 }
@@ -165,7 +166,7 @@ fn fragment_of_disc(frame: Frame, disc: Disc, pixel: vec2i) -> Fragment {
     let hit = hit_of_plane(frame, disc.center, disc.normal, at);
     let offset = hit - disc.center;
     let outside = dot(offset, offset) / (disc.radius * disc.radius);
-    // Written so that NaN (a plane through the eye) falls back.
+    // The comparison is false for NaN (a plane through the eye), which falls back.
     if !(outside <= 1.0 && hit.z > frame.near) {
         let half_pixel = 0.5 * disc.radius / disc.radius_pixels;
         return Fragment(select(0.0, depth_beside(disc.center.z, hit.z, half_pixel), is_center), 0.0);
@@ -184,10 +185,10 @@ const NORMAL_BIAS: i32 = 2048;
 // Albedos are summed in 16 bits: levels of 8-bit sRGB are 20 of these steps apart or more, so that data colours come back exactly.
 const ALBEDO_MOST: f32 = 65535.0;
 
-// Words a pixel of the sums of the highlights: two sums, and their carries.
+// The words per pixel of the sums of the highlights: two sums, and their carries.
 const SPECULAR_WORDS: u32 = 3u;
 
-// Depth as an integer that is larger the nearer: 0 stays "empty", and a cleared buffer is all zero.
+// Depth as an integer that is larger for nearer points: 0 means "empty", and a cleared buffer is all zero.
 fn nearness(depth: f32) -> u32 {
     return 0xffffffffu - bitcast<u32>(depth);
 }

@@ -10,39 +10,40 @@ const INNER: u32 = 0xffffffffu;
 
 // A chunk's tree among those of its page.
 struct TreePlace {
-    // xyz: origin of its positions relative to the eye. w: by how much boxes are widened because splats are drawn larger.
+    // xyz: origin of its positions relative to the eye. w: the width by which boxes grow because splats are drawn
+    // larger.
     origin_margin: vec4f,
     first_node: u32,
     end_node: u32,
-    // Of its discs in the page, as of its points.
+    // The index of its first disc in the page, which is that of its first point.
     first_surfel: u32,
     // See visibility.wgsl.
     class_mask: u32,
-    // Of its first point: the others follow.
+    // The identity of its first point: the others follow.
     first_identity: u32,
     unused_0: u32,
     unused_1: u32,
     unused_2: u32,
 }
 
-// A tile's list of runs of nodes: how many, then a place and a node for each. Longer lists cost more than the upper levels of
-// the trees that they replace.
+// A tile's list of runs of nodes: their number, then a place and a node for each. Longer lists cost more than the upper
+// levels of the trees that they replace.
 const LIST_RUNS: u32 = 48u;
 const LIST_WORDS: u32 = 97u;
 const LIST_IS_FULL: u32 = 0xffffffffu;
 
-// A disc is not seen from closer than this many of its radii: beside the mirror point lie the mirror's own splats.
+// A disc is not seen from closer than this many of its radii: the mirror's own splats lie beside the mirror point.
 const SELF_DISTANCE: f32 = 4.0;
 
 struct DiscHit {
-    // Along the ray, in units of its direction; 0: missed.
+    // The distance along the ray, in units of its direction; 0 for a miss.
     distance: f32,
-    // Squared distance from the disc's centre over its squared radius.
+    // The squared distance from the disc's centre over its squared radius.
     outside: f32,
     radius: f32,
 }
 
-// `origin` and the box are relative to the same point; `direction` has unit length. `scale`: of the radii.
+// `origin` and the box are relative to the same point; `direction` has unit length. `scale` is the factor of the radii.
 fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, direction: vec3f) -> DiscHit {
     let extent = high - low;
     let place = vec3f(f32(packed.x & 1023u), f32((packed.x >> 10u) & 1023u), f32(packed.x >> 20u));
@@ -57,12 +58,12 @@ fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, d
     let distance = dot(normal, offset) / dot(normal, direction);
     let across = direction * distance - offset;
     let outside = dot(across, across) / (radius * radius);
-    // Written so that NaN (a disc seen edge-on) misses.
+    // The comparison is false for NaN (a disc seen edge-on), which misses.
     let is_hit = outside <= 1.0 && distance > SELF_DISTANCE * radius;
     return DiscHit(select(0.0, distance, is_hit), outside, radius);
 }
 
-// Where a ray enters a box widened by `margin`; at or beyond `limit`: it misses.
+// The distance at which a ray enters a box widened by `margin`; at or beyond `limit` for a miss.
 fn box_entry(low: vec3f, high: vec3f, margin: f32, origin: vec3f, inverse: vec3f, limit: f32) -> f32 {
     let a = (low - margin - origin) * inverse;
     let b = (high + margin - origin) * inverse;

@@ -2,7 +2,7 @@
 #import packing
 #import params
 
-// The filmic curve, or none: what is brighter than the screen is clipped.
+// The filmic curve, or none, which clips values brighter than the screen.
 override is_filmic: bool = false;
 
 // sRGB of linear light. The curve is the fit of Narkowicz 2015 to the ACES reference tone curve.

@@ -1,10 +1,11 @@
-// Whether a point is shown. The CPU asks the same of it by `PointTest` (crates/cloud/src/visibility.rs). The importing pass binds
-// `class_masks`.
+// Tests whether a point is shown. The CPU does the same test in `PointTest` (crates/cloud/src/visibility.rs). The
+// importing pass binds `class_masks`.
 
 // Set while a class is hidden.
 override filter_classes: bool = false;
 
-// `class_mask`: the first of the eight words of the class masks that are asked. `point` has its class in the third byte of w.
+// `class_mask` is the first of the eight words of the class masks to test. `point` has its class in the third byte of
+// w.
 fn is_shown(class_mask: u32, point: vec4u) -> bool {
     if !filter_classes {
         return true;

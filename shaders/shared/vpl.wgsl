@@ -5,31 +5,31 @@
 struct Virtual {
     // xyz: the camera's eye. w: radius of the scene, world units.
     eye_radius: vec4f,
-    // Of the discs that shadow maps are splatted from, world units.
+    // The radius of the discs from which shadow maps are splatted, in world units.
     disc_radius: f32,
-    // Nearest distance that a shadow map tells apart.
+    // The nearest distance that a shadow map distinguishes.
     nearest: f32,
-    // Steps of a shadow map's distances for each doubling.
+    // The steps of a shadow map's distances for each doubling.
     steps: f32,
-    // Texels along an edge of a shadow map.
+    // The number of texels along an edge of a shadow map.
     map_size: u32,
-    // Texels of a shadow map with the levels of its pyramid.
+    // The number of texels of a shadow map with the levels of its pyramid.
     map_stride: u32,
-    // Points that shadow maps are splatted from.
+    // The number of points from which shadow maps are splatted.
     point_count: u32,
     // Virtual light v is splatted from the points p for which p % subsets == v % subsets.
     subsets: u32,
     sky_lights: u32,
-    // Lights of each bounce; they follow those of the sky.
+    // The number of lights of each bounce; they follow those of the sky.
     lights_per_bounce: u32,
     bounces: u32,
-    // Squared radius of the surface that a light of the second and later bounces stands for.
+    // The squared radius of the surface that a light of the second and later bounces represents.
     area_over_pi: f32,
     unused: u32,
 }
 
 struct Vpl {
-    // xyz: position; w: squared radius of the surface that it stands for.
+    // xyz: position; w: squared radius of the surface that it represents.
     position: vec4f,
     // xyz: unit normal of the surface, or toward a light of the sky; w: VPL_*.
     normal: vec4f,
@@ -37,18 +37,18 @@ struct Vpl {
     intensity: vec4f,
     // rgb: flux that is reflected as a highlight.
     glossy: vec4f,
-    // Unit vector to where the light came from.
+    // The unit vector to the origin of its light.
     incoming: vec4f,
-    // First axis of its shadow map.
+    // The first axis of its shadow map.
     tangent: vec4f,
 }
 
-// Which lights and maps a pass works on.
+// The lights and maps that a pass works on.
 struct Step {
     first_light: u32,
-    // From 1.
+    // The number of the bounce, from 1.
     bounce: u32,
-    // Of the finer level of the maps: edge in texels, and its first texel in a map.
+    // The finer level of the maps: edge in texels, and its first texel in a map.
     fine_size: u32,
     fine_first: u32,
     coarse_first: u32,
@@ -57,12 +57,12 @@ struct Step {
     unused_2: u32,
 }
 
-// Texels along an edge of a lamp's or the sun's shadow map, as light.wgsl has it.
+// The number of texels along an edge of a lamp's or the sun's shadow map, equal to light.wgsl.
 const LAMP_MAP_SIZE: u32 = 1024u;
 
-// Vectors that are kept of a point that casts shadows, see vpl_points.wgsl.
+// The number of vectors kept of a point that casts shadows, see vpl_points.wgsl.
 const OCCLUDER_VECTORS: u32 = 2u;
-// Counters of a layer of the lamps' shadow maps, see vpl_aim.wgsl.
+// The counters of a layer of the lamps' shadow maps, see vpl_aim.wgsl.
 const AIM_COUNTS: u32 = 2u;
 
 const VPL_NONE: f32 = 0.0;
@@ -86,8 +86,8 @@ fn direction_from_map(map: vec2f) -> vec3f {
     return vec3f(2.0 * map, 1.0 - squared) / (1.0 + squared);
 }
 
-// A texel of a shadow map keeps the nearest disc: a code that is larger the nearer in its upper half, the point's number among
-// the light's in its lower half. 0: nothing.
+// A texel of a shadow map keeps the nearest disc: in its upper half a code that is larger for nearer discs, in its
+// lower half the point's number among the light's. 0: nothing.
 fn code_of_distance(lights: Virtual, kind: f32, distance: f32) -> u32 {
     let steps = select(
         log2(distance / lights.nearest) * lights.steps,
@@ -106,7 +106,7 @@ fn distance_of_code(lights: Virtual, kind: f32, code: u32) -> f32 {
     return lights.nearest * exp2(steps / lights.steps);
 }
 
-// How a texel of a light's map looks into the scene.
+// The ray of a texel of a light's map into the scene.
 struct MapRay {
     origin: vec3f,
     direction: vec3f,
@@ -125,14 +125,14 @@ fn ray_of_map(lights: Virtual, light: Vpl, map: vec2f) -> MapRay {
     return MapRay(light.position.xyz, world);
 }
 
-// Where a point lies in a light's map.
+// The place of a point in a light's map.
 struct MapPoint {
     map: vec2f,
-    // From the light; for the sky from the plane that touches the scene's sphere.
+    // The distance from the light; for the sky, from the plane that touches the scene's sphere.
     distance: f32,
-    // Map units for a world unit across the line of sight.
+    // The map units per world unit across the line of sight.
     scale: f32,
-    // Unit vector from the light to the point.
+    // The unit vector from the light to the point.
     direction: vec3f,
 }
 

@@ -1,10 +1,11 @@
-// A virtual light on a surface that light falls on.
+// A virtual light on a surface that receives light.
 #import frame_group
 #import vpl
 #import brdf
 #import gloss
 
-// `toward`: unit vector to where the light comes from; `squared`: squared radius of the surface that it stands for.
+// `toward` is the unit vector to the origin of the light; `squared` the squared radius of the surface that it
+// represents.
 fn vpl_of_surface(
     position: vec3f,
     normal: vec3f,
@@ -13,11 +14,11 @@ fn vpl_of_surface(
     flux: vec3f,
     squared: f32,
 ) -> Vpl {
-    // Of mirrors the diffuse part alone: what they reflect on is not followed to other surfaces.
+    // Mirrors give only their diffuse part: their reflections are not followed to other surfaces.
     let gloss = gloss_of(settings, albedo.a, 0.0);
     let diffuse = albedo.rgb * flux * (1.0 - max(gloss.share, albedo.a)) / 3.14159265;
     let tint = mirror_tint(settings, albedo.rgb, 0.0);
-    // What reflects nothing has its place and shadow map all the same: its colour may change.
+    // A surface that reflects nothing has its place and shadow map all the same: its colour may change.
     let shines = select(VPL_NONE, VPL_LOCAL, any(normal != vec3f(0.0)));
     return Vpl(
         vec4f(position, squared),
