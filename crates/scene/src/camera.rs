@@ -1,5 +1,5 @@
-//! The camera: an eye, the pivot it looks at, and the axis that stays up. World coordinates are f64 throughout, so that a
-//! scene at seven-digit coordinates looks and turns as it would at the origin.
+//! The camera: an eye, the pivot that it looks at, and the axis that stays up. World coordinates are f64 throughout, so
+//! that a scene at seven-digit coordinates looks and turns as it would at the origin.
 
 use cloud::Bounds;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -16,40 +16,41 @@ choices! {
     pub enum StandardView { Front = "front", Back = "back", Left = "left", Right = "right", Top = "top", Bottom = "bottom", Isometric = "iso" }
 }
 
-/// Where the eye is and what it looks at.
+/// The place of the eye and the point that it looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// World units.
+    /// The position in world units.
     pub eye: DVec3,
-    /// The point that orbiting turns about and that is seen in the middle of the picture.
+    /// The point about which the camera orbits; it is in the middle of the picture.
     pub pivot: DVec3,
-    /// Unit vector that points up in the world; never parallel to the line of sight.
+    /// The unit vector that points up in the world; never parallel to the line of sight.
     pub up: DVec3,
 }
 
-/// Closest the line of sight comes to the up axis, radians: the turntable stops half a degree before the pole, where
-/// "right" would be undefined.
+/// The least angle between the line of sight and the up axis in radians: the turntable stops half a degree before the
+/// pole, where "right" would be undefined.
 const POLE_MARGIN: f64 = 0.0087;
 
-/// Framing keeps the eye this many radii away from the middle.
+/// Framing keeps the eye at least this many radii away from the middle.
 const CLOSEST_RADII: f64 = 1.2;
 
 impl Camera {
-    /// A camera further out is damage: no measure of anything is so large, and its distance to what it looks at has no square.
+    /// The largest believable coordinate: no measurement is so large, and the square of its distance would overflow.
     pub(crate) const MOST_COORDINATE: f64 = 1e30;
 
-    /// Whether a camera may stand there. A NaN is nowhere.
+    /// Whether a camera may be at this place. A NaN is not.
     pub(crate) fn is_near(place: DVec3) -> bool {
         place.abs().cmple(DVec3::splat(Self::MOST_COORDINATE)).all()
     }
 
-    /// As a scene file gives it: with any length of `up`, and even if the eye is at the pivot or straight above it.
+    /// A camera with the values of a scene file: `up` may have any length, and the eye may be at the pivot or straight
+    /// above it.
     pub fn from_eye(eye: DVec3, pivot: DVec3, up: DVec3) -> Self {
         Self::looking(pivot, eye - pivot, eye.distance(pivot), up)
     }
 
-    /// From `pivot + back * distance`, `back` pointing from the pivot to the eye.
+    /// A camera at `pivot + back * distance`; `back` points from the pivot to the eye.
     pub fn looking(pivot: DVec3, back: DVec3, distance: f64, up: DVec3) -> Self {
         let back = if back.normalize_or_zero() == DVec3::ZERO { DVec3::X } else { back.normalize() };
         let mut camera =
@@ -66,7 +67,7 @@ impl Camera {
         self.forward().cross(self.up).normalize_or(self.up.any_orthonormal_vector())
     }
 
-    /// Distance from the eye to the pivot, world units.
+    /// The distance from the eye to the pivot in world units.
     pub fn distance(&self) -> f64 {
         self.eye.distance(self.pivot)
     }
@@ -77,7 +78,8 @@ impl Camera {
         DMat3::from_cols(right, right.cross(forward), forward).transpose()
     }
 
-    /// Looks at `points` (an outline, or the corners of a box) from a standard direction, all of them in the picture.
+    /// A camera that looks at `points` (an outline, or the corners of a box) from a standard direction, with all of
+    /// them in the picture.
     pub fn framing(points: &[DVec3], view: StandardView, up: DVec3, field_of_view_degrees: f32, aspect: f64) -> Self {
         let (side, front) = horizontal_axes(up);
         // A little off the pole for top and bottom: see POLE_MARGIN.
@@ -95,8 +97,8 @@ impl Camera {
         camera
     }
 
-    /// Keeps the direction of sight and moves the eye to where `points` fill the picture: in its middle, as near as can be.
-    /// The pivot comes to the depth of their middle. No points, no move.
+    /// Keeps the direction of sight and moves the eye so that `points` fill the picture as well as possible, in its
+    /// middle. The pivot gets the depth of their middle. Without points nothing moves.
     pub fn frame(&mut self, points: &[DVec3], field_of_view_degrees: f32, aspect: f64) {
         let mut bounds = Bounds::EMPTY;
         points.iter().for_each(|point| bounds.include(*point));
@@ -119,12 +121,12 @@ impl Camera {
             depth = depth.min(-(most[axis][0] + most[axis][1]) / (2.0 * tangent));
         }
         let mut eye = DVec3::ZERO;
-        // A single point has no size to fill the picture with, and far from the origin, doubles are a billionth of that apart.
-        // Closer than this, near parts would tower over far ones.
+        // A single point has no size to fill the picture with, and far from the origin, the precision of doubles limits
+        // the distance. Closer than this, near parts would tower over far ones.
         let nearest = (bounds.radius() * CLOSEST_RADII).max(center.abs().max_element() * 1e-9).max(1e-9);
         eye.z = depth.min(-nearest);
-        // What room is left along the other axis is shared out evenly on the screen: by bisection, for the slope of the
-        // uppermost point falls and that of the lowest grows with the eye's height.
+        // The room that is left along the other axis is shared evenly on the screen: by bisection, since the slope of
+        // the uppermost point falls and that of the lowest grows with the eye's height.
         for (axis, tangent) in [(0, tangent * aspect), (1, tangent)] {
             let (mut low, mut high) = (most[axis][0] + tangent * eye.z, -most[axis][1] - tangent * eye.z);
             for _ in 0..40 {
@@ -140,19 +142,19 @@ impl Camera {
         self.pivot = self.eye + rows.row(2) * -eye.z;
     }
 
-    /// Turntable: `turn` about the up axis, `tilt` about the right axis, radians.
+    /// Orbits like a turntable: `turn` about the up axis, `tilt` about the right axis, in radians.
     pub fn orbit(&mut self, turn: f64, tilt: f64) {
         self.rotate_about(self.pivot, turn, tilt);
     }
 
-    /// Turns the line of sight about the eye, radians; the pivot goes along.
+    /// Turns the line of sight about the eye, in radians; the pivot moves along.
     pub fn look(&mut self, turn: f64, tilt: f64) {
         self.rotate_about(self.eye, turn, tilt);
     }
 
     fn rotate_about(&mut self, center: DVec3, turn: f64, tilt: f64) {
         let angle = self.forward().angle_between(self.up);
-        // Tilting by t makes the angle to the up axis smaller by t.
+        // Tilting by t reduces the angle to the up axis by t.
         let tilt = angle - (angle - tilt).clamp(POLE_MARGIN, std::f64::consts::PI - POLE_MARGIN);
         let rotation = DQuat::from_axis_angle(self.up, turn) * DQuat::from_axis_angle(self.right(), tilt);
         self.eye = center + rotation * (self.eye - center);
@@ -179,9 +181,9 @@ impl Camera {
         self.pivot += shift;
     }
 
-    /// Scales the distances of eye and pivot to `anchor` by `factor`, so that `anchor` stays where it is in the picture.
+    /// Scales the distances of eye and pivot to `anchor` by `factor`, so that `anchor` keeps its place in the picture.
     pub fn zoom_toward(&mut self, anchor: DVec3, factor: f64) {
-        // Beyond these, doubles could no longer tell the eye from the pivot, or a coordinate from infinity.
+        // Beyond these, doubles could no longer distinguish the eye from the pivot, or a coordinate from infinity.
         let reach = self.eye.abs().max_element().max(self.pivot.abs().max_element()).max(1.0);
         let distance = self.distance().max(f64::MIN_POSITIVE);
         let factor = factor.clamp((reach * 1e-12 / distance).min(1.0), (1e15 / distance).max(1.0));
@@ -189,15 +191,15 @@ impl Camera {
         self.pivot = anchor + (self.pivot - anchor) * factor;
     }
 
-    /// Moves by `step` = (right, up, forward), world units.
+    /// Moves by `step` = (right, up, forward) in world units.
     pub fn fly(&mut self, step: DVec3) {
         let shift = self.right() * step.x + self.up * step.y + self.forward() * step.z;
         self.eye += shift;
         self.pivot += shift;
     }
 
-    /// Makes `pivot` the centre of the picture, eye and direction of sight as near to the old ones as can be: the eye moves
-    /// sideways so that the direction stays.
+    /// Makes `pivot` the centre of the picture and keeps eye and direction of sight as near to the old ones as
+    /// possible: the eye moves sideways so that the direction stays.
     pub fn recenter(&mut self, pivot: DVec3) {
         let shift = pivot - self.pivot;
         self.eye += shift;
@@ -238,7 +240,7 @@ mod tests {
                 StandardView::Bottom,
             ] {
                 let points = Bounds { min: DVec3::new(-5.0, 2.0, 7.0), max: DVec3::new(9.0, 4.0, 8.0) }.corners();
-                // All of the box, and a corner of it.
+                // All points of the box, and a corner of it.
                 for points in [&points[..], &points[..3]] {
                     let camera = Camera::framing(points, view, up, 60.0, 1.5);
                     let seen: Vec<DVec2> =

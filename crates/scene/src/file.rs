@@ -46,27 +46,28 @@ use toml::de::DeTable;
 use crate::camera_path::PathProblem;
 use crate::{Camera, CameraPath, Mirror, MirrorPoints, Settings, SpotLight, Visibility, shown, whole_file};
 
-/// Mirrors of a scene at most. Each brings at least 20,000 points, and a reflection of each in each is looked for.
+/// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
 pub const MOST_MIRRORS: usize = 64;
 
-/// Clouds that are opened of one scene at most: a process may have 1,024 files open. A folder of tiles is one cloud.
+/// The most clouds of a scene: a process may have 1,024 files open. A folder of tiles is one cloud.
 const MOST_CLOUDS: usize = 1000;
 
-/// Points of clouds that reflect, each looked for in every cloud.
+/// The most entries for reflecting points, each of which is searched for in every cloud.
 const MOST_MIRROR_POINTS: usize = 64;
 
-/// More than there are parameters.
+/// A limit above the number of parameters.
 const MOST_PARAMETERS: usize = 1000;
 
-/// Characters of a message about a scene.
+/// The most characters of a message about a scene.
 const MOST_TOLD: usize = 400;
 
-/// Paths of the camera, each for a recording of its own.
+/// The most camera paths; each is for a recording of its own.
 const MOST_PATHS: usize = 64;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A side file that cannot be read as a whole. The problem has the reason, so that is not a source: it would be told twice.
+    /// A side file cannot be read as a whole. The problem contains the reason, so that is not given as `source` as
+    /// well: it would be printed twice.
     #[error("{name}: {problem}")]
     Unreadable { name: String, kind: std::io::ErrorKind, problem: String },
     #[error("not a scene: {problem}")]
@@ -75,16 +76,16 @@ pub enum Error {
     Preferences { problem: String },
 }
 
-/// A scene file as it is written. Relative cloud paths are relative to the file.
+/// The content of a scene file. Relative cloud paths are relative to the file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// Paths of clouds, or names of built-in scenes.
+    /// The paths of clouds, or names of built-in scenes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub clouds: Vec<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<Camera>,
-    /// Parameters that differ from their defaults, `group.name` to value.
+    /// The parameters that differ from their defaults, `group.name` to value.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, toml::Value>,
     /// Which points of the clouds are shown.
@@ -94,20 +95,20 @@ pub struct SceneFile {
     pub mirrors: Vec<Mirror>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lights: Vec<SpotLight>,
-    /// Points of the clouds that reflect.
+    /// The points of the clouds that reflect.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mirror_points: Vec<MirrorPoints>,
-    /// Ways of the camera.
+    /// The paths of the camera.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub paths: Vec<CameraPath>,
 }
 
-/// A view read from text: camera and parameters, with what was not understood.
+/// A view read from text: camera and parameters, with warnings about unknown parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     pub camera: Option<Camera>,
     pub settings: Settings,
-    /// Unknown keys and values out of range; the rest was taken.
+    /// Unknown keys and values out of range; everything else was applied.
     pub warnings: Vec<String>,
 }
 
@@ -124,8 +125,10 @@ impl SceneFile {
         Self { clouds, camera: Some(camera), parameters: parameters.collect(), ..Self::default() }
     }
 
+    /// Parses a scene.
+    ///
     /// # Errors
-    /// Not TOML, or not of this form: with the line. A mirror or light that cannot be: with its number and name.
+    /// Not TOML, or not of this form: with the line. An invalid mirror or light: with its number and name.
     pub fn parse(text: &str) -> Result<Self, Error> {
         let file: Self =
             whole_file::from_toml(text).map_err(|error| Error::Malformed { problem: problem_of(&error, text) })?;
@@ -142,7 +145,7 @@ impl SceneFile {
         }
     }
 
-    /// The first path that cannot be, and why, with the line in the text that the scene was read from.
+    /// The first invalid path and the reason, with the line in the text from which the scene was read.
     fn odd_path(&self, text: &str) -> Option<String> {
         for (index, path) in self.paths.iter().enumerate() {
             let is_again = self.paths[..index].iter().any(|before| before.name == path.name);
@@ -159,7 +162,7 @@ impl SceneFile {
         None
     }
 
-    /// The first object that cannot be, and why.
+    /// The first invalid object and the reason.
     fn odd_object(&self) -> Option<String> {
         let numbered = |kind: &str, index: usize, name: &str, problem: Option<String>| {
             let name = param::shortened(name, param::MOST_QUOTED);
@@ -185,8 +188,8 @@ impl SceneFile {
         mirrors.next().or_else(|| lights.next()).or_else(|| points.next())
     }
 
-    /// The scene, and what its clouds name: a path beside the scene file if there is something, which its folder may give a name
-    /// that is no text.
+    /// Reads the scene, and resolves its clouds: a name is a path beside the scene file if something is there. The
+    /// scene's folder may have a name that is not valid text.
     ///
     /// # Errors
     /// Not readable, or not a scene; names the file.
@@ -214,7 +217,7 @@ impl SceneFile {
         toml::to_string(self).unwrap_or_default()
     }
 
-    /// Camera and parameters; what is not understood becomes a warning, never a failure.
+    /// The camera and the parameters; unknown parts become warnings, never failures.
     pub fn view(&self) -> View {
         let mut settings = Settings::default();
         let mut warnings = Vec::new();
@@ -232,7 +235,7 @@ impl SceneFile {
     }
 }
 
-/// What is wrong with a text that is no scene: where, what, and the line, as much of them as a person reads.
+/// The problem with a text that is no scene: where it is, what it is, and the line, in a readable length.
 fn problem_of(error: &toml::de::Error, text: &str) -> String {
     let message = without_long_quotes(error.message());
     match error.span() {
@@ -241,7 +244,7 @@ fn problem_of(error: &toml::de::Error, text: &str) -> String {
     }
 }
 
-/// Where the value at fault is in the text of a scene, a byte.
+/// The offset in bytes of the wrong value in the text of a scene.
 fn start_of(text: &str, path: usize, odd: &PathProblem) -> Option<usize> {
     let root = DeTable::parse(text).ok()?;
     let path = root.get_ref().get("paths")?.get_ref().get(path)?;
@@ -250,13 +253,13 @@ fn start_of(text: &str, path: usize, odd: &PathProblem) -> Option<usize> {
     Some(table.get_ref().get(odd.key).unwrap_or(table).span().start)
 }
 
-/// A message with the line and column of a byte of the text, and as much of the line as a person reads.
+/// A message with the line and column of a byte of the text, and a readable part of the line.
 fn at_line(text: &str, start: usize, message: &str) -> String {
     let before = text.get(..start).unwrap_or(text);
     let line_start = before.rfind('\n').map_or(0, |end| end + 1);
     let line = text[line_start..].lines().next().unwrap_or_default();
     let column = before[line_start..].chars().count();
-    // The part of a long line where it is.
+    // The part of a long line around the column.
     let shown: String = line.chars().skip(column.saturating_sub(param::MOST_QUOTED / 2)).collect();
     let shown = param::shortened(shown.trim(), param::MOST_QUOTED);
     let number = before.matches('\n').count() + 1;
@@ -264,7 +267,7 @@ fn at_line(text: &str, start: usize, message: &str) -> String {
     format!("line {number}, column {}: {message}{line}", column + 1)
 }
 
-/// A message of the parser on one line, with the ends of what it quotes.
+/// A message of the parser on one line, with shortened quotes.
 fn without_long_quotes(message: &str) -> String {
     let shortened = |message: &str, mark: char| {
         let pieces = message.split(mark).map(|piece| param::shortened(piece, 2 * param::MOST_QUOTED));

@@ -1,7 +1,7 @@
-//! The reference scene "five mirrors": a box with coloured walls and a mirror in the middle, as points. Its numbers are the
-//! definition that an independent ray tracer is run on.
+//! The reference scene "five mirrors": a box with coloured walls and a mirror in the middle, as points. Its numbers are
+//! the definition on which an independent ray tracer is run.
 //!
-//! The box is x, y in [-1, 1] and z in [-2, 2], seen from inside; the mirror stands at the origin, its hollow or outer side
+//! The box is x, y in [-1, 1] and z in [-2, 2], seen from inside; the mirror is at the origin, its hollow or outer side
 //! towards the camera at z = 1.9. All surfaces of a scene together share the points evenly by area.
 
 use std::f64::consts::PI;
@@ -14,7 +14,7 @@ use glam::{DQuat, DVec3};
 use crate::mirror::MIRROR_GREY;
 use crate::{Camera, Mirror, Shape, SpotLight};
 
-/// What stands in the box.
+/// The objects in the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variant {
     None,
@@ -29,10 +29,10 @@ pub enum Variant {
 impl Variant {
     pub const ALL: [Self; 7] =
         [Self::None, Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral, Self::All];
-    /// Those that `All` shows, from left to right.
+    /// The mirrors that `All` shows, from left to right.
     const SINGLE: [Self; 5] = [Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral];
 
-    /// As in `five-mirrors/sphere`.
+    /// The name as in `five-mirrors/sphere`.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -97,22 +97,22 @@ impl Variant {
     }
 }
 
-/// Size of a mirror among five to that of one alone.
+/// The size of a mirror among five relative to that of one alone.
 const ALL_SCALE: f64 = 0.38;
-/// Splat radius over the radius of a disc with a point's share of area.
+/// The splat radius relative to the radius of a disc with a point's share of area.
 const OVERLAP: f32 = 1.5;
 
 const LEFT: [f64; 3] = [0.63, 0.065, 0.05];
 const RIGHT: [f64; 3] = [0.14, 0.45, 0.091];
 const PALE: [f64; 3] = [0.725, 0.71, 0.68];
 const DARK: [f64; 3] = [0.2, 0.2, 0.2];
-/// Width of the floor's squares.
+/// The width of the floor's squares.
 const CHECK: f64 = 0.25;
 
-/// Linear red, green and blue at a world position.
+/// The linear red, green and blue at a world position.
 pub type Albedo = fn(DVec3) -> [f64; 3];
 
-/// The walls, their normals towards the inside, and their albedo.
+/// The walls, with their normals towards the inside, and their albedo.
 pub fn walls() -> [(Surface, Albedo); 6] {
     let (x, y, z) = (DVec3::X * 2.0, DVec3::Y * 2.0, DVec3::Z * 4.0);
     let near = DVec3::new(-1.0, -1.0, -2.0);
@@ -133,17 +133,17 @@ pub fn walls() -> [(Surface, Albedo); 6] {
 
 /// The points of one material.
 pub struct SampledPart {
-    /// Positions, normals, radii and colours; each chunk's points lie together.
+    /// Positions, normals, radii and colours; each chunk's points are close together.
     pub chunks: Vec<Chunk>,
-    /// Which mirror they sample; the walls have none.
+    /// The mirror that they sample; `None` for the walls.
     pub mirror: Option<Mirror>,
 }
 
 /// The scene's points, exactly `points` of them: the walls, then a part for each mirror. The same seed gives the same
 /// points.
 ///
-/// Colours are albedos as 8-bit sRGB, which is what a chunk holds: the linear values are met within 0.004, and the darkest
-/// (0.05) within 3 %.
+/// Colours are albedos as 8-bit sRGB, as in all chunks: they differ from the linear values by at most 0.004, and the
+/// darkest (0.05) by at most 3 %.
 pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<SampledPart> {
     let (walls, mirrors) = (walls(), variant.mirrors());
     let areas: Vec<f64> = walls
@@ -180,7 +180,7 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<SampledPart> {
     parts
 }
 
-/// World radius of the splats of `points` that share an area evenly.
+/// The world radius of the splats of `points` that share an area evenly.
 pub fn splat_radius(area: f64, points: u64) -> f32 {
     OVERLAP * (area / (PI * points.max(1) as f64)).sqrt() as f32
 }
@@ -201,7 +201,7 @@ pub fn append(chunks: &mut Vec<Chunk>, mut points: Vec<SurfacePoint>, radius: f3
     }
 }
 
-/// Linear to opaque 8-bit sRGB (IEC 61966-2-1).
+/// Converts linear values to opaque 8-bit sRGB (IEC 61966-2-1).
 fn srgb(linear: [f64; 3]) -> [u8; 4] {
     let encode = |v: f64| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     let [red, green, blue] = linear.map(|v| (255.0 * encode(v)).round() as u8);
@@ -219,7 +219,8 @@ pub fn light() -> SpotLight {
     }
 }
 
-/// At (0, 0, 1.9), looking along -z, up +y; the definition's vertical field of view, 60 degrees, is a view setting.
+/// A camera at (0, 0, 1.9) that looks along -z with +y up; the definition's vertical field of view, 60 degrees, is a
+/// view setting.
 pub fn camera() -> Camera {
     Camera::looking(DVec3::ZERO, DVec3::Z, 1.9, DVec3::Y)
 }
@@ -243,8 +244,8 @@ mod tests {
         part.chunks.iter().map(|chunk| chunk.len() as u64).sum()
     }
 
-    /// Zero on the mirror's surface, growing by about one per unit outwards (for the paraboloid: on the hollow side). The
-    /// definition's own formulas, in coordinates where the mirror stands alone at the origin.
+    /// Zero on the mirror's surface, growing by about one per unit outwards (for the paraboloid: on the hollow side).
+    /// These are the definition's own formulas, in coordinates where the mirror is alone at the origin.
     fn distance(mirror: Variant, p: DVec3) -> f64 {
         let d = p.normalize_or_zero();
         match mirror {

@@ -1,4 +1,4 @@
-//! What is looked at and how: camera, parameters, scene files, built-in scenes.
+//! A scene and how it is shown: camera, parameters, scene files, built-in scenes.
 
 mod camera;
 mod camera_path;

@@ -1,4 +1,4 @@
-//! Lights that stand in the scene, and where the sun stands.
+//! Lights in the scene, and the direction of the sun.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -9,22 +9,22 @@ use crate::{Light, Lighting, Sun};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SpotLight {
-    /// World units.
+    /// The position in world units.
     pub position: DVec3,
     /// A point on the axis.
     pub target: DVec3,
-    /// Radiant intensity within the inner cone, per steradian, linear red, green and blue.
+    /// The radiant intensity within the inner cone, per steradian, linear red, green and blue.
     pub intensity: [f32; 3],
-    /// Angles from the axis, degrees.
+    /// The angles from the axis in degrees.
     pub inner_degrees: f32,
     pub outer_degrees: f32,
 }
 
 impl SpotLight {
-    /// Half angle of the widest cone, degrees: shadows of a wider one do not fit into a picture of what it sees.
+    /// The half angle of the widest cone in degrees: the shadows of a wider one do not fit in its shadow map.
     pub const WIDEST_DEGREES: f32 = 85.0;
 
-    /// What makes it no spot light, in words, if anything does.
+    /// Why it is not a valid spot light, in words.
     pub fn problem(&self) -> Option<String> {
         let Self { position, target, intensity, inner_degrees, outer_degrees } = *self;
         if !(position.is_finite() && target.is_finite() && position != target) {
@@ -41,7 +41,7 @@ impl SpotLight {
 }
 
 impl Light {
-    /// What lights the points: what `auto` stands for in a scene that has lights, or a sky above it.
+    /// The lighting of the points, with `auto` resolved for a scene that has lights, or a sky above it.
     pub fn lighting(&self, has_lights: bool, sky_is_open: bool) -> Lighting {
         match self.by {
             Lighting::Auto if has_lights => Lighting::Lights,
@@ -53,7 +53,8 @@ impl Light {
 }
 
 impl Sun {
-    /// Unit vector toward the sun, where `up` is the world's up axis. North is +y, or -z where y points up; east is +x.
+    /// The unit vector toward the sun, where `up` is the world's up axis. North is +y, or -z where y points up; east is
+    /// +x.
     pub fn direction(&self, up: DVec3) -> DVec3 {
         let up = up.normalize_or(DVec3::Z);
         let north = if up.y.abs() > up.z.abs() { -DVec3::Z } else { DVec3::Y };

@@ -1,14 +1,14 @@
 //! The reflection methods: a row each in `methods!`. The menu, `--method`, `glint methods`, studies and the law suite walk the
 //! table; what a method does is an arm of `run` in crates/render/src/method.rs, and its page is docs/methods/NAME.md.
 
-/// Which points a method looks for reflections in.
+/// The points in which a method searches reflections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Supply {
     /// None: it finds nothing.
     Nothing,
-    /// All that are shown. Mirrors that are drawn by their formula are met by it.
+    /// All points that are shown. Mirrors that are drawn by their formula are intersected by it.
     Everything,
-    /// Also samples of the mirrors that are drawn by their formula: the method sees mirrors only by their points.
+    /// Also the samples of mirrors that are drawn by their formula: the method sees mirrors only by their points.
     WithMirrors,
 }
 
@@ -16,7 +16,7 @@ pub enum Supply {
 #[derive(Clone, Copy, Debug)]
 pub struct MethodRow {
     pub method: Method,
-    /// As in `reflection.method`.
+    /// The name in `reflection.method`.
     pub name: &'static str,
     /// One line for people.
     pub help: &'static str,
@@ -62,10 +62,10 @@ methods! {
     SurfelTrace = "surfel_trace", "Reflected rays traced through the points as discs, on the GPU", Everything, None;
 }
 
-/// The ray tracer as a method: it is none of the renderer's.
+/// The ray tracer as a method; the renderer does not have it.
 pub const RAY_TRACE: &str = "ray_trace";
 
-/// Names that are fixed for methods of later versions, so that asking for one is not taken for a spelling mistake.
+/// Names that are reserved for methods of later versions, so that asking for one is not taken for a spelling mistake.
 pub const LATER_METHODS: [&str; 4] = ["cubemap_trace", "screen_trace", "sample_cameras", "light_field"];
 
 impl Method {
@@ -73,7 +73,7 @@ impl Method {
         &METHODS[self as usize]
     }
 
-    /// The method that is run: `auto` stands for another one.
+    /// The method that is run, with `auto` resolved.
     pub fn chosen(self) -> Self {
         if self == Self::Auto { Self::SscrHierarchical } else { self }
     }

@@ -1,4 +1,4 @@
-//! Mirrors with a formula: what they look like, where they stand, and the points that stand for them.
+//! Mirrors with a formula: their material, their place, and the points that represent them.
 
 use cloud::Chunk;
 use cloud::sampling::{Placement, StarShape, Surface};
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::{MirrorSurface, five_mirrors};
 
 impl MirrorSurface {
-    /// Whether a mirror is drawn by its formula. `as_points` tells what the mirror itself asks for.
+    /// Whether a mirror is drawn by its formula. `as_points` is the mirror's own preference.
     pub fn is_exact(self, as_points: bool) -> bool {
         match self {
             Self::Exact => true,
@@ -18,13 +18,13 @@ impl MirrorSurface {
     }
 }
 
-/// The form of a mirror whose size is 1, in its own coordinates. Lengths are relative to the mirror's size.
+/// The shape of a mirror whose size is 1, in its own coordinates. Lengths are relative to the mirror's size.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Shape {
     /// In z = 0, x from -1 to 1 and y from -height to height.
     Plane { height: f64 },
-    /// Of radius 1.
+    /// A sphere of radius 1.
     Sphere,
     /// z = (x^2 + y^2) / (4 focal_length) up to the rim of radius 1; hollow towards +z.
     Paraboloid { focal_length: f64 },
@@ -37,7 +37,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// One of each, in proportions that look like what they are called.
+    /// One of each, in typical proportions.
     pub const ALL: [Self; 6] = [
         Self::Plane { height: 0.75 },
         Self::Sphere,
@@ -47,7 +47,7 @@ impl Shape {
         Self::Coral,
     ];
 
-    /// As in a scene file.
+    /// The name in a scene file.
     pub fn name(self) -> &'static str {
         match self {
             Self::Plane { .. } => "plane",
@@ -59,10 +59,10 @@ impl Shape {
         }
     }
 
-    /// How far its surface reaches from the origin in the direction of -z: what it stands on lies there.
+    /// How far its surface reaches from the origin in the direction of -z, where it stands on something.
     fn foot(self) -> f64 {
         match self {
-            // Two hundredths off, so that it does not fight for pixels with the surface it lies on.
+            // Two hundredths off, so that it does not fight for pixels with the surface under it.
             Self::Plane { .. } => 0.02,
             Self::Sphere => 1.0,
             Self::Paraboloid { .. } => 0.0,
@@ -72,7 +72,7 @@ impl Shape {
         }
     }
 
-    /// Radius of a ball about the origin that holds the surface.
+    /// The radius of a ball about the origin that contains the surface.
     pub fn reach(self) -> f64 {
         match self {
             Self::Plane { height } => 1.0_f64.hypot(height),
@@ -97,7 +97,7 @@ impl Shape {
     }
 }
 
-/// Linear grey of mirrors that have no colour of their own: what is seen of them where reflections are not.
+/// The linear grey of mirrors without a colour of their own, as seen where they do not reflect.
 pub const MIRROR_GREY: f32 = 0.5;
 
 fn identity() -> DQuat {
@@ -119,36 +119,38 @@ pub struct Mirror {
     #[serde(default)]
     pub name: String,
     pub shape: Shape,
-    /// Of its middle, of a paraboloid its vertex; world units.
+    /// The position of its middle, or of a paraboloid's vertex, in world units.
     pub position: DVec3,
-    /// Turns the shape's own axes into the world's.
+    /// Rotates the shape's own axes into the world's.
     #[serde(default = "identity")]
     pub rotation: DQuat,
-    /// World units.
+    /// The size in world units.
     pub size: f64,
-    /// Linear albedo of its diffuse part, and the tint of its reflections.
+    /// The linear albedo of its diffuse part, and the tint of its reflections.
     #[serde(default = "grey")]
     pub color: [f32; 3],
-    /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
+    /// The share of the light that is reflected, 0 to 1; the remainder is diffuse.
     #[serde(default = "one")]
     pub specular_intensity: f32,
-    /// Exponent of the highlights that it shows of lights; 0: none, as a perfect mirror shows no lamp that has no size.
+    /// The exponent of its highlights of lights; 0 for none, as a perfect mirror shows no lamp without size.
     #[serde(default)]
     pub specular_power: f32,
-    /// Drawn as sampled points unless `mirror.surface` says otherwise: the published condition of the built-in scenes.
+    /// Whether it is drawn as sampled points unless `mirror.surface` says otherwise: the published condition of the
+    /// built-in scenes.
     #[serde(default)]
     pub as_points: bool,
 }
 
-/// How far the length of a written quaternion may be from one: what eight printed digits leave.
+/// The tolerance of the length of a written quaternion: the precision of eight printed digits.
 const UNIT_TOLERANCE: f64 = 1e-4;
 
-/// Fewest and most points that stand for a mirror: enough for its outline, and never the larger part of a scene.
+/// The fewest and the most points that represent a mirror: enough for its outline, and never the larger part of a
+/// scene.
 const SAMPLES: std::ops::RangeInclusive<f64> = 20_000.0..=200_000.0;
 
 impl Mirror {
     /// A perfect mirror that stands on a surface at `point` and points away from it along `normal`; the shape's x axis
-    /// becomes level. A plane lies on the surface.
+    /// is level. A plane lies on the surface.
     pub fn standing(shape: Shape, point: DVec3, normal: DVec3, up: DVec3, size: f64) -> Self {
         let z = normal.normalize_or(up.normalize_or(DVec3::Z));
         let x = up.cross(z).normalize_or(z.any_orthonormal_vector());
@@ -165,7 +167,7 @@ impl Mirror {
         }
     }
 
-    /// What makes it no mirror, in words, if anything does.
+    /// Why it is not a valid mirror, in words.
     pub fn problem(&self) -> Option<String> {
         let length = self.rotation.length();
         let is_unit = (length - 1.0).abs() < UNIT_TOLERANCE;
@@ -190,8 +192,8 @@ impl Mirror {
             .or_else(|| self.shape.problem())
     }
 
-    /// Points that stand for it beside a cloud of which a point takes `area_per_point`, squared world units: as dense, but
-    /// neither too few nor too many.
+    /// The number of points that represent it next to a cloud in which a point takes `area_per_point` squared world
+    /// units: equally dense, but neither too few nor too many.
     pub fn sample_count(&self, area_per_point: f64) -> usize {
         let wanted = self.surface().0.area() * self.size * self.size / area_per_point;
         let wanted = if wanted.is_finite() { wanted } else { *SAMPLES.end() };
@@ -201,7 +203,7 @@ impl Mirror {
     /// `count` points on it, evenly by area, with normals, radii and colour. The same seed gives the same points.
     pub fn sample(&self, count: usize, seed: u64) -> Vec<Chunk> {
         let (surface, at) = self.surface();
-        // Relative to the mirror's own position: coordinates of seven digits lose nothing.
+        // Relative to the mirror's own position, so that coordinates of seven digits lose no precision.
         let at = Placement { translation: DVec3::ZERO, ..at };
         let mut points = surface.sample(count, seed);
         points.iter_mut().for_each(|point| *point = at.place(*point));
@@ -213,7 +215,7 @@ impl Mirror {
         chunks
     }
 
-    /// The surface and where it stands.
+    /// The surface and its placement.
     pub fn surface(&self) -> (Surface, Placement) {
         let surface = match self.shape {
             Shape::Plane { height } => Surface::Rectangle {

@@ -1,5 +1,6 @@
-//! Points of a cloud that are turned into a mirror: water by its class, a polished floor by a box around it, a chrome part by
-//! an attribute, or a whole cloud. Reflections magnify what is wrong with a normal, so the points may take smoother ones.
+//! Points of a cloud that are turned into a mirror: water by its class, a polished floor by a box around it, a chrome
+//! part by an attribute, or a whole cloud. Reflections magnify the errors of normals, so the points may get smoother
+//! ones.
 
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
@@ -7,32 +8,32 @@ use serde::{Deserialize, Serialize};
 
 use crate::mirror::one;
 
-/// Which points of a cloud.
+/// A choice of points of a cloud.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum PointChoice {
     #[default]
     All,
-    /// Of this classification; 9 is water.
+    /// The points of this class; 9 is water.
     Class(u8),
-    /// World coordinates, bounds included.
+    /// The points in this box in world coordinates, bounds included.
     Box { min: DVec3, max: DVec3 },
-    /// Whose attribute lies in a range, bounds included.
+    /// The points whose attribute is in a range, bounds included.
     Attribute { name: String, low: f64, high: f64 },
 }
 
-/// Where the normals of a mirror's points come from.
+/// The source of the normals of a mirror's points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum MirrorNormals {
-    /// As they are.
+    /// The points' own normals.
     #[default]
     Own,
-    /// Mean of the normals around each, within about a radius of this many world units.
+    /// The mean of the normals around each point, within about this radius in world units.
     Smooth { radius: f64 },
-    /// Of the plane through each point's nearest neighbours in the mirror, 3 to 64.
+    /// The normal of the plane through each point's nearest neighbours in the mirror, 3 to 64.
     Fit { neighbours: u32 },
-    /// Of the plane through all of them: still water.
+    /// The normal of the plane through all of the points: still water.
     Flatten,
 }
 
@@ -40,14 +41,14 @@ pub enum MirrorNormals {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MirrorPoints {
-    /// Path of a cloud, as in `clouds`, or its name.
+    /// The path of a cloud, as in `clouds`, or its name.
     pub cloud: String,
     #[serde(default)]
     pub points: PointChoice,
-    /// Share of the light that is reflected, 0 to 1; the rest is diffuse.
+    /// The share of the light that is reflected, 0 to 1; the remainder is diffuse.
     #[serde(default = "one")]
     pub specular_intensity: f32,
-    /// As of a `Mirror`.
+    /// The same as in `Mirror`.
     #[serde(default)]
     pub specular_power: f32,
     #[serde(default)]
@@ -55,7 +56,7 @@ pub struct MirrorPoints {
 }
 
 impl PointChoice {
-    /// Name of the attribute that decides.
+    /// The name of the attribute that decides.
     pub fn attribute(&self) -> Option<&str> {
         match self {
             Self::All | Self::Box { .. } => None,
@@ -64,7 +65,7 @@ impl PointChoice {
         }
     }
 
-    /// Whether each point of a chunk is chosen. Points without the attribute that decides are not.
+    /// For each point of a chunk, whether it is chosen. Points without the deciding attribute are not.
     pub fn marks(&self, cloud: &Cloud, chunk: &Chunk) -> Vec<bool> {
         let by_attribute = |low: f64, high: f64| {
             let index = self.attribute().and_then(|name| cloud.column_of(name));
@@ -106,12 +107,12 @@ impl MirrorPoints {
         Self { cloud, points, specular_intensity: one(), specular_power: 0.0, normals }
     }
 
-    /// Whether it speaks of the cloud that came from `input` (a path or a built-in name) and is called `name`.
+    /// Whether it applies to the cloud that came from `input` (a path or a built-in name) and has the name `name`.
     pub fn is_of(&self, input: &str, name: &str) -> bool {
         self.cloud == input || self.cloud == name
     }
 
-    /// What makes it no mirror, in words, if anything does.
+    /// Why it is not a valid mirror, in words.
     pub fn problem(&self) -> Option<String> {
         if !(0.0..=1.0).contains(&self.specular_intensity) {
             return Some(format!("specular_intensity is {}, expected 0 to 1", self.specular_intensity));

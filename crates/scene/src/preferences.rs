@@ -1,5 +1,5 @@
-//! What is kept from one start to the next: recent files, the window's size, parameters. A small TOML file that a person may
-//! edit or delete. Who keeps it says where.
+//! The preferences that are kept from one start to the next: recent files, the window's size, parameters. They are a
+//! small TOML file that a person may edit or delete. The caller decides where it is.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +10,12 @@ use crate::{Error, Settings, whole_file};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
-    /// Logical pixels.
+    /// The window's size in logical pixels.
     pub window: [u32; 2],
     pub panel_is_open: bool,
-    /// Newest first, as given to the command line.
+    /// The recent files, newest first, as given to the command line.
     pub recent: Vec<String>,
-    /// Parameters that differ from their defaults.
+    /// The parameters that differ from their defaults.
     pub parameters: BTreeMap<String, String>,
 }
 
@@ -25,10 +25,12 @@ impl Default for Preferences {
     }
 }
 
-/// As many as fit in a menu.
+/// The number of recent files that fit in a menu.
 const RECENT_FILES: usize = 12;
 
 impl Preferences {
+    /// Parses preferences.
+    ///
     /// # Errors
     /// Not TOML, or not of this form: what is wrong, in a line.
     pub fn parse(text: &str) -> Result<Self, Error> {
@@ -50,7 +52,7 @@ impl Preferences {
         self.parameters = settings.only(|field| field.uses.kept).differing().into_iter().collect();
     }
 
-    /// The defaults with what was kept, and what of it is no longer understood.
+    /// The defaults with the kept parameters, and warnings about those that are no longer understood.
     pub fn settings(&self) -> (Settings, Vec<String>) {
         let mut settings = Settings::default();
         let mut warnings = Vec::new();

@@ -1,5 +1,5 @@
-//! Whether a scan has the open sky above it or is a closed room, by the places of its points alone, and a lamp for the room:
-//! light for scans that bring none.
+//! Decides from the places of its points alone whether a scan has the open sky above it or is a closed room, and makes
+//! a lamp for the room: light for scans without any.
 
 use std::collections::{HashMap, HashSet};
 use std::f64::consts::PI;
@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use crate::{Lighting, SpotLight};
 
-/// What is around the one who looks at a scan.
+/// The surroundings of a viewer of a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surroundings {
     /// Nothing hangs over it: a landscape, a street, a forest, an object on a table.
@@ -20,40 +20,42 @@ pub enum Surroundings {
 /// A floor and a ceiling over it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Room {
-    /// Hangs under the ceiling in the middle of the largest part.
+    /// The lamp, which hangs under the ceiling in the middle of the largest part.
     pub lamp: SpotLight,
-    /// What lies around the lamp between the room's walls, from floor to ceiling, world units: from outside of it the lamp
-    /// lights nothing that is seen.
+    /// The bounds around the lamp between the room's walls, from floor to ceiling, in world units: seen from outside,
+    /// the lamp lights nothing visible.
     pub inside: Bounds,
 }
 
 impl Room {
-    /// Whether its lamp shines where it is the only light: of itself for an eye inside of the room, else if it is asked for.
+    /// Whether its lamp shines if it is the only light: automatically for an eye inside the room, else if it is asked
+    /// for.
     pub fn lamp_shines(&self, by: Lighting, eye: DVec3) -> bool {
         by == Lighting::Lights || (by == Lighting::Auto && self.inside.contains(eye))
     }
 }
 
-/// Cells along the longer side of the ground plan: a cell of a room is then about as wide as a cupboard.
+/// The number of cells along the longer side of the ground plan: a cell of a room is then about as wide as a cupboard.
 const CELLS: f64 = 32.0;
-/// Points that a cell has on average in small clouds, which get larger cells.
+/// The average number of points of a cell in small clouds, which get larger cells.
 const POINTS_PER_CELL: f64 = 40.0;
-/// Points that a column needs for its layers to be told apart.
+/// The number of points that a column needs for its layers to be distinguishable.
 const FEWEST: usize = 12;
-/// Share of the points that may be stray on either side of an axis.
+/// The share of the points that may be stray on either side of an axis.
 const STRAY: f64 = 0.01;
 
-/// Free heights that people build: in metres from a crawl space to a hall, in feet a cupboard to a living room.
+/// The free heights that people build: in metres from a crawl space to a hall, in feet from a cupboard to a living
+/// room.
 const BUILT: std::ops::RangeInclusive<f64> = 1.8..=12.0;
 
-/// Of a hull, ceilings rise where floors sink: their correlation is -1 for an ellipsoid, -0.6 for the hull of a figure with
-/// limbs, 0.2 for a building of several storeys.
+/// In a hull, ceilings rise where floors sink: the correlation is -1 for an ellipsoid, -0.6 for the hull of a figure
+/// with limbs, 0.2 for a building of several storeys.
 const HULL: f64 = -0.3;
 
-/// Radiance that a lamp's floor is to have where it reflects half of the light: less than half of the screen's white.
+/// The radiance of a lamp's floor that reflects half of the light: less than half of the screen's white.
 const FLOOR_RADIANCE: f64 = 0.4;
 const FLOOR_ALBEDO: f64 = 0.5;
-/// Half angles of a lamp's cone, degrees: wider ones have too few texels of their shadow map left for what lies below.
+/// The half angles of a lamp's cone in degrees: wider ones have too few texels of their shadow map left for the floor.
 const LAMP_DEGREES: (f32, f32) = (72.0, 80.0);
 
 impl Surroundings {
@@ -93,7 +95,7 @@ impl Frame {
     }
 }
 
-/// A column with a gap that a ceiling closes: heights of either side of the gap.
+/// A column with a gap that a ceiling closes, with the heights of both sides of the gap.
 #[derive(Clone, Copy, Debug)]
 struct Gap {
     floor: f64,
@@ -114,17 +116,17 @@ enum Column {
 
 /// The ground plan of a cloud.
 struct GroundPlan {
-    /// Low corner of cell (0, 0).
+    /// The low corner of cell (0, 0).
     corner: DVec3,
     edge: f64,
     covered: HashMap<(i32, i32), Gap>,
     open: usize,
-    /// Columns of all kinds.
+    /// The number of columns of all kinds.
     occupied: usize,
 }
 
 impl GroundPlan {
-    /// `None` for clouds of next to no points or without extent. Coordinates are of a `Frame`, as below.
+    /// `None` for clouds with almost no points or without extent. Coordinates are those of a `Frame`, as below.
     fn new(points: &[DVec3]) -> Option<Self> {
         let range = |axis: usize| {
             let mut values: Vec<f64> =
@@ -175,7 +177,7 @@ impl GroundPlan {
         5 * alike > 3 * count || (BUILT.contains(&heights[count / 2]) && joined > HULL)
     }
 
-    /// How the heights of ceilings go with those of the floors below them, from -1 to 1 (Pearson's correlation).
+    /// The correlation (Pearson's, -1 to 1) between the heights of ceilings and those of the floors below them.
     fn floors_with_ceilings(&self) -> f64 {
         let count = self.covered.len() as f64;
         let mean = |value: &dyn Fn(&Gap) -> f64| self.covered.values().map(value).sum::<f64>() / count;
@@ -190,7 +192,7 @@ impl GroundPlan {
         let mut inside = Bounds::EMPTY;
         for (x, y) in self.around(&lamp) {
             let gap = self.covered[&(x, y)];
-            // With the cells of the walls.
+            // Including the cells of the walls.
             let corner = self.corner + DVec3::new(f64::from(x - 1), f64::from(y - 1), 0.0) * self.edge;
             let opposite = corner + DVec3::new(3.0, 3.0, 0.0) * self.edge;
             inside.include(frame.world(corner.with_z(gap.floor)));
@@ -199,9 +201,10 @@ impl GroundPlan {
         Some(Room { lamp: lamp.in_world(frame), inside })
     }
 
-    /// The covered cells that are connected with the lamp's, as far as it lights the floor: walls and the dark end them.
+    /// The covered cells that are connected with the lamp's, as far as it lights the floor: walls and the dark end
+    /// them.
     fn around(&self, lamp: &Lamp) -> Vec<(i32, i32)> {
-        // Irradiance falls with the cube of the distance there: twice as far as it is to light, an eighth is left.
+        // Irradiance falls with the cube of the distance there: at twice the lamp's radius an eighth is left.
         let reach = (2.0 * lamp.radius / self.edge).powi(2);
         let is_near = |(x, y): (i32, i32)| f64::from((x - lamp.cell.0).pow(2) + (y - lamp.cell.1).pow(2)) <= reach;
         let mut found = vec![lamp.cell];
@@ -219,14 +222,15 @@ impl GroundPlan {
     }
 
     fn lamp(&self) -> Option<Lamp> {
-        // The middle of the largest room is where most columns around are covered; of several such the middle one.
+        // The middle of the largest room is the cell with the most covered columns around it; among several, the middle
+        // one.
         let reach = (CELLS / 8.0) as i32;
         let around = |(x, y): (i32, i32)| {
             let row = move |dy: i32| (-reach..=reach).map(move |dx| (x + dx, y + dy));
             (-reach..=reach).flat_map(row).filter_map(|cell| self.covered.get(&cell))
         };
         let most = self.covered.keys().map(|cell| around(*cell).count()).max()?;
-        // Nearly as many are as good: the middle of those is no accident of a few points.
+        // Cells with nearly as many count, too, so that the middle does not depend on a few points.
         let best: Vec<(i32, i32)> =
             self.covered.keys().copied().filter(|cell| 20 * around(*cell).count() >= 19 * most).collect();
         let center = |(x, y): (i32, i32)| DVec3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, 0.0);
@@ -249,22 +253,22 @@ impl GroundPlan {
     }
 }
 
-/// What of a lamp is known in a `Frame`.
+/// The properties of a lamp in a `Frame`.
 struct Lamp {
-    /// Of the plan.
+    /// The cell of the plan.
     cell: (i32, i32),
     place: DVec3,
     floor: f64,
-    /// From floor to ceiling.
+    /// The height from floor to ceiling.
     height: f64,
-    /// Of the floor it is to light.
+    /// The radius of the floor that it is to light.
     radius: f64,
 }
 
 impl Lamp {
     fn in_world(&self, frame: &Frame) -> SpotLight {
         let at = |height: f64| frame.world(self.place.with_z(self.floor + height));
-        // Under the ceiling, and beams.
+        // Under the ceiling, and below beams.
         let hangs = 0.9 * self.height;
         SpotLight {
             position: at(hangs),
@@ -283,10 +287,10 @@ fn intensity(height: f64, radius: f64) -> f64 {
     FLOOR_RADIANCE * PI / FLOOR_ALBEDO / mean
 }
 
-/// What a column is; its points' heights in rising order, the whole cloud's height, and the width of a cell.
+/// Classifies a column by its points' heights in rising order, the whole cloud's height, and the width of a cell.
 fn column(heights: &[f64], whole: f64, edge: f64) -> Column {
     let count = heights.len();
-    // Some points may float in the gap, and either side of it is more than noise.
+    // Some points may float in the gap, and either side of it has more points than noise has.
     let (floating, side) = ((count / 25).max(1), count / 12);
     let gap = |low: &usize| heights[low + floating] - heights[*low];
     let widest = (side..count - side - floating).max_by(|a, b| gap(a).total_cmp(&gap(b)));
@@ -401,7 +405,7 @@ mod tests {
         for _ in 0..60_000 {
             let mut point = random.in_box([0.0; 3], [500.0, 400.0, 0.3]);
             point.z += 20.0 * (point.x / 90.0).sin() * (point.y / 70.0).cos();
-            // A roof is all that is seen of a house from the air.
+            // From the air only the roof of a house is visible.
             point.z += if point.x % 60.0 < 15.0 && point.y % 60.0 < 15.0 { 8.0 } else { 0.0 };
             points.push(point);
         }

@@ -1,5 +1,5 @@
-//! Which points of the clouds are shown, as it is kept, saved and undone. What asks it of a point asks `cloud::PointTest`, or on
-//! the GPU shaders/shared/visibility.wgsl.
+//! Which points of the clouds are shown, in the form that is kept, saved and undone. The test of a point is
+//! `cloud::PointTest`, or on the GPU shaders/shared/visibility.wgsl.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Visibility {
-    /// Points of these classes are hidden, in every cloud. Points without a class are shown.
+    /// The classes whose points are hidden, in every cloud. Points without a class are shown.
     #[serde(default, deserialize_with = "classes")]
     pub hidden_classes: BTreeSet<u8>,
 }
@@ -26,13 +26,13 @@ impl Visibility {
         PointTest::hiding(self.hidden_classes.iter().copied())
     }
 
-    /// Hides what `other` hides, too.
+    /// Hides everything that `other` hides, too.
     pub fn hide(&mut self, other: &Self) {
         self.hidden_classes.extend(&other.hidden_classes);
     }
 }
 
-/// Numbers of classes, with what is expected in words.
+/// Numbers of classes, with an error that says in words what is expected.
 fn classes<'a, D: Deserializer<'a>>(deserializer: D) -> Result<BTreeSet<u8>, D::Error> {
     struct List;
     struct Class(u8);

@@ -1,5 +1,5 @@
-//! Side files (scenes, views, plans, preferences) are small texts that are read whole. Anybody may hand one on, so that what is
-//! read is a regular file of a size that such a file may have: a pipe would be waited for, a device never ends.
+//! Reads side files (scenes, views, plans, preferences), which are small texts, as a whole. Anybody may pass one on, so
+//! only regular files of a plausible size are read: a pipe would block, a device never ends.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
@@ -9,12 +9,12 @@ use serde::de::{DeserializeOwned, Error as _};
 
 use crate::{Error, shown};
 
-/// A scene of a thousand clouds, with a camera path of an hour, takes a tenth of it.
+/// The most bytes of a side file; a scene of a thousand clouds, with a camera path of an hour, takes a tenth.
 pub const MOST_BYTES: u64 = 16 << 20;
 
-/// What the values of a side file may take in memory while it is taken apart, besides ten times its bytes.
+/// The memory that the values of a side file may take while it is parsed, besides ten times its bytes.
 const MOST_VALUE_BYTES: usize = 48 << 20;
-/// Bytes that a table takes (1 kB measured, with the map of its keys), and a value (280 measured).
+/// The memory of a table in bytes (1 kB measured, with the map of its keys), and of a value (280 measured).
 const TABLE_BYTES: usize = 1100;
 const VALUE_BYTES: usize = 300;
 
@@ -25,7 +25,7 @@ const VALUE_BYTES: usize = 300;
 pub fn read(path: &Path) -> Result<String, Error> {
     let name = shown(path);
     let unreadable = |reason: io::Error| unreadable(&name, reason.kind(), reason.to_string());
-    // Before it is opened, which waits for the other end of a pipe.
+    // Checked before it is opened, because opening a pipe waits for its other end.
     check(&name, &std::fs::metadata(path).map_err(unreadable)?)?;
     let file = File::open(path).map_err(unreadable)?;
     check(&name, &file.metadata().map_err(unreadable)?)?;
@@ -59,7 +59,7 @@ pub fn read_from(input: impl Read, name: &str) -> Result<String, Error> {
     })
 }
 
-/// What TOML says. Two bytes of it may be a value, of some hundred bytes in memory, so that they are counted first.
+/// Parses TOML. Two bytes of it may be a value, which takes some hundred bytes in memory, so values are counted first.
 ///
 /// # Errors
 /// Not TOML, not of this form, or more values than there is memory for.
@@ -82,7 +82,7 @@ pub fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T, toml::de::Error> 
     toml::from_str(text)
 }
 
-/// Whether what stands behind a dot ends a number, and not a key.
+/// Whether the text behind a dot ends a number, and not a key.
 fn is_of_number(rest: &[u8]) -> bool {
     let digits = rest.iter().take_while(|byte| byte.is_ascii_alphanumeric() || b"_+-".contains(byte)).count();
     let next = rest[digits..].iter().find(|byte| !b" \t".contains(byte));
