@@ -252,6 +252,33 @@ fn methods(texts: &[(String, String)]) -> Vec<(&str, &str)> {
     rows.filter_map(|(variant, rest)| Some((variant, rest.split_once('"')?.0))).collect()
 }
 
+/// Source files of the program, without their modules of tests.
+fn program(texts: &[(String, String)]) -> impl Iterator<Item = (&str, &str)> {
+    let sources = texts.iter().filter(|(name, _)| name.starts_with("app/src/") && name.ends_with(".rs"));
+    let sources = sources.filter(|(name, _)| !name.ends_with("tests.rs") && !name.ends_with("/bench.rs"));
+    sources.map(|(name, text)| (name.as_str(), text.split("\n#[cfg(test)]").next().unwrap_or(text)))
+}
+
+/// Panels read the session and push actions. What runs its effects tells it what came of them.
+#[test]
+fn only_the_window_and_what_runs_effects_change_the_session() {
+    let texts = tracked_texts();
+    let files = ["session.rs", "mod.rs", "effects.rs"].map(|name| format!("app/src/viewer/{name}"));
+    let changes = |text: &str| text.contains("&mut Session") || text.contains("&mut State");
+    let found: Vec<&str> = program(&texts).filter(|(_, text)| changes(text)).map(|(name, _)| name).collect();
+    let wrong: Vec<&&str> = found.iter().filter(|name| !files.iter().any(|file| file == *name)).collect();
+    assert!(wrong.is_empty(), "{wrong:?} change the session");
+    assert!(texts.is_empty() || !found.is_empty(), "no file is found that does");
+}
+
+#[test]
+fn no_file_of_the_program_is_too_long() {
+    let is_source = |name: &str| name.starts_with("app/src/") && name.ends_with(".rs");
+    let texts = tracked_texts();
+    let long = texts.iter().filter(|(name, text)| is_source(name) && text.lines().count() > 700);
+    assert_eq!(long.map(|(name, _)| name).collect::<Vec<_>>(), [""; 0]);
+}
+
 /// From the rows of the passes and what their shaders import, and those import, on and on.
 #[test]
 fn every_shader_is_used_by_a_pass() {

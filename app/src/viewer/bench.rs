@@ -41,9 +41,9 @@ impl Bench {
         let (sender, reports) = channel();
         let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
         let mut session = Session::new(Preferences::default());
-        (session.settings.scene.points, session.settings.trace.samples) = (3000, 4);
+        (session.scene.settings.scene.points, session.scene.settings.trace.samples) = (3000, 4);
         // Few passes to compile.
-        (session.settings.gi.vpls, session.settings.gi.bounces) = (4, 1);
+        (session.scene.settings.gi.vpls, session.scene.settings.gi.bounces) = (4, 1);
         session.set_view_size([64, 48]);
         assert!(session.open(&["five-mirrors/sphere"]));
         let mut bench = Self { session, swept: None, thread, reports };
@@ -93,14 +93,14 @@ impl Bench {
                 }
             }
             Effect::Load { inputs } => {
-                let job = world::start(inputs.clone(), &self.session.settings);
+                let job = world::start(inputs.clone(), &self.session.scene.settings);
                 let id = self.session.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
                 job.events.iter().for_each(|event| self.session.on_loading(id, event));
             }
             Effect::Work(Work::SaveSweep(sweep)) => self.swept = Some(sweep),
             Effect::Work(work) => {
                 let found = std::cell::RefCell::new(Vec::new());
-                work.run(&self.session.settings.stream.clone(), |news| found.borrow_mut().push(news));
+                work.run(&self.session.scene.settings.stream.clone(), |news| found.borrow_mut().push(news));
                 found.into_inner().into_iter().for_each(|news| self.session.on_found(news));
             }
             // These need a window.

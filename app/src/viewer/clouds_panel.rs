@@ -101,19 +101,19 @@ mod tests {
                 session.on_found(Found::Figures { key, basis, figures });
             }
         }
-        session.camera = Camera::looking(DVec3::splat(900.0), DVec3::new(1.0, 2.0, -0.5), 3.0, DVec3::Z);
-        let before = session.camera;
+        session.scene.camera = Camera::looking(DVec3::splat(900.0), DVec3::new(1.0, 2.0, -0.5), 3.0, DVec3::Z);
+        let before = session.scene.camera;
         harness.get_by_label("Frame").click();
         harness.run_ok();
-        let camera = harness.state().camera;
+        let camera = harness.state().scene.camera;
         assert!(camera.forward().distance(before.forward()) < 1e-6, "{}", camera.forward());
-        let lens = harness.state().lens();
-        let size = glam::DVec2::from(harness.state().view_size.map(f64::from));
+        let lens = harness.state().scene.lens();
+        let size = glam::DVec2::from(harness.state().scene.view_size.map(f64::from));
         for corner in [DVec3::ZERO, DVec3::new(10.0, 10.0, 0.0)] {
             let pixel = lens.project(corner).expect("a corner before the eye");
             assert!(pixel.cmpge(glam::DVec2::ZERO).all() && pixel.cmple(size).all(), "{corner} is at {pixel}");
         }
         harness.state_mut().act(Action::Undo);
-        assert_eq!(harness.state().camera, before);
+        assert_eq!(harness.state().scene.camera, before);
     }
 }

@@ -17,11 +17,11 @@ use super::work::Work;
 impl Session {
     /// Asks for colours, histograms and bounds of clouds that have changed. Called every frame of the window.
     pub fn renew_figures(&mut self) {
-        let color = &self.settings.color;
+        let color = &self.scene.settings.color;
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
                 color: color.clone(),
-                visibility: self.objects.visibility.clone(),
+                visibility: self.scene.objects.visibility.clone(),
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
                 late_columns: entry.late_columns(),

@@ -15,7 +15,7 @@ use super::theme::{self, grouped};
 use super::widgets::{eye, name_label};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    let color = &session.settings.color;
+    let color = &session.scene.settings.color;
     parameter(ui, color, "by", actions);
     if color.by == ColorBy::Attribute {
         attribute_choice(ui, session, actions);
@@ -45,7 +45,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         *classes.entry(*class).or_default() += count;
     }
     // Files whose points are all of one class say nothing by it.
-    if classes.len() > 1 || !session.objects.visibility.shows_all() {
+    if classes.len() > 1 || !session.scene.objects.visibility.shows_all() {
         ui.separator();
         class_list(ui, session, &classes, actions);
     }
@@ -58,7 +58,7 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             names.push(&attribute.name);
         }
     }
-    let mut chosen = session.settings.color.attribute.clone();
+    let mut chosen = session.scene.settings.color.attribute.clone();
     ui.horizontal(|ui| {
         let label = name_label(ui, "Attribute");
         egui::ComboBox::from_id_salt("attribute")
@@ -75,7 +75,7 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             .response
             .labelled_by(label.id);
     });
-    if chosen != session.settings.color.attribute {
+    if chosen != session.scene.settings.color.attribute {
         actions.push(Action::set("color", "attribute", Value::Text(chosen)));
     }
 }
@@ -173,7 +173,7 @@ fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actio
         });
     });
     for (class, count) in classes {
-        let visible = session.objects.visibility.test().shows(Some(*class));
+        let visible = session.scene.objects.visibility.test().shows(Some(*class));
         let name = class_name(*class);
         let name = if name.is_empty() { "user-defined or reserved" } else { name };
         ui.horizontal(|ui| {
@@ -212,8 +212,9 @@ mod tests {
         assert!(harness.query_by_label("2 ground").is_some());
         harness.get_by_label("Show class 6").click();
         harness.run();
-        let hidden =
-            |harness: &egui_kittest::Harness<'_, Session>| harness.state().objects.visibility.hidden_classes.clone();
+        let hidden = |harness: &egui_kittest::Harness<'_, Session>| {
+            harness.state().scene.objects.visibility.hidden_classes.clone()
+        };
         assert_eq!(hidden(&harness), [6].into());
         harness.get_by_label("All").click();
         harness.run();

@@ -65,7 +65,7 @@ impl Effects {
             }
             Effect::Work(work) => {
                 let truth = if let Work::Truth(task) = &work { Some(task.kind()) } else { None };
-                let (stream, tell) = (session.settings.stream.clone(), self.tell.clone());
+                let (stream, tell) = (session.scene.settings.stream.clone(), self.tell.clone());
                 let found = move |found| {
                     let _ = tell(News::Found(found));
                 };

@@ -51,8 +51,8 @@ struct Drag {
 
 /// The object that is selected, with its name.
 fn selected(session: &Session) -> Option<(ObjectId, String, Object)> {
-    let id = session.selected?;
-    let (name, object) = session.objects.get(id)?;
+    let id = session.scene.selected?;
+    let (name, object) = session.scene.objects.get(id)?;
     Some((id, name.to_owned(), object))
 }
 
@@ -360,7 +360,7 @@ fn symbols(session: &Session, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Colo
     if !session.light_panel_is_open && !selected(session).is_some_and(|(.., object)| has_symbol(&object)) {
         return Vec::new();
     }
-    let objects = session.objects.all().filter(|(.., object)| has_symbol(object));
+    let objects = session.scene.objects.all().filter(|(.., object)| has_symbol(object));
     objects.filter_map(|(id, _, object)| Some((id, stage.place(object.places()[0])?, color_of(&object)))).collect()
 }
 

@@ -17,7 +17,7 @@ use super::session::Session;
 use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
 use super::{
-    clouds_panel, colors_panel, gizmo, light_panel, mirrors_panel, navigation, overlay, panel, pick_panel, presets,
+    clouds_panel, colors_panel, gizmo, input, light_panel, mirrors_panel, overlay, panel, pick_panel, presets,
     streaming_panel, sweep_panel, timings_panel, truth_panel, tuning_panel,
 };
 
@@ -125,7 +125,7 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
         let mut shown: Vec<&str> = OWN_PANELS.into();
         // While something is streamed, its parameters are in the section above.
         shown.extend(is_streaming.then_some(scene::Stream::table().section));
-        for group in session.settings.groups().map(Params::group) {
+        for group in session.scene.settings.groups().map(Params::group) {
             if shown.contains(&group.section) {
                 continue;
             }
@@ -134,7 +134,7 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
             let acts_at_once = group.fields.iter().any(|field| !field.affects.points);
             section(ui, group.section, acts_at_once, |ui| {
                 if group.section == scene::Sscr::table().section {
-                    presets::show(ui, &session.settings, actions);
+                    presets::show(ui, &session.scene.settings, actions);
                 }
                 parameter_groups(ui, session, group.section, actions)
             });
@@ -160,7 +160,7 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut U
 }
 
 fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut Vec<Action>) {
-    let mut groups: Vec<_> = session.settings.groups().into_iter().collect();
+    let mut groups: Vec<_> = session.scene.settings.groups().into_iter().collect();
     groups.retain(|params| params.group().section == section);
     let are_several = groups.len() > 1;
     for params in groups {
@@ -206,8 +206,8 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect
     let scale = ui.ctx().pixels_per_point();
     let side = |length: f32| (length * scale).round().max(0.0) as u32;
     let size = [side(rect.width()), side(rect.height())];
-    actions.extend((size != session.view_size).then_some(Action::Resize(size)));
-    let [red, green, blue, _] = session.settings.view.background.bytes();
+    actions.extend((size != session.scene.view_size).then_some(Action::Resize(size)));
+    let [red, green, blue, _] = session.scene.settings.view.background.bytes();
     ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
     if let (Some(picture), Some(_)) = (picture, &session.frames.shown) {
@@ -217,7 +217,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect
     truth_panel::paint(ui, rect, session, actions);
     overlay::paint(ui.painter(), rect, session);
     let is_taken = gizmo::interact(&response, session, actions);
-    navigation::handle(ui, &response, is_taken, session, actions);
+    input::handle(ui, &response, is_taken, session, actions);
     if session.pick_tool && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
@@ -302,7 +302,7 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             if let Some(shown) = &session.frames.shown {
                 ui.label(RichText::new(format!("{:.1} ms", shown.stats.frame_milliseconds)).monospace().size(11.5));
             }
-            if session.is_flying() {
+            if session.scene.is_flying() {
                 ui.label(RichText::new("fly").color(theme::ACCENT));
             }
             if session.is_unlit() {
@@ -312,7 +312,7 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             if session.pick_tool {
                 ui.label(RichText::new("pick").color(theme::ACCENT));
             }
-            if let Some((_, Some(world))) = session.navigation.hovered {
+            if let Some((_, Some(world))) = session.scene.navigation.hovered {
                 ui.add_space(6.0);
                 // Enough to read along; a pick gives the rest.
                 let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
@@ -336,7 +336,7 @@ fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Actio
     let text = format!("{:.0} % of reflections uncertain", share * 100.0);
     let help = "Closed from neighbours, more than a pixel off, or alone among neighbours; click to see where";
     if ui.small_button(RichText::new(text).color(theme::ACCENT)).on_hover_text(help).clicked() {
-        let is_shown = session.settings.reflection.show == Show::Uncertain;
+        let is_shown = session.scene.settings.reflection.show == Show::Uncertain;
         let show = if is_shown { Show::Picture } else { Show::Uncertain };
         actions.push(Action::set("reflection", "show", param::Value::Choice(show as u32)));
     }
@@ -429,25 +429,25 @@ mod tests {
         harness.run_ok();
         harness.key_press(egui::Key::Num2);
         harness.run_ok();
-        assert_eq!(harness.state().settings.color.by, scene::ColorBy::Height);
+        assert_eq!(harness.state().scene.settings.color.by, scene::ColorBy::Height);
         harness.state_mut().act(Action::OpenPrompt);
         harness.run_ok();
         harness.key_press(egui::Key::Num3);
         harness.event(egui::Event::Text("3".into()));
         harness.run_ok();
-        assert_eq!(harness.state().settings.color.by, scene::ColorBy::Height);
+        assert_eq!(harness.state().scene.settings.color.by, scene::ColorBy::Height);
     }
 
     #[test]
     fn dragging_over_the_picture_orbits_and_the_right_button_pans() {
         let mut harness = harness();
         harness.run_ok();
-        let before = harness.state().camera;
+        let before = harness.state().scene.camera;
         drag(&mut harness, egui::PointerButton::Primary);
-        let orbited = harness.state().camera;
+        let orbited = harness.state().scene.camera;
         assert!(orbited.eye.distance(before.eye) > 0.1 && orbited.pivot == before.pivot);
         drag(&mut harness, egui::PointerButton::Secondary);
-        let panned = harness.state().camera;
+        let panned = harness.state().scene.camera;
         assert!(panned.pivot.distance(orbited.pivot) > 0.1 && panned.forward().dot(orbited.forward()) > 0.999_999);
     }
 
@@ -470,12 +470,12 @@ mod tests {
         for title in ["Clouds", "Colour", "Mirrors", "Splats and view", "Light", "When loading", "Timings"] {
             assert!(harness.query_all_by_label(title).next().is_some(), "{title}");
         }
-        for group in harness.state().settings.groups().map(Params::group) {
+        for group in harness.state().scene.settings.groups().map(Params::group) {
             assert!(harness.query_all_by_label(group.section).next().is_some(), "{}", group.section);
         }
         for title in OWN_PANELS {
             let is_of = |group: &param::Group| group.section == title;
-            assert!(harness.state().settings.groups().map(Params::group).into_iter().any(is_of), "{title}");
+            assert!(harness.state().scene.settings.groups().map(Params::group).into_iter().any(is_of), "{title}");
         }
     }
 

@@ -33,7 +33,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         for (by, name, help) in CHOICES {
             let key = if by == Lighting::Colors { Action::ToggleLight } else { Action::NextLight };
             let shortcut = bindings::shortcut(&key);
-            let button = ui.selectable_label(session.settings.light.by == by, name);
+            let button = ui.selectable_label(session.scene.settings.light.by == by, name);
             if button.on_hover_text(format!("{help} ({shortcut})")).clicked() {
                 actions.push(Action::LightBy(by));
             }
@@ -46,7 +46,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.button("Spot at the camera").on_hover_text(format!("{help} ({shortcut})")).clicked() {
             actions.push(Action::AddSpot);
         }
-        if session.objects.lights.is_empty() {
+        if session.scene.objects.lights.is_empty() {
             ui.label(RichText::new("No lights.").color(theme::WEAK));
         }
     });
@@ -54,13 +54,13 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let unlit = if index < MOST_LIGHTS { "" } else { " (does not shine)" };
         (placed.id, format!("{}{unlit}", placed.name))
     };
-    object_list(ui, session, session.objects.lights.iter().enumerate().map(name).collect(), actions);
-    if let Some((id, light)) = session.selected.and_then(|id| Some((id, *session.objects.light(id)?))) {
+    object_list(ui, session, session.scene.objects.lights.iter().enumerate().map(name).collect(), actions);
+    if let Some((id, light)) = session.scene.selected.and_then(|id| Some((id, *session.scene.objects.light(id)?))) {
         ui.separator();
         ui.push_id(id.0, |ui| numbers(ui, session, id, light, actions));
     }
     ui.separator();
-    let settings = &session.settings;
+    let settings = &session.scene.settings;
     parameter(ui, &settings.light, "show", actions);
     let lighting = session.lighting();
     if lighting == Lighting::Headlight {
@@ -83,11 +83,11 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 /// What the choice comes to.
 fn explanation(session: &Session) -> &'static str {
-    let is_auto = session.settings.light.by == Lighting::Auto;
-    let lights = &session.objects.lights;
+    let is_auto = session.scene.settings.light.by == Lighting::Auto;
+    let lights = &session.scene.objects.lights;
     match session.lighting() {
         Lighting::Lights if lights.is_empty() => "There is no light in the scene: it is dark.",
-        Lighting::Lights if is_auto && session.objects.has_guess() => {
+        Lighting::Lights if is_auto && session.scene.objects.has_guess() => {
             "A closed room without a light: a lamp is guessed."
         }
         Lighting::Lights if is_auto => "The scene has lights.",
@@ -95,7 +95,9 @@ fn explanation(session: &Session) -> &'static str {
         Lighting::Sun if is_auto => "No lights in the scene, and the sky is open.",
         Lighting::Sun => "A sun and a sky.",
         _ if is_auto && session.is_loading() => "A lamp at the eye until everything is read.",
-        _ if is_auto && session.objects.has_guess() => "A lamp at the eye; in the room, the lamp that is guessed.",
+        _ if is_auto && session.scene.objects.has_guess() => {
+            "A lamp at the eye; in the room, the lamp that is guessed."
+        }
         Lighting::Headlight if is_auto => "No lights in the scene: a lamp at the eye.",
         Lighting::Headlight | Lighting::Auto => "A lamp at the eye.",
         Lighting::Colors => "Data colours, no light.",
@@ -142,7 +144,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, a
     });
     ui.horizontal(|ui| {
         if ui.button("Move to camera").on_hover_text("It stands where you are and aims at the pivot").clicked() {
-            (light.position, light.target) = (session.camera.eye, session.camera.pivot);
+            (light.position, light.target) = (session.scene.camera.eye, session.scene.camera.pivot);
         }
         if ui.button("Look from it").on_hover_text("You stand where it is and look at its target").clicked() {
             actions.push(Action::LookAlong { eye: light.position, pivot: light.target });
@@ -188,7 +190,7 @@ mod tests {
     }
 
     fn names(session: &Session) -> Vec<&str> {
-        session.objects.lights.iter().map(|placed| placed.name.as_str()).collect()
+        session.scene.objects.lights.iter().map(|placed| placed.name.as_str()).collect()
     }
 
     /// What a worker thread would answer to the last question for the surroundings.
@@ -206,7 +208,7 @@ mod tests {
     /// A room about the camera.
     fn room(session: &Session) -> Surroundings {
         let lamp = spot(DVec3::new(5.0, 5.0, 2.7), DVec3::new(5.0, 5.0, 0.0), 140.0);
-        let (eye, half) = (session.camera.eye, DVec3::ONE);
+        let (eye, half) = (session.scene.camera.eye, DVec3::ONE);
         Surroundings::Room(Room { lamp, inside: Bounds { min: eye - half, max: eye + half } })
     }
 
@@ -217,9 +219,9 @@ mod tests {
         harness.get_by_label("Spot at the camera").click();
         harness.run_ok();
         let session = harness.state();
-        let added = session.objects.lights[0].clone();
-        assert_eq!((session.selected, session.lighting()), (Some(added.id), Lighting::Lights));
-        assert_eq!((added.light.position, added.light.target), (session.camera.eye, session.camera.pivot));
+        let added = session.scene.objects.lights[0].clone();
+        assert_eq!((session.scene.selected, session.lighting()), (Some(added.id), Lighting::Lights));
+        assert_eq!((added.light.position, added.light.target), (session.scene.camera.eye, session.scene.camera.pivot));
         assert_eq!(added.light.problem(), None);
         harness.get_by_label("Copy spot").click();
         harness.run_ok();
@@ -232,7 +234,7 @@ mod tests {
             assert_eq!(names(harness.state()), expected);
         }
         harness.state_mut().act(Action::Redo);
-        assert_eq!(harness.state().objects.lights, [added]);
+        assert_eq!(harness.state().scene.objects.lights, [added]);
     }
 
     #[test]
@@ -251,12 +253,16 @@ mod tests {
     fn a_light_that_is_added_shines_whatever_was_chosen_before() {
         for by in [Lighting::Auto, Lighting::Sun, Lighting::Headlight, Lighting::Colors] {
             let mut session = Session::with_two_points();
-            session.settings.light.by = by;
-            session.history.settle(&session.settings, &session.objects);
+            session.scene.settings.light.by = by;
+            session.scene.history.settle(&session.scene.settings, &session.scene.objects);
             session.act(Action::AddSpot);
             assert_eq!(session.lighting(), Lighting::Lights);
             session.act(Action::Undo);
-            assert_eq!((session.settings.light.by, session.objects.lights.len()), (by, 0), "one step of undo");
+            assert_eq!(
+                (session.scene.settings.light.by, session.scene.objects.lights.len()),
+                (by, 0),
+                "one step of undo"
+            );
         }
     }
 
@@ -285,13 +291,13 @@ mod tests {
             let mut harness = harness();
             let session = harness.state_mut();
             session.act(Action::AddSpot);
-            let placed = &mut session.objects.lights[0];
+            let placed = &mut session.scene.objects.lights[0];
             let odd =
                 SpotLight { intensity: [intensity; 3], inner_degrees: outer_degrees, outer_degrees, ..placed.light };
             assert_eq!(odd.problem(), None);
             placed.light = odd;
             harness.run_ok();
-            assert_eq!(harness.state().objects.lights[0].light, odd);
+            assert_eq!(harness.state().scene.objects.lights[0].light, odd);
         }
     }
 
@@ -300,16 +306,16 @@ mod tests {
         let mut session = Session::with_two_points();
         let found = room(&session);
         answer(&mut session, found);
-        let id = session.objects.lights[0].id;
-        session.selected = Some(id);
+        let id = session.scene.objects.lights[0].id;
+        session.scene.selected = Some(id);
         let key = session.clouds[0].key;
         session.set_visible(key, true);
         answer(&mut session, found);
-        assert_eq!(session.objects.lights[0].id, id, "a new answer moves it");
+        assert_eq!(session.scene.objects.lights[0].id, id, "a new answer moves it");
         session.act(Action::Delete);
         session.set_visible(key, true);
         answer(&mut session, found);
-        assert!(session.objects.lights.is_empty());
+        assert!(session.scene.objects.lights.is_empty());
         session.act(Action::Undo);
         assert_eq!(names(&session), [GUESSED_LAMP]);
     }
@@ -324,14 +330,14 @@ mod tests {
         session.open_request(file.clone());
         assert_eq!(names(&session), ["spot", "spot 2"]);
         // Each step of undo has its own.
-        session.selected = Some(session.objects.lights[0].id);
+        session.scene.selected = Some(session.scene.objects.lights[0].id);
         session.act(Action::Delete);
-        session.selected = Some(session.objects.lights[0].id);
+        session.scene.selected = Some(session.scene.objects.lights[0].id);
         session.act(Action::Delete);
         session.open_request(file);
-        assert_eq!(session.objects.lights.len(), 2);
+        assert_eq!(session.scene.objects.lights.len(), 2);
         session.act(Action::Undo);
-        assert_eq!(session.objects.lights.len(), 1);
+        assert_eq!(session.scene.objects.lights.len(), 1);
     }
 
     #[test]
@@ -363,7 +369,7 @@ mod tests {
         });
         session.remove_cloud(hidden);
         session.on_found(Found::Surroundings { asked: asked.unwrap(), found: light_of(found) });
-        assert!(session.objects.lights.is_empty());
+        assert!(session.scene.objects.lights.is_empty());
     }
 
     #[test]
@@ -381,8 +387,8 @@ mod tests {
         harness.get_by_label("Move to camera").click();
         harness.run_ok();
         let session = harness.state();
-        assert_eq!((names(session), session.objects.lights[0].origin), (vec!["lamp"], Origin::Person));
-        assert_eq!(session.objects.lights[0].light.position, session.camera.eye);
+        assert_eq!((names(session), session.scene.objects.lights[0].origin), (vec!["lamp"], Origin::Person));
+        assert_eq!(session.scene.objects.lights[0].light.position, session.scene.camera.eye);
     }
 
     #[test]
@@ -390,16 +396,16 @@ mod tests {
         let mut session = Session::with_two_points();
         let found = room(&session);
         answer(&mut session, found);
-        let inside = session.camera;
-        session.camera.fly(DVec3::new(0.0, 0.0, -9.0));
+        let inside = session.scene.camera;
+        session.scene.camera.fly(DVec3::new(0.0, 0.0, -9.0));
         assert_eq!(session.lighting(), Lighting::Headlight, "from outside it would be dark");
-        session.settings.light.by = Lighting::Lights;
+        session.scene.settings.light.by = Lighting::Lights;
         assert_eq!(session.lighting(), Lighting::Lights);
-        session.settings.light.by = Lighting::Auto;
+        session.scene.settings.light.by = Lighting::Auto;
         session.act(Action::AddSpot);
         assert_eq!((names(&session), session.lighting()), (vec!["lamp", "spot"], Lighting::Lights));
         session.act(Action::Undo);
-        session.camera = inside;
+        session.scene.camera = inside;
         assert_eq!((names(&session), session.lighting()), (vec![GUESSED_LAMP], Lighting::Lights));
     }
 
@@ -429,21 +435,21 @@ mod tests {
         let found = room(&session);
         answer(&mut session, found);
         session.remove_cloud(session.clouds[0].key);
-        assert!(session.objects.lights.is_empty());
+        assert!(session.scene.objects.lights.is_empty());
     }
 
     #[test]
     fn data_colours_come_and_go_with_one_key() {
         let mut session = Session::with_two_points();
-        session.settings.light.by = Lighting::Headlight;
+        session.scene.settings.light.by = Lighting::Headlight;
         session.act(Action::ToggleLight);
         assert!(session.is_unlit());
         session.act(Action::ToggleLight);
-        assert_eq!(session.settings.light.by, Lighting::Headlight);
+        assert_eq!(session.scene.settings.light.by, Lighting::Headlight);
         let seen: Vec<Lighting> = (0..5)
             .map(|_| {
                 session.act(Action::NextLight);
-                session.settings.light.by
+                session.scene.settings.light.by
             })
             .collect();
         let expected = [Lighting::Colors, Lighting::Auto, Lighting::Lights, Lighting::Sun, Lighting::Headlight];
@@ -458,7 +464,7 @@ mod tests {
             (Lighting::Lights, &["Indirect light", "Shadows and highlights"], &["Azimuth"]),
             (Lighting::Colors, &["Eye-dome lighting"], &["Azimuth", "Indirect light", "Tone"]),
         ] {
-            harness.state_mut().settings.light.by = by;
+            harness.state_mut().scene.settings.light.by = by;
             harness.run_ok();
             for title in shown {
                 assert!(harness.query_all_by_label(title).next().is_some(), "{by:?} lacks {title}");
@@ -473,12 +479,12 @@ mod tests {
     fn a_view_brings_its_lights_back() {
         let mut session = Session::with_two_points();
         session.act(Action::AddSpot);
-        let before = session.objects.lights[0].light;
+        let before = session.scene.objects.lights[0].light;
         session.act(Action::CopyView);
         let Some(Effect::Copy(text)) = session.outside.effects.pop() else { panic!("nothing was copied") };
-        let id = session.objects.lights[0].id;
-        session.objects.set(id, Object::Light(SpotLight { position: DVec3::splat(9.0), ..before }));
+        let id = session.scene.objects.lights[0].id;
+        session.scene.objects.set(id, Object::Light(SpotLight { position: DVec3::splat(9.0), ..before }));
         session.paste_view(&text);
-        assert_eq!(session.objects.lights.iter().map(|placed| placed.light).collect::<Vec<_>>(), [before]);
+        assert_eq!(session.scene.objects.lights.iter().map(|placed| placed.light).collect::<Vec<_>>(), [before]);
     }
 }

@@ -6,40 +6,17 @@ use serde_json::json;
 use world::AutoLight;
 
 use super::clouds::CloudEntry;
-use super::objects::{Objects, Origin, PlacedLight};
 use super::session::Session;
 use super::work::Work;
 
 impl Session {
-    /// Lights that files and a built-in scene bring, less those that are there already.
-    pub(super) fn bring_lights(&mut self, lights: impl Iterator<Item = (SpotLight, Origin)>) {
-        let mut named = Objects { lights: self.objects.lights.clone(), ..Objects::default() };
-        let mut brought: Vec<PlacedLight> = Vec::new();
-        for (light, origin) in lights {
-            let placed = PlacedLight { id: self.next_object_id(), name: named.free_light_name("spot"), light, origin };
-            named.lights.push(placed.clone());
-            brought.push(placed);
-        }
-        if brought.is_empty() {
-            return;
-        }
-        self.rewrite_objects(|objects| {
-            // A guess stands in for lights that are not there.
-            objects.lights.retain(|other| other.origin != Origin::Guess);
-            let known = objects.lights.clone();
-            let is_new = |placed: &&PlacedLight| known.iter().all(|other| other.light != placed.light);
-            objects.lights.extend(brought.iter().filter(is_new).cloned());
-        });
-        self.warn_of_dark_lights();
-    }
-
     /// Asks what is around the points that are shown, once they are all there.
     pub(super) fn ask_surroundings(&mut self) {
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
         let clouds: Vec<Cloud> = visible.map(|entry| entry.cloud.clone()).collect();
         if !self.is_loading() && clouds.iter().any(|cloud| !cloud.chunks.is_empty()) {
             let (asked, up) = (self.light_search.ask(), self.up());
-            let test = self.objects.visibility.test();
+            let test = self.scene.objects.visibility.test();
             self.outside.work(Work::FindSurroundings { asked, clouds, test, up });
         }
     }
@@ -49,10 +26,10 @@ impl Session {
         if !self.light_search.answer(asked, found) {
             return;
         }
-        let (id, lamp) = (self.next_object_id(), found.lamp());
-        self.rewrite_objects(|objects| objects.guess(id, lamp));
+        let (id, lamp) = (self.scene.next_object_id(), found.lamp());
+        self.scene.rewrite_objects(|objects| objects.guess(id, lamp));
         self.outside.log(json!({
-            "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": self.objects.lights.len(),
+            "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": self.scene.objects.lights.len(),
         }));
     }
 
@@ -68,19 +45,19 @@ impl Session {
     /// The lights that are there to shine. From outside of a room its lamp would light nothing that is seen.
     pub(super) fn lights(&self) -> Vec<SpotLight> {
         let light = &self.light_search.light;
-        if self.objects.has_guess() && !light.lamp_shines(self.settings.light.by, self.camera.eye) {
+        if self.scene.objects.has_guess() && !light.lamp_shines(self.scene.settings.light.by, self.scene.camera.eye) {
             return Vec::new();
         }
-        self.objects.lights.iter().map(|placed| placed.light).collect()
+        self.scene.objects.lights.iter().map(|placed| placed.light).collect()
     }
 
     /// What lights the points: what `auto` stands for now.
     pub fn lighting(&self) -> Lighting {
-        self.settings.light.lighting(!self.lights().is_empty(), self.sky_is_open())
+        self.scene.settings.light.lighting(!self.lights().is_empty(), self.sky_is_open())
     }
 
     /// Whether the picture shows the data's own colours.
     pub fn is_unlit(&self) -> bool {
-        self.raw_colors || self.settings.light.by == Lighting::Colors
+        self.raw_colors || self.scene.settings.light.by == Lighting::Colors
     }
 }

@@ -146,7 +146,7 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
 
 /// What reflects, with a way to end it; and what is being worked out.
 fn existing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    for marking in &session.objects.markings {
+    for marking in &session.scene.objects.markings {
         let Some(entry) = session.cloud(marking.key) else { continue };
         ui.horizontal(|ui| {
             let points = &marking.points;
@@ -211,11 +211,11 @@ mod tests {
         session.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
         session.on_loading(job, Event::Finished);
         let (key, cloud) = (session.clouds[0].key, session.clouds[0].cloud.clone());
-        let (color, visibility) = (session.settings.color.clone(), session.objects.visibility.clone());
+        let (color, visibility) = (session.scene.settings.color.clone(), session.scene.objects.visibility.clone());
         let figures = Box::new(Figures::of(&cloud, &color, &visibility, DVec3::Z));
         let basis = Basis { color, visibility, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
         session.on_found(Found::Figures { key, basis, figures });
-        session.history.watch(&session.settings, &session.objects, false, session.outside.now);
+        session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         session
     }
 
@@ -263,7 +263,7 @@ mod tests {
         assert!(harness.query_by_label("2 of 6 points").is_some(), "class 9 is not what is offered");
         harness.get_by_label("Turn into a mirror").click();
         harness.run_ok();
-        let marking = harness.state().objects.markings[0].clone();
+        let marking = harness.state().scene.objects.markings[0].clone();
         assert_eq!((marking.points.points, marking.points.cloud.as_str()), (PointChoice::Class(9), "scans/lake.laz"));
         harness.state_mut().sync_objects();
         work(harness.state_mut());
@@ -282,10 +282,12 @@ mod tests {
         let mut session = lake();
         let key = session.clouds[0].key;
         let points = MirrorPoints::whole("scans/lake.laz".into());
-        session.edit_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
+        session.scene.edit_objects(session.outside.now, |objects| {
+            objects.markings.push(Marking { key, points: points.clone() })
+        });
         session.sync_objects();
         session.on_found(Found::Marked { key, wanted: vec![points], result: Ok(None) });
-        assert!(session.objects.markings.is_empty());
+        assert!(session.scene.objects.markings.is_empty());
         session.sync_objects();
         assert!(session.clouds[0].marking.is_none(), "it begins again");
     }

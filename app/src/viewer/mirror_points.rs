@@ -17,7 +17,7 @@ use super::work::Work;
 impl Session {
     /// Those of the scene, and the one that is held over it.
     pub fn all_mirrors(&self) -> impl Iterator<Item = (ObjectId, &Mirror)> {
-        let placed = self.objects.mirrors.iter().map(|placed| (placed.id, &placed.mirror));
+        let placed = self.scene.objects.mirrors.iter().map(|placed| (placed.id, &placed.mirror));
         let held = self.inspection.iter().filter_map(|held| Some((held.id, held.mirror.as_ref()?)));
         placed.chain(held)
     }
@@ -53,15 +53,15 @@ impl Session {
                 self.frames.points_changed();
             }
         }
-        if self.selected.is_some_and(|id| self.objects.get(id).is_none()) {
-            self.selected = None;
+        if self.scene.selected.is_some_and(|id| self.scene.objects.get(id).is_none()) {
+            self.scene.selected = None;
         }
         // The spacing of the points is known when they are all there.
         if self.is_loading() || self.clouds.is_empty() {
             return;
         }
         self.refuse_marking_streamed();
-        let (clouds, test) = (&self.clouds, self.objects.visibility.test());
+        let (clouds, test) = (&self.clouds, self.scene.objects.visibility.test());
         let area_per_point = *self
             .samples
             .area_per_point
@@ -75,9 +75,9 @@ impl Session {
             };
             // What moves and is drawn by its formula needs its points when it stands still.
             let is_held = |id: ObjectId| {
-                let by_formula = self.settings.mirror.surface != MirrorSurface::Points;
+                let by_formula = self.scene.settings.mirror.surface != MirrorSurface::Points;
                 self.inspection.as_ref().is_some_and(|held| held.id == id && by_formula)
-                    || self.selected == Some(id) && self.handle_is_grabbed && self.frames.is_slow()
+                    || self.scene.selected == Some(id) && self.handle_is_grabbed && self.frames.is_slow()
             };
             let stale = self.all_mirrors().find(|(id, mirror)| !is_held(*id) && !is_current(*id, mirror));
             if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
@@ -87,7 +87,7 @@ impl Session {
         }
         for entry in &mut self.clouds {
             let wanted: Vec<MirrorPoints> =
-                self.objects.markings.iter().filter(|m| m.key == entry.key).map(|m| m.points.clone()).collect();
+                self.scene.objects.markings.iter().filter(|m| m.key == entry.key).map(|m| m.points.clone()).collect();
             match &entry.marking {
                 Some((under_way, progress)) if *under_way != wanted => progress.cancel(),
                 Some(_) => {}
@@ -113,11 +113,11 @@ impl Session {
         match result {
             Ok(None) => {
                 let now: Vec<&MirrorPoints> =
-                    self.objects.markings.iter().filter(|m| m.key == key).map(|m| &m.points).collect();
+                    self.scene.objects.markings.iter().filter(|m| m.key == key).map(|m| &m.points).collect();
                 // Unless it was overtaken by another wish, someone has stopped it: what reflects already stays.
                 if now.into_iter().eq(&wanted) {
                     let kept = self.cloud(key).map_or(Vec::new(), |entry| entry.marked.clone());
-                    self.rewrite_objects(|objects| {
+                    self.scene.rewrite_objects(|objects| {
                         objects.markings.retain(|marking| marking.key != key || kept.contains(&marking.points));
                     });
                 }
@@ -133,7 +133,7 @@ impl Session {
             }
             Err(error) => {
                 entry.marked = wanted.clone();
-                self.rewrite_objects(|objects| {
+                self.scene.rewrite_objects(|objects| {
                     objects.markings.retain(|marking| marking.key != key || !wanted.contains(&marking.points));
                 });
                 self.outside.say(Level::Error, error);
@@ -147,7 +147,8 @@ impl Session {
             let entry = self.clouds.iter().find(|entry| points.is_of(&entry.input, &entry.cloud.name));
             match entry.map(|entry| entry.key) {
                 Some(key) => {
-                    self.rewrite_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
+                    self.scene
+                        .rewrite_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
                 }
                 None => {
                     self.outside.say(Level::Warning, format!("mirror points: no cloud is called `{}`", points.cloud))

@@ -33,7 +33,9 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
     inspection(ui, session, actions);
     list(ui, session, actions);
-    if let Some((id, mirror)) = session.selected.and_then(|id| Some((id, session.objects.mirror(id)?.clone()))) {
+    if let Some((id, mirror)) =
+        session.scene.selected.and_then(|id| Some((id, session.scene.objects.mirror(id)?.clone())))
+    {
         ui.separator();
         ui.push_id(id.0, |ui| numbers(ui, session, id, mirror, actions));
     }
@@ -85,10 +87,10 @@ fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 }
 
 fn list(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    if session.objects.mirrors.is_empty() {
+    if session.scene.objects.mirrors.is_empty() {
         ui.label(RichText::new("No mirrors.").color(theme::WEAK));
     }
-    let mirrors = session.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
+    let mirrors = session.scene.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
     object_list(ui, session, mirrors.collect(), actions);
 }
 
@@ -106,7 +108,7 @@ pub fn object_list(ui: &mut Ui, session: &Session, objects: Vec<(ObjectId, Strin
                         actions.extend([Action::Select(Some(id)), Action::Duplicate]);
                     }
                     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                        let is_selected = session.selected == Some(id);
+                        let is_selected = session.scene.selected == Some(id);
                         if ui.selectable_label(is_selected, &name).clicked() {
                             actions.push(Action::Select(if is_selected { None } else { Some(id) }));
                         }
@@ -126,7 +128,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
         let edit = egui::TextEdit::singleline(&mut mirror.name).desired_width(150.0);
         let response = ui.add(edit).labelled_by(label.id);
         if response.lost_focus() {
-            mirror.name = session.objects.free_name(&mirror.name, Some(id));
+            mirror.name = session.scene.objects.free_name(&mirror.name, Some(id));
         }
     });
     if let Some(position) = three(ui, "Position", mirror.position, step, "") {
@@ -218,7 +220,7 @@ mod tests {
     }
 
     fn names(harness: &Harness<'static, Session>) -> Vec<String> {
-        harness.state().objects.mirrors.iter().map(|placed| placed.mirror.name.clone()).collect()
+        harness.state().scene.objects.mirrors.iter().map(|placed| placed.mirror.name.clone()).collect()
     }
 
     fn add(harness: &mut Harness<'static, Session>, shape: &str) {
@@ -234,8 +236,8 @@ mod tests {
         harness.run_ok();
         add(&mut harness, "Sphere");
         assert_eq!(names(&harness), ["sphere"]);
-        let added = harness.state().objects.mirrors[0].clone();
-        assert_eq!(harness.state().selected, Some(added.id));
+        let added = harness.state().scene.objects.mirrors[0].clone();
+        assert_eq!(harness.state().scene.selected, Some(added.id));
         // A tenth of the scene, and standing on the pivot.
         let radius = harness.state().bounds().radius();
         assert!(added.mirror.size > 0.03 * radius && added.mirror.size < 0.2 * radius, "{}", added.mirror.size);
@@ -250,7 +252,7 @@ mod tests {
             assert_eq!(names(&harness), expected);
         }
         harness.state_mut().act(Action::Redo);
-        assert_eq!(harness.state().objects.mirrors[0], added);
+        assert_eq!(harness.state().scene.objects.mirrors[0], added);
     }
 
     #[test]
@@ -260,7 +262,7 @@ mod tests {
         for (shape, own) in [("Plane", "Height"), ("Paraboloid", "Focal length"), ("Torus", "Tube"), ("Blob", "Size")] {
             add(&mut harness, shape);
             assert!(harness.query_all_by_label(own).next().is_some(), "{shape} has no {own}");
-            assert_eq!(harness.state().objects.mirrors.last().unwrap().mirror.problem(), None);
+            assert_eq!(harness.state().scene.objects.mirrors.last().unwrap().mirror.problem(), None);
         }
         assert!(names(&harness).contains(&"torus".to_string()));
     }
@@ -284,9 +286,9 @@ mod tests {
         let samples = world::mirrors::sample(&mirror, area_per_point);
         harness.state_mut().on_found(Found::Samples { id, mirror, area_per_point, samples });
         assert!(wanted(&mut harness).is_none(), "asked for again");
-        harness.state_mut().objects.mirrors[0].mirror.name = "ball".into();
+        harness.state_mut().scene.objects.mirrors[0].mirror.name = "ball".into();
         assert!(wanted(&mut harness).is_none(), "a name is no change");
-        harness.state_mut().objects.mirrors[0].mirror.size *= 2.0;
+        harness.state_mut().scene.objects.mirrors[0].mirror.size *= 2.0;
         assert!(wanted(&mut harness).is_some(), "a new size is one");
     }
 

@@ -20,10 +20,10 @@ mod effects;
 mod event_log;
 mod figures;
 mod frames;
-mod framing;
 mod gizmo;
 mod headless;
 mod history;
+mod input;
 mod inspection;
 mod interface;
 mod lens;
@@ -49,6 +49,7 @@ mod preferences;
 mod presets;
 mod reflection_figures;
 mod render_thread;
+mod scene;
 mod screen;
 mod session;
 mod streaming_panel;
@@ -246,7 +247,7 @@ impl ApplicationHandler<Wake> for Viewer {
             WindowEvent::RedrawRequested => return self.paint(event_loop),
             WindowEvent::KeyboardInput { event: key, .. } if !screen.context.text_edit_focused() => {
                 if let Some(trigger) = own_key(key, self.modifiers) {
-                    let action = bindings::action(trigger, self.session.mode);
+                    let action = bindings::action(trigger, self.session.scene.mode);
                     if let (Some(action), ElementState::Pressed, false) = (action, key.state, key.repeat) {
                         self.session.act(action);
                         self.do_effects();
@@ -364,7 +365,7 @@ impl Viewer {
         if let Some(screen) = self.screen.as_ref().filter(|_| !self.session.is_full_screen) {
             self.session.preferences.window = screen.size();
         }
-        self.session.preferences.remember_settings(&self.session.settings);
+        self.session.preferences.remember_settings(&self.session.scene.settings);
         if let Err(error) = preferences::save(&self.session.preferences) {
             self.session.outside.warning(format!("settings are not kept: {error:#}"));
         }

@@ -27,7 +27,7 @@ impl Session {
             Event::Dropped { cloud, part } => self.on_dropped(job, cloud, part),
             Event::Stream(stats) => self.on_stream(job, stats),
             Event::Mirror { input, mirror, samples } => {
-                let id = self.bring_mirror(mirror.clone(), Some(input));
+                let id = self.scene.bring_mirror(mirror.clone(), Some(input), &mut self.outside);
                 self.put_samples(id, mirror, None, samples);
             }
             Event::Read { cloud, summary } => self.on_read(job, cloud, &summary),
@@ -80,8 +80,8 @@ impl Session {
         self.outside.change(change);
         if let Some((cloud, chunks, up)) = uncolored {
             // What is drawn before the figures are known has colours, too.
-            let shown = cloud.shown(&self.objects.visibility.test());
-            let (plan, _) = ColorPlan::new(&shown, &self.settings.color, up);
+            let shown = cloud.shown(&self.scene.objects.visibility.test());
+            let (plan, _) = ColorPlan::new(&shown, &self.scene.settings.color, up);
             if plan.missing_column(&cloud).is_none() {
                 self.outside.change(Change::Color { cloud: key, chunks, plan, up });
             }
@@ -232,7 +232,7 @@ impl Session {
         let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
         // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them and what
         // is hidden.
-        self.rewrite_objects(|objects| {
+        self.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
             }
@@ -256,8 +256,8 @@ impl Session {
         }
         self.note_loaded();
         if is_last {
-            self.camera_is_placed = false;
-            self.paths.clear();
+            self.scene.camera_is_placed = false;
+            self.scene.paths.clear();
             self.frames.shown = None;
             self.light_search.forget();
         }
@@ -273,23 +273,9 @@ impl Session {
         }
     }
 
-    /// Shows or hides classes in all clouds, in one step of undo.
-    pub fn show_classes(&mut self, classes: impl IntoIterator<Item = u8>, is_shown: bool) {
-        self.edit_objects(|objects| {
-            let hidden = &mut objects.visibility.hidden_classes;
-            for class in classes {
-                if is_shown {
-                    hidden.remove(&class);
-                } else {
-                    hidden.insert(class);
-                }
-            }
-        });
-    }
-
     /// Brings the render thread to what is shown now. Called before each frame is asked for.
     pub(super) fn sync_visibility(&mut self) {
-        let visibility = &self.objects.visibility;
+        let visibility = &self.scene.objects.visibility;
         if *visibility != self.drawn_visibility {
             self.drawn_visibility = visibility.clone();
             self.outside.change(Change::Visibility { visibility: self.drawn_visibility.clone() });

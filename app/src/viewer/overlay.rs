@@ -26,13 +26,14 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
         Some(rect.min + vec2(x, y))
     };
     let painter = painter.with_clip_rect(rect);
-    if session.settings.stream.overlay {
+    if session.scene.settings.stream.overlay {
         let boxes = session.clouds.iter().filter(|entry| entry.is_visible).flat_map(CloudEntry::shown_boxes);
         for (bounds, [red, green, blue, _]) in boxes.take(MOST_BOXES) {
             wire(&painter, &place, bounds, Stroke::new(1.0, Color32::from_rgb(red, green, blue)));
         }
     }
-    let marked = session.navigation.pivot_mark(session.outside.now).and_then(|_| place(shown.request.camera.pivot));
+    let marked =
+        session.scene.navigation.pivot_mark(session.outside.now).and_then(|_| place(shown.request.camera.pivot));
     if let Some(at) = marked {
         pivot(&painter, at);
     }
@@ -147,8 +148,8 @@ mod tests {
     #[test]
     fn nothing_is_painted_before_there_is_a_picture() {
         let mut session = Session::with_two_points();
-        session.settings.stream.overlay = true;
-        session.navigation.show_pivot(session.outside.now);
+        session.scene.settings.stream.overlay = true;
+        session.scene.navigation.show_pivot(session.outside.now);
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
         assert!(
             shapes(|painter| paint(painter, rect, &session)).iter().all(|shape| matches!(shape, egui::Shape::Noop))

@@ -29,32 +29,32 @@ impl Session {
     pub(super) fn on_picked(&mut self, pixel: [u32; 2], purpose: PickPurpose, point: Option<PickedPoint>) {
         let found = point.and_then(|point| Some((point, self.world_position(point)?)));
         // Where a mirror is drawn by its formula there is no point, and where it stands in front the point is not meant.
-        let lens = self.lens();
-        let depth = |world: DVec3| lens.forward().dot(world - self.camera.eye);
+        let lens = self.scene.lens();
+        let depth = |world: DVec3| lens.forward().dot(world - self.scene.camera.eye);
         let mirror = self.mirror_at(pixel);
         let mirror = mirror.filter(|(_, at)| found.is_none_or(|(_, world)| depth(*at) <= depth(world)));
         let world = mirror.map(|(_, world)| world).or(found.map(|(_, world)| world));
         match (purpose, world) {
             (PickPurpose::Hover, world) => {
-                self.navigation.on_hover(pixel, world);
-                self.apply_pending_zoom(true);
+                self.scene.navigation.on_hover(pixel, world);
+                self.scene.apply_pending_zoom(true, self.outside.now);
             }
             (PickPurpose::Pivot, Some(world)) => {
-                let mut camera = self.camera;
+                let mut camera = self.scene.camera;
                 camera.recenter(world);
-                self.jump(self.settings.clone(), camera);
-                self.navigation.show_pivot(self.outside.now);
+                self.scene.jump(self.outside.now, self.scene.settings.clone(), camera);
+                self.scene.navigation.show_pivot(self.outside.now);
                 self.outside.log(json!({ "event": "pivot", "world": world.to_array() }));
             }
             (PickPurpose::Pivot, None) => self.outside.note("No point there to turn about"),
             (PickPurpose::Select, _) => match (mirror, found) {
                 (Some((id, _)), _) => {
-                    self.selected = Some(id);
+                    self.scene.selected = Some(id);
                     self.outside
-                        .log(json!({ "event": "selected", "mirror": self.objects.mirror(id).map(|m| &m.name) }));
+                        .log(json!({ "event": "selected", "mirror": self.scene.objects.mirror(id).map(|m| &m.name) }));
                 }
                 (None, Some((point, world))) => {
-                    self.selected = None;
+                    self.scene.selected = None;
                     self.select(point, world);
                 }
                 (None, None) => {}
@@ -64,16 +64,16 @@ impl Session {
 
     /// The mirror under a pixel, and where: by the points that stand for it.
     fn mirror_at(&self, pixel: [u32; 2]) -> Option<(ObjectId, DVec3)> {
-        let lens = self.lens();
+        let lens = self.scene.lens();
         let hit = |placed: &Placed| {
             let sample = self.samples.of.get(&placed.id)?;
             let target =
                 |(chunk, bounds): &(Chunk, Bounds)| Target { chunk: chunk.clone(), bounds: *bounds, classes: None };
-            let ray = self.sight_line(pixel, sample.chunks.iter().map(target).collect());
+            let ray = self.scene.sight_line(pixel, sample.chunks.iter().map(target).collect());
             Some((placed.id, inspection::cast(&ray)?.position))
         };
-        let depth = |world: DVec3| lens.forward().dot(world - self.camera.eye);
-        let hits = self.objects.mirrors.iter().filter_map(hit);
+        let depth = |world: DVec3| lens.forward().dot(world - self.scene.camera.eye);
+        let hits = self.scene.objects.mirrors.iter().filter_map(hit);
         hits.min_by(|a, b| depth(a.1).total_cmp(&depth(b.1)))
     }
 

@@ -6,22 +6,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use cloud::Progress;
+use cloud::{Bounds, Progress};
 use glam::DVec3;
-use scene::{Camera, CameraPath, Lighting, Mirror, MirrorPoints, Settings, Visibility};
+use scene::{Camera, Lighting, MirrorPoints, Settings, Visibility};
 use serde_json::json;
 use world::{CloudKey, Input, Mailbox};
 
-use super::action::{Handles, Mode};
+use super::action::Handles;
 use super::clouds::{CloudEntry, JobEntry, Samples, short_name};
 use super::draft::Draft;
 use super::frames::{Frames, Situation};
-use super::history::History;
 use super::inspection::Inspection;
 use super::light_search::LightSearch;
 use super::messages::{Level, Messages};
-use super::navigation::Navigation;
-use super::objects::{ObjectId, Objects, Origin, Placed};
+use super::objects::Origin;
 use super::outside::{Effect, News, Outside};
 use super::pace::Pace;
 use super::path_prompt::PathPrompt;
@@ -29,6 +27,7 @@ use super::pick::Pick;
 use super::preferences::Preferences;
 use super::reflection_figures::FigureHistory;
 use super::render_thread::{Command, FrameRequest, Report};
+use super::scene::Scene;
 use super::study_file::{STUDY, group_of};
 use super::sweep::{self, Sweeps};
 use super::theme::grouped;
@@ -39,18 +38,13 @@ use super::tuning::Tuning;
 use super::work::{Found, Work};
 
 pub struct Session {
+    pub scene: Scene,
     pub clouds: Vec<CloudEntry>,
     pub jobs: Vec<JobEntry>,
-    pub settings: Settings,
-    pub objects: Objects,
-    /// A mirror or a light.
-    pub selected: Option<ObjectId>,
     /// What is around the points, once they are all there.
     pub(super) light_search: LightSearch,
     /// The lights are being looked after: they are shown in the picture.
     pub light_panel_is_open: bool,
-    /// What lit the points before the data's own colours were asked for.
-    pub lit_by: Lighting,
     /// Which handles the gizmo shows, and whether one of them is grabbed.
     pub handles: Handles,
     pub handle_is_grabbed: bool,
@@ -61,18 +55,12 @@ pub struct Session {
     /// Of scene files whose clouds are still to come.
     pub(super) awaited_markings: Vec<MirrorPoints>,
     pub figure_history: FigureHistory,
-    pub camera: Camera,
-    /// Someone chose the camera: loading no longer moves it.
-    pub camera_is_placed: bool,
-    pub mode: Mode,
-    pub navigation: Navigation,
     pub picks: Vec<Pick>,
     pub pick_tool: bool,
     pub raw_colors: bool,
     pub truth: TruthView,
     pub tuning: Tuning,
     pub sweeps: Sweeps,
-    pub history: History,
     pub outside: Outside,
     pub preferences: Preferences,
     pub path_prompt: Option<PathPrompt>,
@@ -82,11 +70,8 @@ pub struct Session {
     /// Adapter that draws; `None` until its shaders are compiled.
     pub adapter: Option<String>,
     pub frames: Frames,
-    /// Pixels of the picture.
-    pub view_size: [u32; 2],
     next_cloud: u32,
     next_job: u32,
-    next_object: u32,
     /// Why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
@@ -100,8 +85,6 @@ pub struct Session {
     /// As the render thread was told.
     pub(super) expected_points: u64,
     pub(super) drawn_visibility: Visibility,
-    /// Ways of the camera that scene files bring.
-    pub paths: Vec<CameraPath>,
     /// Pictures are recorded: only final ones are drawn, and none depends on those before it.
     pub is_recorded: bool,
 }
@@ -112,14 +95,11 @@ impl Session {
         let mut messages = Messages::default();
         warnings.into_iter().for_each(|warning| messages.warning(format!("kept parameters: {warning}")));
         Self {
+            scene: Scene::new(settings),
             clouds: Vec::new(),
             jobs: Vec::new(),
-            settings,
-            objects: Objects::default(),
-            selected: None,
             light_search: LightSearch::default(),
             light_panel_is_open: false,
-            lit_by: Lighting::Auto,
             handles: Handles::All,
             handle_is_grabbed: false,
             inspection: None,
@@ -127,17 +107,12 @@ impl Session {
             draft: Draft::default(),
             awaited_markings: Vec::new(),
             figure_history: FigureHistory::default(),
-            camera: Camera::looking(DVec3::ZERO, DVec3::ONE, 5.0, DVec3::Z),
-            camera_is_placed: false,
-            mode: Mode::Orbit,
-            navigation: Navigation::default(),
             picks: Vec::new(),
             pick_tool: false,
             raw_colors: false,
             truth: TruthView::new(),
             tuning: Tuning::default(),
             sweeps: Sweeps::default(),
-            history: History::default(),
             outside: Outside::new(messages),
             preferences,
             path_prompt: None,
@@ -146,10 +121,8 @@ impl Session {
             is_full_screen: false,
             adapter: None,
             frames: Frames::default(),
-            view_size: [1, 1],
             next_cloud: 0,
             next_job: 0,
-            next_object: 0,
             fatal: None,
             wants_to_quit: false,
             warned: Vec::new(),
@@ -158,7 +131,6 @@ impl Session {
             levels_are_shown: false,
             expected_points: 0,
             drawn_visibility: Visibility::default(),
-            paths: Vec::new(),
             is_recorded: false,
         }
     }
@@ -202,21 +174,24 @@ impl Session {
         if let Some(view) = request.view {
             // The camera of a built-in scene comes without parameters of its own: those at hand stay.
             let settings =
-                if view.settings == Settings::default() { self.settings.clone() } else { view.settings.clone() };
+                if view.settings == Settings::default() { self.scene.settings.clone() } else { view.settings.clone() };
             match view.camera {
-                Some(camera) if self.clouds.is_empty() => self.jump(settings, camera),
-                _ => self.settings = settings,
+                Some(camera) if self.clouds.is_empty() => self.scene.jump(self.outside.now, settings, camera),
+                _ => self.scene.settings = settings,
             }
         }
         let built_in = built_in_light.map(|light| (light, Origin::BuiltIn));
-        self.bring_lights(request.lights.into_iter().map(|light| (light, Origin::Person)).chain(built_in));
+        self.scene.bring_lights(
+            request.lights.into_iter().map(|light| (light, Origin::Person)).chain(built_in),
+            &mut self.outside,
+        );
         for mirror in request.mirrors {
-            self.bring_mirror(mirror, None);
+            self.scene.bring_mirror(mirror, None, &mut self.outside);
         }
         self.awaited_markings.extend(request.mirror_points);
-        self.rewrite_objects(|objects| objects.visibility.hide(&request.visibility));
-        self.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
-        self.paths.extend(request.paths);
+        self.scene.rewrite_objects(|objects| objects.visibility.hide(&request.visibility));
+        self.scene.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
+        self.scene.paths.extend(request.paths);
         if !request.inputs.is_empty() {
             self.outside.push(Effect::Load { inputs: request.inputs });
         }
@@ -284,43 +259,44 @@ impl Session {
 
     // ---- mirrors ----
 
-    /// Changes the objects in one step of undo.
-    pub fn edit_objects(&mut self, change: impl FnOnce(&mut Objects)) {
-        self.history.settle(&self.settings, &self.objects);
-        change(&mut self.objects);
-        self.history.settle(&self.settings, &self.objects);
-        self.navigation.camera_moved(self.outside.now);
-    }
-
     /// Whole clouds to be turned into mirrors when they have come.
     pub fn await_marking(&mut self, points: MirrorPoints) {
         self.awaited_markings.push(points);
     }
 
-    pub fn next_object_id(&mut self) -> ObjectId {
-        self.next_object += 1;
-        ObjectId(self.next_object - 1)
-    }
-
-    /// Changes the objects in a way that is no step of undo: something came or went with a file.
-    pub(super) fn rewrite_objects(&mut self, change: impl Fn(&mut Objects)) {
-        self.history.settle(&self.settings, &self.objects);
-        change(&mut self.objects);
-        self.history.rewrite(change);
-    }
-
-    /// A mirror that a file or a built-in scene brings.
-    pub(super) fn bring_mirror(&mut self, mirror: Mirror, input: Option<String>) -> ObjectId {
-        let id = self.next_object_id();
-        let mirror = Mirror { name: self.objects.free_name(&mirror.name, None), ..mirror };
-        self.outside.log(json!({ "event": "mirror", "name": mirror.name }));
-        self.rewrite_objects(|objects| {
-            objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: input.clone() });
-        });
-        id
-    }
-
     // ---- frames ----
+
+    /// Of what is visible, without stray points.
+    pub fn bounds(&self) -> Bounds {
+        self.scene.bounds(&self.clouds)
+    }
+
+    pub fn up(&self) -> DVec3 {
+        self.scene.up(&self.clouds)
+    }
+
+    /// Shows everything unless someone has chosen the camera: the clouds' outlines, or `bounds` while none is known.
+    pub(super) fn frame_while_unplaced(&mut self, bounds: Bounds) {
+        self.scene.frame_while_unplaced(bounds, &self.clouds);
+    }
+
+    /// Pixels of the picture.
+    pub fn set_view_size(&mut self, size: [u32; 2]) {
+        if self.scene.view_size != size {
+            self.scene.view_size = size;
+            let bounds = self.bounds();
+            self.frame_while_unplaced(bounds);
+        }
+    }
+
+    /// Puts the camera where a recording has it at `now`: no move that would be drawn in a hurry. Streamed clouds are looked at from
+    /// there at once.
+    pub fn stand(&mut self, camera: Camera, now: Instant) {
+        self.outside.now = now;
+        self.scene.camera = camera;
+        self.scene.camera_is_placed = true;
+        self.look_around();
+    }
 
     /// Goes on from what has happened since the last step: asks for the frame, the figures and the truth that are wanted now,
     /// and notes what can be undone. The window and tests take it after each paint. `now` is the time by the caller's clock;
@@ -328,13 +304,13 @@ impl Session {
     /// happens before.
     pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
         self.outside.now = now;
-        let zoom = self.end_zoom_wait();
+        let zoom = self.scene.end_zoom_wait(self.outside.now);
         self.follow_cursor();
-        let steps = self.history.steps();
-        let quiet = self.history.watch(&self.settings, &self.objects, is_held, now);
+        let steps = self.scene.history.steps();
+        let quiet = self.scene.history.watch(&self.scene.settings, &self.scene.objects, is_held, now);
         self.sync_visibility();
         let frame = self.request_frame();
-        if self.history.steps() != steps {
+        if self.scene.history.steps() != steps {
             self.outside.log(json!({ "event": "step" }));
         }
         self.renew_figures();
@@ -349,14 +325,14 @@ impl Session {
     pub fn request_frame(&mut self) -> Option<Duration> {
         let is_first = self.frames.shown.is_none();
         let is_empty = self.clouds.is_empty() || is_first && self.points() == 0 && self.is_loading();
-        if self.adapter.is_none() || self.view_size.contains(&0) || is_empty {
+        if self.adapter.is_none() || self.scene.view_size.contains(&0) || is_empty {
             return None;
         }
-        let is_mirror = self.selected.is_some_and(|id| self.objects.mirror(id).is_some());
+        let is_mirror = self.scene.selected.is_some_and(|id| self.scene.objects.mirror(id).is_some());
         let situation = Situation {
             points_come: self.points_come(),
             light_comes: !self.light_search.is_known(),
-            rest: self.navigation.time_to_rest(self.outside.now),
+            rest: self.scene.navigation.time_to_rest(self.outside.now),
             a_mirror_is_dragged: is_mirror && self.handle_is_grabbed,
             is_recorded: self.is_recorded,
         };
@@ -370,18 +346,18 @@ impl Session {
 
     /// The picture of what is seen now, with nothing spared.
     fn picture(&self) -> FrameRequest {
-        let mut settings = self.settings.clone();
+        let mut settings = self.scene.settings.clone();
         if self.raw_colors {
             settings.edl.strength = 0.0;
             settings.light.by = Lighting::Colors;
         }
         FrameRequest {
-            camera: self.camera,
+            camera: self.scene.camera,
             settings: settings.drawn(),
             mirrors: self.all_mirrors().map(|(_, mirror)| mirror.clone()).collect(),
             lights: self.lights(),
             sky_is_open: self.sky_is_open(),
-            size: self.view_size,
+            size: self.scene.view_size,
             revision: self.frames.revision,
             hurried: false,
             light_may_lag: self.light_may_lag(),
@@ -467,8 +443,8 @@ impl Session {
             still: self.still_frame().cloned(),
             clouds: &self.clouds,
             samples: &self.samples,
-            settings: &self.settings,
-            visibility: &self.objects.visibility,
+            settings: &self.scene.settings,
+            visibility: &self.scene.objects.visibility,
             frames: &self.frames,
             raw_colors: self.raw_colors,
             is_swept: self.sweeps.under_way.is_some(),
@@ -490,7 +466,8 @@ impl Session {
     /// traced is of another.
     pub fn truth_frame(&self) -> Option<FrameRequest> {
         let request = &self.frames.shown.as_ref().filter(|_| self.truth.is_asked_for())?.request;
-        let is_current = request.camera == self.camera && request.size == self.view_size && !request.hurried;
+        let is_current =
+            request.camera == self.scene.camera && request.size == self.scene.view_size && !request.hurried;
         is_current.then(|| request.clone())
     }
 
@@ -520,14 +497,6 @@ impl Session {
         }
     }
 
-    /// Goes back to a setting: one step of undo.
-    pub fn return_to(&mut self, settings: Settings) {
-        self.history.settle(&self.settings, &self.objects);
-        self.settings = settings;
-        self.history.settle(&self.settings, &self.objects);
-        self.outside.log(json!({ "event": "returned" }));
-    }
-
     /// Adds the setting at hand to the plan in the current folder, with the view as a scene beside it.
     pub fn add_to_study(&mut self) {
         if self.clouds.is_empty() {
@@ -537,7 +506,7 @@ impl Session {
         let scene = self.view_as_scene();
         // Absolute: a plan may be run from anywhere.
         let folder = std::env::current_dir().unwrap_or_default();
-        let group = group_of(&self.written_settings(), self.view_size);
+        let group = group_of(&self.written_settings(), self.scene.view_size);
         self.outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
     }
 
@@ -589,7 +558,7 @@ impl Session {
         let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
         session.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
         session.on_loading(job, Event::Finished);
-        session.history.watch(&session.settings, &session.objects, false, session.outside.now);
+        session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         session
     }
 

@@ -31,21 +31,25 @@ fn a_column_that_cannot_be_read_is_no_longer_under_way() {
 #[test]
 fn a_cloud_that_is_opened_as_a_mirror_reflects_when_it_has_come_and_is_no_step_of_undo() {
     let (mut session, key) = opened();
-    session.history.watch(&session.settings, &session.objects, false, session.outside.now);
+    session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
     session.await_marking(MirrorPoints::whole("cloud.ply".into()));
     session.await_marking(MirrorPoints::whole("gone.ply".into()));
     let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
     session.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
     session.sync_objects();
-    assert!(session.objects.markings.is_empty(), "its points are still to come");
+    assert!(session.scene.objects.markings.is_empty(), "its points are still to come");
     session.on_loading(0, Event::Finished);
-    assert_eq!(session.objects.markings, [Marking { key, points: MirrorPoints::whole("cloud.ply".into()) }]);
+    assert_eq!(session.scene.objects.markings, [Marking { key, points: MirrorPoints::whole("cloud.ply".into()) }]);
     assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("gone.ply")));
-    assert!(!session.history.undo(&mut session.settings, &mut session.objects, &mut session.camera));
+    assert!(!session.scene.history.undo(
+        &mut session.scene.settings,
+        &mut session.scene.objects,
+        &mut session.scene.camera
+    ));
     session.sync_objects();
     assert!(session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
     session.remove_cloud(key);
-    assert!(session.objects.markings.is_empty());
+    assert!(session.scene.objects.markings.is_empty());
 }
 
 #[test]

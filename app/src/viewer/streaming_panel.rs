@@ -24,15 +24,16 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if jobs().count() > 1 {
             weak(ui, format!("what is there of {}", job.name));
         }
-        let points = (most_points(&session.settings.view, &session.settings.stream) as f64 * job.share) as u64;
-        let bytes = (half_of(session.settings.stream.host_bytes) as f64 * job.share) as u64;
+        let points =
+            (most_points(&session.scene.settings.view, &session.scene.settings.stream) as f64 * job.share) as u64;
+        let bytes = (half_of(session.scene.settings.stream.host_bytes) as f64 * job.share) as u64;
         ui.push_id(job.id, |ui| figures(ui, &job.stream, points, bytes));
         ui.add_space(4.0);
     }
-    panel::parameter(ui, &session.settings.view, "point_budget", actions);
-    panel::parameters(ui, &session.settings.stream, &[], actions);
+    panel::parameter(ui, &session.scene.settings.view, "point_budget", actions);
+    panel::parameters(ui, &session.scene.settings.stream, &[], actions);
     if let Some(size) = session.cache_size {
-        let most = session.settings.stream.cache_bytes;
+        let most = session.scene.settings.stream.cache_bytes;
         weak(ui, format!("All indexes take {} of {most}", theme::bytes(size)));
     }
 }
@@ -91,7 +92,7 @@ fn cloud(ui: &mut Ui, session: &Session, entry: &CloudEntry, streamed: &Streamed
             if let Some(kept) = kept {
                 index(ui, entry.key, kept, actions);
             }
-            if session.settings.stream.overlay {
+            if session.scene.settings.stream.overlay {
                 legend(ui, streamed);
             }
         }
@@ -294,9 +295,9 @@ mod tests {
     #[test]
     fn what_is_there_of_a_streamed_cloud_is_told_beside_its_budgets() {
         let (mut session, _) = indexing();
-        session.settings.stream.overlay = true;
-        session.settings.stream.host_bytes = param::Bytes(500_000_000);
-        session.settings.view.point_budget = 1_000_000;
+        session.scene.settings.stream.overlay = true;
+        session.scene.settings.stream.host_bytes = param::Bytes(500_000_000);
+        session.scene.settings.view.point_budget = 1_000_000;
         session.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
         let stats = StreamStats {
             nodes: 3,

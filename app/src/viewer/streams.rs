@@ -56,7 +56,7 @@ impl Session {
         };
         let chunks = self.samples.of.values().flat_map(|sample| &sample.chunks);
         let samples: u64 = chunks.map(|(chunk, _)| chunk.len() as u64).sum();
-        let most = most_points(&self.settings.view, &self.settings.stream);
+        let most = most_points(&self.scene.settings.view, &self.scene.settings.stream);
         let points = total(false) + samples + total(true).min(most);
         if std::mem::replace(&mut self.expected_points, points) != points {
             self.outside.change(Change::Expect { points });
@@ -69,7 +69,7 @@ impl Session {
 
     /// Settings for what is opened next: its preview has its share of the budgets.
     pub fn settings_of_next_job(&self) -> Settings {
-        let mut settings = self.settings.clone();
+        let mut settings = self.scene.settings.clone();
         let jobs = self.streaming_jobs() + 1;
         settings.view.point_budget /= jobs as u32;
         settings.stream.gpu_bytes.0 /= jobs as u64;
@@ -108,11 +108,11 @@ impl Session {
     /// Tells streamed clouds where they are looked at from, if that has changed. Called every frame of the window.
     pub fn look_around(&mut self) {
         self.make_room();
-        let mut view = self.settings.view.clone();
-        if self.navigation.time_to_rest(self.outside.now).is_some() && self.settings.stream.frame_ms > 0.0 {
+        let mut view = self.scene.settings.view.clone();
+        if self.scene.navigation.time_to_rest(self.outside.now).is_some() && self.scene.settings.stream.frame_ms > 0.0 {
             view.point_budget = self.pace.budget(view.point_budget);
         }
-        let (camera, size, stream) = (self.camera, self.view_size, self.settings.stream.clone());
+        let (camera, size, stream) = (self.scene.camera, self.scene.view_size, self.scene.settings.stream.clone());
         let is_alone = self.is_recorded;
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
@@ -174,9 +174,9 @@ impl Session {
 
     /// Learns from a frame what a moving picture can afford.
     pub(super) fn keep_pace(&mut self, milliseconds: f64) {
-        let wanted = f64::from(self.settings.stream.frame_ms);
+        let wanted = f64::from(self.scene.settings.stream.frame_ms);
         let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
-        if is_streamed && wanted > 0.0 && self.navigation.time_to_rest(self.outside.now).is_some() {
+        if is_streamed && wanted > 0.0 && self.scene.navigation.time_to_rest(self.outside.now).is_some() {
             self.pace.learn(milliseconds, wanted);
         }
     }
@@ -194,10 +194,10 @@ impl Session {
 
     /// Shows levels or ends it. Called every frame of the window.
     pub fn sync_levels(&mut self) {
-        if self.levels_are_shown == self.settings.stream.overlay {
+        if self.levels_are_shown == self.scene.settings.stream.overlay {
             return;
         }
-        self.levels_are_shown = self.settings.stream.overlay;
+        self.levels_are_shown = self.scene.settings.stream.overlay;
         let is_shown = self.levels_are_shown;
         let tints = |entry: &CloudEntry| {
             let parts = entry.chunk_bounds().map(|(part, _)| part);
@@ -217,12 +217,12 @@ impl Session {
     /// Points that come and go cannot be parted into mirror and rest once for all.
     pub(super) fn refuse_marking_streamed(&mut self) {
         let is_marked = |entry: &&CloudEntry| {
-            entry.streamed.is_some() && self.objects.markings.iter().any(|marking| marking.key == entry.key)
+            entry.streamed.is_some() && self.scene.objects.markings.iter().any(|marking| marking.key == entry.key)
         };
         let refused: Vec<(CloudKey, String)> =
             self.clouds.iter().filter(is_marked).map(|entry| (entry.key, entry.cloud.name.clone())).collect();
         for (key, name) in refused {
-            self.rewrite_objects(|objects| objects.markings.retain(|marking| marking.key != key));
+            self.scene.rewrite_objects(|objects| objects.markings.retain(|marking| marking.key != key));
             self.outside.say(Level::Error, format!("{name}: {NOT_MARKED}"));
         }
     }
@@ -310,7 +310,7 @@ mod tests {
         };
         session.on_loading(0, Event::Pages { cloud: 0, pages });
         put(&mut session, 0, &[1.0, 7.0]);
-        session.history.watch(&session.settings, &session.objects, false, session.outside.now);
+        session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         session
     }
 
@@ -406,7 +406,7 @@ mod tests {
                 .last()
         };
         assert_eq!(room(&mut session), Some(8), "no more room is made than all points take");
-        session.settings.view.point_budget = 4;
+        session.scene.settings.view.point_budget = 4;
         session.look_around();
         assert_eq!(room(&mut session), Some(4), "nor than may be there");
         session.look_around();
@@ -423,7 +423,7 @@ mod tests {
         assert!(
             session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. })))
         );
-        session.camera.eye += DVec3::ONE;
+        session.scene.camera.eye += DVec3::ONE;
         session.look_around();
         assert!(!session.is_loading() && session.points_come());
         let late = StreamStats { view_number: session.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
@@ -452,7 +452,7 @@ mod tests {
     #[test]
     fn a_ramp_stays_while_chunks_come_and_go_and_the_histogram_counts_what_is_there() {
         let mut session = streamed();
-        session.settings.color.by = scene::ColorBy::Height;
+        session.scene.settings.color.by = scene::ColorBy::Height;
         let found = |session: &mut Session| {
             session.renew_figures();
             let effects = std::mem::take(&mut session.outside.effects);
@@ -481,14 +481,14 @@ mod tests {
         assert_eq!(session.clouds[0].figures.as_ref().unwrap().plan, plan);
         assert_eq!(counted(&session), 4);
         assert!(!commands(&mut session).iter().any(|command| matches!(command, Change::Color { .. })));
-        session.settings.color.high = 0.5;
+        session.scene.settings.color.high = 0.5;
         assert!(found(&mut session) && session.clouds[0].figures.as_ref().unwrap().plan != plan);
     }
 
     #[test]
     fn levels_are_shown_of_what_is_there_and_of_what_comes_and_end() {
         let mut session = streamed();
-        session.settings.stream.overlay = true;
+        session.scene.settings.stream.overlay = true;
         commands(&mut session);
         session.sync_levels();
         put(&mut session, 2, &[6.0, 6.5, 7.0]);
@@ -504,7 +504,7 @@ mod tests {
         assert!(tints[0].1.is_some() && tints[1].1.is_some() && tints[0].1 != tints[1].1, "{tints:?}");
         let boxes = session.clouds[0].shown_boxes();
         assert_eq!(boxes.len(), 2, "the node between them is not there, so the root is the last above");
-        session.settings.stream.overlay = false;
+        session.scene.settings.stream.overlay = false;
         session.sync_levels();
         let ends = |command: &Change| matches!(command, Change::Tint { tints } if tints.len() == 2 && tints.iter().all(|(_, tint)| tint.is_none()));
         assert!(commands(&mut session).iter().any(ends));
@@ -516,11 +516,11 @@ mod tests {
         settle(&mut session);
         session.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
         let key = session.clouds[0].key;
-        session.edit_objects(|objects| {
+        session.scene.edit_objects(session.outside.now, |objects| {
             objects.markings.push(Marking { key, points: MirrorPoints::whole("survey".into()) })
         });
         session.sync_objects();
-        assert!(session.objects.markings.is_empty());
+        assert!(session.scene.objects.markings.is_empty());
         assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
         assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
     }

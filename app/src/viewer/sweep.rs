@@ -267,9 +267,9 @@ mod tests {
     #[test]
     fn a_sweep_writes_a_row_and_a_picture_for_each_value_and_leaves_the_settings_alone() {
         let Some(mut bench) = Bench::with_sphere() else { return };
-        bench.session.settings.reflection.method = scene::Method::Sscr;
+        bench.session.scene.settings.reflection.method = scene::Method::Sscr;
         bench.settle();
-        let before = bench.session.settings.clone();
+        let before = bench.session.scene.settings.clone();
         let values = ["0", "2"].map(String::from).to_vec();
         let folder = tempfile::tempdir().unwrap();
         let places = [folder.path().to_path_buf()];
@@ -278,7 +278,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a second one waits for the end of the first");
         bench.settle();
         let Bench { session, swept, .. } = bench;
-        assert_eq!(session.settings, before);
+        assert_eq!(session.scene.settings, before);
         let (path, result) = swept.expect("the sweep came to its end").save();
         result.unwrap();
         assert!(path.ends_with("sweep-sscr-pull_levels-1"), "{}", path.display());
@@ -291,7 +291,7 @@ mod tests {
         assert!(number(2, "closed_coverage") > number(1, "closed_coverage"), "{table}");
         assert!(number(1, "frame_ms") > number(1, "method_ms") && number(1, "same_input_delta_e") > 0.0, "{table}");
         let sheet = image::open(path.join("sheet.png")).unwrap().to_rgb8();
-        assert!(sheet.width() > 2 * session.view_size[0] && sheet.height() > session.view_size[1]);
+        assert!(sheet.width() > 2 * session.scene.view_size[0] && sheet.height() > session.scene.view_size[1]);
     }
 
     #[test]

@@ -348,7 +348,7 @@ mod tests {
 
         // Another method has the same truth, which is not traced anew, and other figures.
         let number = session.truth.traced.as_ref().map(|traced| traced.number);
-        session.settings.reflection.method = scene::Method::None;
+        session.scene.settings.reflection.method = scene::Method::None;
         harness.state_mut().settle();
         let Bench { session, .. } = harness.state_mut();
         let other = session.still_frame().cloned().unwrap();
@@ -357,7 +357,7 @@ mod tests {
         assert_eq!(session.truth.figures(&other).unwrap().coverage, 0.0);
 
         // A view that turns has none until it stands still again.
-        session.camera.orbit(0.3, 0.1);
+        session.scene.camera.orbit(0.3, 0.1);
         assert!(!is_shown(session));
         harness.state_mut().settle();
         assert!(is_shown(&harness.state().session));
@@ -404,9 +404,14 @@ mod tests {
         let Some(mut bench) = Bench::with_sphere() else { return };
         bench.session.act(Action::ToggleChart);
         bench.settle();
-        bench.session.settings.reflection.method = scene::Method::Sscr;
+        bench.session.scene.settings.reflection.method = scene::Method::Sscr;
         bench.settle();
-        bench.session.history.watch(&bench.session.settings, &bench.session.objects, false, bench.session.outside.now);
+        bench.session.scene.history.watch(
+            &bench.session.scene.settings,
+            &bench.session.scene.objects,
+            false,
+            bench.session.outside.now,
+        );
         let request = bench.session.still_frame().cloned().unwrap();
         let [frame, method] = bench.session.tuning.times(&request).unwrap();
         assert!(frame > method && method > 0.0, "{frame} {method}");
@@ -418,9 +423,9 @@ mod tests {
         row.unwrap().click();
         harness.run_ok();
         let Bench { session, .. } = harness.state_mut();
-        assert_eq!(session.settings.reflection.method.name(), scene::Method::Auto.name());
+        assert_eq!(session.scene.settings.reflection.method.name(), scene::Method::Auto.name());
         session.act(Action::Undo);
-        assert_eq!(session.settings.reflection.method, scene::Method::Sscr);
+        assert_eq!(session.scene.settings.reflection.method, scene::Method::Sscr);
     }
 
     #[test]
@@ -474,7 +479,7 @@ mod tests {
         let old = session.still_frame().cloned().unwrap();
         let figures = session.truth.figures(&old).cloned().unwrap();
         assert!(is_shown(session) && session.truth.bytes() > 64 * 48 * 200);
-        session.camera.orbit(0.3, 0.1);
+        session.scene.camera.orbit(0.3, 0.1);
         present(session, old.clone());
         assert!(!is_shown(session), "of a view that was left");
         bench.settle();

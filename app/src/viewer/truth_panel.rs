@@ -73,7 +73,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         kept => format!("{} kept for tracing", bytes(kept)),
     };
     ui.label(RichText::new(text).small().color(theme::WEAK));
-    parameters(ui, &session.settings.trace, &[], actions);
+    parameters(ui, &session.scene.settings.trace, &[], actions);
 }
 
 /// Choices side by side; the one that was clicked.

@@ -203,11 +203,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let plan = folder.path().join(STUDY);
         let mut session = Session::with_two_points();
-        session.view_size = [64, 48];
+        session.scene.view_size = [64, 48];
         for bounces in [1, 2] {
-            session.settings.reflection.bounces = bounces;
-            add_to_study(&plan, &session.view_as_scene(), group_of(&session.written_settings(), session.view_size))
-                .unwrap();
+            session.scene.settings.reflection.bounces = bounces;
+            add_to_study(
+                &plan,
+                &session.view_as_scene(),
+                group_of(&session.written_settings(), session.scene.view_size),
+            )
+            .unwrap();
         }
         let text = std::fs::read_to_string(&plan).unwrap();
         let table: toml::Table = toml::from_str(&text).unwrap();
@@ -226,7 +230,7 @@ mod tests {
         let foreign = folder.path().join("study-view-2.toml");
         std::fs::write(&foreign, [0xff, 0xfe]).unwrap();
         let other_view = session.view_as_scene() + "# another\n";
-        add_to_study(&plan, &other_view, group_of(&session.written_settings(), session.view_size)).unwrap();
+        add_to_study(&plan, &other_view, group_of(&session.written_settings(), session.scene.view_size)).unwrap();
         assert_eq!(std::fs::read(&foreign).unwrap(), [0xff, 0xfe]);
         assert_eq!(std::fs::read_to_string(folder.path().join("study-view-3.toml")).unwrap(), other_view);
         // A group that no plan can have is not written.

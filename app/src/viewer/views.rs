@@ -25,7 +25,7 @@ impl Session {
                 for warning in view.warnings {
                     self.outside.warning(format!("pasted view: {warning}"));
                 }
-                self.jump(view.settings, view.camera.unwrap_or(self.camera));
+                self.scene.jump(self.outside.now, view.settings, view.camera.unwrap_or(self.scene.camera));
                 self.take_objects(&file);
                 self.outside.note("View pasted");
                 self.outside.log(json!({ "event": "pasted" }));
@@ -38,41 +38,41 @@ impl Session {
     /// place of all that there were, and the classes that it hides alone are hidden.
     fn take_objects(&mut self, file: &SceneFile) {
         for mirror in &file.mirrors {
-            let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
+            let known = self.scene.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
             match known {
                 Some(known) => known.mirror = mirror.clone(),
                 None => {
-                    let id = self.next_object_id();
-                    self.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
+                    let id = self.scene.next_object_id();
+                    self.scene.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
                 }
             }
         }
         if !file.lights.is_empty() {
-            self.objects.lights.clear();
+            self.scene.objects.lights.clear();
             for light in &file.lights {
-                let id = self.next_object_id();
-                self.objects.add(id, Object::Light(*light));
+                let id = self.scene.next_object_id();
+                self.scene.objects.add(id, Object::Light(*light));
             }
-            self.warn_of_dark_lights();
+            self.scene.warn_of_dark_lights(&mut self.outside);
         }
-        self.objects.visibility = file.visibility.clone();
-        self.history.after_jump(&self.settings, &self.objects);
+        self.scene.objects.visibility = file.visibility.clone();
+        self.scene.history.after_jump(&self.scene.settings, &self.scene.objects);
     }
 
     /// What is on the screen as a scene, with these of its parameters.
     fn scene_file(&self, settings: &Settings) -> SceneFile {
         SceneFile {
-            camera: Some(self.camera),
-            parameters: SceneFile::new(Vec::new(), self.camera, settings).parameters,
-            ..self.objects.scene_file(&self.inputs())
+            camera: Some(self.scene.camera),
+            parameters: SceneFile::new(Vec::new(), self.scene.camera, settings).parameters,
+            ..self.scene.objects.scene_file(&self.inputs())
         }
     }
 
     /// The parameters that show what is on the screen when it is opened anew. Without lights, the one that a built-in scene
     /// brings or the lamp of a room would be there again.
     pub(super) fn written_settings(&self) -> Settings {
-        let mut settings = self.settings.clone();
-        if self.objects.lights.is_empty() && self.lacks_light() {
+        let mut settings = self.scene.settings.clone();
+        if self.scene.objects.lights.is_empty() && self.lacks_light() {
             settings.light.by = self.lighting();
         }
         settings
@@ -93,7 +93,7 @@ impl Session {
 
     /// The same without parameters but for those that points are made with.
     pub(super) fn view_as_scene(&self) -> String {
-        let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
+        let settings = Settings { scene: self.scene.settings.scene.clone(), ..Settings::default() };
         self.movable_scene(&settings).to_text()
     }
 
@@ -105,13 +105,13 @@ impl Session {
         }
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");
-        let file = SceneFile { paths: self.paths.clone(), ..file };
+        let file = SceneFile { paths: self.scene.paths.clone(), ..file };
         self.outside.work(Work::SaveScene { path, text: file.to_text() });
     }
 
     /// The command that renders what is on the screen, for a POSIX shell.
     pub fn command_line(&self) -> String {
-        let [width, height] = self.view_size;
+        let [width, height] = self.scene.view_size;
         let file = self.scene_file(&Settings::default());
         // What begins like a flag is none as a path.
         let path = |input: &String| if input.starts_with('-') { format!("./{input}") } else { input.clone() };
@@ -132,8 +132,8 @@ impl Session {
             self.outside.note("There is no picture to save yet");
             return;
         };
-        let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
-        let request = request.unhurried(&self.settings);
+        let request = FrameRequest { camera: self.scene.camera, size: self.scene.view_size, ..shown.request.clone() };
+        let request = request.unhurried(&self.scene.settings);
         let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "png");
         self.outside.render(Command::Save { request: Box::new(request), path });
@@ -176,16 +176,16 @@ mod tests {
     #[test]
     fn a_view_that_is_copied_and_pasted_elsewhere_is_the_same() {
         let mut one = Session::new(Preferences::default());
-        one.camera.orbit(0.3, 0.2);
-        one.settings.splat.size = 2.5;
+        one.scene.camera.orbit(0.3, 0.2);
+        one.scene.settings.splat.size = 2.5;
         one.act(Action::CopyView);
         let Some(Effect::Copy(text)) = one.outside.effects.pop() else { panic!("nothing was copied") };
         let mut other = Session::new(Preferences::default());
         other.paste_view(&text);
-        assert_eq!(other.settings, one.settings);
-        assert!(other.camera.eye.distance(one.camera.eye) < 1e-9);
+        assert_eq!(other.scene.settings, one.scene.settings);
+        assert!(other.scene.camera.eye.distance(one.scene.camera.eye) < 1e-9);
         other.act(Action::Undo);
-        assert_eq!(other.settings, Settings::default());
+        assert_eq!(other.scene.settings, Settings::default());
     }
 
     #[test]
@@ -197,32 +197,32 @@ mod tests {
             text
         };
         let all = view(&mut one);
-        one.show_classes([7, 18], false);
+        one.scene.show_classes([7, 18], false, one.outside.now);
         let hiding = view(&mut one);
         assert!(hiding.contains("hidden_classes = [7, 18]"), "{hiding}");
         assert!(one.command_line().contains("hidden_classes = [7, 18]"), "{}", one.command_line());
         assert!(one.view_as_scene().contains("hidden_classes = [7, 18]"));
         let mut other = Session::new(Preferences::default());
         other.paste_view(&hiding);
-        assert_eq!(other.objects.visibility, one.objects.visibility);
+        assert_eq!(other.scene.objects.visibility, one.scene.objects.visibility);
         one.paste_view(&all);
-        assert!(one.objects.visibility.shows_all());
+        assert!(one.scene.objects.visibility.shows_all());
         one.act(Action::Undo);
-        assert_eq!(one.objects.visibility, other.objects.visibility);
+        assert_eq!(one.scene.objects.visibility, other.scene.objects.visibility);
         one.act(Action::Undo);
-        assert!(one.objects.visibility.shows_all());
+        assert!(one.scene.objects.visibility.shows_all());
         one.act(Action::Redo);
-        assert_eq!(one.objects.visibility, other.objects.visibility);
+        assert_eq!(one.scene.objects.visibility, other.scene.objects.visibility);
         one.remove_cloud(one.clouds[0].key);
-        assert!(one.objects.visibility.shows_all(), "what is hidden goes with the last cloud");
+        assert!(one.scene.objects.visibility.shows_all(), "what is hidden goes with the last cloud");
     }
 
     #[test]
     fn text_that_is_no_view_is_refused_and_changes_nothing() {
         let mut session = Session::new(Preferences::default());
-        let before = session.camera;
+        let before = session.scene.camera;
         session.paste_view("hello");
-        assert_eq!(session.camera, before);
+        assert_eq!(session.scene.camera, before);
         assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("no view")));
     }
 
@@ -248,13 +248,13 @@ mod tests {
         use crate::command_line::{Command, CommandLine};
 
         let mut session = Session::new(Preferences::default());
-        session.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
-        session.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
+        session.scene.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
+        session.scene.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
         let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
         // Would end the view and go on as commands.
         mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
-        let id = session.next_object_id();
-        session.edit_objects(|objects| objects.add(id, Object::Mirror(mirror.clone())));
+        let id = session.scene.next_object_id();
+        session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Mirror(mirror.clone())));
         let (words, input) = run_by_shell(&session.command_line());
         let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
             ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
@@ -272,7 +272,7 @@ mod tests {
         );
         let view =
             SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
-        assert_eq!(view.camera.map(|camera| camera.pivot), Some(session.camera.pivot));
+        assert_eq!(view.camera.map(|camera| camera.pivot), Some(session.scene.camera.pivot));
         assert_eq!(view.mirrors[0].name, mirror.name.trim());
     }
 
