@@ -122,6 +122,15 @@ fn crates_depend_only_along_the_arrows() {
 }
 
 #[test]
+fn no_source_file_is_so_long_that_it_has_several_subjects() {
+    const MOST_LINES: usize = 700;
+    let is_source = |name: &str| name.ends_with(".rs") && name.contains("/src/") && !name.ends_with("tests.rs");
+    let lengths = tracked_texts().into_iter().map(|(name, text)| (name, text.lines().count()));
+    let long: Vec<_> = lengths.filter(|(name, lines)| is_source(name) && *lines > MOST_LINES).collect();
+    assert!(long.is_empty(), "above {MOST_LINES} lines; split them by subject: {long:#?}");
+}
+
+#[test]
 fn one_file_of_the_program_writes_to_the_terminal() {
     let is_program = |name: &str| name.starts_with("app/src/") && name.ends_with(".rs");
     // Tests say what they skip. Modules of tests stand at the end of a file.
