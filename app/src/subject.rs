@@ -87,7 +87,7 @@ pub fn open(
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
         let hidden = BTreeSet::new();
         let view_number =
-            job.mailbox.set_view(StreamView { camera, size, view, stream, hidden, share: 1.0, is_alone: true });
+            job.mailbox.set_view(StreamView { camera, size, view, stream, hidden, share: 1.0, is_alone: false });
         loads.receive(&job, view_number)?;
     }
     drop(job);

@@ -31,12 +31,13 @@ fn hills(points: u32) -> Vec<u8> {
 const FIRST_EYE: &str = "eye = [20.0, -30.0, 40.0]\npivot = [50.0, 40.0, 0.0]\nup = [0.0, 0.0, 1.0]\n";
 const LAST_EYE: &str = "eye = [95.0, 90.0, 15.0]\npivot = [50.0, 50.0, 0.0]\nup = [0.0, 0.1, 1.0]\n";
 
-/// A scene of a streamed cloud that is seen from the beginning of a path of two keyframes, half a second apart.
+/// A scene of a streamed cloud that is seen from the beginning of a path. The path leads to its other end in 0.4 seconds and stays
+/// there until 0.5.
 fn streamed_scene() -> String {
     format!(
         "clouds = [\"hills.ply\"]\n[camera]\n{FIRST_EYE}[parameters]\n\"stream.pages\" = \"always\"\n\"gi.vpls\" = 16\n\
          [[paths]]\nname = \"tour\"\n[[paths.keyframes]]\ntime = 0.0\n{FIRST_EYE}\
-         [[paths.keyframes]]\ntime = 0.5\n{LAST_EYE}"
+         [[paths.keyframes]]\ntime = 0.4\n{LAST_EYE}[[paths.keyframes]]\ntime = 0.5\n{LAST_EYE}"
     )
 }
 
@@ -87,9 +88,12 @@ fn a_path_over_a_streamed_cloud_is_recorded_as_it_is_rendered_and_the_same_each_
     assert_eq!(pictures, (0..5).map(|frame| format!("frame-{frame:06}.png")).collect::<Vec<_>>());
     let picture = |at: &str, frame: usize| bytes(folder.path(at).join(&pictures[frame]));
 
-    let rendered = folder.glint(["render", "tour.toml", "-o", "first.png", "--size", "96x64"]);
-    assert_eq!(rendered.status, Some(0), "{rendered}");
-    assert!(picture("pictures", 0) == bytes(folder.path("first.png")), "the first picture is another than a render");
+    folder.write("end.toml", streamed_scene().replacen(FIRST_EYE, LAST_EYE, 1));
+    for (scene, frame, name) in [("tour.toml", 0, "first.png"), ("end.toml", 4, "last.png")] {
+        let rendered = folder.glint(["render", scene, "-o", name, "--size", "96x64"]);
+        assert_eq!(rendered.status, Some(0), "{rendered}");
+        assert!(picture("pictures", frame) == bytes(folder.path(name)), "frame {frame} is another than a render");
+    }
     let first = image::open(folder.path("first.png")).expect("a PNG").into_rgba8();
     assert!(tests::colors(&first) > 100, "{} colours", tests::colors(&first));
     for frame in 1..5 {

@@ -35,6 +35,8 @@ pub struct Director {
     clouds: BTreeMap<usize, StreamedCloud>,
     view_number: u64,
     viewpoint: Option<StreamView>,
+    /// A view that is to be as the first one: it waits until what is shown before the first view is complete again.
+    awaited: Option<StreamView>,
     demand: f64,
     /// The settings, until a view brings others.
     settings: Settings,
@@ -92,6 +94,7 @@ impl Director {
             clouds: BTreeMap::new(),
             view_number: 0,
             viewpoint: None,
+            awaited: None,
             demand: 0.0,
             settings: settings.clone(),
             is_complete: false,
@@ -111,7 +114,9 @@ impl Director {
         let News { view, requests } = self.mailbox.wait(REPORT_INTERVAL, self.view_number)?;
         let mut is_other = view.is_some();
         if let Some((number, viewpoint)) = view {
-            (self.view_number, self.viewpoint) = (number, Some(viewpoint));
+            self.view_number = number;
+            (self.viewpoint, self.awaited) =
+                if viewpoint.is_alone { (None, Some(viewpoint)) } else { (Some(viewpoint), None) };
         }
         for request in requests {
             is_other |= matches!(request, StreamRequest::Arrive(_) | StreamRequest::Close(_));
@@ -264,7 +269,7 @@ impl Director {
         let whole = Budget { points: most, bytes: (bytes * CUT_SHARE) as u64 };
         let demand = if share < 1.0 { demand(&cut(whole), &trees, whole) } else { demand(&wanted, &trees, whole) };
         let demand = (demand + self.beside_cut as f64 / most.max(1) as f64).min(1.0);
-        self.streamer.show_only_wanted(self.viewpoint.as_ref().is_some_and(|viewpoint| viewpoint.is_alone));
+        self.streamer.show_only_wanted(self.awaited.is_some());
         self.streamer.want(wanted);
         self.demand = demand;
         Some(())
@@ -328,6 +333,14 @@ impl Director {
             is_there = false;
             self.drop_stale(self.previews.values().sum())?;
             self.mailbox.wake();
+        }
+        if is_there && self.awaited.is_some() {
+            is_there = false;
+            if self.is_complete {
+                self.viewpoint = self.awaited.take();
+                self.choose()?;
+                self.mailbox.wake();
+            }
         }
         if is_there {
             let read = |(cloud, streamed): (&usize, &mut StreamedCloud)| Some((*cloud, streamed.summary.take()?));

@@ -26,8 +26,8 @@ pub struct StreamView {
     pub hidden: BTreeSet<usize>,
     /// The share of the job's budgets that may be used, 0 to 1.
     pub share: f64,
-    /// Whether nodes that only earlier views needed are dropped at once, so that the loaded nodes depend on this view
-    /// alone.
+    /// Whether it is shown as the first view would be: what only earlier views needed goes, so that the points that are
+    /// there in the end depend on this view alone.
     pub is_alone: bool,
 }
 
