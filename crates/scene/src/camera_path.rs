@@ -1,72 +1,73 @@
-//! Ways of the camera through a scene: keyframes at given times, and the smooth motion between them.
+//! Camera paths through a scene: keyframes at given times, and the smooth motion between them.
 //!
-//! Eye, pivot and the direction up each follow a cubic Hermite spline in time. At a keyframe between others the velocity is that
-//! of the parabola through it and its two neighbours, as in the splines of Catmull and Rom ("A class of local interpolating
-//! splines", 1974) for unequal intervals of time (Barry and Goldman, "A recursive evaluation algorithm for a class of Catmull-Rom
-//! splines", 1988). At the first and the last keyframe it is that of the straight line to the next one. Two changes keep the camera
-//! from passing a keyframe and coming back to it:
+//! Eye, pivot and the direction up each follow a cubic Hermite spline in time. At an inner keyframe the velocity is
+//! that of the parabola through it and its two neighbours, as in the splines of Catmull and Rom ("A class of local
+//! interpolating splines", 1974) for unequal intervals of time (Barry and Goldman, "A recursive evaluation algorithm
+//! for a class of Catmull-Rom splines", 1988). At the first and the last keyframe it is that of the straight line to
+//! the neighbour. Two changes keep the camera from passing a keyframe and coming back to it:
 //!
-//! - Where the way turns by more than a right angle the velocity becomes smaller with the angle, down to zero where it turns back.
-//! - It is at most three times the speed of the slower one of the two straight lines that meet there. Under this bound a cubic
-//!   between values that rise only rises (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980).
+//! - Where the path turns by more than a right angle the velocity decreases with the angle, down to zero where it
+//!   turns back.
+//! - It is at most three times the speed of the slower of the two straight lines that meet there. Under this bound a
+//!   cubic between values that rise only rises (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980).
 //!
-//! So a camera that goes along a straight line never turns between keyframes that all go forward, and one that has two keyframes
-//! at one place stands still between them.
+//! So a camera on a straight line never turns between keyframes that all go forward, and one with two keyframes at one
+//! place stands still between them.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::Camera;
 
-/// A way of the camera, as `[[paths]]` of a scene file.
+/// A camera path, as `[[paths]]` of a scene file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
     pub name: String,
-    /// At least one, at times that rise.
+    /// The keyframes: at least one, at times that rise.
     #[serde(default)]
     pub keyframes: Vec<Keyframe>,
 }
 
-/// Where the camera is at a time.
+/// The camera at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Keyframe {
-    /// Seconds from the beginning of the path.
+    /// The time in seconds from the beginning of the path.
     pub time: f64,
-    /// World units.
+    /// The eye in world units.
     pub eye: DVec3,
-    /// What the camera looks at, world units.
+    /// The point that the camera looks at, in world units.
     pub pivot: DVec3,
-    /// A direction of any length but zero.
+    /// The up direction, of any length but zero.
     pub up: DVec3,
 }
 
-/// What is wrong with a path.
+/// An error in a path.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PathProblem {
     /// The number of the keyframe, from 0; `None` for the path as a whole.
     pub(crate) keyframe: Option<usize>,
-    /// The key whose value is at fault.
+    /// The key with the wrong value.
     pub(crate) key: &'static str,
     pub(crate) problem: String,
 }
 
 impl CameraPath {
-    /// When the last keyframe is reached, seconds.
+    /// The time of the last keyframe in seconds.
     pub fn duration(&self) -> f64 {
         self.keyframes.last().map_or(0.0, |keyframe| keyframe.time)
     }
 
-    /// The camera at a time, seconds. Before the first keyframe it is that one's, after the last one that one's. `None` for a path
-    /// without keyframes, which no scene file brings.
+    /// The camera at a time in seconds; the first keyframe's before it, the last one's after it. `None` for a path
+    /// without keyframes, which no scene file has.
     pub fn camera(&self, time: f64) -> Option<Camera> {
         let next = self.keyframes.partition_point(|keyframe| keyframe.time <= time);
         let Some(last) = next.checked_sub(1) else { return self.keyframes.first().map(Keyframe::camera) };
         let (from, to) = (&self.keyframes[last], self.keyframes.get(next));
         let Some(to) = to.filter(|_| from.time < time) else { return Some(from.camera()) };
         let up = self.value(last, time, |keyframe| keyframe.up.normalize_or_zero());
-        // Halfway between opposite directions there is none.
+        // There is no direction halfway between opposite ones.
         let up = up.try_normalize().unwrap_or(if time - from.time < to.time - time { from.up } else { to.up });
         let (eye, pivot) = (self.value(last, time, |keyframe| keyframe.eye), self.value(last, time, |k| k.pivot));
         Some(Camera::from_eye(eye, pivot, up))
@@ -83,7 +84,7 @@ impl CameraPath {
         of(start) + (of(end) - of(start)) * (3.0 * squared - 2.0 * cubed) + leaving + arriving
     }
 
-    /// How fast a value changes at a keyframe, its units a second.
+    /// The velocity of a value at a keyframe, in its units a second.
     fn velocity(&self, at: usize, of: impl Fn(&Keyframe) -> DVec3) -> DVec3 {
         let span = |from: usize| self.keyframes[from + 1].time - self.keyframes[from].time;
         let slope = |from: usize| (of(&self.keyframes[from + 1]) - of(&self.keyframes[from])) / span(from);
@@ -98,7 +99,7 @@ impl CameraPath {
         (parabola * (1.0 + cosine).clamp(0.0, 1.0)).clamp_length_max(3.0 * slower)
     }
 
-    /// Why the path cannot be, if so.
+    /// Why the path is not valid, if it is not.
     pub(crate) fn problem(&self) -> Option<PathProblem> {
         let whole = |key, problem: &str| Some(PathProblem { keyframe: None, key, problem: problem.into() });
         if self.name.trim().is_empty() {
@@ -123,7 +124,7 @@ impl Keyframe {
         Camera::from_eye(self.eye, self.pivot, self.up)
     }
 
-    /// `before`: the time of the keyframe before.
+    /// `before` is the time of the keyframe before.
     fn problem(&self, before: Option<f64>) -> Option<(&'static str, String)> {
         let time = self.time;
         // Comparisons that a NaN fails.
@@ -162,7 +163,7 @@ mod tests {
         (-10..=1010).map(move |step| duration * f64::from(step) / 1000.0)
     }
 
-    /// Places that are told apart by a stride of the golden ratio.
+    /// Places that differ by a stride of the golden ratio.
     fn winding(count: usize) -> CameraPath {
         let place = |index: usize| {
             let share = |step: f64| (index as f64 * step).fract();

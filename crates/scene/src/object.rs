@@ -1,13 +1,13 @@
-//! What stands in a scene beside its clouds: one value for objects of any kind, and one table of what can be done with each kind.
-//! Scene files keep a list for each kind.
+//! The objects in a scene besides its clouds: one value for objects of any kind, and one table of what can be done with
+//! each kind. Scene files keep a list for each kind.
 
 use glam::{DQuat, DVec3};
 
 use crate::{MOST_MIRRORS, Mirror, SpotLight};
 
-/// How far beside a light its copy stands, over the distance to its target.
+/// The distance between a light and its copy, relative to the distance to its target.
 const LIGHT_ASIDE: f64 = 0.1;
-/// Smallest and largest factor of one change of size: an object must not vanish.
+/// The smallest and the largest factor of one change of size: an object must not vanish.
 const FACTORS: [f64; 2] = [1e-3, 1e3];
 
 #[derive(Clone, Debug, PartialEq)]
@@ -19,16 +19,16 @@ pub enum Object {
 /// What can be done with objects of a kind. All kinds can be selected, moved, copied, deleted and saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectKind {
-    /// In messages and events.
+    /// The name in messages and events.
     pub name: &'static str,
-    /// The places that an object is moved by.
+    /// The places by which an object is moved.
     pub places: &'static [&'static str],
     pub can_turn: bool,
     pub can_scale: bool,
-    /// An object is drawn as a symbol in the picture, by which it is selected. Others are selected by the points that stand for
-    /// them.
+    /// Whether an object is drawn as a symbol in the picture, by which it is selected. Others are selected by the
+    /// points that represent them.
     pub has_symbol: bool,
-    /// Objects of the kind that a scene may have.
+    /// The most objects of the kind in a scene.
     pub most: usize,
 }
 
@@ -58,7 +58,7 @@ impl Object {
         }
     }
 
-    /// World positions of the kind's places, in order.
+    /// The world positions of the kind's places, in order.
     pub fn places(&self) -> Vec<DVec3> {
         match self {
             Self::Mirror(mirror) => vec![mirror.position],
@@ -75,7 +75,7 @@ impl Object {
         }
     }
 
-    /// Turns it about its first place; a kind that cannot turn stays as it is.
+    /// Turns it about its first place; a kind that cannot turn stays unchanged.
     pub fn turn(&mut self, rotation: DQuat) {
         match self {
             Self::Mirror(mirror) => mirror.rotation = (rotation * mirror.rotation).normalize(),
@@ -83,7 +83,7 @@ impl Object {
         }
     }
 
-    /// Scales it about its first place; a kind that cannot scale stays as it is.
+    /// Scales it about its first place; a kind that cannot scale stays unchanged.
     pub fn scale(&mut self, factor: f64) {
         match self {
             Self::Mirror(mirror) => mirror.size *= factor.clamp(FACTORS[0], FACTORS[1]),

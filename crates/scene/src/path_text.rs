@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-/// The path as text, with `\xe4` for each byte that is none: two paths that differ are told apart.
+/// The path as text, with `\xe4` for each byte that is not text: different paths give different texts.
 pub fn shown(path: impl AsRef<Path>) -> String {
     let mut text = String::new();
     for chunk in path.as_ref().as_os_str().as_encoded_bytes().utf8_chunks() {
