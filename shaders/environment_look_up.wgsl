@@ -41,7 +41,7 @@ fn environment_look_up(@builtin(global_invocation_id) thread: vec3u) {
         is_ours = index < page.point_count;
         if is_ours {
             let depth = depth_from_nearness(key.y);
-            // Of linear depth 1, as the face sees it.
+            // The ray at linear depth 1, as the face sees it.
             let along = direction / largest_part(direction);
             let width = 2.0 * depth / f32(settings.environment_map.size);
             position = vec4f(center + along * distance_to_point(index, center, along, depth, width), 1.0);

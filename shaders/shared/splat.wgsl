@@ -24,7 +24,7 @@ struct Item {
     height_axis: vec4f,
 }
 
-// Of crates/render/src/store.rs.
+// The value is that of crates/render/src/layout.rs.
 const BLOCK_POINTS: u32 = 1024u;
 
 // A run of at most BLOCK_POINTS points of one item: what one workgroup splats.
@@ -182,7 +182,8 @@ const BEHIND_RANGE: f32 = 0.3125;
 // Added to the components of normals, 11 bits and sign, to sum them unsigned.
 const NORMAL_BIAS: i32 = 2048;
 
-// Albedos are summed in 16 bits: levels of 8-bit sRGB are 20 of these steps apart or more, so that data colours come back exactly.
+// Albedos are summed in 16 bits: levels of 8-bit sRGB are 20 of these steps apart or more, so that data colours come
+// back exactly.
 const ALBEDO_MOST: f32 = 65535.0;
 
 // The words per pixel of the sums of the highlights: two sums, and their carries.
