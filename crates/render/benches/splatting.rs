@@ -1,5 +1,5 @@
-//! Splatting beside its limit: the bare 64-bit atomic splat of 16-byte points (clear, one atomic maximum a point, resolve), the
-//! same points, camera and picture, run after run in turn on one adapter. `cargo bench -p render`.
+//! Splatting compared with its limit: the bare 64-bit atomic splat of 16-byte points (clear, one atomic maximum a
+//! point, resolve), with the same points, camera and picture, alternately on one adapter. `cargo bench -p render`.
 //!
 //! GLINT_BENCH_POINTS sets the number of points (10 million), GLINT_BENCH_GPU the adapter.
 
@@ -14,7 +14,7 @@ use scene::{Camera, Settings};
 const SIZE: [u32; 2] = [1280, 720];
 const ROUNDS: usize = 9;
 
-/// What the paper's loop does and nothing else: no chunks, radii, classes, normals, attributes or culling.
+/// The paper's loop and nothing else: no chunks, radii, classes, normals, attributes or culling.
 const BARE: &str = "
 struct Camera { x: vec4f, y: vec4f, z: vec4f, focal: f32, width: u32, height: u32, count: u32 }
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -54,7 +54,7 @@ struct Bare {
     nearest: wgpu::Buffer,
 }
 
-/// Points in a buffer: half of the smallest binding limit met.
+/// The number of points in a buffer: half of the smallest binding limit met.
 const BUFFER_POINTS: usize = 1 << 22;
 
 impl Bare {
@@ -192,7 +192,7 @@ fn main() {
         Ok(gpu) => gpu,
         Err(error) => return println!("skipped: {error}"),
     };
-    // The points of the figures in docs/performance.md: uniform in a cube, in no order.
+    // The points of the figures in docs/performance.md: uniform in a cube, in random order.
     let unit = |i: u64| (cloud::hash(i) >> 40) as f32 / (1 << 24) as f32;
     let positions: Vec<Vec3> =
         (0..count as u64).map(|i| Vec3::new(unit(i * 3), unit(i * 3 + 1), unit(i * 3 + 2)) - 0.5).collect();
@@ -259,7 +259,8 @@ fn main() {
                 }
                 let splat: f64 =
                     stats.passes.iter().filter(|pass| is_splatting(pass)).map(|pass| pass.milliseconds).sum();
-                // With GPU timestamps the clear is not a pass: the frame less the passes after splatting then stands for it.
+                // With GPU timestamps the clear is not a pass: then it is the frame's time less that of the passes
+                // after splatting.
                 let after: f64 =
                     stats.passes.iter().filter(|pass| !is_splatting(pass)).map(|pass| pass.milliseconds).sum();
                 (if gpu.clock == Clock::Gpu { stats.frame_milliseconds - after } else { splat }, wall)

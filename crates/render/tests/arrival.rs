@@ -1,5 +1,5 @@
-//! The picture does not depend on the order in which clouds and chunks come to the store, not even where points are equally
-//! near: neither what the eye sees, nor the light, nor what any method finds for a mirror.
+//! The picture does not depend on the order in which clouds and chunks arrive in the store, not even where points are
+//! equally near: this holds for the camera's view, the light, and what any method finds for a mirror.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
@@ -19,7 +19,7 @@ use stage::Stage;
 const SIZE: [u32; 2] = [96, 72];
 const COLORS: [[u8; 4]; 2] = [[220, 60, 40, 255], [40, 90, 220, 255]];
 
-/// In which order things come to a store.
+/// The order in which things arrive in a store.
 #[derive(Clone, Copy, PartialEq)]
 enum Arrival {
     InOrder,
@@ -29,7 +29,7 @@ enum Arrival {
     OtherOrder,
 }
 
-/// A mirror ball in a box, whose walls are there twice, in two colours.
+/// A mirror ball in a box whose walls exist twice, in two colours.
 struct Walls {
     chunks: Vec<Chunk>,
     mirror: Mirror,
@@ -106,7 +106,7 @@ fn pictures_do_not_depend_on_the_order_in_which_points_come() {
         let [first, mixed, other] = [&first, &mixed, &other].map(|store| picture(&mut stage, store, &walls, &settings));
         let differing = first.iter().zip(&mixed).filter(|(a, b)| a != b).count();
         assert_eq!(differing, 0, "{method}: bytes of the picture");
-        // Every point is there twice: what is seen is a matter of the order alone.
+        // Every point exists twice: only the order decides which one is visible.
         assert!(first != other, "{method}: the order of the clouds is not seen, so this proves nothing");
     }
 }

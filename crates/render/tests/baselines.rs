@@ -1,5 +1,5 @@
-//! The two cheap gather methods against closed forms: they find what they claim to find, which is not always what is
-//! reflected.
+//! The two cheap gather methods against closed forms: they find what they claim to find, which is not always the true
+//! reflection.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
@@ -18,18 +18,19 @@ use stage::Stage;
 use walls::{DISC, settings, store_of, wall};
 
 const SIZE: [u32; 2] = [64, 48];
-/// Half the edges of the box that mirrors stand in; it is about the origin.
+/// Half the edges of the box that contains the mirrors; its middle is the origin.
 const HALF: DVec3 = DVec3::new(1.0, 0.8, 1.2);
 const RADIUS: f64 = 0.4;
 const MIRROR: Material =
     Material { specular_intensity: 1.0, specular_power: 0.0, has_formula: false, as_points: false };
 
-/// sRGB of the wall that a side of the box is: 0 to 2 at the upper end of an axis, 3 to 5 at the lower.
+/// The sRGB colour of the wall of each side of the box: sides 0 to 2 are at the upper end of an axis, 3 to 5 at the
+/// lower.
 fn color(side: usize) -> [u8; 3] {
     std::array::from_fn(|part| if part == side % 3 { 230 } else { 60 + 80 * (side / 3) as u8 })
 }
 
-/// The walls of the box, but for some sides.
+/// The walls of the box, without some sides.
 fn room(without: &[usize]) -> Vec<Chunk> {
     let side = |side: usize| {
         let axis = |offset: usize| DVec3::AXES[(side + offset) % 3];
@@ -42,7 +43,7 @@ fn room(without: &[usize]) -> Vec<Chunk> {
     (0..6).filter(|index| !without.contains(index)).map(side).collect()
 }
 
-/// Where a ray from inside leaves the box, and by which side.
+/// Where a ray from inside leaves the box, and through which side.
 fn exit(origin: DVec3, direction: DVec3) -> (DVec3, usize) {
     let distances = (HALF * direction.signum() - origin) / direction;
     let axis = (0..3).min_by(|a, b| distances[*a].total_cmp(&distances[*b])).unwrap();
@@ -63,7 +64,7 @@ fn add_points(store: &mut PointStore, chunks: Vec<Chunk>, material: Material) ->
     id
 }
 
-/// Looks along -z at the sphere in the middle, from before a side of the box.
+/// A camera that looks along -z at the sphere in the middle, from before a side of the box.
 fn front_camera() -> Camera {
     Camera::looking(DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0), 1.1, DVec3::Y)
 }
@@ -85,7 +86,7 @@ impl Scene {
     }
 }
 
-/// A mirror pixel: its point, the reflected direction there, what it sees if anything, and that point's albedo.
+/// A mirror pixel: its point, the reflected direction there, the position seen, if any, and that point's albedo.
 struct Seen {
     pixel: usize,
     point: DVec3,
@@ -98,7 +99,7 @@ fn pixels(stage: &Stage, camera: &Camera) -> Vec<Seen> {
     pixels_along(stage, |point| (point - camera.eye).normalize())
 }
 
-/// `line_of_sight`: unit direction from the camera to a point.
+/// `line_of_sight` is the unit direction from the camera to a point.
 fn pixels_along(stage: &Stage, line_of_sight: impl Fn(DVec3) -> DVec3) -> Vec<Seen> {
     let read = |aov| stage.renderer.read_aov(aov).unwrap().data;
     let [mask, place, normal, found, albedo] =
@@ -119,7 +120,7 @@ fn pixels_along(stage: &Stage, line_of_sight: impl Fn(DVec3) -> DVec3) -> Vec<Se
     (0..mask.len()).filter(|pixel| mask[*pixel] > 0.0).map(seen).collect()
 }
 
-/// The side of the box whose colour this is.
+/// The side of the box that has this colour.
 fn side_of(albedo: Vec3) -> Option<usize> {
     let linear = |byte: u8| ((f64::from(byte) / 255.0 + 0.055) / 1.055).powf(2.4) as f32;
     (0..6).find(|side| albedo.distance(Vec3::from(color(*side).map(linear))) < 0.01)
@@ -134,8 +135,8 @@ fn by_map(pairs: &[(&str, &str)]) -> Settings {
     settings(&[&[("reflection.method", "environment_map")], pairs].concat())
 }
 
-/// World units that a texel of a map with faces of 128 texels takes at most on a wall of the box, seen from the middle:
-/// at its corner, slanted.
+/// The largest world size of a texel, of a map with faces of 128 texels, on a wall of the box, seen from the middle: at
+/// its corner, slanted.
 const TEXEL: f64 = 2.0 / 128.0 * 1.2 * 2.0;
 
 #[test]
@@ -156,7 +157,7 @@ fn a_map_shows_the_wall_that_the_reflected_direction_meets_from_the_mirrors_midd
         }
         // Along the edges of the room a texel may hold either wall.
         assert!(right_colors * 20 > pixels.len() * 19, "{right_colors} of {}", pixels.len());
-        // What is reported is where the point is, not where the mirror would have to see it.
+        // The position reported is that of the point, not the place where the mirror should see it.
         let parallax = median(parallax);
         assert!(parallax > 0.1, "{parallax}");
     }
@@ -172,7 +173,7 @@ fn the_box_proxy_shows_an_empty_box_where_it_is_reflected() {
     let error = |seen: &Seen| seen.found.unwrap().distance(exit(seen.point, seen.reflected).0);
     let errors: Vec<f64> = pixels.iter().map(error).collect();
     assert!(errors.iter().all(|error| *error < TEXEL), "{errors:?}");
-    // A texel tells which point is seen; where, its plane does.
+    // A texel identifies the visible point; its plane gives the position.
     assert!(median(errors) < DISC / 10.0);
 }
 
@@ -279,11 +280,11 @@ fn the_second_reflection_is_looked_up_like_the_first() {
         seen.found.is_some_and(|found| places.iter().any(|place| (found.distance(*place) - RADIUS).abs() < 1e-3))
     };
     let doubly: Vec<_> = pixels.iter().filter(on_a_mirror).collect();
-    // Without a second reflection the mirror that is seen is plain grey.
+    // Without a second reflection the mirror in the reflection is plain grey.
     let grey = doubly.iter().filter(|seen| side_of(at(&once, seen.pixel)).is_none()).count();
     let walls = doubly.iter().filter(|seen| side_of(at(&twice, seen.pixel)).is_some()).count();
     assert!(doubly.len() > 20 && grey == doubly.len(), "{grey} of {}", doubly.len());
-    // At outlines, and where the second reflection is of a mirror again, it is none of a wall.
+    // At outlines, and where the second reflection is of a mirror again, the colour is that of no wall.
     assert!(walls * 4 > doubly.len() * 3, "{walls} of {}", doubly.len());
 }
 
@@ -302,11 +303,11 @@ fn by_mirrored_eye(pairs: &[(&str, &str)]) -> Settings {
 fn a_flat_mirror_shows_the_points_before_it_where_the_closed_form_does() {
     let mut stage = stage_or_skip!();
     let (at, normal) = (DVec3::new(0.05, -0.1, -0.8), DVec3::new(0.15, 0.25, 1.0).normalize());
-    // The wall behind the mirror would be in the way of the mirrored eye.
+    // The wall behind the mirror would block the mirrored eye's view.
     let mut scene = Scene::new(&stage, room(&[]), vec![flat(at, normal, 0.6)]);
     scene.camera = Camera::looking(at, DVec3::new(-0.2, 0.1, 1.0), 1.5, DVec3::Y);
-    // By its formula, as points with their normals to either side, and seen in parallel, from beyond the side that is
-    // left out.
+    // By its formula, as points with their normals to either side, and in parallel projection, from beyond the side
+    // that is left out.
     let points = [normal, -normal].map(|normal| {
         let mut of_points = Scene::new(&stage, room(&[]), Vec::new());
         of_points.camera = scene.camera;
@@ -342,7 +343,7 @@ fn a_flat_mirror_shows_the_points_before_it_where_the_closed_form_does() {
             errors.push(found.distance(expected));
             right_colors += usize::from(side_of(seen.albedo) == Some(side));
         }
-        // A pixel is 0.04 wide on the walls seen here; mirrors of points have points that are a little off the plane.
+        // A pixel is 0.04 wide on the visible walls; the points of mirrors are a little off the plane.
         let far = errors.iter().filter(|error| **error > 0.04).count();
         let count = errors.len();
         assert!(count > 400 && far * 50 < count && median(errors) < DISC / 10.0, "case {case}: {far} of {count}");
@@ -418,7 +419,7 @@ fn the_second_reflection_of_a_mirrored_viewpoint_is_empty() {
     let at = |data: &[f32], pixel: usize| Vec3::from_slice(&data[pixel * 3..]);
     let of_walls = |data: &[f32]| doubly.iter().filter(|pixel| side_of(at(data, **pixel)).is_some()).count();
     assert!(doubly.len() > 50, "{}", doubly.len());
-    // As where a ray leaves the scene: all the same.
+    // A ray that leaves the scene is treated in the same way.
     assert!(doubly.iter().all(|pixel| at(&twice, *pixel).distance(at(&twice, doubly[0])) < 0.01));
     assert_eq!(of_walls(&twice), 0);
     assert!(of_walls(&traced) * 4 > doubly.len(), "{} of {}", of_walls(&traced), doubly.len());

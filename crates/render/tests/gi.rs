@@ -1,4 +1,4 @@
-//! Indirect light on the GPU against closed forms, and what must not change it.
+//! Indirect light on the GPU against closed forms, and against changes that must not affect it.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
@@ -74,7 +74,8 @@ fn hollow_sphere(radius: f64, points: u32) -> Chunk {
 #[test]
 fn each_bounce_in_a_white_ball_adds_what_the_integrating_sphere_says() {
     let mut stage = stage_or_skip!();
-    // Light that a ball reflects is the same everywhere: of a flux F the k-th reflection gives albedo^k F / area.
+    // The light that a ball reflects inside is the same everywhere: for a flux F the k-th reflection gives albedo^k F /
+    // area.
     let store = store_of(&stage, vec![hollow_sphere(2.0, 40_000)], Material::default());
     let lamp = SpotLight {
         position: DVec3::new(0.3, -0.2, 0.1),
@@ -117,7 +118,7 @@ fn an_open_floor_is_lit_by_the_whole_sky_and_one_beside_a_wall_by_what_the_wall_
     for light in open.iter().filter(|light| !light.is_nan()) {
         assert!((light.x / expected - 1.0).abs() < 0.02, "{light} instead of {expected}");
     }
-    // A wall of height h at distance d, wide beside both, hides (1 - d / sqrt(d^2 + h^2)) / 2 of what a floor gets.
+    // A wide wall of height h at distance d hides (1 - d / sqrt(d^2 + h^2)) / 2 of the light of a floor.
     let beside = wall(DVec3::new(2.0, -8.0, 0.0), [DVec3::Y * 16.0, DVec3::Z * 4.0]);
     let store = store_of(&stage, vec![floor(), beside], Material::default());
     render(&mut stage, &store, &camera, &settings, &[]);
@@ -134,7 +135,7 @@ fn an_open_floor_is_lit_by_the_whole_sky_and_one_beside_a_wall_by_what_the_wall_
     assert!(compared > 500 && (ratio - 1.0).abs() < 0.06, "{ratio} of the closed form on {compared} pixels");
 }
 
-/// Pixels of two frames that show the same place, and what of `images` they show there.
+/// The pixels of two frames that show the same place, and the values of `images` in them.
 fn matched(cameras: [&Camera; 2], positions: [&[DVec3]; 2], near: f64) -> Vec<(usize, usize)> {
     let [_, after] = cameras;
     let focal = f64::from(SIZE[1]) * 0.5 / 30_f64.to_radians().tan();
@@ -237,7 +238,8 @@ fn atomics_of_32_bits_give_the_same_light() {
 #[test]
 fn a_thin_wall_keeps_the_light_of_one_room_out_of_the_other() {
     let mut stage = stage_or_skip!();
-    // A room from x = -2 to 2, y and z from -1 to 1, parted by a wall of one layer of points at x = 0; the lamp is on the left.
+    // A room from x = -2 to 2, y and z from -1 to 1, divided at x = 0 by a wall of one layer of points; the lamp is on
+    // the left.
     let rectangle = |corner: [f64; 3], a: DVec3, b: DVec3| wall(DVec3::from(corner), [a, b]);
     let (x, y, z) = (DVec3::X * 4.0, DVec3::Y * 2.0, DVec3::Z * 2.0);
     let store = store_of(
@@ -312,7 +314,7 @@ fn brightness_and_colours_change_the_light_but_not_the_shadow_maps() {
     settings.tone.exposure = 1.0;
     let stats = render(&mut stage, &store, &camera, &settings, &[lamp]);
     assert!(stats.passes.iter().all(|pass| !pass.name.starts_with("indirect")), "light was computed again for a tone");
-    // What was black shines now, and its lights have shadow maps.
+    // The black half shines now, and its lights have shadow maps.
     paint(&mut store, "plain");
     assert!(!drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     let painted = mean(&read(&stage, Aov::Indirect));
@@ -380,7 +382,8 @@ fn light_that_was_off_comes_back_as_it_is_where_the_camera_is_now() {
 #[test]
 fn a_lamp_that_mostly_shines_past_things_loses_none_of_what_meets_them() {
     let mut stage = stage_or_skip!();
-    // A plate in the middle of a wide cone, a wall beside it that only the plate's light reaches, and the same with a narrow cone.
+    // A plate in the middle of a wide cone and a wall beside it that only the plate's light reaches; and the same with
+    // a narrow cone.
     let plate = wall(DVec3::new(-0.5, -0.5, 0.0), [DVec3::X, DVec3::Y]);
     let beside = wall(DVec3::new(-0.5, 0.5, 0.0), [DVec3::X, DVec3::Z]);
     let store = store_of(&stage, vec![plate, beside], Material::default());
@@ -396,14 +399,14 @@ fn a_lamp_that_mostly_shines_past_things_loses_none_of_what_meets_them() {
         let settings = settings(&[("gi.vpls", "512"), ("gi.interleave", "1")]);
         render(&mut stage, &store, &camera, &settings, &[lamp]);
         let positions = read(&stage, Aov::Position);
-        // Of the upper wall, which the plate lights.
+        // The upper wall, which the plate lights.
         let indirect = read(&stage, Aov::Indirect);
         let wall = indirect.iter().zip(&positions).filter(|(_, at)| at.y > 0.49 && at.z > 0.5);
         let light: Vec<DVec3> = wall.map(|(light, _)| *light).collect();
         assert!(light.len() > 50);
         mean(&light)
     };
-    // Both cones hold plate and wall; the wide one sends nine tenths of its light past them.
+    // Both cones contain plate and wall; the wide one sends nine tenths of its light past them.
     let (narrow, wide) = (light(45.0), light(80.0));
     assert!((wide / narrow - 1.0).abs() < 0.1, "{wide} instead of {narrow}");
 }
@@ -416,7 +419,7 @@ fn every_end_of_every_parameter_of_indirect_light_gives_a_finite_picture() {
         settings(&[("gi.vpls", "32"), ("gi.shadow_points", "500"), ("gi.shadow_size", "16"), ("gi.sky_lights", "8")]);
     let ends = Gi::table().fields.iter().flat_map(|field| {
         let values = match &field.kind {
-            // The most lights there can be take a while on software Vulkan, and their maps more than it may bind.
+            // The largest number of lights takes a while on software Vulkan, and their maps may exceed its bindings.
             Kind::U32 { min, max, .. } => vec![Value::U32(*min), Value::U32((*max).min(300))],
             Kind::F32 { min, max, .. } => vec![Value::F32(*min), Value::F32(*max)],
             Kind::Choice { names, .. } => (0..names.len() as u32).map(Value::Choice).collect(),

@@ -1,5 +1,6 @@
-//! Laws that every reflection method obeys, whatever it finds and how: they walk `scene::METHODS`. Where a method breaks one for a
-//! reason that is known, `EXCEPTIONS` says so, and the law holds it to that. What is right is tested beside the methods.
+//! Laws that every reflection method obeys, whatever it finds and how: the tests walk `scene::METHODS`. If a method breaks
+//! one for a known reason, `EXCEPTIONS` gives the reason, and the law's test accepts no more than that. The correctness of
+//! results is tested beside the methods.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
@@ -16,7 +17,7 @@ use scene::{Camera, METHODS, Method, MethodRow, Mirror, Settings, Shape, SpotLig
 
 use stage::Stage;
 
-/// The laws, as docs/methods/README.md tells them.
+/// The laws, as in docs/methods/README.md.
 const LAWS: [&str; 9] = [
     "finite",
     "any size",
@@ -29,7 +30,7 @@ const LAWS: [&str; 9] = [
     "finds something",
 ];
 
-/// Law, method, and why it is broken.
+/// The law, the method, and the reason why the method breaks it.
 const EXCEPTIONS: [(&str, &str, &str); 0] = [];
 
 const SIZE: [u32; 2] = [64, 48];
@@ -58,18 +59,18 @@ fn wall(corner: DVec3, edges: [DVec3; 2], color: [u8; 3]) -> Chunk {
 const RED: [u8; 3] = [220, 30, 30];
 const GREEN: [u8; 3] = [30, 220, 30];
 const GREY: [u8; 3] = [190, 190, 190];
-/// Class of the green points.
+/// The class of the green points.
 const GREEN_CLASS: u8 = 5;
 
 struct Scene {
     store: PointStore,
     mirrors: Vec<Mirror>,
     camera: Camera,
-    /// A cloud of green points alone.
+    /// Makes a cloud of green points alone.
     green: CloudId,
 }
 
-/// The chunk with a class for all of its points.
+/// The chunk with one class for all of its points.
 fn of_class(chunk: &Chunk, class: u8) -> Chunk {
     Chunk { columns: vec![Some(Arc::new(Column::U8(vec![class; chunk.len()])))], ..chunk.clone() }
 }
@@ -122,14 +123,14 @@ impl Scene {
         stage.renderer.render(&self.store, &self.camera, settings, objects, size).unwrap()
     }
 
-    /// A frame that nothing is kept for from those before.
+    /// Renders a frame without anything kept from the frames before.
     fn render_anew(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
         stage.renderer.forget();
         self.render(stage, settings, size)
     }
 }
 
-/// By a method, without light from surface to surface: that is no method's.
+/// The settings of a method, without light from surface to surface, which is part of no method.
 fn by(method: &MethodRow) -> Settings {
     let mut settings = Settings::default();
     settings.reflection.method = method.method;
@@ -137,7 +138,7 @@ fn by(method: &MethodRow) -> Settings {
     settings
 }
 
-/// The methods that look for something; `auto` is one of them.
+/// The methods that find something; `auto` is one of them.
 fn finding() -> impl Iterator<Item = &'static MethodRow> {
     METHODS.iter().filter(|row| row.supply != Supply::Nothing && row.method.chosen() == row.method)
 }
@@ -150,15 +151,16 @@ fn read(stage: &Stage, aov: Aov) -> Vec<f32> {
     stage.renderer.read_aov(aov).unwrap().data
 }
 
-/// The picture, and all that is found, to the bit.
+/// The picture and everything found, to the bit.
 fn bits(stage: &Stage) -> (Vec<u8>, [Vec<u32>; 4]) {
     let images = [Aov::Color, Aov::MirrorPosition, Aov::MirrorAlbedo, Aov::MirrorNormal];
     let bits = |aov| read(stage, aov).iter().map(|value| value.to_bits()).collect();
     (stage.renderer.read_picture().unwrap(), images.map(bits))
 }
 
-/// That all colours are numbers where something is seen, and all places where something is seen in a mirror. Returns pixels drawn,
-/// mirror pixels, and those in which something was found, and was found or closed.
+/// Checks that all colours are numbers where something is seen, and all positions where something is seen in a mirror.
+/// Returns the number of pixels drawn, of mirror pixels, of those in which something was found, and of those found or
+/// closed.
 fn assert_finite(stage: &Stage, what: &str) -> [usize; 4] {
     let depth = read(stage, Aov::Depth);
     for aov in [Aov::Color, Aov::Direct] {
@@ -177,7 +179,7 @@ fn assert_finite(stage: &Stage, what: &str) -> [usize; 4] {
     [depth.iter().filter(|depth| !depth.is_nan()).count(), mirrors, found, closed]
 }
 
-/// Both ends of a parameter's range, and all of its choices.
+/// Both ends of a parameter's range, or all of its choices.
 fn ends(field: &Field) -> Vec<Value> {
     match &field.kind {
         Kind::F32 { min, max, .. } => vec![Value::F32(*min), Value::F32(*max)],
@@ -188,8 +190,8 @@ fn ends(field: &Field) -> Vec<Value> {
     }
 }
 
-/// Whether a method's picture may differ where a parameter of a group does. What only light and picture depend on is the same
-/// for all methods, and tried by the one that `auto` stands for.
+/// Whether a method's picture may differ where a parameter of a group does. Parameters of light and display affect all
+/// methods alike, and are tried with the one that `auto` resolves to.
 fn concerns(method: &MethodRow, group: &Group, field: &Field) -> bool {
     let is_others = METHODS.iter().any(|row| row.group == Some(group.name) && row.name != method.name);
     let is_drawn = field.affects.found || field.affects.shading || field.affects.view;
@@ -210,7 +212,7 @@ fn finite_at_every_end_of_every_parameter() {
                     let mut settings = by(method);
                     settings.reflection.bounces = 2;
                     if !field.affects.found {
-                        // Light of all kinds, of few virtual lights.
+                        // Light of all kinds, with few virtual lights.
                         settings.set_text("light.by", "sun").unwrap();
                         settings.sun.sky = 1.0;
                         (settings.gi.bounces, settings.gi.vpls, settings.gi.sky_lights) = (1, 16, 4);
@@ -266,7 +268,7 @@ fn without_points_mirrors_show_nothing() {
     }
 }
 
-/// Mirror pixels that show something green.
+/// The number of mirror pixels that show something green.
 fn green_pixels(stage: &Stage) -> usize {
     let data = read(stage, Aov::MirrorAlbedo);
     data.as_chunks::<3>().0.iter().filter(|[red, green, _]| *green > 2.0 * red).count()
@@ -296,7 +298,7 @@ fn hidden_points_are_never_reflected() {
     }
 }
 
-/// Neither by standing in the way, nor by widening the scene, nor by taking the places of shown points among those that cast
+/// Hidden points neither block anything, nor widen the scene, nor take the places of shown points among those that cast
 /// indirect shadows.
 #[test]
 fn hidden_points_leave_no_trace() {
@@ -411,7 +413,7 @@ fn turning_scene_and_camera_by_a_right_angle_changes_nothing() {
             let stats = scene.render_anew(&mut stage, &settings, size);
             (stats.reflection, stage.renderer.read_picture().unwrap())
         });
-        // Each point draws the region that it is looked for in; its number of random draws is that of its place in memory.
+        // Each point draws the region in which it is searched; its random numbers depend on its place in memory.
         if let Some([here, there]) =
             here.0.zip(there.0).map(|(here, there)| [here, there]).filter(|[here, _]| here.hit_rate.is_some())
         {
@@ -431,7 +433,7 @@ fn turning_scene_and_camera_by_a_right_angle_changes_nothing() {
     }
 }
 
-/// The table of methods and laws, as the page has it.
+/// The table of methods and laws, in the form of the page.
 fn table() -> String {
     let mut table = format!("| method | {} |\n|---|{}\n", LAWS.join(" | "), "---|".repeat(LAWS.len()));
     for method in METHODS {

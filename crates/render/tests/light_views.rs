@@ -1,4 +1,4 @@
-//! Views of where light comes from show what they claim.
+//! The views of where light comes from show what they claim.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
@@ -15,7 +15,7 @@ use stage::Stage;
 
 const SIZE: [u32; 2] = [64, 48];
 const BACKGROUND: [u8; 3] = [0x12, 0x34, 0x56];
-/// Radius of the squares' splats.
+/// The radius of the squares' splats.
 const DISC: f64 = 0.02;
 
 /// A square in z = `z` that faces up, of one sRGB colour.
@@ -43,7 +43,7 @@ fn store(stage: &Stage) -> PointStore {
     store
 }
 
-/// Two above the floor, looking straight down.
+/// A camera two above the floor, looking straight down.
 fn camera() -> Camera {
     Camera::looking(DVec3::ZERO, DVec3::Z, 2.0, DVec3::Y)
 }
@@ -74,7 +74,7 @@ fn settings(pairs: &[(&str, &str)]) -> Settings {
     settings
 }
 
-/// The picture, in sRGB of 8 bits.
+/// The picture in sRGB of 8 bits.
 fn picture(
     stage: &mut Stage,
     store: &PointStore,
@@ -106,7 +106,7 @@ fn filmic(linear: f32) -> f32 {
     srgb(linear * (2.51 * linear + 0.03) / (linear * (2.43 * linear + 0.59) + 0.14))
 }
 
-/// Pixel coordinates of a place.
+/// The pixel coordinates of a place.
 fn pixel_of(place: DVec3) -> [f64; 2] {
     let camera = camera();
     let view = camera.view_from_world() * (place - camera.eye);
@@ -118,7 +118,7 @@ fn at(picture: &[[u8; 3]], [x, y]: [u32; 2]) -> [u8; 3] {
     picture[(y * SIZE[0] + x) as usize]
 }
 
-/// What the picture `plain` is under marks.
+/// The picture `plain` as it is drawn under marks.
 fn is_dimmed(shown: [u8; 3], plain: [u8; 3]) -> bool {
     let dimmed = plain.map(|channel| (f32::from(channel) * 0.4).round() as u8);
     plain == BACKGROUND && shown == plain || (0..3).all(|channel| shown[channel].abs_diff(dimmed[channel]) <= 1)
@@ -170,15 +170,16 @@ fn what_is_near_is_bright_in_the_view_of_depth_and_in_that_of_the_lamp() {
     assert!(middle > beside + 50, "{middle} {beside}");
     assert_eq!(at(&depth, [1, 1]), BACKGROUND);
 
-    // From straight above the middle, seeing to 0.8 about the square, whose half is 0.25.
+    // From straight above the middle, seeing to 0.8 about the square, whose half width is 0.25.
     let above = SpotLight { position: DVec3::new(0.0, 0.0, 1.5), target: DVec3::ZERO, outer_degrees: 38.65, ..lamp() };
     let (seen, _) = picture(&mut stage, &store, &[("light.show", "light-buffer"), ("gi.bounces", "0")], &[above]);
     for x in 0..SIZE[0] {
-        // The map is square: it fills the height, and what is beside it is black.
+        // The map is square: it fills the height, and the pixels beside it are black.
         let is_outside = !(8..56).contains(&x);
         assert_eq!(at(&seen, [x, 24]) == [0; 3], is_outside, "{x}");
     }
-    // The square is at one from the lamp and the nearest, 0.25 / 0.8 of half the map; the floor is the farthest.
+    // The square is at a distance of one from the lamp and the nearest, 0.25 / 0.8 of half the map; the floor is the
+    // farthest.
     let wide = (8..56).filter(|x| brightness(at(&seen, [*x, 24])) > 300).count();
     assert!(wide.abs_diff(15) <= 1, "{wide} of 48 pixels");
     // Two lamps have a cell each.
@@ -199,7 +200,7 @@ fn a_virtual_light_is_drawn_where_it_stands_and_darker_where_it_is_hidden() {
         let (shown, _) = picture(&mut stage, &store, &pairs, &[pointer(target)]);
         let [x, y] = pixel_of(target);
         let drawn = at(&shown, [x as u32, y as u32]);
-        // The radiance of the red floor there clips at white; hidden ones are three tenths as bright.
+        // The radiance of the red floor there clips at white; hidden lights are three tenths as bright.
         let brightest = if is_hidden { 77 } else { 255 };
         assert!(drawn[0].abs_diff(brightest) <= 1 && drawn[0] > drawn[2], "{target}: {drawn:?}");
         for (pixel, (shown, plain)) in shown.iter().zip(&plain).enumerate() {
@@ -224,13 +225,13 @@ fn every_virtual_light_has_a_cell_of_shadow_maps() {
             let corner = [margin[0] + cell % columns * edge, margin[1] + cell / columns * edge];
             let middle = at(&shown, [corner[0] + edge / 2, corner[1] + edge / 2]);
             drawn += u32::from(middle != [0; 3]);
-            // Outside of the half space.
+            // Outside the half space.
             assert_eq!(at(&shown, corner), [0; 3], "{by}: cell {cell}");
         }
-        // Lights that the sun or the sky sends past the scene stand nowhere.
+        // Lights that the sun or the sky sends past the scene have no place.
         let least = if by == "sun" { count * 3 / 4 } else { count };
         assert!((least..=count).contains(&drawn), "{by}: {drawn} of {count}");
-        // Something is near and something is not there.
+        // Something is near, and something is empty.
         assert!(shown.iter().any(|color| color[0] > 100) && shown.iter().any(|color| color[0] == 0 && color[2] > 20));
     }
 }
@@ -254,7 +255,7 @@ fn views_of_lights_show_the_dimmed_picture_where_there_are_none() {
             }
         }
     }
-    // Nothing is lit indirectly by a lamp at the eye.
+    // A lamp at the eye gives no indirect light.
     let (shown, _) = picture(&mut stage, &store, &[("light.show", "indirect")], &[]);
     assert!(shown.iter().all(|color| *color == [0; 3] || *color == BACKGROUND));
 }

@@ -18,12 +18,12 @@ use walls::{ALBEDO, settings, store_of, wall};
 
 const SIZE: [u32; 2] = [64, 48];
 
-/// In z = `z`, x and y from -`half` to `half`.
+/// A wall in z = `z`, x and y from -`half` to `half`.
 fn square(z: f64, half: f64) -> Chunk {
     wall(DVec3::new(-half, -half, z), [DVec3::X * 2.0 * half, DVec3::Y * 2.0 * half])
 }
 
-/// Two above the wall in z = 0.
+/// A lamp two above the wall in z = 0.
 fn camera() -> Camera {
     Camera::looking(DVec3::ZERO, DVec3::Z, 2.0, DVec3::Y)
 }
@@ -38,7 +38,7 @@ fn lamp() -> SpotLight {
     }
 }
 
-/// Direction of the ray through a pixel's centre.
+/// The direction of the ray through a pixel's centre.
 fn ray(camera: &Camera, size: [u32; 2], pixel: usize) -> DVec3 {
     let (x, y) = ((pixel as u32 % size[0]) as f64 + 0.5, (pixel as u32 / size[0]) as f64 + 0.5);
     let [width, height] = size.map(f64::from);
@@ -57,7 +57,7 @@ fn read(stage: &Stage, aov: Aov) -> Vec<DVec3> {
     image.data.as_chunks::<3>().0.iter().map(|rgb| Vec3::from(*rgb).as_dvec3()).collect()
 }
 
-/// The highlights' definition, radiance over irradiance.
+/// The definition of highlights, radiance per irradiance.
 fn highlight(kind: &str, normal: DVec3, to_light: DVec3, to_eye: DVec3, power: f64) -> f64 {
     if kind == "phong" {
         let mirrored = normal * (2.0 * normal.dot(to_light)) - to_light;
@@ -67,7 +67,7 @@ fn highlight(kind: &str, normal: DVec3, to_light: DVec3, to_eye: DVec3, power: f
     scale * normal.dot((to_light + to_eye).normalize()).max(0.0).powf(power)
 }
 
-/// Irradiance of the floor by the lamp, within its inner cone.
+/// The irradiance of the floor by the lamp, within its inner cone.
 fn irradiance(lamp: &SpotLight, at: DVec3) -> DVec3 {
     let offset = lamp.position - at;
     DVec3::from(lamp.intensity.map(f64::from)) * (offset.z / offset.length().powi(3))
@@ -121,14 +121,14 @@ fn a_mirror_with_a_power_shows_the_lamp_and_one_without_does_not() {
             let at = on_floor(&camera, pixel);
             let [to_light, to_eye] = [lamp.position, camera.eye].map(|place| (place - at).normalize());
             let shape = if power > 0.0 { highlight("phong", DVec3::Z, to_light, to_eye, power.into()) } else { 0.0 };
-            // Beside a reflection that is followed, diffuse light is what the mirror leaves.
+            // Beside a reflection that is followed, diffuse light is the remainder that the mirror leaves.
             let share = if bounces == "0" { 0.0 } else { 0.75 };
             let tint = 1.0 + tint * (ALBEDO - 1.0);
             let expected = irradiance(&lamp, at) * ((1.0 - share) * ALBEDO * FRAC_1_PI + 0.75 * tint * shape);
             let error = ((direct - expected) / expected).abs().max_element();
             assert!(error < 0.01, "power {power}, {bounces} bounces at {at}: {direct}, expected {expected}");
             let reflected = DVec3::from(background) * (share * tint);
-            // Two half floats of ten bits.
+            // The rounding of two half floats of ten bits.
             assert!(((color - direct - reflected) / color).abs().max_element() < 2e-3, "{color}, direct {direct}");
         }
     }
@@ -147,7 +147,7 @@ fn tone_mapping_is_its_formula_and_leaves_the_background_alone() {
     let mut stage = stage_or_skip!();
     let store = store_of(&stage, vec![square(0.0, 0.9)], Material::default());
     let lamp = lamp();
-    // What is asked for, whether there is a lamp, and whether the curve is filmic then.
+    // The setting, whether there is a lamp, and whether the curve is then filmic.
     let cases = [("auto", true, true), ("auto", false, false), ("filmic", false, true), ("srgb", true, false)];
     for (curve, is_lit, is_filmic) in cases {
         for exposure in [-2.0, 0.0, 1.5] {
@@ -182,12 +182,12 @@ fn tone_mapping_is_its_formula_and_leaves_the_background_alone() {
     }
 }
 
-/// A floor in z = 0 that reaches to `half`, and a square of half width 0.3 at 0.5 above it.
+/// A floor in z = 0 that extends to `half`, and a square of half width 0.3 at 0.5 above it.
 fn floor_with_blocker(stage: &Stage, half: f64) -> PointStore {
     store_of(stage, vec![square(0.0, half), square(0.5, 0.3)], Material::default())
 }
 
-/// Above the floor, seeing below the blocker; z is up.
+/// A camera above the floor that sees below the blocker; z is up.
 fn slanted_camera() -> Camera {
     Camera::looking(DVec3::ZERO, DVec3::new(-0.25, -0.4, 1.0), 2.0, DVec3::Z)
 }
@@ -222,7 +222,7 @@ fn a_sun_lights_a_plane_evenly_but_for_the_shadow_of_what_is_above_it() {
             // Where the ray to the sun passes the blocker's plane.
             let passes = (at + to_sun * (0.5 / to_sun.z)).abs();
             let outside = passes.x.max(passes.y) - 0.3;
-            // Within a splat and the filter of the outline it is neither.
+            // Within a splat and the filter of the outline either is right.
             let expected = if !is_floor || outside > 0.06 {
                 lit
             } else if outside < -0.06 {
@@ -248,10 +248,10 @@ fn a_sun_lights_a_plane_evenly_but_for_the_shadow_of_what_is_above_it() {
 fn shadows_of_a_sun_stand_still_while_the_camera_moves() {
     let mut stage = stage_or_skip!();
     let store = floor_with_blocker(&stage, 8.0);
-    // Looking straight down without perspective: a step of whole pixels shows the same points that much to the side.
+    // Looking straight down without perspective: a step of whole pixels shows the same points shifted by as many.
     let camera = camera();
     let pixel = 2.0 * 2.0 * 30_f64.to_radians().tan() / f64::from(SIZE[1]);
-    // With y up, the sun stands in the south, toward z.
+    // With y up, the sun is in the south, toward z.
     let settings = by_sun(&[("view.projection", "orthographic"), ("sun.azimuth", "180")]);
     let mut direct = |camera: &Camera| {
         stage.renderer.render(&store, camera, &settings, Objects::default(), SIZE).unwrap();
@@ -287,7 +287,7 @@ fn no_light_is_dark_and_an_open_sky_brings_a_sun() {
     let dark = SpotLight { intensity: [0.0; 3], ..lamp() };
     assert_eq!(brightest(&Settings::default(), &[dark], true), 0.0);
     assert_eq!(brightest(&by_sun(&[("sun.irradiance", "0")]), &[lamp()], true), 0.0);
-    // Above the horizon by nothing, it reaches no floor.
+    // Just above the horizon, it lights no floor.
     assert!(brightest(&by_sun(&[("sun.elevation", "0")]), &[], true) < 1e-6);
     let sun = brightest(&settings(&[("sun.elevation", "90")]), &[], true);
     let expected = 2.5 * ALBEDO * FRAC_1_PI;
@@ -323,7 +323,7 @@ fn on_box(origin: DVec3, direction: DVec3) -> (DVec3, usize) {
 #[test]
 fn the_lamp_of_five_mirrors_lights_its_walls_as_the_closed_form_does_within_a_hundredth() {
     let mut stage = stage_or_skip!();
-    // As many points to a pixel as 1.6 million have at 800 x 600.
+    // As many points per pixel as 1.6 million have at 800 x 600.
     let (size, points) = ([160_u32, 120], 64_000);
     let parts = five_mirrors::sample(Variant::None, points, 1);
     let radius = 1.5 * (40.0 / (PI * points as f64)).sqrt();
@@ -337,13 +337,13 @@ fn the_lamp_of_five_mirrors_lights_its_walls_as_the_closed_form_does_within_a_hu
         let (at, wall) = on_box(camera.eye, ray(&camera, size, pixel));
         let offset = lamp.position - at;
         let angle = (lamp.target - lamp.position).angle_between(-offset).to_degrees();
-        // Two surfaces share what is nearer than this to an edge of the box or a square of the floor.
+        // Places nearer than this to an edge of the box or a square of the floor belong to two surfaces.
         let mut gaps = [1.0 - at.x.abs(), 1.0 - at.y.abs(), 2.0 - at.z.abs()];
         gaps.sort_by(f64::total_cmp);
         let to_square = |along: f64| (along / 0.25 - (along / 0.25).round()).abs() * 0.25;
         let gap = if wall == 2 { gaps[1].min(to_square(at.x)).min(to_square(at.z)) } else { gaps[1] };
-        // Light falls to nothing at 25 degrees, where no share of it is small.
-        // Through a gap between splats, which so few points leave, nothing is seen.
+        // Light falls to nothing at 25 degrees, where relative errors are large. Through a gap between splats, which so
+        // few points leave, nothing is seen.
         if gap < 3.0 * radius || angle > 24.0 || direct.is_nan() {
             continue;
         }
@@ -355,6 +355,6 @@ fn the_lamp_of_five_mirrors_lights_its_walls_as_the_closed_form_does_within_a_hu
         assert!(error < 0.01, "at {at}: {direct}, expected {expected}");
         compared[wall] += 1;
     }
-    // Right wall, floor and far wall are lit.
+    // The right wall, the floor and the far wall are lit.
     assert!(compared.iter().filter(|count| **count > 300).count() == 3, "{compared:?}");
 }

@@ -1,6 +1,6 @@
-//! Reflections on the GPU against closed forms, and the laws they obey. One renderer for all tests: software Vulkan
-//! compiles each pass for half a second. Of the methods those are tried that trace reflected rays; they share all but
-//! where a ray starts. SSCR has tests of its own beside its code.
+//! Reflections on the GPU against closed forms, and the laws that they obey. All tests share one renderer: software
+//! Vulkan compiles each pass for half a second. The methods tested are those that trace reflected rays; they share
+//! everything except where a ray starts. SSCR has tests of its own beside its code.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
@@ -18,7 +18,7 @@ use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 use stage::Stage;
 
 const SIZE: [u32; 2] = [160, 120];
-/// For what is as wide as a pixel: outlines and bumps.
+/// The share of pixels at structures as narrow as a pixel: outlines and bumps.
 const LARGE: [u32; 2] = [320, 240];
 const TRACING: [&str; 2] = ["sscr_hierarchical", "surfel_trace"];
 
@@ -48,7 +48,7 @@ fn rectangle_points(corner: DVec3, edges: [DVec3; 2], radius: f64) -> Vec<(DVec3
     (0..counts[0] * counts[1]).map(point).collect()
 }
 
-/// What is rendered.
+/// The scene that is rendered.
 struct Scene {
     store: PointStore,
     mirrors: Vec<Mirror>,
@@ -61,7 +61,7 @@ impl Scene {
         Self { store: PointStore::new(stage.gpu.clone()), mirrors: Vec::new(), lights: Vec::new(), camera }
     }
 
-    /// A cloud with its own colours.
+    /// Adds a cloud with its own colours.
     fn add(&mut self, chunks: Vec<Chunk>, material: Material) -> render::CloudId {
         let id = self.store.add_cloud(material);
         let ids: Vec<_> = chunks.iter().map(|chunk| self.store.add_chunk(id, chunk, None).unwrap()).collect();
@@ -85,7 +85,7 @@ fn mirror(shape: Shape, position: DVec3, rotation: DQuat, size: f64) -> Mirror {
     Mirror { position, rotation, ..Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Y, size) }
 }
 
-/// Turns z to a direction.
+/// The rotation that turns z to a direction.
 fn facing(direction: DVec3) -> DQuat {
     DQuat::from_rotation_arc(DVec3::Z, direction.normalize())
 }
@@ -106,7 +106,7 @@ fn front_camera() -> Camera {
     Camera::looking(DVec3::ZERO, DVec3::new(0.3, -1.0, 0.4), 3.0, DVec3::Z)
 }
 
-/// Direction of the ray through a place of the picture, pixel centres at halves, by the pinhole formula.
+/// The direction of the ray through a place of the picture, pixel centres at halves, by the pinhole formula.
 fn direction_through(camera: &Camera, size: [u32; 2], x: f64, y: f64) -> DVec3 {
     let [width, height] = size.map(f64::from);
     let view = DVec3::new(x - width * 0.5, height * 0.5 - y, height * 0.5 / 30_f64.to_radians().tan());
@@ -118,7 +118,7 @@ fn pixel_direction(camera: &Camera, size: [u32; 2], pixel: usize) -> DVec3 {
     direction_through(camera, size, (pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5)
 }
 
-/// First meeting of a ray with a sphere about `center`, from outside.
+/// The first intersection of a ray with a sphere about `center`, from outside.
 fn sphere_hit(origin: DVec3, direction: DVec3, center: DVec3, radius: f64) -> Option<DVec3> {
     let offset = origin - center;
     let half = offset.dot(direction);
@@ -135,7 +135,7 @@ fn read(stage: &Stage, aov: Aov) -> Vec<f32> {
     stage.renderer.read_aov(aov).unwrap().data
 }
 
-/// Where each pixel is a mirror.
+/// For each pixel, whether it shows a mirror.
 fn mask(stage: &Stage) -> Vec<bool> {
     read(stage, Aov::Mirror).iter().map(|value| *value > 0.0).collect()
 }
@@ -151,7 +151,7 @@ fn bits(data: &[f32]) -> Vec<u32> {
     data.iter().map(|value| value.to_bits()).collect()
 }
 
-/// That all colours are numbers where something is seen, and all places where something is seen in a mirror.
+/// Checks that all colours are numbers where something is seen, and all positions where something is seen in a mirror.
 fn assert_finite(stage: &Stage, what: &str) {
     let depth = read(stage, Aov::Depth);
     for aov in [Aov::Color, Aov::Direct] {
@@ -165,13 +165,13 @@ fn assert_finite(stage: &Stage, what: &str) {
     }
 }
 
-/// Value that this share of the sorted values does not exceed.
+/// The value that this share of the sorted values does not exceed.
 fn percentile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() - 1) as f64 * share) as usize]
 }
 
-/// Pixels of `mask` and those around them.
+/// The pixels of `mask` and those around them.
 fn dilated(mask: &[bool], size: [u32; 2]) -> Vec<bool> {
     let [width, height] = size.map(|edge| edge as i32);
     let at = |x: i32, y: i32| x >= 0 && y >= 0 && x < width && y < height && mask[(y * width + x) as usize];
@@ -195,8 +195,8 @@ fn sphere_over_floor(stage: &Stage) -> Scene {
     scene
 }
 
-/// Compares a frame of `sphere_over_floor` with the closed form, pixel by pixel. Returns the distances from what was found to
-/// what should be, where the floor must be seen.
+/// Compares a frame of `sphere_over_floor` with the closed form, pixel by pixel. Returns the distances between the
+/// positions found and the true ones, where the floor must be seen.
 fn errors_over_floor(stage: &Stage, scene: &Scene, size: [u32; 2], method: &str) -> Vec<f64> {
     let (mask, seen) = (mask(stage), seen(stage));
     assert_eq!(mask.len(), (size[0] * size[1]) as usize);
@@ -208,7 +208,7 @@ fn errors_over_floor(stage: &Stage, scene: &Scene, size: [u32; 2], method: &str)
             assert!(seen[pixel].is_none());
             continue;
         }
-        // The silhouette itself may round either way.
+        // Pixels on the silhouette may round either way.
         let Some(hit) = hit else { continue };
         let ray = reflected(direction, (hit - SPHERE_CENTER) / SPHERE_RADIUS);
         let distance = (FLOOR - hit.z) / ray.z;
@@ -247,7 +247,7 @@ fn a_mirror_sphere_shows_a_plane_where_the_closed_form_does_within_a_splat() {
     }
 }
 
-/// One pixel; a row of more than a texture's customary 4096; no multiple of a tile.
+/// One pixel; a row longer than a texture's customary 4096; no multiple of a tile.
 const ODD_SIZES: [[u32; 2]; 3] = [[1, 1], [4097, 3], [17, 9]];
 
 #[test]
@@ -282,7 +282,7 @@ fn a_parallel_projection_is_reflected_in_a_plane_as_the_closed_form_says() {
     let wall = rectangle(DVec3::new(-1.0, WALL, 0.1), [DVec3::X * 3.0, DVec3::Z * 2.0], [200; 3], DISC);
     scene.add(vec![wall], Material::default());
     let camera = scene.camera;
-    // Half of the picture's height is what the field of view of 60 degrees spans at the pivot.
+    // The field of view of 60 degrees spans half of the picture's height at the pivot.
     let step = camera.distance() * 30_f64.to_radians().tan() * 2.0 / f64::from(SIZE[1]);
     let on_plane = |pixel: usize| {
         let (x, y) = ((pixel as u32 % SIZE[0]) as f64 + 0.5, (pixel as u32 / SIZE[0]) as f64 + 0.5);
@@ -299,7 +299,7 @@ fn a_parallel_projection_is_reflected_in_a_plane_as_the_closed_form_says() {
         let (mut errors, mut empty) = (Vec::new(), 0);
         for pixel in 0..mask.len() {
             let at = on_plane(pixel);
-            // Above 0: outside of the mirror. The wall itself is before none of it.
+            // Above 0: outside the mirror. The wall itself is in front of no part of it.
             let beyond = (at.x.abs() - HALF[0]).max(at.y.abs() - HALF[1]);
             if beyond.abs() < 1e-4 {
                 continue;
@@ -316,13 +316,13 @@ fn a_parallel_projection_is_reflected_in_a_plane_as_the_closed_form_says() {
             }
         }
         assert!(errors.len() > 1000 && empty > 300, "{} see the wall, {empty} nothing", errors.len());
-        // Places are kept to a thousandth of a leaf, some four discs wide.
+        // Positions have a precision of a thousandth of a leaf, which is some four discs wide.
         let most = percentile(errors, 1.0);
         assert!(most < DISC / 100.0, "{method}: {most}");
     }
 }
 
-/// 0..count in an order that is far from any in space.
+/// 0..count in an order far from any spatial one.
 fn shuffled(count: usize) -> Vec<usize> {
     // A prime that does not divide the count meets each once.
     let step = 7_919;
@@ -334,10 +334,11 @@ fn shuffled(count: usize) -> Vec<usize> {
 fn how_points_are_parted_into_chunks_changes_nothing() {
     let mut stage = stage_or_skip!();
     const RADIUS: f64 = 0.1;
-    // Less than what a disc's rim is moved back by where discs overlap, more than the margin of a flat leaf's box: which of the
-    // two layers is seen must not depend on which is met first.
+    // Less than the distance by which a disc's rim is moved back where discs overlap, more than the margin of a flat
+    // leaf's box: the visible layer must not depend on which one is met first.
     const APART: f64 = 0.012 * RADIUS;
-    // Two layers below the sphere and two above it, so that whichever way a tree is walked, it meets one pair from behind.
+    // Two layers below the sphere and two above it, so that in whatever direction a tree is walked, one pair is met
+    // from behind.
     let layer = |z: f64, shift: f64| {
         let corner = DVec3::new(-3.0 + shift, -3.0 + shift, z);
         rectangle_points(corner, [DVec3::X, DVec3::Y].map(|axis| axis * 6.0), RADIUS)
@@ -368,7 +369,7 @@ fn how_points_are_parted_into_chunks_changes_nothing() {
                 (a, b) => a.is_some() != b.is_some(),
             };
             let differing = (0..other.len()).filter(differs).count();
-            // Where two discs are as near as each other, to the thousandth of a leaf that places are kept to.
+            // Where two discs are equally near, to the thousandth of a leaf, which is the precision of positions.
             assert!(differing * 50 < filled, "{method}, parting {parting}: {differing} of {filled}");
         }
     }
@@ -448,7 +449,7 @@ fn an_exact_planar_mirror_shows_what_a_mirrored_camera_sees() {
         }
         let median = percentile(errors.clone(), 0.5);
         assert!(errors.len() > 1500 && pixels - errors.len() > 50, "{} of {pixels} see something", errors.len());
-        // At outlines a splat's rim is drawn over the pixel's centre by one and not by the other.
+        // At outlines one picture draws a splat's rim over the pixel's centre and the other does not.
         assert!(differing * 50 < pixels && median < WALL_DISC / 50.0, "{method}: {differing} of {pixels}, {median}");
     }
 }
@@ -472,7 +473,8 @@ fn turning_scene_and_camera_together_changes_nothing() {
         let (p99, median) = (percentile(errors.clone(), 0.99), percentile(errors.clone(), 0.5));
         assert!(mirrors > 1000 && errors.len() * 3 > mirrors, "{mirrors} {}", errors.len());
         assert!(masks_differ <= 5 && seen_differ * 200 < mirrors, "{method}: {masks_differ}, {seen_differ}");
-        // Normals are packed along the world's axes (0.06 degrees of a disc's radius), places along the leaves' boxes.
+        // Normals are packed along the world's axes (0.06 degrees of a disc's radius), positions along the leaves'
+        // boxes.
         assert!(p99 < WALL_DISC / 10.0 && median < WALL_DISC / 100.0, "{method}: {p99}, {median}");
     }
 }
@@ -483,7 +485,7 @@ fn a_mirror_that_reflects_nothing_gives_the_same_picture_as_no_reflections() {
     let mut scene = room_with_blob(&stage, DMat3::IDENTITY);
     let mut picture = |scene: &Scene, method| {
         let mut settings = by_method(method);
-        // Polished things would reflect more the flatter they are seen; what reflects nothing stays as it is.
+        // Polished surfaces would reflect more the flatter they are seen; surfaces that reflect nothing stay unchanged.
         settings.set_text("mirror.fresnel", "1").unwrap();
         settings.set_text("mirror.tint", "1").unwrap();
         scene.render(&mut stage, &settings);
@@ -506,7 +508,7 @@ fn a_mirror_that_reflects_nothing_gives_the_same_picture_as_no_reflections() {
     }
 }
 
-/// Whether reflections were looked for in a frame.
+/// Whether reflections were searched in a frame.
 fn finds_anew(stats: &FrameStats) -> bool {
     stats.passes.iter().any(|pass| pass.name == "surfel_trace")
 }
@@ -569,7 +571,7 @@ fn reflections_are_kept_until_something_they_depend_on_changes() {
 fn an_open_side_stays_open() {
     let mut stage = stage_or_skip!();
     let mut scene = Scene::new(&stage, five_mirrors::camera());
-    // The last wall is the one behind the camera. Small discs: they reach out of the box by half their radius.
+    // The last wall is the one behind the camera. The discs are small: they reach out of the box by half their radius.
     let walls = five_mirrors::walls().into_iter().take(5).map(|(surface, _)| match surface {
         Surface::Rectangle { corner, edges } => rectangle(corner, edges, [200; 3], 0.02),
         other => panic!("{other:?} is no wall"),
@@ -585,7 +587,7 @@ fn an_open_side_stays_open() {
             let direction = pixel_direction(&scene.camera, LARGE, pixel);
             let Some(hit) = sphere_hit(scene.camera.eye, direction, DVec3::ZERO, 0.43) else { continue };
             let ray = reflected(direction, hit / 0.43);
-            // The side by which the ray leaves the box x, y in [-1, 1], z in [-2, 2].
+            // The side through which the ray leaves the box x, y in [-1, 1], z in [-2, 2].
             let exits = (DVec3::new(1.0, 1.0, 2.0).copysign(ray) - hit) / ray;
             let is_open = ray.z > 0.0 && exits.z < exits.x.min(exits.y);
             mirrors += 1;
@@ -598,7 +600,7 @@ fn an_open_side_stays_open() {
     }
 }
 
-/// What a ray between two facing mirrors meets.
+/// The hit of a ray between two facing mirrors.
 #[derive(Clone, Copy, PartialEq)]
 enum Met {
     Left,
@@ -637,7 +639,7 @@ fn as_many_reflections_are_followed_as_are_asked_for() {
         let hits = candidates.into_iter().filter_map(|(met, hit)| Some((met, hit?)));
         hits.min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0)).map_or((Met::Nothing, origin), |(met, (_, p))| (met, p))
     };
-    // What the ray through a place of the picture meets, one reflection after the other.
+    // The hits of the ray through a place of the picture, one reflection after the other.
     let path = |x: f64, y: f64| {
         let (mut origin, mut direction) = (camera.eye, direction_through(&camera, SIZE, x, y));
         let mut met = [Met::Nothing; 5];
@@ -677,7 +679,7 @@ fn as_many_reflections_are_followed_as_are_asked_for() {
             }
             let expected = color(&path_here, bounces);
             let error = (Vec3::from(*shown).as_dvec3() - expected).abs().max_element();
-            // Half floats: three digits, once a bounce.
+            // Half floats have three digits; the error occurs once a bounce.
             assert!(error < 3e-3, "{bounces} bounces at {x} {y}: {shown:?}, expected {expected}");
             compared += 1;
             let order = path_here.iter().position(|met| *met == Met::Patch);
@@ -721,8 +723,8 @@ fn points_of_unknown_spacing_are_reflected_as_discs_that_face_the_ray() {
     for method in TRACING {
         scene.store.update_chunk(id, &bare, None).unwrap();
         scene.store.set_provisional_radius(cloud, 0.1);
-        // Share of the mirror that sees the wall, largest distance to where the closed form meets it, and what of the
-        // normals points back along the ray.
+        // The share of the mirror that sees the wall, the largest distance from the closed form's hit, and the share of
+        // the normals that point back along the ray.
         let mut measure = |scene: &Scene| {
             scene.render(&mut stage, &by_method(method));
             let (mask, seen, position) = (mask(&stage), seen(&stage), read(&stage, Aov::Position));
@@ -745,7 +747,7 @@ fn points_of_unknown_spacing_are_reflected_as_discs_that_face_the_ray() {
             (f64::from(found) / f64::from(inside), most, back)
         };
         let provisional = measure(&scene);
-        // Radii are kept to 2.2 %, rounded up, places to a thousandth of a leaf.
+        // Radii have a precision of 2.2 %, rounded up, positions of a thousandth of a leaf.
         assert!(provisional.0 == 1.0 && provisional.1 <= 0.103 && provisional.2 > 0.9999, "{method}: {provisional:?}");
         scene.store.set_provisional_radius(cloud, 0.01);
         let small = measure(&scene);
@@ -784,7 +786,7 @@ fn two_stores_in_turn_show_each_its_own_points() {
     }
 }
 
-/// Reaches beyond the picture's right edge.
+/// A scene that extends beyond the picture's right edge.
 const OFF_CENTER: DVec3 = DVec3::new(0.9, 0.2, 0.3);
 
 fn shapes_and_projections() -> impl Iterator<Item = (Shape, &'static str)> {
@@ -798,7 +800,7 @@ fn beyond_silhouette(a: &[bool], b: &[bool]) -> usize {
     (0..a.len()).filter(|pixel| a[*pixel] && !wide_b[*pixel] || b[*pixel] && !wide_a[*pixel]).count()
 }
 
-/// Distance from a mirror's surface and unit normal there, of a place close to it. In the mirror's own coordinates.
+/// The distance from a mirror's surface and the unit normal there, for a nearby place in the mirror's own coordinates.
 fn surface_at(shape: Shape, p: DVec3) -> (f64, DVec3) {
     match (shape, mirror(shape, DVec3::ZERO, DQuat::IDENTITY, 1.0).surface().0) {
         (Shape::Plane { .. }, _) => (p.z, DVec3::Z),
@@ -872,7 +874,7 @@ fn mirrors_by_their_formula_agree_with_their_samples() {
         let [median, p95] = [0.5, 0.95].map(|share| percentile(angles.clone(), share));
         assert!(pixels > 800 && beyond == 0, "{shape:?} {projection}: {pixels} pixels, {beyond} beyond the outline");
         // A splat is a pixel wide and takes the mean of its surroundings: outlines of round things are a few degrees
-        // off. A bump of the coral is seven pixels wide: normals change by ten degrees from one to the next.
+        // off. A bump of the coral is seven pixels wide: normals change by ten degrees from one pixel to the next.
         let most = if shape == Shape::Coral { [0.01, 3.0, 25.0] } else { [0.001, 0.5, 4.0] };
         assert!(
             off < most[0] && median < most[1] && p95 < most[2],

@@ -1,5 +1,5 @@
-//! Splatting on the GPU against closed forms, and the laws it obeys. One renderer for all tests: software Vulkan compiles
-//! each pass for half a second.
+//! Splatting on the GPU against closed forms, and the laws that it obeys. All tests share one renderer: software Vulkan
+//! compiles each pass for half a second.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[macro_use]
@@ -17,7 +17,7 @@ use stage::Stage;
 
 const SIZE: [u32; 2] = [160, 120];
 
-/// A point as the tests write it.
+/// A point in the form in which tests write it.
 #[derive(Clone, Copy)]
 struct Point {
     position: DVec3,
@@ -49,12 +49,12 @@ fn draw(stage: &mut Stage, chunks: Vec<Chunk>, camera: &Camera, settings: &Setti
     (store, picture)
 }
 
-/// From 0 to 1.
+/// A number from 0 to 1.
 fn random(seed: u64) -> f64 {
     cloud::hash(seed) as f64 / u64::MAX as f64
 }
 
-/// A bumpy ball with colours and normals, densely sampled, in no order.
+/// A bumpy ball with colours and normals, densely sampled, in random order.
 fn ball(count: u64) -> Vec<Point> {
     let point = |i: u64| {
         let z = 2.0 * random(i * 4) - 1.0;
@@ -83,7 +83,7 @@ fn most_different(a: &[u8], b: &[u8]) -> u8 {
     a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
 }
 
-/// Share of the bytes that differ by more than `levels`.
+/// The share of the bytes that differ by more than `levels`.
 fn share_different(a: &[u8], b: &[u8], levels: u8) -> f64 {
     a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > levels).count() as f64 / a.len() as f64
 }
@@ -176,7 +176,8 @@ fn a_scene_at_coordinates_of_seven_digits_looks_the_same_to_one_grey_level() {
         camera.eye += far;
         camera.pivot += far;
         let (_, there) = draw(&mut stage, vec![chunk(&moved, far)], &camera, &settings);
-        // f64 itself steps by a nanometre out there: a fragment in a thousand may change sides of a pixel's edge.
+        // f64 itself has steps of a nanometre at that distance: a fragment in a thousand may change sides of a pixel's
+        // edge.
         assert!(share_different(&here, &there, 1) < 1e-3, "{quality}: {}", share_different(&here, &there, 1));
     }
 }
@@ -213,7 +214,7 @@ fn atomics_of_32_and_64_bits_agree() {
         };
         let (wide, wide_depths) = picture_and_depths("auto");
         let (narrow, narrow_depths) = picture_and_depths("32");
-        // With 32 bits, points that are as near but for the slack of splat_identity.wgsl are as good as the nearest.
+        // With 32 bits, points that are equally near up to the slack of splat_identity.wgsl are as good as the nearest.
         for (pixel, (wide, narrow)) in wide_depths.iter().zip(&narrow_depths).enumerate() {
             let is_same = wide.to_bits().abs_diff(narrow.to_bits()) <= 8;
             assert!(is_same, "{quality}: the depth of pixel {pixel} is {narrow} instead of {wide}");
@@ -238,7 +239,7 @@ fn a_pick_gives_the_point_that_is_seen_not_one_behind_it() {
         let point = points[picked.chunk.0 as usize * 700 + picked.index];
         assert!(point.position.distance(seen) < 0.08, "{} for {seen}", point.position);
     }
-    // No pick anywhere gives a point that stands behind what is shown there.
+    // No pick returns a point behind the visible one.
     for y in (0..SIZE[1]).step_by(3) {
         for x in (0..SIZE[0]).step_by(3) {
             let shown = position.data[((y * SIZE[0] + x) * 3) as usize];
@@ -282,7 +283,7 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
     store.set_visibility(&hiding(&[200, 2]));
     assert_eq!(drawn(&store), 0);
     assert!(store.bounds().is_empty());
-    // Points without a class are not hidden by the class that they would have on the GPU.
+    // Points without a class are not hidden by the class that they have on the GPU.
     let bare = store.add_cloud(Material::default());
     store.add_chunk(bare, &chunk, None).unwrap();
     store.set_visibility(&hiding(&[200, 2, 0]));
@@ -414,7 +415,7 @@ fn poisoned_points_and_every_end_of_every_parameter_give_a_finite_picture() {
 #[test]
 fn gaps_between_splats_are_closed_and_outlines_stay() {
     let mut stage = stage_or_skip!();
-    // A wall with every seventh point missing, before a far one; and nothing beside it.
+    // A wall with every seventh point missing, in front of a far one; and nothing beside it.
     let camera = Camera::looking(DVec3::ZERO, -DVec3::Y, 4.0, DVec3::Z);
     let pixel = 2.0 * 4.0 * 30_f64.to_radians().tan() / 120.0;
     let wall = |depth: f64, gap: u32, color| {
@@ -442,7 +443,7 @@ fn gaps_between_splats_are_closed_and_outlines_stay() {
     let (red, green, empty) = count(&mut stage, "false");
     assert_eq!((red, green, empty), (5486, 914, 160 * 120 - 6400));
     let (red, green, empty) = count(&mut stage, "true");
-    // Along the outline a gap has three to five neighbours of its surface: those stay open, all others close.
+    // Along the outline a gap has three to five neighbours of its surface: those gaps stay open, all others close.
     assert!(red > 6330 && red + green == 6400 && empty == 160 * 120 - 6400, "{red} {green} {empty}");
 }
 
@@ -475,7 +476,7 @@ fn a_parallel_picture_does_not_depend_on_where_along_the_line_of_sight_the_eye_i
     let (_, a) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &near, &settings);
     let at = |stage: &Stage| stage.renderer.read_aov(Aov::Depth).unwrap().data[60 * 160 + 80];
     let depth = at(&stage);
-    // Through the ball: the pivot's distance, which sets the scale, stays.
+    // The zoom goes through the ball: the pivot's distance, which sets the scale, stays.
     let shift = near.forward() * 2.5;
     let inside = Camera { eye: near.eye + shift, pivot: near.pivot + shift, ..near };
     let (_, b) = draw(&mut stage, vec![chunk(&points, DVec3::ZERO)], &inside, &settings);
@@ -590,7 +591,7 @@ fn chunks_that_come_and_go_for_long_stay_in_one_page_and_keep_picture_and_picks_
         picks += 1;
     }
     assert!(picks > 20, "{picks}");
-    // What has come since the picture is not what is picked from it.
+    // A point that came after the picture is not picked from it.
     let picked = stage.renderer.pick(&store, [80, 60], 1).unwrap().unwrap();
     let (gone, chunk) = *held.iter().find(|(id, _)| *id == picked.chunk).unwrap();
     store.remove_chunk(gone);

@@ -136,7 +136,7 @@ fn unseen_nodes_count_as_much_as_they_are_told_to() {
     assert!(seen > 0.0);
     assert!((unseen(0.3) / seen - 0.3).abs() < 1e-12);
     assert_eq!(unseen(0.0), 0.0);
-    // Of a tree out of view only the root is chosen, but that always.
+    // A tree out of view gives only its root, but that always.
     let view = ViewMeasure::perspective(eye, up, DVec2::ONE, 1000.0, 0.0);
     let octrees = [octree];
     assert_eq!(choose(&trees(&octrees), by_view(&view), EVERYTHING, 0.0).len(), 1);

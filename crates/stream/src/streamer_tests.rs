@@ -13,7 +13,7 @@ use crate::radius_scale::LARGEST_SPACINGS;
 use crate::test_trees::{page, random, terrain, terrain_page};
 use crate::{BATCHES, NodeId, Octree, Result, Tree, ViewMeasure, choose, prefix};
 
-/// Of a point of a test page: position, normal, radius; and the radius once more.
+/// The size of a point of a test page in bytes: position, normal, radius; and the radius once more.
 const POINT_BYTES: u64 = 12 + 4 + 2;
 const DECODED_POINT_BYTES: u64 = POINT_BYTES + SCALED_RADIUS_BYTES;
 const PLENTY: Budget = Budget { points: u64::MAX, bytes: u64::MAX };
@@ -28,7 +28,7 @@ fn readable(octree: &Arc<Octree>) -> PagedCloud {
     paged(octree, |octree, node| Ok(page(octree, node)))
 }
 
-/// Each read waits for a word from the sender; the other end tells of the reads that begin.
+/// A cloud whose reads each wait for a word from the sender; the receiver gets the nodes whose reads begin.
 fn gated(octree: &Arc<Octree>) -> (PagedCloud, SyncSender<()>, Receiver<NodeId>) {
     let (open, gate) = sync_channel(1000);
     let (begin, begun) = sync_channel(1000);
@@ -45,12 +45,12 @@ fn everything(cloud: usize, octree: &Octree) -> Vec<Wanted> {
     octree.ids().map(|(node, _)| Wanted { cloud, node, batches: BATCHES }).collect()
 }
 
-/// What a drawer holds.
+/// The chunks that a drawer has.
 #[derive(Default)]
 struct Drawer {
     chunks: BTreeMap<(usize, NodeId), Chunk>,
     failed: Vec<(usize, NodeId, String)>,
-    /// Chunks that were put for the first time, and again.
+    /// The number of chunks that were put for the first time, and again.
     puts: [usize; 2],
 }
 
@@ -72,7 +72,7 @@ impl Drawer {
         self.chunks.values().map(|chunk| chunk.len() as u64).sum()
     }
 
-    /// Takes changes until the streamer has settled; how many.
+    /// Takes changes until the streamer has settled; returns their number.
     fn settle(&mut self, streamer: &Streamer) -> usize {
         let mut count = 0;
         for _ in 0..20_000 {
@@ -89,7 +89,7 @@ impl Drawer {
     }
 }
 
-/// Straight down on the terrain from a height.
+/// The cut of a view straight down on the terrain from a height.
 fn cut_from(octree: &Octree, eye: DVec3, points: u64) -> Vec<Wanted> {
     let down = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::NEG_Z).transpose();
     let view = ViewMeasure::perspective(eye, down, DVec2::ONE, 1000.0, 0.25);
@@ -132,7 +132,7 @@ fn the_same_cut_again_changes_nothing() {
     }
 }
 
-/// A reader that knows which of its chunks somebody still holds.
+/// A reader that knows which of its chunks are still in use.
 #[derive(Default)]
 struct Ledger(Mutex<Vec<Weak<Vec<[f32; 3]>>>>);
 
@@ -150,7 +150,7 @@ impl Ledger {
     }
 }
 
-/// Which of `probes` a chunk's discs cover.
+/// For each of `probes`, whether a chunk's discs cover it.
 fn covered(chunk: &Chunk, probes: &[Vec3]) -> Vec<bool> {
     let radii = chunk.radii.as_ref().unwrap();
     let splats: Vec<(Vec3, f32)> = (0..chunk.len())
@@ -185,12 +185,12 @@ fn a_flight_blinks_nowhere_and_keeps_every_ceiling() {
         let eye =
             DVec3::new(512.0 + 400.0 * turn.cos(), 512.0 + 400.0 * turn.sin(), 60.0 + f64::from(step % 30) * 10.0);
         streamer.want(cut_from(&octree, eye, points));
-        // Most steps leave before all has come.
+        // Most steps end before everything has come.
         for _ in 0..if step % 10 == 9 { 2000 } else { 3 } {
             let changes = streamer.changes();
             assert!(streamer.stats().bytes <= budget.bytes, "{:?}", streamer.stats());
             let dropped = changes.iter().filter(|change| matches!(change, NodeChange::Drop { .. })).count() as u64;
-            // Whoever holds it: the drawer still has what it is told to drop.
+            // Whoever has them: the drawer still has the chunks that it is told to drop.
             assert!(ledger.held_points() * DECODED_POINT_BYTES <= budget.bytes + dropped * 256 * DECODED_POINT_BYTES);
             for change in changes {
                 let put = match &change {
@@ -264,7 +264,7 @@ fn what_is_not_wanted_stays_until_its_place_is_needed() {
     streamer.want(all[..1].to_vec());
     assert_eq!(drawer.settle(&streamer), 0);
     assert_eq!(drawer.points(), octree.points());
-    // Wanted last: the first half of the nodes. The others go first.
+    // The first half of the nodes is wanted last. The others are dropped first.
     let half = all.len() / 2;
     streamer.want(all[..half].to_vec());
     streamer.want(all[..1].to_vec());
@@ -306,7 +306,7 @@ fn a_smaller_budget_is_kept_at_once_and_a_larger_one_used() {
         streamer.changes().into_iter().for_each(|change| drawer.apply(change));
         assert!(drawer.points() <= points);
         drawer.settle(&streamer);
-        // As many as there are whole nodes, and batches of the last.
+        // Whole nodes, and batches of the last one.
         assert_eq!(drawer.points(), points / 16 * 16);
     }
     for nodes in [40, 3, 60] {
@@ -343,7 +343,7 @@ fn a_root_alone_is_drawn_with_larger_splats() {
     streamer.want(everything(0, &octree));
     let mut drawer = Drawer::default();
     drawer.settle(&streamer);
-    // Of 1 + 4 + 16 + 64 nodes of equal size the first: scaled by the root of 85 they would have 1.13 spacings.
+    // The first of 1 + 4 + 16 + 64 nodes of equal size: scaled by the root of 85 its radii would be 1.13 spacings.
     let (root, full) = (&drawer.chunks[&(0, NodeId(0))], terrain_page(&octree, NodeId(0)));
     let largest = pack_radius((LARGEST_SPACINGS * octree.spacing) as f32);
     assert!(full.radii.unwrap().iter().all(|radius| *radius < largest - 2048));
@@ -401,7 +401,7 @@ fn a_slow_disk_holds_nobody_up() {
     streamer.add(0, paged);
     let all = everything(0, &octree);
     for count in 0..200 {
-        // Would hang if it waited for the reads, of which none ends.
+        // This would hang if it waited for the reads, none of which ends.
         streamer.want(all[..=count % all.len()].to_vec());
         assert!(streamer.changes().is_empty());
     }
@@ -505,7 +505,7 @@ fn a_node_too_large_for_the_memory_hides_neither_what_is_below_it_nor_other_clou
     assert_eq!(drawer.points(), 256 * (crowded.nodes.len() - 1 + even.nodes.len()) as u64 + 1_000_000);
 }
 
-/// Chunks that take more than twice what was said of them.
+/// A cloud whose chunks take more than twice the stated size.
 fn swollen(octree: &Arc<Octree>) -> PagedCloud {
     paged(octree, |octree, node| {
         let chunk = terrain_page(octree, node);
@@ -591,7 +591,7 @@ fn a_cloud_that_goes_while_it_is_read_leaves_nothing() {
     drawer.settle(&streamer);
     assert!(drawer.chunks.keys().all(|(cloud, _)| *cloud == 1), "{reading:?}");
     assert_eq!(drawer.points(), octree.points());
-    // The reads that were under way count until they end.
+    // Reads in progress count until they end.
     let ended = (0..10_000).any(|_| {
         std::thread::sleep(Duration::from_millis(1));
         streamer.stats().bytes == drawer.points() * DECODED_POINT_BYTES
@@ -611,7 +611,7 @@ fn a_cloud_that_goes_while_it_is_read_leaves_nothing() {
 #[test]
 fn a_replaced_cloud_is_read_again_and_never_gone() {
     let octree = Arc::new(terrain(3));
-    // Room for one node more than there are.
+    // Room for one node more than exist.
     let bytes = (octree.points() + 256) * DECODED_POINT_BYTES;
     let streamer = Streamer::new(2, Budget { points: u64::MAX, bytes }, || {}).unwrap();
     let with_radii = |add_radii: bool| {
@@ -675,7 +675,7 @@ fn normals_and_radii_that_are_missing_are_estimated() {
     let alone = drawer.chunks[&(0, NodeId(0))].clone();
     assert_eq!(**alone.normals.as_ref().unwrap(), own.normals);
     for (radius, own) in alone.radii.as_ref().unwrap().iter().zip(&own.radii) {
-        // Made one of full density and grown by as much, to the nearest eighth of an octave.
+        // Converted to full density and grown by as much, to the nearest eighth of an octave.
         assert!(i32::from(*own).abs_diff(i32::from(*radius)) <= 129, "{radius} for {own}");
     }
     streamer.want(everything(0, &octree));
@@ -700,7 +700,7 @@ fn wakes_whenever_there_is_something_to_take() {
     for step in 0..40 {
         let eye = DVec3::new(20.0 * f64::from(step), 500.0, 100.0);
         streamer.want(cut_from(&octree, eye, 20_000));
-        // Changes are asked for only when there was a wake, and a first time: what was kept may do.
+        // Changes are requested only after a wake, and a first time: kept nodes may be enough.
         streamer.changes().into_iter().for_each(|change| drawer.apply(change));
         while !streamer.stats().settled {
             woken.recv_timeout(Duration::from_secs(20)).expect("nobody wakes the drawer");
@@ -721,7 +721,7 @@ fn many_threads_at_once_come_to_the_same_end() {
         for _ in 0..2 {
             scope.spawn(|| {
                 while !is_done.load(Ordering::Relaxed) {
-                    // Changes are taken and made by one at a time.
+                    // One thread at a time takes changes and applies them.
                     let mut drawer = drawer.lock().unwrap();
                     streamer.changes().into_iter().for_each(|change| drawer.apply(change));
                 }

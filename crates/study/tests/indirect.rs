@@ -1,4 +1,4 @@
-//! How accurate indirect light must be in the box of the five mirrors, and that light which is broken misses these bounds.
+//! How accurate indirect light must be in the box of the five mirrors, and that broken light misses these bounds.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::sync::{LazyLock, Mutex, MutexGuard};
@@ -9,10 +9,10 @@ use scene::five_mirrors::Variant;
 use study::{FiveMirrors, IndirectTruth, JudgedLight, LightError, TracedLight};
 
 const SIZE: [u32; 2] = [320, 240];
-/// 3072 pixels of 1024 paths each: a noise of three hundredths, which is taken out of the errors.
+/// 3072 pixels of 1024 paths each: a noise of three hundredths, which is subtracted from the errors.
 const TRACED: TracedLight = TracedLight { stride: 5, paths: 1024, over_mirrors: false };
 
-/// Drivers compile each pass for a while: one renderer, and one scene at a time.
+/// Drivers take a while to compile each pass: one renderer, and one scene at a time.
 struct Studio {
     renderer: Renderer,
     open: FiveMirrors,
@@ -21,7 +21,7 @@ struct Studio {
     truth_of_sphere: IndirectTruth,
 }
 
-/// None without an adapter.
+/// `None` without an adapter.
 static STUDIO: LazyLock<Option<Mutex<Studio>>> = LazyLock::new(|| {
     let gpu = match Gpu::headless(None) {
         Ok(gpu) => gpu,
@@ -45,7 +45,7 @@ fn studio() -> Option<MutexGuard<'static, Studio>> {
     STUDIO.as_ref().map(|studio| studio.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
 }
 
-/// `text`: keys and values beside those of all tests.
+/// `text` has keys and values in addition to those of all tests.
 fn settings(text: &str) -> Settings {
     let mut settings = Settings::default();
     let all = format!("scene.points=200000 reflection.method=none {text}");
@@ -56,7 +56,7 @@ fn settings(text: &str) -> Settings {
 }
 
 impl Studio {
-    /// On pixels that show the truth's surface: edges are in more of them the smaller the picture.
+    /// The error on pixels that show the truth's surface: the smaller the picture, the more pixels contain edges.
     fn judge(&mut self, text: &str) -> LightError {
         self.open.render(&mut self.renderer, &settings(text), SIZE).unwrap();
         told(text, self.open.judge_indirect(&self.renderer, &self.truth).unwrap(), self.truth.noise)
@@ -69,7 +69,7 @@ impl Studio {
     }
 }
 
-/// Without the truth's own noise, which is independent of the error.
+/// The error without the truth's own noise, which is independent of it.
 fn told(text: &str, judged: JudgedLight, noise: f64) -> LightError {
     let mut error = judged.same_surface;
     error.relative_rmse = (error.relative_rmse.powi(2) - noise * noise).max(0.0).sqrt();
@@ -78,7 +78,7 @@ fn told(text: &str, judged: JudgedLight, noise: f64) -> LightError {
     error
 }
 
-/// What 1024 lights are held to, in the open box and with a ball in it, whose shadows have soft edges of a few texels.
+/// The bounds for 1024 lights, in the open box and with a ball in it, whose shadows have soft edges of a few texels.
 fn is_accurate(error: &LightError, most: f64) -> bool {
     error.relative_rmse < most && (error.mean_ratio - 1.0).abs() < 0.03
 }

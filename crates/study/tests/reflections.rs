@@ -1,4 +1,4 @@
-//! How accurate hierarchical SSCR must be on the five mirrors, and that results which are broken miss these bounds.
+//! How accurate hierarchical SSCR must be on the five mirrors, and that broken results miss these bounds.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
@@ -14,7 +14,7 @@ const SIZE: [u32; 2] = [200, 150];
 const POINTS: u32 = 200_000;
 const MIRRORS: [Variant; 5] = [Variant::Sphere, Variant::Parabolic, Variant::Blob, Variant::Torus, Variant::Coral];
 
-/// A frame's images, and the points it was drawn from as the ray tracer has them.
+/// A frame's images, and its points in the form for the ray tracer.
 struct Frame {
     variant: Variant,
     mirror: Vec<f32>,
@@ -25,7 +25,7 @@ struct Frame {
     surfels: Surfels,
 }
 
-/// What frames are drawn by.
+/// The renderer and the scenes of the frames.
 struct Studio {
     gpu: Arc<Gpu>,
     renderer: Renderer,
@@ -43,7 +43,7 @@ static STUDIO: LazyLock<Option<Mutex<Studio>>> = LazyLock::new(|| {
     Some(Mutex::new(Studio { renderer: Renderer::new(gpu.clone()).unwrap(), gpu }))
 });
 
-/// None without an adapter.
+/// `None` without an adapter.
 fn studio() -> Option<MutexGuard<'static, Studio>> {
     STUDIO.as_ref().map(|studio| studio.lock().unwrap_or_else(PoisonError::into_inner))
 }
@@ -70,7 +70,7 @@ impl Studio {
     }
 }
 
-/// One of each mirror; none without an adapter.
+/// One of each mirror; `None` without an adapter.
 static FRAMES: LazyLock<Vec<Frame>> = LazyLock::new(|| {
     let Some(mut studio) = studio() else { return Vec::new() };
     MIRRORS.map(|variant| studio.frame(variant, "sscr_hierarchical")).into()
@@ -87,7 +87,7 @@ impl Frame {
         accuracy_same_input(&self.image(normal, mirror_position), &self.surfels, &Progress::default()).unwrap()
     }
 
-    /// The bounds that a result misses, with what it has.
+    /// The bounds that a result misses, with its values.
     fn missed(&self, figures: &Accuracy) -> Vec<String> {
         let is_coral = self.variant == Variant::Coral;
         let error = figures.pixel_error;
@@ -115,7 +115,8 @@ fn hierarchical_sscr_is_as_accurate_as_it_claims_on_each_mirror() {
     }
 }
 
-/// Pixels that are a mirror in the frame or in truth alone, and have no pixel of the other kind beside them in truth.
+/// Pixels that are a mirror only in the frame or only in truth, and have no pixel of the other kind beside them in
+/// truth.
 fn far_from_the_silhouette(drawn: &[f32], truth: &[bool]) -> usize {
     let [width, height] = SIZE.map(|side| side as usize);
     let is_far = |pixel: &usize| {
@@ -141,8 +142,8 @@ fn masks_of_mirrors_are_those_of_the_exact_surfaces_within_a_pixel() {
     }
 }
 
-/// What a frame says of itself beside what the truth says: of the pixels that are wrong (more than a pixel off, or of another
-/// surface) the share that it marks, and the share that it marks of those that are right.
+/// Compares a frame's doubts with the truth: the share that it marks of the wrong pixels (more than a pixel off, or of
+/// another surface), and of the right ones.
 fn marked_shares(frame: &Frame) -> [f64; 2] {
     let image = frame.image(&frame.normal, &frame.mirror_position);
     let errors = pixel_errors_same_input(&image, &frame.surfels, &Progress::default()).unwrap();
@@ -159,7 +160,7 @@ fn marked_shares(frame: &Frame) -> [f64; 2] {
 fn most_of_what_is_wrong_is_marked_as_uncertain_and_little_of_what_is_right() {
     let Some(mut studio) = studio() else { return };
     for variant in MIRRORS {
-        // On the coral neighbouring pixels see different walls, so that what is right stands alone as well.
+        // On the coral neighbouring pixels see different walls, so right pixels may be alone as well.
         let most = if variant == Variant::Coral { [0.75, 0.6] } else { [0.4, 0.1] };
         for (method, least, most) in [("sscr", 0.6, most[0]), ("sscr_hierarchical", 0.6, most[1])] {
             let [wrong, right] = marked_shares(&studio.frame(variant, method));
@@ -179,7 +180,8 @@ fn broken_results_miss_the_bounds() {
         scaled.as_chunks_mut::<4>().0.iter_mut().for_each(|[x, y, z, _]| {
             [x, y, z].into_iter().for_each(|value| *value *= 1.05);
         });
-        // What the method found by right normals is judged by wrong ones: as far off as the other way round.
+        // What the method found with right normals is judged by wrong ones: the error is as large as the other way
+        // round.
         let flipped: Vec<f32> = frame.normal.as_chunks::<3>().0.iter().flat_map(|[x, y, z]| [-x, *y, *z]).collect();
         for (name, normal, found) in [
             ("shifted by a pixel", &frame.normal, &shifted),

@@ -1,5 +1,5 @@
-//! Each case of the stability suite provokes what it is made for, on small pictures, and hierarchical SSCR keeps its bound where
-//! SSCR fails. The whole suite is the plan `stability`.
+//! Each case of the stability suite provokes its failure, on small pictures, and hierarchical SSCR keeps its bound
+//! where SSCR fails. The whole suite is the plan `stability`.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::sync::{Arc, LazyLock, Mutex};
@@ -8,11 +8,11 @@ use cloud::Progress;
 use render::{Gpu, ReflectionStats, Renderer};
 use study::{Accuracy, TracedScene, Tracer, Truth, View, stability};
 
-/// Half of the rows that widths in pixels are told for.
+/// Half of the height for which widths in pixels are given.
 const SIZE: [u32; 2] = [160, 120];
 const POINTS: &str = "20000";
 
-/// One for all tests: its pipelines are compiled once. None without an adapter.
+/// One for all tests: its pipelines are compiled once. `None` without an adapter.
 static RENDERER: LazyLock<Option<(Arc<Gpu>, Mutex<Renderer>)>> = LazyLock::new(|| match Gpu::headless(None) {
     Ok(gpu) => Some((gpu.clone(), Mutex::new(Renderer::new(gpu).unwrap()))),
     Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
@@ -28,10 +28,10 @@ struct Judged {
     exact: Accuracy,
 }
 
-/// A case as a method draws it; `set` are words of the form key=value. None without an adapter.
+/// A case as drawn by a method; `set` are words of the form key=value. `None` without an adapter.
 fn judged(method: &str, case: &str, set: &str) -> Option<Judged> {
     let (gpu, renderer) = RENDERER.as_ref()?;
-    // A test that failed while it held the renderer says so itself.
+    // A test that failed while it held the renderer reports its own failure.
     let mut renderer = renderer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let name = format!("{}{case}", stability::PREFIX);
     let mut settings = stability::settings(&name).unwrap();

@@ -1,4 +1,5 @@
-//! The renderer of a test program: one for all of its tests, since software Vulkan compiles each pass for half a second.
+//! The renderer of a test program: all of its tests share one, since software Vulkan compiles each pass for half a
+//! second.
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 
@@ -22,7 +23,7 @@ static STAGE: LazyLock<Option<Mutex<Stage>>> = LazyLock::new(|| {
     Some(Mutex::new(Stage { gpu, renderer }))
 });
 
-/// The renderer, or nothing where there is no adapter and none is required.
+/// The renderer; `None` if there is no adapter and none is required.
 pub fn stage() -> Option<MutexGuard<'static, Stage>> {
     STAGE.as_ref().map(|stage| stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
 }

@@ -1,4 +1,4 @@
-//! Walls that tests light, and the store they stand in.
+//! Walls for tests to light, and the store that holds them.
 
 use std::sync::Arc;
 
@@ -9,10 +9,10 @@ use scene::Settings;
 
 use crate::stage::Stage;
 
-/// sRGB of the walls, and what it is linear.
+/// The sRGB colour of the walls, and its linear value.
 const GREY: u8 = 188;
 pub const ALBEDO: f64 = 0.502_886_5;
-/// Radius of the walls' splats.
+/// The radius of the walls' splats.
 pub const DISC: f64 = 0.02;
 
 /// A rectangle, sampled so that its discs close it.
