@@ -21,7 +21,7 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     let block = blocks[block_index];
     let item = items[block.item];
     identities_from = block.first_identity - block.first;
-    for (var i = lane; i < block.count; i += 128u) {
+    for (var i = lane * page.step; i < block.count; i += 128u * page.step) {
         splat_point(item, block.first + i);
     }
 }

@@ -44,7 +44,8 @@ struct Page {
     point_count: u32,
     // 1 for the first page of the frame, which writes the empty pixels.
     is_first: u32,
-    unused: u32,
+    // One point in so many of a block is splatted.
+    step: u32,
 }
 
 // A point that covers one pixel: the pixel that contains its centre.

@@ -20,6 +20,9 @@ pub enum Error {
     /// A caller asked for an image that the frame does not have.
     #[error("{0}")]
     NotRendered(String),
+    /// The frame was given up, as `Renderer::give_up_when` says.
+    #[error("the frame was given up")]
+    GivenUp,
     #[error("the graphics device was lost or failed: {0}")]
     Lost(String),
     #[error("{what} needs {bytes} bytes, more than the {limit} that {adapter} allows{advice}")]

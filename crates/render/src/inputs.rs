@@ -57,8 +57,9 @@ impl Inputs {
         };
         let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
         let words: Vec<u32> = settings.groups().iter().flat_map(|group| group.words()).collect();
+        let step = list.step.max(1);
         let page = |point_count, is_first, block_count: usize| {
-            let page = Page { block_count: block_count as u32, point_count, is_first: u32::from(is_first), unused: 0 };
+            let page = Page { block_count: block_count as u32, point_count, is_first: u32::from(is_first), step };
             upload("page", uniform, bytemuck::bytes_of(&page))
         };
         let lists = |draw: &PageDraw| {

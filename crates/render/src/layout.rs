@@ -47,7 +47,7 @@ structs! {
     /// The points that one workgroup splats, of shaders/shared/splat.wgsl.
     Block { item: u32, first: u32, count: u32, first_identity: u32 }
     /// The values of one page of the store, of shaders/shared/splat.wgsl.
-    Page { block_count: u32, point_count: u32, is_first: u32, unused: u32 }
+    Page { block_count: u32, point_count: u32, is_first: u32, step: u32 }
     /// A light with a shadow map, of shaders/shared/light.wgsl.
     LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
     /// The layout of the views of the light, of shaders/shared/light_view.wgsl.

@@ -47,6 +47,11 @@ impl Pass {
     pub fn groups(&self) -> impl Iterator<Item = Slots> {
         [Some(FRAME), self.page, Some(self.slots)].into_iter().flatten()
     }
+
+    /// Whether the pass goes through the points of the pages, so that its time grows with their number.
+    pub fn is_over_points(&self) -> bool {
+        self.page.is_some_and(|slots| slots == &PAGE_BY_BLOCKS[..])
+    }
 }
 
 /// The bindings of a pass's own slots: a type for each pass, with a field for each slot.

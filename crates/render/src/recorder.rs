@@ -2,6 +2,7 @@
 //! the host's clock around a submit each.
 
 use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crate::gpu::{Clock, Error, Gpu, Result};
@@ -30,9 +31,14 @@ pub(crate) struct Recorder<'a> {
     pipelines: &'a mut Pipelines,
     encoder: wgpu::CommandEncoder,
     queries: Option<wgpu::QuerySet>,
-    names: Vec<Name>,
+    /// The passes that the GPU times, and whether each splats what the camera sees.
+    names: Vec<(Name, bool)>,
+    /// The time of splatting what the camera sees, as far as the host's clock times it.
+    splatting: f64,
     host_times: Vec<PassTime>,
     failure: Option<Error>,
+    /// Once set, the frame is given up before its next pass.
+    given_up: Option<&'a AtomicBool>,
     /// The name and stage under which passes are timed; `None` for their own.
     timed_as: Option<Name>,
 }
@@ -66,10 +72,17 @@ impl<'a> Recorder<'a> {
             encoder,
             queries,
             names: Vec::new(),
+            splatting: 0.0,
             host_times: Vec::new(),
             failure: None,
+            given_up: None,
             timed_as: None,
         }
+    }
+
+    /// Ends the frame with `Error::GivenUp` before the next pass once the flag is set.
+    pub fn give_up_when(&mut self, flag: Option<&'a AtomicBool>) {
+        self.given_up = flag;
     }
 
     /// Times the following passes together under this name and stage, or each under its own for `None`. So the camera's
@@ -217,6 +230,9 @@ impl<'a> Recorder<'a> {
     }
 
     fn dispatch(&mut self, pass: &'static Pass, dispatches: Vec<Dispatch<'_>>) -> Result<()> {
+        if self.given_up.is_some_and(|flag| flag.load(Ordering::Relaxed)) {
+            return Err(Error::GivenUp);
+        }
         for (switches, ..) in &dispatches {
             let key = (pass.name, switches.clone());
             if !self.pipelines.contains_key(&key) {
@@ -231,6 +247,7 @@ impl<'a> Recorder<'a> {
             (compiled.pipeline.clone(), bound.iter().enumerate().map(bind).collect::<Vec<_>>(), groups)
         };
         let bound: Vec<_> = dispatches.into_iter().map(bind).collect();
+        let splats = self.timed_as.is_none() && pass.stage == PassStage::Surface && pass.is_over_points();
         let first = self.names.len() as u32 * 2;
         let queries = self.queries.as_ref().filter(|_| first < MOST_PASSES * 2);
         let timestamp_writes = queries.map(|query_set| wgpu::ComputePassTimestampWrites {
@@ -249,15 +266,17 @@ impl<'a> Recorder<'a> {
         }
         drop(compute);
         if first < MOST_PASSES * 2 {
-            self.names.push(self.timed_as.unwrap_or((pass.name, pass.stage)));
+            self.names.push((self.timed_as.unwrap_or((pass.name, pass.stage)), splats));
         }
         if self.queries.is_none() {
-            self.submit((pass.name, pass.stage));
+            let milliseconds = self.submit((pass.name, pass.stage));
+            self.splatting += if splats { milliseconds } else { 0.0 };
         }
         Ok(())
     }
 
-    fn submit(&mut self, name: Name) {
+    /// Returns the time in milliseconds.
+    fn submit(&mut self, name: Name) -> f64 {
         let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
         let commands = encoder.finish();
         let (name, stage) = self.timed_as.unwrap_or(name);
@@ -266,21 +285,22 @@ impl<'a> Recorder<'a> {
         if let Err(error) = self.gpu.wait() {
             self.failure.get_or_insert(error);
         }
-        self.host_times.push(PassTime { name, stage, milliseconds: start.elapsed().as_secs_f64() * 1000.0 });
+        let milliseconds = start.elapsed().as_secs_f64() * 1000.0;
+        self.host_times.push(PassTime { name, stage, milliseconds });
+        milliseconds
     }
 
-    /// Waits for the frame. Returns the pass times in order, with passes that ran several times summed, and the frame's
-    /// time.
+    /// Waits for the frame.
     ///
     /// # Errors
     /// The device was lost.
-    pub fn finish(self) -> Result<(Vec<PassTime>, f64)> {
+    pub fn finish(self) -> Result<Times> {
         if let Some(error) = self.failure {
             return Err(error);
         }
         let Some(queries) = self.queries else {
             let total = self.host_times.iter().map(|time| time.milliseconds).sum();
-            return Ok((summed(self.host_times), total));
+            return Ok(Times { passes: summed(self.host_times), total, splatting: self.splatting });
         };
         let count = self.names.len() as u32 * 2;
         let size = u64::from(count) * 8;
@@ -297,15 +317,26 @@ impl<'a> Recorder<'a> {
         let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
         let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
         let pairs = self.names.iter().zip(ticks.chunks_exact(2));
-        let time = |((name, stage), pair): (&Name, &[u64])| PassTime {
-            name,
-            stage: *stage,
-            milliseconds: span(pair[0], pair[1]),
+        let mut splatting = 0.0;
+        let time = |(((name, stage), splats), pair): (&(Name, bool), &[u64])| {
+            let milliseconds = span(pair[0], pair[1]);
+            splatting += if *splats { milliseconds } else { 0.0 };
+            PassTime { name, stage: *stage, milliseconds }
         };
-        let times = pairs.map(time).collect();
+        let passes = summed(pairs.map(time).collect());
         let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
-        Ok((summed(times), total))
+        Ok(Times { passes, total, splatting })
     }
+}
+
+/// The times of a frame, milliseconds.
+pub(crate) struct Times {
+    /// In order; passes that ran several times are summed.
+    pub passes: Vec<PassTime>,
+    /// From the first pass to the last.
+    pub total: f64,
+    /// The part that splats the points that the camera sees.
+    pub splatting: f64,
 }
 
 fn summed(times: Vec<PassTime>) -> Vec<PassTime> {

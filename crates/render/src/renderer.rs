@@ -1,6 +1,7 @@
 //! Renders a frame: runs the passes in their order on its images, and measures their time.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use glam::DVec3;
 use scene::{Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Settings, Show};
@@ -29,6 +30,8 @@ pub struct FrameStats {
     pub passes: Vec<PassTime>,
     /// The time from the first pass to the last.
     pub frame_milliseconds: f64,
+    /// The part of it that splats the points that the camera sees; it grows with their number.
+    pub splatting_milliseconds: f64,
     pub points_drawn: u64,
     pub points_resident: u64,
     pub gpu_bytes: u64,
@@ -56,7 +59,13 @@ pub struct Renderer {
     is_filmic: bool,
     /// The identities that points had when the last frame was drawn.
     pub(crate) drawn: Arc<Identities>,
+    /// How many points that the camera sees a frame may draw.
+    most_points: Option<u64>,
+    given_up: Option<Arc<AtomicBool>>,
 }
+
+/// A thinned picture draws at least one point in so many: fewer would be specks.
+const MOST_STEP: u64 = 64;
 
 /// All inputs of the surfaces and the reflected points of a frame.
 #[derive(Clone, PartialEq)]
@@ -66,14 +75,17 @@ struct SurfaceInputs {
     settings: Settings,
     /// Whether steps are counted because they are shown.
     counts_steps: bool,
+    /// One point in so many is drawn.
+    step: u32,
     revision: u64,
     mirrors: Vec<Mirror>,
 }
 
 impl SurfaceInputs {
-    fn new(camera: FrameCamera, settings: &Settings, store: &PointStore, objects: Objects<'_>) -> Self {
+    fn new(camera: FrameCamera, settings: &Settings, step: u32, store: &PointStore, objects: Objects<'_>) -> Self {
         Self {
             camera,
+            step,
             settings: settings.only(|field| field.affects.found),
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
             revision: store.revision(),
@@ -104,6 +116,8 @@ impl Renderer {
             camera: None,
             is_filmic: false,
             drawn: Arc::default(),
+            most_points: None,
+            given_up: None,
         };
         renderer.warm_up()?;
         Ok(renderer)
@@ -143,6 +157,20 @@ impl Renderer {
         self.gi.may_lag = may_lag;
     }
 
+    /// Lets the frames that follow draw about `most_points` of the points that the camera sees, spread evenly and each larger, or all
+    /// for `None`. This is for pictures while something moves: a sun then casts shadows by the map of the whole scene alone, because
+    /// its finer map goes with the view. Mirrors reflect all points, and all points cast shadows.
+    pub fn thin(&mut self, most_points: Option<u64>) {
+        self.most_points = most_points;
+    }
+
+    /// Lets the frames that follow end with `Error::GivenUp` before their next pass once the flag is set, because another picture is
+    /// wanted. The frame after it is made as if that one had not been begun. Where the GPU times the passes, a frame is submitted
+    /// as a whole, so that it is given up only while it is recorded.
+    pub fn give_up_when(&mut self, flag: Option<Arc<AtomicBool>>) {
+        self.given_up = flag;
+    }
+
     /// Renders a frame and waits for it.
     ///
     /// # Errors
@@ -163,8 +191,21 @@ impl Renderer {
         let spheres = store.mirror_spheres(settings).chain(reflection::mirror_spheres(settings, objects.mirrors));
         // Splats reach at least as far as their smallest size, and closing a gap reaches two pixels further.
         frame_camera.mirror_tiles = frame_camera.tiles_of(spheres, f64::from(settings.splat.min_pixels) * 0.5 + 2.0);
-        let lights = Lights::mapped(settings, objects, camera, size, bounds);
-        let asks = SurfaceInputs::new(frame_camera, settings, store, objects);
+        let mut lights = Lights::mapped(settings, objects, camera, size, bounds);
+        if self.most_points.is_some() && lights.first().is_some_and(|light| light.camera.orthographic) {
+            lights.truncate(1);
+        }
+        let mut points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
+        let most_points = self.most_points.unwrap_or(u64::MAX).max(1);
+        let step = points_drawn.points.div_ceil(most_points).clamp(1, MOST_STEP) as u32;
+        let mut larger = settings.clone();
+        if step > 1 {
+            // The larger splats cover as much of the picture as all would.
+            larger.splat.size *= (step as f32).sqrt();
+            points_drawn = store.draw_list(&frame_camera, &larger, Selection::Seen);
+            points_drawn.thin(step);
+        }
+        let asks = SurfaceInputs::new(frame_camera, settings, step, store, objects);
         let is_kept = settings.reflection.keep && self.made_from.as_ref() == Some(&asks);
         // After an error neither half a frame nor the methods' work on it may be kept.
         if let Some(reflections) = self.reflections.as_mut().filter(|_| self.made_from.is_none()) {
@@ -172,14 +213,14 @@ impl Renderer {
         }
         self.made_from = None;
         self.drawn = store.identities().clone();
-        let points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
 
         let Self { gpu, targets, reflections, .. } = self;
         let (Some(targets), Some(reflections)) = (targets, reflections) else { return Err(nothing_rendered()) };
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
+        recorder.give_up_when(self.given_up.as_deref());
         let nothing = DrawList::default();
         let list = if is_kept { &nothing } else { &points_drawn };
-        let inputs = Inputs::new(gpu, frame_camera, settings, store, list);
+        let inputs = Inputs::new(gpu, frame_camera, &larger, store, list);
         if !is_kept {
             self.gi.surfaces_changed();
             let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
@@ -259,7 +300,7 @@ impl Renderer {
             }
         }
 
-        let (passes, frame_milliseconds) = recorder.finish()?;
+        let times = recorder.finish()?;
         let gpu_bytes =
             store.gpu_bytes() + targets.bytes() + reflections.bytes() + self.lights.shadows.size() + self.gi.bytes();
         let reflection = if Reflections::asked(settings) > 0 { Some(reflections.stats(gpu, settings)?) } else { None };
@@ -267,8 +308,9 @@ impl Renderer {
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         self.is_filmic = is_filmic;
         Ok(FrameStats {
-            passes,
-            frame_milliseconds,
+            passes: times.passes,
+            frame_milliseconds: times.total,
+            splatting_milliseconds: times.splatting,
             points_drawn: points_drawn.points,
             points_resident: store.points(),
             gpu_bytes,

@@ -8,6 +8,8 @@ mod stage;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use cloud::{Chunk, Cloud, Column, pack_normal, pack_radius};
 use glam::{DMat3, DQuat, DVec3};
@@ -18,13 +20,14 @@ use scene::{Camera, METHODS, Method, MethodRow, Mirror, Settings, Shape, SpotLig
 use stage::Stage;
 
 /// The laws, as in docs/methods/README.md.
-const LAWS: [&str; 9] = [
+const LAWS: [&str; 10] = [
     "finite",
     "any size",
     "no points",
     "hidden points",
     "equal stores",
     "kept",
+    "given up",
     "coverage",
     "right angle",
     "finds something",
@@ -119,8 +122,11 @@ fn scene(stage: &Stage, turn: DMat3) -> Scene {
 
 impl Scene {
     fn render(&self, stage: &mut Stage, settings: &Settings, size: [u32; 2]) -> FrameStats {
-        let objects = Objects { mirrors: &self.mirrors, ..Objects::default() };
-        stage.renderer.render(&self.store, &self.camera, settings, objects, size).unwrap()
+        stage.renderer.render(&self.store, &self.camera, settings, self.objects(), size).unwrap()
+    }
+
+    fn objects(&self) -> Objects<'_> {
+        Objects { mirrors: &self.mirrors, ..Objects::default() }
     }
 
     /// Renders a frame without anything kept from the frames before.
@@ -378,6 +384,41 @@ fn what_is_kept_equals_what_is_made_anew() {
             assert_eq!(kept.reflection, anew.reflection, "{}: {name}", method.name);
         }
     }
+}
+
+#[test]
+fn a_frame_that_was_given_up_leaves_no_trace() {
+    let mut stage = stage_or_skip!();
+    let mut given_up = 0;
+    for method in METHODS {
+        let mut scene = scene(&stage, DMat3::IDENTITY);
+        let mut settings = by(method);
+        settings.gi.bounces = 1;
+        let stats = scene.render_anew(&mut stage, &settings, SIZE);
+        for part in 1..8 {
+            scene.camera.orbit(0.02, 0.01);
+            let flag = Arc::new(AtomicBool::new(false));
+            stage.renderer.give_up_when(Some(flag.clone()));
+            let wait = Duration::from_secs_f64(stats.frame_milliseconds * 1e-3 * f64::from(part) / 8.0);
+            let setter = std::thread::spawn(move || {
+                std::thread::sleep(wait);
+                flag.store(true, Ordering::Relaxed);
+            });
+            let ended = stage.renderer.render(&scene.store, &scene.camera, &settings, scene.objects(), SIZE);
+            setter.join().unwrap();
+            stage.renderer.give_up_when(None);
+            if let Err(error) = ended {
+                assert!(matches!(error, render::Error::GivenUp), "{}: {error}", method.name);
+                given_up += 1;
+            }
+            scene.render(&mut stage, &settings, SIZE);
+            let after = bits(&stage);
+            scene.render_anew(&mut stage, &settings, SIZE);
+            assert!(after == bits(&stage), "{}: given up after {part} eighths", method.name);
+        }
+    }
+    // Where the GPU times the passes, a frame is submitted as a whole and never given up.
+    assert!(given_up > METHODS.len() || stage.gpu.clock == render::Clock::Gpu, "{given_up} frames were given up");
 }
 
 #[test]

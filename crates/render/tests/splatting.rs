@@ -295,6 +295,37 @@ fn hidden_classes_and_hidden_clouds_are_not_drawn() {
 }
 
 #[test]
+fn a_thinned_picture_covers_about_as_much_with_fewer_points_and_leaves_no_trace() {
+    let mut stage = stage_or_skip!();
+    let mut store = PointStore::new(stage.gpu.clone());
+    let cloud = store.add_cloud(Material::default());
+    let mut large = chunk(&ball(20_000), DVec3::ZERO);
+    large.radii = Some(Arc::new(vec![pack_radius(0.03); 20_000]));
+    store.add_chunk(cloud, &large, None).unwrap();
+    let speck = store.add_cloud(Material::default());
+    store.add_chunk(speck, &chunk(&ball(1), DVec3::Z * -0.5), None).unwrap();
+    let (camera, settings) = (front_camera(), settings(&[("splat.quality", "nearest")]));
+    let mut drawn = |most| {
+        stage.renderer.thin(most);
+        let stats = stage.renderer.render(&store, &camera, &settings, Objects::default(), SIZE).unwrap();
+        let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
+        let covered = depth.iter().filter(|depth| !depth.is_nan()).count();
+        (stats.points_drawn, covered, stage.renderer.read_picture().unwrap())
+    };
+    let (all, covered, picture) = drawn(None);
+    for (most, step) in [(10_001, 2), (2_501, 8), (700, 29), (1, 64)] {
+        let (points, thinly_covered, _) = drawn(Some(most));
+        // Each of the blocks keeps its first point.
+        assert!((all / step..=all / step + 21).contains(&points), "{points} of {most}");
+        let ratio = thinly_covered as f64 / covered as f64;
+        assert!((0.7..1.5).contains(&ratio), "{most}: {ratio}");
+    }
+    assert_eq!(drawn(Some(1_000_000)), (all, covered, picture.clone()), "enough for all");
+    drawn(Some(100));
+    assert_eq!(drawn(None), (all, covered, picture), "the picture after a thinned one");
+}
+
+#[test]
 fn an_attribute_of_large_values_is_coloured_across_its_whole_ramp() {
     let mut stage = stage_or_skip!();
     // GPS times of ten digits that differ by milliseconds: f32 alone would make them one colour.

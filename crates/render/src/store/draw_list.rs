@@ -53,6 +53,17 @@ pub(crate) struct DrawList {
     pub class_masks: Vec<u32>,
     pub filter_classes: bool,
     pub points: u64,
+    /// One point in so many of each block is drawn; 0 stands for 1.
+    pub step: u32,
+}
+
+impl DrawList {
+    /// Leaves one point in `step` of each block.
+    pub fn thin(&mut self, step: u32) {
+        self.step = step;
+        let points = self.pages.iter().flat_map(|page| &page.blocks).flatten();
+        self.points = points.map(|block| u64::from(block.count.div_ceil(step))).sum();
+    }
 }
 
 impl StoredChunk {
@@ -120,7 +131,7 @@ impl PointStore {
         pages.retain(|page| page.blocks.iter().any(|blocks| !blocks.is_empty()));
         let class_masks = [UNCLASSED, self.test.class_words()].concat();
         let filter_classes = !self.test.shows_all();
-        DrawList { pages, items, chunks: chunk_ids, class_masks, filter_classes, points }
+        DrawList { pages, items, chunks: chunk_ids, class_masks, filter_classes, points, step: 1 }
     }
 
     fn item(&self, chunk: &StoredChunk, cloud: &StoredCloud, camera: &FrameCamera, class_mask: u32) -> Item {
