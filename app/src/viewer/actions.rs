@@ -65,7 +65,7 @@ impl Session {
             Action::PointAt(pixel) => self.scene.navigation.point_at(pixel, self.outside.now),
             Action::AskHover => self.scene.ask_hover(&mut self.outside),
 
-            Action::SetParameter { key, value } => self.scene.set_parameter(&key, value),
+            Action::SetParameter { key, value } => self.scene.set_parameter(&key, value, self.outside.now),
             Action::ChangeSettings(settings) => self.scene.settings = *settings,
             Action::PointSize(notches) => {
                 self.scene.settings.splat.size =

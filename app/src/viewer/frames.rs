@@ -6,6 +6,7 @@ use render::FrameStats;
 use serde_json::json;
 
 use super::outside::Outside;
+use super::pace::{Haste, Spared};
 use super::render_thread::{self, Command, Frame, FrameRequest};
 
 /// While points come in, a frame at most this often: each takes time from reading.
@@ -27,6 +28,8 @@ pub struct Frames {
     pub under_way: u32,
     /// Time of the last frame in the wanted quality.
     careful_milliseconds: f64,
+    /// What frames spare while something moves.
+    haste: Haste,
     /// Counts changes of the points and their colours.
     pub revision: u64,
     /// The picture on the screen is the final one, and that was told.
@@ -44,6 +47,8 @@ pub struct Situation {
     pub a_mirror_is_dragged: bool,
     /// Only final pictures are wanted.
     pub is_recorded: bool,
+    /// How long a frame may take while something moves, milliseconds; 0 for as long as it takes.
+    pub milliseconds: f64,
 }
 
 /// What is to be done about a frame that is wanted.
@@ -77,16 +82,18 @@ impl Frames {
         situation: &Situation,
         outside: &mut Outside,
     ) -> Option<Duration> {
-        let &Situation { points_come, light_comes, rest, a_mirror_is_dragged, is_recorded } = situation;
+        let &Situation { points_come, light_comes, rest, a_mirror_is_dragged, is_recorded, milliseconds } = situation;
         if is_recorded && (points_come || light_comes) {
             return None;
         }
         // The first picture comes soon, and a better one after it.
-        let is_hurried = !is_recorded && (self.shown.is_none() || rest.is_some() && self.is_slow());
-        let hurried = is_hurried.then(|| render_thread::hurried(&wanted.settings, a_mirror_is_dragged));
-        if let Some(settings) = hurried.filter(|hurried| *hurried != wanted.settings) {
+        let is_moving = !is_recorded && rest.is_some() && self.is_slow();
+        if !is_recorded && self.shown.is_none() || is_moving {
+            let settings = render_thread::hurried(&wanted.settings, a_mirror_is_dragged);
+            let spared = (is_moving && milliseconds > 0.0).then(|| self.haste.spare(wanted.size, milliseconds));
+            wanted.spared = spared.filter(|spared| *spared != Spared::NOTHING);
+            wanted.hurried = settings != wanted.settings || wanted.spared.is_some();
             wanted.settings = settings;
-            wanted.hurried = true;
         }
         match self.want(&wanted, points_come, outside.now) {
             Next::Draw => {
@@ -144,14 +151,15 @@ impl Frames {
         (self.requested.as_ref() == Some(shown) && !shown.hurried).then_some(shown)
     }
 
-    /// A frame is on the screen.
-    pub fn show(&mut self, frame: Frame) {
+    /// A frame is on the screen. `milliseconds` as in `Situation`.
+    pub fn show(&mut self, frame: Frame, milliseconds: f64) {
         // Those that were overtaken are never drawn.
         self.under_way = u32::from(self.requested.as_ref() != Some(&frame.request));
         if !frame.request.hurried {
             self.careful_milliseconds = frame.total_milliseconds;
         }
         let Frame { request, stats, total_milliseconds, .. } = frame;
+        self.haste.learn(&stats, &request, total_milliseconds, milliseconds);
         self.shown = Some(Shown { request, stats, total_milliseconds });
     }
 

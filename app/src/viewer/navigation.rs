@@ -20,6 +20,8 @@ const PIVOT_MARK: Duration = Duration::from_millis(700);
 #[derive(Default)]
 pub struct Navigation {
     last_move: Option<Instant>,
+    /// Since when a mouse button is down or text is being typed.
+    held_since: Option<Instant>,
     /// Cursor over the picture, pixels, and since when.
     pub cursor: Option<([u32; 2], Instant)>,
     /// What the cursor points at: pixel and world position, if there is a point.
@@ -38,6 +40,19 @@ impl Navigation {
     pub fn camera_moved(&mut self, now: Instant) {
         self.last_move = Some(now);
         self.hovered = None;
+    }
+
+    /// Takes in whether a mouse button is down. What began to move since it went down moves until it comes up: the hand pauses, and
+    /// on a busy machine its movements come late.
+    pub fn hold(&mut self, is_held: bool, now: Instant) {
+        self.held_since = self.held_since.or(Some(now)).filter(|_| is_held);
+        if self.held_since.zip(self.last_move).is_some_and(|(since, moved)| moved >= since) {
+            self.last_move = Some(now);
+        }
+    }
+
+    pub fn is_held(&self) -> bool {
+        self.held_since.is_some()
     }
 
     /// `None` if the camera rests.

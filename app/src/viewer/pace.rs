@@ -1,4 +1,8 @@
-//! How the budgets of streamed clouds are divided: among what is open, and between a moving picture and one that stands still.
+//! How budgets are divided: those of streamed clouds among what is open, and the time of a frame while something moves.
+
+use render::FrameStats;
+
+use super::render_thread::FrameRequest;
 
 /// Shares of the budgets for what was opened one after the other, by the share that each would take if it had them all. What one
 /// does not need goes to the others; all get the same of what is too little or too much.
@@ -50,6 +54,93 @@ impl Pace {
     }
 }
 
+/// What a frame spares while something moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Spared {
+    /// The picture is drawn with this part of the pixels along each side.
+    pub divisor: u32,
+    /// How many of the points that the camera sees are drawn; all for `None`.
+    pub most_points: Option<u64>,
+}
+
+impl Spared {
+    pub const NOTHING: Self = Self { divisor: 1, most_points: None };
+
+    /// The pixels of the picture, of those that it fills in the window.
+    pub fn size(self, size: [u32; 2]) -> [u32; 2] {
+        size.map(|side| side.div_ceil(self.divisor))
+    }
+}
+
+/// Chooses what frames spare while something moves, by the times of earlier frames: those of points and those of pixels.
+#[derive(Default)]
+pub struct Haste {
+    /// Milliseconds for a point that the camera sees.
+    per_point: f64,
+    /// Milliseconds for a pixel.
+    per_pixel: f64,
+    /// How many points the camera sees, as far as a frame of all has told.
+    points: f64,
+    chosen: Option<Spared>,
+}
+
+impl Haste {
+    /// A picture is drawn with at least a part in so many of the pixels along each side: less cannot be recognised.
+    const MOST_DIVISOR: u32 = 4;
+    /// The number of points for a pixel that a picture is drawn with at least: many lie outside of it or behind others, and with
+    /// fewer only blots are left.
+    const LEAST_POINTS: f64 = 4.0;
+
+    /// Learns from a frame that took so many milliseconds in all, and was to take `wanted`.
+    pub fn learn(&mut self, stats: &FrameStats, request: &FrameRequest, milliseconds: f64, wanted: f64) {
+        let pixels = request.drawn_size().map(f64::from).iter().product::<f64>().max(1.0);
+        let drawn = stats.points_drawn as f64;
+        if request.spared.is_none_or(|spared| spared.most_points.is_none()) {
+            self.points = drawn;
+        }
+        // A frame that keeps the surfaces of the one before tells nothing. One in full quality tells what to begin with.
+        let tells = stats.splatting_milliseconds > 0.0 && (request.hurried || self.per_point == 0.0);
+        if !tells {
+            return;
+        }
+        let per_point = stats.splatting_milliseconds / drawn.max(1.0);
+        let per_pixel = (milliseconds - stats.splatting_milliseconds).max(0.0) / pixels;
+        // The least that was measured lately: other programs make single frames slow, which sparing more would not help.
+        let slower = |known: f64, measured: f64| if known > 0.0 { measured.min(known * 1.1) } else { measured };
+        self.per_point = slower(self.per_point, per_point);
+        self.per_pixel = slower(self.per_pixel, per_pixel);
+        // Near enough is right: each other choice makes the picture jump.
+        if !(0.5..1.2).contains(&(milliseconds / wanted.max(1.0))) {
+            self.chosen = None;
+        }
+    }
+
+    /// What a frame of `size` pixels spares that is to take `wanted` milliseconds: first pixels, as long as the points for those
+    /// that are left cannot be afforded, then points.
+    pub fn spare(&mut self, size: [u32; 2], wanted: f64) -> Spared {
+        if let Some(chosen) = self.chosen {
+            return chosen;
+        }
+        let choice = |divisor: u32| {
+            let pixels = Spared { divisor, most_points: None }.size(size).map(f64::from).iter().product::<f64>();
+            let affordable = (wanted - self.per_pixel * pixels) / self.per_point.max(1e-9);
+            (affordable, pixels * Self::LEAST_POINTS)
+        };
+        let divisors = 1..=Self::MOST_DIVISOR;
+        let fitting = divisors.clone().find(|divisor| {
+            let (affordable, least) = choice(*divisor);
+            affordable >= least.min(self.points)
+        });
+        let divisor = fitting.unwrap_or(Self::MOST_DIVISOR);
+        let (affordable, least) = choice(divisor);
+        // Where even the least is too much, it is drawn all the same.
+        let most = affordable.max(least);
+        let spared = Spared { divisor, most_points: (most < self.points).then_some(most as u64) };
+        self.chosen = Some(spared);
+        spared
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -87,5 +178,57 @@ mod tests {
         assert_eq!(pace.budget(5_000_000), 5_000_000);
         (0..30).for_each(|_| pace.learn(1e9, 40.0));
         assert_eq!(pace.budget(800), 100, "never so few that nothing is left to see");
+    }
+
+    const SIZE: [u32; 2] = [1400, 900];
+
+    /// A frame of so many points on a machine that takes so many nanoseconds for a point and for a pixel, and its milliseconds.
+    fn frame(machine: [f64; 2], points: u64, request: &FrameRequest) -> (FrameStats, f64) {
+        let [per_point, per_pixel] = machine.map(|nanoseconds| nanoseconds * 1e-6);
+        let most = request.spared.and_then(|spared| spared.most_points);
+        let drawn = most.map_or(points, |most| most.min(points));
+        let pixels = request.drawn_size().map(u64::from).iter().product::<u64>();
+        let splatting = drawn as f64 * per_point;
+        let milliseconds = splatting + pixels as f64 * per_pixel;
+        let stats = FrameStats {
+            passes: Vec::new(),
+            frame_milliseconds: milliseconds,
+            splatting_milliseconds: splatting,
+            points_drawn: drawn,
+            points_resident: points,
+            gpu_bytes: 0,
+            clock: render::Clock::Host,
+            reflection: None,
+        };
+        (stats, milliseconds)
+    }
+
+    #[test]
+    fn a_frame_of_a_moving_picture_takes_the_time_that_it_may() {
+        // A fast machine, one without a graphics card, the same with indirect light; few points and many.
+        for machine in [[1.0, 2.0], [40.0, 200.0], [40.0, 1500.0]] {
+            for points in [8_000, 3_000_000, 12_000_000] {
+                let mut haste = Haste::default();
+                let still = FrameRequest { size: SIZE, ..FrameRequest::any() };
+                // High quality takes four times as long for each point.
+                let (stats, milliseconds) = frame([4.0 * machine[0], machine[1]], points, &still);
+                haste.learn(&stats, &still, milliseconds, 40.0);
+                let mut last = (Spared::NOTHING, 0.0);
+                for _ in 0..4 {
+                    let spared = haste.spare(SIZE, 40.0);
+                    let moving = FrameRequest { spared: Some(spared), hurried: true, ..still.clone() };
+                    let (stats, milliseconds) = frame(machine, points, &moving);
+                    haste.learn(&stats, &moving, milliseconds, 40.0);
+                    last = (spared, milliseconds);
+                }
+                let (spared, milliseconds) = last;
+                let is_least = spared.divisor == Haste::MOST_DIVISOR;
+                assert!(milliseconds < 48.0 || is_least && milliseconds < 150.0, "{machine:?} {points}: {last:?}");
+                // No more is spared than is needed.
+                let all = frame(machine, points, &still).1;
+                assert!(all > 20.0 || spared == Spared::NOTHING, "{machine:?} {points}: {last:?}");
+                assert_eq!(haste.spare(SIZE, 40.0), spared, "it does not swing");
+            }
+        }
     }
 }

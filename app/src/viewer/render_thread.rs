@@ -7,7 +7,8 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -17,6 +18,7 @@ use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::Drawn;
 use world::{Change, ChunkKey, Resident};
 
+use super::pace::Spared;
 use super::under_way::Pass;
 use crate::picture_file;
 
@@ -28,8 +30,10 @@ pub struct FrameRequest {
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
     pub sky_is_open: bool,
-    /// Pixels.
+    /// The pixels that the picture fills in the window.
     pub size: [u32; 2],
+    /// `Some` if the picture is drawn fast because something moves.
+    pub spared: Option<Spared>,
     /// Counts changes of the points and their colours.
     pub revision: u64,
     /// Drawn fast because the camera moves; a better one follows.
@@ -138,6 +142,8 @@ pub enum Report {
 pub struct RenderThread {
     commands: Sender<Command>,
     thread: JoinHandle<()>,
+    /// Set when a picture in lower quality waits, so that one in full quality is given up for it.
+    is_urgent: Arc<AtomicBool>,
 }
 
 /// Pixels around the cursor in which a point counts as meant: a fingertip's precision with a mouse.
@@ -156,11 +162,13 @@ impl RenderThread {
         report: impl Fn(Report) + Send + 'static,
     ) -> std::io::Result<Self> {
         let (commands, receiver) = channel();
+        let is_urgent = Arc::new(AtomicBool::new(false));
+        let urgent = is_urgent.clone();
         let work = move || {
             let draw = || match Worker::new(window_gpu, wanted.as_deref()) {
                 Ok(mut worker) => {
                     report(Report::Ready { adapter: worker.gpu.info.name.clone() });
-                    worker.run(&receiver, &report);
+                    worker.run(&receiver, &urgent, &report);
                 }
                 Err(error) => report(Report::Lost(error.to_string())),
             };
@@ -170,17 +178,22 @@ impl RenderThread {
             }
         };
         let thread = std::thread::Builder::new().name("render".into()).spawn(work)?;
-        Ok(Self { commands, thread })
+        Ok(Self { commands, thread, is_urgent })
     }
 
     pub fn send(&self, command: Command) {
+        let is_urgent = matches!(&command, Command::Frame(request) if request.hurried);
         // A thread that has ended has reported why.
         let _ = self.commands.send(command);
+        if is_urgent {
+            self.is_urgent.store(true, Ordering::Relaxed);
+        }
     }
 
     /// Ends the thread, and waits for the frame that it is at.
     pub fn end(self) {
         drop(self.commands);
+        self.is_urgent.store(true, Ordering::Relaxed);
         // It caught its own panics.
         let _ = self.thread.join();
     }
@@ -214,10 +227,20 @@ impl Worker {
         })
     }
 
-    fn run(&mut self, commands: &Receiver<Command>, report: &impl Fn(Report)) {
-        while let Ok(first) = commands.recv() {
-            let mut frame = None;
-            let mut next = Some(first);
+    fn run(&mut self, commands: &Receiver<Command>, urgent: &Arc<AtomicBool>, report: &impl Fn(Report)) {
+        // A frame that was given up is drawn after all if no other has come.
+        let mut frame: Option<Box<FrameRequest>> = None;
+        loop {
+            let first = if frame.is_some() {
+                commands.try_recv()
+            } else {
+                commands.recv().map_err(|_| TryRecvError::Disconnected)
+            };
+            let mut next = match first {
+                Err(TryRecvError::Disconnected) => return,
+                first => first.ok(),
+            };
+            urgent.store(false, Ordering::Relaxed);
             let started = Instant::now();
             while let Some(command) = next {
                 let result = match command {
@@ -238,9 +261,13 @@ impl Worker {
                 }
                 next = commands.try_recv().ok();
             }
-            if let Some(request) = frame {
-                match self.draw(*request) {
+            if let Some(request) = frame.take() {
+                self.renderer.give_up_when((!request.hurried).then(|| urgent.clone()));
+                let drawn = self.draw((*request).clone());
+                self.renderer.give_up_when(None);
+                match drawn {
                     Ok(frame) => report(Report::Frame(Box::new(frame))),
+                    Err(render::Error::GivenUp) => frame = Some(request),
                     Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
                     Err(error) => report(Report::NotDrawn(error.to_string())),
                 }
@@ -255,7 +282,11 @@ impl Worker {
                 if let Some(request) = self.on_screen.clone() {
                     self.hold(&request, false)?;
                 }
-                let picked = self.renderer.pick(&self.resident.store, pixel, PICK_RADIUS)?;
+                // The picture may have fewer pixels than the window.
+                let divisor =
+                    self.on_screen.as_ref().and_then(|request| request.spared).map_or(1, |spared| spared.divisor);
+                let drawn = pixel.map(|place| place / divisor);
+                let picked = self.renderer.pick(&self.resident.store, drawn, PICK_RADIUS.div_ceil(divisor))?;
                 let point = picked.and_then(|picked| self.resident.origin(picked.chunk, picked.index));
                 let point = point.map(|(chunk, index)| PickedPoint { chunk, index });
                 report(Report::Picked { pixel, purpose, point });
@@ -320,8 +351,9 @@ impl Worker {
         let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
         self.held = None;
         self.renderer.let_light_lag(request.light_may_lag);
-        let stats =
-            self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, request.size)?;
+        self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
+        let size = request.drawn_size();
+        let stats = self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, size)?;
         self.held = Some((request.clone(), true));
         Ok(stats)
     }
@@ -331,7 +363,7 @@ impl Worker {
         let stats = self.render(&request)?;
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         let pixels = self.renderer.read_picture()?;
-        let [width, height] = request.size;
+        let [width, height] = request.drawn_size();
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
         let texture = match self.shown.take() {
             Some(texture) if texture.size() == size => texture,
@@ -362,7 +394,12 @@ fn is_fatal(error: &render::Error) -> bool {
 impl FrameRequest {
     /// The same picture with nothing spared.
     pub fn unhurried(&self, settings: &Settings) -> Self {
-        Self { settings: settings.clone(), hurried: false, light_may_lag: false, ..self.clone() }
+        Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
+    }
+
+    /// The pixels that are drawn.
+    pub fn drawn_size(&self) -> [u32; 2] {
+        self.spared.unwrap_or(Spared::NOTHING).size(self.size)
     }
 }
 

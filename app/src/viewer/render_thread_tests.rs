@@ -32,6 +32,7 @@ fn request(size: [u32; 2]) -> Box<FrameRequest> {
         sky_is_open: false,
         size,
         revision: 0,
+        spared: None,
         hurried: false,
         light_may_lag: false,
     })

@@ -211,11 +211,15 @@ impl Scene {
     }
 
     /// What widgets cannot give is not set.
-    pub fn set_parameter(&mut self, key: &str, value: param::Value) {
+    pub fn set_parameter(&mut self, key: &str, value: param::Value, now: Instant) {
         let Some((group, name)) = key.split_once('.') else { return };
         let group = self.settings.groups_mut().into_iter().find(|known| known.group().name == group);
         if let Some(Err(error)) = group.map(|group| group.set(name, value)) {
             tracing::warn!("{error}");
+        }
+        if self.navigation.is_held() {
+            // A slider that is dragged moves the picture as a camera does.
+            self.navigation.camera_moved(now);
         }
     }
 

@@ -306,6 +306,7 @@ impl Session {
         self.outside.now = now;
         let zoom = self.scene.end_zoom_wait(self.outside.now);
         self.follow_cursor();
+        self.scene.navigation.hold(is_held, now);
         let steps = self.scene.history.steps();
         let quiet = self.scene.history.watch(&self.scene.settings, &self.scene.objects, is_held, now);
         self.sync_visibility();
@@ -335,6 +336,7 @@ impl Session {
             rest: self.scene.navigation.time_to_rest(self.outside.now),
             a_mirror_is_dragged: is_mirror && self.handle_is_grabbed,
             is_recorded: self.is_recorded,
+            milliseconds: f64::from(self.scene.settings.stream.frame_ms),
         };
         let under_way = self.frames.under_way;
         let again = self.frames.request(self.picture(), &situation, &mut self.outside);
@@ -359,6 +361,7 @@ impl Session {
             sky_is_open: self.sky_is_open(),
             size: self.scene.view_size,
             revision: self.frames.revision,
+            spared: None,
             hurried: false,
             light_may_lag: self.light_may_lag(),
         }
@@ -399,7 +402,7 @@ impl Session {
                 if !frame.request.hurried {
                     self.figure_history.push(&frame.stats);
                 }
-                self.frames.show(*frame);
+                self.frames.show(*frame, f64::from(self.scene.settings.stream.frame_ms));
             }
             Report::Picked { pixel, purpose, point } => self.on_picked(pixel, purpose, point),
             Report::Saved(path) => {

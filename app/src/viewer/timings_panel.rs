@@ -59,11 +59,15 @@ pub fn show(ui: &mut Ui, session: &Session) {
     ui.separator();
     row(ui, "Frame", &format!("{:.1} ms", stats.frame_milliseconds), None);
     row(ui, "With transfer", &format!("{:.1} ms", shown.total_milliseconds), None);
-    let [width, height] = shown.request.size;
+    let [width, height] = shown.request.drawn_size();
     row(ui, "Picture", &format!("{width} × {height}"), None);
     ui.label(RichText::new(clock).small().color(theme::WEAK));
     if shown.request.hurried {
-        ui.label(RichText::new("Nearest point while moving, refined at rest").small().color(theme::ACCENT));
+        let text = match shown.request.spared {
+            None => "Nearest point while moving, refined at rest",
+            Some(_) => "Fewer pixels and points while moving, refined at rest",
+        };
+        ui.label(RichText::new(text).small().color(theme::ACCENT));
     }
     ui.separator();
     let loaded: u64 = session.clouds.iter().map(|entry| entry.points).sum();
@@ -121,6 +125,7 @@ mod tests {
         FrameStats {
             passes: Vec::new(),
             frame_milliseconds: 1.0,
+            splatting_milliseconds: 0.0,
             points_drawn: 0,
             points_resident: 0,
             gpu_bytes: 0,

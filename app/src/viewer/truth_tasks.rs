@@ -411,6 +411,7 @@ impl FrameRequest {
             sky_is_open: false,
             size: [8, 6],
             revision: 1,
+            spared: None,
             hurried: false,
             light_may_lag: false,
         }

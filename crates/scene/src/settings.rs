@@ -332,7 +332,7 @@ params! {
         detail: f32 = 1.0, 0.25..=64.0, "pixels";
         /// How much places outside of the picture count beside those in it: mirrors show them, and light comes from them.
         unseen: f32 = 0.25, 0.0..=1.0, "share";
-        /// Time that a frame may take while the camera moves: fewer points are drawn to keep it; 0 draws all.
+        /// The time that a frame may take while something moves: fewer pixels and points are drawn to keep it; 0 draws all.
         frame_ms: f32 = 40.0, 0.0..=1000.0, "ms";
         /// Colour points by the level of their page, and draw the boxes of pages.
         overlay: bool = false => not(kept);
