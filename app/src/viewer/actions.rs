@@ -7,6 +7,7 @@ use world::CloudKey;
 use super::action::{Action, Handles, Mode};
 use super::clouds::CloudEntry;
 use super::inspection::{Inspection, Surface, Target};
+use super::loaded::Loaded;
 use super::outside::Effect;
 use super::path_prompt::PathPrompt;
 use super::render_thread::{Command, PickPurpose};
@@ -46,14 +47,14 @@ impl Session {
             }
             Action::Travel(way) => self.scene.travel(way, self.outside.now),
             Action::PivotHere => self.pick_under_cursor(PickPurpose::Pivot),
-            Action::FrameAll => self.scene.frame_all(&self.clouds, self.outside.now),
+            Action::FrameAll => self.scene.frame_all(&self.loaded.clouds, self.outside.now),
             Action::FrameCloud(key) => self.frame_cloud(key),
             Action::ToggleMode => {
                 self.scene.mode = if self.scene.mode == Mode::Orbit { Mode::Fly } else { Mode::Orbit };
                 let text = if self.scene.is_flying() { "Fly: drag to look, W A S D Q E to move" } else { "Orbit" };
                 self.outside.note(text);
             }
-            Action::LookFrom(view) => self.scene.look_from(view, &self.clouds, self.outside.now),
+            Action::LookFrom(view) => self.scene.look_from(view, &self.loaded.clouds, self.outside.now),
             Action::LookAlong { eye, pivot } => self.scene.look_along(eye, pivot, self.outside.now),
             Action::ToggleProjection => {
                 let projection = &mut self.scene.settings.view.projection;
@@ -71,7 +72,7 @@ impl Session {
                 self.scene.settings.splat.size =
                     scaled(&self.scene.settings.splat, "size", self.scene.settings.splat.size, notches);
             }
-            Action::ColorBy(by) => self.scene.color_by(by, &self.clouds, &mut self.outside),
+            Action::ColorBy(by) => self.scene.color_by(by, &self.loaded.clouds, &mut self.outside),
             Action::ShowClasses(classes, is_shown) => self.scene.show_classes(classes, is_shown, self.outside.now),
             Action::ToggleEdl => {
                 let strength = &mut self.scene.settings.edl.strength;
@@ -80,7 +81,7 @@ impl Session {
             Action::Hold { raw_colors, truth } => {
                 self.raw_colors = raw_colors;
                 // The truth of nothing cannot be shown.
-                let is_held = truth && (self.truth.is_held || !self.clouds.is_empty());
+                let is_held = truth && (self.truth.is_held || !self.loaded.clouds.is_empty());
                 self.truth.hold(is_held, &mut self.outside);
             }
             Action::ToggleLight => {
@@ -114,12 +115,14 @@ impl Session {
             }
             Action::SaveScene => self.save_scene(),
             Action::SavePicture => self.save_picture(),
-            Action::StopLoading => self.stop_loading(),
-            Action::ShowCloud(key, is_visible) => self.set_visible(key, is_visible),
-            Action::RemoveCloud(key) => self.remove_cloud(key),
-            Action::StopMaking(key) => self.stop_making(key),
-            Action::ResumeMaking(key) => self.resume_making(key),
-            Action::DeleteIndex(key) => self.delete_index(key),
+            Action::StopLoading => self.with_loaded(Loaded::stop_loading),
+            Action::ShowCloud(key, is_visible) => {
+                self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))
+            }
+            Action::RemoveCloud(key) => self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside)),
+            Action::StopMaking(key) => self.loaded.stop_making(key),
+            Action::ResumeMaking(key) => self.loaded.resume_making(key),
+            Action::DeleteIndex(key) => self.with_loaded(|loaded, beside| loaded.delete_index(key, beside)),
 
             Action::AddMirror(shape) => self.add_mirror(shape),
             Action::AddSpot => self.scene.add_spot(&mut self.outside),
@@ -158,7 +161,7 @@ impl Session {
             }
             Action::ChangeDraft(draft) => self.draft = *draft,
             Action::CountPoints(key, wanted) => {
-                if let Some(entry) = self.cloud(key) {
+                if let Some(entry) = self.loaded.cloud(key) {
                     let (cloud, source, wanted) = (entry.cloud.clone(), entry.source.clone(), *wanted);
                     self.outside.work(Work::CountPoints { cloud, source, wanted });
                 }
@@ -173,7 +176,7 @@ impl Session {
                 });
             }
             Action::StopMarking(key) => {
-                let marking = self.cloud(key).and_then(|entry| entry.marking.as_ref());
+                let marking = self.loaded.cloud(key).and_then(|entry| entry.marking.as_ref());
                 marking.iter().for_each(|(_, progress)| progress.cancel());
             }
 
@@ -235,17 +238,17 @@ impl Session {
         if self.open(std::slice::from_ref(&path)) {
             self.path_prompt = None;
             if is_for_mirror {
-                self.await_marking(MirrorPoints::whole(path));
+                self.loaded.await_marking(MirrorPoints::whole(path));
             }
         }
     }
 
     /// Looks at a cloud as at what is looked at now.
     fn frame_cloud(&mut self, key: CloudKey) {
-        let figures = self.cloud(key).and_then(|entry| entry.figures.as_ref());
+        let figures = self.loaded.cloud(key).and_then(|entry| entry.figures.as_ref());
         let outline = figures.map(|figures| figures.outline.clone());
         if let Some(outline) = outline.filter(|outline| !outline.is_empty()) {
-            let mut camera = self.scene.framed(&outline, StandardView::Isometric, &self.clouds);
+            let mut camera = self.scene.framed(&outline, StandardView::Isometric, &self.loaded.clouds);
             camera.eye = camera.pivot - self.scene.camera.forward() * camera.distance();
             camera.frame(&outline, self.scene.settings.view.field_of_view, self.scene.aspect());
             self.scene.jump(self.outside.now, self.scene.settings.clone(), camera);
@@ -296,7 +299,7 @@ impl Session {
             self.scene.navigation.camera_moved(self.outside.now);
             return;
         }
-        if !self.clouds.is_empty() {
+        if !self.loaded.clouds.is_empty() {
             let id = self.scene.next_object_id();
             self.inspection = Some(Inspection::new(id));
             self.scene.selected = None;
@@ -328,7 +331,7 @@ impl Session {
             return;
         }
         held.asked = Some(pixel);
-        let visible = self.clouds.iter().filter(|entry| entry.is_visible);
+        let visible = self.loaded.clouds.iter().filter(|entry| entry.is_visible);
         let targets = |entry: &CloudEntry| {
             let (classes, chunks) = (entry.cloud.class_column(), entry.cloud.chunks.iter().cloned());
             let target = |(chunk, (_, bounds))| Target { chunk, bounds, classes };

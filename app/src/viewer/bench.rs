@@ -94,8 +94,15 @@ impl Bench {
             }
             Effect::Load { inputs } => {
                 let job = world::start(inputs.clone(), &self.session.scene.settings);
-                let id = self.session.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
-                job.events.iter().for_each(|event| self.session.on_loading(id, event));
+                let id = self.session.loaded.add_job(
+                    &inputs,
+                    job.progress.clone(),
+                    job.mailbox.clone(),
+                    self.session.outside.now,
+                );
+                job.events
+                    .iter()
+                    .for_each(|event| self.session.with_loaded(|loaded, beside| loaded.on_loading(id, event, beside)));
             }
             Effect::Work(Work::SaveSweep(sweep)) => self.swept = Some(sweep),
             Effect::Work(work) => {

@@ -8,7 +8,7 @@ use super::theme::{self, grouped};
 use super::widgets::eye;
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    for entry in &session.clouds {
+    for entry in &session.loaded.clouds {
         ui.push_id(entry.key.0, |ui| {
             ui.horizontal(|ui| {
                 if eye(ui, entry.is_visible, &entry.cloud.name).clicked() {
@@ -61,6 +61,7 @@ mod tests {
     use scene::Camera;
 
     use super::super::figures::Figures;
+    use super::super::loaded::Loaded;
     use super::super::outside::Effect;
     use super::super::work::{Found, Work};
     use super::*;
@@ -83,18 +84,18 @@ mod tests {
         for visible in [false, true] {
             harness.get_by_label("Show cloud.ply").click();
             harness.run_ok();
-            assert_eq!(harness.state().clouds[0].is_visible, visible);
+            assert_eq!(harness.state().loaded.clouds[0].is_visible, visible);
         }
         harness.get_by_label("Remove cloud.ply").click();
         harness.run_ok();
-        assert!(harness.state().clouds.is_empty() && harness.query_by_label("2 points").is_none());
+        assert!(harness.state().loaded.clouds.is_empty() && harness.query_by_label("2 points").is_none());
     }
 
     #[test]
     fn frame_looks_at_the_whole_cloud_from_where_one_looks_now_and_is_undone() {
         let mut harness = harness();
         let session = harness.state_mut();
-        session.renew_figures();
+        session.with_loaded(Loaded::renew_figures);
         for effect in std::mem::take(&mut session.outside.effects) {
             if let Effect::Work(Work::FindFigures { key, cloud, basis, up, .. }) = effect {
                 let figures = Box::new(Figures::of(&cloud, &basis.color, &basis.visibility, up));

@@ -10,18 +10,18 @@ use serde_json::json;
 use world::{Change, CloudKey};
 
 use super::figures::{Basis, Figures};
+use super::loaded::{Beside, Loaded};
 use super::messages::Level;
-use super::session::Session;
 use super::work::Work;
 
-impl Session {
+impl Loaded {
     /// Asks for colours, histograms and bounds of clouds that have changed. Called every frame of the window.
-    pub fn renew_figures(&mut self) {
-        let color = &self.scene.settings.color;
+    pub fn renew_figures(&mut self, beside: &mut Beside<'_>) {
+        let color = &beside.scene.settings.color;
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
             let basis = Basis {
                 color: color.clone(),
-                visibility: self.scene.objects.visibility.clone(),
+                visibility: beside.scene.objects.visibility.clone(),
                 doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
                 is_read: entry.is_read,
                 late_columns: entry.late_columns(),
@@ -35,12 +35,12 @@ impl Session {
                 // Ramps of a streamed cloud must not change with what of it is there.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);
-                self.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
+                beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
             }
         }
     }
 
-    pub(super) fn on_figures(&mut self, key: CloudKey, basis: Basis, figures: Figures) {
+    pub fn on_figures(&mut self, key: CloudKey, basis: Basis, figures: Figures, beside: &mut Beside<'_>) {
         let Some(entry) = self.cloud_mut(key) else { return };
         entry.figures_under_way = false;
         if let Some((attribute, source)) = entry.column_to_read(&figures) {
@@ -49,7 +49,7 @@ impl Session {
             if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
                 let progress = Arc::<Progress>::default();
                 read.insert(Some(progress.clone()));
-                self.outside.work(Work::ReadColumn { key, source, attribute, progress });
+                beside.outside.work(Work::ReadColumn { key, source, attribute, progress });
             }
             return;
         }
@@ -68,24 +68,25 @@ impl Session {
         entry.figures = Some(figures);
         let chunks = entry.chunks();
         if !(same_plan && same_points) {
-            self.outside.log(json!({ "event": "colored", "name": name, "by": plan.label }));
-            self.outside.change(Change::Color { cloud: key, chunks, plan, up });
-            self.frames.points_changed();
+            beside.outside.log(json!({ "event": "colored", "name": name, "by": plan.label }));
+            beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
+            beside.frames.points_changed();
         }
         if let Some(warning) = warning.filter(|warning| !self.warned.contains(warning)) {
-            self.outside.say(Level::Warning, warning.clone());
+            beside.outside.say(Level::Warning, warning.clone());
             self.warned.push(warning);
         }
         if outline_changed && same_visibility {
-            self.frame_while_unplaced(self.bounds());
+            beside.scene.frame_while_unplaced(beside.scene.bounds(&self.clouds), &self.clouds);
         }
     }
 
-    pub(super) fn on_column(
+    pub fn on_column(
         &mut self,
         key: CloudKey,
         attribute: usize,
         result: Result<BTreeMap<u64, Arc<Column>>, String>,
+        beside: &mut Beside<'_>,
     ) {
         let Some(entry) = self.cloud_mut(key) else { return };
         match result {
@@ -95,12 +96,12 @@ impl Session {
                 if !changes.is_empty() {
                     entry.marked = Vec::new();
                 }
-                changes.into_iter().for_each(|change| self.outside.change(change));
+                changes.into_iter().for_each(|change| beside.outside.change(change));
             }
             Err(error) => {
                 entry.column_reads.insert(attribute, None);
                 let name = entry.cloud.attributes.get(attribute).map_or(String::new(), |known| known.name.clone());
-                self.outside.say(Level::Error, format!("{name}: {error}"));
+                beside.outside.say(Level::Error, format!("{name}: {error}"));
             }
         }
     }

@@ -20,12 +20,13 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if color.by == ColorBy::Attribute {
         attribute_choice(ui, session, actions);
     }
-    for (name, progress) in session.columns_under_way() {
+    for (name, progress) in session.loaded.columns_under_way() {
         let share = progress.done() as f32 / progress.total().max(1) as f32;
         ui.add(egui::ProgressBar::new(share).text(format!("reading {name}")).desired_height(14.0));
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
     let with_ramp = session
+        .loaded
         .clouds
         .iter()
         .filter(|entry| entry.is_visible)
@@ -36,12 +37,14 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
         }
         parameter(ui, color, "ramp", actions);
-    } else if let Some(figures) = session.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
+    } else if let Some(figures) = session.loaded.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
         ui.label(RichText::new(format!("shown: {}", figures.plan.label)).small().color(theme::WEAK));
     }
     parameter(ui, color, "plain", actions);
     let mut classes: BTreeMap<u8, u64> = BTreeMap::new();
-    for (class, count) in session.clouds.iter().filter_map(|entry| entry.figures.as_ref()).flat_map(|f| &f.classes) {
+    for (class, count) in
+        session.loaded.clouds.iter().filter_map(|entry| entry.figures.as_ref()).flat_map(|f| &f.classes)
+    {
         *classes.entry(*class).or_default() += count;
     }
     // Files whose points are all of one class say nothing by it.
@@ -53,7 +56,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let mut names: Vec<&str> = Vec::new();
-    for attribute in session.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
+    for attribute in session.loaded.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
         if !names.contains(&attribute.name.as_str()) {
             names.push(&attribute.name);
         }

@@ -58,8 +58,9 @@ impl Effects {
                 }
             }
             Effect::Load { inputs } => {
-                let job = (self.start)(inputs.clone(), &session.settings_of_next_job());
-                let id = session.add_job(&inputs, job.progress.clone(), job.mailbox.clone());
+                let job = (self.start)(inputs.clone(), &session.loaded.settings_of_next_job(&session.scene.settings));
+                let id =
+                    session.loaded.add_job(&inputs, job.progress.clone(), job.mailbox.clone(), session.outside.now);
                 let (under_way, tell) = (self.under_way.clone(), self.tell.clone());
                 begin(session, "loading events", move || forward(&job, id, &under_way, &tell));
             }
@@ -82,13 +83,13 @@ impl Effects {
     /// Ends what is drawn, loaded and made. What is half made is cleared away, unless that takes too long.
     pub fn close(&mut self, session: &Session) {
         self.render_thread = None;
-        for job in &session.jobs {
+        for job in &session.loaded.jobs {
             job.progress.cancel();
             job.mailbox.end();
         }
         let start = Instant::now();
         let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
-        while !session.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
+        while !session.loaded.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
             std::thread::sleep(Duration::from_millis(5));
         }
     }

@@ -102,9 +102,9 @@ impl Headless {
             if let Some(request) = self.session.still_frame() {
                 return Ok(Some(request.clone()));
             }
-            if self.session.is_loading() {
+            if self.session.loaded.is_loading() {
                 self.show_loading(bar);
-            } else if self.session.clouds.is_empty() {
+            } else if self.session.loaded.clouds.is_empty() {
                 return Ok(None);
             }
             match self.news.recv_timeout(if is_quiet { INTERVAL } else { Duration::ZERO }) {
@@ -155,8 +155,8 @@ impl Headless {
     }
 
     fn show_loading(&self, bar: &Bar) {
-        let Some(job) = self.session.jobs.iter().find(|job| !job.is_loaded) else { return };
-        match self.session.stage_of(job) {
+        let Some(job) = self.session.loaded.jobs.iter().find(|job| !job.is_loaded) else { return };
+        match self.session.loaded.stage_of(job) {
             Some((_, stage)) => bar.show(stage, ""),
             None if job.has_streamed => {
                 bar.set_task("pages");

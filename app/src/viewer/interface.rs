@@ -111,11 +111,11 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
     let scrolled = egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         section(ui, "Clouds", true, |ui| {
             clouds_panel::show(ui, session, actions);
-            if session.clouds.is_empty() {
+            if session.loaded.clouds.is_empty() {
                 ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
             }
         });
-        let is_streaming = session.clouds.iter().any(|entry| entry.streamed.is_some());
+        let is_streaming = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
         if is_streaming {
             section(ui, "Streaming", true, |ui| streaming_panel::show(ui, session, actions));
         }
@@ -221,7 +221,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect
     if session.pick_tool && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
-    if session.clouds.is_empty() && !session.is_loading() {
+    if session.loaded.clouds.is_empty() && !session.loaded.is_loading() {
         empty_state(ui, rect, actions);
     }
     if ui.input(|input| !input.raw.hovered_files.is_empty()) {
@@ -283,13 +283,13 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.spinner();
             ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
         }
-        if let Some(job) = session.jobs.iter().find(|job| session.is_at_work(job)) {
+        if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
             if job_progress(ui, session, job) {
                 actions.push(Action::StopLoading);
             }
             ui.ctx().request_repaint_after(Duration::from_millis(100));
         } else {
-            let (points, all) = (session.points(), session.all_points());
+            let (points, all) = (session.loaded.points(), session.loaded.all_points());
             if all > points {
                 ui.label(format!("{} of {} points", grouped(points), grouped(all)));
             } else if points > 0 {
@@ -344,7 +344,7 @@ fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Actio
 
 /// Returns whether Cancel was clicked.
 fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
-    if let Some((entry, stage)) = session.stage_of(job) {
+    if let Some((entry, stage)) = session.loaded.stage_of(job) {
         stage_progress(ui, stage, &entry.cloud.name);
     } else {
         let (done, total) = (job.progress.done(), job.progress.total());
@@ -486,7 +486,8 @@ mod tests {
         progress.set_total(100);
         let mailbox = Arc::<Mailbox>::default();
         let stage = mailbox.plan(0, CloudTask::new(TaskKind::Surfels, 100));
-        harness.state_mut().add_job(&[], progress.clone(), mailbox);
+        let session = harness.state_mut();
+        session.loaded.add_job(&[], progress.clone(), mailbox, session.outside.now);
         harness.run_ok();
         harness.get_by_label("Cancel").click();
         harness.run_ok();

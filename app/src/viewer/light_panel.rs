@@ -62,7 +62,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.separator();
     let settings = &session.scene.settings;
     parameter(ui, &settings.light, "show", actions);
-    let lighting = session.lighting();
+    let lighting = session.loaded.lighting(&session.scene);
     if lighting == Lighting::Headlight {
         parameter(ui, &settings.light, "headlight", actions);
     }
@@ -85,7 +85,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 fn explanation(session: &Session) -> &'static str {
     let is_auto = session.scene.settings.light.by == Lighting::Auto;
     let lights = &session.scene.objects.lights;
-    match session.lighting() {
+    match session.loaded.lighting(&session.scene) {
         Lighting::Lights if lights.is_empty() => "There is no light in the scene: it is dark.",
         Lighting::Lights if is_auto && session.scene.objects.has_guess() => {
             "A closed room without a light: a lamp is guessed."
@@ -94,7 +94,7 @@ fn explanation(session: &Session) -> &'static str {
         Lighting::Lights => "The lights of the scene.",
         Lighting::Sun if is_auto => "No lights in the scene, and the sky is open.",
         Lighting::Sun => "A sun and a sky.",
-        _ if is_auto && session.is_loading() => "A lamp at the eye until everything is read.",
+        _ if is_auto && session.loaded.is_loading() => "A lamp at the eye until everything is read.",
         _ if is_auto && session.scene.objects.has_guess() => {
             "A lamp at the eye; in the room, the lamp that is guessed."
         }
@@ -176,6 +176,10 @@ mod tests {
     use super::super::work::{Found, Work};
     use super::*;
 
+    fn lighting(session: &Session) -> Lighting {
+        session.loaded.lighting(&session.scene)
+    }
+
     fn light_of(surroundings: Surroundings) -> AutoLight {
         AutoLight { surroundings: Some(surroundings) }
     }
@@ -220,7 +224,7 @@ mod tests {
         harness.run_ok();
         let session = harness.state();
         let added = session.scene.objects.lights[0].clone();
-        assert_eq!((session.scene.selected, session.lighting()), (Some(added.id), Lighting::Lights));
+        assert_eq!((session.scene.selected, lighting(session)), (Some(added.id), Lighting::Lights));
         assert_eq!((added.light.position, added.light.target), (session.scene.camera.eye, session.scene.camera.pivot));
         assert_eq!(added.light.problem(), None);
         harness.get_by_label("Copy spot").click();
@@ -256,7 +260,7 @@ mod tests {
             session.scene.settings.light.by = by;
             session.scene.history.settle(&session.scene.settings, &session.scene.objects);
             session.act(Action::AddSpot);
-            assert_eq!(session.lighting(), Lighting::Lights);
+            assert_eq!(lighting(&session), Lighting::Lights);
             session.act(Action::Undo);
             assert_eq!(
                 (session.scene.settings.light.by, session.scene.objects.lights.len()),
@@ -308,12 +312,12 @@ mod tests {
         answer(&mut session, found);
         let id = session.scene.objects.lights[0].id;
         session.scene.selected = Some(id);
-        let key = session.clouds[0].key;
-        session.set_visible(key, true);
+        let key = session.loaded.clouds[0].key;
+        session.with_loaded(|loaded, beside| loaded.set_visible(key, true, beside));
         answer(&mut session, found);
         assert_eq!(session.scene.objects.lights[0].id, id, "a new answer moves it");
         session.act(Action::Delete);
-        session.set_visible(key, true);
+        session.with_loaded(|loaded, beside| loaded.set_visible(key, true, beside));
         answer(&mut session, found);
         assert!(session.scene.objects.lights.is_empty());
         session.act(Action::Undo);
@@ -357,17 +361,17 @@ mod tests {
     fn a_late_answer_puts_no_lamp_into_an_empty_scene() {
         let mut session = Session::with_two_points();
         let found = room(&session);
-        let (hidden, shown) = (session.clouds[0].key, false);
+        let (hidden, shown) = (session.loaded.clouds[0].key, false);
         session.outside.effects.clear();
-        session.set_visible(hidden, shown);
+        session.with_loaded(|loaded, beside| loaded.set_visible(hidden, shown, beside));
         let asks = |effect: &Effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. }));
         assert!(!session.outside.effects.iter().any(asks), "there is nothing to be seen");
-        session.set_visible(hidden, true);
+        session.with_loaded(|loaded, beside| loaded.set_visible(hidden, true, beside));
         let asked = session.outside.effects.iter().find_map(|effect| match effect {
             Effect::Work(Work::FindSurroundings { asked, .. }) => Some(*asked),
             _ => None,
         });
-        session.remove_cloud(hidden);
+        session.with_loaded(|loaded, beside| loaded.remove_cloud(hidden, beside));
         session.on_found(Found::Surroundings { asked: asked.unwrap(), found: light_of(found) });
         assert!(session.scene.objects.lights.is_empty());
     }
@@ -375,11 +379,11 @@ mod tests {
     #[test]
     fn a_room_gets_a_lamp_that_becomes_ones_own_when_it_is_changed() {
         let mut harness = harness();
-        assert_eq!(harness.state().lighting(), Lighting::Headlight, "nothing is known yet");
+        assert_eq!(lighting(harness.state()), Lighting::Headlight, "nothing is known yet");
         let found = room(harness.state());
         answer(harness.state_mut(), found);
         harness.run_ok();
-        assert_eq!((names(harness.state()), harness.state().lighting()), (vec![GUESSED_LAMP], Lighting::Lights));
+        assert_eq!((names(harness.state()), lighting(harness.state())), (vec![GUESSED_LAMP], Lighting::Lights));
         harness.state_mut().act(Action::Undo);
         assert_eq!(names(harness.state()), [GUESSED_LAMP], "what comes with a file is no step of undo");
         harness.get_by_label(GUESSED_LAMP).click();
@@ -398,22 +402,22 @@ mod tests {
         answer(&mut session, found);
         let inside = session.scene.camera;
         session.scene.camera.fly(DVec3::new(0.0, 0.0, -9.0));
-        assert_eq!(session.lighting(), Lighting::Headlight, "from outside it would be dark");
+        assert_eq!(lighting(&session), Lighting::Headlight, "from outside it would be dark");
         session.scene.settings.light.by = Lighting::Lights;
-        assert_eq!(session.lighting(), Lighting::Lights);
+        assert_eq!(lighting(&session), Lighting::Lights);
         session.scene.settings.light.by = Lighting::Auto;
         session.act(Action::AddSpot);
-        assert_eq!((names(&session), session.lighting()), (vec!["lamp", "spot"], Lighting::Lights));
+        assert_eq!((names(&session), lighting(&session)), (vec!["lamp", "spot"], Lighting::Lights));
         session.act(Action::Undo);
         session.scene.camera = inside;
-        assert_eq!((names(&session), session.lighting()), (vec![GUESSED_LAMP], Lighting::Lights));
+        assert_eq!((names(&session), lighting(&session)), (vec![GUESSED_LAMP], Lighting::Lights));
     }
 
     #[test]
     fn the_open_sky_lets_the_sun_in_and_other_lights_keep_the_lamp_out() {
         let mut session = Session::with_two_points();
         answer(&mut session, Surroundings::OpenSky);
-        assert_eq!(session.lighting(), Lighting::Sun);
+        assert_eq!(lighting(&session), Lighting::Sun);
         let mut session = Session::with_two_points();
         session.act(Action::AddSpot);
         let found = room(&session);
@@ -421,7 +425,7 @@ mod tests {
         assert_eq!(names(&session), ["spot"]);
         // An answer to an older question.
         session.on_found(Found::Surroundings { asked: 0, found: light_of(Surroundings::OpenSky) });
-        assert!(!session.sky_is_open());
+        assert!(!session.loaded.sky_is_open());
     }
 
     #[test]
@@ -434,7 +438,7 @@ mod tests {
         let mut session = Session::with_two_points();
         let found = room(&session);
         answer(&mut session, found);
-        session.remove_cloud(session.clouds[0].key);
+        session.with_loaded(|loaded, beside| loaded.remove_cloud(loaded.clouds[0].key, beside));
         assert!(session.scene.objects.lights.is_empty());
     }
 

@@ -6,30 +6,31 @@ use serde_json::json;
 use world::AutoLight;
 
 use super::clouds::CloudEntry;
-use super::session::Session;
+use super::loaded::{Beside, Loaded};
+use super::scene::Scene;
 use super::work::Work;
 
-impl Session {
+impl Loaded {
     /// Asks what is around the points that are shown, once they are all there.
-    pub(super) fn ask_surroundings(&mut self) {
+    pub fn ask_surroundings(&mut self, beside: &mut Beside<'_>) {
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
         let clouds: Vec<Cloud> = visible.map(|entry| entry.cloud.clone()).collect();
         if !self.is_loading() && clouds.iter().any(|cloud| !cloud.chunks.is_empty()) {
-            let (asked, up) = (self.light_search.ask(), self.up());
-            let test = self.scene.objects.visibility.test();
-            self.outside.work(Work::FindSurroundings { asked, clouds, test, up });
+            let (asked, up) = (self.light_search.ask(), beside.scene.up(&self.clouds));
+            let test = beside.scene.objects.visibility.test();
+            beside.outside.work(Work::FindSurroundings { asked, clouds, test, up });
         }
     }
 
     /// A scan of a room that has no light gets a lamp, which is no step of undo.
-    pub(super) fn on_surroundings(&mut self, asked: u32, found: AutoLight) {
+    pub fn on_surroundings(&mut self, asked: u32, found: AutoLight, beside: &mut Beside<'_>) {
         if !self.light_search.answer(asked, found) {
             return;
         }
-        let (id, lamp) = (self.scene.next_object_id(), found.lamp());
-        self.scene.rewrite_objects(|objects| objects.guess(id, lamp));
-        self.outside.log(json!({
-            "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": self.scene.objects.lights.len(),
+        let (id, lamp) = (beside.scene.next_object_id(), found.lamp());
+        beside.scene.rewrite_objects(|objects| objects.guess(id, lamp));
+        beside.outside.log(json!({
+            "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": beside.scene.objects.lights.len(),
         }));
     }
 
@@ -43,21 +44,16 @@ impl Session {
     }
 
     /// The lights that are there to shine. From outside of a room its lamp would light nothing that is seen.
-    pub(super) fn lights(&self) -> Vec<SpotLight> {
+    pub fn lights(&self, scene: &Scene) -> Vec<SpotLight> {
         let light = &self.light_search.light;
-        if self.scene.objects.has_guess() && !light.lamp_shines(self.scene.settings.light.by, self.scene.camera.eye) {
+        if scene.objects.has_guess() && !light.lamp_shines(scene.settings.light.by, scene.camera.eye) {
             return Vec::new();
         }
-        self.scene.objects.lights.iter().map(|placed| placed.light).collect()
+        scene.objects.lights.iter().map(|placed| placed.light).collect()
     }
 
     /// What lights the points: what `auto` stands for now.
-    pub fn lighting(&self) -> Lighting {
-        self.scene.settings.light.lighting(!self.lights().is_empty(), self.sky_is_open())
-    }
-
-    /// Whether the picture shows the data's own colours.
-    pub fn is_unlit(&self) -> bool {
-        self.raw_colors || self.scene.settings.light.by == Lighting::Colors
+    pub fn lighting(&self, scene: &Scene) -> Lighting {
+        scene.settings.light.lighting(!self.lights(scene).is_empty(), self.sky_is_open())
     }
 }

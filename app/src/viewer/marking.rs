@@ -16,7 +16,7 @@ use super::widgets::{choice, length, name_label, slider};
 /// Draws the choice, and what reflects already.
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     existing(ui, session, actions);
-    if session.clouds.is_empty() {
+    if session.loaded.clouds.is_empty() {
         ui.label(RichText::new("Open a cloud to turn some of its points into a mirror.").color(theme::WEAK));
         return;
     }
@@ -27,16 +27,16 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         // A tenth of the scene, and about a dozen points of a scan.
         (draft.edge, draft.radius) = (radius * 0.1, radius * 0.005);
     }
-    let known = draft.cloud.filter(|key| session.clouds.iter().any(|entry| entry.key == *key));
-    let at_pick = picked.map(|(key, _)| key).filter(|key| session.clouds.iter().any(|entry| entry.key == *key));
+    let known = draft.cloud.filter(|key| session.loaded.clouds.iter().any(|entry| entry.key == *key));
+    let at_pick = picked.map(|(key, _)| key).filter(|key| session.loaded.clouds.iter().any(|entry| entry.key == *key));
     let mut key = match draft.way {
         Way::Box => at_pick.or(known),
         _ => known,
     }
-    .unwrap_or(session.clouds[0].key);
-    choice(ui, "Cloud", &mut key, session.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
+    .unwrap_or(session.loaded.clouds[0].key);
+    choice(ui, "Cloud", &mut key, session.loaded.clouds.iter().map(|entry| (entry.key, entry.cloud.name.as_str())));
     draft.cloud = Some(key);
-    let Some(entry) = session.cloud(key) else { return };
+    let Some(entry) = session.loaded.cloud(key) else { return };
     if entry.streamed.is_some() {
         ui.label(RichText::new(format!("{} {}.", entry.cloud.name, streams::NOT_MARKED)).color(theme::WEAK));
     } else {
@@ -147,7 +147,7 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
 /// What reflects, with a way to end it; and what is being worked out.
 fn existing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for marking in &session.scene.objects.markings {
-        let Some(entry) = session.cloud(marking.key) else { continue };
+        let Some(entry) = session.loaded.cloud(marking.key) else { continue };
         ui.horizontal(|ui| {
             let points = &marking.points;
             let what = match &points.points {
@@ -167,7 +167,7 @@ fn existing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             });
         });
     }
-    for entry in &session.clouds {
+    for entry in &session.loaded.clouds {
         let Some((_, progress)) = &entry.marking else { continue };
         ui.horizontal(|ui| {
             let share = progress.done() as f32 / progress.total().max(1) as f32;
@@ -192,6 +192,7 @@ mod tests {
     use world::{Change, Event, Opened, Part, mirrors};
 
     use super::super::figures::{Basis, Figures};
+    use super::super::loaded::Loaded;
     use super::super::outside::Effect;
     use super::super::preferences::Preferences;
     use super::super::render_thread::Command;
@@ -201,16 +202,18 @@ mod tests {
     /// Six points of which two are water, and what a worker thread would have found out about them.
     fn lake() -> Session {
         let mut session = Session::new(Preferences::default());
-        let job = session.add_job(&[], Arc::default(), Arc::default());
+        let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
         let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
         let (name, input) = ("lake.laz".into(), "scans/lake.laz".into());
         let opened = Opened { name, input, attributes, expected_points: 6, up: DVec3::Z, ..Opened::default() };
-        session.on_loading(job, Event::Opened { cloud: 0, opened });
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
         let mut chunk = Chunk::new(0, DVec3::ZERO, (0..6).map(|i| [i as f32, 0.1 * (i * i) as f32, 0.0]).collect());
         chunk.columns = vec![Some(Arc::new(Column::U8(vec![2, 2, 9, 9, 2, 1])))];
-        session.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
-        session.on_loading(job, Event::Finished);
-        let (key, cloud) = (session.clouds[0].key, session.clouds[0].cloud.clone());
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, beside)
+        });
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Finished, beside));
+        let (key, cloud) = (session.loaded.clouds[0].key, session.loaded.clouds[0].cloud.clone());
         let (color, visibility) = (session.scene.settings.color.clone(), session.scene.objects.visibility.clone());
         let figures = Box::new(Figures::of(&cloud, &color, &visibility, DVec3::Z));
         let basis = Basis { color, visibility, doublings: 0, is_read: true, late_columns: 0, rests: 0 };
@@ -265,14 +268,14 @@ mod tests {
         harness.run_ok();
         let marking = harness.state().scene.objects.markings[0].clone();
         assert_eq!((marking.points.points, marking.points.cloud.as_str()), (PointChoice::Class(9), "scans/lake.laz"));
-        harness.state_mut().sync_objects();
+        harness.state_mut().with_loaded(Loaded::sync_objects);
         work(harness.state_mut());
         assert_eq!(marked(harness.state_mut()), Some(2));
         // Nothing is done again as long as nothing changes.
-        harness.state_mut().sync_objects();
+        harness.state_mut().with_loaded(Loaded::sync_objects);
         assert!(marked(harness.state_mut()).is_none());
         harness.state_mut().act(Action::Undo);
-        harness.state_mut().sync_objects();
+        harness.state_mut().with_loaded(Loaded::sync_objects);
         work(harness.state_mut());
         assert_eq!(marked(harness.state_mut()), Some(0));
     }
@@ -280,15 +283,15 @@ mod tests {
     #[test]
     fn stopping_leaves_what_reflected_before() {
         let mut session = lake();
-        let key = session.clouds[0].key;
+        let key = session.loaded.clouds[0].key;
         let points = MirrorPoints::whole("scans/lake.laz".into());
         session.scene.edit_objects(session.outside.now, |objects| {
             objects.markings.push(Marking { key, points: points.clone() })
         });
-        session.sync_objects();
+        session.with_loaded(Loaded::sync_objects);
         session.on_found(Found::Marked { key, wanted: vec![points], result: Ok(None) });
         assert!(session.scene.objects.markings.is_empty());
-        session.sync_objects();
-        assert!(session.clouds[0].marking.is_none(), "it begins again");
+        session.with_loaded(Loaded::sync_objects);
+        assert!(session.loaded.clouds[0].marking.is_none(), "it begins again");
     }
 }

@@ -206,6 +206,7 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
+    use super::super::loaded::Loaded;
     use super::super::outside::Effect;
     use super::super::work::{Found, Work};
     use super::*;
@@ -274,7 +275,7 @@ mod tests {
         add(&mut harness, "Sphere");
         let wanted = |harness: &mut Harness<'static, Session>| {
             let session = harness.state_mut();
-            session.sync_objects();
+            session.with_loaded(Loaded::sync_objects);
             let effects = std::mem::take(&mut session.outside.effects);
             effects.into_iter().find_map(|effect| match effect {
                 Effect::Work(Work::SampleMirror { id, mirror, area_per_point }) => Some((id, mirror, area_per_point)),

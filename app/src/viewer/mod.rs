@@ -30,6 +30,7 @@ mod lens;
 mod light_panel;
 mod light_search;
 mod lights;
+mod loaded;
 mod marking;
 mod messages;
 mod mirror_points;

@@ -7,69 +7,71 @@ use serde_json::json;
 use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStatus};
 
 use super::clouds::{CloudEntry, JobEntry, short_name};
+use super::loaded::{Beside, Loaded};
 use super::messages::Level;
 use super::objects::Origin;
-use super::session::Session;
 use super::theme::grouped;
 
-impl Session {
-    pub fn on_loading(&mut self, job: u32, event: Event) {
+impl Loaded {
+    pub fn on_loading(&mut self, job: u32, event: Event, beside: &mut Beside<'_>) {
         match event {
-            Event::Opened { cloud, opened } => self.on_opened(job, cloud, opened),
-            Event::Chunk { cloud, part, chunk } => self.on_chunk(job, cloud, part, chunk),
-            Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages),
+            Event::Opened { cloud, opened } => self.on_opened(job, cloud, opened, beside),
+            Event::Chunk { cloud, part, chunk } => self.on_chunk(job, cloud, part, chunk, beside),
+            Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages, beside),
             Event::Task { cloud, task: stage } => {
                 let key = self.key_of(job, cloud);
                 if let Some(entry) = key.and_then(|key| self.cloud_mut(key)) {
                     entry.task = Some(stage);
                 }
             }
-            Event::Dropped { cloud, part } => self.on_dropped(job, cloud, part),
-            Event::Stream(stats) => self.on_stream(job, stats),
+            Event::Dropped { cloud, part } => self.on_dropped(job, cloud, part, beside),
+            Event::Stream(stats) => self.on_stream(job, stats, beside),
             Event::Mirror { input, mirror, samples } => {
-                let id = self.scene.bring_mirror(mirror.clone(), Some(input), &mut self.outside);
-                self.put_samples(id, mirror, None, samples);
+                let id = beside.scene.bring_mirror(mirror.clone(), Some(input), beside.outside);
+                self.put_samples(id, mirror, None, samples, beside);
             }
-            Event::Read { cloud, summary } => self.on_read(job, cloud, &summary),
-            Event::Surfels { cloud, surfels } => self.on_surfels(job, cloud, surfels),
+            Event::Read { cloud, summary } => self.on_read(job, cloud, &summary, beside),
+            Event::Surfels { cloud, surfels } => self.on_surfels(job, cloud, surfels, beside),
             Event::Failed { input, error, .. } => {
                 let name = short_name(&input).to_string();
                 // Errors name the file already, with its path.
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
-                self.outside.say(Level::Error, text);
+                beside.outside.say(Level::Error, text);
             }
-            Event::Finished => self.finish_job(job),
+            Event::Finished => self.finish_job(job, beside),
         }
     }
 
-    pub(super) fn key_of(&self, job: u32, cloud: usize) -> Option<CloudKey> {
+    pub fn key_of(&self, job: u32, cloud: usize) -> Option<CloudKey> {
         self.jobs.iter().find(|entry| entry.id == job)?.clouds.get(&cloud).copied()
     }
 
-    fn on_opened(&mut self, job: u32, index: usize, opened: Opened) {
+    fn on_opened(&mut self, job: u32, index: usize, opened: Opened, beside: &mut Beside<'_>) {
         for warning in &opened.warnings {
-            self.outside.say(Level::Warning, format!("{}: {warning}", opened.name));
+            beside.outside.say(Level::Warning, format!("{}: {warning}", opened.name));
         }
-        self.outside.log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
+        beside
+            .outside
+            .log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
         // Streamed clouds have no source to look records up in; built-in scenes have no file.
         if opened.source.is_some() || std::path::Path::new(&opened.input).exists() {
-            self.preferences.remember_file(&opened.input);
+            beside.preferences.remember_file(&opened.input);
         }
         let bounds = opened.source.as_ref().and_then(|source| source.info().bounds);
         let key = self.next_cloud_key();
         let (assembly, change) = Assembly::open(key, opened);
-        self.outside.change(change);
+        beside.outside.change(change);
         self.clouds.push(CloudEntry::new(assembly));
         if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
             entry.clouds.insert(index, key);
         }
-        self.make_room();
+        self.make_room(beside);
         if let Some(bounds) = bounds {
-            self.frame_while_unplaced(bounds);
+            beside.scene.frame_while_unplaced(bounds, &self.clouds);
         }
     }
 
-    fn on_chunk(&mut self, job: u32, cloud: usize, part: Part, chunk: Chunk) {
+    fn on_chunk(&mut self, job: u32, cloud: usize, part: Part, chunk: Chunk, beside: &mut Beside<'_>) {
         let key = self.key_of(job, cloud);
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let change = entry.put(part, chunk);
@@ -77,65 +79,65 @@ impl Session {
         let is_first = entry.figures.is_none() && entry.cloud.chunks.len() == 1;
         let uncolored = is_first.then(|| (entry.cloud.clone(), entry.chunks(), entry.up));
         let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
-        self.outside.change(change);
+        beside.outside.change(change);
         if let Some((cloud, chunks, up)) = uncolored {
             // What is drawn before the figures are known has colours, too.
-            let shown = cloud.shown(&self.scene.objects.visibility.test());
-            let (plan, _) = ColorPlan::new(&shown, &self.scene.settings.color, up);
+            let shown = cloud.shown(&beside.scene.objects.visibility.test());
+            let (plan, _) = ColorPlan::new(&shown, &beside.scene.settings.color, up);
             if plan.missing_column(&cloud).is_none() {
-                self.outside.change(Change::Color { cloud: key, chunks, plan, up });
+                beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
             }
         }
-        self.tint_chunk(key, part);
-        self.frames.points_changed();
-        if !has_header_bounds && self.frames.shown.is_none() {
-            self.frame_while_unplaced(bounds);
+        self.tint_chunk(key, part, beside);
+        beside.frames.points_changed();
+        if !has_header_bounds && beside.frames.shown.is_none() {
+            beside.scene.frame_while_unplaced(bounds, &self.clouds);
         }
     }
 
-    fn on_dropped(&mut self, job: u32, cloud: usize, part: Part) {
+    fn on_dropped(&mut self, job: u32, cloud: usize, part: Part, beside: &mut Beside<'_>) {
         let key = self.key_of(job, cloud);
         let change = key.and_then(|key| self.cloud_mut(key)).and_then(|entry| entry.take_out(part));
         if let Some(change) = change {
-            self.outside.change(change);
-            self.frames.points_changed();
+            beside.outside.change(change);
+            beside.frames.points_changed();
         }
     }
 
-    fn on_read(&mut self, job: u32, cloud: usize, summary: &codec::Summary) {
+    fn on_read(&mut self, job: u32, cloud: usize, summary: &codec::Summary, beside: &mut Beside<'_>) {
         let key = self.key_of(job, cloud);
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let warnings = entry.end(summary);
         let (name, points) = (entry.cloud.name.clone(), entry.points);
         for warning in warnings {
-            self.outside.say(Level::Warning, format!("{name}: {warning}"));
+            beside.outside.say(Level::Warning, format!("{name}: {warning}"));
         }
         if summary.cancelled {
             let rest =
                 if points > 0 { format!("; the {} points read so far stay", grouped(points)) } else { String::new() };
-            self.outside.say(Level::Note, format!("{name}: stopped{rest}"));
+            beside.outside.say(Level::Note, format!("{name}: stopped{rest}"));
         }
-        self.outside.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
+        beside.outside.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
         // Its index could not be made, which was said.
         let is_lost = |entry: &CloudEntry| entry.streamed.is_some() && !entry.is_indexed() && entry.points == 0;
         if let Some(key) = key.filter(|key| !summary.cancelled && self.cloud(*key).is_some_and(is_lost)) {
-            self.remove_cloud(key);
+            self.remove_cloud(key, beside);
         }
-        self.note_loaded();
+        self.note_loaded(beside);
     }
 
     /// Jobs with streamed clouds stay under way; loaded is what their first look needs.
-    fn note_loaded(&mut self) {
+    fn note_loaded(&mut self, beside: &mut Beside<'_>) {
         for index in 0..self.jobs.len() {
             let of_job = || self.clouds.iter().filter(|entry| self.jobs[index].owns(entry.key));
             let is_loaded = of_job().any(|entry| entry.streamed.is_some()) && of_job().all(|entry| entry.is_read);
             if is_loaded && !std::mem::replace(&mut self.jobs[index].is_loaded, true) {
-                self.on_loaded();
+                self.on_loaded(beside);
             }
         }
     }
 
-    fn on_surfels(&mut self, job: u32, cloud: usize, surfels: Vec<Surfels>) {
+    fn on_surfels(&mut self, job: u32, cloud: usize, surfels: Vec<Surfels>, beside: &mut Beside<'_>) {
         let key = self.key_of(job, cloud);
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let changes = entry.put_surfels(surfels);
@@ -144,12 +146,12 @@ impl Session {
         // Chunks of normals are new colours, too.
         entry.figures_basis = None;
         let name = entry.cloud.name.clone();
-        changes.into_iter().for_each(|change| self.outside.change(change));
-        self.frames.points_changed();
-        self.outside.log(json!({ "event": "surfels", "name": name }));
+        changes.into_iter().for_each(|change| beside.outside.change(change));
+        beside.frames.points_changed();
+        beside.outside.log(json!({ "event": "surfels", "name": name }));
     }
 
-    fn finish_job(&mut self, job: u32) {
+    fn finish_job(&mut self, job: u32, beside: &mut Beside<'_>) {
         let Some(index) = self.jobs.iter().position(|entry| entry.id == job) else { return };
         let job = self.jobs.remove(index);
         for entry in self.clouds.iter_mut().filter(|entry| job.owns(entry.key)) {
@@ -164,23 +166,23 @@ impl Session {
             .map(|entry| (entry.key, entry.cloud.name.clone()))
             .collect();
         for (key, name) in empty {
-            self.remove_cloud(key);
+            self.remove_cloud(key, beside);
             if !job.progress.is_cancelled() {
-                self.outside.say(Level::Warning, format!("{name}: has no points"));
+                beside.outside.say(Level::Warning, format!("{name}: has no points"));
             }
         }
         if !job.is_loaded {
-            self.on_loaded();
+            self.on_loaded(beside);
         }
     }
 
     /// The points of a job are there, or as many as the first look needs.
-    fn on_loaded(&mut self) {
+    fn on_loaded(&mut self, beside: &mut Beside<'_>) {
         self.samples.area_per_point = None;
-        self.place_awaited_markings();
-        self.ask_surroundings();
+        self.place_awaited_markings(beside);
+        self.ask_surroundings(beside);
         let points = self.points();
-        self.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
+        beside.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
     }
 
     /// Whether points are still to come, whatever is looked at.
@@ -215,15 +217,15 @@ impl Session {
     }
 
     /// What has been read stays.
-    pub fn stop_loading(&mut self) {
+    pub fn stop_loading(&mut self, beside: &mut Beside<'_>) {
         for job in self.jobs.iter().filter(|job| self.is_at_work(job)) {
             job.progress.cancel();
             job.mailbox.stop_all();
         }
-        self.outside.log(json!({ "event": "cancelled" }));
+        beside.outside.log(json!({ "event": "cancelled" }));
     }
 
-    pub fn remove_cloud(&mut self, key: CloudKey) {
+    pub fn remove_cloud(&mut self, key: CloudKey, beside: &mut Beside<'_>) {
         let Some(index) = self.clouds.iter().position(|entry| entry.key == key) else { return };
         let input = self.clouds.remove(index).input.clone();
         self.samples.area_per_point = None;
@@ -232,7 +234,7 @@ impl Session {
         let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
         // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them and what
         // is hidden.
-        self.scene.rewrite_objects(|objects| {
+        beside.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
             }
@@ -241,9 +243,8 @@ impl Session {
             objects.markings.retain(|marking| marking.key != key);
             objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
         });
-        self.picks.retain(|pick| pick.point.chunk.cloud != key);
-        self.outside.change(Change::Close { cloud: key });
-        self.frames.points_changed();
+        beside.outside.change(Change::Close { cloud: key });
+        beside.frames.points_changed();
         // The job of a cloud that is gone need not go on.
         for job in &self.jobs {
             if let Some((index, _)) = job.clouds.iter().find(|(_, cloud)| **cloud == key) {
@@ -254,34 +255,34 @@ impl Session {
                 job.mailbox.end();
             }
         }
-        self.note_loaded();
+        self.note_loaded(beside);
         if is_last {
-            self.scene.camera_is_placed = false;
-            self.scene.paths.clear();
-            self.frames.shown = None;
+            beside.scene.camera_is_placed = false;
+            beside.scene.paths.clear();
+            beside.frames.shown = None;
             self.light_search.forget();
         }
-        self.ask_surroundings();
+        self.ask_surroundings(beside);
     }
 
-    pub fn set_visible(&mut self, key: CloudKey, visible: bool) {
+    pub fn set_visible(&mut self, key: CloudKey, visible: bool, beside: &mut Beside<'_>) {
         if let Some(entry) = self.cloud_mut(key) {
             entry.is_visible = visible;
-            self.outside.change(Change::Show { cloud: key, is_visible: visible });
-            self.frames.points_changed();
-            self.ask_surroundings();
+            beside.outside.change(Change::Show { cloud: key, is_visible: visible });
+            beside.frames.points_changed();
+            self.ask_surroundings(beside);
         }
     }
 
     /// Brings the render thread to what is shown now. Called before each frame is asked for.
-    pub(super) fn sync_visibility(&mut self) {
-        let visibility = &self.scene.objects.visibility;
+    pub fn sync_visibility(&mut self, beside: &mut Beside<'_>) {
+        let visibility = &beside.scene.objects.visibility;
         if *visibility != self.drawn_visibility {
             self.drawn_visibility = visibility.clone();
-            self.outside.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
+            beside.outside.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
             self.samples.area_per_point = None;
-            self.frames.points_changed();
-            self.ask_surroundings();
+            beside.frames.points_changed();
+            self.ask_surroundings(beside);
         }
     }
 }

@@ -27,7 +27,7 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     };
     let painter = painter.with_clip_rect(rect);
     if session.scene.settings.stream.overlay {
-        let boxes = session.clouds.iter().filter(|entry| entry.is_visible).flat_map(CloudEntry::shown_boxes);
+        let boxes = session.loaded.clouds.iter().filter(|entry| entry.is_visible).flat_map(CloudEntry::shown_boxes);
         for (bounds, [red, green, blue, _]) in boxes.take(MOST_BOXES) {
             wire(&painter, &place, bounds, Stroke::new(1.0, Color32::from_rgb(red, green, blue)));
         }

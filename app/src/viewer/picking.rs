@@ -14,14 +14,14 @@ use super::work::Work;
 impl Session {
     /// World position of a point: the file's own coordinates.
     pub fn world_position(&self, picked: PickedPoint) -> Option<DVec3> {
-        let entry = self.cloud(picked.chunk.cloud)?;
+        let entry = self.loaded.cloud(picked.chunk.cloud)?;
         let chunk = entry.chunk(picked.chunk.part).filter(|chunk| picked.index < chunk.len())?;
         Some(entry.cloud.world_position(chunk, picked.index))
     }
 
     /// Normal of a point, if it has one.
     pub fn normal_at(&self, picked: PickedPoint) -> Option<DVec3> {
-        let chunk = self.cloud(picked.chunk.cloud)?.chunk(picked.chunk.part)?;
+        let chunk = self.loaded.cloud(picked.chunk.cloud)?.chunk(picked.chunk.part)?;
         let normal = *chunk.normals.as_ref()?.get(picked.index)?;
         Some(cloud::unpack_normal(normal)?.as_dvec3())
     }
@@ -66,7 +66,7 @@ impl Session {
     fn mirror_at(&self, pixel: [u32; 2]) -> Option<(ObjectId, DVec3)> {
         let lens = self.scene.lens();
         let hit = |placed: &Placed| {
-            let sample = self.samples.of.get(&placed.id)?;
+            let sample = self.loaded.samples.of.get(&placed.id)?;
             let target =
                 |(chunk, bounds): &(Chunk, Bounds)| Target { chunk: chunk.clone(), bounds: *bounds, classes: None };
             let ray = self.scene.sight_line(pixel, sample.chunks.iter().map(target).collect());
@@ -78,7 +78,7 @@ impl Session {
     }
 
     fn select(&mut self, point: PickedPoint, world: DVec3) {
-        let Some(entry) = self.cloud(point.chunk.cloud) else { return };
+        let Some(entry) = self.loaded.cloud(point.chunk.cloud) else { return };
         let Some(chunk) = entry.chunk(point.chunk.part) else { return };
         let number = chunk.first_point + point.index as u64;
         let is_streamed = entry.streamed.is_some();

@@ -3,25 +3,22 @@
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Progress};
+use cloud::Bounds;
 use glam::DVec3;
-use scene::{Camera, Lighting, MirrorPoints, Settings, Visibility};
+use scene::{Camera, Lighting, Settings};
 use serde_json::json;
-use world::{CloudKey, Input, Mailbox};
 
 use super::action::Handles;
-use super::clouds::{CloudEntry, JobEntry, Samples, short_name};
+use super::clouds::{CloudEntry, short_name};
 use super::draft::Draft;
 use super::frames::{Frames, Situation};
 use super::inspection::Inspection;
-use super::light_search::LightSearch;
+use super::loaded::{Beside, Loaded, all_mirrors};
 use super::messages::{Level, Messages};
 use super::objects::Origin;
 use super::outside::{Effect, News, Outside};
-use super::pace::Pace;
 use super::path_prompt::PathPrompt;
 use super::pick::Pick;
 use super::preferences::Preferences;
@@ -30,7 +27,7 @@ use super::render_thread::{Command, FrameRequest, Report};
 use super::scene::Scene;
 use super::study_file::{STUDY, group_of};
 use super::sweep::{self, Sweeps};
-use super::theme::grouped;
+use super::theme::{bytes, grouped};
 use super::truth::Around;
 use super::truth_tasks::Answer;
 use super::truth_view::{Taken, TruthView};
@@ -38,22 +35,16 @@ use super::tuning::Tuning;
 use super::work::{Found, Work};
 
 pub struct Session {
+    pub loaded: Loaded,
     pub scene: Scene,
-    pub clouds: Vec<CloudEntry>,
-    pub jobs: Vec<JobEntry>,
-    /// What is around the points, once they are all there.
-    pub(super) light_search: LightSearch,
     /// The lights are being looked after: they are shown in the picture.
     pub light_panel_is_open: bool,
     /// Which handles the gizmo shows, and whether one of them is grabbed.
     pub handles: Handles,
     pub handle_is_grabbed: bool,
     pub inspection: Option<Inspection>,
-    pub samples: Samples,
     /// Points that may be turned into a mirror.
     pub draft: Draft,
-    /// Of scene files whose clouds are still to come.
-    pub(super) awaited_markings: Vec<MirrorPoints>,
     pub figure_history: FigureHistory,
     pub picks: Vec<Pick>,
     pub pick_tool: bool,
@@ -70,21 +61,9 @@ pub struct Session {
     /// Adapter that draws; `None` until its shaders are compiled.
     pub adapter: Option<String>,
     pub frames: Frames,
-    next_cloud: u32,
-    next_job: u32,
     /// Why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
-    /// Warnings that were given: not twice, though figures are renewed.
-    pub(super) warned: Vec<String>,
-    pub pace: Pace,
-    /// Bytes of all indexes, once they are counted.
-    pub cache_size: Option<u64>,
-    /// Streamed points are coloured by level.
-    pub(super) levels_are_shown: bool,
-    /// As the render thread was told.
-    pub(super) expected_points: u64,
-    pub(super) drawn_visibility: Visibility,
     /// Pictures are recorded: only final ones are drawn, and none depends on those before it.
     pub is_recorded: bool,
 }
@@ -95,17 +74,13 @@ impl Session {
         let mut messages = Messages::default();
         warnings.into_iter().for_each(|warning| messages.warning(format!("kept parameters: {warning}")));
         Self {
+            loaded: Loaded::default(),
             scene: Scene::new(settings),
-            clouds: Vec::new(),
-            jobs: Vec::new(),
-            light_search: LightSearch::default(),
             light_panel_is_open: false,
             handles: Handles::All,
             handle_is_grabbed: false,
             inspection: None,
-            samples: Samples::default(),
             draft: Draft::default(),
-            awaited_markings: Vec::new(),
             figure_history: FigureHistory::default(),
             picks: Vec::new(),
             pick_tool: false,
@@ -121,31 +96,10 @@ impl Session {
             is_full_screen: false,
             adapter: None,
             frames: Frames::default(),
-            next_cloud: 0,
-            next_job: 0,
             fatal: None,
             wants_to_quit: false,
-            warned: Vec::new(),
-            pace: Pace::default(),
-            cache_size: None,
-            levels_are_shown: false,
-            expected_points: 0,
-            drawn_visibility: Visibility::default(),
             is_recorded: false,
         }
-    }
-
-    pub fn cloud(&self, key: CloudKey) -> Option<&CloudEntry> {
-        self.clouds.iter().find(|entry| entry.key == key)
-    }
-
-    pub(super) fn cloud_mut(&mut self, key: CloudKey) -> Option<&mut CloudEntry> {
-        self.clouds.iter_mut().find(|entry| entry.key == key)
-    }
-
-    pub(super) fn next_cloud_key(&mut self) -> CloudKey {
-        self.next_cloud += 1;
-        CloudKey(self.next_cloud - 1)
     }
 
     // ---- opening ----
@@ -176,7 +130,7 @@ impl Session {
             let settings =
                 if view.settings == Settings::default() { self.scene.settings.clone() } else { view.settings.clone() };
             match view.camera {
-                Some(camera) if self.clouds.is_empty() => self.scene.jump(self.outside.now, settings, camera),
+                Some(camera) if self.loaded.clouds.is_empty() => self.scene.jump(self.outside.now, settings, camera),
                 _ => self.scene.settings = settings,
             }
         }
@@ -188,7 +142,7 @@ impl Session {
         for mirror in request.mirrors {
             self.scene.bring_mirror(mirror, None, &mut self.outside);
         }
-        self.awaited_markings.extend(request.mirror_points);
+        self.loaded.awaited_markings.extend(request.mirror_points);
         self.scene.rewrite_objects(|objects| objects.visibility.hide(&request.visibility));
         self.scene.paths.retain(|known| !request.paths.iter().any(|path| path.name == known.name));
         self.scene.paths.extend(request.paths);
@@ -197,19 +151,11 @@ impl Session {
         }
     }
 
-    /// The job that the window started for `inputs`; returns its number.
-    pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>) -> u32 {
-        let id = self.next_job;
-        self.next_job += 1;
-        self.jobs.push(JobEntry::new(id, inputs, progress, mailbox, self.outside.now));
-        id
-    }
-
     /// Takes in what other threads tell.
     pub fn on_news(&mut self, news: News) {
         match news {
             News::Loading(job, event, pass) => {
-                self.on_loading(job, event);
+                self.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
                 if let Some(pass) = pass {
                     self.outside.render(Command::Arrived(pass));
                 }
@@ -221,8 +167,12 @@ impl Session {
 
     pub fn on_found(&mut self, found: Found) {
         match found {
-            Found::Figures { key, basis, figures } => self.on_figures(key, basis, *figures),
-            Found::Column { key, attribute, result } => self.on_column(key, attribute, result),
+            Found::Figures { key, basis, figures } => {
+                self.with_loaded(|loaded, beside| loaded.on_figures(key, basis, *figures, beside))
+            }
+            Found::Column { key, attribute, result } => {
+                self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
+            }
             Found::Record { picked, record, result } => {
                 for pick in self.picks.iter_mut().filter(|pick| pick.point == picked) {
                     pick.record = Some(result.clone());
@@ -232,15 +182,21 @@ impl Session {
                 self.outside.log(json!({ "event": "record", "point": record, "attributes": attributes }));
             }
             Found::Samples { id, mirror, area_per_point, samples } => {
-                self.samples.under_way = None;
+                self.loaded.samples.under_way = None;
                 // Of a mirror that has been deleted meanwhile there is nothing to show.
-                if self.all_mirrors().any(|(known, _)| known == id) {
-                    self.put_samples(id, mirror, Some(area_per_point), samples);
+                if all_mirrors(&self.scene.objects, self.inspection.as_ref()).any(|(known, _)| known == id) {
+                    self.with_loaded(|loaded, beside| {
+                        loaded.put_samples(id, mirror, Some(area_per_point), samples, beside)
+                    });
                 }
             }
-            Found::Marked { key, wanted, result } => self.on_marked(key, wanted, result),
+            Found::Marked { key, wanted, result } => {
+                self.with_loaded(|loaded, beside| loaded.on_marked(key, wanted, result, beside))
+            }
             Found::Counted { wanted, result } => self.draft.on_counted(wanted, result),
-            Found::Surroundings { asked, found } => self.on_surroundings(asked, found),
+            Found::Surroundings { asked, found } => {
+                self.with_loaded(|loaded, beside| loaded.on_surroundings(asked, found, beside))
+            }
             Found::Surface(surface) => self.on_surface(surface),
             Found::Truth(answer) => self.on_truth(*answer),
             Found::AddedToStudy { plan, result } => self.on_added_to_study(&plan, result),
@@ -252,32 +208,58 @@ impl Session {
                 }
                 Err(error) => self.outside.say(Level::Error, error),
             },
-            Found::IndexDeleted { kept, result } => self.on_index_deleted(&kept, result),
-            Found::CacheSize(bytes) => self.cache_size = Some(bytes),
+            Found::IndexDeleted { kept, result } => {
+                match result {
+                    Ok(()) => {
+                        let text = format!("Index deleted: {} free", bytes(kept.bytes));
+                        self.outside.say(Level::Note, text);
+                    }
+                    Err(error) => self.outside.say(Level::Error, error),
+                }
+                self.outside.work(Work::MeasureCache);
+            }
+            Found::CacheSize(bytes) => self.loaded.cache_size = Some(bytes),
         }
     }
 
     // ---- mirrors ----
 
-    /// Whole clouds to be turned into mirrors when they have come.
-    pub fn await_marking(&mut self, points: MirrorPoints) {
-        self.awaited_markings.push(points);
+    // ---- frames ----
+
+    /// Changes what is loaded, together with the parts that go along with it.
+    pub fn with_loaded<R>(&mut self, act: impl FnOnce(&mut Loaded, &mut Beside<'_>) -> R) -> R {
+        let mut beside = Beside {
+            scene: &mut self.scene,
+            frames: &mut self.frames,
+            preferences: &mut self.preferences,
+            inspection: self.inspection.as_ref(),
+            handle_is_grabbed: self.handle_is_grabbed,
+            is_recorded: self.is_recorded,
+            outside: &mut self.outside,
+        };
+        let result = act(&mut self.loaded, &mut beside);
+        // What was picked of a cloud goes with it.
+        self.picks.retain(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
+        result
     }
 
-    // ---- frames ----
+    /// Whether the picture shows the data's own colours.
+    pub fn is_unlit(&self) -> bool {
+        self.raw_colors || self.scene.settings.light.by == Lighting::Colors
+    }
 
     /// Of what is visible, without stray points.
     pub fn bounds(&self) -> Bounds {
-        self.scene.bounds(&self.clouds)
+        self.scene.bounds(&self.loaded.clouds)
     }
 
     pub fn up(&self) -> DVec3 {
-        self.scene.up(&self.clouds)
+        self.scene.up(&self.loaded.clouds)
     }
 
     /// Shows everything unless someone has chosen the camera: the clouds' outlines, or `bounds` while none is known.
     pub(super) fn frame_while_unplaced(&mut self, bounds: Bounds) {
-        self.scene.frame_while_unplaced(bounds, &self.clouds);
+        self.scene.frame_while_unplaced(bounds, &self.loaded.clouds);
     }
 
     /// Pixels of the picture.
@@ -295,7 +277,7 @@ impl Session {
         self.outside.now = now;
         self.scene.camera = camera;
         self.scene.camera_is_placed = true;
-        self.look_around();
+        self.with_loaded(Loaded::look_around);
     }
 
     /// Goes on from what has happened since the last step: asks for the frame, the figures and the truth that are wanted now,
@@ -309,15 +291,15 @@ impl Session {
         self.scene.navigation.hold(is_held, now);
         let steps = self.scene.history.steps();
         let quiet = self.scene.history.watch(&self.scene.settings, &self.scene.objects, is_held, now);
-        self.sync_visibility();
+        self.with_loaded(Loaded::sync_visibility);
         let frame = self.request_frame();
         if self.scene.history.steps() != steps {
             self.outside.log(json!({ "event": "step" }));
         }
-        self.renew_figures();
-        self.look_around();
-        self.sync_levels();
-        self.sync_objects();
+        self.with_loaded(Loaded::renew_figures);
+        self.with_loaded(Loaded::look_around);
+        self.with_loaded(Loaded::sync_levels);
+        self.with_loaded(Loaded::sync_objects);
         let truth = self.sync_truth();
         [quiet, zoom, frame, truth].into_iter().flatten().min()
     }
@@ -325,14 +307,15 @@ impl Session {
     /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
     pub fn request_frame(&mut self) -> Option<Duration> {
         let is_first = self.frames.shown.is_none();
-        let is_empty = self.clouds.is_empty() || is_first && self.points() == 0 && self.is_loading();
+        let is_empty =
+            self.loaded.clouds.is_empty() || is_first && self.loaded.points() == 0 && self.loaded.is_loading();
         if self.adapter.is_none() || self.scene.view_size.contains(&0) || is_empty {
             return None;
         }
         let is_mirror = self.scene.selected.is_some_and(|id| self.scene.objects.mirror(id).is_some());
         let situation = Situation {
-            points_come: self.points_come(),
-            light_comes: !self.light_search.is_known(),
+            points_come: self.loaded.points_come(),
+            light_comes: !self.loaded.light_search.is_known(),
             rest: self.scene.navigation.time_to_rest(self.outside.now),
             a_mirror_is_dragged: is_mirror && self.handle_is_grabbed,
             is_recorded: self.is_recorded,
@@ -341,7 +324,7 @@ impl Session {
         let under_way = self.frames.under_way;
         let again = self.frames.request(self.picture(), &situation, &mut self.outside);
         if is_first && self.frames.under_way > under_way {
-            self.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
+            self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
         }
         again
     }
@@ -356,14 +339,16 @@ impl Session {
         FrameRequest {
             camera: self.scene.camera,
             settings: settings.drawn(),
-            mirrors: self.all_mirrors().map(|(_, mirror)| mirror.clone()).collect(),
-            lights: self.lights(),
-            sky_is_open: self.sky_is_open(),
+            mirrors: all_mirrors(&self.scene.objects, self.inspection.as_ref())
+                .map(|(_, mirror)| mirror.clone())
+                .collect(),
+            lights: self.loaded.lights(&self.scene),
+            sky_is_open: self.loaded.sky_is_open(),
             size: self.scene.view_size,
             revision: self.frames.revision,
             spared: None,
             hurried: false,
-            light_may_lag: self.light_may_lag(),
+            light_may_lag: self.loaded.light_may_lag(),
         }
     }
 
@@ -375,27 +360,28 @@ impl Session {
     /// The frame on the screen, if it is the final one and nothing is under way that would change it.
     pub fn still_frame(&self) -> Option<&FrameRequest> {
         let is_busy = |entry: &CloudEntry| entry.marking.is_some() || entry.figures_under_way;
-        let may_change = self.points_come() || self.samples.under_way.is_some() || self.inspection.is_some();
-        self.frames.final_one().filter(|_| !may_change && !self.clouds.iter().any(is_busy))
+        let may_change =
+            self.loaded.points_come() || self.loaded.samples.under_way.is_some() || self.inspection.is_some();
+        self.frames.final_one().filter(|_| !may_change && !self.loaded.clouds.iter().any(is_busy))
     }
 
     /// What the render thread says, except the picture itself, which the window has taken.
     pub fn on_report(&mut self, report: Report) {
         if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
-            self.jobs.iter().for_each(|job| job.mailbox.draw_first(false));
+            self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(false));
         }
         match report {
             Report::Ready { adapter } => {
                 self.outside.log(json!({ "event": "ready", "adapter": adapter }));
                 self.adapter = Some(adapter);
                 // The window is painted before the frame is asked for.
-                let has_points = self.points() > 0;
-                self.jobs.iter().for_each(|job| job.mailbox.draw_first(has_points));
+                let has_points = self.loaded.points() > 0;
+                self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(has_points));
             }
             // Of clouds that have been removed since.
-            Report::Frame(_) if self.clouds.is_empty() => self.frames.give_up(),
+            Report::Frame(_) if self.loaded.clouds.is_empty() => self.frames.give_up(),
             Report::Frame(frame) => {
-                self.keep_pace(frame.total_milliseconds);
+                self.with_loaded(|loaded, beside| loaded.keep_pace(frame.total_milliseconds, beside));
                 self.outside.log(json!({
                     "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
                 }));
@@ -444,8 +430,8 @@ impl Session {
     ) -> R {
         let around = Around {
             still: self.still_frame().cloned(),
-            clouds: &self.clouds,
-            samples: &self.samples,
+            clouds: &self.loaded.clouds,
+            samples: &self.loaded.samples,
             settings: &self.scene.settings,
             visibility: &self.scene.objects.visibility,
             frames: &self.frames,
@@ -502,7 +488,7 @@ impl Session {
 
     /// Adds the setting at hand to the plan in the current folder, with the view as a scene beside it.
     pub fn add_to_study(&mut self) {
-        if self.clouds.is_empty() {
+        if self.loaded.clouds.is_empty() {
             self.outside.note("There is no setting to add yet");
             return;
         }
@@ -526,7 +512,7 @@ impl Session {
     // ---- words for the outside ----
 
     pub fn title(&self) -> String {
-        let points = self.all_points();
+        let points = self.loaded.all_points();
         match self.inputs().as_slice() {
             [] => "glint".into(),
             [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
@@ -537,7 +523,7 @@ impl Session {
     /// The words of the command line that give what is visible.
     pub fn inputs(&self) -> Vec<String> {
         let mut inputs: Vec<String> = Vec::new();
-        for entry in self.clouds.iter().filter(|entry| entry.is_visible) {
+        for entry in self.loaded.clouds.iter().filter(|entry| entry.is_visible) {
             if !inputs.contains(&entry.input) {
                 inputs.push(entry.input.clone());
             }
@@ -554,13 +540,15 @@ impl Session {
 
         use super::preferences::Preferences;
         let mut session = Self::new(Preferences::default());
-        let job = session.add_job(&[], Arc::default(), Arc::default());
+        let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
         let (name, input) = ("cloud.ply".into(), "cloud.ply".into());
         let opened = Opened { name, input, expected_points: 2, up: DVec3::Z, ..Opened::default() };
-        session.on_loading(job, Event::Opened { cloud: 0, opened });
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
         let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
-        session.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
-        session.on_loading(job, Event::Finished);
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, beside)
+        });
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Finished, beside));
         session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         session
     }

@@ -1,7 +1,11 @@
 //! What the session does with what it is told, without a window and without a render thread.
 
+use std::sync::Arc;
+
+use scene::MirrorPoints;
 use world::{Change, CloudKey, Event, Opened, Part};
 
+use super::super::loaded::Loaded;
 use super::super::objects::Marking;
 use super::super::outside::Effect;
 use super::*;
@@ -9,22 +13,22 @@ use super::*;
 /// A cloud with one attribute whose header has been read, by job 0.
 fn opened() -> (Session, CloudKey) {
     let mut session = Session::new(Preferences::default());
-    let job = session.add_job(&[], Arc::default(), Arc::default());
+    let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
     let attributes = vec![cloud::Attribute { name: "intensity".into(), column_type: cloud::ColumnType::U8 }];
     let (name, input) = ("cloud.ply".into(), "cloud.ply".into());
     let opened = Opened { name, input, attributes, expected_points: 3, up: DVec3::Z, ..Opened::default() };
-    session.on_loading(job, Event::Opened { cloud: 0, opened });
-    let key = session.clouds[0].key;
+    session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
+    let key = session.loaded.clouds[0].key;
     (session, key)
 }
 
 #[test]
 fn a_column_that_cannot_be_read_is_no_longer_under_way() {
     let (mut session, key) = opened();
-    session.clouds[0].column_reads.insert(0, Some(Arc::default()));
-    assert_eq!(session.columns_under_way().map(|(name, _)| name).collect::<Vec<_>>(), ["intensity"]);
+    session.loaded.clouds[0].column_reads.insert(0, Some(Arc::default()));
+    assert_eq!(session.loaded.columns_under_way().map(|(name, _)| name).collect::<Vec<_>>(), ["intensity"]);
     session.on_found(Found::Column { key, attribute: 0, result: Err("gone".into()) });
-    assert_eq!(session.columns_under_way().count(), 0);
+    assert_eq!(session.loaded.columns_under_way().count(), 0);
     assert!(session.outside.messages.all.last().is_some_and(|message| message.text == "intensity: gone"));
 }
 
@@ -32,13 +36,15 @@ fn a_column_that_cannot_be_read_is_no_longer_under_way() {
 fn a_cloud_that_is_opened_as_a_mirror_reflects_when_it_has_come_and_is_no_step_of_undo() {
     let (mut session, key) = opened();
     session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
-    session.await_marking(MirrorPoints::whole("cloud.ply".into()));
-    session.await_marking(MirrorPoints::whole("gone.ply".into()));
+    session.loaded.await_marking(MirrorPoints::whole("cloud.ply".into()));
+    session.loaded.await_marking(MirrorPoints::whole("gone.ply".into()));
     let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
-    session.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
-    session.sync_objects();
+    session.with_loaded(|loaded, beside| {
+        loaded.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, beside)
+    });
+    session.with_loaded(Loaded::sync_objects);
     assert!(session.scene.objects.markings.is_empty(), "its points are still to come");
-    session.on_loading(0, Event::Finished);
+    session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
     assert_eq!(session.scene.objects.markings, [Marking { key, points: MirrorPoints::whole("cloud.ply".into()) }]);
     assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("gone.ply")));
     assert!(!session.scene.history.undo(
@@ -46,17 +52,17 @@ fn a_cloud_that_is_opened_as_a_mirror_reflects_when_it_has_come_and_is_no_step_o
         &mut session.scene.objects,
         &mut session.scene.camera
     ));
-    session.sync_objects();
+    session.with_loaded(Loaded::sync_objects);
     assert!(session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
-    session.remove_cloud(key);
+    session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
     assert!(session.scene.objects.markings.is_empty());
 }
 
 #[test]
 fn a_cloud_without_points_leaves_the_renderer_too() {
     let (mut session, removed) = opened();
-    session.on_loading(0, Event::Finished);
-    assert!(session.clouds.is_empty());
+    session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
+    assert!(session.loaded.clouds.is_empty());
     let is_removal = |effect: &Effect| matches!(effect, Effect::Render(Command::Change(Change::Close { cloud })) if *cloud == removed);
     assert!(session.outside.effects.iter().any(is_removal));
 }
@@ -68,7 +74,9 @@ fn a_frame_that_cannot_be_drawn_ends_neither_the_window_nor_later_frames() {
     session.request_frame();
     assert_eq!(session.frames.under_way, 0, "there is nothing to show yet");
     let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [1.0; 3]]);
-    session.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk });
+    session.with_loaded(|loaded, beside| {
+        loaded.on_loading(0, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, beside)
+    });
     session.request_frame();
     assert_eq!(session.frames.under_way, 1);
     assert!(session.frames.requested.as_ref().is_some_and(|request| request.hurried), "the first picture comes soon");

@@ -13,13 +13,13 @@ use super::theme::{self, grouped};
 use super::widgets::{progress_bar, progress_text};
 
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    for entry in &session.clouds {
+    for entry in &session.loaded.clouds {
         if let Some(streamed) = &entry.streamed {
             ui.push_id(entry.key.0, |ui| cloud(ui, session, entry, streamed, actions));
         }
     }
     // Those of which there is something to tell.
-    let jobs = || session.jobs.iter().filter(|job| job.has_streamed && job.stream.points_total > 0);
+    let jobs = || session.loaded.jobs.iter().filter(|job| job.has_streamed && job.stream.points_total > 0);
     for job in jobs() {
         if jobs().count() > 1 {
             weak(ui, format!("what is there of {}", job.name));
@@ -32,7 +32,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     panel::parameter(ui, &session.scene.settings.view, "point_budget", actions);
     panel::parameters(ui, &session.scene.settings.stream, &[], actions);
-    if let Some(size) = session.cache_size {
+    if let Some(size) = session.loaded.cache_size {
         let most = session.scene.settings.stream.cache_bytes;
         weak(ui, format!("All indexes take {} of {most}", theme::bytes(size)));
     }
@@ -130,7 +130,7 @@ fn pending(ui: &mut Ui, key: CloudKey, stage: &CloudTask, help: &str, actions: &
 fn resume(ui: &mut Ui, session: &Session, key: CloudKey, text: &str, help: &str, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         weak(ui, text);
-        if session.job_of(key).is_some() && ui.small_button("Resume").on_hover_text(help).clicked() {
+        if session.loaded.job_of(key).is_some() && ui.small_button("Resume").on_hover_text(help).clicked() {
             actions.push(Action::ResumeMaking(key));
         }
     });
@@ -201,6 +201,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
     use world::{Event, IndexRequest, Mailbox, Opened, Part};
 
+    use super::super::loaded::Loaded;
     use super::super::outside::Effect;
     use super::super::preferences::Preferences;
     use super::super::work::{Found, Work};
@@ -210,15 +211,18 @@ mod tests {
     fn indexing() -> (Session, [Arc<CloudTask>; 2]) {
         let mut session = Session::new(Preferences::default());
         let mailbox = Arc::<Mailbox>::default();
-        session.add_job(&[], Arc::default(), mailbox.clone());
+        session.loaded.add_job(&[], Arc::default(), mailbox.clone(), session.outside.now);
         let stages = ["survey.laz", "town.laz"].map(|name| {
-            let cloud = session.clouds.len();
+            let cloud = session.loaded.clouds.len();
             let (name, input, up) = (name.into(), name.into(), glam::DVec3::Z);
             let opened = Opened { name, input, expected_points: 200, up, ..Opened::default() };
-            session.on_loading(0, Event::Opened { cloud, opened });
-            session.on_loading(0, Event::Pages { cloud, pages: IndexState::Indexing });
+            session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Opened { cloud, opened }, beside));
+            session.with_loaded(|loaded, beside| {
+                loaded.on_loading(0, Event::Pages { cloud, pages: IndexState::Indexing }, beside)
+            });
             let stage = mailbox.plan(cloud, CloudTask::new(TaskKind::Index, 200));
-            session.on_loading(0, Event::Task { cloud, task: stage.clone() });
+            session
+                .with_loaded(|loaded, beside| loaded.on_loading(0, Event::Task { cloud, task: stage.clone() }, beside));
             stage
         });
         stages[0].begin();
@@ -270,9 +274,11 @@ mod tests {
         // What is left is said also when nothing is made any more.
         let chunk = cloud::Chunk::new(0, glam::DVec3::ZERO, vec![[0.0; 3]]);
         let (mut session, _) = indexing();
-        session.on_loading(0, Event::Chunk { cloud: 0, part: Part::Preview(0), chunk });
-        session.stop_loading();
-        session.on_loading(0, Event::Finished);
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Chunk { cloud: 0, part: Part::Preview(0), chunk }, beside)
+        });
+        session.with_loaded(Loaded::stop_loading);
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
         let mut harness = self::harness(session);
         harness.run_ok();
         assert!(harness.query_by_label("no index: what is shown is a preview").is_some());
@@ -281,8 +287,8 @@ mod tests {
     #[test]
     fn what_was_stopped_is_resumed() {
         let (mut session, _) = indexing();
-        session.stop_loading();
-        let mailbox = session.jobs[0].mailbox.clone();
+        session.with_loaded(Loaded::stop_loading);
+        let mailbox = session.loaded.jobs[0].mailbox.clone();
         let mut harness = harness(session);
         harness.run_ok();
         harness.query_all_by_label("Resume").nth(1).unwrap().click();
@@ -298,7 +304,9 @@ mod tests {
         session.scene.settings.stream.overlay = true;
         session.scene.settings.stream.host_bytes = param::Bytes(500_000_000);
         session.scene.settings.view.point_budget = 1_000_000;
-        session.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) }, beside)
+        });
         let stats = StreamStats {
             nodes: 3,
             points_total: 12_345,
@@ -306,7 +314,7 @@ mod tests {
             nodes_waiting: 7,
             ..StreamStats::default()
         };
-        session.on_loading(0, Event::Stream(stats));
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Stream(stats), beside));
         session.on_found(Found::CacheSize(3_000_000_000));
         let mut harness = harness(session);
         harness.run_ok();
@@ -320,8 +328,10 @@ mod tests {
     #[test]
     fn an_index_is_deleted_with_its_cloud() {
         let (mut session, _) = indexing();
-        session.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) });
-        let key = session.clouds[0].key;
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Pages { cloud: 0, pages: indexed(true) }, beside)
+        });
+        let key = session.loaded.clouds[0].key;
         let mut harness = harness(session);
         harness.run_ok();
         harness.get_by_label("Delete…").click();
@@ -329,9 +339,9 @@ mod tests {
         harness.get_by_label("Close cloud and delete index").click();
         harness.run_ok();
         let session = harness.state();
-        assert!(session.cloud(key).is_none() && session.clouds.len() == 1);
+        assert!(session.loaded.cloud(key).is_none() && session.loaded.clouds.len() == 1);
         let is_deletion = |effect: &Effect| matches!(effect, Effect::Work(Work::DeleteIndex(kept)) if kept.folder.as_path() == std::path::Path::new("/cache/0123"));
         assert!(session.outside.effects.iter().any(is_deletion));
-        assert!(session.jobs[0].mailbox.is_closed(0));
+        assert!(session.loaded.jobs[0].mailbox.is_closed(0));
     }
 }

@@ -7,17 +7,16 @@ use std::sync::Arc;
 use cloud::Bounds;
 use scene::Settings;
 use serde_json::json;
-use world::{Change, CloudKey, IndexEntry, IndexState, Part, StreamStats, StreamView, most_points};
+use world::{Change, CloudKey, IndexState, Part, StreamStats, StreamView, most_points};
 
 use super::clouds::{CloudEntry, JobEntry, Streamed};
+use super::loaded::{Beside, Loaded};
 use super::messages::Level;
 use super::pace::shares;
-use super::session::Session;
-use super::theme;
 use super::work::Work;
 
-impl Session {
-    pub(super) fn on_pages(&mut self, job: u32, cloud: usize, pages: IndexState) {
+impl Loaded {
+    pub fn on_pages(&mut self, job: u32, cloud: usize, pages: IndexState, beside: &mut Beside<'_>) {
         if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
             entry.has_streamed = true;
         }
@@ -31,35 +30,35 @@ impl Session {
         entry.streamed = Some(Streamed::new(entry.octree().map(Arc::as_ref), rests));
         let bounds = entry.index_bounds().unwrap_or(Bounds::EMPTY);
         let (key, name) = (entry.key, entry.cloud.name.clone());
-        self.outside.change(change);
-        self.make_room();
+        beside.outside.change(change);
+        self.make_room(beside);
         if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
             let total = self.cloud(key).map_or(0, |entry| entry.total());
-            self.outside.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
+            beside.outside.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
             if is_kept {
-                self.outside.work(Work::MeasureCache);
+                beside.outside.work(Work::MeasureCache);
             }
             if !was_indexed {
-                self.frame_while_unplaced(bounds);
+                beside.scene.frame_while_unplaced(bounds, &self.clouds);
             }
         } else {
-            self.outside.log(json!({ "event": "indexing", "name": name }));
+            beside.outside.log(json!({ "event": "indexing", "name": name }));
         }
     }
 
     /// Tells the render thread how many points will be there at once, if that has changed: all of those that are held in memory,
     /// and of streamed ones as many as the budgets allow.
-    pub(super) fn make_room(&mut self) {
+    pub fn make_room(&mut self, beside: &mut Beside<'_>) {
         let total = |is_streamed: bool| -> u64 {
             let clouds = self.clouds.iter().filter(|entry| entry.streamed.is_some() == is_streamed);
             clouds.map(|entry| entry.total()).sum()
         };
         let chunks = self.samples.of.values().flat_map(|sample| &sample.chunks);
         let samples: u64 = chunks.map(|(chunk, _)| chunk.len() as u64).sum();
-        let most = most_points(&self.scene.settings.view, &self.scene.settings.stream);
+        let most = most_points(&beside.scene.settings.view, &beside.scene.settings.stream);
         let points = total(false) + samples + total(true).min(most);
         if std::mem::replace(&mut self.expected_points, points) != points {
-            self.outside.change(Change::Expect { points });
+            beside.outside.change(Change::Expect { points });
         }
     }
 
@@ -68,8 +67,8 @@ impl Session {
     }
 
     /// Settings for what is opened next: its preview has its share of the budgets.
-    pub fn settings_of_next_job(&self) -> Settings {
-        let mut settings = self.scene.settings.clone();
+    pub fn settings_of_next_job(&self, settings: &Settings) -> Settings {
+        let mut settings = settings.clone();
         let jobs = self.streaming_jobs() + 1;
         settings.view.point_budget /= jobs as u32;
         settings.stream.gpu_bytes.0 /= jobs as u64;
@@ -77,7 +76,7 @@ impl Session {
         settings
     }
 
-    pub(super) fn on_stream(&mut self, job: u32, stats: StreamStats) {
+    pub fn on_stream(&mut self, job: u32, stats: StreamStats, beside: &mut Beside<'_>) {
         let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) else { return };
         let comes_to_rest = stats.is_settled && entry.is_streaming();
         entry.stream = stats;
@@ -90,7 +89,7 @@ impl Session {
                 streamed.rests += 1;
             }
         }
-        self.outside.log(json!({
+        beside.outside.log(json!({
             "event": "streamed", "points": stats.points_resident, "nodes": stats.nodes, "host_bytes": stats.host_bytes,
         }));
     }
@@ -101,19 +100,22 @@ impl Session {
     }
 
     /// Whether indirect light need not follow the points, which come and go. At first there is none that could stay.
-    pub(super) fn light_may_lag(&self) -> bool {
+    pub fn light_may_lag(&self) -> bool {
         !self.is_loading() && self.jobs.iter().any(JobEntry::is_fetching)
     }
 
     /// Tells streamed clouds where they are looked at from, if that has changed. Called every frame of the window.
-    pub fn look_around(&mut self) {
-        self.make_room();
-        let mut view = self.scene.settings.view.clone();
-        if self.scene.navigation.time_to_rest(self.outside.now).is_some() && self.scene.settings.stream.frame_ms > 0.0 {
+    pub fn look_around(&mut self, beside: &mut Beside<'_>) {
+        self.make_room(beside);
+        let mut view = beside.scene.settings.view.clone();
+        if beside.scene.navigation.time_to_rest(beside.outside.now).is_some()
+            && beside.scene.settings.stream.frame_ms > 0.0
+        {
             view.point_budget = self.pace.budget(view.point_budget);
         }
-        let (camera, size, stream) = (self.scene.camera, self.scene.view_size, self.scene.settings.stream.clone());
-        let is_alone = self.is_recorded;
+        let (camera, size, stream) =
+            (beside.scene.camera, beside.scene.view_size, beside.scene.settings.stream.clone());
+        let is_alone = beside.is_recorded;
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
         let hidden: Vec<BTreeSet<usize>> = streaming().map(|job| self.hidden(job)).collect();
@@ -132,7 +134,7 @@ impl Session {
     }
 
     /// The job of a cloud that is under way, and the cloud's number there.
-    pub(super) fn job_of(&self, key: CloudKey) -> Option<(&JobEntry, usize)> {
+    pub fn job_of(&self, key: CloudKey) -> Option<(&JobEntry, usize)> {
         self.jobs.iter().find_map(|job| {
             let (cloud, _) = job.clouds.iter().find(|(_, other)| **other == key)?;
             Some((job, *cloud))
@@ -156,27 +158,19 @@ impl Session {
     }
 
     /// Closes a cloud and deletes its index.
-    pub fn delete_index(&mut self, key: CloudKey) {
+    pub fn delete_index(&mut self, key: CloudKey, beside: &mut Beside<'_>) {
         let kept = self.cloud(key).and_then(|entry| entry.pages.as_ref()?.entry().cloned());
         if let Some(kept) = kept {
-            self.remove_cloud(key);
-            self.outside.work(Work::DeleteIndex(kept));
+            self.remove_cloud(key, beside);
+            beside.outside.work(Work::DeleteIndex(kept));
         }
-    }
-
-    pub(super) fn on_index_deleted(&mut self, kept: &IndexEntry, result: Result<(), String>) {
-        match result {
-            Ok(()) => self.outside.say(Level::Note, format!("Index deleted: {} free", theme::bytes(kept.bytes))),
-            Err(error) => self.outside.say(Level::Error, error),
-        }
-        self.outside.work(Work::MeasureCache);
     }
 
     /// Learns from a frame what a moving picture can afford.
-    pub(super) fn keep_pace(&mut self, milliseconds: f64) {
-        let wanted = f64::from(self.scene.settings.stream.frame_ms);
+    pub fn keep_pace(&mut self, milliseconds: f64, beside: &mut Beside<'_>) {
+        let wanted = f64::from(beside.scene.settings.stream.frame_ms);
         let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
-        if is_streamed && wanted > 0.0 && self.scene.navigation.time_to_rest(self.outside.now).is_some() {
+        if is_streamed && wanted > 0.0 && beside.scene.navigation.time_to_rest(beside.outside.now).is_some() {
             self.pace.learn(milliseconds, wanted);
         }
     }
@@ -184,20 +178,20 @@ impl Session {
     // ---- levels ----
 
     /// Colours a chunk that has come by its level, if these are shown.
-    pub(super) fn tint_chunk(&mut self, key: CloudKey, part: Part) {
+    pub fn tint_chunk(&mut self, key: CloudKey, part: Part, beside: &mut Beside<'_>) {
         if self.levels_are_shown
             && let Some(color) = self.cloud(key).and_then(|entry| entry.level_color(part))
         {
-            self.outside.change(Change::Tint { tints: vec![(key.chunk(part), Some(color))] });
+            beside.outside.change(Change::Tint { tints: vec![(key.chunk(part), Some(color))] });
         }
     }
 
     /// Shows levels or ends it. Called every frame of the window.
-    pub fn sync_levels(&mut self) {
-        if self.levels_are_shown == self.scene.settings.stream.overlay {
+    pub fn sync_levels(&mut self, beside: &mut Beside<'_>) {
+        if self.levels_are_shown == beside.scene.settings.stream.overlay {
             return;
         }
-        self.levels_are_shown = self.scene.settings.stream.overlay;
+        self.levels_are_shown = beside.scene.settings.stream.overlay;
         let is_shown = self.levels_are_shown;
         let tints = |entry: &CloudEntry| {
             let parts = entry.chunk_bounds().map(|(part, _)| part);
@@ -207,23 +201,23 @@ impl Session {
         let streamed = self.clouds.iter().filter(|entry| entry.streamed.is_some());
         let all: Vec<Vec<_>> = streamed.map(tints).collect();
         for tints in all {
-            self.outside.change(Change::Tint { tints });
-            self.frames.points_changed();
+            beside.outside.change(Change::Tint { tints });
+            beside.frames.points_changed();
         }
     }
 
     // ---- what they cannot do ----
 
     /// Points that come and go cannot be parted into mirror and rest once for all.
-    pub(super) fn refuse_marking_streamed(&mut self) {
+    pub fn refuse_marking_streamed(&mut self, beside: &mut Beside<'_>) {
         let is_marked = |entry: &&CloudEntry| {
-            entry.streamed.is_some() && self.scene.objects.markings.iter().any(|marking| marking.key == entry.key)
+            entry.streamed.is_some() && beside.scene.objects.markings.iter().any(|marking| marking.key == entry.key)
         };
         let refused: Vec<(CloudKey, String)> =
             self.clouds.iter().filter(is_marked).map(|entry| (entry.key, entry.cloud.name.clone())).collect();
         for (key, name) in refused {
-            self.scene.rewrite_objects(|objects| objects.markings.retain(|marking| marking.key != key));
-            self.outside.say(Level::Error, format!("{name}: {NOT_MARKED}"));
+            beside.scene.rewrite_objects(|objects| objects.markings.retain(|marking| marking.key != key));
+            beside.outside.say(Level::Error, format!("{name}: {NOT_MARKED}"));
         }
     }
 }
@@ -244,6 +238,7 @@ mod tests {
     use super::super::outside::Effect;
     use super::super::preferences::Preferences;
     use super::super::render_thread::{Command, PickPurpose, PickedPoint, Report};
+    use super::super::session::Session;
     use super::super::work::Found;
     use super::*;
 
@@ -282,11 +277,15 @@ mod tests {
     fn put(session: &mut Session, node: u32, places: &[f32]) {
         let first_point = octree().nodes[node as usize].first_point;
         let chunk = chunk(first_point, places);
-        session.on_loading(0, Event::Chunk { cloud: 0, part: Part::Node(NodeId(node)), chunk });
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Chunk { cloud: 0, part: Part::Node(NodeId(node)), chunk }, beside)
+        });
     }
 
     fn drop_chunk(session: &mut Session, node: u32) {
-        session.on_loading(0, Event::Dropped { cloud: 0, part: Part::Node(NodeId(node)) });
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Dropped { cloud: 0, part: Part::Node(NodeId(node)) }, beside)
+        });
     }
 
     fn opened(attributes: Vec<Attribute>) -> Event {
@@ -298,9 +297,9 @@ mod tests {
     /// A streamed cloud whose index is there, by job 0, with the chunk of its root.
     fn streamed() -> Session {
         let mut session = Session::new(Preferences::default());
-        session.add_job(&[], Arc::default(), Arc::default());
+        session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
         let intensity = Attribute { name: "intensity".into(), column_type: ColumnType::U8 };
-        session.on_loading(0, opened(vec![intensity]));
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, opened(vec![intensity]), beside));
         let pages = IndexState::Indexed {
             octree: Arc::new(octree()),
             grid: GRID,
@@ -308,7 +307,7 @@ mod tests {
             has_surfels: true,
             entry: None,
         };
-        session.on_loading(0, Event::Pages { cloud: 0, pages });
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Pages { cloud: 0, pages }, beside));
         put(&mut session, 0, &[1.0, 7.0]);
         session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
         session
@@ -316,9 +315,10 @@ mod tests {
 
     /// All that the last look needs is there.
     fn settle(session: &mut Session) {
-        session.look_around();
-        let stats = StreamStats { view_number: session.jobs[0].look, is_settled: true, ..StreamStats::default() };
-        session.on_loading(0, Event::Stream(stats));
+        session.with_loaded(Loaded::look_around);
+        let stats =
+            StreamStats { view_number: session.loaded.jobs[0].look, is_settled: true, ..StreamStats::default() };
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Stream(stats), beside));
     }
 
     fn commands(session: &mut Session) -> Vec<Change> {
@@ -330,19 +330,24 @@ mod tests {
     #[test]
     fn points_and_bounds_are_counted_right_while_chunks_come_change_and_go() {
         let mut session = Session::new(Preferences::default());
-        session.add_job(&[], Arc::default(), Arc::default());
-        session.on_loading(0, opened(Vec::new()));
-        session.on_loading(0, Event::Pages { cloud: 0, pages: IndexState::Indexing });
+        session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, opened(Vec::new()), beside));
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Pages { cloud: 0, pages: IndexState::Indexing }, beside)
+        });
         put(&mut session, 0, &[1.0]);
         put(&mut session, 3, &[2.0, 6.0, 8.0]);
         put(&mut session, 0, &[1.0, 3.0]);
         let revision = session.frames.revision;
-        assert_eq!((session.clouds[0].points, session.points(), session.clouds[0].cloud.len()), (5, 5, 5));
+        assert_eq!(
+            (session.loaded.clouds[0].points, session.loaded.points(), session.loaded.clouds[0].cloud.len()),
+            (5, 5, 5)
+        );
         assert_eq!(session.bounds().max, DVec3::splat(8.0));
         drop_chunk(&mut session, 3);
-        assert_eq!((session.clouds[0].points, session.clouds[0].cloud.len()), (2, 2));
+        assert_eq!((session.loaded.clouds[0].points, session.loaded.clouds[0].cloud.len()), (2, 2));
         assert_eq!((session.bounds().min, session.bounds().max), (DVec3::ONE, DVec3::splat(3.0)));
-        assert!(session.frames.revision > revision && session.clouds[0].chunk_bounds().len() == 1);
+        assert!(session.frames.revision > revision && session.loaded.clouds[0].chunk_bounds().len() == 1);
         let removed =
             |command: &Change| matches!(command, Change::TakeOut { key } if key.part == Part::Node(NodeId(3)));
         assert_eq!(commands(&mut session).iter().filter(|command| removed(command)).count(), 1);
@@ -397,7 +402,7 @@ mod tests {
         put(&mut session, 3, &[2.0, 3.0, 4.0]);
         drop_chunk(&mut session, 0);
         assert_eq!(session.bounds(), octree().nodes[0].bounds);
-        assert_eq!((session.points(), session.all_points(), session.clouds[0].total()), (3, 8, 8));
+        assert_eq!((session.loaded.points(), session.loaded.all_points(), session.loaded.clouds[0].total()), (3, 8, 8));
         assert_eq!(session.title(), "survey - 8 points - glint");
         let room = |session: &mut Session| {
             let commands = commands(session).into_iter();
@@ -407,33 +412,36 @@ mod tests {
         };
         assert_eq!(room(&mut session), Some(8), "no more room is made than all points take");
         session.scene.settings.view.point_budget = 4;
-        session.look_around();
+        session.with_loaded(Loaded::look_around);
         assert_eq!(room(&mut session), Some(4), "nor than may be there");
-        session.look_around();
+        session.with_loaded(Loaded::look_around);
         assert_eq!(room(&mut session), None);
     }
 
     #[test]
     fn a_streamed_cloud_is_loaded_with_its_first_look_and_at_rest_with_its_last() {
         let mut session = streamed();
-        assert!(session.is_loading() && session.points_come());
+        assert!(session.loaded.is_loading() && session.loaded.points_come());
         settle(&mut session);
-        session.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
-        assert!(!session.is_loading() && !session.points_come());
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() }, beside)
+        });
+        assert!(!session.loaded.is_loading() && !session.loaded.points_come());
         assert!(
             session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. })))
         );
         session.scene.camera.eye += DVec3::ONE;
-        session.look_around();
-        assert!(!session.is_loading() && session.points_come());
-        let late = StreamStats { view_number: session.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
-        session.on_loading(0, Event::Stream(late));
-        assert!(session.points_come(), "that is about an earlier look");
+        session.with_loaded(Loaded::look_around);
+        assert!(!session.loaded.is_loading() && session.loaded.points_come());
+        let late =
+            StreamStats { view_number: session.loaded.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Stream(late), beside));
+        assert!(session.loaded.points_come(), "that is about an earlier look");
         settle(&mut session);
-        assert!(!session.points_come());
-        assert_eq!(session.clouds[0].streamed.as_ref().unwrap().rests, 2);
-        session.on_loading(0, Event::Finished);
-        assert!(session.jobs.is_empty() && session.clouds.len() == 1);
+        assert!(!session.loaded.points_come());
+        assert_eq!(session.loaded.clouds[0].streamed.as_ref().unwrap().rests, 2);
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
+        assert!(session.loaded.jobs.is_empty() && session.loaded.clouds.len() == 1);
     }
 
     #[test]
@@ -441,7 +449,7 @@ mod tests {
         let mut session = streamed();
         put(&mut session, 3, &[2.0, 3.251, 4.0]);
         commands(&mut session);
-        let point = Some(PickedPoint { chunk: session.clouds[0].key.chunk(Part::Node(NodeId(3))), index: 1 });
+        let point = Some(PickedPoint { chunk: session.loaded.clouds[0].key.chunk(Part::Node(NodeId(3))), index: 1 });
         session.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
         let pick = &session.picks[0];
         assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.25), true));
@@ -454,7 +462,7 @@ mod tests {
         let mut session = streamed();
         session.scene.settings.color.by = scene::ColorBy::Height;
         let found = |session: &mut Session| {
-            session.renew_figures();
+            session.with_loaded(Loaded::renew_figures);
             let effects = std::mem::take(&mut session.outside.effects);
             let asked = effects.into_iter().find_map(|effect| match effect {
                 Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }) => Some((key, cloud, basis, up, kept)),
@@ -469,8 +477,9 @@ mod tests {
             true
         };
         assert!(found(&mut session));
-        let counted = |session: &Session| session.clouds[0].figures.as_ref().unwrap().histogram.iter().sum::<u32>();
-        let plan = session.clouds[0].figures.as_ref().unwrap().plan.clone();
+        let counted =
+            |session: &Session| session.loaded.clouds[0].figures.as_ref().unwrap().histogram.iter().sum::<u32>();
+        let plan = session.loaded.clouds[0].figures.as_ref().unwrap().plan.clone();
         assert_eq!(counted(&session), 2);
         put(&mut session, 3, &[2.0, 3.0, 4.0]);
         drop_chunk(&mut session, 0);
@@ -478,11 +487,11 @@ mod tests {
         settle(&mut session);
         commands(&mut session);
         assert!(found(&mut session), "what is there is counted when it is complete");
-        assert_eq!(session.clouds[0].figures.as_ref().unwrap().plan, plan);
+        assert_eq!(session.loaded.clouds[0].figures.as_ref().unwrap().plan, plan);
         assert_eq!(counted(&session), 4);
         assert!(!commands(&mut session).iter().any(|command| matches!(command, Change::Color { .. })));
         session.scene.settings.color.high = 0.5;
-        assert!(found(&mut session) && session.clouds[0].figures.as_ref().unwrap().plan != plan);
+        assert!(found(&mut session) && session.loaded.clouds[0].figures.as_ref().unwrap().plan != plan);
     }
 
     #[test]
@@ -490,7 +499,7 @@ mod tests {
         let mut session = streamed();
         session.scene.settings.stream.overlay = true;
         commands(&mut session);
-        session.sync_levels();
+        session.with_loaded(Loaded::sync_levels);
         put(&mut session, 2, &[6.0, 6.5, 7.0]);
         let tints: Vec<_> = commands(&mut session)
             .into_iter()
@@ -502,10 +511,10 @@ mod tests {
             [0, 2].map(|node| Part::Node(NodeId(node)))
         );
         assert!(tints[0].1.is_some() && tints[1].1.is_some() && tints[0].1 != tints[1].1, "{tints:?}");
-        let boxes = session.clouds[0].shown_boxes();
+        let boxes = session.loaded.clouds[0].shown_boxes();
         assert_eq!(boxes.len(), 2, "the node between them is not there, so the root is the last above");
         session.scene.settings.stream.overlay = false;
-        session.sync_levels();
+        session.with_loaded(Loaded::sync_levels);
         let ends = |command: &Change| matches!(command, Change::Tint { tints } if tints.len() == 2 && tints.iter().all(|(_, tint)| tint.is_none()));
         assert!(commands(&mut session).iter().any(ends));
     }
@@ -514,12 +523,14 @@ mod tests {
     fn points_of_a_streamed_cloud_are_no_mirror_and_that_is_said() {
         let mut session = streamed();
         settle(&mut session);
-        session.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() });
-        let key = session.clouds[0].key;
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() }, beside)
+        });
+        let key = session.loaded.clouds[0].key;
         session.scene.edit_objects(session.outside.now, |objects| {
             objects.markings.push(Marking { key, points: MirrorPoints::whole("survey".into()) })
         });
-        session.sync_objects();
+        session.with_loaded(Loaded::sync_objects);
         assert!(session.scene.objects.markings.is_empty());
         assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
         assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
@@ -528,28 +539,30 @@ mod tests {
     #[test]
     fn what_is_opened_later_gets_half_until_it_tells_what_it_needs() {
         let mut session = streamed();
-        session.add_job(&[], Arc::default(), Arc::default());
-        session.jobs[1].has_streamed = true;
+        session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        session.loaded.jobs[1].has_streamed = true;
         settle(&mut session);
-        assert_eq!([session.jobs[0].share, session.jobs[1].share], [0.5, 0.5]);
+        assert_eq!([session.loaded.jobs[0].share, session.loaded.jobs[1].share], [0.5, 0.5]);
         for (job, demand) in [(0, 0.01), (1, 1.0)] {
-            session.on_loading(job, Event::Stream(StreamStats { demand, ..StreamStats::default() }));
+            session.with_loaded(|loaded, beside| {
+                loaded.on_loading(job, Event::Stream(StreamStats { demand, ..StreamStats::default() }), beside)
+            });
         }
-        session.look_around();
-        assert!(session.jobs[0].share < 0.1 && session.jobs[1].share > 0.9);
+        session.with_loaded(Loaded::look_around);
+        assert!(session.loaded.jobs[0].share < 0.1 && session.loaded.jobs[1].share > 0.9);
     }
 
     #[test]
     fn a_hidden_cloud_is_not_looked_at() {
         let mut session = streamed();
         settle(&mut session);
-        let (key, look) = (session.clouds[0].key, session.jobs[0].look);
-        session.set_visible(key, false);
-        session.look_around();
-        assert!(session.jobs[0].look > look, "that is another look");
-        assert_eq!(session.hidden(&session.jobs[0]), BTreeSet::from([0]));
-        session.set_visible(key, true);
-        session.look_around();
-        assert!(session.hidden(&session.jobs[0]).is_empty());
+        let (key, look) = (session.loaded.clouds[0].key, session.loaded.jobs[0].look);
+        session.with_loaded(|loaded, beside| loaded.set_visible(key, false, beside));
+        session.with_loaded(Loaded::look_around);
+        assert!(session.loaded.jobs[0].look > look, "that is another look");
+        assert_eq!(session.loaded.hidden(&session.loaded.jobs[0]), BTreeSet::from([0]));
+        session.with_loaded(|loaded, beside| loaded.set_visible(key, true, beside));
+        session.with_loaded(Loaded::look_around);
+        assert!(session.loaded.hidden(&session.loaded.jobs[0]).is_empty());
     }
 }

@@ -307,8 +307,8 @@ mod tests {
             sweep.is_waiting = true;
         }
         bench.session.on_report(Report::NotJudged("out of memory".into()));
-        let key = bench.session.clouds[0].key;
-        bench.session.set_visible(key, false);
+        let key = bench.session.loaded.clouds[0].key;
+        bench.session.with_loaded(|loaded, beside| loaded.set_visible(key, false, beside));
         bench.settle();
         assert!(bench.session.sweeps.under_way.is_none());
         let told = |text: &str| bench.session.outside.messages.all.iter().any(|message| message.text.contains(text));
@@ -345,7 +345,7 @@ mod tests {
     #[test]
     fn a_sweep_of_too_many_points_is_refused() {
         let mut session = Session::with_two_points();
-        session.clouds[0].points = MOST_POINTS + 1;
+        session.loaded.clouds[0].points = MOST_POINTS + 1;
         let folder = tempfile::tempdir().unwrap();
         session.start_sweep("splat.size", vec!["1".into()], &[folder.path().to_path_buf()]);
         assert!(session.sweeps.under_way.is_none());

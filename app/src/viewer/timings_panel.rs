@@ -70,14 +70,14 @@ pub fn show(ui: &mut Ui, session: &Session) {
         ui.label(RichText::new(text).small().color(theme::ACCENT));
     }
     ui.separator();
-    let loaded: u64 = session.clouds.iter().map(|entry| entry.points).sum();
-    let total: u64 = session.clouds.iter().map(|entry| entry.expected_points.max(entry.points)).sum();
+    let loaded: u64 = session.loaded.clouds.iter().map(|entry| entry.points).sum();
+    let total: u64 = session.loaded.clouds.iter().map(|entry| entry.expected_points.max(entry.points)).sum();
     row(ui, "Points drawn", &grouped(stats.points_drawn), None);
     row(ui, "On the GPU", &grouped(stats.points_resident), None);
     row(ui, "Loaded", &grouped(loaded), None);
     row(ui, "In the files", &grouped(total), None);
     ui.separator();
-    let points: usize = session.clouds.iter().map(|entry| entry.cloud.size_in_bytes()).sum();
+    let points: usize = session.loaded.clouds.iter().map(|entry| entry.cloud.size_in_bytes()).sum();
     row(ui, "GPU memory", &bytes(stats.gpu_bytes), None);
     row(ui, "Points in memory", &bytes(points as u64), None);
     if let Some(resident) = host_memory() {

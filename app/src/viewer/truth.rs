@@ -392,8 +392,8 @@ mod tests {
         assert!(of_mirrors > of_all, "{of_mirrors} {of_all}");
 
         // Points that go take with them what was made of them.
-        let keys: Vec<_> = session.clouds.iter().map(|entry| entry.key).collect();
-        keys.into_iter().for_each(|key| session.remove_cloud(key));
+        let keys: Vec<_> = session.loaded.clouds.iter().map(|entry| entry.key).collect();
+        keys.into_iter().for_each(|key| session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside)));
         harness.state_mut().settle();
         let Bench { session, .. } = harness.state_mut();
         assert!(!is_shown(session) && session.truth.scene.is_none() && session.truth.activity().is_none());
@@ -432,20 +432,20 @@ mod tests {
     fn more_points_than_are_traced_are_a_message_and_not_a_wait() {
         let mut session = Session::with_two_points();
         let has_too_many = |session: &mut Session| {
-            let points = traced_points(&session.clouds, &session.samples);
+            let points = traced_points(&session.loaded.clouds, &session.loaded.samples);
             session.truth.has_too_many_points(points, &mut session.outside)
         };
-        session.clouds[0].points = MOST_POINTS + 1;
+        session.loaded.clouds[0].points = MOST_POINTS + 1;
         assert!(has_too_many(&mut session));
         // As while a file is read.
-        session.clouds[0].points += 1000;
+        session.loaded.clouds[0].points += 1000;
         assert!(has_too_many(&mut session));
         let told = session.outside.messages.all.iter().filter(|message| message.text.contains("30,000,000")).count();
         assert_eq!(told, 1);
-        session.clouds[0].is_visible = false;
+        session.loaded.clouds[0].is_visible = false;
         assert!(!has_too_many(&mut session), "points that are hidden are not traced");
-        session.clouds[0].is_visible = true;
-        session.clouds[0].points = MOST_POINTS;
+        session.loaded.clouds[0].is_visible = true;
+        session.loaded.clouds[0].points = MOST_POINTS;
         assert!(!has_too_many(&mut session));
     }
 
@@ -487,7 +487,7 @@ mod tests {
 
         // Of points that are gone: nothing is kept of it.
         let session = &mut bench.session;
-        session.set_visible(session.clouds[0].key, false);
+        session.with_loaded(|loaded, beside| loaded.set_visible(loaded.clouds[0].key, false, beside));
         let progress = Arc::<Progress>::default();
         session.truth.judging = Some((old.clone(), progress.clone()));
         session.sync_truth();

@@ -67,7 +67,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let text = match session.truth.bytes() {
         0 => {
             let [kept, peak] = [BYTES_PER_POINT, PEAK_BYTES_PER_POINT]
-                .map(|each| bytes(traced_points(&session.clouds, &session.samples) * each));
+                .map(|each| bytes(traced_points(&session.loaded.clouds, &session.loaded.samples) * each));
             format!("Tracing takes {kept} more memory, {peak} while it begins")
         }
         kept => format!("{} kept for tracing", bytes(kept)),

@@ -72,8 +72,8 @@ impl Session {
     /// brings or the lamp of a room would be there again.
     pub(super) fn written_settings(&self) -> Settings {
         let mut settings = self.scene.settings.clone();
-        if self.scene.objects.lights.is_empty() && self.lacks_light() {
-            settings.light.by = self.lighting();
+        if self.scene.objects.lights.is_empty() && self.loaded.lacks_light() {
+            settings.light.by = self.loaded.lighting(&self.scene);
         }
         settings
     }
@@ -213,7 +213,7 @@ mod tests {
         assert!(one.scene.objects.visibility.shows_all());
         one.act(Action::Redo);
         assert_eq!(one.scene.objects.visibility, other.scene.objects.visibility);
-        one.remove_cloud(one.clouds[0].key);
+        one.with_loaded(|loaded, beside| loaded.remove_cloud(loaded.clouds[0].key, beside));
         assert!(one.scene.objects.visibility.shows_all(), "what is hidden goes with the last cloud");
     }
 

@@ -1,0 +1,98 @@
+//! What is open: the clouds, the jobs that load them, the points that stand for mirrors, and what is known of the light around
+//! them. How it comes and goes is told in `opening`, `streams`, `coloring`, `mirror_points` and `lights`.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use cloud::Progress;
+use scene::{Mirror, MirrorPoints, Visibility};
+use world::{CloudKey, Input, Mailbox};
+
+use super::clouds::{CloudEntry, JobEntry, Samples};
+use super::frames::Frames;
+use super::inspection::Inspection;
+use super::light_search::LightSearch;
+use super::objects::{ObjectId, Objects};
+use super::outside::Outside;
+use super::pace::Pace;
+use super::preferences::Preferences;
+use super::scene::Scene;
+
+#[derive(Default)]
+pub struct Loaded {
+    pub clouds: Vec<CloudEntry>,
+    pub jobs: Vec<JobEntry>,
+    pub samples: Samples,
+    /// What is around the points, once they are all there.
+    pub light_search: LightSearch,
+    /// Of scene files whose clouds are still to come.
+    pub awaited_markings: Vec<MirrorPoints>,
+    /// Warnings that were given: not twice, though figures are renewed.
+    pub warned: Vec<String>,
+    pub pace: Pace,
+    /// Bytes of all indexes, once they are counted.
+    pub cache_size: Option<u64>,
+    /// Streamed points are coloured by level.
+    pub levels_are_shown: bool,
+    /// As the render thread was told.
+    pub expected_points: u64,
+    pub drawn_visibility: Visibility,
+    next_cloud: u32,
+    next_job: u32,
+}
+
+/// The parts of the session that change with what is loaded, or decide about it.
+pub struct Beside<'a> {
+    pub scene: &'a mut Scene,
+    pub frames: &'a mut Frames,
+    pub preferences: &'a mut Preferences,
+    pub inspection: Option<&'a Inspection>,
+    /// A handle of the gizmo is in somebody's hand.
+    pub handle_is_grabbed: bool,
+    /// Only final pictures are wanted.
+    pub is_recorded: bool,
+    pub outside: &'a mut Outside,
+}
+
+impl Beside<'_> {
+    pub fn mirrors(&self) -> impl Iterator<Item = (ObjectId, &Mirror)> {
+        all_mirrors(&self.scene.objects, self.inspection)
+    }
+}
+
+/// The mirrors of the scene, and the one that is held over it.
+pub fn all_mirrors<'a>(
+    objects: &'a Objects,
+    held: Option<&'a Inspection>,
+) -> impl Iterator<Item = (ObjectId, &'a Mirror)> {
+    let placed = objects.mirrors.iter().map(|placed| (placed.id, &placed.mirror));
+    placed.chain(held.into_iter().filter_map(|held| Some((held.id, held.mirror.as_ref()?))))
+}
+
+impl Loaded {
+    pub fn cloud(&self, key: CloudKey) -> Option<&CloudEntry> {
+        self.clouds.iter().find(|entry| entry.key == key)
+    }
+
+    pub fn cloud_mut(&mut self, key: CloudKey) -> Option<&mut CloudEntry> {
+        self.clouds.iter_mut().find(|entry| entry.key == key)
+    }
+
+    pub fn next_cloud_key(&mut self) -> CloudKey {
+        self.next_cloud += 1;
+        CloudKey(self.next_cloud - 1)
+    }
+
+    /// The job that the window started for `inputs`; returns its number.
+    pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>, now: Instant) -> u32 {
+        let id = self.next_job;
+        self.next_job += 1;
+        self.jobs.push(JobEntry::new(id, inputs, progress, mailbox, now));
+        id
+    }
+
+    /// Whole clouds to be turned into mirrors when they have come.
+    pub fn await_marking(&mut self, points: MirrorPoints) {
+        self.awaited_markings.push(points);
+    }
+}
