@@ -19,8 +19,6 @@ use super::{pick, sweep};
 const STEP: f32 = 1.1;
 /// Radians that a notch tilts the inspection mirror.
 const TILT_STEP: f64 = 0.087;
-/// Size of a mirror that is added, over the scene's radius: a tenth of the scene across.
-const MIRROR_SIZE: f64 = 0.1;
 
 impl Session {
     /// Does all that a panel or a painting of the window asked for.
@@ -105,16 +103,16 @@ impl Session {
             Action::ClosePrompt => self.path_prompt = None,
             Action::Copy(text) => self.outside.push(Effect::Copy(text)),
             Action::CopyView => {
-                self.outside.push(Effect::Copy(self.view_as_text()));
+                self.outside.push(Effect::Copy(self.scene.view_as_text(&self.loaded)));
                 self.outside.note("View copied as text");
             }
-            Action::Paste(text) => self.paste_view(&text),
+            Action::Paste(text) => self.scene.paste_view(&text, &mut self.outside),
             Action::CopyCommandLine => {
-                self.outside.push(Effect::Copy(self.command_line()));
+                self.outside.push(Effect::Copy(self.scene.command_line(&self.loaded)));
                 self.outside.note("Command line copied");
             }
-            Action::SaveScene => self.save_scene(),
-            Action::SavePicture => self.save_picture(),
+            Action::SaveScene => self.scene.save_scene(&self.loaded, &mut self.outside),
+            Action::SavePicture => self.scene.save_picture(&self.frames, &self.loaded, &mut self.outside),
             Action::StopLoading => self.with_loaded(Loaded::stop_loading),
             Action::ShowCloud(key, is_visible) => {
                 self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))
@@ -124,15 +122,15 @@ impl Session {
             Action::ResumeMaking(key) => self.loaded.resume_making(key),
             Action::DeleteIndex(key) => self.with_loaded(|loaded, beside| loaded.delete_index(key, beside)),
 
-            Action::AddMirror(shape) => self.add_mirror(shape),
+            Action::AddMirror(shape) => self.tools.add_mirror(shape, &mut self.scene, &self.loaded, &mut self.outside),
             Action::AddSpot => self.scene.add_spot(&mut self.outside),
             Action::Select(id) => self.scene.selected = id,
             Action::ChangeObject(id, object) => self.scene.change_object(id, *object, self.outside.now),
             Action::Gizmo(handles) => {
-                self.handles = if self.handles == handles { Handles::All } else { handles };
+                self.tools.handles = if self.tools.handles == handles { Handles::All } else { handles };
             }
             Action::GrabHandle(is_grabbed) => {
-                if std::mem::replace(&mut self.handle_is_grabbed, is_grabbed) && !is_grabbed {
+                if std::mem::replace(&mut self.tools.handle_is_grabbed, is_grabbed) && !is_grabbed {
                     self.scene.log_moved(&mut self.outside);
                 }
             }
@@ -142,24 +140,24 @@ impl Session {
                     self.scene.edit_objects(self.outside.now, |objects| objects.remove(id));
                 }
             }
-            Action::ShowLights(are_shown) => self.light_panel_is_open = are_shown,
-            Action::Inspect => self.toggle_inspection(),
+            Action::ShowLights(are_shown) => self.tools.light_panel_is_open = are_shown,
+            Action::Inspect => self.tools.toggle_inspection(&mut self.scene, &self.loaded, &mut self.outside),
             Action::InspectDistance(notches) => {
-                if let Some(Inspection { pose, .. }) = &mut self.inspection {
+                if let Some(Inspection { pose, .. }) = &mut self.tools.inspection {
                     pose.distance = (pose.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
                 }
             }
             Action::InspectTilt(notches) => {
-                if let Some(Inspection { pose, .. }) = &mut self.inspection {
+                if let Some(Inspection { pose, .. }) = &mut self.tools.inspection {
                     pose.tilt = (pose.tilt + TILT_STEP * f64::from(notches)).clamp(-3.0, 3.0);
                 }
             }
             Action::ChangeInspection(pose) => {
-                if let Some(held) = &mut self.inspection {
+                if let Some(held) = &mut self.tools.inspection {
                     held.pose = pose;
                 }
             }
-            Action::ChangeDraft(draft) => self.draft = *draft,
+            Action::ChangeDraft(draft) => self.tools.draft = *draft,
             Action::CountPoints(key, wanted) => {
                 if let Some(entry) = self.loaded.cloud(key) {
                     let (cloud, source, wanted) = (entry.cloud.clone(), entry.source.clone(), *wanted);
@@ -181,19 +179,19 @@ impl Session {
             }
 
             Action::Pick => {
-                self.scene.navigation.picks_before = self.picks.clone();
-                match self.inspection {
-                    Some(_) => self.pin_inspection(),
+                self.scene.navigation.picks_before = self.tools.picks.clone();
+                match self.tools.inspection {
+                    Some(_) => self.tools.pin_inspection(&mut self.scene, &mut self.outside),
                     None => self.pick_under_cursor(PickPurpose::Select),
                 }
             }
-            Action::UndoPick => self.picks = std::mem::take(&mut self.scene.navigation.picks_before),
-            Action::PickTool => self.pick_tool = !self.pick_tool,
+            Action::UndoPick => self.tools.picks = std::mem::take(&mut self.scene.navigation.picks_before),
+            Action::PickTool => self.tools.pick_tool = !self.tools.pick_tool,
             Action::CopyPicks => {
-                self.outside.push(Effect::Copy(pick::as_text(&self.picks)));
+                self.outside.push(Effect::Copy(pick::as_text(&self.tools.picks)));
                 self.outside.note("Picked points copied");
             }
-            Action::ClearPicks => self.picks.clear(),
+            Action::ClearPicks => self.tools.picks.clear(),
 
             Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
             Action::LookAtTruth(look) => self.truth.look = look,
@@ -261,94 +259,17 @@ impl Session {
             self.shortcuts_are_open = false;
         } else if self.path_prompt.is_some() {
             self.path_prompt = None;
-        } else if self.inspection.is_some() {
-            self.inspection = None;
+        } else if self.tools.inspection.is_some() {
+            self.tools.inspection = None;
             self.scene.navigation.camera_moved(self.outside.now);
-        } else if self.pick_tool {
-            self.pick_tool = false;
+        } else if self.tools.pick_tool {
+            self.tools.pick_tool = false;
         } else if self.scene.selected.is_some() {
             self.scene.selected = None;
-        } else if !self.picks.is_empty() {
-            self.picks.clear();
+        } else if !self.tools.picks.is_empty() {
+            self.tools.picks.clear();
         } else if self.is_full_screen {
             self.act(Action::ToggleFullScreen);
-        }
-    }
-
-    // ---- mirrors ----
-
-    /// Adds a mirror on the surface at the last pick, or at the pivot, and selects it.
-    pub fn add_mirror(&mut self, shape: Shape) {
-        let up = self.up();
-        let size = self.bounds().radius() * MIRROR_SIZE;
-        let size = if size > 0.0 { size } else { self.scene.camera.distance() * MIRROR_SIZE };
-        let picked = self.picks.last().map(|pick| (pick.world, self.normal_at(pick.point)));
-        let (point, normal) = picked.unwrap_or((self.scene.camera.pivot, None));
-        let to_eye = self.scene.camera.eye - point;
-        let normal = normal.map_or(up, |normal| if normal.dot(to_eye) < 0.0 { -normal } else { normal });
-        let name = shape.name().to_owned();
-        let mirror = Mirror { name, ..Mirror::standing(shape, point, normal, up, size) };
-        let id = self.scene.next_object_id();
-        self.scene.place(id, Object::Mirror(mirror), &mut self.outside);
-    }
-
-    // ---- lights ----
-
-    fn toggle_inspection(&mut self) {
-        if self.inspection.take().is_some() {
-            self.scene.navigation.camera_moved(self.outside.now);
-            return;
-        }
-        if !self.loaded.clouds.is_empty() {
-            let id = self.scene.next_object_id();
-            self.inspection = Some(Inspection::new(id));
-            self.scene.selected = None;
-            self.outside.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");
-        }
-    }
-
-    /// Leaves the inspection mirror where it is.
-    fn pin_inspection(&mut self) {
-        let Some(mut held) = self.inspection.take() else { return };
-        if let Some(mirror) = held.mirror.take() {
-            self.scene.place(held.id, Object::Mirror(mirror), &mut self.outside);
-        }
-    }
-
-    /// Keeps the inspection mirror at the cursor; called every frame of the window.
-    pub fn follow_cursor(&mut self) {
-        let (eye, up, cursor) = (self.scene.camera.eye, self.up(), self.scene.cursor());
-        let Some(held) = &mut self.inspection else { return };
-        let before = held.mirror.clone();
-        held.update(None, eye, up);
-        let is_changed = held.mirror != before;
-        if is_changed {
-            self.scene.navigation.camera_moved(self.outside.now);
-        }
-        let Some(pixel) = cursor else { return };
-        let Some(held) = &mut self.inspection else { return };
-        if held.asked.is_some() || held.known == Some(pixel) {
-            return;
-        }
-        held.asked = Some(pixel);
-        let visible = self.loaded.clouds.iter().filter(|entry| entry.is_visible);
-        let targets = |entry: &CloudEntry| {
-            let (classes, chunks) = (entry.cloud.class_column(), entry.cloud.chunks.iter().cloned());
-            let target = |(chunk, (_, bounds))| Target { chunk, bounds, classes };
-            chunks.zip(entry.chunk_bounds()).map(target).collect::<Vec<_>>()
-        };
-        let ray = self.scene.sight_line(pixel, visible.flat_map(targets).collect());
-        self.outside.work(Work::Cast(ray));
-    }
-
-    /// What a sight line has met. Beyond the scan the mirror stays where it was.
-    pub fn on_surface(&mut self, surface: Option<Surface>) {
-        let (eye, up) = (self.scene.camera.eye, self.up());
-        let Some(held) = &mut self.inspection else { return };
-        held.known = held.asked.take();
-        if surface.is_some() {
-            held.update(surface, eye, up);
-            self.scene.navigation.camera_moved(self.outside.now);
         }
     }
 }

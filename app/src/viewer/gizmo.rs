@@ -272,7 +272,7 @@ fn handles(picture: &Response, session: &Session, stage: &PictureFrame, gizmo: &
         (gizmo.hot, gizmo.drag) = (None, None);
         return;
     };
-    let layouts = layouts(&object, stage, session.handles);
+    let layouts = layouts(&object, stage, session.tools.handles);
     let input = picture.ctx.input(|input| (input.pointer.latest_pos(), input.pointer.press_origin()));
     let (Some(pointer), pressed) = input else {
         gizmo.hot = None;
@@ -357,7 +357,7 @@ fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
 /// Where the symbols of objects are: all while somebody looks after lights, or none.
 fn symbols(session: &Session, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
     let has_symbol = |object: &Object| object.kind().has_symbol;
-    if !session.light_panel_is_open && !selected(session).is_some_and(|(.., object)| has_symbol(&object)) {
+    if !session.tools.light_panel_is_open && !selected(session).is_some_and(|(.., object)| has_symbol(&object)) {
         return Vec::new();
     }
     let objects = session.scene.objects.all().filter(|(.., object)| has_symbol(object));
@@ -438,7 +438,7 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     let Some((_, name, object)) = selected else { return };
     let held = gizmo.drag.as_ref().map(|drag| drag.grip);
     let hot = held.or(gizmo.hot);
-    for (place, layout) in layouts(&object, &stage, session.handles).into_iter().enumerate() {
+    for (place, layout) in layouts(&object, &stage, session.tools.handles).into_iter().enumerate() {
         let Some(layout) = layout else { continue };
         // While something is dragged the others would be in the way.
         let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);

@@ -42,7 +42,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<TextureId>) -> Vec<A
                 .show(ui, |ui| lights_are_shown = side_panel(ui, session, &mut actions));
         }
     }
-    if lights_are_shown != session.light_panel_is_open {
+    if lights_are_shown != session.tools.light_panel_is_open {
         actions.push(Action::ShowLights(lights_are_shown));
     }
     CentralPanel::default().frame(Frame::new()).show(ui, |ui| {
@@ -218,7 +218,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect
     overlay::paint(ui.painter(), rect, session);
     let is_taken = gizmo::interact(&response, session, actions);
     input::handle(ui, &response, is_taken, session, actions);
-    if session.pick_tool && response.contains_pointer() {
+    if session.tools.pick_tool && response.contains_pointer() {
         ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
     }
     if session.loaded.clouds.is_empty() && !session.loaded.is_loading() {
@@ -309,7 +309,7 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 ui.label(RichText::new("data colours, no light").color(theme::ACCENT));
             }
             uncertain_reflections(ui, session, actions);
-            if session.pick_tool {
+            if session.tools.pick_tool {
                 ui.label(RichText::new("pick").color(theme::ACCENT));
             }
             if let Some((_, Some(world))) = session.scene.navigation.hovered {

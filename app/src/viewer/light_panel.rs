@@ -353,7 +353,7 @@ mod tests {
         session.open_request(world::Request { lights: lights.clone(), ..Default::default() });
         assert!(says(&session));
         let mut session = Session::with_two_points();
-        session.paste_view(&scene::SceneFile { lights, ..Default::default() }.to_text());
+        session.act(Action::Paste(scene::SceneFile { lights, ..Default::default() }.to_text()));
         assert!(says(&session));
     }
 
@@ -488,7 +488,7 @@ mod tests {
         let Some(Effect::Copy(text)) = session.outside.effects.pop() else { panic!("nothing was copied") };
         let id = session.scene.objects.lights[0].id;
         session.scene.objects.set(id, Object::Light(SpotLight { position: DVec3::splat(9.0), ..before }));
-        session.paste_view(&text);
+        session.act(Action::Paste(text));
         assert_eq!(session.scene.objects.lights.iter().map(|placed| placed.light).collect::<Vec<_>>(), [before]);
     }
 }

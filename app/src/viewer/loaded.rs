@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use cloud::Progress;
+use glam::DVec3;
 use scene::{Mirror, MirrorPoints, Visibility};
 use world::{CloudKey, Input, Mailbox};
 
@@ -16,6 +17,7 @@ use super::objects::{ObjectId, Objects};
 use super::outside::Outside;
 use super::pace::Pace;
 use super::preferences::Preferences;
+use super::render_thread::PickedPoint;
 use super::scene::Scene;
 
 #[derive(Default)]
@@ -94,5 +96,30 @@ impl Loaded {
     /// Whole clouds to be turned into mirrors when they have come.
     pub fn await_marking(&mut self, points: MirrorPoints) {
         self.awaited_markings.push(points);
+    }
+
+    /// World position of a point: the file's own coordinates.
+    pub fn world_position(&self, picked: PickedPoint) -> Option<DVec3> {
+        let entry = self.cloud(picked.chunk.cloud)?;
+        let chunk = entry.chunk(picked.chunk.part).filter(|chunk| picked.index < chunk.len())?;
+        Some(entry.cloud.world_position(chunk, picked.index))
+    }
+
+    /// Normal of a point, if it has one.
+    pub fn normal_at(&self, picked: PickedPoint) -> Option<DVec3> {
+        let chunk = self.cloud(picked.chunk.cloud)?.chunk(picked.chunk.part)?;
+        let normal = *chunk.normals.as_ref()?.get(picked.index)?;
+        Some(cloud::unpack_normal(normal)?.as_dvec3())
+    }
+
+    /// The words of the command line that give what is visible.
+    pub fn inputs(&self) -> Vec<String> {
+        let mut inputs: Vec<String> = Vec::new();
+        for entry in self.clouds.iter().filter(|entry| entry.is_visible) {
+            if !inputs.contains(&entry.input) {
+                inputs.push(entry.input.clone());
+            }
+        }
+        inputs
     }
 }

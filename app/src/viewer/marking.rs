@@ -21,8 +21,8 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         return;
     }
     let radius = session.bounds().radius();
-    let picked = session.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
-    let mut draft = session.draft.clone();
+    let picked = session.tools.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
+    let mut draft = session.tools.draft.clone();
     if draft.edge == 0.0 && radius > 0.0 {
         // A tenth of the scene, and about a dozen points of a scan.
         (draft.edge, draft.radius) = (radius * 0.1, radius * 0.005);
@@ -42,7 +42,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     } else {
         choose(ui, session, entry, &mut draft, actions);
     }
-    if draft != session.draft {
+    if draft != session.tools.draft {
         actions.push(Action::ChangeDraft(Box::new(draft)));
     }
 }
@@ -50,7 +50,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 /// Which points of a cloud, and how they are to reflect.
 fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft, actions: &mut Vec<Action>) {
     let radius = session.bounds().radius();
-    let picked = session.picks.last().map(|pick| pick.world);
+    let picked = session.tools.picks.last().map(|pick| pick.world);
     choice(ui, "Points", &mut draft.way, WAYS.into_iter());
     which_points(ui, draft, entry, radius, picked.is_some());
     choice(ui, "Normals", &mut draft.normals, NORMALS_WAYS.into_iter().map(|(way, name, _)| (way, name)))

@@ -15,7 +15,7 @@ use super::widgets::{name_label, slider, three};
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         add_menu(ui, actions);
-        let is_held = session.inspection.is_some();
+        let is_held = session.tools.inspection.is_some();
         let inspect = ui.selectable_label(is_held, "Inspect").on_hover_text(format!(
             "A mirror that follows the cursor and shows what faces away ({})",
             bindings::shortcut(&Action::Inspect)
@@ -65,7 +65,7 @@ fn capitalized(name: &str) -> String {
 }
 
 fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    let Some(before) = session.inspection.as_ref().map(|held| held.pose) else { return };
+    let Some(before) = session.tools.inspection.as_ref().map(|held| held.pose) else { return };
     let mut pose = before;
     ui.label(RichText::new("Click pins it, Esc takes it away.").small().color(theme::WEAK));
     slider(ui, "Distance", egui::Slider::new(&mut pose.distance, 0.005..=0.9).logarithmic(true))

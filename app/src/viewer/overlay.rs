@@ -37,8 +37,8 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     if let Some(at) = marked {
         pivot(&painter, at);
     }
-    let places: Vec<Option<Pos2>> = session.picks.iter().map(|pick| place(pick.world)).collect();
-    if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), session.distance()) {
+    let places: Vec<Option<Pos2>> = session.tools.picks.iter().map(|pick| place(pick.world)).collect();
+    if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), session.tools.distance(session.up())) {
         painter.line_segment([*first, *second], Stroke::new(3.5, SHADOW));
         painter.line_segment([*first, *second], Stroke::new(1.5, theme::ACCENT));
         tag(&painter, *first + (*second - *first) * 0.5, &format!("{:.3}", distance.total));

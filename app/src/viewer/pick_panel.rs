@@ -9,7 +9,7 @@ use super::theme;
 
 /// A card in the lower right corner of the picture, if something is picked.
 pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, actions: &mut Vec<Action>) {
-    if session.picks.is_empty() {
+    if session.tools.picks.is_empty() {
         return;
     }
     let mut is_open = true;
@@ -30,7 +30,7 @@ pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, action
 
 fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     ui.set_width(290.0);
-    if let Some(distance) = session.distance() {
+    if let Some(distance) = session.tools.distance(session.up()) {
         egui::Grid::new("distance").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
             let figures =
                 [("Distance", distance.total), ("Horizontal", distance.horizontal), ("Vertical", distance.vertical)];
@@ -42,7 +42,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         });
         ui.separator();
     }
-    let Some(pick) = session.picks.last() else { return };
+    let Some(pick) = session.tools.picks.last() else { return };
     ui.horizontal(|ui| {
         ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
         if !pick.is_streamed {
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn two_picks_show_their_distance_and_can_be_copied() {
         let mut session = Session::new(Preferences::default());
-        session.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
+        session.tools.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
         let mut harness = egui_kittest::Harness::builder().with_size([400.0, 400.0]).build_ui_state(
             |ui, session: &mut Session| session.show_and_act(|session, actions| contents(ui, session, actions)),
             session,

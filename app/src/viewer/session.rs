@@ -28,6 +28,7 @@ use super::scene::Scene;
 use super::study_file::{STUDY, group_of};
 use super::sweep::{self, Sweeps};
 use super::theme::{bytes, grouped};
+use super::tools::Tools;
 use super::truth::Around;
 use super::truth_tasks::Answer;
 use super::truth_view::{Taken, TruthView};
@@ -37,17 +38,8 @@ use super::work::{Found, Work};
 pub struct Session {
     pub loaded: Loaded,
     pub scene: Scene,
-    /// The lights are being looked after: they are shown in the picture.
-    pub light_panel_is_open: bool,
-    /// Which handles the gizmo shows, and whether one of them is grabbed.
-    pub handles: Handles,
-    pub handle_is_grabbed: bool,
-    pub inspection: Option<Inspection>,
-    /// Points that may be turned into a mirror.
-    pub draft: Draft,
     pub figure_history: FigureHistory,
-    pub picks: Vec<Pick>,
-    pub pick_tool: bool,
+    pub tools: Tools,
     pub raw_colors: bool,
     pub truth: TruthView,
     pub tuning: Tuning,
@@ -76,14 +68,8 @@ impl Session {
         Self {
             loaded: Loaded::default(),
             scene: Scene::new(settings),
-            light_panel_is_open: false,
-            handles: Handles::All,
-            handle_is_grabbed: false,
-            inspection: None,
-            draft: Draft::default(),
             figure_history: FigureHistory::default(),
-            picks: Vec::new(),
-            pick_tool: false,
+            tools: Tools::default(),
             raw_colors: false,
             truth: TruthView::new(),
             tuning: Tuning::default(),
@@ -174,7 +160,7 @@ impl Session {
                 self.with_loaded(|loaded, beside| loaded.on_column(key, attribute, result, beside))
             }
             Found::Record { picked, record, result } => {
-                for pick in self.picks.iter_mut().filter(|pick| pick.point == picked) {
+                for pick in self.tools.picks.iter_mut().filter(|pick| pick.point == picked) {
                     pick.record = Some(result.clone());
                 }
                 let attributes: serde_json::Map<_, _> =
@@ -184,7 +170,7 @@ impl Session {
             Found::Samples { id, mirror, area_per_point, samples } => {
                 self.loaded.samples.under_way = None;
                 // Of a mirror that has been deleted meanwhile there is nothing to show.
-                if all_mirrors(&self.scene.objects, self.inspection.as_ref()).any(|(known, _)| known == id) {
+                if all_mirrors(&self.scene.objects, self.tools.inspection.as_ref()).any(|(known, _)| known == id) {
                     self.with_loaded(|loaded, beside| {
                         loaded.put_samples(id, mirror, Some(area_per_point), samples, beside)
                     });
@@ -193,11 +179,11 @@ impl Session {
             Found::Marked { key, wanted, result } => {
                 self.with_loaded(|loaded, beside| loaded.on_marked(key, wanted, result, beside))
             }
-            Found::Counted { wanted, result } => self.draft.on_counted(wanted, result),
+            Found::Counted { wanted, result } => self.tools.draft.on_counted(wanted, result),
             Found::Surroundings { asked, found } => {
                 self.with_loaded(|loaded, beside| loaded.on_surroundings(asked, found, beside))
             }
-            Found::Surface(surface) => self.on_surface(surface),
+            Found::Surface(surface) => self.tools.on_surface(surface, &mut self.scene, &self.loaded, &mut self.outside),
             Found::Truth(answer) => self.on_truth(*answer),
             Found::AddedToStudy { plan, result } => self.on_added_to_study(&plan, result),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
@@ -232,14 +218,14 @@ impl Session {
             scene: &mut self.scene,
             frames: &mut self.frames,
             preferences: &mut self.preferences,
-            inspection: self.inspection.as_ref(),
-            handle_is_grabbed: self.handle_is_grabbed,
+            inspection: self.tools.inspection.as_ref(),
+            handle_is_grabbed: self.tools.handle_is_grabbed,
             is_recorded: self.is_recorded,
             outside: &mut self.outside,
         };
         let result = act(&mut self.loaded, &mut beside);
         // What was picked of a cloud goes with it.
-        self.picks.retain(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
+        self.tools.picks.retain(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
         result
     }
 
@@ -287,7 +273,7 @@ impl Session {
     pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
         self.outside.now = now;
         let zoom = self.scene.end_zoom_wait(self.outside.now);
-        self.follow_cursor();
+        self.tools.follow_cursor(&mut self.scene, &self.loaded, &mut self.outside);
         self.scene.navigation.hold(is_held, now);
         let steps = self.scene.history.steps();
         let quiet = self.scene.history.watch(&self.scene.settings, &self.scene.objects, is_held, now);
@@ -317,7 +303,7 @@ impl Session {
             points_come: self.loaded.points_come(),
             light_comes: !self.loaded.light_search.is_known(),
             rest: self.scene.navigation.time_to_rest(self.outside.now),
-            a_mirror_is_dragged: is_mirror && self.handle_is_grabbed,
+            a_mirror_is_dragged: is_mirror && self.tools.handle_is_grabbed,
             is_recorded: self.is_recorded,
             milliseconds: f64::from(self.scene.settings.stream.frame_ms),
         };
@@ -339,7 +325,7 @@ impl Session {
         FrameRequest {
             camera: self.scene.camera,
             settings: settings.drawn(),
-            mirrors: all_mirrors(&self.scene.objects, self.inspection.as_ref())
+            mirrors: all_mirrors(&self.scene.objects, self.tools.inspection.as_ref())
                 .map(|(_, mirror)| mirror.clone())
                 .collect(),
             lights: self.loaded.lights(&self.scene),
@@ -361,7 +347,7 @@ impl Session {
     pub fn still_frame(&self) -> Option<&FrameRequest> {
         let is_busy = |entry: &CloudEntry| entry.marking.is_some() || entry.figures_under_way;
         let may_change =
-            self.loaded.points_come() || self.loaded.samples.under_way.is_some() || self.inspection.is_some();
+            self.loaded.points_come() || self.loaded.samples.under_way.is_some() || self.tools.inspection.is_some();
         self.frames.final_one().filter(|_| !may_change && !self.loaded.clouds.iter().any(is_busy))
     }
 
@@ -390,7 +376,9 @@ impl Session {
                 }
                 self.frames.show(*frame, f64::from(self.scene.settings.stream.frame_ms));
             }
-            Report::Picked { pixel, purpose, point } => self.on_picked(pixel, purpose, point),
+            Report::Picked { pixel, purpose, point } => {
+                self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
+            }
             Report::Saved(path) => {
                 self.outside.log(json!({ "event": "saved", "path": path }));
                 self.outside.note(format!("Picture saved: {}", path.display()));
@@ -492,10 +480,10 @@ impl Session {
             self.outside.note("There is no setting to add yet");
             return;
         }
-        let scene = self.view_as_scene();
+        let scene = self.scene.view_as_scene(&self.loaded);
         // Absolute: a plan may be run from anywhere.
         let folder = std::env::current_dir().unwrap_or_default();
-        let group = group_of(&self.written_settings(), self.scene.view_size);
+        let group = group_of(&self.scene.written_settings(&self.loaded), self.scene.view_size);
         self.outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
     }
 
@@ -513,22 +501,11 @@ impl Session {
 
     pub fn title(&self) -> String {
         let points = self.loaded.all_points();
-        match self.inputs().as_slice() {
+        match self.loaded.inputs().as_slice() {
             [] => "glint".into(),
             [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
             several => format!("{} clouds - {} points - glint", several.len(), grouped(points)),
         }
-    }
-
-    /// The words of the command line that give what is visible.
-    pub fn inputs(&self) -> Vec<String> {
-        let mut inputs: Vec<String> = Vec::new();
-        for entry in self.loaded.clouds.iter().filter(|entry| entry.is_visible) {
-            if !inputs.contains(&entry.input) {
-                inputs.push(entry.input.clone());
-            }
-        }
-        inputs
     }
 }
 

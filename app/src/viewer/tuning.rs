@@ -208,8 +208,8 @@ mod tests {
             session.scene.settings.reflection.bounces = bounces;
             add_to_study(
                 &plan,
-                &session.view_as_scene(),
-                group_of(&session.written_settings(), session.scene.view_size),
+                &session.scene.view_as_scene(&session.loaded),
+                group_of(&session.scene.written_settings(&session.loaded), session.scene.view_size),
             )
             .unwrap();
         }
@@ -229,8 +229,13 @@ mod tests {
         // What cannot be read as text is another's, and stays.
         let foreign = folder.path().join("study-view-2.toml");
         std::fs::write(&foreign, [0xff, 0xfe]).unwrap();
-        let other_view = session.view_as_scene() + "# another\n";
-        add_to_study(&plan, &other_view, group_of(&session.written_settings(), session.scene.view_size)).unwrap();
+        let other_view = session.scene.view_as_scene(&session.loaded) + "# another\n";
+        add_to_study(
+            &plan,
+            &other_view,
+            group_of(&session.scene.written_settings(&session.loaded), session.scene.view_size),
+        )
+        .unwrap();
         assert_eq!(std::fs::read(&foreign).unwrap(), [0xff, 0xfe]);
         assert_eq!(std::fs::read_to_string(folder.path().join("study-view-3.toml")).unwrap(), other_view);
         // A group that no plan can have is not written.

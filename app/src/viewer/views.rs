@@ -6,82 +6,85 @@ use scene::{Object, SceneFile, Settings};
 use serde_json::json;
 
 use super::clouds::short_name;
+use super::frames::Frames;
+use super::loaded::Loaded;
 use super::objects::Placed;
+use super::outside::Outside;
 use super::render_thread::{Command, FrameRequest};
-use super::session::Session;
+use super::scene::Scene;
 use super::work::Work;
 
-impl Session {
+impl Scene {
     /// The view, without its clouds.
-    pub(super) fn view_as_text(&self) -> String {
-        SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings()) }.to_text()
+    pub fn view_as_text(&self, loaded: &Loaded) -> String {
+        SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings(loaded), loaded) }.to_text()
     }
 
     /// A view as `CopyView` gives it, or a scene file's.
-    pub fn paste_view(&mut self, text: &str) {
+    pub fn paste_view(&mut self, text: &str, outside: &mut Outside) {
         match SceneFile::parse(text) {
             Ok(file) => {
                 let view = file.view();
                 for warning in view.warnings {
-                    self.outside.warning(format!("pasted view: {warning}"));
+                    outside.warning(format!("pasted view: {warning}"));
                 }
-                self.scene.jump(self.outside.now, view.settings, view.camera.unwrap_or(self.scene.camera));
-                self.take_objects(&file);
-                self.outside.note("View pasted");
-                self.outside.log(json!({ "event": "pasted" }));
+                self.jump(outside.now, view.settings, view.camera.unwrap_or(self.camera));
+                self.take_objects(&file, outside);
+                outside.note("View pasted");
+                outside.log(json!({ "event": "pasted" }));
             }
-            Err(error) => self.outside.error(format!("The clipboard holds no view: {error}")),
+            Err(error) => outside.error(format!("The clipboard holds no view: {error}")),
         }
     }
 
     /// Mirrors, lights and hidden classes of a view: mirrors whose names are known move there, others are added; lights take the
     /// place of all that there were, and the classes that it hides alone are hidden.
-    fn take_objects(&mut self, file: &SceneFile) {
+    fn take_objects(&mut self, file: &SceneFile, outside: &mut Outside) {
         for mirror in &file.mirrors {
-            let known = self.scene.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
+            let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
             match known {
                 Some(known) => known.mirror = mirror.clone(),
                 None => {
-                    let id = self.scene.next_object_id();
-                    self.scene.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
+                    let id = self.next_object_id();
+                    self.objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: None });
                 }
             }
         }
         if !file.lights.is_empty() {
-            self.scene.objects.lights.clear();
+            self.objects.lights.clear();
             for light in &file.lights {
-                let id = self.scene.next_object_id();
-                self.scene.objects.add(id, Object::Light(*light));
+                let id = self.next_object_id();
+                self.objects.add(id, Object::Light(*light));
             }
-            self.scene.warn_of_dark_lights(&mut self.outside);
+            self.warn_of_dark_lights(outside);
         }
-        self.scene.objects.visibility = file.visibility.clone();
-        self.scene.history.after_jump(&self.scene.settings, &self.scene.objects);
+        self.objects.visibility = file.visibility.clone();
+        self.history.after_jump(&self.settings, &self.objects);
     }
 
     /// What is on the screen as a scene, with these of its parameters.
-    fn scene_file(&self, settings: &Settings) -> SceneFile {
+    fn scene_file(&self, settings: &Settings, loaded: &Loaded) -> SceneFile {
         SceneFile {
-            camera: Some(self.scene.camera),
-            parameters: SceneFile::new(Vec::new(), self.scene.camera, settings).parameters,
-            ..self.scene.objects.scene_file(&self.inputs())
+            camera: Some(self.camera),
+            parameters: SceneFile::new(Vec::new(), self.camera, settings).parameters,
+            ..self.objects.scene_file(&loaded.inputs())
         }
     }
 
     /// The parameters that show what is on the screen when it is opened anew. Without lights, the one that a built-in scene
     /// brings or the lamp of a room would be there again.
-    pub(super) fn written_settings(&self) -> Settings {
-        let mut settings = self.scene.settings.clone();
-        if self.scene.objects.lights.is_empty() && self.loaded.lacks_light() {
-            settings.light.by = self.loaded.lighting(&self.scene);
+    pub fn written_settings(&self, loaded: &Loaded) -> Settings {
+        let mut settings = self.settings.clone();
+        if self.objects.lights.is_empty() && loaded.lacks_light() {
+            settings.light.by = loaded.lighting(self);
         }
         settings
     }
 
     /// What is on the screen as a scene file that may stand anywhere, with these of its parameters: only built-in scenes have no
     /// place of their own.
-    fn movable_scene(&self, settings: &Settings) -> SceneFile {
-        let mut file = self.scene_file(settings);
+    fn movable_scene(&self, settings: &Settings, loaded: &Loaded) -> SceneFile {
+        let mut file = self.scene_file(settings, loaded);
         let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
         for cloud in clouds.filter(|cloud| Path::new(cloud).is_file()) {
             if let Ok(path) = std::path::absolute(&*cloud) {
@@ -92,32 +95,32 @@ impl Session {
     }
 
     /// The same without parameters but for those that points are made with.
-    pub(super) fn view_as_scene(&self) -> String {
-        let settings = Settings { scene: self.scene.settings.scene.clone(), ..Settings::default() };
-        self.movable_scene(&settings).to_text()
+    pub fn view_as_scene(&self, loaded: &Loaded) -> String {
+        let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
+        self.movable_scene(&settings, loaded).to_text()
     }
 
-    pub(super) fn save_scene(&mut self) {
-        let file = self.movable_scene(&self.written_settings());
+    pub fn save_scene(&self, loaded: &Loaded, outside: &mut Outside) {
+        let file = self.movable_scene(&self.written_settings(loaded), loaded);
         if file.clouds.is_empty() {
-            self.outside.note("There is no scene to save yet");
+            outside.note("There is no scene to save yet");
             return;
         }
-        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
+        let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "toml");
-        let file = SceneFile { paths: self.scene.paths.clone(), ..file };
-        self.outside.work(Work::SaveScene { path, text: file.to_text() });
+        let file = SceneFile { paths: self.paths.clone(), ..file };
+        outside.work(Work::SaveScene { path, text: file.to_text() });
     }
 
     /// The command that renders what is on the screen, for a POSIX shell.
-    pub fn command_line(&self) -> String {
-        let [width, height] = self.scene.view_size;
-        let file = self.scene_file(&Settings::default());
+    pub fn command_line(&self, loaded: &Loaded) -> String {
+        let [width, height] = self.view_size;
+        let file = self.scene_file(&Settings::default(), loaded);
         // What begins like a flag is none as a path.
         let path = |input: &String| if input.starts_with('-') { format!("./{input}") } else { input.clone() };
         let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(&path(input))).collect();
         let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
-        for (key, text) in self.written_settings().differing() {
+        for (key, text) in self.written_settings(loaded).differing() {
             line += &format!(" --set {}", quoted(&format!("{key}={text}")));
         }
         let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
@@ -127,16 +130,16 @@ impl Session {
         format!("{line} --camera - <<'{end}'\n{view}{end}\n")
     }
 
-    pub(super) fn save_picture(&mut self) {
-        let Some(shown) = &self.frames.shown else {
-            self.outside.note("There is no picture to save yet");
+    pub fn save_picture(&self, frames: &Frames, loaded: &Loaded, outside: &mut Outside) {
+        let Some(shown) = &frames.shown else {
+            outside.note("There is no picture to save yet");
             return;
         };
-        let request = FrameRequest { camera: self.scene.camera, size: self.scene.view_size, ..shown.request.clone() };
-        let request = request.unhurried(&self.scene.settings);
-        let name = self.inputs().first().map_or("scene".into(), |input| picture_name(input));
+        let request = FrameRequest { camera: self.camera, size: self.view_size, ..shown.request.clone() };
+        let request = request.unhurried(&self.settings);
+        let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
         let path = free_path(Path::new(""), &name, "png");
-        self.outside.render(Command::Save { request: Box::new(request), path });
+        outside.render(Command::Save { request: Box::new(request), path });
     }
 }
 
@@ -171,6 +174,7 @@ mod tests {
     use super::super::action::Action;
     use super::super::outside::Effect;
     use super::super::preferences::Preferences;
+    use super::super::session::Session;
     use super::*;
 
     #[test]
@@ -181,7 +185,7 @@ mod tests {
         one.act(Action::CopyView);
         let Some(Effect::Copy(text)) = one.outside.effects.pop() else { panic!("nothing was copied") };
         let mut other = Session::new(Preferences::default());
-        other.paste_view(&text);
+        other.act(Action::Paste((&text).to_string()));
         assert_eq!(other.scene.settings, one.scene.settings);
         assert!(other.scene.camera.eye.distance(one.scene.camera.eye) < 1e-9);
         other.act(Action::Undo);
@@ -200,12 +204,16 @@ mod tests {
         one.scene.show_classes([7, 18], false, one.outside.now);
         let hiding = view(&mut one);
         assert!(hiding.contains("hidden_classes = [7, 18]"), "{hiding}");
-        assert!(one.command_line().contains("hidden_classes = [7, 18]"), "{}", one.command_line());
-        assert!(one.view_as_scene().contains("hidden_classes = [7, 18]"));
+        assert!(
+            one.scene.command_line(&one.loaded).contains("hidden_classes = [7, 18]"),
+            "{}",
+            one.scene.command_line(&one.loaded)
+        );
+        assert!(one.scene.view_as_scene(&one.loaded).contains("hidden_classes = [7, 18]"));
         let mut other = Session::new(Preferences::default());
-        other.paste_view(&hiding);
+        other.act(Action::Paste((&hiding).to_string()));
         assert_eq!(other.scene.objects.visibility, one.scene.objects.visibility);
-        one.paste_view(&all);
+        one.act(Action::Paste((&all).to_string()));
         assert!(one.scene.objects.visibility.shows_all());
         one.act(Action::Undo);
         assert_eq!(one.scene.objects.visibility, other.scene.objects.visibility);
@@ -221,7 +229,7 @@ mod tests {
     fn text_that_is_no_view_is_refused_and_changes_nothing() {
         let mut session = Session::new(Preferences::default());
         let before = session.scene.camera;
-        session.paste_view("hello");
+        session.act(Action::Paste(("hello").to_string()));
         assert_eq!(session.scene.camera, before);
         assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("no view")));
     }
@@ -255,7 +263,7 @@ mod tests {
         mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
         let id = session.scene.next_object_id();
         session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Mirror(mirror.clone())));
-        let (words, input) = run_by_shell(&session.command_line());
+        let (words, input) = run_by_shell(&session.scene.command_line(&session.loaded));
         let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
             ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
         )
