@@ -273,11 +273,20 @@ fn program(texts: &[(String, String)]) -> impl Iterator<Item = (&str, &str)> {
 fn only_the_window_and_what_runs_effects_change_the_session() {
     let texts = tracked_texts();
     let files = ["session.rs", "mod.rs", "effects.rs"].map(|name| format!("app/src/viewer/{name}"));
-    let changes = |text: &str| text.contains("&mut Session") || text.contains("&mut State");
+    let changes = |text: &str| text.contains("&mut Session");
     let found: Vec<&str> = program(&texts).filter(|(_, text)| changes(text)).map(|(name, _)| name).collect();
     let wrong: Vec<&&str> = found.iter().filter(|name| !files.iter().any(|file| file == *name)).collect();
     assert!(wrong.is_empty(), "{wrong:?} change the session");
     assert!(texts.is_empty() || !found.is_empty(), "no file is found that does");
+}
+
+/// Each part of the session owns its update; the session hands on what comes in.
+#[test]
+fn the_session_stands_in_one_file() {
+    let texts = tracked_texts();
+    let stands = |text: &str| text.contains("\nimpl Session {");
+    let found: Vec<&str> = program(&texts).filter(|(_, text)| stands(text)).map(|(name, _)| name).collect();
+    assert!(texts.is_empty() || found == ["app/src/viewer/session.rs"], "{found:?}");
 }
 
 #[test]

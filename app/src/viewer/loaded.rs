@@ -9,7 +9,7 @@ use glam::DVec3;
 use scene::{Mirror, MirrorPoints, Visibility};
 use world::{CloudKey, Input, Mailbox};
 
-use super::clouds::{CloudEntry, JobEntry, Samples};
+use super::clouds::{CloudEntry, JobEntry, Samples, short_name};
 use super::frames::Frames;
 use super::inspection::Inspection;
 use super::light_search::LightSearch;
@@ -19,6 +19,7 @@ use super::pace::Pace;
 use super::preferences::Preferences;
 use super::render_thread::PickedPoint;
 use super::scene::Scene;
+use super::theme::grouped;
 
 #[derive(Default)]
 pub struct Loaded {
@@ -121,5 +122,15 @@ impl Loaded {
             }
         }
         inputs
+    }
+
+    /// What the window is called.
+    pub fn title(&self) -> String {
+        let points = self.all_points();
+        match self.inputs().as_slice() {
+            [] => "glint".into(),
+            [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
+            several => format!("{} clouds - {} points - glint", several.len(), grouped(points)),
+        }
     }
 }

@@ -6,7 +6,6 @@
 //! event loop with what they found.
 
 mod action;
-mod actions;
 #[cfg(test)]
 mod bench;
 mod bindings;
@@ -337,7 +336,7 @@ impl Viewer {
             }
             Painted::Again => screen.window.request_redraw(),
         }
-        let title = self.session.title();
+        let title = self.session.loaded.title();
         if title != self.title {
             screen.window.set_title(&title);
             self.title = title;

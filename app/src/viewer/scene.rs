@@ -9,7 +9,7 @@ use param::Choice as _;
 use render::MOST_LIGHTS;
 use scene::{Camera, CameraPath, ColorBy, Lighting, Mirror, Object, Projection, Settings, SpotLight, StandardView};
 use serde_json::json;
-use world::mirrors;
+use world::{CloudKey, mirrors};
 
 use super::action::{Action, Mode};
 use super::clouds::CloudEntry;
@@ -28,6 +28,8 @@ const RADIANS_PER_PIXEL: f64 = 0.005;
 const ZOOM_PER_NOTCH: f64 = 0.85;
 /// Longest wait for the point under the cursor: a zoom that starts later than this feels stuck.
 const ZOOM_PATIENCE: Duration = Duration::from_millis(120);
+/// Growth of splats and of the field of view per notch: seven notches double.
+pub const STEP: f32 = 1.1;
 /// Pixels about the cursor that its sight line takes in: as when a point is picked.
 const CAST_RADIUS: f64 = 4.0;
 
@@ -446,5 +448,113 @@ impl Scene {
         let width = lens.units_per_pixel(self.camera.pivot).filter(|_| is_parallel).unwrap_or(0.0) * CAST_RADIUS;
         let test = self.objects.visibility.test();
         Ray { origin, direction, spread: direction.distance(beside), width, targets, test }
+    }
+
+    /// Does what is asked of the scene alone; gives back what is asked of other parts.
+    pub fn act(&mut self, action: Action, clouds: &[CloudEntry], outside: &mut Outside) -> Option<Action> {
+        match action {
+            Action::Orbit(_) | Action::Look(_) | Action::Pan(_) => self.drag_camera(&action, outside.now),
+            Action::Zoom(notches) => self.zoom(notches, outside),
+            Action::FieldOfView(notches) => {
+                let view = &self.settings.view;
+                self.settings.view.field_of_view = scaled(view, "field_of_view", view.field_of_view, notches);
+            }
+            Action::FlySpeed(notches) => {
+                // Six doublings either way: from an ant's pace to a jet's.
+                self.navigation.speed = (self.navigation.speed + notches * 0.5).clamp(-6.0, 6.0);
+                outside.note(format!("Speed × {:.2}", self.navigation.speed.exp2()));
+            }
+            Action::Travel(way) => self.travel(way, outside.now),
+            Action::PivotHere => self.pick_under_cursor(PickPurpose::Pivot, outside),
+            Action::FrameAll => self.frame_all(clouds, outside.now),
+            Action::FrameCloud(key) => self.frame_cloud(key, clouds, outside.now),
+            Action::ToggleMode => {
+                self.mode = if self.mode == Mode::Orbit { Mode::Fly } else { Mode::Orbit };
+                let text = if self.is_flying() { "Fly: drag to look, W A S D Q E to move" } else { "Orbit" };
+                outside.note(text);
+            }
+            Action::LookFrom(view) => self.look_from(view, clouds, outside.now),
+            Action::LookAlong { eye, pivot } => self.look_along(eye, pivot, outside.now),
+            Action::ToggleProjection => {
+                let projection = &mut self.settings.view.projection;
+                *projection = match projection {
+                    Projection::Perspective => Projection::Orthographic,
+                    Projection::Orthographic => Projection::Perspective,
+                };
+            }
+            Action::PointAt(pixel) => self.navigation.point_at(pixel, outside.now),
+            Action::AskHover => self.ask_hover(outside),
+            Action::SetParameter { key, value } => self.set_parameter(&key, value, outside.now),
+            Action::ChangeSettings(settings) => self.settings = *settings,
+            Action::PointSize(notches) => {
+                self.settings.splat.size = scaled(&self.settings.splat, "size", self.settings.splat.size, notches);
+            }
+            Action::ColorBy(by) => self.color_by(by, clouds, outside),
+            Action::ShowClasses(classes, is_shown) => self.show_classes(classes, is_shown, outside.now),
+            Action::ToggleEdl => {
+                let strength = &mut self.settings.edl.strength;
+                *strength = if *strength > 0.0 { 0.0 } else { scene::Edl::default().strength };
+            }
+            Action::ToggleLight => {
+                let is_lit = self.settings.light.by != Lighting::Colors;
+                self.light_by(if is_lit { Lighting::Colors } else { self.lit_by }, outside);
+            }
+            Action::NextLight => {
+                let next = (self.settings.light.by as u32 + 1) % Lighting::NAMES.len() as u32;
+                self.light_by(Lighting::from_index(next).unwrap_or(Lighting::Auto), outside);
+            }
+            Action::LightBy(by) => self.light_by(by, outside),
+            Action::Undo => self.undo(outside),
+            Action::Redo => self.redo(outside),
+            Action::Paste(text) => self.paste_view(&text, outside),
+            Action::AddSpot => self.add_spot(outside),
+            Action::Select(id) => self.selected = id,
+            Action::ChangeObject(id, object) => self.change_object(id, *object, outside.now),
+            Action::Duplicate => self.duplicate(outside),
+            Action::Delete => {
+                if let Some(id) = self.selected.take() {
+                    self.edit_objects(outside.now, |objects| objects.remove(id));
+                }
+            }
+            Action::Mark(marking) => self.edit_objects(outside.now, |objects| objects.markings.push(*marking)),
+            Action::Unmark(marking) => {
+                self.edit_objects(outside.now, |objects| {
+                    let index = objects.markings.iter().position(|known| *known == *marking);
+                    index.map(|index| objects.markings.remove(index));
+                });
+            }
+            Action::ReturnTo(settings) => self.return_to(*settings, outside),
+            of_others => return Some(of_others),
+        }
+        None
+    }
+
+    /// Looks at a cloud as at what is looked at now.
+    fn frame_cloud(&mut self, key: CloudKey, clouds: &[CloudEntry], now: Instant) {
+        let figures = clouds.iter().find(|entry| entry.key == key).and_then(|entry| entry.figures.as_ref());
+        let outline = figures.map(|figures| figures.outline.clone());
+        if let Some(outline) = outline.filter(|outline| !outline.is_empty()) {
+            let mut camera = self.framed(&outline, StandardView::Isometric, clouds);
+            camera.eye = camera.pivot - self.camera.forward() * camera.distance();
+            camera.frame(&outline, self.settings.view.field_of_view, self.aspect());
+            self.jump(now, self.settings.clone(), camera);
+        }
+    }
+
+    pub fn pick_under_cursor(&self, purpose: PickPurpose, outside: &mut Outside) {
+        if let Some(pixel) = self.cursor() {
+            outside.render(Command::Pick { pixel, purpose });
+        }
+    }
+}
+
+/// `value` after `notches` steps, within the range of the parameter.
+fn scaled(params: &dyn param::Params, name: &str, value: f32, notches: f32) -> f32 {
+    let field = params.group().fields.iter().find(|field| field.name == name);
+    let range = field.map(|field| &field.kind);
+    let wanted = value * STEP.powf(notches);
+    match range {
+        Some(param::Kind::F32 { min, max, .. }) => wanted.clamp(*min, *max),
+        _ => wanted,
     }
 }

@@ -7,12 +7,11 @@ use std::time::{Duration, Instant};
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{Camera, Lighting, Settings};
+use scene::{Camera, Lighting, MirrorPoints, Settings};
 use serde_json::json;
 
-use super::action::Handles;
-use super::clouds::{CloudEntry, short_name};
-use super::draft::Draft;
+use super::action::{Action, Handles};
+use super::clouds::CloudEntry;
 use super::frames::{Frames, Situation};
 use super::inspection::Inspection;
 use super::loaded::{Beside, Loaded, all_mirrors};
@@ -20,20 +19,24 @@ use super::messages::{Level, Messages};
 use super::objects::Origin;
 use super::outside::{Effect, News, Outside};
 use super::path_prompt::PathPrompt;
-use super::pick::Pick;
+use super::pick;
 use super::preferences::Preferences;
 use super::reflection_figures::FigureHistory;
-use super::render_thread::{Command, FrameRequest, Report};
+use super::render_thread::{Command, FrameRequest, PickPurpose, Report};
+use super::scene::STEP;
 use super::scene::Scene;
 use super::study_file::{STUDY, group_of};
 use super::sweep::{self, Sweeps};
-use super::theme::{bytes, grouped};
+use super::theme::bytes;
 use super::tools::Tools;
 use super::truth::Around;
 use super::truth_tasks::Answer;
 use super::truth_view::{Taken, TruthView};
 use super::tuning::Tuning;
 use super::work::{Found, Work};
+
+/// Radians that a notch tilts the inspection mirror.
+const TILT_STEP: f64 = 0.087;
 
 pub struct Session {
     pub loaded: Loaded,
@@ -85,6 +88,199 @@ impl Session {
             fatal: None,
             wants_to_quit: false,
             is_recorded: false,
+        }
+    }
+
+    // ---- actions ----
+
+    /// Does all that a panel or a painting of the window asked for.
+    pub fn act_all(&mut self, actions: impl IntoIterator<Item = Action>) {
+        actions.into_iter().for_each(|action| self.act(action));
+    }
+
+    pub fn act(&mut self, action: Action) {
+        let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };
+        match action {
+            // Keys that are held come as `Travel` and `Hold`, the clipboard as `Paste`.
+            Action::Fly(_) | Action::Fast | Action::Slow => {}
+            Action::RawColors | Action::ShowTruth | Action::PasteView => {}
+            Action::Hold { raw_colors, truth } => {
+                self.raw_colors = raw_colors;
+                // The truth of nothing cannot be shown.
+                let is_held = truth && (self.truth.is_held || !self.loaded.clouds.is_empty());
+                self.truth.hold(is_held, &mut self.outside);
+            }
+            Action::Open(path) => drop(self.open(&[path])),
+            Action::OpenDialog => self.outside.push(Effect::OpenDialog),
+            Action::OpenPrompt => self.path_prompt = Some(PathPrompt::default()),
+            Action::PromptForMirror => self.path_prompt = Some(PathPrompt::for_mirror()),
+            Action::ChangePrompt(prompt) => self.path_prompt = Some(*prompt),
+            Action::OpenPrompted(path) => self.open_prompted(path),
+            Action::ClosePrompt => self.path_prompt = None,
+            Action::Copy(text) => self.outside.push(Effect::Copy(text)),
+            Action::CopyView => {
+                self.outside.push(Effect::Copy(self.scene.view_as_text(&self.loaded)));
+                self.outside.note("View copied as text");
+            }
+            Action::CopyCommandLine => {
+                self.outside.push(Effect::Copy(self.scene.command_line(&self.loaded)));
+                self.outside.note("Command line copied");
+            }
+            Action::SaveScene => self.scene.save_scene(&self.loaded, &mut self.outside),
+            Action::SavePicture => self.scene.save_picture(&self.frames, &self.loaded, &mut self.outside),
+            Action::StopLoading => self.with_loaded(Loaded::stop_loading),
+            Action::ShowCloud(key, is_visible) => {
+                self.with_loaded(|loaded, beside| loaded.set_visible(key, is_visible, beside))
+            }
+            Action::RemoveCloud(key) => self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside)),
+            Action::StopMaking(key) => self.loaded.stop_making(key),
+            Action::ResumeMaking(key) => self.loaded.resume_making(key),
+            Action::DeleteIndex(key) => self.with_loaded(|loaded, beside| loaded.delete_index(key, beside)),
+            Action::AddMirror(shape) => self.tools.add_mirror(shape, &mut self.scene, &self.loaded, &mut self.outside),
+            Action::Gizmo(handles) => {
+                self.tools.handles = if self.tools.handles == handles { Handles::All } else { handles };
+            }
+            Action::GrabHandle(is_grabbed) => {
+                if std::mem::replace(&mut self.tools.handle_is_grabbed, is_grabbed) && !is_grabbed {
+                    self.scene.log_moved(&mut self.outside);
+                }
+            }
+            Action::ShowLights(are_shown) => self.tools.light_panel_is_open = are_shown,
+            Action::Inspect => self.tools.toggle_inspection(&mut self.scene, &self.loaded, &mut self.outside),
+            Action::InspectDistance(notches) => {
+                if let Some(Inspection { pose, .. }) = &mut self.tools.inspection {
+                    pose.distance = (pose.distance * f64::from(STEP.powf(notches))).clamp(0.005, 0.9);
+                }
+            }
+            Action::InspectTilt(notches) => {
+                if let Some(Inspection { pose, .. }) = &mut self.tools.inspection {
+                    pose.tilt = (pose.tilt + TILT_STEP * f64::from(notches)).clamp(-3.0, 3.0);
+                }
+            }
+            Action::ChangeInspection(pose) => {
+                if let Some(held) = &mut self.tools.inspection {
+                    held.pose = pose;
+                }
+            }
+            Action::ChangeDraft(draft) => self.tools.draft = *draft,
+            Action::CountPoints(key, wanted) => {
+                if let Some(entry) = self.loaded.cloud(key) {
+                    let (cloud, source, wanted) = (entry.cloud.clone(), entry.source.clone(), *wanted);
+                    self.outside.work(Work::CountPoints { cloud, source, wanted });
+                }
+            }
+            Action::StopMarking(key) => {
+                let marking = self.loaded.cloud(key).and_then(|entry| entry.marking.as_ref());
+                marking.iter().for_each(|(_, progress)| progress.cancel());
+            }
+            Action::Pick => {
+                self.scene.navigation.picks_before = self.tools.picks.clone();
+                match self.tools.inspection {
+                    Some(_) => self.tools.pin_inspection(&mut self.scene, &mut self.outside),
+                    None => self.scene.pick_under_cursor(PickPurpose::Select, &mut self.outside),
+                }
+            }
+            Action::UndoPick => self.tools.picks = std::mem::take(&mut self.scene.navigation.picks_before),
+            Action::PickTool => self.tools.pick_tool = !self.tools.pick_tool,
+            Action::CopyPicks => {
+                self.outside.push(Effect::Copy(pick::as_text(&self.tools.picks)));
+                self.outside.note("Picked points copied");
+            }
+            Action::ClearPicks => self.tools.picks.clear(),
+            Action::PinTruth => self.truth.is_pinned = !self.truth.is_pinned,
+            Action::LookAtTruth(look) => self.truth.look = look,
+            Action::MeasureTruth(measure) => self.truth.measure = measure,
+            Action::SplitTruth(share) => self.truth.split = share,
+            Action::KeepTruthReady(is_on) => self.truth.keeps_ready = is_on,
+            Action::JudgeSettings(is_on) => self.truth.judges = is_on,
+            Action::StopTruth => self.stop_truth(),
+            Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
+            Action::ForgetTrials => self.tuning.forget_trials(),
+            Action::AddToStudy => self.add_to_study(),
+            Action::AskSweep(key) => self.sweeps.ask(&key, &self.scene.settings, &mut self.outside),
+            Action::ChangeSweep(range) => self.sweeps.asked = range.map(|range| *range),
+            Action::StartSweep { key, values } => self.start_sweep(&key, values, &sweep::places()),
+            Action::EndSweep => self.sweeps.stop(&mut self.outside),
+            Action::EndTool => self.end_tool(),
+            Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
+            Action::TogglePanel => self.preferences.panel_is_open = !self.preferences.panel_is_open,
+            Action::ToggleFullScreen => {
+                self.is_full_screen = !self.is_full_screen;
+                self.outside.push(Effect::SetFullScreen(self.is_full_screen));
+            }
+            Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
+            Action::ListMessages(is_open) => self.outside.messages.list_is_open = is_open,
+            Action::DismissMessage(place) => self.outside.messages.dismiss(place),
+            Action::Resize(size) => self.set_view_size(size),
+            Action::Quit => self.wants_to_quit = true,
+            // The scene has done these.
+            Action::Orbit { .. }
+            | Action::Look { .. }
+            | Action::Pan { .. }
+            | Action::Zoom { .. }
+            | Action::FieldOfView { .. }
+            | Action::FlySpeed { .. }
+            | Action::Travel { .. }
+            | Action::FrameAll { .. }
+            | Action::FrameCloud { .. }
+            | Action::ToggleMode { .. }
+            | Action::LookFrom { .. }
+            | Action::LookAlong { .. }
+            | Action::ToggleProjection { .. }
+            | Action::PointAt { .. }
+            | Action::AskHover { .. }
+            | Action::PivotHere { .. }
+            | Action::SetParameter { .. }
+            | Action::ChangeSettings { .. }
+            | Action::PointSize { .. }
+            | Action::ColorBy { .. }
+            | Action::ShowClasses { .. }
+            | Action::ToggleEdl { .. }
+            | Action::ToggleLight { .. }
+            | Action::NextLight { .. }
+            | Action::LightBy { .. }
+            | Action::Undo { .. }
+            | Action::Redo { .. }
+            | Action::Paste { .. }
+            | Action::AddSpot { .. }
+            | Action::Select { .. }
+            | Action::ChangeObject { .. }
+            | Action::Duplicate { .. }
+            | Action::Delete { .. }
+            | Action::Mark { .. }
+            | Action::Unmark { .. }
+            | Action::ReturnTo { .. } => {}
+        }
+    }
+
+    /// If what was typed names nothing, the prompt stays.
+    fn open_prompted(&mut self, path: String) {
+        let is_for_mirror = self.path_prompt.as_ref().is_some_and(|prompt| prompt.is_for_mirror);
+        if self.open(std::slice::from_ref(&path)) {
+            self.path_prompt = None;
+            if is_for_mirror {
+                self.loaded.await_marking(MirrorPoints::whole(path));
+            }
+        }
+    }
+
+    /// Esc: closes what lies on top, else ends the tool, else clears the picks.
+    fn end_tool(&mut self) {
+        if self.shortcuts_are_open {
+            self.shortcuts_are_open = false;
+        } else if self.path_prompt.is_some() {
+            self.path_prompt = None;
+        } else if self.tools.inspection.is_some() {
+            self.tools.inspection = None;
+            self.scene.navigation.camera_moved(self.outside.now);
+        } else if self.tools.pick_tool {
+            self.tools.pick_tool = false;
+        } else if self.scene.selected.is_some() {
+            self.scene.selected = None;
+        } else if !self.tools.picks.is_empty() {
+            self.tools.picks.clear();
+        } else if self.is_full_screen {
+            self.act(Action::ToggleFullScreen);
         }
     }
 
@@ -495,46 +691,6 @@ impl Session {
             }
             Err(error) => self.outside.say(Level::Error, error),
         }
-    }
-
-    // ---- words for the outside ----
-
-    pub fn title(&self) -> String {
-        let points = self.loaded.all_points();
-        match self.loaded.inputs().as_slice() {
-            [] => "glint".into(),
-            [one] => format!("{} - {} points - glint", short_name(one), grouped(points)),
-            several => format!("{} clouds - {} points - glint", several.len(), grouped(points)),
-        }
-    }
-}
-
-#[cfg(test)]
-impl Session {
-    /// A scene of two points that is completely read, for tests of the panels.
-    pub fn with_two_points() -> Self {
-        use world::{Event, Opened, Part};
-
-        use super::preferences::Preferences;
-        let mut session = Self::new(Preferences::default());
-        let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
-        let (name, input) = ("cloud.ply".into(), "cloud.ply".into());
-        let opened = Opened { name, input, expected_points: 2, up: DVec3::Z, ..Opened::default() };
-        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
-        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
-        session.with_loaded(|loaded, beside| {
-            loaded.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, beside)
-        });
-        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Finished, beside));
-        session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
-        session
-    }
-
-    /// Draws a panel and does what it asks for.
-    pub fn show_and_act(&mut self, show: impl FnOnce(&Self, &mut Vec<super::action::Action>)) {
-        let mut actions = Vec::new();
-        show(self, &mut actions);
-        self.act_all(actions);
     }
 }
 

@@ -2,13 +2,40 @@
 
 use std::sync::Arc;
 
-use scene::MirrorPoints;
+use scene::{MOST_MIRRORS, MirrorPoints, Shape};
 use world::{Change, CloudKey, Event, Opened, Part};
 
 use super::super::loaded::Loaded;
 use super::super::objects::Marking;
 use super::super::outside::Effect;
 use super::*;
+
+impl Session {
+    /// A scene of two points that is completely read, for tests of the panels.
+    pub fn with_two_points() -> Self {
+        use world::{Event, Opened, Part};
+
+        let mut session = Self::new(Preferences::default());
+        let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
+        let (name, input) = ("cloud.ply".into(), "cloud.ply".into());
+        let opened = Opened { name, input, expected_points: 2, up: DVec3::Z, ..Opened::default() };
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Opened { cloud: 0, opened }, beside));
+        let chunk = cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3], [10.0, 10.0, 0.0]]);
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(job, Event::Chunk { cloud: 0, part: Part::Block(0), chunk }, beside)
+        });
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, Event::Finished, beside));
+        session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
+        session
+    }
+
+    /// Draws a panel and does what it asks for.
+    pub fn show_and_act(&mut self, show: impl FnOnce(&Self, &mut Vec<Action>)) {
+        let mut actions = Vec::new();
+        show(self, &mut actions);
+        self.act_all(actions);
+    }
+}
 
 /// A cloud with one attribute whose header has been read, by job 0.
 fn opened() -> (Session, CloudKey) {
@@ -82,4 +109,24 @@ fn a_frame_that_cannot_be_drawn_ends_neither_the_window_nor_later_frames() {
     assert!(session.frames.requested.as_ref().is_some_and(|request| request.hurried), "the first picture comes soon");
     session.on_report(Report::NotDrawn("too large".into()));
     assert_eq!((session.frames.under_way, session.fatal.as_deref()), (0, None));
+}
+
+#[test]
+fn mirrors_are_added_up_to_the_number_that_a_scene_may_have() {
+    let mut session = Session::new(Preferences::default());
+    for _ in 0..MOST_MIRRORS + 2 {
+        session.act(Action::AddMirror(Shape::Sphere));
+    }
+    assert_eq!(session.scene.objects.mirrors.len(), MOST_MIRRORS);
+    assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("64 mirrors")));
+}
+
+#[test]
+fn point_size_and_field_of_view_stop_at_their_ranges() {
+    let mut session = Session::new(Preferences::default());
+    for _ in 0..200 {
+        session.act(Action::PointSize(1.0));
+        session.act(Action::FieldOfView(-1.0));
+    }
+    assert_eq!((session.scene.settings.splat.size, session.scene.settings.view.field_of_view), (20.0, 1.0));
 }
