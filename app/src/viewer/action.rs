@@ -1,5 +1,5 @@
-//! What a person can ask for, by a key, a gesture or a panel. Panels read the session and push actions; `Session::act` alone carries
-//! them out.
+//! What a person can ask for, by a key, a gesture or a panel. Panels read the session and push actions; `Session::act` has the parts
+//! of the session carry them out.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! The viewer's window. `session` is what it knows, `interface` draws it, `navigation` and `bindings` turn input into actions,
+//! The viewer's window. `session` is what it knows, `interface` draws it, `input` and `bindings` turn input into actions,
 //! `render_thread` draws the points, `screen` is the surface. Here they meet: events from the system, from loading, from the
 //! render thread and from workers come in, change the session, and the effects that it leaves are done.
 //!

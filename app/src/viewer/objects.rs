@@ -1,6 +1,6 @@
 //! What stands in the scene besides clouds, as a person edits it: mirrors, points that are turned into mirrors, and lights; and
 //! which points of the clouds are shown. All of it is restored by one step of undo. How it gets to the render thread:
-//! `Session::sync_objects` and `Session::sync_visibility`; lights go with each frame.
+//! `Loaded::sync_objects` and `Loaded::sync_visibility`; lights go with each frame.
 
 use glam::DVec3;
 use scene::{Mirror, MirrorPoints, Object, ObjectKind, SceneFile, SpotLight, Visibility, five_mirrors};

@@ -1,8 +1,9 @@
-//! What the viewer knows: clouds, jobs, parameters, camera, picks. Plain data that panels edit and tests build without a
-//! window. What has to happen outside (drawing, reading, the clipboard) is left in `effects` for the window to do.
+//! What the viewer knows, in parts that own their changes. The session hands on what comes in: actions of a person, findings of
+//! worker threads, reports of the render thread, events of jobs, and the step after each painting. What has to happen outside
+//! (drawing, reading, the clipboard) waits in `outside` for whoever drives the session; tests drive it without a window.
 
 use std::ffi::OsStr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use cloud::Bounds;
@@ -25,7 +26,7 @@ use super::reflection_figures::FigureHistory;
 use super::render_thread::{Command, FrameRequest, PickPurpose, Report};
 use super::scene::STEP;
 use super::scene::Scene;
-use super::study_file::{STUDY, group_of};
+use super::study_file::{self, STUDY, group_of};
 use super::sweep::{self, Sweeps};
 use super::theme::bytes;
 use super::tools::Tools;
@@ -221,32 +222,32 @@ impl Session {
             | Action::FieldOfView { .. }
             | Action::FlySpeed { .. }
             | Action::Travel { .. }
-            | Action::FrameAll { .. }
+            | Action::FrameAll
             | Action::FrameCloud { .. }
-            | Action::ToggleMode { .. }
+            | Action::ToggleMode
             | Action::LookFrom { .. }
             | Action::LookAlong { .. }
-            | Action::ToggleProjection { .. }
+            | Action::ToggleProjection
             | Action::PointAt { .. }
-            | Action::AskHover { .. }
-            | Action::PivotHere { .. }
+            | Action::AskHover
+            | Action::PivotHere
             | Action::SetParameter { .. }
             | Action::ChangeSettings { .. }
             | Action::PointSize { .. }
             | Action::ColorBy { .. }
             | Action::ShowClasses { .. }
-            | Action::ToggleEdl { .. }
-            | Action::ToggleLight { .. }
-            | Action::NextLight { .. }
+            | Action::ToggleEdl
+            | Action::ToggleLight
+            | Action::NextLight
             | Action::LightBy { .. }
-            | Action::Undo { .. }
-            | Action::Redo { .. }
+            | Action::Undo
+            | Action::Redo
             | Action::Paste { .. }
-            | Action::AddSpot { .. }
+            | Action::AddSpot
             | Action::Select { .. }
             | Action::ChangeObject { .. }
-            | Action::Duplicate { .. }
-            | Action::Delete { .. }
+            | Action::Duplicate
+            | Action::Delete
             | Action::Mark { .. }
             | Action::Unmark { .. }
             | Action::ReturnTo { .. } => {}
@@ -381,7 +382,7 @@ impl Session {
             }
             Found::Surface(surface) => self.tools.on_surface(surface, &mut self.scene, &self.loaded, &mut self.outside),
             Found::Truth(answer) => self.on_truth(*answer),
-            Found::AddedToStudy { plan, result } => self.on_added_to_study(&plan, result),
+            Found::AddedToStudy { plan, result } => study_file::on_added(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
             Found::SceneSaved { path, result } => match result {
                 Ok(()) => {
@@ -681,16 +682,6 @@ impl Session {
         let folder = std::env::current_dir().unwrap_or_default();
         let group = group_of(&self.scene.written_settings(&self.loaded), self.scene.view_size);
         self.outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
-    }
-
-    fn on_added_to_study(&mut self, path: &Path, result: Result<(), String>) {
-        match result {
-            Ok(()) => {
-                self.outside.log(json!({ "event": "added_to_study", "path": path }));
-                self.outside.note(format!("Added to the study: {}", path.display()));
-            }
-            Err(error) => self.outside.say(Level::Error, error),
-        }
     }
 }
 

@@ -185,7 +185,7 @@ mod tests {
         one.act(Action::CopyView);
         let Some(Effect::Copy(text)) = one.outside.effects.pop() else { panic!("nothing was copied") };
         let mut other = Session::new(Preferences::default());
-        other.act(Action::Paste((&text).to_string()));
+        other.act(Action::Paste(text.to_string()));
         assert_eq!(other.scene.settings, one.scene.settings);
         assert!(other.scene.camera.eye.distance(one.scene.camera.eye) < 1e-9);
         other.act(Action::Undo);
@@ -211,9 +211,9 @@ mod tests {
         );
         assert!(one.scene.view_as_scene(&one.loaded).contains("hidden_classes = [7, 18]"));
         let mut other = Session::new(Preferences::default());
-        other.act(Action::Paste((&hiding).to_string()));
+        other.act(Action::Paste(hiding.to_string()));
         assert_eq!(other.scene.objects.visibility, one.scene.objects.visibility);
-        one.act(Action::Paste((&all).to_string()));
+        one.act(Action::Paste(all.to_string()));
         assert!(one.scene.objects.visibility.shows_all());
         one.act(Action::Undo);
         assert_eq!(one.scene.objects.visibility, other.scene.objects.visibility);
@@ -229,7 +229,7 @@ mod tests {
     fn text_that_is_no_view_is_refused_and_changes_nothing() {
         let mut session = Session::new(Preferences::default());
         let before = session.scene.camera;
-        session.act(Action::Paste(("hello").to_string()));
+        session.act(Action::Paste("hello".to_string()));
         assert_eq!(session.scene.camera, before);
         assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("no view")));
     }
