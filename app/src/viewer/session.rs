@@ -26,14 +26,14 @@ use super::reflection_figures::FigureHistory;
 use super::render_thread::{Command, FrameRequest, PickPurpose, Report};
 use super::scene::STEP;
 use super::scene::Scene;
-use super::study_file::{self, STUDY, group_of};
+use super::study_file::{STUDY, group_of};
 use super::sweep::{self, Sweeps};
 use super::theme::bytes;
 use super::tools::Tools;
 use super::truth::Around;
 use super::truth_tasks::Answer;
 use super::truth_view::{Taken, TruthView};
-use super::tuning::Tuning;
+use super::tuning::{self, Tuning};
 use super::work::{Found, Work};
 
 /// Radians that a notch tilts the inspection mirror.
@@ -382,7 +382,7 @@ impl Session {
             }
             Found::Surface(surface) => self.tools.on_surface(surface, &mut self.scene, &self.loaded, &mut self.outside),
             Found::Truth(answer) => self.on_truth(*answer),
-            Found::AddedToStudy { plan, result } => study_file::on_added(&plan, result, &mut self.outside),
+            Found::AddedToStudy { plan, result } => tuning::on_added_to_study(&plan, result, &mut self.outside),
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
             Found::SceneSaved { path, result } => match result {
                 Ok(()) => {

@@ -5,10 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use scene::{Settings, whole_file};
-use serde_json::json;
 
-use super::messages::Level;
-use super::outside::Outside;
 use crate::picture_file;
 
 /// The plan that settings are added to.
@@ -85,15 +82,4 @@ pub fn group_of(written: &Settings, [width, height]: [u32; 2]) -> toml::Table {
         group.insert("set".into(), toml::Value::Table(set));
     }
     group
-}
-
-/// A setting was added to a plan.
-pub fn on_added(path: &Path, result: Result<(), String>, outside: &mut Outside) {
-    match result {
-        Ok(()) => {
-            outside.log(json!({ "event": "added_to_study", "path": path }));
-            outside.note(format!("Added to the study: {}", path.display()));
-        }
-        Err(error) => outside.say(Level::Error, error),
-    }
 }

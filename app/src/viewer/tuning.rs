@@ -1,10 +1,14 @@
 //! Every setting that was tried in this session and stood still: its time, and how right it is.
 
+use std::path::Path;
+
 use render::{FrameStats, PassStage};
 use scene::Settings;
+use serde_json::json;
 use study::Accuracy;
 use study::results::Spread;
 
+use super::messages::Level;
 use super::outside::Outside;
 use super::render_thread::{Command, FrameRequest};
 
@@ -140,6 +144,17 @@ impl Tuning {
     /// What was measured failed, or was for something else.
     pub fn forget_measuring(&mut self) {
         self.measuring = None;
+    }
+}
+
+/// A setting was added to a plan.
+pub fn on_added_to_study(path: &Path, result: Result<(), String>, outside: &mut Outside) {
+    match result {
+        Ok(()) => {
+            outside.log(json!({ "event": "added_to_study", "path": path }));
+            outside.note(format!("Added to the study: {}", path.display()));
+        }
+        Err(error) => outside.say(Level::Error, error),
     }
 }
 
