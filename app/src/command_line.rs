@@ -303,6 +303,15 @@ pub fn brief(mut error: clap::Error) -> String {
     format!("{problem}; {}", tip.unwrap_or_else(|| "--help tells what there is".into()))
 }
 
+/// A word as a POSIX shell takes it: in single quotes unless it is plain.
+pub fn quoted(word: &str) -> String {
+    let is_plain = |character: char| character.is_ascii_alphanumeric() || "_-./=,:+@%".contains(character);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory as _;
@@ -392,5 +401,13 @@ mod tests {
             assert!(message.split("; ").all(|part| !part.trim().is_empty()), "{words:?}: {message}");
         }
         assert!(message(&["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"]).contains("--size"));
+    }
+
+    #[test]
+    fn names_with_blanks_and_quotes_survive_the_shell() {
+        assert_eq!(quoted("a/b.laz"), "a/b.laz");
+        assert_eq!(quoted("my scan.laz"), "'my scan.laz'");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(quoted("view.background=#ffffff"), "'view.background=#ffffff'");
     }
 }

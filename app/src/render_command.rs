@@ -12,6 +12,7 @@ use param::Choice as _;
 use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, Method, SceneFile, Settings, StandardView, whole_file};
 use serde::Serialize;
+use study::results::Spread;
 use world::Request;
 
 use crate::command_line::RenderArguments;
@@ -328,6 +329,7 @@ impl Stats {
         said.extend(arguments.seed.map(|_| "scene.seed"));
         let last = frames.last();
         let reflection = last.and_then(|frame| frame.reflection);
+        let median = |values: Vec<f64>| Spread::of(values).map_or(0.0, |spread| spread.median);
         let pass_median = |name: &str| {
             let of_name = |frame: &FrameStats| {
                 frame.passes.iter().filter(|pass| pass.name == name).map(|pass| pass.milliseconds).sum::<f64>()
@@ -401,15 +403,6 @@ fn set_values(settings: &Settings, said: &[&str]) -> BTreeMap<String, serde_json
         }
     }
     set
-}
-
-/// The middle value, or the mean of the two middle ones; 0 for none.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 0.0,
-        count => (values[(count - 1) / 2] + values[count / 2]) * 0.5,
-    }
 }
 
 /// The most memory this process has held, where the system tells (Linux).
@@ -499,13 +492,6 @@ mod tests {
         assert_eq!((settings.splat.size, settings.edl.strength), (4.0, 2.0));
         let seen = viewpoint.camera(&[], DVec3::Z, &settings, [8, 8]);
         assert!(seen.eye.distance(camera.eye) < 1e-12);
-    }
-
-    #[test]
-    fn medians_are_the_middle() {
-        assert_eq!(median(vec![3.0, 1.0, 50.0]), 3.0);
-        assert_eq!(median(vec![4.0, 1.0, 2.0, 50.0]), 3.0);
-        assert_eq!(median(Vec::new()), 0.0);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use scene::{Camera, Settings, StandardView};
 use study::runner::{self, State};
 use study::{Folder, Plan, Scenes, Shard, Subject, stability};
 
-use crate::command_line::{MergeArguments, StudyArguments, StudyCommand};
+use crate::command_line::{MergeArguments, StudyArguments, StudyCommand, quoted};
 use crate::failure::usage;
 use crate::progress_bar::Bar;
 use crate::subject::{self, LoadedSubject};
@@ -146,15 +146,6 @@ fn command(name: &OsStr, arguments: &StudyArguments) -> String {
     words.extend(arguments.shard.map(|shard| format!("--shard {}/{}", shard.number, shard.count)));
     words.extend(arguments.gpu.gpu.iter().map(|gpu| format!("--gpu {}", quoted(gpu))));
     words.join(" ")
-}
-
-/// A word as a shell takes it.
-fn quoted(word: &str) -> String {
-    let is_plain = |character: char| character.is_ascii_alphanumeric() || "_-./=,:+@%".contains(character);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
 }
 
 fn version() -> String {

@@ -13,6 +13,7 @@ use super::outside::Outside;
 use super::render_thread::{Command, FrameRequest};
 use super::scene::Scene;
 use super::work::Work;
+use crate::command_line::quoted;
 
 impl Scene {
     /// The view, without its clouds.
@@ -141,15 +142,6 @@ impl Scene {
         let path = free_path(Path::new(""), &name, "png");
         outside.render(Command::Save { request: Box::new(request), path });
     }
-}
-
-/// For a POSIX shell: in single quotes unless it is plain.
-fn quoted(text: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
-    if !text.is_empty() && text.chars().all(is_plain) {
-        return text.to_string();
-    }
-    format!("'{}'", text.replace('\'', r"'\''"))
 }
 
 /// `office` of `scans/office.laz`, `five-mirrors-sphere` of a built-in scene.
@@ -282,14 +274,6 @@ mod tests {
             SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
         assert_eq!(view.camera.map(|camera| camera.pivot), Some(session.scene.camera.pivot));
         assert_eq!(view.mirrors[0].name, mirror.name.trim());
-    }
-
-    #[test]
-    fn names_with_blanks_and_quotes_survive_the_shell() {
-        assert_eq!(quoted("a/b.laz"), "a/b.laz");
-        assert_eq!(quoted("my scan.laz"), "'my scan.laz'");
-        assert_eq!(quoted("it's"), r"'it'\''s'");
-        assert_eq!(quoted("view.background=#ffffff"), "'view.background=#ffffff'");
     }
 
     #[test]
