@@ -272,7 +272,7 @@ fn program(texts: &[(String, String)]) -> impl Iterator<Item = (&str, &str)> {
 #[test]
 fn only_the_window_and_what_runs_effects_change_the_session() {
     let texts = tracked_texts();
-    let files = ["session.rs", "mod.rs", "effects.rs"].map(|name| format!("app/src/viewer/{name}"));
+    let files = ["session.rs", "mod.rs", "window/effects.rs"].map(|name| format!("app/src/viewer/{name}"));
     let changes = |text: &str| text.contains("&mut Session");
     let found: Vec<&str> = program(&texts).filter(|(_, text)| changes(text)).map(|(name, _)| name).collect();
     let wrong: Vec<&&str> = found.iter().filter(|name| !files.iter().any(|file| file == *name)).collect();

@@ -7,13 +7,13 @@ use glam::{DVec2, DVec3};
 use scene::{ColorBy, Lighting, MirrorPoints, Object, Settings, Shape, StandardView};
 use world::CloudKey;
 
-use super::draft::Draft;
-use super::inspection::Pose;
-use super::objects::{Marking, ObjectId};
-use super::path_prompt::PathPrompt;
-use super::sweep_range::SweepRange;
-use super::truth_tasks::Measure;
-use super::truth_view::Look;
+use crate::viewer::objects::{Marking, ObjectId};
+use crate::viewer::panels::path_prompt::PathPrompt;
+use crate::viewer::tools::draft::Draft;
+use crate::viewer::tools::inspection::Pose;
+use crate::viewer::truth::sweep_range::SweepRange;
+use crate::viewer::truth::tasks::Measure;
+use crate::viewer::truth::view::Look;
 
 /// How the mouse moves the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

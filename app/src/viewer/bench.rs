@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 use egui::Ui;
 use render::Gpu;
 
-use super::action::Action;
-use super::interface;
-use super::outside::Effect;
-use super::preferences::Preferences;
-use super::render_thread::{Command, RenderThread, Report};
-use super::session::Session;
-use super::sweep_files::SweepResult;
-use super::work::Work;
+use crate::viewer::action::Action;
+use crate::viewer::interface;
+use crate::viewer::outside::Effect;
+use crate::viewer::preferences::Preferences;
+use crate::viewer::session::Session;
+use crate::viewer::truth::sweep_files::SweepResult;
+use crate::viewer::window::render_thread::{Command, RenderThread, Report};
+use crate::viewer::work::Work;
 
 pub struct Bench {
     pub session: Session,

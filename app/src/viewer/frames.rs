@@ -5,9 +5,10 @@ use std::time::{Duration, Instant};
 use render::FrameStats;
 use serde_json::json;
 
-use super::outside::Outside;
-use super::pace::{Haste, Spared};
-use super::render_thread::{self, Command, Frame, FrameRequest};
+use crate::viewer::outside::Outside;
+use crate::viewer::pace::{Haste, Spared};
+use crate::viewer::window::render_thread;
+use crate::viewer::window::render_thread::{Command, Frame, FrameRequest};
 
 /// While points come in, a frame at most this often: each takes time from reading.
 const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);

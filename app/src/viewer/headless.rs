@@ -11,16 +11,16 @@ use render::Gpu;
 use scene::Camera;
 use world::{Event, Request};
 
-use super::effects::Effects;
-use super::messages::Level;
-use super::outside::News;
-use super::preferences::Preferences;
-use super::render_thread::{Command, FrameRequest, Report};
-use super::session::Session;
 use crate::failure::{FAILED, UNUSABLE};
 use crate::interrupt;
 use crate::progress_bar::Bar;
 use crate::terminal;
+use crate::viewer::messages::Level;
+use crate::viewer::outside::News;
+use crate::viewer::preferences::Preferences;
+use crate::viewer::session::Session;
+use crate::viewer::window::effects::Effects;
+use crate::viewer::window::render_thread::{Command, FrameRequest, Report};
 
 pub struct Headless {
     session: Session,

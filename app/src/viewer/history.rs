@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use scene::{Camera, Settings};
 
-use super::objects::Objects;
+use crate::viewer::objects::Objects;
 
 /// How things were before a step. `camera` is set where the step moved it at once (frame all, standard views, paste).
 #[derive(Clone, Debug, PartialEq)]
@@ -138,8 +138,8 @@ mod tests {
     use glam::DVec3;
     use scene::{Mirror, Shape};
 
-    use super::super::objects::{ObjectId, Placed};
     use super::*;
+    use crate::viewer::objects::{ObjectId, Placed};
 
     fn camera(distance: f64) -> Camera {
         Camera::looking(DVec3::ZERO, DVec3::X, distance, DVec3::Z)

@@ -8,18 +8,17 @@ use param::Params;
 use scene::Show;
 use world::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 
-use super::action::Action;
-use super::bindings;
-use super::clouds::{JobEntry, short_name};
-use super::messages::Level;
-use super::path_prompt::Outcome;
-use super::session::Session;
-use super::theme::{self, grouped};
-use super::widgets::{progress_bar, progress_text};
-use super::{
-    clouds_panel, colors_panel, gizmo, input, light_panel, mirrors_panel, overlay, panel, pick_panel, presets,
-    streaming_panel, sweep_panel, timings_panel, truth_panel, tuning_panel,
-};
+use crate::viewer::action::Action;
+use crate::viewer::input::bindings;
+use crate::viewer::loaded::clouds::{JobEntry, short_name};
+use crate::viewer::messages::Level;
+use crate::viewer::panels::path_prompt::Outcome;
+use crate::viewer::panels::{overlay, presets};
+use crate::viewer::session::Session;
+use crate::viewer::theme::grouped;
+use crate::viewer::tools::gizmo;
+use crate::viewer::widgets::{progress_bar, progress_text};
+use crate::viewer::{input, panels, theme};
 
 /// Sections of parameters that panels of their own show. The others are made of parameters alone.
 const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
@@ -51,9 +50,9 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<TextureId>) -> Vec<A
     });
     session.outside.messages.show(ui.ctx(), ui.ctx().content_rect(), &mut actions);
     let above_status = ui.ctx().content_rect().shrink2(egui::vec2(0.0, 34.0));
-    pick_panel::show(ui.ctx(), above_status, session, &mut actions);
-    tuning_panel::show(ui.ctx(), session, &mut actions);
-    sweep_panel::show(ui.ctx(), session, &mut actions);
+    panels::pick::show(ui.ctx(), above_status, session, &mut actions);
+    panels::tuning::show(ui.ctx(), session, &mut actions);
+    panels::sweep::show(ui.ctx(), session, &mut actions);
     let mut shortcuts_are_open = session.shortcuts_are_open;
     bindings::sheet_window(ui.ctx(), &mut shortcuts_are_open);
     if shortcuts_are_open != session.shortcuts_are_open {
@@ -110,18 +109,18 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
     ui.add_space(4.0);
     let scrolled = egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         section(ui, "Clouds", true, |ui| {
-            clouds_panel::show(ui, session, actions);
+            panels::clouds::show(ui, session, actions);
             if session.loaded.clouds.is_empty() {
                 ui.label(RichText::new("Nothing is open.").color(theme::WEAK));
             }
         });
         let is_streaming = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
         if is_streaming {
-            section(ui, "Streaming", true, |ui| streaming_panel::show(ui, session, actions));
+            section(ui, "Streaming", true, |ui| panels::streaming::show(ui, session, actions));
         }
-        section(ui, "Colour", true, |ui| colors_panel::show(ui, session, actions));
-        let lights_are_shown = section(ui, "Light", true, |ui| light_panel::show(ui, session, actions));
-        section(ui, "Mirrors", true, |ui| mirrors_panel::show(ui, session, actions));
+        section(ui, "Colour", true, |ui| panels::colors::show(ui, session, actions));
+        let lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
+        section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions));
         let mut shown: Vec<&str> = OWN_PANELS.into();
         // While something is streamed, its parameters are in the section above.
         shown.extend(is_streaming.then_some(scene::Stream::table().section));
@@ -139,8 +138,8 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
                 parameter_groups(ui, session, group.section, actions)
             });
         }
-        section(ui, "Truth", true, |ui| truth_panel::show(ui, session, actions));
-        section(ui, "Timings", false, |ui| timings_panel::show(ui, session));
+        section(ui, "Truth", true, |ui| panels::truth::show(ui, session, actions));
+        section(ui, "Timings", false, |ui| panels::timings::show(ui, session));
         lights_are_shown
     });
     scrolled.inner
@@ -171,7 +170,7 @@ fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut
             ui.label(RichText::new(about).small().color(theme::WEAK)).on_hover_text(help);
         }
         // The point budget is one of streaming's.
-        panel::parameters(ui, params, &["point_budget"], actions);
+        panels::parameters::parameters(ui, params, &["point_budget"], actions);
     }
 }
 
@@ -214,7 +213,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect
         let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
         ui.painter().image(picture, rect, whole, Color32::WHITE);
     }
-    truth_panel::paint(ui, rect, session, actions);
+    panels::truth::paint(ui, rect, session, actions);
     overlay::paint(ui.painter(), rect, session);
     let is_taken = gizmo::interact(&response, session, actions);
     input::handle(ui, &response, is_taken, session, actions);
@@ -296,7 +295,7 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 ui.label(format!("{} points", grouped(points)));
             }
         }
-        truth_panel::progress(ui, session, actions);
+        panels::truth::progress(ui, session, actions);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             messages_button(ui, session, actions);
             if let Some(shown) = &session.frames.shown {
@@ -398,9 +397,9 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
     use world::Mailbox;
 
-    use super::super::outside::Effect;
-    use super::super::preferences::Preferences;
     use super::*;
+    use crate::viewer::outside::Effect;
+    use crate::viewer::preferences::Preferences;
 
     fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(

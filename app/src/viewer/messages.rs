@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use egui::{Align2, Color32, RichText};
 
-use super::action::Action;
-use super::theme;
+use crate::viewer::action::Action;
+use crate::viewer::theme;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {

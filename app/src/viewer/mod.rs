@@ -1,6 +1,6 @@
-//! The viewer's window. `session` is what it knows, `interface` draws it, `input` and `bindings` turn input into actions,
-//! `render_thread` draws the points, `screen` is the surface. Here they meet: events from the system, from loading, from the
-//! render thread and from workers come in, change the session, and the effects that it leaves are done.
+//! The viewer's window. `session` is what it knows, `interface` draws it, `input` turns keys and mouse into actions,
+//! `window::render_thread` draws the points, `window::screen` is the surface. Here they meet: events from the system, from
+//! loading, from the render thread and from workers come in, change the session, and the effects that it leaves are done.
 //!
 //! Nothing here waits: files are read, columns looked up, figures computed and points drawn on other threads, which wake the
 //! event loop with what they found.
@@ -8,68 +8,27 @@
 mod action;
 #[cfg(test)]
 mod bench;
-mod bindings;
-mod clouds;
-mod clouds_panel;
-mod coloring;
-mod colors_panel;
-mod contact_sheet;
-mod draft;
-mod effects;
-mod event_log;
-mod figures;
 mod frames;
-mod gizmo;
 mod headless;
 mod history;
 mod input;
-mod inspection;
 mod interface;
-mod lens;
-mod light_panel;
-mod light_search;
-mod lights;
 mod loaded;
-mod marking;
 mod messages;
-mod mirror_points;
-mod mirrors_panel;
-mod navigation;
 mod objects;
-mod opening;
 mod outside;
-mod overlay;
 mod pace;
-mod panel;
-mod path_prompt;
-mod pick;
-mod pick_panel;
+mod panels;
 mod preferences;
-mod presets;
 mod reflection_figures;
-mod render_thread;
 mod scene;
-mod screen;
 mod session;
-mod streaming_panel;
-mod streams;
-mod study_file;
-mod sweep;
-mod sweep_files;
-mod sweep_panel;
-mod sweep_range;
 mod theme;
-mod timings_panel;
 mod tools;
 mod truth;
-mod truth_panel;
-mod truth_tasks;
-mod truth_view;
-mod tuning;
-mod tuning_panel;
-mod under_way;
 mod views;
 mod widgets;
+mod window;
 mod work;
 
 use std::path::PathBuf;
@@ -78,16 +37,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use effects::Effects;
-use event_log::EventLog;
 pub use headless::Headless;
 use messages::Level;
 use outside::{Effect, News};
-use path_prompt::PathPrompt;
-use render_thread::Report;
-use screen::{Painted, Screen};
+use panels::path_prompt::PathPrompt;
 use serde_json::json;
 use session::Session;
+use window::effects::{self, Effects};
+use window::event_log::EventLog;
+use window::render_thread::Report;
+use window::screen::{Painted, Screen};
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
@@ -247,7 +206,7 @@ impl ApplicationHandler<Wake> for Viewer {
             WindowEvent::RedrawRequested => return self.paint(event_loop),
             WindowEvent::KeyboardInput { event: key, .. } if !screen.context.text_edit_focused() => {
                 if let Some(trigger) = own_key(key, self.modifiers) {
-                    let action = bindings::action(trigger, self.session.scene.mode);
+                    let action = input::bindings::action(trigger, self.session.scene.mode);
                     if let (Some(action), ElementState::Pressed, false) = (action, key.state, key.repeat) {
                         self.session.act(action);
                         self.do_effects();
@@ -273,8 +232,8 @@ impl ApplicationHandler<Wake> for Viewer {
 }
 
 /// Keys that egui does not hand on as they are: it takes Tab for itself and makes the number pad the number row.
-fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<bindings::Trigger> {
-    use bindings::Trigger;
+fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<input::bindings::Trigger> {
+    use input::bindings::Trigger;
     let PhysicalKey::Code(code) = key.physical_key else { return None };
     match code {
         KeyCode::Tab => Some(Trigger::Key(modifiers.into(), egui::Key::Tab)),

@@ -6,10 +6,10 @@ use std::time::Instant;
 use serde_json::json;
 use world::{Change, Event, Input};
 
-use super::messages::{Level, Messages};
-use super::render_thread::{Command, Report};
-use super::under_way::Pass;
-use super::work::{Found, Work};
+use crate::viewer::messages::{Level, Messages};
+use crate::viewer::window::render_thread::{Command, Report};
+use crate::viewer::window::under_way::Pass;
+use crate::viewer::work::{Found, Work};
 
 /// What is to be done outside of the session.
 pub enum Effect {

@@ -2,7 +2,7 @@
 
 use render::FrameStats;
 
-use super::render_thread::FrameRequest;
+use crate::viewer::window::render_thread::FrameRequest;
 
 /// Shares of the budgets for what was opened one after the other, by the share that each would take if it had them all. What one
 /// does not need goes to the others; all get the same of what is too little or too much.

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use render::{FrameStats, ReflectionStats};
 
-use super::theme::grouped;
+use crate::viewer::theme::grouped;
 
 /// How many frames the plots show.
 pub const REMEMBERED: usize = 120;

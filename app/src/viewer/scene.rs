@@ -11,16 +11,16 @@ use scene::{Camera, CameraPath, ColorBy, Lighting, Mirror, Object, Projection, S
 use serde_json::json;
 use world::{CloudKey, mirrors};
 
-use super::action::{Action, Mode};
-use super::clouds::CloudEntry;
-use super::history::History;
-use super::inspection::{Ray, Target};
-use super::lens::{Lens, to_vector};
-use super::messages::Level;
-use super::navigation::Navigation;
-use super::objects::{ObjectId, Objects, Origin, Placed, PlacedLight, spot, unnamed};
-use super::outside::Outside;
-use super::render_thread::{Command, PickPurpose};
+use crate::viewer::action::{Action, Mode};
+use crate::viewer::history::History;
+use crate::viewer::input::lens::{Lens, to_vector};
+use crate::viewer::input::navigation::Navigation;
+use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::messages::Level;
+use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedLight, spot, unnamed};
+use crate::viewer::outside::Outside;
+use crate::viewer::tools::inspection::{Ray, Target};
+use crate::viewer::window::render_thread::{Command, PickPurpose};
 
 /// Radians per pixel of the mouse: a half turn takes 630 pixels, about half a window.
 const RADIANS_PER_PIXEL: f64 = 0.005;

@@ -11,30 +11,28 @@ use glam::DVec3;
 use scene::{Camera, Lighting, MirrorPoints, Settings};
 use serde_json::json;
 
-use super::action::{Action, Handles};
-use super::clouds::CloudEntry;
-use super::frames::{Frames, Situation};
-use super::inspection::Inspection;
-use super::loaded::{Beside, Loaded, all_mirrors};
-use super::messages::{Level, Messages};
-use super::objects::Origin;
-use super::outside::{Effect, News, Outside};
-use super::path_prompt::PathPrompt;
-use super::pick;
-use super::preferences::Preferences;
-use super::reflection_figures::FigureHistory;
-use super::render_thread::{Command, FrameRequest, PickPurpose, Report};
-use super::scene::STEP;
-use super::scene::Scene;
-use super::study_file::{STUDY, group_of};
-use super::sweep::{self, Sweeps};
-use super::theme::bytes;
-use super::tools::Tools;
-use super::truth::Around;
-use super::truth_tasks::Answer;
-use super::truth_view::{Taken, TruthView};
-use super::tuning::{self, Tuning};
-use super::work::{Found, Work};
+use crate::viewer::action::{Action, Handles};
+use crate::viewer::frames::{Frames, Situation};
+use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
+use crate::viewer::messages::{Level, Messages};
+use crate::viewer::objects::Origin;
+use crate::viewer::outside::{Effect, News, Outside};
+use crate::viewer::panels::path_prompt::PathPrompt;
+use crate::viewer::preferences::Preferences;
+use crate::viewer::reflection_figures::FigureHistory;
+use crate::viewer::scene::{STEP, Scene};
+use crate::viewer::theme::bytes;
+use crate::viewer::tools::inspection::Inspection;
+use crate::viewer::tools::{Tools, pick};
+use crate::viewer::truth::study_file::{STUDY, group_of};
+use crate::viewer::truth::sweep::Sweeps;
+use crate::viewer::truth::tasks::Answer;
+use crate::viewer::truth::tuning::Tuning;
+use crate::viewer::truth::view::{Taken, TruthView};
+use crate::viewer::truth::{Around, sweep, tuning};
+use crate::viewer::window::render_thread::{Command, FrameRequest, PickPurpose, Report};
+use crate::viewer::work::{Found, Work};
 
 /// Radians that a notch tilts the inspection mirror.
 const TILT_STEP: f64 = 0.087;
@@ -441,7 +439,7 @@ impl Session {
     }
 
     /// Shows everything unless someone has chosen the camera: the clouds' outlines, or `bounds` while none is known.
-    pub(super) fn frame_while_unplaced(&mut self, bounds: Bounds) {
+    pub fn frame_while_unplaced(&mut self, bounds: Bounds) {
         self.scene.frame_while_unplaced(bounds, &self.loaded.clouds);
     }
 

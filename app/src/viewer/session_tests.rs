@@ -5,10 +5,10 @@ use std::sync::Arc;
 use scene::{MOST_MIRRORS, MirrorPoints, Shape};
 use world::{Change, CloudKey, Event, Opened, Part};
 
-use super::super::loaded::Loaded;
-use super::super::objects::Marking;
-use super::super::outside::Effect;
 use super::*;
+use crate::viewer::loaded::Loaded;
+use crate::viewer::objects::Marking;
+use crate::viewer::outside::Effect;
 
 impl Session {
     /// A scene of two points that is completely read, for tests of the panels.

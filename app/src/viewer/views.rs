@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use scene::{Object, SceneFile, Settings};
 use serde_json::json;
 
-use super::clouds::short_name;
-use super::frames::Frames;
-use super::loaded::Loaded;
-use super::objects::Placed;
-use super::outside::Outside;
-use super::render_thread::{Command, FrameRequest};
-use super::scene::Scene;
-use super::work::Work;
 use crate::command_line::quoted;
+use crate::viewer::frames::Frames;
+use crate::viewer::loaded::Loaded;
+use crate::viewer::loaded::clouds::short_name;
+use crate::viewer::objects::Placed;
+use crate::viewer::outside::Outside;
+use crate::viewer::scene::Scene;
+use crate::viewer::window::render_thread::{Command, FrameRequest};
+use crate::viewer::work::Work;
 
 impl Scene {
     /// The view, without its clouds.
@@ -163,11 +163,11 @@ fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
 mod tests {
     use scene::{Mirror, Shape};
 
-    use super::super::action::Action;
-    use super::super::outside::Effect;
-    use super::super::preferences::Preferences;
-    use super::super::session::Session;
     use super::*;
+    use crate::viewer::action::Action;
+    use crate::viewer::outside::Effect;
+    use crate::viewer::preferences::Preferences;
+    use crate::viewer::session::Session;
 
     #[test]
     fn a_view_that_is_copied_and_pasted_elsewhere_is_the_same() {

@@ -3,7 +3,8 @@
 use egui::{Sense, Ui};
 use glam::DVec3;
 
-use super::theme::{self, grouped};
+use crate::viewer::theme;
+use crate::viewer::theme::grouped;
 
 /// The width of a line's name, in points of the window: the longest name fits.
 pub const NAME_WIDTH: f32 = 96.0;

@@ -11,14 +11,14 @@ use scene::{Mirror, MirrorNormals, MirrorPoints, Stream};
 use world::mirrors::{self, Marked};
 use world::{AutoLight, CloudKey, IndexEntry};
 
-use super::figures::{Basis, Figures};
-use super::inspection;
-use super::objects::ObjectId;
-use super::render_thread::PickedPoint;
-use super::study_file;
-use super::sweep_files::SweepResult;
-use super::truth_tasks::{Answer, Task};
 use crate::picture_file;
+use crate::viewer::loaded::figures::{Basis, Figures};
+use crate::viewer::objects::ObjectId;
+use crate::viewer::tools::inspection;
+use crate::viewer::truth::study_file;
+use crate::viewer::truth::sweep_files::SweepResult;
+use crate::viewer::truth::tasks::{Answer, Task};
+use crate::viewer::window::render_thread::PickedPoint;
 
 /// Work to be done.
 pub enum Work {

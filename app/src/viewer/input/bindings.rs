@@ -1,0 +1,315 @@
+//! What every key and mouse gesture does: one table. The handling walks it to find the action, the shortcut sheet walks it
+//! to say so; nothing else names a key.
+
+use std::collections::HashSet;
+
+use egui::{Key, PointerButton};
+use glam::DVec2;
+use scene::{ColorBy, Shape, StandardView};
+
+use crate::viewer::action::{Action, Handles, Mode};
+
+/// The modifier keys a gesture needs: exactly these. `ctrl` is the command key on a Mac.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Modifiers {
+    ctrl: bool,
+    shift: bool,
+    alt: bool,
+}
+
+const NONE: Modifiers = Modifiers { ctrl: false, shift: false, alt: false };
+const CTRL: Modifiers = Modifiers { ctrl: true, ..NONE };
+const SHIFT: Modifiers = Modifiers { shift: true, ..NONE };
+const ALT: Modifiers = Modifiers { alt: true, ..NONE };
+const CTRL_SHIFT: Modifiers = Modifiers { ctrl: true, shift: true, alt: false };
+
+impl From<egui::Modifiers> for Modifiers {
+    fn from(modifiers: egui::Modifiers) -> Self {
+        Self { ctrl: modifiers.command, shift: modifiers.shift, alt: modifiers.alt }
+    }
+}
+
+/// A gesture of the hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trigger {
+    Key(Modifiers, Key),
+    /// A key that acts for as long as it is down, whatever the modifiers.
+    Hold(Key),
+    /// Modifiers that change what held keys do.
+    Modifier(Modifiers),
+    /// A digit of the number pad, which egui does not tell from the number row.
+    Numpad(Modifiers, u8),
+    Wheel(Modifiers),
+    Drag(PointerButton),
+    Click,
+    DoubleClick,
+}
+
+/// A line of the table. `mode` restricts it to one way of navigating.
+pub struct Binding {
+    pub section: &'static str,
+    pub mode: Option<Mode>,
+    pub trigger: Trigger,
+    pub action: Action,
+    pub text: &'static str,
+}
+
+const fn bind(section: &'static str, trigger: Trigger, action: Action, text: &'static str) -> Binding {
+    Binding { section, mode: None, trigger, action, text }
+}
+
+const fn bind_in(mode: Mode, section: &'static str, trigger: Trigger, action: Action, text: &'static str) -> Binding {
+    Binding { section, mode: Some(mode), trigger, action, text }
+}
+
+const MOVE: &str = "Move";
+const VIEWS: &str = "Views";
+const COLORS: &str = "Colours and points";
+const FILES: &str = "Files and pictures";
+const OBJECTS: &str = "Mirrors and lights";
+const TOOLS: &str = "Tools and window";
+
+/// The table. Lines with the same section and text share a row of the shortcut sheet.
+pub const BINDINGS: &[Binding] = {
+    use Action as A;
+    use Trigger::{Click, DoubleClick, Drag, Hold, Modifier, Numpad, Wheel};
+    &[
+        bind_in(Mode::Orbit, MOVE, Drag(PointerButton::Primary), A::Orbit(DVec2::ZERO), "Orbit about the pivot"),
+        bind_in(Mode::Fly, MOVE, Drag(PointerButton::Primary), A::Look(DVec2::ZERO), "Look around (fly)"),
+        bind(MOVE, Drag(PointerButton::Secondary), A::Pan(DVec2::ZERO), "Pan"),
+        bind(MOVE, Drag(PointerButton::Middle), A::Pan(DVec2::ZERO), "Pan"),
+        bind_in(Mode::Orbit, MOVE, Wheel(NONE), A::Zoom(1.0), "Zoom toward the point under the cursor"),
+        bind_in(Mode::Fly, MOVE, Wheel(NONE), A::FlySpeed(1.0), "Speed (fly)"),
+        bind(MOVE, Hold(Key::W), A::Fly([0, 0, 1]), "Forward, back"),
+        bind(MOVE, Hold(Key::S), A::Fly([0, 0, -1]), "Forward, back"),
+        bind(MOVE, Hold(Key::A), A::Fly([-1, 0, 0]), "Left, right"),
+        bind(MOVE, Hold(Key::D), A::Fly([1, 0, 0]), "Left, right"),
+        bind(MOVE, Hold(Key::Q), A::Fly([0, -1, 0]), "Down, up"),
+        bind(MOVE, Hold(Key::E), A::Fly([0, 1, 0]), "Down, up"),
+        bind(MOVE, Modifier(SHIFT), A::Fast, "Move fast"),
+        bind(MOVE, Modifier(CTRL), A::Slow, "Move slowly"),
+        bind(MOVE, key(Key::V), A::ToggleMode, "Orbit or fly"),
+        bind(MOVE, DoubleClick, A::PivotHere, "Pivot on the point under the cursor"),
+        bind(MOVE, key(Key::F), A::PivotHere, "Pivot on the point under the cursor"),
+        bind(VIEWS, key(Key::Home), A::FrameAll, "Frame all"),
+        bind(VIEWS, key(Key::R), A::FrameAll, "Frame all"),
+        bind(VIEWS, Numpad(NONE, 1), A::LookFrom(StandardView::Front), "From the front, the back"),
+        bind(VIEWS, Numpad(CTRL, 1), A::LookFrom(StandardView::Back), "From the front, the back"),
+        bind(VIEWS, Numpad(NONE, 3), A::LookFrom(StandardView::Right), "From the right, the left"),
+        bind(VIEWS, Numpad(CTRL, 3), A::LookFrom(StandardView::Left), "From the right, the left"),
+        bind(VIEWS, Numpad(NONE, 7), A::LookFrom(StandardView::Top), "From the top, the bottom"),
+        bind(VIEWS, Numpad(CTRL, 7), A::LookFrom(StandardView::Bottom), "From the top, the bottom"),
+        bind(VIEWS, Numpad(NONE, 5), A::ToggleProjection, "Perspective or orthographic"),
+        bind(VIEWS, Wheel(SHIFT), A::FieldOfView(1.0), "Field of view"),
+        bind(COLORS, key(Key::Num1), A::ColorBy(ColorBy::Rgb), "Colour by RGB"),
+        bind(COLORS, key(Key::Num2), A::ColorBy(ColorBy::Height), "Colour by height"),
+        bind(COLORS, key(Key::Num3), A::ColorBy(ColorBy::Intensity), "Colour by intensity"),
+        bind(COLORS, key(Key::Num4), A::ColorBy(ColorBy::Class), "Colour by class"),
+        bind(COLORS, key(Key::Num5), A::ColorBy(ColorBy::ReturnNumber), "Colour by return number"),
+        bind(COLORS, key(Key::Num6), A::ColorBy(ColorBy::Normal), "Colour by normal"),
+        bind(COLORS, key(Key::Num7), A::ColorBy(ColorBy::GpsTime), "Colour by GPS time"),
+        bind(COLORS, key(Key::Num8), A::ColorBy(ColorBy::Attribute), "Colour by the chosen attribute"),
+        bind(COLORS, key(Key::Num9), A::ColorBy(ColorBy::Plain), "One colour"),
+        bind(COLORS, key(Key::Num0), A::ColorBy(ColorBy::Auto), "Colour as the file suggests"),
+        bind(COLORS, key(Key::L), A::ToggleEdl, "Eye-dome lighting"),
+        bind(COLORS, Trigger::Key(SHIFT, Key::L), A::NextLight, "What lights the points: the next choice"),
+        bind(COLORS, key(Key::U), A::ToggleLight, "The data's own colours, no light; again: lit"),
+        bind(COLORS, Hold(Key::H), A::RawColors, "The same while held, without eye-dome lighting"),
+        bind(COLORS, Wheel(ALT), A::PointSize(1.0), "Point size"),
+        bind(COLORS, key(Key::Plus), A::PointSize(1.0), "Points larger"),
+        bind(COLORS, key(Key::Equals), A::PointSize(1.0), "Points larger"),
+        bind(COLORS, key(Key::Minus), A::PointSize(-1.0), "Points smaller"),
+        bind(FILES, Trigger::Key(CTRL, Key::O), A::OpenDialog, "Open files"),
+        bind(FILES, Trigger::Key(CTRL_SHIFT, Key::O), A::OpenPrompt, "Open by typing a path"),
+        bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopLoading, "Stop loading; what is loaded stays"),
+        bind(FILES, Trigger::Key(CTRL, Key::Q), A::Quit, "Quit"),
+        bind(FILES, key(Key::F12), A::SavePicture, "Save the picture"),
+        bind(FILES, Trigger::Key(CTRL, Key::C), A::CopyView, "Copy the view as text"),
+        bind(FILES, Trigger::Key(CTRL, Key::V), A::PasteView, "Paste a view"),
+        bind(FILES, Trigger::Key(CTRL_SHIFT, Key::C), A::CopyCommandLine, "Copy the command line of this picture"),
+        bind(FILES, Trigger::Key(CTRL, Key::S), A::SaveScene, "Save the scene"),
+        bind(OBJECTS, key(Key::B), A::AddMirror(Shape::ALL[1]), "Add a mirror ball at the picked point"),
+        bind(OBJECTS, key(Key::P), A::AddMirror(Shape::ALL[0]), "Add a plane mirror at the picked point"),
+        bind(OBJECTS, key(Key::K), A::AddSpot, "Add a spot light at the camera"),
+        bind(OBJECTS, key(Key::G), A::Gizmo(Handles::Move), "Handles to move; again: all"),
+        bind(OBJECTS, key(Key::T), A::Gizmo(Handles::Turn), "Handles to turn; again: all"),
+        bind(OBJECTS, key(Key::Y), A::Gizmo(Handles::Scale), "Handle to scale; again: all"),
+        bind(OBJECTS, Trigger::Key(CTRL, Key::D), A::Duplicate, "Copy the selected mirror or light"),
+        bind(OBJECTS, key(Key::Delete), A::Delete, "Delete the selected mirror or light"),
+        bind(OBJECTS, key(Key::M), A::Inspect, "Inspection mirror at the cursor; click pins it"),
+        bind(OBJECTS, Wheel(CTRL), A::InspectDistance(1.0), "Its distance"),
+        bind(OBJECTS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),
+        bind(TOOLS, Click, A::Pick, "Pick a point or a mirror; a second point gives the distance"),
+        bind(TOOLS, key(Key::I), A::PickTool, "Pick with a crosshair"),
+        bind(TOOLS, Hold(Key::X), A::ShowTruth, "The ray-traced truth while held"),
+        bind(TOOLS, Trigger::Key(SHIFT, Key::X), A::PinTruth, "Pin the truth; again: let go"),
+        bind(TOOLS, key(Key::C), A::ToggleChart, "Tuning chart: time against error"),
+        bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear picks"),
+        bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),
+        bind(TOOLS, Trigger::Key(CTRL_SHIFT, Key::Z), A::Redo, "Redo"),
+        bind(TOOLS, key(Key::Tab), A::ToggleInterface, "Hide or show the panels"),
+        bind(TOOLS, key(Key::F2), A::ToggleInterface, "Hide or show the panels"),
+        bind(TOOLS, key(Key::F11), A::ToggleFullScreen, "Full screen"),
+        bind(TOOLS, key(Key::Questionmark), A::ToggleShortcuts, "This sheet"),
+        bind(TOOLS, key(Key::F1), A::ToggleShortcuts, "This sheet"),
+    ]
+};
+
+const fn key(key: Key) -> Trigger {
+    Trigger::Key(NONE, key)
+}
+
+/// The action of a gesture in a mode.
+pub fn action(trigger: Trigger, mode: Mode) -> Option<Action> {
+    // Characters that need Shift on some keyboards and not on others are matched without it.
+    let trigger = match trigger {
+        Trigger::Key(modifiers, key @ (Key::Questionmark | Key::Plus)) => {
+            Trigger::Key(Modifiers { shift: false, ..modifiers }, key)
+        }
+        other => other,
+    };
+    let fits = |binding: &&Binding| binding.trigger == trigger && binding.mode.is_none_or(|wanted| wanted == mode);
+    BINDINGS.iter().find(fits).map(|binding| binding.action.clone())
+}
+
+/// The actions whose keys or modifiers are held down now, but for keys that are down as part of a shortcut.
+pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>) -> impl Iterator<Item = Action> {
+    let modifiers = Modifiers::from(input.modifiers);
+    BINDINGS.iter().filter_map(move |binding| {
+        let down = match binding.trigger {
+            Trigger::Hold(key) => input.key_down(key) && !shortcuts.contains(&key),
+            Trigger::Modifier(wanted) => wanted == modifiers,
+            _ => false,
+        };
+        down.then(|| binding.action.clone())
+    })
+}
+
+/// The first gesture of an action, for tool-tips; empty if it has none.
+pub fn shortcut(action: &Action) -> String {
+    let binding = BINDINGS.iter().find(|binding| binding.action == *action);
+    binding.map_or(String::new(), |binding| binding.trigger.to_string())
+}
+
+impl std::fmt::Display for Modifiers {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for (on, name) in [(self.ctrl, "Ctrl"), (self.shift, "Shift"), (self.alt, "Alt")] {
+            if on {
+                write!(f, "{name}+")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl std::fmt::Display for Trigger {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Key(modifiers, key) => write!(f, "{modifiers}{}", key.symbol_or_name()),
+            Self::Hold(key) => write!(f, "{}", key.symbol_or_name()),
+            Self::Modifier(modifiers) => f.write_str(modifiers.to_string().trim_end_matches('+')),
+            Self::Numpad(modifiers, digit) => write!(f, "{modifiers}Numpad {digit}"),
+            Self::Wheel(modifiers) => write!(f, "{modifiers}Wheel"),
+            Self::Drag(PointerButton::Primary) => f.write_str("Left drag"),
+            Self::Drag(PointerButton::Secondary) => f.write_str("Right drag"),
+            Self::Drag(_) => f.write_str("Middle drag"),
+            Self::Click => f.write_str("Click"),
+            Self::DoubleClick => f.write_str("Double-click"),
+        }
+    }
+}
+
+/// The rows of the shortcut sheet: section, gestures, text.
+pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
+    let mut rows: Vec<(&'static str, String, &'static str)> = Vec::new();
+    for binding in BINDINGS {
+        match rows.iter_mut().find(|(section, _, text)| *section == binding.section && *text == binding.text) {
+            Some((_, gestures, _)) => *gestures = format!("{gestures}  or  {}", binding.trigger),
+            None => rows.push((binding.section, binding.trigger.to_string(), binding.text)),
+        }
+    }
+    rows
+}
+
+/// The shortcut sheet, in two columns; closed by its button or by `open`.
+pub fn sheet_window(context: &egui::Context, open: &mut bool) {
+    let rows = sheet();
+    let sections = [MOVE, VIEWS, OBJECTS, COLORS, FILES, TOOLS];
+    egui::Window::new("Shortcuts")
+        .open(open)
+        .collapsible(false)
+        .resizable(false)
+        .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
+        .show(context, |ui| {
+            ui.columns(2, |columns| {
+                for (index, section) in sections.into_iter().enumerate() {
+                    // About as many lines on either side.
+                    let ui = &mut columns[usize::from(index >= 3)];
+                    ui.add_space(4.0);
+                    ui.label(egui::RichText::new(section).strong().color(crate::viewer::theme::ACCENT));
+                    egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
+                        for (_, gestures, text) in rows.iter().filter(|row| row.0 == section) {
+                            ui.label(egui::RichText::new(gestures).monospace().size(11.0));
+                            ui.label(*text);
+                            ui.end_row();
+                        }
+                    });
+                }
+            });
+        });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_gesture_means_two_things() {
+        for (index, a) in BINDINGS.iter().enumerate() {
+            for b in &BINDINGS[index + 1..] {
+                let same_mode = a.mode.is_none() || b.mode.is_none() || a.mode == b.mode;
+                assert!(!(a.trigger == b.trigger && same_mode), "{} and {} are both {}", a.text, b.text, a.trigger);
+            }
+        }
+    }
+
+    #[test]
+    fn the_sheet_lists_every_binding() {
+        let rows = sheet();
+        for binding in BINDINGS {
+            let gesture = binding.trigger.to_string();
+            let listed = rows.iter().any(|(section, gestures, text)| {
+                *section == binding.section
+                    && *text == binding.text
+                    && gestures.split("  or  ").any(|listed| listed == gesture)
+            });
+            assert!(listed, "{gesture}: {} is not on the sheet", binding.text);
+        }
+    }
+
+    #[test]
+    fn the_sheet_shows_every_row_on_the_screen() {
+        use egui_kittest::kittest::Queryable as _;
+        let mut harness = egui_kittest::Harness::builder().with_size([1280.0, 800.0]).build_ui(|ui| {
+            sheet_window(ui.ctx(), &mut true);
+        });
+        harness.run();
+        for (_, _, text) in sheet() {
+            assert!(harness.query_all_by_label(text).next().is_some(), "{text}");
+        }
+    }
+
+    #[test]
+    fn modifiers_must_match_exactly_but_a_question_mark_may_need_shift() {
+        assert_eq!(action(Trigger::Key(CTRL, Key::Z), Mode::Orbit), Some(Action::Undo));
+        assert_eq!(action(Trigger::Key(CTRL_SHIFT, Key::Z), Mode::Orbit), Some(Action::Redo));
+        assert_eq!(action(Trigger::Key(CTRL, Key::L), Mode::Orbit), None);
+        assert_eq!(action(Trigger::Key(SHIFT, Key::Questionmark), Mode::Orbit), Some(Action::ToggleShortcuts));
+    }
+
+    #[test]
+    fn the_wheel_zooms_in_orbit_and_sets_the_speed_in_flight() {
+        assert_eq!(action(Trigger::Wheel(NONE), Mode::Orbit), Some(Action::Zoom(1.0)));
+        assert_eq!(action(Trigger::Wheel(NONE), Mode::Fly).map(|a| a.scaled(-2.0)), Some(Action::FlySpeed(-2.0)));
+    }
+}

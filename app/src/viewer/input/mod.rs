@@ -1,0 +1,176 @@
+//! From the hand to actions: reads the window's input over the picture and finds the actions in the table of bindings.
+
+pub mod bindings;
+pub mod lens;
+pub mod navigation;
+
+use std::collections::HashSet;
+use std::time::Duration;
+
+use egui::{Event, MouseWheelUnit, Response, Ui};
+use glam::{DVec2, DVec3};
+
+use crate::viewer::action::Action;
+use crate::viewer::input::bindings::Trigger;
+use crate::viewer::session::Session;
+
+/// The cursor rests when it has not moved for so long: then the point under it is looked up.
+const HOVER_DELAY: Duration = Duration::from_millis(60);
+
+/// Turns everything that was done over the picture and on the keyboard since the last frame of the window into actions.
+/// `picture` is the response of the picture's rectangle, which senses clicks and drags. `is_taken`: the mouse is on a handle.
+pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, actions: &mut Vec<Action>) {
+    let is_typing = ui.ctx().text_edit_focused();
+    let scale = f64::from(ui.ctx().pixels_per_point());
+    if is_typing {
+        hold(session, false, false, actions);
+    } else {
+        let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
+        keys(ui, session, &mut shortcuts, actions);
+        held(ui, session, &shortcuts, actions);
+        ui.data_mut(|data| data.insert_temp(shortcut_keys(), shortcuts));
+    }
+    if !is_taken {
+        drags(picture, session, scale, actions);
+    }
+    if picture.contains_pointer() {
+        wheel(ui, session, actions);
+    }
+    hover(ui, picture, session, scale, actions);
+    if is_taken {
+        // A click on a handle is meant for nothing else.
+    } else if picture.double_clicked() {
+        // Its first click was not meant as a pick.
+        actions.push(Action::UndoPick);
+        actions.extend(bindings::action(Trigger::DoubleClick, session.scene.mode));
+    } else if picture.clicked() {
+        actions.extend(bindings::action(Trigger::Click, session.scene.mode));
+    }
+    let rests = [
+        session.scene.navigation.time_to_rest(session.outside.now),
+        session.scene.navigation.pivot_mark(session.outside.now),
+    ];
+    if let Some(soonest) = rests.into_iter().flatten().min() {
+        ui.ctx().request_repaint_after(soonest);
+    }
+}
+
+/// Where egui keeps the keys that went down as part of a shortcut, until they come up: Ctrl may come up before the S of Ctrl+S,
+/// which must not fly then.
+fn shortcut_keys() -> egui::Id {
+    egui::Id::unique("keys of shortcuts")
+}
+
+fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions: &mut Vec<Action>) {
+    for event in ui.input(|input| input.events.clone()) {
+        let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
+        match event {
+            Event::Key { key, pressed: true, repeat, modifiers, .. } => {
+                let action = bindings::action(Trigger::Key(modifiers.into(), key), session.scene.mode);
+                if action.is_some() {
+                    shortcuts.insert(key);
+                } else {
+                    shortcuts.remove(&key);
+                }
+                // A key that is kept down repeats steps, not toggles.
+                actions.extend(action.filter(|action| !repeat || matches!(action, Action::PointSize(_))));
+            }
+            Event::Key { key, pressed: false, .. } => {
+                shortcuts.remove(&key);
+            }
+            Event::Copy => actions.extend(bindings::action(command(egui::Key::C), session.scene.mode)),
+            Event::Paste(text)
+                if bindings::action(command(egui::Key::V), session.scene.mode) == Some(Action::PasteView) =>
+            {
+                actions.push(Action::Paste(text));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// What is held down, where that has changed.
+fn hold(session: &Session, raw_colors: bool, truth: bool, actions: &mut Vec<Action>) {
+    if (raw_colors, truth) != (session.raw_colors, session.truth.is_held) {
+        actions.push(Action::Hold { raw_colors, truth });
+    }
+}
+
+fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mut Vec<Action>) {
+    let (held, seconds) = ui.input(|input| (bindings::held(input, shortcuts).collect::<Vec<_>>(), input.stable_dt));
+    hold(session, held.contains(&Action::RawColors), held.contains(&Action::ShowTruth), actions);
+    let mut direction = DVec3::ZERO;
+    for action in &held {
+        if let Action::Fly(step) = action {
+            direction += DVec3::from(step.map(f64::from));
+        }
+    }
+    if direction == DVec3::ZERO {
+        return;
+    }
+    let factor = match () {
+        () if held.contains(&Action::Fast) => 5.0,
+        () if held.contains(&Action::Slow) => 0.2,
+        () => 1.0,
+    };
+    // A quarter of the scene's radius a second: from end to end in eight seconds.
+    let speed = session.bounds().radius().max(1e-6) * 0.25 * f64::from(session.scene.navigation.speed).exp2() * factor;
+    // After a pause of the window no jump.
+    let seconds = f64::from(seconds.min(0.1));
+    actions.push(Action::Travel(direction * speed * seconds));
+    ui.ctx().request_repaint();
+}
+
+fn drags(picture: &Response, session: &Session, scale: f64, actions: &mut Vec<Action>) {
+    for button in [egui::PointerButton::Primary, egui::PointerButton::Secondary, egui::PointerButton::Middle] {
+        if picture.dragged_by(button) {
+            let delta = picture.drag_delta();
+            let delta = DVec2::new(f64::from(delta.x), f64::from(delta.y));
+            let action = bindings::action(Trigger::Drag(button), session.scene.mode);
+            actions.extend(action.map(|action| action.dragged(delta, scale)));
+        }
+    }
+}
+
+fn wheel(ui: &Ui, session: &Session, actions: &mut Vec<Action>) {
+    for event in ui.input(|input| input.events.clone()) {
+        let Event::MouseWheel { unit, delta, modifiers, .. } = event else { continue };
+        // Shift and Alt turn the wheel sideways on some systems.
+        let turned = delta.x + delta.y;
+        let notches = match unit {
+            MouseWheelUnit::Line => turned,
+            // As browsers do.
+            MouseWheelUnit::Point => turned / 50.0,
+            MouseWheelUnit::Page => turned * 10.0,
+        };
+        let action = bindings::action(Trigger::Wheel(modifiers.into()), session.scene.mode);
+        actions.extend(action.map(|action| action.scaled(notches)));
+    }
+}
+
+/// Looks up what the cursor points at once it rests.
+fn hover(ui: &Ui, picture: &Response, session: &Session, scale: f64, actions: &mut Vec<Action>) {
+    let position = picture.hover_pos().filter(|_| picture.contains_pointer());
+    let pixel = position.map(|position| {
+        let from_corner = position - picture.rect.min;
+        [from_corner.x, from_corner.y].map(|distance| (f64::from(distance.max(0.0)) * scale) as u32)
+    });
+    let (navigation, now) = (&session.scene.navigation, session.outside.now);
+    let is_new = navigation.cursor.map(|(known, _)| known) != pixel;
+    if is_new || pixel.is_none() && navigation.hovered.is_some() {
+        actions.push(Action::PointAt(pixel));
+    }
+    let Some(pixel) = pixel else { return };
+    let since = navigation.cursor.filter(|_| !is_new).map_or(now, |(_, since)| since);
+    let rested = now.saturating_duration_since(since);
+    let is_known = navigation.hovered.is_some_and(|(known, _)| known == pixel);
+    let is_busy = navigation.asked.is_some() || session.frames.under_way > 0 || navigation.time_to_rest(now).is_some();
+    if is_known || session.frames.shown.is_none() || picture.dragged() {
+        return;
+    }
+    if rested < HOVER_DELAY {
+        ui.ctx().request_repaint_after(HOVER_DELAY - rested);
+    } else if !is_busy {
+        actions.push(Action::AskHover);
+    }
+}

@@ -1,0 +1,92 @@
+//! What navigation remembers from one frame of the window to the next: the cursor, what it points at, a zoom that waits for the
+//! point under it. Zooming goes toward that point, which the render thread looks up; until it answers, the wheel's turns are
+//! gathered, and if it does not within a moment the plane of the pivot stands in.
+
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+
+use crate::viewer::input::lens::to_vector;
+use crate::viewer::tools::pick::Pick;
+
+/// The camera rests when it has not moved for so long: then the picture is refined.
+const REST: Duration = Duration::from_millis(150);
+/// Pixels that the cursor may drift while the point under it still counts as the same.
+const SAME_PLACE: f64 = 4.0;
+/// How long the pivot stays marked.
+const PIVOT_MARK: Duration = Duration::from_millis(700);
+
+/// What navigation remembers from one frame of the window to the next.
+#[derive(Default)]
+pub struct Navigation {
+    last_move: Option<Instant>,
+    /// Since when a mouse button is down or text is being typed.
+    held_since: Option<Instant>,
+    /// Cursor over the picture, pixels, and since when.
+    pub cursor: Option<([u32; 2], Instant)>,
+    /// What the cursor points at: pixel and world position, if there is a point.
+    pub hovered: Option<([u32; 2], Option<DVec3>)>,
+    pub asked: Option<[u32; 2]>,
+    pub pending_zoom: f32,
+    pub zoom_since: Option<Instant>,
+    pivot_shown: Option<Instant>,
+    /// Doublings of the speed of flight.
+    pub speed: f32,
+    /// Picks before the click that may become a double-click.
+    pub picks_before: Vec<Pick>,
+}
+
+impl Navigation {
+    pub fn camera_moved(&mut self, now: Instant) {
+        self.last_move = Some(now);
+        self.hovered = None;
+    }
+
+    /// Takes in whether a mouse button is down. What began to move since it went down moves until it comes up: the hand pauses, and
+    /// on a busy machine its movements come late.
+    pub fn hold(&mut self, is_held: bool, now: Instant) {
+        self.held_since = self.held_since.or(Some(now)).filter(|_| is_held);
+        if self.held_since.zip(self.last_move).is_some_and(|(since, moved)| moved >= since) {
+            self.last_move = Some(now);
+        }
+    }
+
+    pub fn is_held(&self) -> bool {
+        self.held_since.is_some()
+    }
+
+    /// `None` if the camera rests.
+    pub fn time_to_rest(&self, now: Instant) -> Option<Duration> {
+        REST.checked_sub(now.saturating_duration_since(self.last_move?)).filter(|left| !left.is_zero())
+    }
+
+    pub fn show_pivot(&mut self, now: Instant) {
+        self.pivot_shown = Some(now);
+    }
+
+    /// How long the pivot stays marked.
+    pub fn pivot_mark(&self, now: Instant) -> Option<Duration> {
+        PIVOT_MARK.checked_sub(now.saturating_duration_since(self.pivot_shown?)).filter(|left| !left.is_zero())
+    }
+
+    /// The cursor is over another pixel of the picture now, or over none.
+    pub fn point_at(&mut self, pixel: Option<[u32; 2]>, now: Instant) {
+        self.cursor = pixel.map(|pixel| (pixel, now));
+        if pixel.is_none() {
+            self.hovered = None;
+        }
+    }
+
+    pub fn on_hover(&mut self, pixel: [u32; 2], world: Option<DVec3>) {
+        self.hovered = Some((pixel, world));
+        self.asked = None;
+    }
+
+    /// The point under the cursor, if it was looked up there: outer `None` if it was not.
+    pub fn anchor(&self) -> Option<Option<DVec3>> {
+        let (cursor, _) = self.cursor?;
+        let (pixel, world) = self.hovered?;
+        let apart = to_vector(cursor).distance(to_vector(pixel));
+        (apart <= SAME_PLACE).then_some(world)
+    }
+}

@@ -1,0 +1,221 @@
+//! The clouds that are open in the window, and the jobs that load them.
+
+use std::collections::{BTreeMap, HashMap};
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+use std::time::Instant;
+
+use cloud::{Bounds, Chunk, Progress};
+use scene::{Mirror, MirrorPoints, Ramp};
+use stream::{Node, NodeId, Octree};
+use world::mirrors::Marked;
+use world::{Assembly, CloudKey, Input, Mailbox, Part, StreamStats};
+
+use crate::viewer::loaded::figures::{Basis, Figures};
+use crate::viewer::objects::ObjectId;
+
+/// The points that stand for a mirror, and what they were made for.
+pub struct Sample {
+    pub key: CloudKey,
+    pub mirror: Mirror,
+    /// `None` if a built-in scene brought them.
+    pub area_per_point: Option<f64>,
+    pub chunks: Vec<(Chunk, Bounds)>,
+}
+
+/// The points that stand for mirrors with a formula.
+#[derive(Default)]
+pub struct Samples {
+    pub of: HashMap<ObjectId, Sample>,
+    /// A mirror whose points are being made.
+    pub under_way: Option<ObjectId>,
+    /// What a point of the clouds stands for, squared world units, once it is known.
+    pub area_per_point: Option<f64>,
+}
+
+impl Samples {
+    pub fn points(&self) -> u64 {
+        self.of.values().flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64).sum()
+    }
+}
+
+/// A cloud, and what the window makes of it.
+pub struct CloudEntry {
+    assembly: Assembly,
+    pub is_visible: bool,
+    pub figures: Option<Figures>,
+    pub figures_basis: Option<Basis>,
+    pub figures_under_way: bool,
+    /// Attributes that are being read, or could not be (`None`), which are not tried again.
+    pub column_reads: HashMap<usize, Option<Arc<Progress>>>,
+    /// What of it reflects on the render thread.
+    pub marked: Vec<MirrorPoints>,
+    /// Which points these are.
+    pub marks: Arc<Vec<Marked>>,
+    /// What is being found out.
+    pub marking: Option<(Vec<MirrorPoints>, Arc<Progress>)>,
+    /// Where the cloud is streamed, how that goes.
+    pub streamed: Option<Streamed>,
+}
+
+/// An entry is its cloud first of all: `entry.points` are those of the assembly.
+impl Deref for CloudEntry {
+    type Target = Assembly;
+
+    fn deref(&self) -> &Assembly {
+        &self.assembly
+    }
+}
+
+impl DerefMut for CloudEntry {
+    fn deref_mut(&mut self) -> &mut Assembly {
+        &mut self.assembly
+    }
+}
+
+impl CloudEntry {
+    pub fn new(assembly: Assembly) -> Self {
+        Self {
+            assembly,
+            is_visible: true,
+            figures: None,
+            figures_basis: None,
+            figures_under_way: false,
+            column_reads: HashMap::new(),
+            marked: Vec::new(),
+            marks: Arc::default(),
+            marking: None,
+            streamed: None,
+        }
+    }
+
+    /// Made by the program: there is no file.
+    pub fn is_built_in(&self) -> bool {
+        self.source.is_none() && self.streamed.is_none()
+    }
+
+    /// Streamed, and its index is there.
+    pub fn is_indexed(&self) -> bool {
+        self.octree().is_some()
+    }
+
+    /// The column of a file that its colours still lack, with the file.
+    pub fn column_to_read(&self, figures: &Figures) -> Option<(usize, Arc<codec::Source>)> {
+        let source = self.source.clone().filter(|_| self.streamed.is_none())?;
+        Some((figures.plan.missing_column(&self.cloud)?, source))
+    }
+
+    /// The color of the level of one of its chunks, sRGB.
+    pub fn level_color(&self, part: Part) -> Option<[u8; 4]> {
+        let node = node_of(self.octree()?, part)?;
+        Some(self.streamed.as_ref()?.level_color(node.level))
+    }
+
+    /// Boxes of the nodes that are there, as far as none below them is, with the colours of their levels.
+    pub fn shown_boxes(&self) -> Vec<(Bounds, [u8; 4])> {
+        let (Some(streamed), Some(octree)) = (&self.streamed, self.octree()) else { return Vec::new() };
+        let is_there = |id: NodeId| octree.node(id).points > 0 && self.bounds_of(Part::Node(id)).is_some();
+        let is_last = |node: &Node| !node.children.iter().flatten().any(|child| is_there(*child));
+        let there = self.chunk_bounds().filter_map(|(part, bounds)| Some((node_of(octree, part)?, bounds)));
+        let last = there.filter(|(node, _)| is_last(node));
+        last.map(|(node, bounds)| (bounds, streamed.level_color(node.level))).collect()
+    }
+}
+
+/// The node whose points a chunk holds.
+fn node_of(octree: &Octree, part: Part) -> Option<&Node> {
+    match part {
+        Part::Node(id) => octree.nodes.get(id.0 as usize),
+        Part::Preview(_) | Part::Block(_) => None,
+    }
+}
+
+/// What makes a cloud a streamed one: its chunks are those of its points that the last view needs.
+#[derive(Default)]
+pub struct Streamed {
+    /// How often a view has been fully loaded.
+    pub rests: u32,
+    deepest_level: u8,
+}
+
+impl Streamed {
+    pub fn new(octree: Option<&Octree>, rests: u32) -> Self {
+        let levels = octree.and_then(|octree| octree.nodes.iter().map(|node| node.level).max());
+        Self { rests, deepest_level: levels.unwrap_or(0) }
+    }
+
+    /// Levels with their colours, the coarsest first.
+    pub fn levels(&self) -> impl Iterator<Item = (u8, [u8; 4])> {
+        (0..=self.deepest_level).map(|level| (level, self.level_color(level)))
+    }
+
+    /// sRGB, from the root's colour to that of the deepest level.
+    fn level_color(&self, level: u8) -> [u8; 4] {
+        // The ends of the ramp are too dark to be told apart.
+        let place = 24 + usize::from(level) * 207 / usize::from(self.deepest_level.max(1));
+        render::ramp_colors(Ramp::Turbo)[place.min(255)]
+    }
+}
+
+/// Loading under way.
+pub struct JobEntry {
+    pub id: u32,
+    pub name: String,
+    pub progress: Arc<Progress>,
+    pub started: Instant,
+    /// By the job's own numbers.
+    pub clouds: BTreeMap<usize, CloudKey>,
+    /// What is there of its streamed clouds, and where it is told from where they are looked at.
+    pub stream: StreamStats,
+    pub mailbox: Arc<Mailbox>,
+    /// The number of the last look, 0 before the first one, and the share of the budgets that it had.
+    pub look: u64,
+    pub share: f64,
+    pub has_streamed: bool,
+    /// What it opens is shown: streamed clouds are there as far as the first look needs them, and stay under way.
+    pub is_loaded: bool,
+}
+
+impl JobEntry {
+    pub fn new(id: u32, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>, started: Instant) -> Self {
+        let name = match inputs {
+            [one] => short_name(&one.name()).to_string(),
+            several => format!("{} inputs", several.len()),
+        };
+        Self {
+            id,
+            name,
+            progress,
+            started,
+            clouds: BTreeMap::new(),
+            stream: StreamStats::default(),
+            mailbox,
+            look: 0,
+            share: 1.0,
+            has_streamed: false,
+            is_loaded: false,
+        }
+    }
+
+    pub fn owns(&self, key: CloudKey) -> bool {
+        self.clouds.values().any(|cloud| *cloud == key)
+    }
+
+    /// Points are on their way that the last view needs.
+    pub fn is_fetching(&self) -> bool {
+        self.has_streamed && (self.stream.view_number != self.look || self.stream.nodes_waiting > 0)
+    }
+
+    /// What its streamed clouds need for the last view is not all there, or their pages are not complete.
+    pub fn is_streaming(&self) -> bool {
+        self.has_streamed && !(self.stream.is_settled && self.stream.view_number == self.look)
+    }
+}
+
+/// The last part of a path, or all of another name.
+pub fn short_name(input: &str) -> &str {
+    if input.starts_with("five-mirrors/") {
+        return input;
+    }
+    std::path::Path::new(input).file_name().and_then(|name| name.to_str()).unwrap_or(input)
+}

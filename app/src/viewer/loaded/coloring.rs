@@ -1,0 +1,117 @@
+//! How clouds are coloured: figures are found out by a worker thread, columns that colours need are read, and the render thread
+//! is told.
+
+use std::collections::BTreeMap;
+use std::collections::hash_map::Entry;
+use std::sync::Arc;
+
+use cloud::{Column, Progress};
+use serde_json::json;
+use world::{Change, CloudKey};
+
+use crate::viewer::loaded::figures::{Basis, Figures};
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::messages::Level;
+use crate::viewer::work::Work;
+
+impl Loaded {
+    /// Asks for colours, histograms and bounds of clouds that have changed. Called every frame of the window.
+    pub fn renew_figures(&mut self, beside: &mut Beside<'_>) {
+        let color = &beside.scene.settings.color;
+        for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
+            let basis = Basis {
+                color: color.clone(),
+                visibility: beside.scene.objects.visibility.clone(),
+                doublings: if entry.is_read { 0 } else { entry.points.ilog2() },
+                is_read: entry.is_read,
+                late_columns: entry.late_columns(),
+                rests: entry.streamed.as_ref().map_or(0, |streamed| streamed.rests),
+            };
+            if entry.figures_basis.as_ref() != Some(&basis) {
+                entry.figures_under_way = true;
+                let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
+                let is_same = |old: &Basis| old.color == basis.color && old.visibility == basis.visibility;
+                let same_color = entry.figures_basis.as_ref().is_some_and(is_same);
+                // Ramps of a streamed cloud must not change with what of it is there.
+                let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
+                let kept = kept.cloned().map(Box::new);
+                beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
+            }
+        }
+    }
+
+    pub fn on_figures(&mut self, key: CloudKey, basis: Basis, figures: Figures, beside: &mut Beside<'_>) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        entry.figures_under_way = false;
+        if let Some((attribute, source)) = entry.column_to_read(&figures) {
+            // What is shown stays until the column has come.
+            entry.figures_basis = Some(basis);
+            if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
+                let progress = Arc::<Progress>::default();
+                read.insert(Some(progress.clone()));
+                beside.outside.work(Work::ReadColumn { key, source, attribute, progress });
+            }
+            return;
+        }
+        let same_plan = entry.figures.as_ref().is_some_and(|old| old.plan == figures.plan);
+        let same_points = entry.figures_basis.as_ref().is_some_and(|old| {
+            old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
+        });
+        // Whoever hides points looks on from where they are.
+        let same_visibility = entry.figures_basis.as_ref().is_none_or(|old| old.visibility == basis.visibility);
+        // Chunks of streamed clouds are coloured as they come.
+        let same_points = same_points || entry.is_indexed();
+        entry.figures_basis = Some(basis);
+        let outline_changed = entry.figures.as_ref().is_none_or(|old| old.outline != figures.outline);
+        let (name, up, plan) = (entry.cloud.name.clone(), entry.up, figures.plan.clone());
+        let warning = figures.warning.clone();
+        entry.figures = Some(figures);
+        let chunks = entry.chunks();
+        if !(same_plan && same_points) {
+            beside.outside.log(json!({ "event": "colored", "name": name, "by": plan.label }));
+            beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
+            beside.frames.points_changed();
+        }
+        if let Some(warning) = warning.filter(|warning| !self.warned.contains(warning)) {
+            beside.outside.say(Level::Warning, warning.clone());
+            self.warned.push(warning);
+        }
+        if outline_changed && same_visibility {
+            beside.scene.frame_while_unplaced(beside.scene.bounds(&self.clouds), &self.clouds);
+        }
+    }
+
+    pub fn on_column(
+        &mut self,
+        key: CloudKey,
+        attribute: usize,
+        result: Result<BTreeMap<u64, Arc<Column>>, String>,
+        beside: &mut Beside<'_>,
+    ) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        match result {
+            Ok(columns) => {
+                entry.column_reads.remove(&attribute);
+                let changes = entry.put_late_column(attribute, columns);
+                if !changes.is_empty() {
+                    entry.marked = Vec::new();
+                }
+                changes.into_iter().for_each(|change| beside.outside.change(change));
+            }
+            Err(error) => {
+                entry.column_reads.insert(attribute, None);
+                let name = entry.cloud.attributes.get(attribute).map_or(String::new(), |known| known.name.clone());
+                beside.outside.say(Level::Error, format!("{name}: {error}"));
+            }
+        }
+    }
+
+    /// Attributes that are being read now, with how far they are.
+    pub fn columns_under_way(&self) -> impl Iterator<Item = (&str, &Progress)> {
+        self.clouds.iter().flat_map(|entry| {
+            let reads = entry.column_reads.iter();
+            let reads = reads.filter_map(|(attribute, progress)| Some((*attribute, progress.as_deref()?)));
+            reads.map(|(attribute, progress)| (entry.cloud.attributes[attribute].name.as_str(), progress))
+        })
+    }
+}

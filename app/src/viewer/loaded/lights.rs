@@ -1,0 +1,59 @@
+//! The lights of what is open: those that files bring, those that a person sets, and the one that comes of itself.
+
+use cloud::Cloud;
+use scene::{Lighting, SpotLight};
+use serde_json::json;
+use world::AutoLight;
+
+use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::scene::Scene;
+use crate::viewer::work::Work;
+
+impl Loaded {
+    /// Asks what is around the points that are shown, once they are all there.
+    pub fn ask_surroundings(&mut self, beside: &mut Beside<'_>) {
+        let visible = self.clouds.iter().filter(|entry| entry.is_visible);
+        let clouds: Vec<Cloud> = visible.map(|entry| entry.cloud.clone()).collect();
+        if !self.is_loading() && clouds.iter().any(|cloud| !cloud.chunks.is_empty()) {
+            let (asked, up) = (self.light_search.ask(), beside.scene.up(&self.clouds));
+            let test = beside.scene.objects.visibility.test();
+            beside.outside.work(Work::FindSurroundings { asked, clouds, test, up });
+        }
+    }
+
+    /// A scan of a room that has no light gets a lamp, which is no step of undo.
+    pub fn on_surroundings(&mut self, asked: u32, found: AutoLight, beside: &mut Beside<'_>) {
+        if !self.light_search.answer(asked, found) {
+            return;
+        }
+        let (id, lamp) = (beside.scene.next_object_id(), found.lamp());
+        beside.scene.rewrite_objects(|objects| objects.guess(id, lamp));
+        beside.outside.log(json!({
+            "event": "surroundings", "sky_is_open": self.sky_is_open(), "lights": beside.scene.objects.lights.len(),
+        }));
+    }
+
+    /// Whether a light would come of itself if what is open were opened anew.
+    pub fn lacks_light(&self) -> bool {
+        self.light_search.light.lamp().is_some() || self.clouds.iter().any(CloudEntry::is_built_in)
+    }
+
+    pub fn sky_is_open(&self) -> bool {
+        self.light_search.light.sky_is_open()
+    }
+
+    /// The lights that are there to shine. From outside of a room its lamp would light nothing that is seen.
+    pub fn lights(&self, scene: &Scene) -> Vec<SpotLight> {
+        let light = &self.light_search.light;
+        if scene.objects.has_guess() && !light.lamp_shines(scene.settings.light.by, scene.camera.eye) {
+            return Vec::new();
+        }
+        scene.objects.lights.iter().map(|placed| placed.light).collect()
+    }
+
+    /// What lights the points: what `auto` stands for now.
+    pub fn lighting(&self, scene: &Scene) -> Lighting {
+        scene.settings.light.lighting(!self.lights(scene).is_empty(), self.sky_is_open())
+    }
+}

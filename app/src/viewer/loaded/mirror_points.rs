@@ -1,0 +1,155 @@
+//! The points of mirrors: those that stand for a mirror with a formula, and those of clouds that reflect.
+
+use std::sync::Arc;
+
+use cloud::{Chunk, Progress};
+use scene::{Mirror, MirrorPoints, MirrorSurface};
+use serde_json::json;
+use world::mirrors::{self, Marked};
+use world::{Change, CloudKey};
+
+use crate::viewer::loaded::clouds::Sample;
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::messages::Level;
+use crate::viewer::objects::{Marking, ObjectId, unnamed};
+use crate::viewer::work::Work;
+
+impl Loaded {
+    pub fn put_samples(
+        &mut self,
+        id: ObjectId,
+        mirror: Mirror,
+        area_per_point: Option<f64>,
+        chunks: Vec<Chunk>,
+        beside: &mut Beside<'_>,
+    ) {
+        let key = self.samples.of.get(&id).map(|sample| sample.key);
+        let key = key.unwrap_or_else(|| self.next_cloud_key());
+        beside.outside.change(Change::Mirror { cloud: key, mirror: mirror.clone(), samples: chunks.clone() });
+        let with_bounds = |chunk: Chunk| {
+            let bounds = chunk.bounds();
+            (chunk, bounds)
+        };
+        let chunks = chunks.into_iter().map(with_bounds).collect();
+        self.samples.of.insert(id, Sample { key, mirror, area_per_point, chunks });
+        beside.frames.points_changed();
+    }
+
+    /// Brings the render thread to what the objects say: points of mirrors that were added or changed, of clouds that begin or
+    /// end to reflect. Called every frame of the window; what takes time is done elsewhere, one thing at a time, so that what
+    /// is dragged is always the latest.
+    pub fn sync_objects(&mut self, beside: &mut Beside<'_>) {
+        let gone: Vec<ObjectId> =
+            self.samples.of.keys().copied().filter(|id| beside.mirrors().all(|(known, _)| known != *id)).collect();
+        for id in gone {
+            if let Some(sample) = self.samples.of.remove(&id) {
+                beside.outside.change(Change::Close { cloud: sample.key });
+                beside.frames.points_changed();
+            }
+        }
+        if beside.scene.selected.is_some_and(|id| beside.scene.objects.get(id).is_none()) {
+            beside.scene.selected = None;
+        }
+        // The spacing of the points is known when they are all there.
+        if self.is_loading() || self.clouds.is_empty() {
+            return;
+        }
+        self.refuse_marking_streamed(beside);
+        let (clouds, test) = (&self.clouds, beside.scene.objects.visibility.test());
+        let area_per_point = *self
+            .samples
+            .area_per_point
+            .get_or_insert_with(|| mirrors::area_per_point(clouds.iter().map(|entry| &entry.cloud), &test));
+        if self.samples.under_way.is_none() {
+            let is_current = |id: ObjectId, mirror: &Mirror| {
+                self.samples.of.get(&id).is_some_and(|sample| {
+                    let same_area = sample.area_per_point.is_none_or(|area| area.to_bits() == area_per_point.to_bits());
+                    same_area && unnamed(mirror) == unnamed(&sample.mirror)
+                })
+            };
+            // What moves and is drawn by its formula needs its points when it stands still.
+            let is_held = |id: ObjectId| {
+                let by_formula = beside.scene.settings.mirror.surface != MirrorSurface::Points;
+                beside.inspection.as_ref().is_some_and(|held| held.id == id && by_formula)
+                    || beside.scene.selected == Some(id) && beside.handle_is_grabbed && beside.frames.is_slow()
+            };
+            let stale = beside.mirrors().find(|(id, mirror)| !is_held(*id) && !is_current(*id, mirror));
+            if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
+                self.samples.under_way = Some(id);
+                beside.outside.work(Work::SampleMirror { id, mirror, area_per_point });
+            }
+        }
+        for entry in &mut self.clouds {
+            let wanted: Vec<MirrorPoints> =
+                beside.scene.objects.markings.iter().filter(|m| m.key == entry.key).map(|m| m.points.clone()).collect();
+            match &entry.marking {
+                Some((under_way, progress)) if *under_way != wanted => progress.cancel(),
+                Some(_) => {}
+                None if entry.marked != wanted => {
+                    let progress = Arc::<Progress>::default();
+                    entry.marking = Some((wanted.clone(), progress.clone()));
+                    let (key, cloud, source) = (entry.key, entry.cloud.clone(), entry.source.clone());
+                    beside.outside.work(Work::MarkPoints { key, cloud, source, wanted, progress });
+                }
+                None => {}
+            }
+        }
+    }
+
+    pub fn on_marked(
+        &mut self,
+        key: CloudKey,
+        wanted: Vec<MirrorPoints>,
+        result: Result<Option<Vec<Marked>>, String>,
+        beside: &mut Beside<'_>,
+    ) {
+        let Some(entry) = self.cloud_mut(key) else { return };
+        entry.marking = None;
+        match result {
+            Ok(None) => {
+                let now: Vec<&MirrorPoints> =
+                    beside.scene.objects.markings.iter().filter(|m| m.key == key).map(|m| &m.points).collect();
+                // Unless it was overtaken by another wish, someone has stopped it: what reflects already stays.
+                if now.into_iter().eq(&wanted) {
+                    let kept = self.cloud(key).map_or(Vec::new(), |entry| entry.marked.clone());
+                    beside.scene.rewrite_objects(|objects| {
+                        objects.markings.retain(|marking| marking.key != key || kept.contains(&marking.points));
+                    });
+                }
+            }
+            Ok(Some(marked)) => {
+                let marked = Arc::new(marked);
+                (entry.marked, entry.marks) = (wanted, marked.clone());
+                let (chunks, classes, name) = (entry.chunks(), entry.cloud.class_column(), entry.cloud.name.clone());
+                let count: u64 = marked.iter().map(|marked| marked.count).sum();
+                beside.outside.change(Change::Mark { cloud: key, chunks, classes, marked });
+                beside.frames.points_changed();
+                beside.outside.log(json!({ "event": "marked", "name": name, "points": count }));
+            }
+            Err(error) => {
+                entry.marked = wanted.clone();
+                beside.scene.rewrite_objects(|objects| {
+                    objects.markings.retain(|marking| marking.key != key || !wanted.contains(&marking.points));
+                });
+                beside.outside.say(Level::Error, error);
+            }
+        }
+    }
+
+    /// Markings of scene files whose clouds have come.
+    pub fn place_awaited_markings(&mut self, beside: &mut Beside<'_>) {
+        for points in std::mem::take(&mut self.awaited_markings) {
+            let entry = self.clouds.iter().find(|entry| points.is_of(&entry.input, &entry.cloud.name));
+            match entry.map(|entry| entry.key) {
+                Some(key) => {
+                    beside
+                        .scene
+                        .rewrite_objects(|objects| objects.markings.push(Marking { key, points: points.clone() }));
+                }
+                None => {
+                    beside.outside.say(Level::Warning, format!("mirror points: no cloud is called `{}`", points.cloud))
+                }
+            }
+        }
+    }
+}

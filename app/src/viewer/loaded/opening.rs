@@ -1,0 +1,288 @@
+//! What comes of loading: clouds that open, grow, change and close, as their jobs tell.
+
+use cloud::{Chunk, Surfels};
+use render::ColorPlan;
+use scene::Visibility;
+use serde_json::json;
+use world::{Assembly, Change, CloudKey, CloudTask, Event, Opened, Part, TaskStatus};
+
+use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, short_name};
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::messages::Level;
+use crate::viewer::objects::Origin;
+use crate::viewer::theme::grouped;
+
+impl Loaded {
+    pub fn on_loading(&mut self, job: u32, event: Event, beside: &mut Beside<'_>) {
+        match event {
+            Event::Opened { cloud, opened } => self.on_opened(job, cloud, opened, beside),
+            Event::Chunk { cloud, part, chunk } => self.on_chunk(job, cloud, part, chunk, beside),
+            Event::Pages { cloud, pages } => self.on_pages(job, cloud, pages, beside),
+            Event::Task { cloud, task: stage } => {
+                let key = self.key_of(job, cloud);
+                if let Some(entry) = key.and_then(|key| self.cloud_mut(key)) {
+                    entry.task = Some(stage);
+                }
+            }
+            Event::Dropped { cloud, part } => self.on_dropped(job, cloud, part, beside),
+            Event::Stream(stats) => self.on_stream(job, stats, beside),
+            Event::Mirror { input, mirror, samples } => {
+                let id = beside.scene.bring_mirror(mirror.clone(), Some(input), beside.outside);
+                self.put_samples(id, mirror, None, samples, beside);
+            }
+            Event::Read { cloud, summary } => self.on_read(job, cloud, &summary, beside),
+            Event::Surfels { cloud, surfels } => self.on_surfels(job, cloud, surfels, beside),
+            Event::Failed { input, error, .. } => {
+                let name = short_name(&input).to_string();
+                // Errors name the file already, with its path.
+                let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
+                beside.outside.say(Level::Error, text);
+            }
+            Event::Finished => self.finish_job(job, beside),
+        }
+    }
+
+    pub fn key_of(&self, job: u32, cloud: usize) -> Option<CloudKey> {
+        self.jobs.iter().find(|entry| entry.id == job)?.clouds.get(&cloud).copied()
+    }
+
+    fn on_opened(&mut self, job: u32, index: usize, opened: Opened, beside: &mut Beside<'_>) {
+        for warning in &opened.warnings {
+            beside.outside.say(Level::Warning, format!("{}: {warning}", opened.name));
+        }
+        beside
+            .outside
+            .log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
+        // Streamed clouds have no source to look records up in; built-in scenes have no file.
+        if opened.source.is_some() || std::path::Path::new(&opened.input).exists() {
+            beside.preferences.remember_file(&opened.input);
+        }
+        let bounds = opened.source.as_ref().and_then(|source| source.info().bounds);
+        let key = self.next_cloud_key();
+        let (assembly, change) = Assembly::open(key, opened);
+        beside.outside.change(change);
+        self.clouds.push(CloudEntry::new(assembly));
+        if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
+            entry.clouds.insert(index, key);
+        }
+        self.make_room(beside);
+        if let Some(bounds) = bounds {
+            beside.scene.frame_while_unplaced(bounds, &self.clouds);
+        }
+    }
+
+    fn on_chunk(&mut self, job: u32, cloud: usize, part: Part, chunk: Chunk, beside: &mut Beside<'_>) {
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        let change = entry.put(part, chunk);
+        let (key, bounds) = (entry.key, entry.bounds);
+        let is_first = entry.figures.is_none() && entry.cloud.chunks.len() == 1;
+        let uncolored = is_first.then(|| (entry.cloud.clone(), entry.chunks(), entry.up));
+        let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
+        beside.outside.change(change);
+        if let Some((cloud, chunks, up)) = uncolored {
+            // What is drawn before the figures are known has colours, too.
+            let shown = cloud.shown(&beside.scene.objects.visibility.test());
+            let (plan, _) = ColorPlan::new(&shown, &beside.scene.settings.color, up);
+            if plan.missing_column(&cloud).is_none() {
+                beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
+            }
+        }
+        self.tint_chunk(key, part, beside);
+        beside.frames.points_changed();
+        if !has_header_bounds && beside.frames.shown.is_none() {
+            beside.scene.frame_while_unplaced(bounds, &self.clouds);
+        }
+    }
+
+    fn on_dropped(&mut self, job: u32, cloud: usize, part: Part, beside: &mut Beside<'_>) {
+        let key = self.key_of(job, cloud);
+        let change = key.and_then(|key| self.cloud_mut(key)).and_then(|entry| entry.take_out(part));
+        if let Some(change) = change {
+            beside.outside.change(change);
+            beside.frames.points_changed();
+        }
+    }
+
+    fn on_read(&mut self, job: u32, cloud: usize, summary: &codec::Summary, beside: &mut Beside<'_>) {
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        let warnings = entry.end(summary);
+        let (name, points) = (entry.cloud.name.clone(), entry.points);
+        for warning in warnings {
+            beside.outside.say(Level::Warning, format!("{name}: {warning}"));
+        }
+        if summary.cancelled {
+            let rest =
+                if points > 0 { format!("; the {} points read so far stay", grouped(points)) } else { String::new() };
+            beside.outside.say(Level::Note, format!("{name}: stopped{rest}"));
+        }
+        beside.outside.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
+        // Its index could not be made, which was said.
+        let is_lost = |entry: &CloudEntry| entry.streamed.is_some() && !entry.is_indexed() && entry.points == 0;
+        if let Some(key) = key.filter(|key| !summary.cancelled && self.cloud(*key).is_some_and(is_lost)) {
+            self.remove_cloud(key, beside);
+        }
+        self.note_loaded(beside);
+    }
+
+    /// Jobs with streamed clouds stay under way; loaded is what their first look needs.
+    fn note_loaded(&mut self, beside: &mut Beside<'_>) {
+        for index in 0..self.jobs.len() {
+            let of_job = || self.clouds.iter().filter(|entry| self.jobs[index].owns(entry.key));
+            let is_loaded = of_job().any(|entry| entry.streamed.is_some()) && of_job().all(|entry| entry.is_read);
+            if is_loaded && !std::mem::replace(&mut self.jobs[index].is_loaded, true) {
+                self.on_loaded(beside);
+            }
+        }
+    }
+
+    fn on_surfels(&mut self, job: u32, cloud: usize, surfels: Vec<Surfels>, beside: &mut Beside<'_>) {
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        let changes = entry.put_surfels(surfels);
+        // What reflects is to be found again, with these.
+        entry.marked = Vec::new();
+        // Chunks of normals are new colours, too.
+        entry.figures_basis = None;
+        let name = entry.cloud.name.clone();
+        changes.into_iter().for_each(|change| beside.outside.change(change));
+        beside.frames.points_changed();
+        beside.outside.log(json!({ "event": "surfels", "name": name }));
+    }
+
+    fn finish_job(&mut self, job: u32, beside: &mut Beside<'_>) {
+        let Some(index) = self.jobs.iter().position(|entry| entry.id == job) else { return };
+        let job = self.jobs.remove(index);
+        for entry in self.clouds.iter_mut().filter(|entry| job.owns(entry.key)) {
+            entry.is_read = true;
+        }
+        // What could be opened but holds nothing would be a line without a picture.
+        let empty = |entry: &CloudEntry| job.owns(entry.key) && entry.points == 0;
+        let empty: Vec<(CloudKey, String)> = self
+            .clouds
+            .iter()
+            .filter(|entry| empty(entry))
+            .map(|entry| (entry.key, entry.cloud.name.clone()))
+            .collect();
+        for (key, name) in empty {
+            self.remove_cloud(key, beside);
+            if !job.progress.is_cancelled() {
+                beside.outside.say(Level::Warning, format!("{name}: has no points"));
+            }
+        }
+        if !job.is_loaded {
+            self.on_loaded(beside);
+        }
+    }
+
+    /// The points of a job are there, or as many as the first look needs.
+    fn on_loaded(&mut self, beside: &mut Beside<'_>) {
+        self.samples.area_per_point = None;
+        self.place_awaited_markings(beside);
+        self.ask_surroundings(beside);
+        let points = self.points();
+        beside.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
+    }
+
+    /// Whether points are still to come, whatever is looked at.
+    pub fn is_loading(&self) -> bool {
+        self.jobs.iter().any(|job| !job.is_loaded)
+    }
+
+    /// Of all clouds, as far as they are there, and of the mirrors of built-in scenes.
+    pub fn points(&self) -> u64 {
+        let brought = self.samples.of.values().filter(|sample| sample.area_per_point.is_none());
+        let of_mirrors = brought.flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64).sum::<u64>();
+        self.clouds.iter().map(|entry| entry.points).sum::<u64>() + of_mirrors
+    }
+
+    /// The same, with those of streamed clouds that are not there.
+    pub fn all_points(&self) -> u64 {
+        let elsewhere = self.clouds.iter().filter(|entry| entry.streamed.is_some());
+        self.points() + elsewhere.map(|entry| entry.total() - entry.points).sum::<u64>()
+    }
+
+    /// What is made for one of a job's clouds now, or comes next.
+    pub fn stage_of(&self, job: &JobEntry) -> Option<(&CloudEntry, &CloudTask)> {
+        let of_job = self.clouds.iter().filter(|entry| job.owns(entry.key));
+        let pending =
+            of_job.filter_map(|entry| Some((entry, entry.task.as_deref().filter(|stage| stage.is_pending())?)));
+        pending.min_by_key(|(_, stage)| stage.status() == TaskStatus::Queued)
+    }
+
+    /// Whether a job shows how far it is: it loads, or makes something of what is shown.
+    pub fn is_at_work(&self, job: &JobEntry) -> bool {
+        !job.is_loaded || self.stage_of(job).is_some()
+    }
+
+    /// What has been read stays.
+    pub fn stop_loading(&mut self, beside: &mut Beside<'_>) {
+        for job in self.jobs.iter().filter(|job| self.is_at_work(job)) {
+            job.progress.cancel();
+            job.mailbox.stop_all();
+        }
+        beside.outside.log(json!({ "event": "cancelled" }));
+    }
+
+    pub fn remove_cloud(&mut self, key: CloudKey, beside: &mut Beside<'_>) {
+        let Some(index) = self.clouds.iter().position(|entry| entry.key == key) else { return };
+        let input = self.clouds.remove(index).input.clone();
+        self.samples.area_per_point = None;
+        let is_last = self.clouds.is_empty();
+        // Built-in scenes have no file.
+        let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
+        // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them and what
+        // is hidden.
+        beside.scene.rewrite_objects(|objects| {
+            if is_last {
+                objects.visibility = Visibility::default();
+            }
+            objects.lights.retain(|placed| !is_last && (is_built_in_left || placed.origin != Origin::BuiltIn));
+            objects.no_guess &= !is_last;
+            objects.markings.retain(|marking| marking.key != key);
+            objects.mirrors.retain(|placed| !is_last && placed.input.as_ref() != Some(&input));
+        });
+        beside.outside.change(Change::Close { cloud: key });
+        beside.frames.points_changed();
+        // The job of a cloud that is gone need not go on.
+        for job in &self.jobs {
+            if let Some((index, _)) = job.clouds.iter().find(|(_, cloud)| **cloud == key) {
+                job.mailbox.close(*index);
+            }
+            if !job.clouds.is_empty() && !self.clouds.iter().any(|entry| job.owns(entry.key)) {
+                job.progress.cancel();
+                job.mailbox.end();
+            }
+        }
+        self.note_loaded(beside);
+        if is_last {
+            beside.scene.camera_is_placed = false;
+            beside.scene.paths.clear();
+            beside.frames.shown = None;
+            self.light_search.forget();
+        }
+        self.ask_surroundings(beside);
+    }
+
+    pub fn set_visible(&mut self, key: CloudKey, visible: bool, beside: &mut Beside<'_>) {
+        if let Some(entry) = self.cloud_mut(key) {
+            entry.is_visible = visible;
+            beside.outside.change(Change::Show { cloud: key, is_visible: visible });
+            beside.frames.points_changed();
+            self.ask_surroundings(beside);
+        }
+    }
+
+    /// Brings the render thread to what is shown now. Called before each frame is asked for.
+    pub fn sync_visibility(&mut self, beside: &mut Beside<'_>) {
+        let visibility = &beside.scene.objects.visibility;
+        if *visibility != self.drawn_visibility {
+            self.drawn_visibility = visibility.clone();
+            beside.outside.change(Change::Visibility { visibility: self.drawn_visibility.clone() });
+            self.samples.area_per_point = None;
+            beside.frames.points_changed();
+            self.ask_surroundings(beside);
+        }
+    }
+}

@@ -1,0 +1,568 @@
+//! Streamed clouds in the window: how far their pages are, where they are told that they are looked at from, how many of their
+//! points a moving picture can afford, and what they cannot do.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use cloud::Bounds;
+use scene::Settings;
+use serde_json::json;
+use world::{Change, CloudKey, IndexState, Part, StreamStats, StreamView, most_points};
+
+use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Streamed};
+use crate::viewer::loaded::{Beside, Loaded};
+use crate::viewer::messages::Level;
+use crate::viewer::pace::shares;
+use crate::viewer::work::Work;
+
+impl Loaded {
+    pub fn on_pages(&mut self, job: u32, cloud: usize, pages: IndexState, beside: &mut Beside<'_>) {
+        if let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) {
+            entry.has_streamed = true;
+        }
+        let key = self.key_of(job, cloud);
+        let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
+        let rests = entry.streamed.as_ref().map_or(0, |streamed| streamed.rests);
+        let was_indexed = entry.is_indexed();
+        let has_surfels = matches!(pages, IndexState::Indexed { has_surfels: true, .. });
+        let is_kept = pages.entry().is_some();
+        let change = entry.page(pages);
+        entry.streamed = Some(Streamed::new(entry.octree().map(Arc::as_ref), rests));
+        let bounds = entry.index_bounds().unwrap_or(Bounds::EMPTY);
+        let (key, name) = (entry.key, entry.cloud.name.clone());
+        beside.outside.change(change);
+        self.make_room(beside);
+        if self.cloud(key).is_some_and(CloudEntry::is_indexed) {
+            let total = self.cloud(key).map_or(0, |entry| entry.total());
+            beside.outside.log(json!({ "event": "pages", "name": name, "points": total, "surfels": has_surfels }));
+            if is_kept {
+                beside.outside.work(Work::MeasureCache);
+            }
+            if !was_indexed {
+                beside.scene.frame_while_unplaced(bounds, &self.clouds);
+            }
+        } else {
+            beside.outside.log(json!({ "event": "indexing", "name": name }));
+        }
+    }
+
+    /// Tells the render thread how many points will be there at once, if that has changed: all of those that are held in memory,
+    /// and of streamed ones as many as the budgets allow.
+    pub fn make_room(&mut self, beside: &mut Beside<'_>) {
+        let total = |is_streamed: bool| -> u64 {
+            let clouds = self.clouds.iter().filter(|entry| entry.streamed.is_some() == is_streamed);
+            clouds.map(|entry| entry.total()).sum()
+        };
+        let chunks = self.samples.of.values().flat_map(|sample| &sample.chunks);
+        let samples: u64 = chunks.map(|(chunk, _)| chunk.len() as u64).sum();
+        let most = most_points(&beside.scene.settings.view, &beside.scene.settings.stream);
+        let points = total(false) + samples + total(true).min(most);
+        if std::mem::replace(&mut self.expected_points, points) != points {
+            beside.outside.change(Change::Expect { points });
+        }
+    }
+
+    fn streaming_jobs(&self) -> usize {
+        self.jobs.iter().filter(|job| job.has_streamed).count()
+    }
+
+    /// Settings for what is opened next: its preview has its share of the budgets.
+    pub fn settings_of_next_job(&self, settings: &Settings) -> Settings {
+        let mut settings = settings.clone();
+        let jobs = self.streaming_jobs() + 1;
+        settings.view.point_budget /= jobs as u32;
+        settings.stream.gpu_bytes.0 /= jobs as u64;
+        settings.stream.host_bytes.0 /= jobs as u64;
+        settings
+    }
+
+    pub fn on_stream(&mut self, job: u32, stats: StreamStats, beside: &mut Beside<'_>) {
+        let Some(entry) = self.jobs.iter_mut().find(|entry| entry.id == job) else { return };
+        let comes_to_rest = stats.is_settled && entry.is_streaming();
+        entry.stream = stats;
+        if !comes_to_rest || entry.is_streaming() {
+            return;
+        }
+        let keys: Vec<CloudKey> = entry.clouds.values().copied().collect();
+        for entry in self.clouds.iter_mut().filter(|entry| keys.contains(&entry.key)) {
+            if let Some(streamed) = &mut entry.streamed {
+                streamed.rests += 1;
+            }
+        }
+        beside.outside.log(json!({
+            "event": "streamed", "points": stats.points_resident, "nodes": stats.nodes, "host_bytes": stats.host_bytes,
+        }));
+    }
+
+    /// Whether points are on their way that the picture wants.
+    pub fn points_come(&self) -> bool {
+        self.is_loading() || self.jobs.iter().any(JobEntry::is_streaming)
+    }
+
+    /// Whether indirect light need not follow the points, which come and go. At first there is none that could stay.
+    pub fn light_may_lag(&self) -> bool {
+        !self.is_loading() && self.jobs.iter().any(JobEntry::is_fetching)
+    }
+
+    /// Tells streamed clouds where they are looked at from, if that has changed. Called every frame of the window.
+    pub fn look_around(&mut self, beside: &mut Beside<'_>) {
+        self.make_room(beside);
+        let mut view = beside.scene.settings.view.clone();
+        if beside.scene.navigation.time_to_rest(beside.outside.now).is_some()
+            && beside.scene.settings.stream.frame_ms > 0.0
+        {
+            view.point_budget = self.pace.budget(view.point_budget);
+        }
+        let (camera, size, stream) =
+            (beside.scene.camera, beside.scene.view_size, beside.scene.settings.stream.clone());
+        let is_alone = beside.is_recorded;
+        let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
+        let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
+        let hidden: Vec<BTreeSet<usize>> = streaming().map(|job| self.hidden(job)).collect();
+        let jobs = self.jobs.iter_mut().filter(|job| job.has_streamed);
+        for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
+            let (view, stream) = (view.clone(), stream.clone());
+            job.share = share;
+            job.look = job.mailbox.set_view(StreamView { camera, size, view, stream, hidden, share, is_alone });
+        }
+    }
+
+    /// Clouds of a job that are not shown, by its own numbers.
+    fn hidden(&self, job: &JobEntry) -> BTreeSet<usize> {
+        let is_hidden = |key: &CloudKey| self.cloud(*key).is_some_and(|entry| !entry.is_visible);
+        job.clouds.iter().filter(|(_, key)| is_hidden(key)).map(|(cloud, _)| *cloud).collect()
+    }
+
+    /// The job of a cloud that is under way, and the cloud's number there.
+    pub fn job_of(&self, key: CloudKey) -> Option<(&JobEntry, usize)> {
+        self.jobs.iter().find_map(|job| {
+            let (cloud, _) = job.clouds.iter().find(|(_, other)| **other == key)?;
+            Some((job, *cloud))
+        })
+    }
+
+    /// Stops what is made for a cloud.
+    pub fn stop_making(&mut self, key: CloudKey) {
+        if let Some((job, cloud)) = self.job_of(key) {
+            job.mailbox.stop(cloud);
+        }
+    }
+
+    /// Makes what was stopped of a cloud after all.
+    pub fn resume_making(&mut self, key: CloudKey) {
+        let Some((job, cloud)) = self.job_of(key) else { return };
+        job.mailbox.resume(cloud);
+        if let Some(entry) = self.cloud_mut(key) {
+            entry.task = None;
+        }
+    }
+
+    /// Closes a cloud and deletes its index.
+    pub fn delete_index(&mut self, key: CloudKey, beside: &mut Beside<'_>) {
+        let kept = self.cloud(key).and_then(|entry| entry.pages.as_ref()?.entry().cloned());
+        if let Some(kept) = kept {
+            self.remove_cloud(key, beside);
+            beside.outside.work(Work::DeleteIndex(kept));
+        }
+    }
+
+    /// Learns from a frame what a moving picture can afford.
+    pub fn keep_pace(&mut self, milliseconds: f64, beside: &mut Beside<'_>) {
+        let wanted = f64::from(beside.scene.settings.stream.frame_ms);
+        let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
+        if is_streamed && wanted > 0.0 && beside.scene.navigation.time_to_rest(beside.outside.now).is_some() {
+            self.pace.learn(milliseconds, wanted);
+        }
+    }
+
+    // ---- levels ----
+
+    /// Colours a chunk that has come by its level, if these are shown.
+    pub fn tint_chunk(&mut self, key: CloudKey, part: Part, beside: &mut Beside<'_>) {
+        if self.levels_are_shown
+            && let Some(color) = self.cloud(key).and_then(|entry| entry.level_color(part))
+        {
+            beside.outside.change(Change::Tint { tints: vec![(key.chunk(part), Some(color))] });
+        }
+    }
+
+    /// Shows levels or ends it. Called every frame of the window.
+    pub fn sync_levels(&mut self, beside: &mut Beside<'_>) {
+        if self.levels_are_shown == beside.scene.settings.stream.overlay {
+            return;
+        }
+        self.levels_are_shown = beside.scene.settings.stream.overlay;
+        let is_shown = self.levels_are_shown;
+        let tints = |entry: &CloudEntry| {
+            let parts = entry.chunk_bounds().map(|(part, _)| part);
+            let tints = parts.map(|part| (entry.key.chunk(part), entry.level_color(part).filter(|_| is_shown)));
+            tints.collect::<Vec<_>>()
+        };
+        let streamed = self.clouds.iter().filter(|entry| entry.streamed.is_some());
+        let all: Vec<Vec<_>> = streamed.map(tints).collect();
+        for tints in all {
+            beside.outside.change(Change::Tint { tints });
+            beside.frames.points_changed();
+        }
+    }
+
+    // ---- what they cannot do ----
+
+    /// Points that come and go cannot be parted into mirror and rest once for all.
+    pub fn refuse_marking_streamed(&mut self, beside: &mut Beside<'_>) {
+        let is_marked = |entry: &&CloudEntry| {
+            entry.streamed.is_some() && beside.scene.objects.markings.iter().any(|marking| marking.key == entry.key)
+        };
+        let refused: Vec<(CloudKey, String)> =
+            self.clouds.iter().filter(is_marked).map(|entry| (entry.key, entry.cloud.name.clone())).collect();
+        for (key, name) in refused {
+            beside.scene.rewrite_objects(|objects| objects.markings.retain(|marking| marking.key != key));
+            beside.outside.say(Level::Error, format!("{name}: {NOT_MARKED}"));
+        }
+    }
+}
+
+/// Why no points of a streamed cloud can be turned into a mirror, and what can be done.
+pub const NOT_MARKED: &str = "is streamed, so its points come and go and cannot be turned into a mirror; \
+    with stream.pages set to never it is held in memory";
+
+#[cfg(test)]
+mod tests {
+    use cloud::{Attribute, Chunk, Column, ColumnType, Grid};
+    use glam::DVec3;
+    use scene::MirrorPoints;
+    use stream::{NodeId, Octree};
+    use world::{Event, Opened};
+
+    use super::*;
+    use crate::viewer::objects::Marking;
+    use crate::viewer::outside::Effect;
+    use crate::viewer::preferences::Preferences;
+    use crate::viewer::session::Session;
+    use crate::viewer::window::render_thread::{Command, PickPurpose, PickedPoint, Report};
+    use crate::viewer::work::Found;
+
+    const GRID: Option<Grid> = Some(Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
+
+    /// A root of two points over two children of three, the first of them without points of its own, and one below that.
+    fn octree() -> Octree {
+        let bounds = Bounds { min: DVec3::ZERO, max: DVec3::splat(8.0) };
+        let node = |level, points, total, first_point, parent: Option<u32>| stream::Node {
+            level,
+            bounds,
+            points,
+            is_exact: false,
+            total,
+            first_point,
+            parent: parent.map(NodeId),
+            children: [None; 8],
+        };
+        let mut nodes = vec![
+            node(0, 2, 8, 0, None),
+            node(1, 0, 3, 2, Some(0)),
+            node(2, 3, 3, 2, Some(1)),
+            node(1, 3, 3, 5, Some(0)),
+        ];
+        (nodes[0].children[0], nodes[0].children[7], nodes[1].children[0]) =
+            (Some(NodeId(1)), Some(NodeId(3)), Some(NodeId(2)));
+        Octree { corner: DVec3::ZERO, width: 8.0, spacing: 1.0, nodes }
+    }
+
+    fn chunk(first_point: u64, places: &[f32]) -> Chunk {
+        let mut chunk = Chunk::new(first_point, DVec3::ZERO, places.iter().map(|at| [*at; 3]).collect());
+        chunk.columns = vec![Some(Arc::new(Column::U8(places.iter().map(|at| *at as u8).collect())))];
+        chunk
+    }
+
+    fn put(session: &mut Session, node: u32, places: &[f32]) {
+        let first_point = octree().nodes[node as usize].first_point;
+        let chunk = chunk(first_point, places);
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Chunk { cloud: 0, part: Part::Node(NodeId(node)), chunk }, beside)
+        });
+    }
+
+    fn drop_chunk(session: &mut Session, node: u32) {
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Dropped { cloud: 0, part: Part::Node(NodeId(node)) }, beside)
+        });
+    }
+
+    fn opened(attributes: Vec<Attribute>) -> Event {
+        let (name, input) = ("survey".into(), "survey".into());
+        let opened = Opened { name, input, attributes, expected_points: 9, up: DVec3::Z, ..Opened::default() };
+        Event::Opened { cloud: 0, opened }
+    }
+
+    /// A streamed cloud whose index is there, by job 0, with the chunk of its root.
+    fn streamed() -> Session {
+        let mut session = Session::new(Preferences::default());
+        session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        let intensity = Attribute { name: "intensity".into(), column_type: ColumnType::U8 };
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, opened(vec![intensity]), beside));
+        let pages = IndexState::Indexed {
+            octree: Arc::new(octree()),
+            grid: GRID,
+            was_built: false,
+            has_surfels: true,
+            entry: None,
+        };
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Pages { cloud: 0, pages }, beside));
+        put(&mut session, 0, &[1.0, 7.0]);
+        session.scene.history.watch(&session.scene.settings, &session.scene.objects, false, session.outside.now);
+        session
+    }
+
+    /// All that the last look needs is there.
+    fn settle(session: &mut Session) {
+        session.with_loaded(Loaded::look_around);
+        let stats =
+            StreamStats { view_number: session.loaded.jobs[0].look, is_settled: true, ..StreamStats::default() };
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Stream(stats), beside));
+    }
+
+    fn commands(session: &mut Session) -> Vec<Change> {
+        let effects = std::mem::take(&mut session.outside.effects).into_iter();
+        let change = |effect| if let Effect::Render(Command::Change(change)) = effect { Some(change) } else { None };
+        effects.filter_map(change).collect()
+    }
+
+    #[test]
+    fn points_and_bounds_are_counted_right_while_chunks_come_change_and_go() {
+        let mut session = Session::new(Preferences::default());
+        session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, opened(Vec::new()), beside));
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Pages { cloud: 0, pages: IndexState::Indexing }, beside)
+        });
+        put(&mut session, 0, &[1.0]);
+        put(&mut session, 3, &[2.0, 6.0, 8.0]);
+        put(&mut session, 0, &[1.0, 3.0]);
+        let revision = session.frames.revision;
+        assert_eq!(
+            (session.loaded.clouds[0].points, session.loaded.points(), session.loaded.clouds[0].cloud.len()),
+            (5, 5, 5)
+        );
+        assert_eq!(session.bounds().max, DVec3::splat(8.0));
+        drop_chunk(&mut session, 3);
+        assert_eq!((session.loaded.clouds[0].points, session.loaded.clouds[0].cloud.len()), (2, 2));
+        assert_eq!((session.bounds().min, session.bounds().max), (DVec3::ONE, DVec3::splat(3.0)));
+        assert!(session.frames.revision > revision && session.loaded.clouds[0].chunk_bounds().len() == 1);
+        let removed =
+            |command: &Change| matches!(command, Change::TakeOut { key } if key.part == Part::Node(NodeId(3)));
+        assert_eq!(commands(&mut session).iter().filter(|command| removed(command)).count(), 1);
+        let revision = session.frames.revision;
+        drop_chunk(&mut session, 3);
+        assert!(commands(&mut session).is_empty() && session.frames.revision == revision, "it has gone already");
+    }
+
+    #[test]
+    fn what_is_drawn_first_has_its_colours() {
+        let mut session = streamed();
+        let sent = commands(&mut session);
+        let chunk = sent.iter().position(|command| matches!(command, Change::Put { .. }));
+        let color = sent.iter().position(
+            |command| matches!(command, Change::Color { plan, .. } if plan.source == render::ColorSource::Column(0)),
+        );
+        assert!(chunk.is_some() && color > chunk, "{chunk:?}, {color:?}");
+        put(&mut session, 3, &[2.0, 3.0, 4.0]);
+        assert!(!commands(&mut session).iter().any(|command| matches!(command, Change::Color { .. })));
+    }
+
+    #[test]
+    fn points_take_no_more_of_the_gpu_than_they_may() {
+        let gpu = match render::Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return eprintln!("skipped: {error}"),
+        };
+        let mut settings = Settings::default();
+        settings.stream.gpu_bytes.0 = 96 << 20;
+        let points = most_points(&settings.view, &settings.stream);
+        let mut store = render::PointStore::new(gpu);
+        store.reserve(points);
+        let cloud = store.add_cloud(render::Material::default());
+        // As large as small nodes.
+        let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 10_001]);
+        for _ in 0..points / chunk.len() as u64 {
+            store.add_chunk(cloud, &chunk, None).unwrap();
+        }
+        // Of the 48 bytes of a point, spare room left out, these are the 24 that are there without an attribute and without mirrors.
+        let bytes = store.gpu_bytes() * 2;
+        // Room is given in grains of so many points.
+        let grain = 48 << 18;
+        assert!(bytes <= settings.stream.gpu_bytes.0 + grain, "{bytes}");
+        assert!(bytes > settings.stream.gpu_bytes.0 / 2, "{bytes}: much less than it may be");
+    }
+
+    #[test]
+    fn bounds_and_number_of_a_streamed_cloud_are_those_of_its_index() {
+        let mut session = streamed();
+        assert_eq!(session.bounds(), octree().nodes[0].bounds);
+        put(&mut session, 3, &[2.0, 3.0, 4.0]);
+        drop_chunk(&mut session, 0);
+        assert_eq!(session.bounds(), octree().nodes[0].bounds);
+        assert_eq!((session.loaded.points(), session.loaded.all_points(), session.loaded.clouds[0].total()), (3, 8, 8));
+        assert_eq!(session.loaded.title(), "survey - 8 points - glint");
+        let room = |session: &mut Session| {
+            let commands = commands(session).into_iter();
+            commands
+                .filter_map(|command| if let Change::Expect { points } = command { Some(points) } else { None })
+                .last()
+        };
+        assert_eq!(room(&mut session), Some(8), "no more room is made than all points take");
+        session.scene.settings.view.point_budget = 4;
+        session.with_loaded(Loaded::look_around);
+        assert_eq!(room(&mut session), Some(4), "nor than may be there");
+        session.with_loaded(Loaded::look_around);
+        assert_eq!(room(&mut session), None);
+    }
+
+    #[test]
+    fn a_streamed_cloud_is_loaded_with_its_first_look_and_at_rest_with_its_last() {
+        let mut session = streamed();
+        assert!(session.loaded.is_loading() && session.loaded.points_come());
+        settle(&mut session);
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() }, beside)
+        });
+        assert!(!session.loaded.is_loading() && !session.loaded.points_come());
+        assert!(
+            session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. })))
+        );
+        session.scene.camera.eye += DVec3::ONE;
+        session.with_loaded(Loaded::look_around);
+        assert!(!session.loaded.is_loading() && session.loaded.points_come());
+        let late =
+            StreamStats { view_number: session.loaded.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Stream(late), beside));
+        assert!(session.loaded.points_come(), "that is about an earlier look");
+        settle(&mut session);
+        assert!(!session.loaded.points_come());
+        assert_eq!(session.loaded.clouds[0].streamed.as_ref().unwrap().rests, 2);
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
+        assert!(session.loaded.jobs.is_empty() && session.loaded.clouds.len() == 1);
+    }
+
+    #[test]
+    fn a_streamed_point_is_picked_with_all_that_its_page_holds_and_no_record_is_looked_up() {
+        let mut session = streamed();
+        put(&mut session, 3, &[2.0, 3.251, 4.0]);
+        commands(&mut session);
+        let point = Some(PickedPoint { chunk: session.loaded.clouds[0].key.chunk(Part::Node(NodeId(3))), index: 1 });
+        session.on_report(Report::Picked { pixel: [0, 0], purpose: PickPurpose::Select, point });
+        let pick = &session.tools.picks[0];
+        assert_eq!((pick.world, pick.is_streamed), (DVec3::splat(3.25), true));
+        assert_eq!(pick.record, Some(Ok(vec![("intensity".to_string(), "3".to_string())])));
+        assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::ReadRecord { .. }))));
+    }
+
+    #[test]
+    fn a_ramp_stays_while_chunks_come_and_go_and_the_histogram_counts_what_is_there() {
+        let mut session = streamed();
+        session.scene.settings.color.by = scene::ColorBy::Height;
+        let found = |session: &mut Session| {
+            session.with_loaded(Loaded::renew_figures);
+            let effects = std::mem::take(&mut session.outside.effects);
+            let asked = effects.into_iter().find_map(|effect| match effect {
+                Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }) => Some((key, cloud, basis, up, kept)),
+                _ => None,
+            });
+            let Some((key, cloud, basis, up, kept)) = asked else { return false };
+            let figures = match kept {
+                Some(kept) => kept.recounted(&cloud, &basis.visibility, up),
+                None => crate::viewer::loaded::figures::Figures::of(&cloud, &basis.color, &basis.visibility, up),
+            };
+            session.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
+            true
+        };
+        assert!(found(&mut session));
+        let counted =
+            |session: &Session| session.loaded.clouds[0].figures.as_ref().unwrap().histogram.iter().sum::<u32>();
+        let plan = session.loaded.clouds[0].figures.as_ref().unwrap().plan.clone();
+        assert_eq!(counted(&session), 2);
+        put(&mut session, 3, &[2.0, 3.0, 4.0]);
+        drop_chunk(&mut session, 0);
+        put(&mut session, 2, &[6.0]);
+        settle(&mut session);
+        commands(&mut session);
+        assert!(found(&mut session), "what is there is counted when it is complete");
+        assert_eq!(session.loaded.clouds[0].figures.as_ref().unwrap().plan, plan);
+        assert_eq!(counted(&session), 4);
+        assert!(!commands(&mut session).iter().any(|command| matches!(command, Change::Color { .. })));
+        session.scene.settings.color.high = 0.5;
+        assert!(found(&mut session) && session.loaded.clouds[0].figures.as_ref().unwrap().plan != plan);
+    }
+
+    #[test]
+    fn levels_are_shown_of_what_is_there_and_of_what_comes_and_end() {
+        let mut session = streamed();
+        session.scene.settings.stream.overlay = true;
+        commands(&mut session);
+        session.with_loaded(Loaded::sync_levels);
+        put(&mut session, 2, &[6.0, 6.5, 7.0]);
+        let tints: Vec<_> = commands(&mut session)
+            .into_iter()
+            .filter_map(|command| if let Change::Tint { tints } = command { Some(tints) } else { None })
+            .flatten()
+            .collect();
+        assert_eq!(
+            tints.iter().map(|(key, _)| key.part).collect::<Vec<_>>(),
+            [0, 2].map(|node| Part::Node(NodeId(node)))
+        );
+        assert!(tints[0].1.is_some() && tints[1].1.is_some() && tints[0].1 != tints[1].1, "{tints:?}");
+        let boxes = session.loaded.clouds[0].shown_boxes();
+        assert_eq!(boxes.len(), 2, "the node between them is not there, so the root is the last above");
+        session.scene.settings.stream.overlay = false;
+        session.with_loaded(Loaded::sync_levels);
+        let ends = |command: &Change| matches!(command, Change::Tint { tints } if tints.len() == 2 && tints.iter().all(|(_, tint)| tint.is_none()));
+        assert!(commands(&mut session).iter().any(ends));
+    }
+
+    #[test]
+    fn points_of_a_streamed_cloud_are_no_mirror_and_that_is_said() {
+        let mut session = streamed();
+        settle(&mut session);
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() }, beside)
+        });
+        let key = session.loaded.clouds[0].key;
+        session.scene.edit_objects(session.outside.now, |objects| {
+            objects.markings.push(Marking { key, points: MirrorPoints::whole("survey".into()) })
+        });
+        session.with_loaded(Loaded::sync_objects);
+        assert!(session.scene.objects.markings.is_empty());
+        assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::MarkPoints { .. }))));
+        assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("stream.pages")));
+    }
+
+    #[test]
+    fn what_is_opened_later_gets_half_until_it_tells_what_it_needs() {
+        let mut session = streamed();
+        session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        session.loaded.jobs[1].has_streamed = true;
+        settle(&mut session);
+        assert_eq!([session.loaded.jobs[0].share, session.loaded.jobs[1].share], [0.5, 0.5]);
+        for (job, demand) in [(0, 0.01), (1, 1.0)] {
+            session.with_loaded(|loaded, beside| {
+                loaded.on_loading(job, Event::Stream(StreamStats { demand, ..StreamStats::default() }), beside)
+            });
+        }
+        session.with_loaded(Loaded::look_around);
+        assert!(session.loaded.jobs[0].share < 0.1 && session.loaded.jobs[1].share > 0.9);
+    }
+
+    #[test]
+    fn a_hidden_cloud_is_not_looked_at() {
+        let mut session = streamed();
+        settle(&mut session);
+        let (key, look) = (session.loaded.clouds[0].key, session.loaded.jobs[0].look);
+        session.with_loaded(|loaded, beside| loaded.set_visible(key, false, beside));
+        session.with_loaded(Loaded::look_around);
+        assert!(session.loaded.jobs[0].look > look, "that is another look");
+        assert_eq!(session.loaded.hidden(&session.loaded.jobs[0]), BTreeSet::from([0]));
+        session.with_loaded(|loaded, beside| loaded.set_visible(key, true, beside));
+        session.with_loaded(Loaded::look_around);
+        assert!(session.loaded.hidden(&session.loaded.jobs[0]).is_empty());
+    }
+}

@@ -1,0 +1,240 @@
+//! What colours the points: mode, ramp, the histogram with its two handles, and the list of classes.
+
+use std::collections::BTreeMap;
+
+use egui::{Color32, Rect, RichText, Sense, Ui, pos2, vec2};
+use param::Value;
+use render::{class_color, class_name, ramp_colors};
+use scene::{ColorBy, Ramp};
+
+use crate::viewer::action::Action;
+use crate::viewer::loaded::figures::{Figures, share_below};
+use crate::viewer::panels::parameters::parameter;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::theme::grouped;
+use crate::viewer::widgets::{eye, name_label};
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let color = &session.scene.settings.color;
+    parameter(ui, color, "by", actions);
+    if color.by == ColorBy::Attribute {
+        attribute_choice(ui, session, actions);
+    }
+    for (name, progress) in session.loaded.columns_under_way() {
+        let share = progress.done() as f32 / progress.total().max(1) as f32;
+        ui.add(egui::ProgressBar::new(share).text(format!("reading {name}")).desired_height(14.0));
+        ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
+    }
+    let with_ramp = session
+        .loaded
+        .clouds
+        .iter()
+        .filter(|entry| entry.is_visible)
+        .find_map(|entry| entry.figures.as_ref().filter(|figures| !figures.histogram.is_empty()));
+    if let Some(figures) = with_ramp {
+        let (low, high) = histogram(ui, figures, color.ramp, color.low, color.high);
+        for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
+            actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
+        }
+        parameter(ui, color, "ramp", actions);
+    } else if let Some(figures) = session.loaded.clouds.iter().find_map(|entry| entry.figures.as_ref()) {
+        ui.label(RichText::new(format!("shown: {}", figures.plan.label)).small().color(theme::WEAK));
+    }
+    parameter(ui, color, "plain", actions);
+    let mut classes: BTreeMap<u8, u64> = BTreeMap::new();
+    for (class, count) in
+        session.loaded.clouds.iter().filter_map(|entry| entry.figures.as_ref()).flat_map(|f| &f.classes)
+    {
+        *classes.entry(*class).or_default() += count;
+    }
+    // Files whose points are all of one class say nothing by it.
+    if classes.len() > 1 || !session.scene.objects.visibility.shows_all() {
+        ui.separator();
+        class_list(ui, session, &classes, actions);
+    }
+}
+
+fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let mut names: Vec<&str> = Vec::new();
+    for attribute in session.loaded.clouds.iter().flat_map(|entry| &entry.cloud.attributes) {
+        if !names.contains(&attribute.name.as_str()) {
+            names.push(&attribute.name);
+        }
+    }
+    let mut chosen = session.scene.settings.color.attribute.clone();
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Attribute");
+        egui::ComboBox::from_id_salt("attribute")
+            .width(130.0)
+            .selected_text(&chosen)
+            .show_ui(ui, |ui| {
+                for name in &names {
+                    ui.selectable_value(&mut chosen, (*name).to_string(), *name);
+                }
+                if names.is_empty() {
+                    ui.label("no attributes");
+                }
+            })
+            .response
+            .labelled_by(label.id);
+    });
+    if chosen != session.scene.settings.color.attribute {
+        actions.push(Action::set("color", "attribute", Value::Text(chosen)));
+    }
+}
+
+/// Draws the histogram in the colours of the ramp; returns the shares that its handles stand at.
+fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
+    let plan = &figures.plan;
+    let (start, end) = plan.full_range;
+    let place_of =
+        |value: f64| if end > start { ((value - start) / (end - start)).clamp(0.0, 1.0) as f32 } else { 0.5 };
+    ui.label(RichText::new(&plan.label).small().color(theme::WEAK));
+    let (outer, response) = ui.allocate_exact_size(vec2(ui.available_width(), 70.0), Sense::click_and_drag());
+    // Room for the handles at the ends.
+    let rect = outer.shrink2(vec2(6.0, 0.0));
+    let (mut low, mut high) = (low, high);
+    let (mut low_place, mut high_place) = (place_of(plan.low), place_of(plan.high));
+    if response.double_clicked() {
+        let default = scene::Color::default();
+        return (default.low, default.high);
+    }
+    // The handle nearest to where the drag began goes along.
+    let id = response.id.with("handle");
+    if let (true, Some(pointer)) = (response.drag_started(), response.interact_pointer_pos()) {
+        let at = (pointer.x - rect.left()) / rect.width();
+        let is_low = (at - low_place).abs() < (at - high_place).abs() || at <= low_place;
+        ui.data_mut(|data| data.insert_temp(id, is_low));
+    }
+    if let (true, Some(pointer)) = (response.dragged(), response.interact_pointer_pos()) {
+        let at = ((pointer.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
+        let share = share_at(&figures.histogram, at);
+        if ui.data(|data| data.get_temp(id)).unwrap_or(true) {
+            (low, low_place) = (share.min(high), at.min(high_place));
+        } else {
+            (high, high_place) = (share.max(low), at.max(low_place));
+        }
+    }
+    let painter = ui.painter_at(outer);
+    painter.rect_filled(outer, 4.0, ui.visuals().extreme_bg_color);
+    let colors = ramp_colors(ramp);
+    let tallest = figures.histogram.iter().copied().max().unwrap_or(1).max(1) as f32;
+    let width = rect.width() / figures.histogram.len() as f32;
+    for (index, count) in figures.histogram.iter().enumerate() {
+        let place = (index as f32 + 0.5) / figures.histogram.len() as f32;
+        let along = ((place - low_place) / (high_place - low_place).max(1e-6)).clamp(0.0, 1.0);
+        let [red, green, blue, _] = colors[(along * 255.0) as usize];
+        // Root scale: a bin of a hundredth of the tallest can still be seen.
+        let height = (*count as f32 / tallest).sqrt() * (rect.height() - 8.0);
+        let left = rect.left() + index as f32 * width;
+        let bar = Rect::from_min_max(pos2(left, rect.bottom() - height), pos2(left + width, rect.bottom()));
+        let is_inside = place >= low_place && place <= high_place;
+        let color = Color32::from_rgb(red, green, blue);
+        painter.rect_filled(bar, 0.0, if is_inside { color } else { color.gamma_multiply(0.35) });
+    }
+    for place in [low_place, high_place] {
+        let x = rect.left() + place * rect.width();
+        painter.vline(x, rect.y_range(), egui::Stroke::new(1.5, Color32::WHITE));
+        painter.circle_filled(pos2(x, rect.bottom() - 5.0), 4.5, Color32::WHITE);
+    }
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(figure(plan.low, end - start)).small().monospace());
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            ui.label(RichText::new(figure(plan.high, end - start)).small().monospace());
+        });
+    });
+    response.on_hover_text("Drag the handles to set the ramp's ends; double-click resets them");
+    (low, high)
+}
+
+/// Share of all points below a place of the histogram. It leaves out the most extreme thousandth at each end, which the
+/// ends of the handles' way stand for.
+fn share_at(histogram: &[u32], place: f32) -> f32 {
+    match place {
+        0.0 => 0.0,
+        1.0 => 1.0,
+        _ => (0.001 + 0.998 * share_below(histogram, f64::from(place))) as f32,
+    }
+}
+
+/// A value with as many digits as its range asks for.
+fn figure(value: f64, range: f64) -> String {
+    let decimals = if range > 0.0 { (3.0 - range.log10().floor()).clamp(0.0, 6.0) } else { 3.0 };
+    format!("{value:.*}", decimals as usize)
+}
+
+fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.label(RichText::new("Classes").strong());
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if ui.small_button("None").clicked() {
+                actions.push(Action::ShowClasses((0..=255).collect(), false));
+            }
+            if ui.small_button("All").clicked() {
+                actions.push(Action::ShowClasses((0..=255).collect(), true));
+            }
+        });
+    });
+    for (class, count) in classes {
+        let visible = session.scene.objects.visibility.test().shows(Some(*class));
+        let name = class_name(*class);
+        let name = if name.is_empty() { "user-defined or reserved" } else { name };
+        ui.horizontal(|ui| {
+            if eye(ui, visible, &format!("class {class}")).clicked() {
+                actions.push(Action::ShowClasses(vec![*class], !visible));
+            }
+            let [red, green, blue, _] = class_color(*class);
+            let (swatch, _) = ui.allocate_exact_size(vec2(10.0, 10.0), Sense::hover());
+            ui.painter().rect_filled(swatch, 2.0, Color32::from_rgb(red, green, blue));
+            let text = RichText::new(format!("{class} {name}"));
+            ui.label(if visible { text } else { text.color(theme::WEAK) });
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                ui.label(RichText::new(grouped(*count)).small().monospace().color(theme::WEAK));
+            });
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+    use crate::viewer::preferences::Preferences;
+
+    #[test]
+    fn the_eye_of_a_class_hides_it_and_all_shows_it_again() {
+        let classes = BTreeMap::from([(2_u8, 1200_u64), (6, 34)]);
+        let mut harness = egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui_state(
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| class_list(ui, session, &classes, actions))
+            },
+            Session::new(Preferences::default()),
+        );
+        harness.run();
+        assert!(harness.query_by_label("2 ground").is_some());
+        harness.get_by_label("Show class 6").click();
+        harness.run();
+        let hidden = |harness: &egui_kittest::Harness<'_, Session>| {
+            harness.state().scene.objects.visibility.hidden_classes.clone()
+        };
+        assert_eq!(hidden(&harness), [6].into());
+        harness.get_by_label("All").click();
+        harness.run();
+        assert!(hidden(&harness).is_empty());
+    }
+
+    #[test]
+    fn handles_at_the_ends_leave_no_point_out() {
+        assert_eq!(share_at(&[1, 2, 3], 0.0), 0.0);
+        assert_eq!(share_at(&[1, 2, 3], 1.0), 1.0);
+        assert!((share_at(&[1, 1], 0.5) - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn values_have_digits_for_their_range() {
+        assert_eq!(figure(635_619.123_4, 0.02), "635619.12340");
+        assert_eq!(figure(1234.56, 5000.0), "1235");
+    }
+}

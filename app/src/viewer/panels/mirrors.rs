@@ -1,0 +1,308 @@
+//! The list of mirrors: add, select, name, copy, delete; and the numbers of the selected one.
+
+use egui::{RichText, Ui};
+use glam::{DQuat, DVec3, EulerRot};
+use scene::{Mirror, Object, Shape};
+
+use crate::viewer::action::Action;
+use crate::viewer::input::bindings;
+use crate::viewer::objects::ObjectId;
+use crate::viewer::panels::marking;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::widgets::{name_label, slider, three};
+
+pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        add_menu(ui, actions);
+        let is_held = session.tools.inspection.is_some();
+        let inspect = ui.selectable_label(is_held, "Inspect").on_hover_text(format!(
+            "A mirror that follows the cursor and shows what faces away ({})",
+            bindings::shortcut(&Action::Inspect)
+        ));
+        if inspect.clicked() {
+            actions.push(Action::Inspect);
+        }
+        let save = ui.button("Save scene").on_hover_text(format!(
+            "Clouds, camera, parameters and mirrors as a file ({})",
+            bindings::shortcut(&Action::SaveScene)
+        ));
+        if save.clicked() {
+            actions.push(Action::SaveScene);
+        }
+    });
+    inspection(ui, session, actions);
+    list(ui, session, actions);
+    if let Some((id, mirror)) =
+        session.scene.selected.and_then(|id| Some((id, session.scene.objects.mirror(id)?.clone())))
+    {
+        ui.separator();
+        ui.push_id(id.0, |ui| numbers(ui, session, id, mirror, actions));
+    }
+    ui.add_space(4.0);
+    egui::CollapsingHeader::new("Turn points into a mirror")
+        .id_salt("marking")
+        .show_unindented(ui, |ui| marking::show(ui, session, actions));
+}
+
+fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {
+    ui.menu_button("Add", |ui| {
+        for shape in Shape::ALL {
+            let help = "At the picked point, or at the pivot";
+            if ui.button(capitalized(shape.name())).on_hover_text(help).clicked() {
+                actions.push(Action::AddMirror(shape));
+            }
+        }
+        ui.separator();
+        if ui.button("Cloud file…").on_hover_text("Opens a cloud whose points are the mirror").clicked() {
+            actions.push(Action::PromptForMirror);
+        }
+    });
+}
+
+fn capitalized(name: &str) -> String {
+    name[..1].to_uppercase() + &name[1..]
+}
+
+fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let Some(before) = session.tools.inspection.as_ref().map(|held| held.pose) else { return };
+    let mut pose = before;
+    ui.label(RichText::new("Click pins it, Esc takes it away.").small().color(theme::WEAK));
+    slider(ui, "Distance", egui::Slider::new(&mut pose.distance, 0.005..=0.9).logarithmic(true))
+        .on_hover_text("From the surface, as a share of the way to the eye");
+    let mut tilt = pose.tilt.to_degrees();
+    if slider(ui, "Tilt", egui::Slider::new(&mut tilt, -170.0..=170.0).suffix("°")).changed() {
+        pose.tilt = tilt.to_radians();
+    }
+    slider(ui, "Size", egui::Slider::new(&mut pose.size, 0.01..=0.5).logarithmic(true))
+        .on_hover_text("Half its width, as a share of the way to the eye");
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Bulged");
+        ui.checkbox(&mut pose.is_bulged, "").labelled_by(label.id);
+    });
+    ui.separator();
+    if pose != before {
+        actions.push(Action::ChangeInspection(pose));
+    }
+}
+
+fn list(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    if session.scene.objects.mirrors.is_empty() {
+        ui.label(RichText::new("No mirrors.").color(theme::WEAK));
+    }
+    let mirrors = session.scene.objects.mirrors.iter().map(|placed| (placed.id, placed.mirror.name.clone()));
+    object_list(ui, session, mirrors.collect(), actions);
+}
+
+/// Lines of mirrors or lights by their names: a click selects, buttons copy and delete.
+pub fn object_list(ui: &mut Ui, session: &Session, objects: Vec<(ObjectId, String)>, actions: &mut Vec<Action>) {
+    for (id, name) in objects {
+        ui.push_id(id.0, |ui| {
+            ui.horizontal(|ui| {
+                ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                    let delete = ui.small_button("×").on_hover_text("Delete");
+                    if delete.accessible_name(format!("Delete {name}")).clicked() {
+                        actions.extend([Action::Select(Some(id)), Action::Delete]);
+                    }
+                    if ui.small_button("Copy").accessible_name(format!("Copy {name}")).clicked() {
+                        actions.extend([Action::Select(Some(id)), Action::Duplicate]);
+                    }
+                    ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                        let is_selected = session.scene.selected == Some(id);
+                        if ui.selectable_label(is_selected, &name).clicked() {
+                            actions.push(Action::Select(if is_selected { None } else { Some(id) }));
+                        }
+                    });
+                });
+            });
+        });
+    }
+}
+
+/// The numbers of a mirror. What they make of it is taken only if it is one.
+fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, actions: &mut Vec<Action>) {
+    let before = mirror.clone();
+    let step = mirror.size * 0.01;
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Name");
+        let edit = egui::TextEdit::singleline(&mut mirror.name).desired_width(150.0);
+        let response = ui.add(edit).labelled_by(label.id);
+        if response.lost_focus() {
+            mirror.name = session.scene.objects.free_name(&mirror.name, Some(id));
+        }
+    });
+    if let Some(position) = three(ui, "Position", mirror.position, step, "") {
+        mirror.position = position;
+    }
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Size");
+        let drag =
+            egui::DragValue::new(&mut mirror.size).speed(step).range(f64::MIN_POSITIVE..=f64::MAX).max_decimals(6);
+        ui.add(drag).labelled_by(label.id);
+    });
+    let angles = remembered_angles(ui, mirror.rotation, session.up());
+    if let Some(angles) = three(ui, "Yaw pitch roll", angles, 0.5, "°") {
+        mirror.rotation = from_angles(angles, session.up());
+        remember_angles(ui, mirror.rotation, angles);
+    }
+    match &mut mirror.shape {
+        Shape::Plane { height } => drop(slider(ui, "Height", egui::Slider::new(height, 0.01..=10.0).logarithmic(true))),
+        Shape::Paraboloid { focal_length } => {
+            slider(ui, "Focal length", egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
+        }
+        Shape::Torus { tube } => drop(slider(ui, "Tube", egui::Slider::new(tube, 0.01..=0.99))),
+        Shape::Sphere | Shape::Blob | Shape::Coral => {}
+    }
+    slider(ui, "Intensity", egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
+        .on_hover_text("Share of the light that is reflected; the rest is diffuse");
+    slider(ui, "Power", egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
+        .on_hover_text("Sharpness of the highlights that it shows of lights; 0: none");
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Colour");
+        egui::color_picker::color_edit_button_rgb(ui, &mut mirror.color).labelled_by(label.id);
+    })
+    .response
+    .on_hover_text("Of its diffuse part, and the tint of its reflections");
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "As points");
+        ui.checkbox(&mut mirror.as_points, "")
+            .labelled_by(label.id)
+            .on_hover_text("Drawn as points even where its formula could be");
+    });
+    if mirror != before && mirror.problem().is_none() {
+        actions.push(Action::ChangeObject(id, Box::new(Object::Mirror(mirror))));
+    }
+}
+
+/// Yaw is about the axis that points up, then pitch about the mirror's x axis, then roll; degrees.
+fn order(up: DVec3) -> EulerRot {
+    if up.y.abs() > up.z.abs() { EulerRot::YXZ } else { EulerRot::ZXY }
+}
+
+fn from_angles(degrees: DVec3, up: DVec3) -> DQuat {
+    let [yaw, pitch, roll] = degrees.to_array().map(f64::to_radians);
+    DQuat::from_euler(order(up), yaw, pitch, roll)
+}
+
+fn angles(rotation: DQuat, up: DVec3) -> DVec3 {
+    let (yaw, pitch, roll) = rotation.to_euler(order(up));
+    // No -0, and no digits that are only rounding.
+    DVec3::new(yaw, pitch, roll).map(|angle| (angle.to_degrees() * 1e6).round() / 1e6 + 0.0)
+}
+
+/// Several triples of angles mean the same rotation: while a person turns one of them, the others stay.
+fn remembered_angles(ui: &Ui, rotation: DQuat, up: DVec3) -> DVec3 {
+    let remembered: Option<(DQuat, DVec3)> = ui.data(|data| data.get_temp(ui.scope_id().with("angles")));
+    remembered.filter(|(known, _)| *known == rotation).map_or_else(|| angles(rotation, up), |(_, angles)| angles)
+}
+
+fn remember_angles(ui: &Ui, rotation: DQuat, angles: DVec3) {
+    ui.data_mut(|data| data.insert_temp(ui.scope_id().with("angles"), (rotation, angles)));
+}
+
+#[cfg(test)]
+mod tests {
+
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+    use crate::viewer::loaded::Loaded;
+    use crate::viewer::outside::Effect;
+    use crate::viewer::work::{Found, Work};
+
+    /// The panel over a scene of two points.
+    fn harness() -> Harness<'static, Session> {
+        let session = Session::with_two_points();
+        Harness::builder().with_size([340.0, 900.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        )
+    }
+
+    fn names(harness: &Harness<'static, Session>) -> Vec<String> {
+        harness.state().scene.objects.mirrors.iter().map(|placed| placed.mirror.name.clone()).collect()
+    }
+
+    fn add(harness: &mut Harness<'static, Session>, shape: &str) {
+        harness.get_by_label("Add").click();
+        harness.run_ok();
+        harness.get_by_label(shape).click();
+        harness.run_ok();
+    }
+
+    #[test]
+    fn mirrors_are_added_copied_deleted_and_come_back_by_undo() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Sphere");
+        assert_eq!(names(&harness), ["sphere"]);
+        let added = harness.state().scene.objects.mirrors[0].clone();
+        assert_eq!(harness.state().scene.selected, Some(added.id));
+        // A tenth of the scene, and standing on the pivot.
+        let radius = harness.state().bounds().radius();
+        assert!(added.mirror.size > 0.03 * radius && added.mirror.size < 0.2 * radius, "{}", added.mirror.size);
+        harness.get_by_label("Copy sphere").click();
+        harness.run_ok();
+        assert_eq!(names(&harness), ["sphere", "sphere 2"]);
+        harness.get_by_label("Delete sphere").click();
+        harness.run_ok();
+        assert_eq!(names(&harness), ["sphere 2"]);
+        for expected in [&["sphere", "sphere 2"][..], &["sphere"], &[]] {
+            harness.state_mut().act(Action::Undo);
+            assert_eq!(names(&harness), expected);
+        }
+        harness.state_mut().act(Action::Redo);
+        assert_eq!(harness.state().scene.objects.mirrors[0], added);
+    }
+
+    #[test]
+    fn every_shape_can_be_added_and_shows_its_numbers() {
+        let mut harness = harness();
+        harness.run_ok();
+        for (shape, own) in [("Plane", "Height"), ("Paraboloid", "Focal length"), ("Torus", "Tube"), ("Blob", "Size")] {
+            add(&mut harness, shape);
+            assert!(harness.query_all_by_label(own).next().is_some(), "{shape} has no {own}");
+            assert_eq!(harness.state().scene.objects.mirrors.last().unwrap().mirror.problem(), None);
+        }
+        assert!(names(&harness).contains(&"torus".to_string()));
+    }
+
+    #[test]
+    fn a_sampled_mirror_is_wanted_once_per_change() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Sphere");
+        let wanted = |harness: &mut Harness<'static, Session>| {
+            let session = harness.state_mut();
+            session.with_loaded(Loaded::sync_objects);
+            let effects = std::mem::take(&mut session.outside.effects);
+            effects.into_iter().find_map(|effect| match effect {
+                Effect::Work(Work::SampleMirror { id, mirror, area_per_point }) => Some((id, mirror, area_per_point)),
+                _ => None,
+            })
+        };
+        let (id, mirror, area_per_point) = wanted(&mut harness).expect("its points");
+        assert!(wanted(&mut harness).is_none(), "asked for twice");
+        let samples = world::mirrors::sample(&mirror, area_per_point);
+        harness.state_mut().on_found(Found::Samples { id, mirror, area_per_point, samples });
+        assert!(wanted(&mut harness).is_none(), "asked for again");
+        harness.state_mut().scene.objects.mirrors[0].mirror.name = "ball".into();
+        assert!(wanted(&mut harness).is_none(), "a name is no change");
+        harness.state_mut().scene.objects.mirrors[0].mirror.size *= 2.0;
+        assert!(wanted(&mut harness).is_some(), "a new size is one");
+    }
+
+    #[test]
+    fn angles_come_back_whichever_axis_points_up() {
+        for up in [DVec3::Y, DVec3::Z] {
+            for degrees in [DVec3::new(30.0, -40.0, 170.0), DVec3::ZERO, DVec3::new(-179.0, 89.0, 3.0)] {
+                let back = angles(from_angles(degrees, up), up);
+                assert!(back.distance(degrees) < 1e-5, "{degrees} became {back}");
+            }
+            // Yaw keeps what points up.
+            let turned = from_angles(DVec3::new(70.0, 0.0, 0.0), up) * up;
+            assert!(turned.distance(up) < 1e-12);
+        }
+    }
+}

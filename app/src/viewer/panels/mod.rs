@@ -1,0 +1,17 @@
+//! The panels, and what lies over the picture: they read the session and push actions.
+
+pub mod clouds;
+pub mod colors;
+pub mod light;
+pub mod marking;
+pub mod mirrors;
+pub mod overlay;
+pub mod parameters;
+pub mod path_prompt;
+pub mod pick;
+pub mod presets;
+pub mod streaming;
+pub mod sweep;
+pub mod timings;
+pub mod truth;
+pub mod tuning;

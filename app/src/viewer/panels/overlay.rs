@@ -1,0 +1,158 @@
+//! What is drawn over the picture: the pivot, picked points, the line between them, handles. Seen through the camera of the picture
+//! that is shown, so that marks stick to their points.
+
+use cloud::Bounds;
+use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use glam::DVec3;
+
+use crate::viewer::input::lens::Lens;
+use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::tools::gizmo;
+
+const SHADOW: Color32 = Color32::from_black_alpha(160);
+/// Boxes of pages that are drawn; more would be a tangle.
+const MOST_BOXES: usize = 2000;
+
+pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
+    let Some(shown) = &session.frames.shown else { return };
+    let size = shown.request.size;
+    let lens = Lens::new(&shown.request.camera, &shown.request.settings.view, size);
+    let place = |world: DVec3| -> Option<Pos2> {
+        let pixel = lens.project(world)?;
+        let x = pixel.x as f32 / size[0] as f32 * rect.width();
+        let y = pixel.y as f32 / size[1] as f32 * rect.height();
+        Some(rect.min + vec2(x, y))
+    };
+    let painter = painter.with_clip_rect(rect);
+    if session.scene.settings.stream.overlay {
+        let boxes = session.loaded.clouds.iter().filter(|entry| entry.is_visible).flat_map(CloudEntry::shown_boxes);
+        for (bounds, [red, green, blue, _]) in boxes.take(MOST_BOXES) {
+            wire(&painter, &place, bounds, Stroke::new(1.0, Color32::from_rgb(red, green, blue)));
+        }
+    }
+    let marked =
+        session.scene.navigation.pivot_mark(session.outside.now).and_then(|_| place(shown.request.camera.pivot));
+    if let Some(at) = marked {
+        pivot(&painter, at);
+    }
+    let places: Vec<Option<Pos2>> = session.tools.picks.iter().map(|pick| place(pick.world)).collect();
+    if let ([Some(first), Some(second)], Some(distance)) = (places.as_slice(), session.tools.distance(session.up())) {
+        painter.line_segment([*first, *second], Stroke::new(3.5, SHADOW));
+        painter.line_segment([*first, *second], Stroke::new(1.5, theme::ACCENT));
+        tag(&painter, *first + (*second - *first) * 0.5, &format!("{:.3}", distance.total));
+    }
+    for at in places.into_iter().flatten() {
+        cross(&painter, at);
+    }
+    gizmo::paint(&painter, rect, session);
+}
+
+/// The edges of a box.
+fn wire(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, bounds: Bounds, stroke: Stroke) {
+    let corners = bounds.corners();
+    for (from, axis) in (0..8).flat_map(|corner| (0..3).map(move |axis| (corner, axis))) {
+        // From each corner up along the axes on which it is the lower one.
+        if from >> axis & 1 == 0
+            && let Some(ends) = seen(place, corners[from], corners[from | 1 << axis])
+        {
+            painter.line_segment(ends, stroke);
+        }
+    }
+}
+
+/// What is before the eye of the line between two places.
+fn seen(place: &impl Fn(DVec3) -> Option<Pos2>, a: DVec3, b: DVec3) -> Option<[Pos2; 2]> {
+    let (mut before, mut behind) = match (place(a), place(b)) {
+        (Some(a), Some(b)) => return Some([a, b]),
+        (Some(_), None) => (a, b),
+        (None, Some(_)) => (b, a),
+        (None, None) => return None,
+    };
+    let start = place(before)?;
+    // Halved until the rest is far outside of the picture.
+    for _ in 0..10 {
+        let middle = (before + behind) * 0.5;
+        if place(middle).is_some() { before = middle } else { behind = middle }
+    }
+    Some([start, place(before)?])
+}
+
+fn pivot(painter: &Painter, at: Pos2) {
+    for (width, color) in [(3.5, SHADOW), (1.5, Color32::WHITE)] {
+        painter.circle_stroke(at, 7.0, Stroke::new(width, color));
+        painter.circle_filled(at, width, color);
+    }
+}
+
+fn cross(painter: &Painter, at: Pos2) {
+    for (width, color) in [(4.0, SHADOW), (1.6, theme::ACCENT)] {
+        let stroke = Stroke::new(width, color);
+        painter.circle_stroke(at, 6.0, stroke);
+        for direction in [vec2(1.0, 0.0), vec2(-1.0, 0.0), vec2(0.0, 1.0), vec2(0.0, -1.0)] {
+            painter.line_segment([at + direction * 6.0, at + direction * 12.0], stroke);
+        }
+    }
+}
+
+fn tag(painter: &Painter, at: Pos2, text: &str) {
+    let galley = painter.layout_no_wrap(text.into(), egui::FontId::monospace(12.0), Color32::WHITE);
+    let corner = pos2(at.x - galley.size().x * 0.5, at.y - galley.size().y - 8.0);
+    painter.rect_filled(Rect::from_min_size(corner, galley.size()).expand(4.0), 4.0, SHADOW);
+    painter.galley(corner, galley, Color32::WHITE);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sees what has a z above 0, where its x and y say.
+    fn place(world: DVec3) -> Option<Pos2> {
+        (world.z > 0.0).then(|| pos2(world.x as f32, world.y as f32))
+    }
+
+    #[test]
+    fn a_line_is_cut_where_it_passes_the_eye() {
+        let (before, behind) = (DVec3::new(0.0, 0.0, 1.0), DVec3::new(8.0, 4.0, -3.0));
+        assert_eq!(seen(&place, before, before + DVec3::X), Some([pos2(0.0, 0.0), pos2(1.0, 0.0)]));
+        assert_eq!(seen(&place, behind, behind + DVec3::X), None);
+        // It passes the eye after a quarter of its way; ten halvings come to within a thousandth of that.
+        for ends in [[before, behind], [behind, before]] {
+            let [from, to] = seen(&place, ends[0], ends[1]).expect("a part of it is before the eye");
+            assert_eq!(from, pos2(0.0, 0.0));
+            assert!(to.x <= 2.0 && to.distance(pos2(2.0, 1.0)) < 0.01, "{to}");
+        }
+    }
+
+    /// The shapes that a closure paints.
+    fn shapes(paint: impl Fn(&Painter)) -> Vec<egui::Shape> {
+        let context = egui::Context::default();
+        let output = context.run_ui(egui::RawInput::default(), |ui| paint(ui.painter()));
+        output.shapes.into_iter().map(|clipped| clipped.shape).collect()
+    }
+
+    #[test]
+    fn a_box_has_twelve_edges_and_those_behind_the_eye_are_left_out() {
+        let count = |bounds: Bounds| {
+            let painted = shapes(|painter| wire(painter, &place, bounds, Stroke::new(1.0, Color32::WHITE)));
+            painted.iter().filter(|shape| matches!(shape, egui::Shape::LineSegment { .. })).count()
+        };
+        let bounds = |low: f64| Bounds { min: DVec3::new(0.0, 0.0, low), max: DVec3::new(9.0, 9.0, low + 2.0) };
+        assert_eq!(count(bounds(1.0)), 12);
+        // Four edges of the near side, and the four that lead there.
+        assert_eq!(count(bounds(-1.0)), 8);
+        assert_eq!(count(bounds(-5.0)), 0);
+    }
+
+    #[test]
+    fn nothing_is_painted_before_there_is_a_picture() {
+        let mut session = Session::with_two_points();
+        session.scene.settings.stream.overlay = true;
+        session.scene.navigation.show_pivot(session.outside.now);
+        let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
+        assert!(
+            shapes(|painter| paint(painter, rect, &session)).iter().all(|shape| matches!(shape, egui::Shape::Noop))
+        );
+    }
+}

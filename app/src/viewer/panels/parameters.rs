@@ -1,0 +1,257 @@
+//! Draws any group of parameters from its table: a line each, with the widget that its kind asks for. Hovering tells help,
+//! key and range; a double-click or a right-click on the name resets it; what differs from the default is marked.
+
+use egui::{RichText, Sense, Ui};
+use param::{Field, Kind, Params, Value};
+
+use crate::viewer::action::Action;
+use crate::viewer::theme;
+use crate::viewer::widgets::{NAME_WIDTH, name_label};
+
+/// The parameters of a group, except those named in `skip`.
+pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut Vec<Action>) {
+    let group = params.group();
+    for field in group.fields.iter().filter(|field| !skip.contains(&field.name)) {
+        parameter(ui, params, field.name, actions);
+    }
+}
+
+/// One parameter.
+pub fn parameter(ui: &mut Ui, params: &dyn Params, name: &str, actions: &mut Vec<Action>) {
+    let group = params.group();
+    let Some(index) = group.fields.iter().position(|field| field.name == name) else { return };
+    let field = &group.fields[index];
+    let value = params.values().swap_remove(index);
+    let edited = ui.push_id((group.name, field.name), |ui| line(ui, group.name, field, value, actions)).inner;
+    actions.extend(edited.map(|edited| Action::set(group.name, field.name, edited)));
+}
+
+fn line(ui: &mut Ui, group: &str, field: &Field, value: Value, actions: &mut Vec<Action>) -> Option<Value> {
+    let is_changed = field.default() != value;
+    ui.horizontal(|ui| {
+        let name = title(field.name);
+        let text = if is_changed { RichText::new(name).color(theme::ACCENT) } else { RichText::new(name) };
+        let label = name_label(ui, text);
+        if label.double_clicked() || label.secondary_clicked() {
+            return Some(field.default());
+        }
+        let label_id = label.id;
+        label.on_hover_ui(|ui| {
+            ui.set_max_width(300.0);
+            ui.label(field.help);
+            ui.label(
+                RichText::new(format!("{group}.{} · {}", field.name, field.range_text())).small().color(theme::WEAK),
+            );
+            let reset = format!("default {} · double-click resets", field.format(&field.default()));
+            ui.label(RichText::new(reset).small().color(theme::WEAK));
+        });
+        let edited = widget(ui, field, value, label_id);
+        // All of the line but its name, whose right-click resets.
+        let rest = ui.min_rect().with_min_x(ui.min_rect().left() + NAME_WIDTH);
+        let rest = ui.interact(rest, ui.scope_id().with("sweep"), Sense::hover());
+        let by_secondary = ui.input(|input| {
+            let button = egui::PointerButton::Secondary;
+            input.pointer.button_down(button) || input.pointer.button_released(button)
+        });
+        sweep_menu(&rest, group, field, actions);
+        // A slider follows any button, also from a little beside it; this one is for the menu.
+        edited.filter(|_| !by_secondary)
+    })
+    .inner
+}
+
+fn sweep_menu(response: &egui::Response, group: &str, field: &Field, actions: &mut Vec<Action>) {
+    if !field.can_be_swept() {
+        return;
+    }
+    let is_asked = response.ctx.rect_contains_pointer(response.layer_id, response.rect)
+        && response.ctx.input(|input| input.pointer.secondary_clicked());
+    let menu = egui::Popup::menu(response).open_memory(is_asked.then_some(egui::SetOpenCommand::Bool(true)));
+    menu.at_pointer_fixed().show(|ui| {
+        let help = "Draws, times and judges this view with a range of values: a contact sheet and a table";
+        if ui.button("Sweep…").on_hover_text(help).clicked() {
+            actions.push(Action::AskSweep(format!("{group}.{}", field.name)));
+            ui.close();
+        }
+    });
+}
+
+/// The edited value, if it was edited.
+fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<Value> {
+    match (&field.kind, value) {
+        (Kind::Bool { .. }, Value::Bool(mut on)) => {
+            ui.checkbox(&mut on, "").labelled_by(label).changed().then_some(Value::Bool(on))
+        }
+        (Kind::F32 { min, max, .. }, Value::F32(mut number)) => {
+            let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            // Of a logarithmic one that begins at 0: four decades, and 0 at its end.
+            let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
+            let slider = slider.suffix(suffix(field.unit)).max_decimals(3);
+            ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
+        }
+        // A slider over all numbers of 32 bits would be no use: those are dragged and typed.
+        (Kind::U32 { min, max: u32::MAX, .. }, Value::U32(mut number)) => {
+            let drag = egui::DragValue::new(&mut number).range(*min..=u32::MAX);
+            ui.add(drag).labelled_by(label).changed().then_some(Value::U32(number))
+        }
+        (Kind::U32 { min, max, .. }, Value::U32(mut number)) => {
+            let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            ui.add(slider.suffix(suffix(field.unit))).labelled_by(label).changed().then_some(Value::U32(number))
+        }
+        (Kind::Choice { names, .. }, Value::Choice(index)) => {
+            let mut chosen = index as usize;
+            let shown = names.get(chosen).copied().unwrap_or_default();
+            let combo = egui::ComboBox::from_id_salt("choice").width(130.0).selected_text(shown);
+            combo
+                .show_ui(ui, |ui| {
+                    for (index, name) in names.iter().enumerate() {
+                        ui.selectable_value(&mut chosen, index, *name);
+                    }
+                })
+                .response
+                .labelled_by(label);
+            (chosen != index as usize).then_some(Value::Choice(chosen as u32))
+        }
+        (Kind::Color { .. }, Value::Color(color)) => {
+            let [red, green, blue, opacity] = color.bytes();
+            let mut rgb = [red, green, blue];
+            let changed = ui.color_edit_button_srgb(&mut rgb).labelled_by(label).changed();
+            let [red, green, blue] = rgb;
+            changed.then(|| Value::Color(param::Color::from_bytes([red, green, blue, opacity])))
+        }
+        (Kind::Bytes { min, max, .. }, Value::Bytes(bytes)) => {
+            let mut number = bytes.0 as f64;
+            let slider = egui::Slider::new(&mut number, min.0 as f64..=max.0 as f64).logarithmic(true);
+            let slider = slider
+                .custom_formatter(|number, _| param::Bytes(number as u64).to_string())
+                .custom_parser(|text| text.parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64));
+            let response = ui.add(slider).labelled_by(label);
+            let exact = param::Bytes(number as u64);
+            response.changed().then(|| Value::Bytes(if response.dragged() { even_amount(exact) } else { exact }))
+        }
+        (Kind::Text { .. }, Value::Text(mut text)) => {
+            let edit = egui::TextEdit::singleline(&mut text).desired_width(130.0);
+            ui.add(edit).labelled_by(label).changed().then_some(Value::Text(text))
+        }
+        _ => None,
+    }
+}
+
+/// The nearest amount that people would write: eight steps to a doubling.
+fn even_amount(bytes: param::Bytes) -> param::Bytes {
+    let step = (1_u64 << bytes.0.max(8).ilog2()) / 8;
+    param::Bytes(bytes.0.saturating_add(step / 2) / step * step)
+}
+
+/// `min_pixels` as people read it: `Min pixels`.
+fn title(name: &str) -> String {
+    let mut words = name.replace('_', " ");
+    if let Some(first) = words.get_mut(..1) {
+        first.make_ascii_uppercase();
+    }
+    words
+}
+
+/// Units that fit behind a number.
+fn suffix(unit: &str) -> &str {
+    match unit {
+        "degrees" => "°",
+        "pixels" => " px",
+        "x spacing" => " ×",
+        _ => "",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use scene::Settings;
+
+    use super::*;
+
+    /// Parameters, and what else was asked for.
+    type Shown = (Settings, Vec<Action>);
+
+    fn harness(settings: Settings) -> Harness<'static, Shown> {
+        // A hundredth of a second a frame: four of them are a double-click.
+        Harness::builder().with_size([360.0, 900.0]).with_step_dt(0.01).build_ui_state(
+            |ui, (settings, others): &mut Shown| {
+                let mut actions = Vec::new();
+                for group in settings.groups() {
+                    parameters(ui, group, &[], &mut actions);
+                }
+                for action in actions {
+                    let Action::SetParameter { key, value } = action else {
+                        others.push(action);
+                        continue;
+                    };
+                    let (group, name) = key.split_once('.').unwrap();
+                    let group = settings.groups_mut().into_iter().find(|known| known.group().name == group);
+                    group.unwrap().set(name, value).unwrap();
+                }
+            },
+            (settings, Vec::new()),
+        )
+    }
+
+    #[test]
+    fn every_parameter_of_the_table_has_a_line() {
+        let mut harness = harness(Settings::default());
+        harness.run();
+        for group in Settings::default().groups() {
+            for field in &group.group().fields {
+                assert!(harness.query_all_by_label(&title(field.name)).next().is_some(), "{}", field.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_double_click_on_the_name_resets_the_parameter() {
+        let mut settings = Settings::default();
+        settings.splat.min_pixels = 9.0;
+        settings.splat.max_pixels = 99.0;
+        let mut harness = harness(settings);
+        harness.run();
+        let pos = harness.get_by_role_and_label(egui::accesskit::Role::Label, "Min pixels").rect().center();
+        harness.event(egui::Event::PointerMoved(pos));
+        for pressed in [true, false, true, false] {
+            let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+            harness.step();
+        }
+        harness.run();
+        assert_eq!(harness.state().0.splat.min_pixels, scene::Splat::default().min_pixels);
+        assert_eq!(harness.state().0.splat.max_pixels, 99.0);
+    }
+
+    #[test]
+    fn a_right_click_on_a_slider_offers_a_sweep_and_changes_nothing() {
+        let mut harness = harness(Settings::default());
+        harness.run();
+        let pos = harness.get_by_role_and_label(egui::accesskit::Role::Slider, "Min pixels").rect().center();
+        harness.event(egui::Event::PointerMoved(pos));
+        harness.step();
+        for pressed in [true, false] {
+            let (button, modifiers) = (egui::PointerButton::Secondary, egui::Modifiers::NONE);
+            harness.event(egui::Event::PointerButton { pos, button, pressed, modifiers });
+            harness.step();
+        }
+        harness.run();
+        assert_eq!(*harness.state(), (Settings::default(), Vec::new()));
+        harness.get_by_label("Sweep…").click();
+        harness.run();
+        assert_eq!(harness.state().1, [Action::AskSweep("splat.min_pixels".into())]);
+    }
+
+    #[test]
+    fn choosing_from_a_list_and_typing_a_number_edit_the_value() {
+        let mut harness = harness(Settings::default());
+        harness.run();
+        harness.get_by_role_and_label(egui::accesskit::Role::ComboBox, "Quality").click();
+        harness.run();
+        harness.get_by_label("nearest").click();
+        harness.run();
+        assert_eq!(harness.state().0.splat.quality, scene::Quality::Nearest);
+    }
+}

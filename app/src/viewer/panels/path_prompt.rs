@@ -1,0 +1,246 @@
+//! Opening by typing a path: for desktops without a file dialog, and for hands that stay on the keyboard. Tab completes.
+
+use std::path::{Path, PathBuf};
+
+use egui::{Key, Modifiers, RichText};
+
+use crate::viewer::theme;
+
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PathPrompt {
+    text: String,
+    /// What the text may become, and the text that it was listed for.
+    candidates: Vec<String>,
+    listed: Option<String>,
+    /// Why the prompt came up by itself.
+    reason: Option<&'static str>,
+    /// The points of what is opened are to be a mirror.
+    pub is_for_mirror: bool,
+    is_shown: bool,
+}
+
+/// How the prompt ended.
+#[derive(Debug, PartialEq)]
+pub enum Outcome {
+    Open(String),
+    Close,
+}
+
+/// Candidates listed at most: a folder of thousands is narrowed by typing.
+const LISTED: usize = 200;
+const EXTENSIONS: [&str; 4] = ["las", "laz", "ply", "toml"];
+
+impl PathPrompt {
+    /// A prompt that comes up by itself says why.
+    pub fn because(reason: &'static str) -> Self {
+        Self { reason: Some(reason), ..Self::default() }
+    }
+
+    /// For a file whose points are to be a mirror.
+    pub fn for_mirror() -> Self {
+        Self { is_for_mirror: true, ..Self::because("The points of this file will be a mirror.") }
+    }
+
+    /// Draws the prompt; says when it ends.
+    pub fn show(&mut self, context: &egui::Context) -> Option<Outcome> {
+        let mut outcome = None;
+        let mut is_open = true;
+        egui::Window::new("Open a file")
+            .open(&mut is_open)
+            .collapsible(false)
+            .resizable(false)
+            .anchor(egui::Align2::CENTER_TOP, [0.0, 80.0])
+            .show(context, |ui| {
+                ui.set_width(520.0);
+                if let Some(reason) = self.reason {
+                    ui.label(RichText::new(reason).color(theme::WEAK));
+                }
+                outcome = self.field(ui);
+                self.candidate_list(ui);
+                ui.label(RichText::new("Tab completes, Enter opens, Esc closes").small().color(theme::WEAK));
+            });
+        if is_open { outcome } else { Some(Outcome::Close) }
+    }
+
+    fn field(&mut self, ui: &mut egui::Ui) -> Option<Outcome> {
+        let mut outcome = None;
+        ui.horizontal(|ui| {
+            let label = ui.label("Path");
+            let completes = ui.input_mut(|input| input.consume_key(Modifiers::NONE, Key::Tab));
+            let id = ui.scope_id().with("path");
+            let field = egui::TextEdit::singleline(&mut self.text)
+                .id(id)
+                .hint_text("/folder/scan.laz")
+                .desired_width(400.0)
+                .lock_focus(true);
+            let response = ui.add(field).labelled_by(label.id);
+            // Before the focus is asked for below: Tab and Enter may come in one frame.
+            let entered = response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
+            if !self.is_shown {
+                self.is_shown = true;
+                response.request_focus();
+            }
+            if completes {
+                self.list();
+                self.text = completed(&self.text, &self.candidates);
+                move_cursor_to_end(ui.ctx(), id, &self.text);
+                response.request_focus();
+            }
+            if ui.button("Open").clicked() || entered {
+                outcome = Some(Outcome::Open(self.text.trim().to_string()));
+            }
+        });
+        if ui.input(|input| input.key_pressed(Key::Escape)) {
+            outcome = Some(Outcome::Close);
+        }
+        match outcome {
+            // Into the folder instead of opening it.
+            Some(Outcome::Open(text)) if expanded(&text).is_dir() || text.is_empty() => {
+                if !text.is_empty() && !text.ends_with('/') {
+                    self.text = text + "/";
+                }
+                self.is_shown = false;
+                None
+            }
+            Some(Outcome::Open(text)) => {
+                // If it names nothing, the prompt stays, ready for another try.
+                self.is_shown = false;
+                Some(Outcome::Open(expanded(&text).display().to_string()))
+            }
+            other => other,
+        }
+    }
+
+    fn candidate_list(&mut self, ui: &mut egui::Ui) {
+        self.list();
+        let mut chosen = None;
+        egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
+            for candidate in &self.candidates {
+                let name = candidate.trim_end_matches('/').rsplit('/').next().unwrap_or(candidate);
+                let is_folder = candidate.ends_with('/');
+                let text = if is_folder { RichText::new(format!("{name}/")) } else { RichText::new(name).strong() };
+                if ui.selectable_label(false, text).clicked() {
+                    chosen = Some(candidate.clone());
+                }
+            }
+        });
+        if let Some(chosen) = chosen {
+            self.text = chosen;
+            self.is_shown = false;
+        }
+    }
+
+    /// Renews the candidates if the text has changed.
+    fn list(&mut self) {
+        if self.listed.as_ref() != Some(&self.text) {
+            self.candidates = candidates(&self.text);
+            self.listed = Some(self.text.clone());
+        }
+    }
+}
+
+fn move_cursor_to_end(context: &egui::Context, id: egui::Id, text: &str) {
+    if let Some(mut state) = egui::text_edit::TextEditState::load(context, id) {
+        let end = egui::text::CCursor::new(text.chars().count());
+        state.cursor.set_char_range(Some(egui::text::CCursorRange::one(end)));
+        state.store(context, id);
+    }
+}
+
+/// `~` is the home folder, as in a shell.
+fn expanded(text: &str) -> PathBuf {
+    match (text.strip_prefix("~/"), std::env::var_os("HOME")) {
+        (Some(rest), Some(home)) => Path::new(&home).join(rest),
+        _ => PathBuf::from(text),
+    }
+}
+
+/// Folders (with a `/` at the end) and files of ours whose path begins with `text`, sorted, folders first.
+fn candidates(text: &str) -> Vec<String> {
+    let (folder, start) = match text.rfind('/') {
+        Some(slash) => text.split_at(slash + 1),
+        None => ("", text),
+    };
+    let listed = if folder.is_empty() { PathBuf::from(".") } else { expanded(folder) };
+    let mut folders = Vec::new();
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(listed).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let is_hidden = name.starts_with('.') && !start.starts_with('.');
+        if is_hidden || !name.to_lowercase().starts_with(&start.to_lowercase()) {
+            continue;
+        }
+        let path = entry.path();
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        if path.is_dir() {
+            folders.push(format!("{folder}{name}/"));
+        } else if extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str())) {
+            files.push(format!("{folder}{name}"));
+        }
+    }
+    folders.sort();
+    files.sort();
+    folders.append(&mut files);
+    folders.truncate(LISTED);
+    folders
+}
+
+/// The longest beginning that all candidates share; `text` itself where there is none.
+fn completed(text: &str, candidates: &[String]) -> String {
+    let Some((first, rest)) = candidates.split_first() else { return text.to_string() };
+    let mut shared = first.as_str();
+    for other in rest {
+        let matching = shared.char_indices().zip(other.chars()).find(|((_, a), b)| a != b);
+        let end = matching.map_or(shared.len().min(other.len()), |((index, _), _)| index);
+        shared = &shared[..end];
+    }
+    if shared.len() >= text.len() { shared.to_string() } else { text.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["office_1.laz", "office_2.LAZ", "notes.txt", ".hidden.laz"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        std::fs::create_dir(folder.path().join("outdoor")).unwrap();
+        folder
+    }
+
+    #[test]
+    fn tab_completes_as_far_as_the_names_agree() {
+        let folder = folder();
+        let start = format!("{}/", folder.path().display());
+        let all = candidates(&start);
+        let names: Vec<&str> = all.iter().map(|path| &path[start.len()..]).collect();
+        assert_eq!(names, ["outdoor/", "office_1.laz", "office_2.LAZ"]);
+        assert_eq!(completed(&start, &all), format!("{start}o"));
+        let offices = candidates(&format!("{start}of"));
+        assert_eq!(completed(&format!("{start}of"), &offices), format!("{start}office_"));
+        assert_eq!(completed("nothing", &[]), "nothing");
+    }
+
+    #[test]
+    fn typing_a_path_with_tab_and_enter_opens_it() {
+        let folder = folder();
+        let mut harness = egui_kittest::Harness::builder().with_size([800.0, 500.0]).build_ui_state(
+            |ui, (prompt, outcome): &mut (PathPrompt, Option<Outcome>)| {
+                if let Some(ended) = prompt.show(ui.ctx()) {
+                    *outcome = Some(ended);
+                }
+            },
+            (PathPrompt::default(), None),
+        );
+        harness.run();
+        harness.event(egui::Event::Text(format!("{}/office_1", folder.path().display())));
+        harness.run();
+        harness.key_press(Key::Tab);
+        harness.key_press(Key::Enter);
+        harness.run();
+        let expected = folder.path().join("office_1.laz").display().to_string();
+        assert_eq!(harness.state().1, Some(Outcome::Open(expected)));
+    }
+}

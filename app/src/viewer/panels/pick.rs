@@ -1,0 +1,133 @@
+//! What was picked: coordinates, everything the file says, and the distance between two picks.
+
+use egui::{Align2, RichText, Ui};
+
+use crate::viewer::action::Action;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::tools::pick::coordinates;
+
+/// A card in the lower right corner of the picture, if something is picked.
+pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, actions: &mut Vec<Action>) {
+    if session.tools.picks.is_empty() {
+        return;
+    }
+    let mut is_open = true;
+    let corner = rect.right_bottom() - egui::vec2(12.0, 12.0);
+    egui::Window::new("Picked point")
+        .open(&mut is_open)
+        .collapsible(true)
+        .resizable(false)
+        .pivot(Align2::RIGHT_BOTTOM)
+        .default_pos(corner)
+        .constrain_to(rect)
+        .default_width(290.0)
+        .show(context, |ui| contents(ui, session, actions));
+    if !is_open {
+        actions.push(Action::ClearPicks);
+    }
+}
+
+fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    ui.set_width(290.0);
+    if let Some(distance) = session.tools.distance(session.up()) {
+        egui::Grid::new("distance").num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
+            let figures =
+                [("Distance", distance.total), ("Horizontal", distance.horizontal), ("Vertical", distance.vertical)];
+            for (name, value) in figures {
+                ui.label(RichText::new(name).strong());
+                ui.label(RichText::new(format!("{value:.4}")).monospace());
+                ui.end_row();
+            }
+        });
+        ui.separator();
+    }
+    let Some(pick) = session.tools.picks.last() else { return };
+    ui.horizontal(|ui| {
+        ui.add(egui::Label::new(RichText::new(&pick.cloud).strong()).truncate());
+        if !pick.is_streamed {
+            ui.label(RichText::new(format!("point {}", pick.number)).color(theme::WEAK));
+        }
+    });
+    ui.label(RichText::new(coordinates(pick.world)).monospace());
+    match &pick.record {
+        None => {
+            ui.horizontal(|ui| {
+                ui.spinner();
+                ui.label("looking it up in the file");
+            });
+        }
+        Some(Err(error)) => {
+            ui.colored_label(theme::ERROR, error);
+        }
+        Some(Ok(record)) => {
+            egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
+                egui::Grid::new("record").num_columns(2).striped(true).spacing([16.0, 2.0]).show(ui, |ui| {
+                    for (name, value) in record {
+                        ui.label(RichText::new(name).size(12.0));
+                        ui.add(egui::Label::new(RichText::new(value).monospace().size(11.5)).selectable(true));
+                        ui.end_row();
+                    }
+                });
+            });
+        }
+    }
+    if pick.is_streamed {
+        let text = "A streamed cloud: its pages keep these attributes. The file may have others.";
+        ui.label(RichText::new(text).small().color(theme::WEAK));
+    }
+    ui.horizontal(|ui| {
+        if ui.button("Copy").clicked() {
+            actions.push(Action::CopyPicks);
+        }
+        if ui.button("Clear").clicked() {
+            actions.push(Action::ClearPicks);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::kittest::Queryable as _;
+    use glam::DVec3;
+    use world::{CloudKey, Part};
+
+    use super::*;
+    use crate::viewer::outside::Effect;
+    use crate::viewer::preferences::Preferences;
+    use crate::viewer::tools::pick::Pick;
+    use crate::viewer::window::render_thread::PickedPoint;
+
+    fn pick(world: DVec3) -> Pick {
+        let record = Some(Ok(vec![("intensity".into(), "1234".into())]));
+        Pick {
+            point: PickedPoint { chunk: CloudKey(0).chunk(Part::Block(0)), index: 77 },
+            number: 77,
+            cloud: "office.laz".into(),
+            world,
+            record,
+            is_streamed: false,
+        }
+    }
+
+    #[test]
+    fn two_picks_show_their_distance_and_can_be_copied() {
+        let mut session = Session::new(Preferences::default());
+        session.tools.picks = vec![pick(DVec3::ZERO), pick(DVec3::new(3.0, 0.0, -4.0))];
+        let mut harness = egui_kittest::Harness::builder().with_size([400.0, 400.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| contents(ui, session, actions)),
+            session,
+        );
+        harness.run();
+        assert!(harness.query_by_label("5.0000").is_some());
+        assert!(harness.query_by_label("-4.0000").is_some());
+        assert!(harness.query_by_label("1234").is_some());
+        harness.get_by_label("Copy").click();
+        harness.run();
+        let copied = harness.state().outside.effects.iter().find_map(|effect| match effect {
+            Effect::Copy(text) => Some(text.clone()),
+            _ => None,
+        });
+        assert!(copied.is_some_and(|text| text.contains("point 77\t3\t0\t-4\nintensity\t1234\n")));
+    }
+}

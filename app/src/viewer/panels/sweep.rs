@@ -1,0 +1,68 @@
+//! The window that asks for the range of a sweep, and how far one is.
+
+use egui::{RichText, Ui};
+
+use crate::viewer::action::Action;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::truth::sweep_range::{MOST_VALUES, SweepRange};
+
+/// The window that asks for the range.
+pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
+    let Some(asked) = &session.sweeps.asked else { return };
+    let (mut range, mut is_open, mut start) = (asked.clone(), true, None);
+    egui::Window::new(format!("Sweep {}", range.key))
+        .open(&mut is_open)
+        .collapsible(false)
+        .resizable(false)
+        .anchor(egui::Align2::CENTER_TOP, [0.0, 80.0])
+        .show(context, |ui| start = contents(ui, &mut range));
+    if range != *asked {
+        actions.push(Action::ChangeSweep(Some(Box::new(range.clone()))));
+    }
+    if let Some(values) = start {
+        actions.push(Action::StartSweep { key: range.key, values });
+    } else if !is_open {
+        actions.push(Action::ChangeSweep(None));
+    }
+}
+
+/// The values, once they are to be swept.
+fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
+    ui.set_width(340.0);
+    ui.label(RichText::new(range.field.help).color(theme::WEAK));
+    if range.is_number() {
+        egui::Grid::new("range").num_columns(2).show(ui, |ui| {
+            let speed = (range.to - range.from).abs().max(1e-3) * 0.01;
+            for (name, value) in [("From", &mut range.from), ("To", &mut range.to)] {
+                let label = ui.label(name);
+                ui.add(egui::DragValue::new(value).speed(speed).max_decimals(4)).labelled_by(label.id);
+                ui.end_row();
+            }
+            let label = ui.label("Values");
+            ui.add(egui::DragValue::new(&mut range.count).range(2..=MOST_VALUES)).labelled_by(label.id);
+            ui.end_row();
+        });
+        let help = "Even ratios in place of even steps";
+        ui.checkbox(&mut range.is_logarithmic, "Logarithmic").on_hover_text(help);
+    }
+    let values = range.values();
+    let text = match &values {
+        Ok(values) => values.join(", "),
+        Err(problem) => problem.clone(),
+    };
+    ui.label(RichText::new(text).small().color(if values.is_ok() { theme::WEAK } else { theme::ERROR }));
+    ui.label(RichText::new("Each is drawn, timed and judged in this view; the setting stays as it is.").small());
+    let button = ui.add_enabled(values.is_ok(), egui::Button::new("Start"));
+    values.ok().filter(|_| button.clicked())
+}
+
+/// How far the sweep is, with a way to end it; for the status bar.
+pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let Some(sweep) = &session.sweeps.under_way else { return };
+    ui.spinner();
+    ui.label(RichText::new(sweep.text()).small().color(theme::WEAK));
+    if ui.small_button("End sweep").on_hover_text("What there is of it is saved").clicked() {
+        actions.push(Action::EndSweep);
+    }
+}

@@ -1,0 +1,163 @@
+//! Where a frame's time goes: every pass, the counts and the memory; and what the reflections came to, with how it went.
+
+use egui::{Align, Layout, RichText, Ui};
+use render::{Clock, ReflectionStats};
+
+use crate::viewer::reflection_figures::FIGURES;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+use crate::viewer::theme::{bytes, grouped};
+
+fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
+    for (index, (name, text, figure)) in FIGURES.into_iter().enumerate() {
+        let Some(value) = figure(stats) else { continue };
+        let rect = row(ui, name, &text(value), None);
+        sparkline(ui, rect, session.figure_history.of(index).filter(|value| value.is_finite()).collect());
+    }
+    if stats.bounces > 1 {
+        row(ui, "Bounces", &stats.bounces.to_string(), None);
+    }
+    ui.separator();
+}
+
+/// Draws a line of values over the middle of a row, from the least to the largest of them.
+fn sparkline(ui: &Ui, row: egui::Rect, values: Vec<f64>) {
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    if values.len() < 2 {
+        return;
+    }
+    let rect = egui::Rect::from_x_y_ranges(
+        egui::lerp(row.x_range(), 0.42)..=egui::lerp(row.x_range(), 0.70),
+        row.top() + 3.0..=row.bottom() - 3.0,
+    );
+    let place = |(index, value): (usize, &f64)| {
+        let along = index as f32 / (values.len() - 1) as f32;
+        // A figure that does not change is a line in the middle.
+        let height = if high > low { ((value - low) / (high - low)) as f32 } else { 0.5 };
+        egui::pos2(egui::lerp(rect.x_range(), along), egui::lerp(rect.bottom()..=rect.top(), height))
+    };
+    let points = values.iter().enumerate().map(place).collect();
+    ui.painter().add(egui::Shape::line(points, egui::Stroke::new(1.2, theme::ACCENT.gamma_multiply(0.8))));
+}
+
+pub fn show(ui: &mut Ui, session: &Session) {
+    let Some(shown) = &session.frames.shown else {
+        ui.label(RichText::new("No frame yet.").color(theme::WEAK));
+        return;
+    };
+    let stats = &shown.stats;
+    if let Some(reflection) = &stats.reflection {
+        reflections(ui, session, reflection);
+    }
+    let clock = match stats.clock {
+        Clock::Gpu => "GPU clock",
+        Clock::Host => "host clock (this adapter's own is not to be trusted)",
+    };
+    let longest = stats.passes.iter().map(|pass| pass.milliseconds).fold(f64::MIN_POSITIVE, f64::max);
+    for pass in &stats.passes {
+        row(ui, pass.name, &format!("{:.2} ms", pass.milliseconds), Some((pass.milliseconds / longest) as f32));
+    }
+    ui.separator();
+    row(ui, "Frame", &format!("{:.1} ms", stats.frame_milliseconds), None);
+    row(ui, "With transfer", &format!("{:.1} ms", shown.total_milliseconds), None);
+    let [width, height] = shown.request.drawn_size();
+    row(ui, "Picture", &format!("{width} × {height}"), None);
+    ui.label(RichText::new(clock).small().color(theme::WEAK));
+    if shown.request.hurried {
+        let text = match shown.request.spared {
+            None => "Nearest point while moving, refined at rest",
+            Some(_) => "Fewer pixels and points while moving, refined at rest",
+        };
+        ui.label(RichText::new(text).small().color(theme::ACCENT));
+    }
+    ui.separator();
+    let loaded: u64 = session.loaded.clouds.iter().map(|entry| entry.points).sum();
+    let total: u64 = session.loaded.clouds.iter().map(|entry| entry.expected_points.max(entry.points)).sum();
+    row(ui, "Points drawn", &grouped(stats.points_drawn), None);
+    row(ui, "On the GPU", &grouped(stats.points_resident), None);
+    row(ui, "Loaded", &grouped(loaded), None);
+    row(ui, "In the files", &grouped(total), None);
+    ui.separator();
+    let points: usize = session.loaded.clouds.iter().map(|entry| entry.cloud.size_in_bytes()).sum();
+    row(ui, "GPU memory", &bytes(stats.gpu_bytes), None);
+    row(ui, "Points in memory", &bytes(points as u64), None);
+    if let Some(resident) = host_memory() {
+        row(ui, "Program", &bytes(resident), None);
+    }
+    if let Some(adapter) = &session.adapter {
+        ui.label(RichText::new(adapter).small().color(theme::WEAK));
+    }
+}
+
+/// Name left, figure right; a bar behind them for a share of the longest.
+fn row(ui: &mut Ui, name: &str, figure: &str, share: Option<f32>) -> egui::Rect {
+    let (rect, _) = ui.allocate_exact_size(egui::vec2(ui.available_width(), 17.0), egui::Sense::hover());
+    if let Some(share) = share {
+        let bar = egui::Rect::from_min_size(rect.min, egui::vec2(rect.width() * share.clamp(0.0, 1.0), rect.height()));
+        ui.painter().rect_filled(bar, 2.0, theme::ACCENT.gamma_multiply(0.16));
+    }
+    let mut child = ui.new_child(egui::UiBuilder::new().max_rect(rect.shrink2(egui::vec2(4.0, 0.0))));
+    child.with_layout(Layout::left_to_right(Align::Center), |ui| {
+        ui.label(RichText::new(name).size(12.0));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.label(RichText::new(figure).monospace().size(11.5));
+        });
+    });
+    rect
+}
+
+/// Resident memory of this process, bytes; `None` where the system does not tell as Linux does.
+fn host_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    let kilobytes: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::kittest::Queryable as _;
+    use render::FrameStats;
+
+    use super::*;
+    use crate::viewer::reflection_figures::REMEMBERED;
+
+    fn stats(coverage: f64) -> FrameStats {
+        FrameStats {
+            passes: Vec::new(),
+            frame_milliseconds: 1.0,
+            splatting_milliseconds: 0.0,
+            points_drawn: 0,
+            points_resident: 0,
+            gpu_bytes: 0,
+            clock: Clock::Host,
+            reflection: Some(ReflectionStats {
+                mirror_pixels: 12_345,
+                coverage,
+                closed_coverage: 1.0,
+                regions: Some(2),
+                bounces: 1,
+                ..ReflectionStats::default()
+            }),
+        }
+    }
+
+    #[test]
+    fn the_history_keeps_the_last_frames_and_what_a_method_does_not_tell_is_left_out() {
+        let mut session = Session::new(crate::viewer::preferences::Preferences::default());
+        for frame in 0..REMEMBERED + 30 {
+            session.figure_history.push(&stats(frame as f64));
+        }
+        let coverage: Vec<f64> = session.figure_history.of(1).collect();
+        assert_eq!((coverage.len(), coverage[0]), (REMEMBERED, 30.0));
+        let mut harness = egui_kittest::Harness::builder().with_size([300.0, 200.0]).build_ui_state(
+            |ui, session: &mut Session| reflections(ui, session, &stats(0.5).reflection.unwrap_or_default()),
+            session,
+        );
+        harness.run();
+        for shown in ["Mirror pixels", "12,345", "Coverage", "50.00 %", "Regions"] {
+            assert!(harness.query_all_by_label(shown).next().is_some(), "{shown}");
+        }
+        assert!(harness.query_by_label("Hit rate").is_none());
+    }
+}

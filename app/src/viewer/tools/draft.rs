@@ -1,0 +1,117 @@
+//! The choice of a cloud's points that are to be turned into a mirror, as long as it is being made.
+
+use scene::{MirrorNormals, MirrorPoints, PointChoice};
+use world::CloudKey;
+
+use crate::viewer::loaded::clouds::CloudEntry;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Way {
+    #[default]
+    Class,
+    Box,
+    Attribute,
+    All,
+}
+
+pub const WAYS: [(Way, &str); 4] = [
+    (Way::Class, "a class"),
+    (Way::Box, "a box around the picked point"),
+    (Way::Attribute, "a range of an attribute"),
+    (Way::All, "the whole cloud"),
+];
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NormalsWay {
+    Own,
+    Smooth,
+    Fit,
+    Flatten,
+}
+
+pub const NORMALS_WAYS: [(NormalsWay, &str, &str); 4] = [
+    (NormalsWay::Own, "as they are", "The points keep their normals"),
+    (NormalsWay::Smooth, "smoothed", "The mean of the normals around each point"),
+    (NormalsWay::Fit, "fitted planes", "The plane through the nearest neighbours among these points"),
+    (NormalsWay::Flatten, "one plane", "The plane through all of them: still water"),
+];
+
+/// What a person is choosing. Nothing reflects before it is applied.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Draft {
+    pub cloud: Option<CloudKey>,
+    pub way: Way,
+    pub class: u8,
+    /// Edge of the box, world units; 0: not chosen yet.
+    pub edge: f64,
+    pub attribute: String,
+    pub low: f64,
+    pub high: f64,
+    pub normals: NormalsWay,
+    /// World units; 0: not chosen yet.
+    pub radius: f64,
+    pub neighbours: u32,
+    pub specular_intensity: f32,
+    pub specular_power: f32,
+    /// How many points that would be.
+    pub counted: Option<(MirrorPoints, Result<u64, String>)>,
+    pub is_counting: bool,
+}
+
+impl Default for Draft {
+    fn default() -> Self {
+        Self {
+            cloud: None,
+            way: Way::default(),
+            // Water.
+            class: 9,
+            edge: 0.0,
+            attribute: String::new(),
+            low: 0.0,
+            high: 1.0,
+            normals: NormalsWay::Smooth,
+            radius: 0.0,
+            neighbours: 32,
+            // Clear enough to see by, and what lies below shines through.
+            specular_intensity: 0.8,
+            specular_power: 0.0,
+            counted: None,
+            is_counting: false,
+        }
+    }
+}
+
+impl Draft {
+    pub fn on_counted(&mut self, wanted: MirrorPoints, result: Result<u64, String>) {
+        self.is_counting = false;
+        self.counted = Some((wanted, result));
+    }
+
+    pub fn wanted(&self, entry: &CloudEntry, picked: Option<glam::DVec3>) -> Option<MirrorPoints> {
+        let points = match self.way {
+            Way::All => PointChoice::All,
+            Way::Class => PointChoice::Class(self.class),
+            Way::Box => {
+                let half = glam::DVec3::splat(self.edge * 0.5);
+                picked.map(|center| PointChoice::Box { min: center - half, max: center + half })?
+            }
+            Way::Attribute if self.attribute.is_empty() => return None,
+            Way::Attribute => {
+                PointChoice::Attribute { name: self.attribute.clone(), low: self.low, high: self.high.max(self.low) }
+            }
+        };
+        let normals = match self.normals {
+            NormalsWay::Own => MirrorNormals::Own,
+            NormalsWay::Smooth => MirrorNormals::Smooth { radius: self.radius },
+            NormalsWay::Fit => MirrorNormals::Fit { neighbours: self.neighbours },
+            NormalsWay::Flatten => MirrorNormals::Flatten,
+        };
+        Some(MirrorPoints {
+            cloud: entry.input.clone(),
+            points,
+            specular_intensity: self.specular_intensity,
+            specular_power: self.specular_power,
+            normals,
+        })
+    }
+}

@@ -1,0 +1,647 @@
+//! Handles over the picture that move, turn and scale the selected mirror: three arrows along the world's axes, three rings
+//! about them, a square to scale by, a dot to move it across the picture. They are as large as a hand needs, whatever the
+//! mirror's size, and what is grabbed stays under the cursor. A light has the arrows and the dot where it stands, and a dot at
+//! its target; while lights are looked after, each has a symbol that a click selects it by.
+
+use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
+use glam::{DQuat, DVec2, DVec3};
+use scene::{Object, SpotLight};
+
+use crate::viewer::action::{Action, Handles};
+use crate::viewer::input::lens::Lens;
+use crate::viewer::objects::ObjectId;
+use crate::viewer::session::Session;
+use crate::viewer::theme;
+
+/// A part that can be grabbed. Numbers are world axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Handle {
+    /// Along an axis.
+    Arrow(usize),
+    /// Across the picture.
+    Dot,
+    /// About an axis.
+    Ring(usize),
+    Square,
+}
+
+/// What the gizmo remembers between frames of the window, in egui's memory.
+#[derive(Clone, Default, PartialEq)]
+struct Gizmo {
+    /// Under the cursor.
+    hot: Option<Grip>,
+    /// A light that is not selected, whose symbol is under the cursor.
+    hot_light: Option<ObjectId>,
+    drag: Option<Drag>,
+}
+
+/// A handle, and which of the places of the object it is at: a light has two, where it stands and its target.
+type Grip = (usize, Handle);
+
+#[derive(Clone, PartialEq)]
+struct Drag {
+    grip: Grip,
+    /// The object as it was when it was grabbed.
+    start: Object,
+    /// Points of the window.
+    pressed: Pos2,
+    /// Where the handles were.
+    layout: Layout,
+}
+
+/// The object that is selected, with its name.
+fn selected(session: &Session) -> Option<(ObjectId, String, Object)> {
+    let id = session.scene.selected?;
+    let (name, object) = session.scene.objects.get(id)?;
+    Some((id, name.to_owned(), object))
+}
+
+/// Of the handles that are chosen, those that an object has at each of its places. One that is only moved has all of its own.
+fn layouts(object: &Object, stage: &PictureFrame, chosen: Handles) -> Vec<Option<Layout>> {
+    let kind = object.kind();
+    let shows = |part: Handles| chosen == Handles::All || chosen == part;
+    let moves = shows(Handles::Move) || !(kind.can_turn || kind.can_scale);
+    let layout = |(index, place): (usize, &DVec3)| {
+        let is_first = index == 0;
+        let parts = Parts {
+            arrows: is_first && moves,
+            dot: moves,
+            rings: is_first && kind.can_turn && shows(Handles::Turn),
+            square: is_first && kind.can_scale && shows(Handles::Scale),
+        };
+        Layout::new(stage, *place, parts)
+    };
+    object.places().iter().enumerate().map(layout).collect()
+}
+
+/// Kinds of handles that are shown.
+#[derive(Clone, Copy)]
+struct Parts {
+    arrows: bool,
+    dot: bool,
+    rings: bool,
+    square: bool,
+}
+
+/// Lengths in points of the window: a thumb's width for an arrow, a hand's precision for what counts as on it.
+const ARROW: f64 = 84.0;
+const RING: f64 = 62.0;
+const SQUARE: f32 = 104.0;
+const NEAR: f32 = 7.0;
+/// Arrows that point at the eye, and rings seen from the edge, cannot be dragged: shorter than this they are left out.
+const SHORTEST: f32 = 14.0;
+const RING_STEPS: usize = 48;
+/// From the middle of a lamp's symbol to the ends of its rays.
+const SYMBOL: f32 = 10.0;
+/// Pieces of a line of a light's cone.
+const CONE_STEPS: u32 = 12;
+/// Points that double the size.
+const DOUBLING: f32 = 100.0;
+
+const AXES: [DVec3; 3] = [DVec3::X, DVec3::Y, DVec3::Z];
+const COLORS: [Color32; 3] =
+    [Color32::from_rgb(0xe8, 0x5b, 0x54), Color32::from_rgb(0x7c, 0xc2, 0x4f), Color32::from_rgb(0x5b, 0x9c, 0xf0)];
+
+impl Gizmo {
+    fn id() -> egui::Id {
+        egui::Id::unique("gizmo")
+    }
+
+    fn remembered(context: &egui::Context) -> Self {
+        context.data(|data| data.get_temp(Self::id())).unwrap_or_default()
+    }
+
+    fn remember(self, context: &egui::Context) {
+        context.data_mut(|data| data.insert_temp(Self::id(), self));
+    }
+
+    /// Whether the mouse is its own: the camera is not to follow.
+    fn has_mouse(&self) -> bool {
+        self.hot.is_some() || self.hot_light.is_some() || self.drag.is_some()
+    }
+}
+
+/// Between the window and the world: a lens and the rectangle its picture fills.
+pub struct PictureFrame {
+    lens: Lens,
+    rect: Rect,
+    /// Pixels of the picture per point of the window.
+    scale: DVec2,
+}
+
+impl PictureFrame {
+    /// Of the picture that is shown, so that handles stick to what is seen.
+    fn of(session: &Session, rect: Rect) -> Option<Self> {
+        let request = &session.frames.shown.as_ref()?.request;
+        let lens = Lens::new(&request.camera, &request.settings.view, request.size);
+        Some(Self::new(lens, request.size, rect))
+    }
+
+    fn new(lens: Lens, size: [u32; 2], rect: Rect) -> Self {
+        let scale = DVec2::new(
+            f64::from(size[0]) / f64::from(rect.width().max(1.0)),
+            f64::from(size[1]) / f64::from(rect.height().max(1.0)),
+        );
+        Self { lens, rect, scale }
+    }
+
+    fn place(&self, world: DVec3) -> Option<Pos2> {
+        let at = self.lens.project(world)? / self.scale;
+        Some(self.rect.min + vec2(at.x as f32, at.y as f32))
+    }
+
+    fn ray(&self, at: Pos2) -> (DVec3, DVec3) {
+        let from_corner = at - self.rect.min;
+        self.lens.ray(DVec2::new(f64::from(from_corner.x), f64::from(from_corner.y)) * self.scale)
+    }
+
+    /// World units per point of the window.
+    fn units(&self, world: DVec3) -> Option<f64> {
+        Some(self.lens.units_per_pixel(world)? * self.scale.y)
+    }
+}
+
+/// The handles on the screen.
+#[derive(Clone, PartialEq)]
+struct Layout {
+    center: Pos2,
+    arrows: [Option<Pos2>; 3],
+    rings: [Option<Vec<Pos2>>; 3],
+    square: Option<Pos2>,
+    dot: bool,
+}
+
+impl Layout {
+    fn new(stage: &PictureFrame, center: DVec3, parts: Parts) -> Option<Self> {
+        let middle = stage.place(center)?;
+        let units = stage.units(center)?;
+        let arrow = |axis: usize| {
+            let end = stage.place(center + AXES[axis] * (ARROW * units))?;
+            (parts.arrows && end.distance(middle) >= SHORTEST).then_some(end)
+        };
+        let ring = |axis: usize| {
+            if !parts.rings {
+                return None;
+            }
+            let (u, v) = (AXES[(axis + 1) % 3], AXES[(axis + 2) % 3]);
+            let at = |step: usize| {
+                let (sin, cos) = (step as f64 / RING_STEPS as f64 * std::f64::consts::TAU).sin_cos();
+                stage.place(center + (u * cos + v * sin) * (RING * units))
+            };
+            (0..=RING_STEPS).map(at).collect::<Option<Vec<Pos2>>>()
+        };
+        let square = parts.square.then(|| middle + vec2(1.0, -1.0).normalized() * SQUARE);
+        Some(Self { center: middle, arrows: [0, 1, 2].map(arrow), rings: [0, 1, 2].map(ring), square, dot: parts.dot })
+    }
+
+    /// The handle at a place of the window and how near it is; the nearest if there are several.
+    fn at(&self, pointer: Pos2) -> Option<(f32, Handle)> {
+        let mut found: Vec<(f32, Handle)> = Vec::new();
+        if self.dot {
+            // Before what begins there.
+            found.push((pointer.distance(self.center) - NEAR, Handle::Dot));
+        }
+        found.extend(self.square.map(|at| (pointer.distance(at) - NEAR * 0.5, Handle::Square)));
+        for axis in 0..3 {
+            let arrow = self.arrows[axis].map(|end| to_segment(pointer, self.center, end));
+            found.extend(arrow.map(|distance| (distance, Handle::Arrow(axis))));
+            let ring = self.rings[axis].iter().flat_map(|ring| ring.windows(2));
+            let nearest = ring.map(|ends| to_segment(pointer, ends[0], ends[1])).fold(f32::INFINITY, f32::min);
+            // A ring that is seen from its edge lies on an arrow, which is easier to mean.
+            found.push((nearest + 1.0, Handle::Ring(axis)));
+        }
+        let near = found.into_iter().filter(|(distance, _)| *distance < NEAR);
+        near.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+fn grip_at(layouts: &[Option<Layout>], pointer: Pos2) -> Option<Grip> {
+    let found = layouts.iter().enumerate().filter_map(|(place, layout)| {
+        let (distance, handle) = layout.as_ref()?.at(pointer)?;
+        Some((distance, (place, handle)))
+    });
+    found.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, grip)| grip)
+}
+
+fn to_segment(point: Pos2, from: Pos2, to: Pos2) -> f32 {
+    let along = to - from;
+    let share = ((point - from).dot(along) / along.length_sq().max(1e-6)).clamp(0.0, 1.0);
+    point.distance(from + along * share)
+}
+
+/// Lets the mouse grab and drag the handles of the selected object, and select lights by their symbols; before the camera has
+/// its turn. Returns whether the mouse is the gizmo's own: the camera is not to follow.
+pub fn interact(picture: &Response, session: &Session, actions: &mut Vec<Action>) -> bool {
+    let mut gizmo = Gizmo::remembered(&picture.ctx);
+    let was_grabbed = gizmo.drag.is_some();
+    gizmo.hot_light = None;
+    if let Some(stage) = PictureFrame::of(session, picture.rect) {
+        handles(picture, session, &stage, &mut gizmo, actions);
+        point_at_light(picture, session, &stage, &mut gizmo, actions);
+    }
+    if gizmo.drag.is_some() != was_grabbed {
+        actions.push(Action::GrabHandle(gizmo.drag.is_some()));
+    }
+    let has_mouse = gizmo.has_mouse();
+    gizmo.remember(&picture.ctx);
+    has_mouse
+}
+
+fn point_at_light(
+    picture: &Response,
+    session: &Session,
+    stage: &PictureFrame,
+    gizmo: &mut Gizmo,
+    actions: &mut Vec<Action>,
+) {
+    // What is dragged past a symbol, the camera above all, does not stop there.
+    let is_pressed = picture.ctx.input(|input| input.pointer.any_down());
+    if gizmo.hot.is_some() || gizmo.drag.is_some() || is_pressed || !picture.contains_pointer() {
+        return;
+    }
+    let Some(pointer) = picture.ctx.input(|input| input.pointer.latest_pos()) else { return };
+    let near = symbols(session, stage).into_iter().filter(|(_, at, _)| at.distance(pointer) < SYMBOL + 4.0);
+    gizmo.hot_light = near.min_by(|a, b| a.1.distance(pointer).total_cmp(&b.1.distance(pointer))).map(|near| near.0);
+    if picture.clicked() && gizmo.hot_light.is_some() {
+        actions.push(Action::Select(gizmo.hot_light));
+    }
+}
+
+fn handles(picture: &Response, session: &Session, stage: &PictureFrame, gizmo: &mut Gizmo, actions: &mut Vec<Action>) {
+    let Some((id, _, object)) = selected(session) else {
+        (gizmo.hot, gizmo.drag) = (None, None);
+        return;
+    };
+    let layouts = layouts(&object, stage, session.tools.handles);
+    let input = picture.ctx.input(|input| (input.pointer.latest_pos(), input.pointer.press_origin()));
+    let (Some(pointer), pressed) = input else {
+        gizmo.hot = None;
+        return;
+    };
+    if !picture.ctx.input(|input| input.pointer.button_down(PointerButton::Primary)) {
+        gizmo.drag = None;
+        gizmo.hot = if picture.contains_pointer() { grip_at(&layouts, pointer) } else { None };
+    } else if let (None, Some(pressed), true) = (&gizmo.drag, pressed, picture.is_pointer_button_down_on()) {
+        // From where it was pressed: a quick hand is elsewhere by now.
+        if let Some((grip, layout)) = grip_at(&layouts, pressed).and_then(|grip| Some((grip, layouts[grip.0].clone()?)))
+        {
+            gizmo.hot = Some(grip);
+            gizmo.drag = Some(Drag { grip, start: object.clone(), pressed, layout });
+        }
+    }
+    let Some(drag) = &gizmo.drag else { return };
+    let moved = dragged(stage, drag, pointer);
+    if moved != object {
+        actions.push(Action::ChangeObject(id, Box::new(moved)));
+    }
+}
+
+/// The object with the handle under `pointer`.
+fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Object {
+    let mut object = drag.start.clone();
+    let (place, handle) = drag.grip;
+    let Some(&start) = object.places().get(place) else { return object };
+    match handle {
+        Handle::Arrow(axis) => {
+            let along = |at: Pos2| along_axis(stage.ray(at), start, AXES[axis]);
+            if let (Some(from), Some(to)) = (along(drag.pressed), along(pointer)) {
+                object.move_place(place, AXES[axis] * (to - from));
+            }
+        }
+        Handle::Dot => {
+            let on_plane = |at: Pos2| {
+                let (origin, direction) = stage.ray(at);
+                let facing = stage.lens.forward();
+                origin + direction * ((start - origin).dot(facing) / direction.dot(facing))
+            };
+            let shift = on_plane(pointer) - on_plane(drag.pressed);
+            if shift.is_finite() {
+                object.move_place(place, shift);
+            }
+        }
+        Handle::Ring(axis) => {
+            let angle = drag.layout.rings[axis].as_deref().map_or(0.0, |ring| turned(ring, drag.pressed, pointer));
+            object.turn(DQuat::from_axis_angle(AXES[axis], angle));
+        }
+        Handle::Square => {
+            let outward: Vec2 = vec2(1.0, -1.0).normalized();
+            object.scale(f64::from(((pointer - drag.pressed).dot(outward) / DOUBLING).exp2()));
+        }
+    }
+    object
+}
+
+/// Where on a line through `center` the sight line comes closest; `None` if they are nearly parallel.
+fn along_axis((origin, direction): (DVec3, DVec3), center: DVec3, axis: DVec3) -> Option<f64> {
+    let between = center - origin;
+    let cosine = axis.dot(direction);
+    let sine_squared = 1.0 - cosine * cosine;
+    (sine_squared > 1e-3).then(|| (cosine * direction.dot(between) - axis.dot(between)) / sine_squared)
+}
+
+/// Radians by which a drag turns a ring: as if it was pulled along its tangent where it was grabbed.
+fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
+    let grabbed =
+        (0..RING_STEPS).min_by(|a, b| pressed.distance_sq(ring[*a]).total_cmp(&pressed.distance_sq(ring[*b])));
+    let step = grabbed.unwrap_or(0);
+    // Per radian: over the two steps about the grabbed one.
+    let before = ring[(step + RING_STEPS - 1) % RING_STEPS];
+    let tangent = (ring[step + 1] - before) * (RING_STEPS as f32 / (2.0 * std::f32::consts::TAU));
+    let length = tangent.length_sq();
+    if length < SHORTEST * SHORTEST {
+        return 0.0;
+    }
+    f64::from((pointer - pressed).dot(tangent) / length)
+}
+
+/// Where the symbols of objects are: all while somebody looks after lights, or none.
+fn symbols(session: &Session, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
+    let has_symbol = |object: &Object| object.kind().has_symbol;
+    if !session.tools.light_panel_is_open && !selected(session).is_some_and(|(.., object)| has_symbol(&object)) {
+        return Vec::new();
+    }
+    let objects = session.scene.objects.all().filter(|(.., object)| has_symbol(object));
+    objects.filter_map(|(id, _, object)| Some((id, stage.place(object.places()[0])?, color_of(&object)))).collect()
+}
+
+/// The colour of what an object gives back or sends out, as bright as the screen can show it.
+fn color_of(object: &Object) -> Color32 {
+    let color = match object {
+        Object::Mirror(mirror) => mirror.color,
+        Object::Light(light) => light.intensity,
+    };
+    let strongest = color.into_iter().fold(f32::MIN_POSITIVE, f32::max);
+    let [red, green, blue] = color.map(|part| part / strongest);
+    egui::Rgba::from_rgb(red, green, blue).into()
+}
+
+/// A lamp: a disc and rays.
+fn lamp(painter: &Painter, at: Pos2, color: Color32, is_hot: bool) {
+    let size = if is_hot { SYMBOL + 1.5 } else { SYMBOL };
+    for (width, color) in [(3.5, Color32::from_black_alpha(150)), (1.5, color)] {
+        for ray in 0..8 {
+            let direction = Vec2::angled(ray as f32 * std::f32::consts::FRAC_PI_4);
+            painter.line_segment([at + direction * size * 0.75, at + direction * size], Stroke::new(width, color));
+        }
+        painter.circle_filled(at, size * 0.45 + width * 0.5, color);
+    }
+    if is_hot {
+        painter.circle_stroke(at, size + 3.0, Stroke::new(1.5, theme::ACCENT));
+    }
+}
+
+/// The axis of a light and the rim of its cone, at the distance of its target.
+fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight, color: Color32) {
+    let (axis, distance) = ((light.target - light.position).normalize_or_zero(), light.position.distance(light.target));
+    let (u, v) = axis.any_orthonormal_pair();
+    let rim = |degrees: f32, share: f64| {
+        let (sine, cosine) = f64::from(degrees).to_radians().sin_cos();
+        let (sin, cos) = (share * std::f64::consts::TAU).sin_cos();
+        light.position + (axis * cosine + (u * cos + v * sin) * sine) * distance
+    };
+    let line = |from: DVec3, to: DVec3, stroke: Stroke| {
+        // In pieces: some may lie behind the eye.
+        for step in 0..CONE_STEPS {
+            let at = |step: u32| stage.place(from.lerp(to, f64::from(step) / f64::from(CONE_STEPS)));
+            if let (Some(from), Some(to)) = (at(step), at(step + 1)) {
+                painter.line_segment([from, to], stroke);
+            }
+        }
+    };
+    line(light.position, light.target, Stroke::new(1.0, color.gamma_multiply(0.7)));
+    for (degrees, strength) in [(light.inner_degrees, 0.35), (light.outer_degrees, 0.8)] {
+        let stroke = Stroke::new(1.2, color.gamma_multiply(strength));
+        for step in 0..RING_STEPS {
+            let at = |step: usize| stage.place(rim(degrees, step as f64 / RING_STEPS as f64));
+            if let (Some(from), Some(to)) = (at(step), at(step + 1)) {
+                painter.line_segment([from, to], stroke);
+            }
+        }
+    }
+    for quarter in 0..4 {
+        let to = rim(light.outer_degrees, f64::from(quarter) * 0.25);
+        line(light.position, to, Stroke::new(1.0, color.gamma_multiply(0.5)));
+    }
+}
+
+/// Draws the handles of the selected object, and the symbols of lights.
+pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
+    let Some(stage) = PictureFrame::of(session, rect) else { return };
+    let painter = painter.with_clip_rect(rect);
+    let (selected, gizmo) = (selected(session), Gizmo::remembered(painter.ctx()));
+    if let Some((.., object @ Object::Light(light))) = &selected {
+        cone(&painter, &stage, light, color_of(object));
+    }
+    for (id, at, color) in symbols(session, &stage) {
+        lamp(&painter, at, color, gizmo.hot_light == Some(id));
+    }
+    let Some((_, name, object)) = selected else { return };
+    let held = gizmo.drag.as_ref().map(|drag| drag.grip);
+    let hot = held.or(gizmo.hot);
+    for (place, layout) in layouts(&object, &stage, session.tools.handles).into_iter().enumerate() {
+        let Some(layout) = layout else { continue };
+        // While something is dragged the others would be in the way.
+        let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);
+        if held.is_none_or(|held| held.0 == place) {
+            paint_layout(&painter, &layout, held.and_then(at_place), hot.and_then(at_place));
+        }
+        if place == 0 {
+            name_tag(&painter, &layout, &name);
+        }
+    }
+}
+
+fn name_tag(painter: &Painter, layout: &Layout, name: &str) {
+    let name = painter.layout_no_wrap(name.to_string(), egui::FontId::proportional(12.0), Color32::WHITE);
+    let corner = pos2(layout.center.x - name.size().x * 0.5, layout.center.y + ARROW as f32 + 16.0);
+    painter.rect_filled(Rect::from_min_size(corner, name.size()).expand(3.0), 3.0, Color32::from_black_alpha(130));
+    painter.galley(corner, name, Color32::WHITE);
+}
+
+fn paint_layout(painter: &Painter, layout: &Layout, held: Option<Handle>, hot: Option<Handle>) {
+    let shown = |handle: Handle| held.is_none_or(|held| held == handle);
+    let style = |handle: Handle, color: Color32| {
+        let width = if hot == Some(handle) { 3.5 } else { 2.0 };
+        Stroke::new(width, if hot == Some(handle) { theme::ACCENT } else { color })
+    };
+    let shadow = Stroke::new(5.0, Color32::from_black_alpha(110));
+    for axis in 0..3 {
+        if let Some(ring) = layout.rings[axis].as_ref().filter(|_| shown(Handle::Ring(axis))) {
+            painter.add(egui::Shape::line(ring.clone(), shadow));
+            painter.add(egui::Shape::line(ring.clone(), style(Handle::Ring(axis), COLORS[axis].gamma_multiply(0.85))));
+        }
+    }
+    for axis in 0..3 {
+        if let Some(end) = layout.arrows[axis].filter(|_| shown(Handle::Arrow(axis))) {
+            let stroke = style(Handle::Arrow(axis), COLORS[axis]);
+            painter.line_segment([layout.center, end], shadow);
+            painter.line_segment([layout.center, end], stroke);
+            let tip = (end - layout.center).normalized();
+            let side = tip.rot90() * 5.0;
+            let head = vec![end + tip * 12.0, end + side, end - side];
+            painter.add(egui::Shape::convex_polygon(head, stroke.color, Stroke::NONE));
+        }
+    }
+    if let Some(at) = layout.square.filter(|_| shown(Handle::Square)) {
+        let stroke = style(Handle::Square, Color32::WHITE);
+        painter.line_segment([layout.center, at], Stroke::new(1.0, stroke.color.gamma_multiply(0.5)));
+        painter.rect_filled(Rect::from_center_size(at, vec2(11.0, 11.0)), 2.0, Color32::from_black_alpha(160));
+        painter.rect_filled(Rect::from_center_size(at, vec2(9.0, 9.0)), 2.0, stroke.color);
+    }
+    if layout.dot && shown(Handle::Dot) {
+        painter.circle_filled(layout.center, 6.0, Color32::from_black_alpha(160));
+        painter.circle_filled(layout.center, 4.5, style(Handle::Dot, Color32::WHITE).color);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::{Camera, Mirror, Projection, Shape, ViewSettings};
+
+    use super::*;
+
+    fn stage(projection: Projection) -> PictureFrame {
+        let camera =
+            Camera::looking(DVec3::new(635_000.0, 848_000.0, 40.0), DVec3::new(0.7, -1.0, 0.5), 12.0, DVec3::Z);
+        let view = ViewSettings { projection, ..ViewSettings::default() };
+        // A screen of two pixels a point.
+        let rect = Rect::from_min_size(pos2(310.0, 20.0), vec2(800.0, 600.0));
+        PictureFrame::new(Lens::new(&camera, &view, [1600, 1200]), [1600, 1200], rect)
+    }
+
+    fn mirror() -> Mirror {
+        Mirror::standing(Shape::Sphere, DVec3::new(635_001.0, 848_000.5, 40.0), DVec3::Z, DVec3::Z, 0.8)
+    }
+
+    fn drag(stage: &PictureFrame, handle: Handle, pressed: Pos2) -> Drag {
+        grab(stage, Object::Mirror(mirror()), (0, handle), pressed)
+    }
+
+    fn grab(stage: &PictureFrame, start: Object, grip: Grip, pressed: Pos2) -> Drag {
+        let layout = layouts(&start, stage, Handles::All).swap_remove(grip.0).unwrap();
+        Drag { grip, start, pressed, layout }
+    }
+
+    fn layout(stage: &PictureFrame, handles: Handles) -> Layout {
+        layouts(&Object::Mirror(mirror()), stage, handles).remove(0).unwrap()
+    }
+
+    fn as_mirror(object: Object) -> Mirror {
+        match object {
+            Object::Mirror(mirror) => mirror,
+            Object::Light(_) => panic!("a mirror became a light"),
+        }
+    }
+
+    fn found(layout: &Layout, pointer: Pos2) -> Option<Handle> {
+        layout.at(pointer).map(|(_, handle)| handle)
+    }
+
+    #[test]
+    fn what_is_grabbed_stays_under_the_cursor() {
+        for projection in [Projection::Perspective, Projection::Orthographic] {
+            let stage = stage(projection);
+            for axis in 0..3 {
+                let end = layout(&stage, Handles::All).arrows[axis].unwrap();
+                let drag = drag(&stage, Handle::Arrow(axis), end);
+                // Along the arrow on the screen, and off it: only the way along it counts.
+                let center = drag.layout.center;
+                let along = end - center;
+                let moved = as_mirror(dragged(&stage, &drag, end + along * 1.5));
+                let shift = moved.position - mirror().position;
+                assert!(shift.dot(AXES[axis]) > 0.0 && shift.cross(AXES[axis]).length() < 1e-6, "{axis}: {shift}");
+                let units = stage.units(mirror().position).unwrap();
+                let tip = stage.place(moved.position + AXES[axis] * (ARROW * units)).unwrap();
+                assert!(tip.distance(end + along * 1.5) < 0.1, "{axis}: {tip} instead of {}", end + along * 1.5);
+            }
+            let drag = drag(&stage, Handle::Dot, pos2(700.0, 300.0));
+            let moved = as_mirror(dragged(&stage, &drag, pos2(750.0, 260.0)));
+            let place = |mirror: &Mirror| stage.place(mirror.position).unwrap();
+            assert!((place(&moved) - place(&mirror()) - vec2(50.0, -40.0)).length() < 0.1);
+        }
+    }
+
+    #[test]
+    fn pulling_a_ring_turns_the_mirror_with_it() {
+        let stage = stage(Projection::Orthographic);
+        for axis in 0..3 {
+            let layout = layout(&stage, Handles::All);
+            let ring = layout.rings[axis].clone().unwrap();
+            for step in [3, 20, 41] {
+                let drag = drag(&stage, Handle::Ring(axis), ring[step]);
+                let moved = as_mirror(dragged(&stage, &drag, ring[step + 1]));
+                // The point that was grabbed has gone to where the cursor is, up to the bend of the ring.
+                let turn = moved.rotation * mirror().rotation.inverse();
+                let (turned_axis, angle) = turn.to_axis_angle();
+                let expected = std::f64::consts::TAU / RING_STEPS as f64;
+                assert!(
+                    (angle * turned_axis.dot(AXES[axis]) - expected).abs() < 0.25 * expected,
+                    "{axis} {step}: {angle}"
+                );
+                assert_eq!(moved.position, mirror().position);
+            }
+        }
+    }
+
+    #[test]
+    fn the_square_doubles_and_halves() {
+        let stage = stage(Projection::Perspective);
+        let drag = drag(&stage, Handle::Square, pos2(500.0, 300.0));
+        let outward = vec2(1.0, -1.0).normalized() * DOUBLING;
+        let size = |offset: Vec2| as_mirror(dragged(&stage, &drag, drag.pressed + offset)).size / mirror().size;
+        assert!((size(outward) - 2.0).abs() < 1e-5 && (size(-outward) - 0.5).abs() < 1e-5);
+        assert!(size(vec2(-1e6, 1e6)) >= 1e-3, "a mirror must not vanish");
+    }
+
+    #[test]
+    fn handles_are_found_where_they_are_drawn() {
+        let stage = stage(Projection::Perspective);
+        let layout = layout(&stage, Handles::All);
+        assert_eq!(found(&layout, layout.center), Some(Handle::Dot));
+        assert_eq!(found(&layout, layout.square.unwrap()), Some(Handle::Square));
+        for axis in 0..3 {
+            assert_eq!(found(&layout, layout.arrows[axis].unwrap()), Some(Handle::Arrow(axis)));
+        }
+        assert_eq!(found(&layout, layout.center + vec2(300.0, 200.0)), None);
+        let turning = layouts(&Object::Mirror(mirror()), &stage, Handles::Turn).remove(0).unwrap();
+        assert_eq!(found(&turning, turning.center), None);
+        assert!(found(&turning, turning.rings[2].as_ref().unwrap()[5]).is_some());
+    }
+
+    #[test]
+    fn an_arrow_that_points_at_the_eye_cannot_be_grabbed() {
+        let camera = Camera::looking(mirror().position, DVec3::X, 12.0, DVec3::Z);
+        let rect = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
+        let stage = PictureFrame::new(Lens::new(&camera, &ViewSettings::default(), [800, 600]), [800, 600], rect);
+        let layout = layout(&stage, Handles::All);
+        assert!(layout.arrows[0].is_none() && layout.arrows[1].is_some() && layout.arrows[2].is_some());
+        assert_eq!(along_axis(stage.ray(pos2(400.0, 300.0)), mirror().position, DVec3::X), None);
+    }
+
+    #[test]
+    fn a_light_is_moved_where_it_stands_and_at_its_target() {
+        let stage = stage(Projection::Perspective);
+        let light = crate::viewer::objects::spot(
+            DVec3::new(635_001.0, 848_000.5, 43.0),
+            DVec3::new(635_000.0, 848_000.0, 40.0),
+            60.0,
+        );
+        let places = [light.position, light.target].map(|place| stage.place(place).unwrap());
+        let layouts = super::layouts(&Object::Light(light), &stage, Handles::All);
+        for (place, at) in places.into_iter().enumerate() {
+            assert_eq!(grip_at(&layouts, at), Some((place, Handle::Dot)));
+            let drag = grab(&stage, Object::Light(light), (place, Handle::Dot), at);
+            let Object::Light(moved) = dragged(&stage, &drag, at + vec2(30.0, -20.0)) else { panic!("no light") };
+            let now = [moved.position, moved.target].map(|place| stage.place(place).unwrap());
+            assert!((now[place] - at - vec2(30.0, -20.0)).length() < 0.1);
+            assert_eq!(now[1 - place], places[1 - place], "the other end stays");
+        }
+        // Up along its arrow, and no handles that would turn or scale it.
+        let end = layouts[0].as_ref().unwrap().arrows[2].unwrap();
+        let drag = grab(&stage, Object::Light(light), (0, Handle::Arrow(2)), end);
+        let Object::Light(moved) = dragged(&stage, &drag, end - vec2(0.0, 25.0)) else { panic!("no light") };
+        let shift = moved.position - light.position;
+        assert!(shift.z > 0.0 && shift.truncate().length() < 1e-6 && moved.target == light.target, "{shift}");
+        assert!(layouts.iter().flatten().all(|layout| layout.square.is_none() && layout.rings[0].is_none()));
+    }
+}

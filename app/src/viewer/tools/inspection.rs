@@ -1,0 +1,273 @@
+//! The inspection mirror: a plane, or a shallow bulge, that hovers over the scan where the cursor points and shows what faces
+//! away from the eye, as a dentist's does. Its normal halves the angle between the eye and the hidden side's direction.
+//!
+//! The surface under the cursor is found here by the sight line among the points themselves, off the window's thread: the
+//! picture shows the mirror in front of it.
+
+use cloud::{Bounds, Chunk, PointTest, unpack_normal, unpack_radius};
+use glam::{DMat3, DQuat, DVec3, Vec3};
+use rayon::prelude::*;
+use scene::{Mirror, Shape};
+
+use crate::viewer::objects::ObjectId;
+
+/// The mirror at the cursor.
+pub struct Inspection {
+    pub id: ObjectId,
+    /// Once a surface has been found.
+    pub mirror: Option<Mirror>,
+    pub pose: Pose,
+    surface: Option<Surface>,
+    /// Pixel of the sight line that is being looked along.
+    pub asked: Option<[u32; 2]>,
+    /// Pixel of the last one that was.
+    pub known: Option<[u32; 2]>,
+}
+
+/// How the mirror is held over a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// From the surface to the mirror's middle, over the distance from the surface to the eye.
+    pub distance: f64,
+    /// Radians by which the direction it shows is turned down from the direction of the eye.
+    pub tilt: f64,
+    /// Half its width, over the same.
+    pub size: f64,
+    /// A shallow bulge instead of a plane: shows more, smaller.
+    pub is_bulged: bool,
+}
+
+/// A place on a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    pub position: DVec3,
+    /// Unit vector, on the side of the eye.
+    pub normal: DVec3,
+}
+
+/// What a sight line is to meet.
+pub struct Ray {
+    pub origin: DVec3,
+    /// Unit vector.
+    pub direction: DVec3,
+    /// World units by which it widens per unit, and at its beginning: a few pixels.
+    pub spread: f64,
+    pub width: f64,
+    pub targets: Vec<Target>,
+    /// Which of their points are shown: the others are not met.
+    pub test: PointTest,
+}
+
+/// A chunk that a sight line may meet.
+#[derive(Clone)]
+pub struct Target {
+    pub chunk: Chunk,
+    pub bounds: Bounds,
+    /// The column that holds the classes of its points.
+    pub classes: Option<usize>,
+}
+
+/// Shares of the way to the eye, so that the mirror is as large on the screen near by as far away: a quarter of the picture's
+/// height, and not as near to the eye as to hide what it is held over.
+const DISTANCE: f64 = 0.2;
+const SIZE: f64 = 0.12;
+/// About 14 degrees: below the eye, at the backs of what stands between it and the mirror.
+const TILT: f64 = 0.25;
+/// Focal length of the bulge over its radius: the view is about twice as wide as a plane's.
+const BULGE: f64 = 1.5;
+
+impl Inspection {
+    pub fn new(id: ObjectId) -> Self {
+        Self {
+            id,
+            mirror: None,
+            pose: Pose { distance: DISTANCE, tilt: TILT, size: SIZE, is_bulged: false },
+            surface: None,
+            asked: None,
+            known: None,
+        }
+    }
+
+    /// Places the mirror over a surface, or over the one it is at.
+    pub fn update(&mut self, surface: Option<Surface>, eye: DVec3, up: DVec3) {
+        self.surface = surface.or(self.surface);
+        if let Some(surface) = self.surface {
+            self.mirror = Some(self.placed(surface, eye, up));
+        }
+    }
+
+    fn placed(&self, surface: Surface, eye: DVec3, up: DVec3) -> Mirror {
+        let reach = surface.position.distance(eye).max(f64::MIN_POSITIVE);
+        let position = surface.position + surface.normal * (self.pose.distance * reach);
+        let to_eye = (eye - position).normalize_or(up);
+        let level = up.cross(to_eye).normalize_or(to_eye.any_orthonormal_vector());
+        // The right hand's rotation about the level axis turns down what points at the eye.
+        let shown = DQuat::from_axis_angle(level, self.pose.tilt) * to_eye;
+        let normal = (to_eye + shown).normalize_or(to_eye);
+        // The bulge's outer side is the one the paraboloid does not open to.
+        let (shape, z) = if self.pose.is_bulged {
+            (Shape::Paraboloid { focal_length: BULGE }, -normal)
+        } else {
+            (Shape::Plane { height: 0.75 }, normal)
+        };
+        let y = (normal.cross(level)).normalize_or(up);
+        let x = y.cross(z);
+        Mirror {
+            name: "inspection mirror".into(),
+            position,
+            rotation: DQuat::from_mat3(&DMat3::from_cols(x, y, z)),
+            ..Mirror::standing(shape, position, z, up, self.pose.size * reach)
+        }
+    }
+}
+
+/// A hit is as deep as the nearest point; points so much deeper, in widths of the sight line there, are of the same surface.
+const SAME_SURFACE: f64 = 4.0;
+
+/// The surface that a sight line meets first: the mean of the points around it. `None` if it passes all of them.
+pub fn cast(ray: &Ray) -> Option<Surface> {
+    let is_reached = |target: &&Target| {
+        let (depth, aside) = ray.depth_and_distance(target.bounds.center() - ray.origin);
+        let radius = target.bounds.radius();
+        depth > -radius && aside <= radius + ray.width_at(depth + radius)
+    };
+    let reached: Vec<&Target> = ray.targets.iter().filter(is_reached).collect();
+    // Depths of points that the ray meets. In f32 from the chunk's origin: a few pixels are what counts.
+    let hits = |Target { chunk, classes, .. }: &Target| -> Vec<(f64, usize)> {
+        let classes = chunk.classes(*classes);
+        let is_shown = |index: &usize| ray.test.shows(classes.map(|classes| classes[*index]));
+        let origin = (ray.origin - chunk.origin).as_vec3();
+        let direction = ray.direction.as_vec3();
+        let hit = |(index, position): (usize, &[f32; 3])| {
+            let offset = Vec3::from(*position) - origin;
+            let depth = offset.dot(direction);
+            let width = ray.width_at(f64::from(depth)) as f32;
+            let radius = chunk.radii.as_ref().and_then(|radii| unpack_radius(radii[index])).unwrap_or(0.0);
+            let reach = width.max(radius);
+            (depth > 0.0 && offset.length_squared() - depth * depth < reach * reach)
+                .then_some((f64::from(depth), index))
+        };
+        chunk.positions.iter().enumerate().filter_map(hit).filter(|(_, index)| is_shown(index)).collect()
+    };
+    let found: Vec<(&Chunk, Vec<(f64, usize)>)> =
+        reached.par_iter().map(|target| (&target.chunk, hits(target))).collect();
+    let nearest = found.iter().flat_map(|(_, hits)| hits).map(|(depth, _)| *depth).reduce(f64::min)?;
+    let deepest = nearest + SAME_SURFACE * ray.width_at(nearest);
+    let (mut count, mut depths, mut normals) = (0.0, 0.0, Vec3::ZERO);
+    for (chunk, hits) in &found {
+        for (depth, index) in hits.iter().filter(|(depth, _)| *depth <= deepest) {
+            count += 1.0;
+            depths += depth;
+            let normal = chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[*index])).unwrap_or_default();
+            // Those of a scan may be turned either way.
+            normals += if normal.dot(ray.direction.as_vec3()) > 0.0 { -normal } else { normal };
+        }
+    }
+    Some(Surface {
+        position: ray.origin + ray.direction * (depths / count),
+        normal: normals.as_dvec3().normalize_or(-ray.direction),
+    })
+}
+
+impl Ray {
+    fn depth_and_distance(&self, offset: DVec3) -> (f64, f64) {
+        let depth = offset.dot(self.direction);
+        (depth, (offset.length_squared() - depth * depth).max(0.0).sqrt())
+    }
+
+    fn width_at(&self, depth: f64) -> f64 {
+        self.width + self.spread * depth.max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use cloud::{Column, pack_normal, pack_radius};
+
+    use super::*;
+
+    /// Two walls across the x axis, at x = 10 and x = 20, at coordinates of seven digits.
+    fn walls() -> Vec<Target> {
+        let wall = |x: f32, first_point: u64| {
+            let positions: Vec<[f32; 3]> =
+                (0..10_000).map(|i| [x, (i % 100) as f32 * 0.1 - 5.0, (i / 100) as f32 * 0.1 - 5.0]).collect();
+            let chunk = Chunk {
+                // Turned away: the estimate did not know better.
+                normals: Some(Arc::new(vec![pack_normal(Vec3::X); positions.len()])),
+                radii: Some(Arc::new(vec![pack_radius(0.1); positions.len()])),
+                ..Chunk::new(first_point, DVec3::new(635_000.0, 848_000.0, 0.0), positions)
+            };
+            Target { bounds: chunk.bounds(), chunk, classes: None }
+        };
+        vec![wall(20.0, 0), wall(10.0, 10_000)]
+    }
+
+    fn ray(direction: DVec3) -> Ray {
+        let origin = DVec3::new(635_000.0, 848_000.0, 0.0);
+        let (direction, test) = (direction.normalize(), PointTest::default());
+        Ray { origin, direction, spread: 1e-3, width: 0.0, targets: walls(), test }
+    }
+
+    #[test]
+    fn a_sight_line_meets_the_nearest_surface_and_its_side_towards_the_eye() {
+        let surface = cast(&ray(DVec3::new(1.0, 0.123, -0.2))).unwrap();
+        let expected = DVec3::new(635_010.0, 848_001.23, -2.0);
+        assert!(surface.position.distance(expected) < 0.05, "{}", surface.position);
+        assert!(surface.normal.dot(-DVec3::X) > 0.999);
+        assert_eq!(cast(&ray(DVec3::NEG_X)), None);
+        assert_eq!(cast(&ray(DVec3::Z)), None);
+        assert_eq!(cast(&Ray { targets: Vec::new(), ..ray(DVec3::X) }), None);
+    }
+
+    #[test]
+    fn a_sight_line_passes_hidden_points() {
+        let mut ray = ray(DVec3::X);
+        let near = &mut ray.targets[1];
+        near.chunk.columns = vec![Some(Arc::new(Column::U8(vec![7; near.chunk.len()])))];
+        near.classes = Some(0);
+        let distance = |ray: &Ray| (cast(ray).unwrap().position.x - ray.origin.x).round();
+        assert_eq!(distance(&ray), 10.0);
+        ray.test = PointTest::hiding([7]);
+        assert_eq!(distance(&ray), 20.0);
+    }
+
+    #[test]
+    fn the_mirror_shows_the_eye_what_lies_in_the_hidden_direction() {
+        let surface = Surface { position: DVec3::new(10.0, 0.0, 0.0), normal: -DVec3::X };
+        let eye = DVec3::new(0.0, 1.0, 2.0);
+        for is_bulged in [false, true] {
+            let mut inspection = Inspection::new(ObjectId(0));
+            inspection.pose.is_bulged = is_bulged;
+            inspection.update(Some(surface), eye, DVec3::Z);
+            let mirror = inspection.mirror.clone().unwrap();
+            assert_eq!(mirror.problem(), None);
+            let reach = eye.distance(surface.position);
+            assert!((mirror.position.distance(surface.position) - inspection.pose.distance * reach).abs() < 1e-9);
+            assert!((mirror.size - inspection.pose.size * reach).abs() < 1e-9);
+            // Of the side that reflects, in the middle of the mirror.
+            let normal = mirror.rotation * if is_bulged { -DVec3::Z } else { DVec3::Z };
+            let to_eye = (eye - mirror.position).normalize();
+            let shown = 2.0 * normal.dot(to_eye) * normal - to_eye;
+            assert!((shown.angle_between(to_eye) - inspection.pose.tilt).abs() < 1e-6);
+            // Towards the eye's side, and lower.
+            assert!(shown.dot(-DVec3::X) > 0.0 && shown.z < to_eye.z, "{shown}");
+            // Its long side is level.
+            assert!((mirror.rotation * DVec3::X).z.abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn distance_and_tilt_change_the_mirror_where_it_is() {
+        let surface = Surface { position: DVec3::ZERO, normal: DVec3::Z };
+        let mut inspection = Inspection::new(ObjectId(0));
+        inspection.update(None, DVec3::ONE, DVec3::Z);
+        assert!(inspection.mirror.is_none());
+        inspection.update(Some(surface), DVec3::ONE * 5.0, DVec3::Z);
+        inspection.pose.distance *= 2.0;
+        inspection.update(None, DVec3::ONE * 5.0, DVec3::Z);
+        let height = inspection.mirror.as_ref().unwrap().position.z;
+        assert!((height - 2.0 * DISTANCE * (DVec3::ONE * 5.0).length()).abs() < 1e-9);
+    }
+}

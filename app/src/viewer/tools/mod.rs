@@ -1,0 +1,207 @@
+//! What a person holds over the picture: picked points, the inspection mirror, the choice of points that are to reflect, the
+//! handles of the gizmo; and what comes of what is found under a pixel.
+
+pub mod draft;
+pub mod gizmo;
+pub mod inspection;
+pub mod pick;
+
+use cloud::{Bounds, Chunk};
+use glam::DVec3;
+use scene::{Mirror, Object, Shape};
+use serde_json::json;
+
+use crate::viewer::action::Handles;
+use crate::viewer::loaded::Loaded;
+use crate::viewer::loaded::clouds::CloudEntry;
+use crate::viewer::objects::{ObjectId, Placed};
+use crate::viewer::outside::Outside;
+use crate::viewer::scene::Scene;
+use crate::viewer::tools::draft::Draft;
+use crate::viewer::tools::inspection::{Inspection, Surface, Target};
+use crate::viewer::tools::pick::{Distance, Pick, loaded_attributes};
+use crate::viewer::window::render_thread::{PickPurpose, PickedPoint};
+use crate::viewer::work::Work;
+
+/// Size of a mirror that is added, over the scene's radius: a tenth of the scene across.
+const MIRROR_SIZE: f64 = 0.1;
+
+#[derive(Default)]
+pub struct Tools {
+    pub inspection: Option<Inspection>,
+    pub picks: Vec<Pick>,
+    pub pick_tool: bool,
+    /// Points that may be turned into a mirror.
+    pub draft: Draft,
+    /// Which handles the gizmo shows, and whether one of them is grabbed.
+    pub handles: Handles,
+    pub handle_is_grabbed: bool,
+    /// The lights are being looked after: they are shown in the picture.
+    pub light_panel_is_open: bool,
+}
+
+impl Tools {
+    pub fn on_picked(
+        &mut self,
+        pixel: [u32; 2],
+        purpose: PickPurpose,
+        point: Option<PickedPoint>,
+        scene: &mut Scene,
+        loaded: &Loaded,
+        outside: &mut Outside,
+    ) {
+        let found = point.and_then(|point| Some((point, loaded.world_position(point)?)));
+        // Where a mirror is drawn by its formula there is no point, and where it stands in front the point is not meant.
+        let lens = scene.lens();
+        let depth = |world: DVec3| lens.forward().dot(world - scene.camera.eye);
+        let mirror = mirror_at(pixel, scene, loaded);
+        let mirror = mirror.filter(|(_, at)| found.is_none_or(|(_, world)| depth(*at) <= depth(world)));
+        let world = mirror.map(|(_, world)| world).or(found.map(|(_, world)| world));
+        match (purpose, world) {
+            (PickPurpose::Hover, world) => {
+                scene.navigation.on_hover(pixel, world);
+                scene.apply_pending_zoom(true, outside.now);
+            }
+            (PickPurpose::Pivot, Some(world)) => {
+                let mut camera = scene.camera;
+                camera.recenter(world);
+                scene.jump(outside.now, scene.settings.clone(), camera);
+                scene.navigation.show_pivot(outside.now);
+                outside.log(json!({ "event": "pivot", "world": world.to_array() }));
+            }
+            (PickPurpose::Pivot, None) => outside.note("No point there to turn about"),
+            (PickPurpose::Select, _) => match (mirror, found) {
+                (Some((id, _)), _) => {
+                    scene.selected = Some(id);
+                    outside.log(json!({ "event": "selected", "mirror": scene.objects.mirror(id).map(|m| &m.name) }));
+                }
+                (None, Some((point, world))) => {
+                    scene.selected = None;
+                    self.select(point, world, scene, loaded, outside);
+                }
+                (None, None) => {}
+            },
+        }
+    }
+
+    fn select(&mut self, point: PickedPoint, world: DVec3, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        let Some(entry) = loaded.cloud(point.chunk.cloud) else { return };
+        let Some(chunk) = entry.chunk(point.chunk.part) else { return };
+        let number = chunk.first_point + point.index as u64;
+        let is_streamed = entry.streamed.is_some();
+        let source = entry.source.clone().filter(|_| !is_streamed);
+        let cloud = entry.cloud.name.clone();
+        let record = source.is_none().then(|| Ok(loaded_attributes(&entry.cloud, chunk, point.index)));
+        if self.picks.len() == 2 {
+            self.picks.remove(0);
+        }
+        outside.log(json!({ "event": "picked", "cloud": cloud, "point": number, "world": world.to_array() }));
+        self.picks.push(Pick { point, number, cloud, world, record, is_streamed });
+        if let Some(source) = source {
+            outside.work(Work::ReadRecord { picked: point, record: number, source });
+        }
+        if let Some(distance) = self.distance(scene.up(&loaded.clouds)) {
+            outside.log(json!({
+                "event": "distance", "total": distance.total, "horizontal": distance.horizontal,
+                "vertical": distance.vertical,
+            }));
+        }
+    }
+
+    /// Between the two picked points.
+    pub fn distance(&self, up: DVec3) -> Option<Distance> {
+        let [first, second] = self.picks.as_slice() else { return None };
+        let difference = second.world - first.world;
+        let vertical = difference.dot(up);
+        let horizontal = (difference - up * vertical).length();
+        Some(Distance { total: difference.length(), horizontal, vertical })
+    }
+
+    /// Adds a mirror on the surface at the last pick, or at the pivot, and selects it.
+    pub fn add_mirror(&mut self, shape: Shape, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        let up = scene.up(&loaded.clouds);
+        let size = scene.bounds(&loaded.clouds).radius() * MIRROR_SIZE;
+        let size = if size > 0.0 { size } else { scene.camera.distance() * MIRROR_SIZE };
+        let picked = self.picks.last().map(|pick| (pick.world, loaded.normal_at(pick.point)));
+        let (point, normal) = picked.unwrap_or((scene.camera.pivot, None));
+        let to_eye = scene.camera.eye - point;
+        let normal = normal.map_or(up, |normal| if normal.dot(to_eye) < 0.0 { -normal } else { normal });
+        let name = shape.name().to_owned();
+        let mirror = Mirror { name, ..Mirror::standing(shape, point, normal, up, size) };
+        let id = scene.next_object_id();
+        scene.place(id, Object::Mirror(mirror), outside);
+    }
+
+    pub fn toggle_inspection(&mut self, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        if self.inspection.take().is_some() {
+            scene.navigation.camera_moved(outside.now);
+            return;
+        }
+        if !loaded.clouds.is_empty() {
+            let id = scene.next_object_id();
+            self.inspection = Some(Inspection::new(id));
+            scene.selected = None;
+            outside.note("Inspection mirror: Ctrl+wheel distance, Ctrl+Shift+wheel tilt, click pins it");
+        }
+    }
+
+    /// Leaves the inspection mirror where it is.
+    pub fn pin_inspection(&mut self, scene: &mut Scene, outside: &mut Outside) {
+        let Some(mut held) = self.inspection.take() else { return };
+        if let Some(mirror) = held.mirror.take() {
+            scene.place(held.id, Object::Mirror(mirror), outside);
+        }
+    }
+
+    /// Keeps the inspection mirror at the cursor; called every frame of the window.
+    pub fn follow_cursor(&mut self, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        let (eye, up, cursor) = (scene.camera.eye, scene.up(&loaded.clouds), scene.cursor());
+        let Some(held) = &mut self.inspection else { return };
+        let before = held.mirror.clone();
+        held.update(None, eye, up);
+        let is_changed = held.mirror != before;
+        if is_changed {
+            scene.navigation.camera_moved(outside.now);
+        }
+        let Some(pixel) = cursor else { return };
+        let Some(held) = &mut self.inspection else { return };
+        if held.asked.is_some() || held.known == Some(pixel) {
+            return;
+        }
+        held.asked = Some(pixel);
+        let visible = loaded.clouds.iter().filter(|entry| entry.is_visible);
+        let targets = |entry: &CloudEntry| {
+            let (classes, chunks) = (entry.cloud.class_column(), entry.cloud.chunks.iter().cloned());
+            let target = |(chunk, (_, bounds))| Target { chunk, bounds, classes };
+            chunks.zip(entry.chunk_bounds()).map(target).collect::<Vec<_>>()
+        };
+        let ray = scene.sight_line(pixel, visible.flat_map(targets).collect());
+        outside.work(Work::Cast(ray));
+    }
+
+    /// What a sight line has met. Beyond the scan the mirror stays where it was.
+    pub fn on_surface(&mut self, surface: Option<Surface>, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
+        let (eye, up) = (scene.camera.eye, scene.up(&loaded.clouds));
+        let Some(held) = &mut self.inspection else { return };
+        held.known = held.asked.take();
+        if surface.is_some() {
+            held.update(surface, eye, up);
+            scene.navigation.camera_moved(outside.now);
+        }
+    }
+}
+
+/// The mirror under a pixel, and where: by the points that stand for it.
+fn mirror_at(pixel: [u32; 2], scene: &Scene, loaded: &Loaded) -> Option<(ObjectId, DVec3)> {
+    let lens = scene.lens();
+    let hit = |placed: &Placed| {
+        let sample = loaded.samples.of.get(&placed.id)?;
+        let target =
+            |(chunk, bounds): &(Chunk, Bounds)| Target { chunk: chunk.clone(), bounds: *bounds, classes: None };
+        let ray = scene.sight_line(pixel, sample.chunks.iter().map(target).collect());
+        Some((placed.id, inspection::cast(&ray)?.position))
+    };
+    let depth = |world: DVec3| lens.forward().dot(world - scene.camera.eye);
+    let hits = scene.objects.mirrors.iter().filter_map(hit);
+    hits.min_by(|a, b| depth(a.1).total_cmp(&depth(b.1)))
+}

@@ -1,0 +1,87 @@
+//! A point that a person picked, and what is known of it.
+
+use cloud::{Chunk, Cloud};
+use glam::DVec3;
+
+use crate::viewer::window::render_thread::PickedPoint;
+
+/// A point someone clicked on.
+#[derive(Clone)]
+pub struct Pick {
+    pub point: PickedPoint,
+    /// The number of its record in the file.
+    pub number: u64,
+    pub cloud: String,
+    /// The file's own coordinates.
+    pub world: DVec3,
+    /// Everything the file says of it; `None` until it is looked up.
+    pub record: Option<Result<Vec<(String, String)>, String>>,
+    /// The point comes from the pages of an index, which keep neither its number in the file nor its other attributes.
+    pub is_streamed: bool,
+}
+
+/// World units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    pub total: f64,
+    pub horizontal: f64,
+    /// Along the up axis; negative if the second point is lower.
+    pub vertical: f64,
+}
+
+/// What is known of a point without a file.
+pub fn loaded_attributes(cloud: &Cloud, chunk: &Chunk, index: usize) -> Vec<(String, String)> {
+    let mut attributes = Vec::new();
+    if let Some(colors) = &chunk.colors {
+        let [red, green, blue, _] = colors[index];
+        attributes.push(("color".into(), format!("{red} {green} {blue}")));
+    }
+    if let Some(normal) = chunk.normals.as_ref().and_then(|normals| cloud::unpack_normal(normals[index])) {
+        attributes.push(("normal".into(), format!("{:.4} {:.4} {:.4}", normal.x, normal.y, normal.z)));
+    }
+    for (attribute, column) in cloud.attributes.iter().zip(&chunk.columns) {
+        if let Some(column) = column {
+            attributes.push((attribute.name.clone(), column.text(index)));
+        }
+    }
+    attributes
+}
+
+/// Full precision, as the file has it.
+pub fn coordinates(world: DVec3) -> String {
+    format!("{}  {}  {}", shortest(world.x), shortest(world.y), shortest(world.z))
+}
+
+/// The fewest decimals that mean the same number but for the rounding of integer times scale plus offset: two units in the
+/// last place of the double.
+fn shortest(value: f64) -> String {
+    let same =
+        |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
+    (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
+}
+
+/// What Copy puts on the clipboard: tab-separated lines.
+pub fn as_text(picks: &[Pick]) -> String {
+    let mut text = String::new();
+    for pick in picks {
+        // The number of a point in the pages says nothing outside of them.
+        let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.number) };
+        text += &format!("{}{number}\t{}\n", pick.cloud, coordinates(pick.world).replace("  ", "\t"));
+        for (name, value) in pick.record.iter().flatten().flatten() {
+            text += &format!("{name}\t{value}\n");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_keep_the_digits_of_the_file_and_no_others() {
+        let grid = 63_561_912_345_f64 * 0.001;
+        assert_eq!(coordinates(DVec3::new(grid, -0.25, 7.0)), "63561912.345  -0.25  7");
+        assert_eq!(coordinates(DVec3::new(0.0, 1e-3, 1_000_000_000.123_456)), "0  0.001  1000000000.123456");
+    }
+}

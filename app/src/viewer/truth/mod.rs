@@ -1,0 +1,522 @@
+//! The ray-traced truth of the view in the window: what is asked of it, what there is of it, and what is to be done next. The work
+//! itself is `truth_tasks`; here nothing takes time.
+//!
+//! A frame that stands still goes these ways: its scene is made ready for tracing (once, until points, colours or splat size
+//! change), the render thread hands over its images, and then it is traced ever finer and judged. All of it names the frame that it
+//! is about, and nothing that is about another frame is shown.
+
+pub mod contact_sheet;
+pub mod study_file;
+pub mod sweep;
+pub mod sweep_files;
+pub mod sweep_range;
+pub mod tasks;
+pub mod tuning;
+pub mod view;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use cloud::Progress;
+use render::ColorPlan;
+use scene::{Settings, Visibility};
+use serde_json::json;
+
+use crate::viewer::frames::Frames;
+use crate::viewer::loaded::clouds::{CloudEntry, Samples};
+use crate::viewer::messages::Level;
+use crate::viewer::outside::Outside;
+use crate::viewer::truth::tasks::{Answer, Judge, Measure, SceneKey, Source, Task, Trace};
+use crate::viewer::truth::tuning::Tuning;
+use crate::viewer::truth::view::{
+    Label, Look, MOST_POINTS, Picture, Taken, Traced, Tracing, TruthView, too_many_points,
+};
+use crate::viewer::window::render_thread::{Captured, Command, FrameRequest};
+use crate::viewer::work::Work;
+
+/// A frame that has stood still for so long is worth work: on the way of a slider there are many that nobody means.
+const REST: Duration = Duration::from_millis(200);
+
+/// What of the session the truth depends on.
+pub struct Around<'a> {
+    pub clouds: &'a [CloudEntry],
+    pub samples: &'a Samples,
+    pub settings: &'a Settings,
+    pub visibility: &'a Visibility,
+    pub frames: &'a Frames,
+    /// The frame on the screen, if it is final.
+    pub still: Option<FrameRequest>,
+    pub raw_colors: bool,
+    pub is_swept: bool,
+}
+
+impl Around<'_> {
+    pub fn points(&self) -> u64 {
+        traced_points(self.clouds, self.samples)
+    }
+
+    /// All that is shown, to be traced.
+    pub fn sources(&self) -> Vec<Source> {
+        let clouds = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
+            let (cloud, up) = (entry.cloud.clone(), entry.up);
+            let plan = entry.figures.as_ref().map(|figures| figures.plan.clone());
+            let plan = plan.unwrap_or_else(|| ColorPlan::new(&cloud, &self.settings.color, up).0);
+            Source::Cloud { cloud, plan, up, marked: entry.marks.clone(), test: self.visibility.test() }
+        });
+        let mirrors = self.samples.of.values().map(|sample| {
+            let chunks = sample.chunks.iter().map(|(chunk, _)| chunk.clone()).collect();
+            Source::Mirror { mirror: sample.mirror.clone(), chunks }
+        });
+        clouds.chain(mirrors).collect()
+    }
+}
+
+/// Points that are shown, those of mirrors included: as many are traced.
+pub fn traced_points(clouds: &[CloudEntry], samples: &Samples) -> u64 {
+    let visible = clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.points);
+    visible.sum::<u64>() + samples.points()
+}
+
+impl TruthView {
+    /// Holds or releases the truth's key.
+    pub fn hold(&mut self, is_held: bool, outside: &mut Outside) {
+        if is_held != self.is_held {
+            self.is_held = is_held;
+            outside.log(json!({ "event": "truth_key", "down": is_held }));
+        }
+    }
+
+    /// Why nothing is shown yet.
+    pub fn awaited(&self, is_swept: bool) -> &'static str {
+        match () {
+            () if self.is_too_large => "too many points to trace the truth",
+            () if is_swept => "the truth waits for the sweep",
+            () if self.still.is_none() => "the truth waits for the picture to stand still",
+            () => "the truth is being traced",
+        }
+    }
+
+    /// Whether more points are shown than are traced, which is said when it begins to be so.
+    fn has_too_many_points(&mut self, points: u64, outside: &mut Outside) -> bool {
+        let is_too_large = points > MOST_POINTS;
+        if is_too_large && !self.is_too_large {
+            outside.say(Level::Warning, too_many_points());
+        }
+        self.is_too_large = is_too_large;
+        is_too_large
+    }
+
+    /// Takes what is wanted of the truth one step on; called every frame of the window. Returns when to look again.
+    pub fn sync(&mut self, around: &Around<'_>, tuning: &mut Tuning, outside: &mut Outside) -> Option<Duration> {
+        let wanted = around.frames.requested.as_ref();
+        let basis = wanted.map(FrameRequest::truth_basis);
+        self.cancel_others(wanted, basis.as_ref());
+        if self.asked_for.is_some() && self.asked_for != basis {
+            self.asked_for = None;
+        }
+        if self.is_held {
+            self.asked_for.clone_from(&basis);
+        }
+        let outdated = |key: &SceneKey| key.revision != around.frames.revision;
+        self.building.iter().filter(|(key, _)| outdated(key)).for_each(|(_, progress)| progress.cancel());
+        if self.scene.as_ref().is_some_and(|(key, _)| outdated(key)) {
+            self.free();
+        }
+        if self.still.as_ref().map(|(known, _)| known) != around.still.as_ref() {
+            self.still = around.still.clone().map(|request| (request, outside.now));
+        }
+        let is_judged = self.judges || tuning.is_open;
+        if around.is_swept {
+            return None;
+        }
+        if !(self.is_wanted() || is_judged) || self.has_too_many_points(around.points(), outside) {
+            self.cancel();
+            return None;
+        }
+        let (Some((request, since)), Some(basis)) = (self.still.clone(), basis) else { return None };
+        let waited = outside.now.saturating_duration_since(since);
+        if let Some(left) = REST.checked_sub(waited).filter(|left| !left.is_zero()) {
+            return Some(left);
+        }
+        let tuning = Some(tuning).filter(|_| is_judged && !around.raw_colors);
+        self.work_on(request, basis, around, tuning, outside);
+        None
+    }
+
+    /// The next step for a frame that stands still, which `tuning` wants judged.
+    fn work_on(
+        &mut self,
+        request: FrameRequest,
+        basis: FrameRequest,
+        around: &Around<'_>,
+        tuning: Option<&mut Tuning>,
+        outside: &mut Outside,
+    ) {
+        let key = SceneKey::of(&request);
+        let Some(scene) = self.scene(key) else { return self.build(key, || around.sources(), outside) };
+        let drawn = self.captured.as_ref().filter(|(known, _)| *known == request);
+        let Some(drawn) = drawn.map(|(_, drawn)| drawn.clone()) else {
+            if self.capturing.as_ref() != Some(&request) {
+                self.capturing = Some(request.clone());
+                outside.render(Command::Capture { request: Box::new(request), origin: scene.origin });
+            }
+            return;
+        };
+        let mut tuning = tuning;
+        if let Some(tuning) = &mut tuning
+            && tuning.measure(&request, around.settings, || self.is_quiet(), outside)
+        {
+            return;
+        }
+        let judge = Judge { request: request.clone(), scene, drawn, progress: Arc::default() };
+        // It takes less time than a step of tracing, which it would wait behind.
+        self.judge(&judge, outside);
+        self.trace(basis, &judge, outside);
+        self.present(&judge, outside);
+        if let (Some(figures), Some(tuning)) = (self.figures(&request), tuning) {
+            tuning.note(&request, around.settings, figures);
+        }
+    }
+
+    /// Makes the points ready to be traced.
+    pub fn build(&mut self, key: SceneKey, sources: impl FnOnce() -> Vec<Source>, outside: &mut Outside) {
+        if let Some((building, progress)) = &self.building {
+            // It answers when it has ended.
+            if *building != key {
+                progress.cancel();
+            }
+            return;
+        }
+        let progress = Arc::<Progress>::default();
+        self.building = Some((key, progress.clone()));
+        outside.work(Work::Truth(Box::new(Task::Build { key, sources: sources(), progress })));
+    }
+
+    fn trace(&mut self, basis: FrameRequest, judge: &Judge, outside: &mut Outside) {
+        let alone = !self.wants_picture(&basis);
+        if let Some(tracing) = &self.tracing {
+            // Either this very frame's, or it answers when it has ended.
+            tracing.mirrors_alone.store(alone, Ordering::Relaxed);
+            return;
+        }
+        let traced = self.traced.as_mut().filter(|traced| traced.pass.basis == basis);
+        if traced.as_ref().is_some_and(|traced| traced.is_done[usize::from(!alone)]) {
+            return;
+        }
+        let refinement = traced.and_then(|traced| traced.refinement.take());
+        let (progress, mirrors_alone) = (Arc::<Progress>::default(), Arc::new(AtomicBool::new(alone)));
+        let tracing =
+            Tracing { basis: basis.clone(), progress: progress.clone(), mirrors_alone: mirrors_alone.clone() };
+        self.tracing = Some(tracing);
+        let (scene, drawn) = (judge.scene.clone(), judge.drawn.clone());
+        let trace = Trace { basis, scene, drawn, refinement, mirrors_alone, progress };
+        outside.work(Work::Truth(Box::new(Task::Trace(Box::new(trace)))));
+    }
+
+    fn judge(&mut self, judge: &Judge, outside: &mut Outside) {
+        let request = &judge.request;
+        let Some(verdict) = self.verdict.as_ref().filter(|verdict| verdict.request == *request) else {
+            if self.judging.is_none() {
+                let judge = judge.anew();
+                self.judging = Some((request.clone(), judge.progress.clone()));
+                outside.work(Work::Truth(Box::new(Task::Judge(judge))));
+            }
+            return;
+        };
+        // Colours are compared when the mirrors' truth is as fine as it gets: noise would count as an error.
+        let pass = self.traced.as_ref().map(|traced| &traced.pass);
+        let pass = pass.filter(|pass| pass.samples[0] == pass.wanted_samples && pass.basis == request.truth_basis());
+        if let (None, None, Some(pass)) = (verdict.figures.image, &self.comparing, pass) {
+            let (judge, colors) = (judge.anew(), pass.colors.clone());
+            self.comparing = Some((request.clone(), judge.progress.clone()));
+            outside.work(Work::Truth(Box::new(Task::Compare { judge, colors })));
+        }
+    }
+
+    /// Makes pictures of what was traced for the screen.
+    fn present(&mut self, judge: &Judge, outside: &mut Outside) {
+        let Judge { request, .. } = judge;
+        let basis = request.truth_basis();
+        if !self.wants_picture(&basis) {
+            return;
+        }
+        let is_shown = |traced: &&Traced| traced.pass.basis == basis && traced.pass.is_whole;
+        let Some(traced) = self.traced.as_ref().filter(is_shown) else { return };
+        let (colors, pass) = (traced.pass.colors.clone(), traced.number);
+        let label = Label { request: request.clone(), pass, measure: None };
+        if self.presenting.is_none() && self.presented.as_ref().is_none_or(|(known, _)| *known != label) {
+            self.presenting = Some(label);
+            let (request, colors) = (Box::new(request.clone()), colors.clone());
+            outside.render(Command::Present { request, colors, pass });
+        }
+        let measure = self.measure;
+        // Places stay as they are while colours become finer.
+        let pass = if measure == Measure::Place { 0 } else { pass };
+        let label = Label { request: request.clone(), pass, measure: Some(measure) };
+        let is_asked_for = self.is_pinned && self.look == Look::Difference;
+        let is_new = self.difference.as_ref().is_none_or(|(known, _)| *known != label);
+        if is_asked_for && is_new && self.drawing.is_none() {
+            let judge = judge.anew();
+            self.drawing = Some((label, judge.progress.clone()));
+            outside.work(Work::Truth(Box::new(Task::Difference { judge, measure, colors, pass })));
+        }
+    }
+
+    /// The images of a frame that the render thread was asked for.
+    pub fn on_captured(&mut self, captured: Captured, revision: u64) {
+        let is_current = self.is_of_scene(&captured.request, revision);
+        if self.capturing.as_ref() == Some(&captured.request) {
+            self.capturing = None;
+            self.captured = Some((captured.request, Arc::new(captured.drawn))).filter(|_| is_current);
+        }
+    }
+
+    /// Whether what was found out about a frame is still of use: points that have changed, or Stop, have freed its scene.
+    fn is_of_scene(&self, request: &FrameRequest, revision: u64) -> bool {
+        let scene = self.scene.as_ref();
+        request.revision == revision && scene.is_some_and(|(key, _)| key.revision == revision)
+    }
+
+    /// A picture of the truth, as the render thread shows it.
+    pub fn on_presented(
+        &mut self,
+        request: FrameRequest,
+        pass: u32,
+        rgba: Vec<u8>,
+        revision: u64,
+        outside: &mut Outside,
+    ) {
+        self.presenting = None;
+        if !self.is_of_scene(&request, revision) {
+            return;
+        }
+        let (size, label) = (request.size, Label { request, pass, measure: None });
+        outside.log(json!({ "event": "truth", "pass": pass }));
+        self.presented = Some((label, Picture::new(size, rgba)));
+    }
+
+    /// What the render thread was asked for will not come.
+    pub fn on_not_judged(&mut self) {
+        (self.capturing, self.presenting) = (None, None);
+    }
+
+    /// What a worker thread found; what comes of it outside of the truth.
+    pub fn on_answer(&mut self, answer: Answer, revision: u64) -> Taken {
+        let is_current = match answer.request() {
+            Some(request) => self.is_of_scene(request, revision),
+            None => answer.revision().is_none_or(|known| known == revision),
+        };
+        self.take(answer, is_current)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::{NodeT as _, Queryable as _};
+    use param::Choice as _;
+
+    use super::*;
+    use crate::viewer::action::Action;
+    use crate::viewer::bench::Bench;
+    use crate::viewer::session::Session;
+    use crate::viewer::truth::tasks::Kind;
+    use crate::viewer::window::render_thread::Report;
+
+    fn harness(bench: Bench) -> Harness<'static, Bench> {
+        let mut harness = Harness::builder()
+            .with_size([420.0, 5000.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, bench: &mut Bench| bench.show(ui), bench);
+        harness.run_ok();
+        harness
+    }
+
+    /// Whether the truth of the frame on the screen is in the picture.
+    fn is_shown(session: &Session) -> bool {
+        session.truth_frame().is_some_and(|request| session.truth.picture(&request).is_some())
+    }
+
+    #[test]
+    fn the_key_shows_the_truth_of_this_view_alone_and_judges_it() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        assert!(!is_shown(&bench.session) && bench.session.truth.scene.is_none(), "nobody has asked for it");
+        let mut harness = harness(bench);
+        harness.key_down(egui::Key::X);
+        harness.run_ok();
+        assert!(harness.state().session.truth.is_held);
+        harness.state_mut().settle();
+        let Bench { session, .. } = harness.state_mut();
+        assert!(is_shown(session));
+        let request = session.still_frame().cloned().unwrap();
+        let (samples, wanted) = session.truth.samples(&request).unwrap();
+        assert_eq!((samples, wanted), ([4, 4], 4), "as many paths as trace.samples says");
+        let figures = session.truth.figures(&request).unwrap();
+        assert!(figures.mirror_pixels > 100 && figures.pixel_error.p95 < 3.0, "{figures:?}");
+        assert!(figures.image.is_some_and(|image| image.delta_e < 10.0), "{figures:?}");
+
+        // Another method has the same truth, which is not traced anew, and other figures.
+        let number = session.truth.traced.as_ref().map(|traced| traced.number);
+        session.scene.settings.reflection.method = scene::Method::None;
+        harness.state_mut().settle();
+        let Bench { session, .. } = harness.state_mut();
+        let other = session.still_frame().cloned().unwrap();
+        assert_eq!(session.truth.traced.as_ref().map(|traced| traced.number), number);
+        assert!(is_shown(session) && session.truth.figures(&request).is_none());
+        assert_eq!(session.truth.figures(&other).unwrap().coverage, 0.0);
+
+        // A view that turns has none until it stands still again.
+        session.scene.camera.orbit(0.3, 0.1);
+        assert!(!is_shown(session));
+        harness.state_mut().settle();
+        assert!(is_shown(&harness.state().session));
+        harness.key_up(egui::Key::X);
+        harness.run_ok();
+        assert!(!is_shown(&harness.state().session));
+    }
+
+    #[test]
+    fn a_pinned_truth_stays_splits_and_tells_where_the_picture_is_wrong() {
+        let Some(bench) = Bench::with_sphere() else { return };
+        let mut harness = harness(bench);
+        harness.get_by_label("Pin").click();
+        harness.run_ok();
+        harness.state_mut().settle();
+        harness.run_ok();
+        assert!(is_shown(&harness.state().session));
+        harness.get_by_label("Difference").click();
+        harness.run_ok();
+        harness.get_by_label("Place").click();
+        harness.run_ok();
+        harness.state_mut().settle();
+        let Bench { session, .. } = harness.state_mut();
+        let request = session.still_frame().cloned().unwrap();
+        let clear = |picture: &Picture| picture.rgba.as_chunks::<4>().0.iter().filter(|rgba| rgba[3] == 0).count();
+        let of_mirrors = clear(session.truth.difference(&request).unwrap());
+        session.truth.measure = Measure::Color;
+        assert!(session.truth.difference(&request).is_none(), "a heat map of places is none of colours");
+        harness.state_mut().settle();
+        let Bench { session, .. } = harness.state_mut();
+        let of_all = clear(session.truth.difference(&request).unwrap());
+        assert!(of_mirrors > of_all, "{of_mirrors} {of_all}");
+
+        // Points that go take with them what was made of them.
+        let keys: Vec<_> = session.loaded.clouds.iter().map(|entry| entry.key).collect();
+        keys.into_iter().for_each(|key| session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside)));
+        harness.state_mut().settle();
+        let Bench { session, .. } = harness.state_mut();
+        assert!(!is_shown(session) && session.truth.scene.is_none() && session.truth.activity().is_none());
+    }
+
+    #[test]
+    fn settings_that_were_tried_are_dots_and_a_click_goes_back_to_one() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.session.act(Action::ToggleChart);
+        bench.settle();
+        bench.session.scene.settings.reflection.method = scene::Method::Sscr;
+        bench.settle();
+        bench.session.scene.history.watch(
+            &bench.session.scene.settings,
+            &bench.session.scene.objects,
+            false,
+            bench.session.outside.now,
+        );
+        let request = bench.session.still_frame().cloned().unwrap();
+        let [frame, method] = bench.session.tuning.times(&request).unwrap();
+        assert!(frame > method && method > 0.0, "{frame} {method}");
+        let mut harness = harness(bench);
+        // The row of the setting before this one.
+        let is_row = |text: &str| text.contains(" ms of ") && !text.contains("= sscr");
+        let row = harness.get_all_by_label_contains("pixels");
+        let row = row.into_iter().find(|row| row.accesskit_node().label().is_some_and(|text| is_row(&text)));
+        row.unwrap().click();
+        harness.run_ok();
+        let Bench { session, .. } = harness.state_mut();
+        assert_eq!(session.scene.settings.reflection.method.name(), scene::Method::Auto.name());
+        session.act(Action::Undo);
+        assert_eq!(session.scene.settings.reflection.method, scene::Method::Sscr);
+    }
+
+    #[test]
+    fn more_points_than_are_traced_are_a_message_and_not_a_wait() {
+        let mut session = Session::with_two_points();
+        let has_too_many = |session: &mut Session| {
+            let points = traced_points(&session.loaded.clouds, &session.loaded.samples);
+            session.truth.has_too_many_points(points, &mut session.outside)
+        };
+        session.loaded.clouds[0].points = MOST_POINTS + 1;
+        assert!(has_too_many(&mut session));
+        // As while a file is read.
+        session.loaded.clouds[0].points += 1000;
+        assert!(has_too_many(&mut session));
+        let told = session.outside.messages.all.iter().filter(|message| message.text.contains("30,000,000")).count();
+        assert_eq!(told, 1);
+        session.loaded.clouds[0].is_visible = false;
+        assert!(!has_too_many(&mut session), "points that are hidden are not traced");
+        session.loaded.clouds[0].is_visible = true;
+        session.loaded.clouds[0].points = MOST_POINTS;
+        assert!(!has_too_many(&mut session));
+    }
+
+    #[test]
+    fn unpinning_ends_tracing() {
+        let mut session = Session::with_two_points();
+        let basis = FrameRequest::any().truth_basis();
+        session.frames.requested = Some(basis.clone());
+        let progress = Arc::<Progress>::default();
+        let tracing = Tracing { basis, progress: progress.clone(), mirrors_alone: Arc::default() };
+        (session.truth.is_pinned, session.truth.tracing) = (true, Some(tracing));
+        session.sync_truth();
+        assert!(!progress.is_cancelled());
+        session.act(Action::PinTruth);
+        session.sync_truth();
+        assert!(progress.is_cancelled());
+    }
+
+    /// The render thread has made a picture of the truth.
+    fn present(session: &mut Session, request: FrameRequest) {
+        let rgba = vec![255; 64 * 48 * 4];
+        session.on_report(Report::Presented { request: Box::new(request), pass: 99, rgba });
+    }
+
+    #[test]
+    fn an_answer_that_comes_too_late_is_not_shown() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.session.act(Action::PinTruth);
+        bench.settle();
+        let session = &mut bench.session;
+        let old = session.still_frame().cloned().unwrap();
+        let figures = session.truth.figures(&old).cloned().unwrap();
+        assert!(is_shown(session) && session.truth.bytes() > 64 * 48 * 200);
+        session.scene.camera.orbit(0.3, 0.1);
+        present(session, old.clone());
+        assert!(!is_shown(session), "of a view that was left");
+        bench.settle();
+        assert!(is_shown(&bench.session));
+
+        // Of points that are gone: nothing is kept of it.
+        let session = &mut bench.session;
+        session.with_loaded(|loaded, beside| loaded.set_visible(loaded.clouds[0].key, false, beside));
+        let progress = Arc::<Progress>::default();
+        session.truth.judging = Some((old.clone(), progress.clone()));
+        session.sync_truth();
+        assert!(progress.is_cancelled());
+        session.truth.verdict = None;
+        session.on_truth(Answer::Judged { request: old.clone(), result: Ok(Box::new(figures)) });
+        assert!(session.truth.verdict.is_none() && session.truth.judging.is_none());
+        present(session, old);
+        assert!(session.truth.presented.is_none());
+    }
+
+    #[test]
+    fn a_worker_that_fails_is_told_and_leaves_nothing_waiting() {
+        let mut session = Session::with_two_points();
+        let key = SceneKey { revision: session.frames.revision, splat_size: 0 };
+        (session.truth.is_pinned, session.truth.building) = (true, Some((key, Arc::default())));
+        session.on_truth(Answer::Failed(Kind::Build));
+        assert!(session.truth.building.is_none() && !session.truth.is_pinned);
+        assert!(session.outside.messages.all.iter().any(|message| message.text.contains("stopped unexpectedly")));
+    }
+}

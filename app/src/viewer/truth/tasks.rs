@@ -1,0 +1,489 @@
+//! The ray tracer's work for the window, each task on a thread of its own: making a scene to trace, tracing a frame ever finer,
+//! and judging what was drawn.
+
+use std::panic::AssertUnwindSafe;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use cloud::{Chunk, Cloud, PointTest, Progress};
+use glam::DVec3;
+use render::{ColorPlan, Material, Objects};
+use scene::Mirror;
+use study::{Accuracy, Drawn, ImageError, Refinement, SubjectPart, TracedScene, Tracer, Truth, View, mirrors_of};
+use world::mirrors::{self, Marked};
+
+use crate::viewer::truth::contact_sheet;
+use crate::viewer::window::render_thread::FrameRequest;
+
+/// What a scene to trace is made from: points, their colours, and the size of splats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneKey {
+    pub revision: u64,
+    /// The bits of `splat.size`.
+    pub splat_size: u32,
+}
+
+impl SceneKey {
+    pub fn of(request: &FrameRequest) -> Self {
+        Self { revision: request.revision, splat_size: request.settings.splat.size.to_bits() }
+    }
+}
+
+/// Points of the window, before they are parted into what reflects and what does not.
+pub enum Source {
+    Cloud { cloud: Cloud, plan: ColorPlan, up: DVec3, marked: Arc<Vec<Marked>>, test: PointTest },
+    Mirror { mirror: Mirror, chunks: Vec<Chunk> },
+}
+
+pub enum Task {
+    Build {
+        key: SceneKey,
+        sources: Vec<Source>,
+        progress: Arc<Progress>,
+    },
+    Trace(Box<Trace>),
+    Judge(Judge),
+    /// How different the mirrors' colours are from traced ones.
+    Compare {
+        judge: Judge,
+        colors: Arc<Vec<[f32; 3]>>,
+    },
+    /// Judges a frame by a truth that is traced for it alone; `picture` comes back with the figures, in a tile's size.
+    JudgeAlone {
+        judge: Judge,
+        picture: Vec<u8>,
+    },
+    /// Where a picture is wrong.
+    Difference {
+        judge: Judge,
+        measure: Measure,
+        colors: Arc<Vec<[f32; 3]>>,
+        pass: u32,
+    },
+}
+
+/// Kinds of [`Task`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Build,
+    Trace,
+    Judge,
+    Compare,
+    JudgeAlone,
+    Difference,
+}
+
+pub struct Trace {
+    /// As [`FrameRequest::truth_basis`] gives it.
+    pub basis: FrameRequest,
+    pub scene: Arc<TracedScene>,
+    pub drawn: Arc<Drawn>,
+    /// What was traced before.
+    pub refinement: Option<Box<Refinement>>,
+    /// Nobody looks at the rest of the picture.
+    pub mirrors_alone: Arc<AtomicBool>,
+    pub progress: Arc<Progress>,
+}
+
+/// A frame to judge.
+#[derive(Clone)]
+pub struct Judge {
+    pub request: FrameRequest,
+    pub scene: Arc<TracedScene>,
+    pub drawn: Arc<Drawn>,
+    pub progress: Arc<Progress>,
+}
+
+/// What a heat map shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Measure {
+    /// CIEDE2000 of the colours.
+    #[default]
+    Color,
+    /// Pixels beside its place, over the mirrors.
+    Place,
+}
+
+/// A picture that is traced as far as it is.
+#[derive(Clone)]
+pub struct Pass {
+    pub basis: FrameRequest,
+    /// Linear red, green and blue.
+    pub colors: Arc<Vec<[f32; 3]>>,
+    /// Paths behind every mirror pixel and behind every pixel.
+    pub samples: [u32; 2],
+    pub wanted_samples: u32,
+    /// There is something of all of it, not of mirrors alone.
+    pub is_whole: bool,
+}
+
+impl Pass {
+    pub fn of(basis: FrameRequest, refinement: &Refinement) -> Self {
+        Self {
+            basis,
+            colors: Arc::new(refinement.picture()),
+            samples: refinement.samples(),
+            wanted_samples: refinement.wanted(),
+            is_whole: refinement.is_whole(),
+        }
+    }
+}
+
+pub enum Answer {
+    /// `None` if it was cancelled.
+    Built {
+        key: SceneKey,
+        scene: Option<Arc<TracedScene>>,
+    },
+    Pass(Pass),
+    /// Tracing has ended, done or cancelled; whether the mirrors are done, and whether all is.
+    TraceEnded {
+        basis: FrameRequest,
+        refinement: Box<Refinement>,
+        is_done: [bool; 2],
+    },
+    Judged {
+        request: FrameRequest,
+        result: Result<Box<Accuracy>, String>,
+    },
+    Compared {
+        request: FrameRequest,
+        error: ImageError,
+    },
+    JudgedAlone {
+        request: FrameRequest,
+        result: Result<Box<Accuracy>, String>,
+        picture: Vec<u8>,
+    },
+    /// Rows of sRGB red, green, blue and opacity; clear where nothing is measured.
+    Difference {
+        request: FrameRequest,
+        measure: Measure,
+        pass: u32,
+        result: Result<Vec<u8>, String>,
+    },
+    /// A task has stopped without an answer.
+    Failed(Kind),
+}
+
+impl Answer {
+    /// The frame that an answer is about.
+    pub fn request(&self) -> Option<&FrameRequest> {
+        match self {
+            Self::Pass(Pass { basis: request, .. })
+            | Self::TraceEnded { basis: request, .. }
+            | Self::Judged { request, .. }
+            | Self::Compared { request, .. }
+            | Self::Difference { request, .. }
+            | Self::JudgedAlone { request, .. } => Some(request),
+            Self::Built { .. } | Self::Failed(_) => None,
+        }
+    }
+
+    /// Of the points that a scene was made of.
+    pub fn revision(&self) -> Option<u64> {
+        match self {
+            Self::Built { key, .. } => Some(key.revision),
+            _ => None,
+        }
+    }
+}
+
+impl FrameRequest {
+    /// The same for all frames with one truth: without what only says how the renderer finds, shades and shows things. The parameters
+    /// of methods are left out as a whole.
+    pub fn truth_basis(&self) -> Self {
+        Self { settings: self.settings.only(|field| field.affects.truth), ..self.clone() }
+    }
+
+    fn view(&self) -> View<'_> {
+        let Self { camera, settings, mirrors, lights, sky_is_open, size, .. } = self;
+        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        View { camera, settings, objects, size: *size }
+    }
+}
+
+impl Source {
+    fn parts(self) -> Vec<SubjectPart> {
+        match self {
+            Self::Mirror { mirror, chunks } => {
+                let cloud = Cloud { name: mirror.name.clone(), chunks, ..Cloud::default() };
+                vec![SubjectPart::of_mirror(&mirror, cloud)]
+            }
+            Self::Cloud { cloud, plan, up, marked, test } => {
+                let part = |(material, chunks): (Material, Vec<Chunk>)| SubjectPart {
+                    cloud: Cloud { chunks, ..cloud.clone() },
+                    specular_intensity: material.specular_intensity,
+                    specular_power: material.specular_power,
+                    plan: plan.clone(),
+                    up,
+                };
+                mirrors::parts(&cloud, &marked, &test).into_iter().map(part).collect()
+            }
+        }
+    }
+}
+
+impl Task {
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Build { .. } => Kind::Build,
+            Self::Trace(_) => Kind::Trace,
+            Self::Judge(_) => Kind::Judge,
+            Self::Compare { .. } => Kind::Compare,
+            Self::JudgeAlone { .. } => Kind::JudgeAlone,
+            Self::Difference { .. } => Kind::Difference,
+        }
+    }
+
+    /// Does the work and calls `answer` with what comes of it.
+    pub fn run(self, answer: impl Fn(Answer)) {
+        let kind = self.kind();
+        // What waits for the answer would wait for ever.
+        if std::panic::catch_unwind(AssertUnwindSafe(|| self.work(&answer))).is_err() {
+            answer(Answer::Failed(kind));
+        }
+    }
+
+    fn work(self, answer: &impl Fn(Answer)) {
+        match self {
+            Self::Build { key, sources, progress } => {
+                let parts: Vec<SubjectPart> = sources.into_iter().flat_map(Source::parts).collect();
+                let splat_size = f32::from_bits(key.splat_size);
+                // The one error there is: cancelled.
+                let scene = TracedScene::new(&parts, None, splat_size, &progress).ok().map(Arc::new);
+                answer(Answer::Built { key, scene });
+            }
+            Self::Trace(trace) => trace.run(answer),
+            Self::Judge(judge) => {
+                let result = on_spare_cores(|| judge.figures());
+                let result = result.map(Box::new).map_err(|error| error.to_string());
+                answer(Answer::Judged { request: judge.request, result });
+            }
+            Self::Compare { judge, colors } => {
+                let error = on_spare_cores(|| judge.image_error(&colors));
+                answer(Answer::Compared { request: judge.request, error });
+            }
+            Self::JudgeAlone { judge, picture } => {
+                let result = on_spare_cores(|| judge.alone());
+                let result = result.map(Box::new).map_err(|error| error.to_string());
+                // Who has cancelled it waits for no answer.
+                if !judge.progress.is_cancelled() {
+                    let picture = contact_sheet::shrunk(judge.request.size, picture);
+                    answer(Answer::JudgedAlone { request: judge.request, result, picture });
+                }
+            }
+            Self::Difference { judge, measure, colors, pass } => {
+                let result = on_spare_cores(|| judge.heat_map(measure, &colors)).map_err(|error| error.to_string());
+                answer(Answer::Difference { request: judge.request, measure, pass, result });
+            }
+        }
+    }
+}
+
+/// Does work on all cores but one, which is left to the window; what else is done in parallel does not wait behind this.
+fn on_spare_cores<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    static POOL: OnceLock<Option<rayon::ThreadPool>> = OnceLock::new();
+    let make = || {
+        let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get());
+        rayon::ThreadPoolBuilder::new().num_threads(cores.saturating_sub(1).max(1)).build().ok()
+    };
+    match POOL.get_or_init(make) {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
+}
+
+impl Trace {
+    fn run(self, answer: &impl Fn(Answer)) {
+        let Self { basis, scene, drawn, refinement, mirrors_alone, progress } = self;
+        let tracer = Tracer::new(&scene, basis.view());
+        let mut refinement = refinement.unwrap_or_else(|| Box::new(Refinement::new(&tracer, &drawn.surface)));
+        loop {
+            let alone = mirrors_alone.load(Ordering::Relaxed);
+            let is_traced = on_spare_cores(|| refinement.step(&tracer, alone, &progress));
+            if !matches!(is_traced, Ok(true)) {
+                break;
+            }
+            answer(Answer::Pass(Pass::of(basis.clone(), &refinement)));
+        }
+        let is_done = [refinement.is_done(true), refinement.is_done(false)];
+        answer(Answer::TraceEnded { basis, refinement, is_done });
+    }
+}
+
+impl Judge {
+    /// The same to be done once more, with a progress of its own.
+    pub fn anew(&self) -> Self {
+        Self { progress: Arc::default(), ..self.clone() }
+    }
+
+    fn figures(&self) -> study::Result<Accuracy> {
+        let tracer = Tracer::new(&self.scene, self.request.view());
+        tracer.judge(Truth::SameInput, &self.drawn, &self.progress)
+    }
+
+    fn image_error(&self, colors: &[[f32; 3]]) -> ImageError {
+        let tracer = Tracer::new(&self.scene, self.request.view());
+        tracer.image_error(&self.drawn, &tracer.seen(&self.drawn.surface), colors)
+    }
+
+    /// Figures and colours by a truth that is traced for this frame alone.
+    fn alone(&self) -> study::Result<Accuracy> {
+        let tracer = Tracer::new(&self.scene, self.request.view());
+        let seen = tracer.seen(&self.drawn.surface);
+        let colors = tracer.colors(Truth::SameInput, &mirrors_of(&seen), &self.progress)?;
+        let image = tracer.image_error(&self.drawn, &seen, &colors);
+        let figures = tracer.judge(Truth::SameInput, &self.drawn, &self.progress)?;
+        Ok(Accuracy { image: Some(image), ..figures })
+    }
+
+    fn heat_map(&self, measure: Measure, colors: &[[f32; 3]]) -> study::Result<Vec<u8>> {
+        let tracer = Tracer::new(&self.scene, self.request.view());
+        let values = match measure {
+            Measure::Color => {
+                let mut values = study::delta_e(&self.drawn.color, colors);
+                let nothing = |color: &[f32; 3]| color.iter().any(|value| value.is_nan());
+                let unseen = values.iter_mut().zip(colors).filter(|(_, color)| nothing(color));
+                unseen.for_each(|(value, _)| *value = f32::NAN);
+                values
+            }
+            Measure::Place => {
+                let errors = tracer.pixel_errors(&self.drawn, &self.progress)?;
+                let found = self.drawn.found.as_chunks::<4>().0.iter().map(|found| found[3]);
+                let is_mirror = (0..errors.len()).map(|pixel| self.drawn.surface.is_mirror(pixel));
+                errors
+                    .into_iter()
+                    .zip(found)
+                    .zip(is_mirror)
+                    .map(|((error, found), is)| place(error, found, is))
+                    .collect()
+            }
+        };
+        let ramp = render::ramp_colors(RAMP);
+        let color = |value: f32| match value {
+            _ if value.is_nan() => [0; 4],
+            ASTRAY => [ASTRAY_COLOR[0], ASTRAY_COLOR[1], ASTRAY_COLOR[2], 255],
+            _ => ramp[((value / measure.most()).clamp(0.0, 1.0) * 255.0).round() as usize],
+        };
+        Ok(values.into_iter().flat_map(color).collect())
+    }
+}
+
+/// Stands for a mirror pixel that shows nothing, or something where nothing is: no number of pixels tells how far off that is.
+const ASTRAY: f32 = -1.0;
+/// Of such pixels: cyan, which the ramp does not have.
+pub const ASTRAY_COLOR: [u8; 3] = [0, 255, 255];
+
+/// Pixels that a pixel of the picture is off, [`ASTRAY`], or NaN where nothing is measured. `found` is the coverage of what was
+/// found, 0 or NaN for nothing.
+fn place(error: Option<study::PixelError>, found: f32, is_mirror: bool) -> f32 {
+    match error {
+        None if is_mirror && (found.is_nan() || found <= 0.0) => ASTRAY,
+        Some(error) if error.is_other_surface.is_none() => ASTRAY,
+        error => error.and_then(|error| error.pixels).map_or(f32::NAN, |pixels| pixels as f32),
+    }
+}
+
+/// Of heat maps: black where all is right.
+pub const RAMP: scene::Ramp = scene::Ramp::Magma;
+
+impl Measure {
+    /// The bright end of the heat map. A difference of 10 is a plain one of colours side by side; 4 pixels is what filters over the
+    /// mirror no longer hide.
+    pub fn most(self) -> f32 {
+        match self {
+            Self::Color => 10.0,
+            Self::Place => 4.0,
+        }
+    }
+}
+
+#[cfg(test)]
+impl FrameRequest {
+    /// A small frame by default, of points that nobody asks for.
+    pub fn any() -> Self {
+        Self {
+            camera: scene::five_mirrors::camera(),
+            settings: scene::Settings::default(),
+            mirrors: Vec::new(),
+            lights: Vec::new(),
+            sky_is_open: false,
+            size: [8, 6],
+            revision: 1,
+            spared: None,
+            hurried: false,
+            light_may_lag: false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use cloud::{Attribute, Column, ColumnType};
+    use scene::{Method, Quality, Settings};
+
+    use super::*;
+    use crate::viewer::window::render_thread::hurried;
+
+    #[test]
+    fn how_the_renderer_finds_things_does_not_change_the_truth_and_what_is_seen_does() {
+        let basis = FrameRequest::any().truth_basis();
+        let with = |change: fn(&mut Settings)| {
+            let mut request = FrameRequest::any();
+            change(&mut request.settings);
+            request.truth_basis()
+        };
+        assert_eq!(with(|settings| settings.reflection.method = Method::Sscr), basis);
+        assert_eq!(with(|settings| settings.sscr.seed_attempts = 1), basis);
+        assert_eq!(with(|settings| settings.tone.exposure = 2.0), basis);
+        assert_eq!(with(|settings| settings.gi.vpls = 16), basis);
+        assert_ne!(with(|settings| settings.gi.bounces = 0), basis);
+        assert_ne!(with(|settings| settings.splat.size = 2.0), basis);
+        assert_ne!(with(|settings| settings.reflection.bounces = 2), basis);
+        assert_ne!(with(|settings| settings.splat.quality = Quality::Nearest), basis);
+        assert_ne!(with(|settings| *settings = hurried(settings, true)), basis);
+        assert_ne!(FrameRequest { revision: 2, ..FrameRequest::any() }.truth_basis(), basis);
+    }
+
+    #[test]
+    fn what_is_missing_and_what_should_not_be_there_have_a_colour_of_their_own() {
+        let error = |is_other_surface| Some(study::PixelError { angle: 1.0, pixels: Some(2.0), is_other_surface });
+        assert_eq!(place(error(Some(false)), 1.0, true), 2.0);
+        assert_eq!(place(error(None), 1.0, true), ASTRAY, "a false fill");
+        assert_eq!([place(None, 0.0, true), place(None, f32::NAN, true)], [ASTRAY; 2], "nothing was found");
+        assert!(place(None, f32::NAN, false).is_nan(), "no mirror");
+        let ramp = render::ramp_colors(RAMP);
+        assert!(ramp.iter().all(|color| color[..3] != ASTRAY_COLOR));
+    }
+
+    #[test]
+    fn a_task_that_panics_answers_so() {
+        let answers = std::cell::RefCell::new(Vec::new());
+        let answer = |answer| {
+            answers.borrow_mut().push(matches!(answer, Answer::Failed(Kind::Build)));
+            // As a task would that fails at its end.
+            assert!(answers.borrow().len() > 1, "the first answer fails");
+        };
+        let key = SceneKey { revision: 1, splat_size: 0 };
+        Task::Build { key, sources: Vec::new(), progress: Arc::default() }.run(answer);
+        assert_eq!(answers.into_inner(), [false, true]);
+    }
+
+    #[test]
+    fn hidden_classes_are_hidden_from_the_truth_too() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4]);
+        chunk.columns = vec![Some(Arc::new(Column::U8(vec![2, 6, 2, 9])))];
+        let attributes = vec![Attribute { name: "classification".into(), column_type: ColumnType::U8 }];
+        let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+        let (plan, _) = ColorPlan::new(&cloud, &scene::Color::default(), DVec3::Z);
+        let points = |test| {
+            let (cloud, plan, marked) = (cloud.clone(), plan.clone(), Arc::default());
+            let parts = Source::Cloud { cloud, plan, up: DVec3::Z, marked, test }.parts();
+            parts.iter().map(|part| part.cloud.len()).sum::<u64>()
+        };
+        assert_eq!(points(PointTest::default()), 4);
+        assert_eq!(points(PointTest::hiding([2])), 2);
+        assert_eq!(points(PointTest::hiding(0..=255)), 0);
+    }
+}

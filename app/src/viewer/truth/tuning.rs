@@ -1,0 +1,267 @@
+//! Every setting that was tried in this session and stood still: its time, and how right it is.
+
+use std::path::Path;
+
+use render::{FrameStats, PassStage};
+use scene::Settings;
+use serde_json::json;
+use study::Accuracy;
+use study::results::Spread;
+
+use crate::viewer::messages::Level;
+use crate::viewer::outside::Outside;
+use crate::viewer::window::render_thread::{Command, FrameRequest};
+
+/// Frames from scratch that a time is the median of.
+const FRAMES: usize = 3;
+/// Milliseconds after which those that were measured are enough: longer ones vary less.
+const ENOUGH: f64 = 3000.0;
+/// Most settings that are kept: more dots are not told apart.
+const MOST_TRIALS: usize = 400;
+/// Share of the mirror pixels that a setting fills at least: the errors of one that leaves more empty are of the easy ones alone.
+const LEAST_FILLED: f64 = 0.9;
+/// A setting that was tried.
+pub struct Trial {
+    pub request: FrameRequest,
+    /// Equal to that of tries it can be held against.
+    pub series: FrameRequest,
+    /// Those of the panel: a click brings them back.
+    pub settings: Settings,
+    /// Milliseconds of whole frames and of the method, measurement by measurement.
+    pub times: Vec<[f64; 2]>,
+    pub figures: Option<Accuracy>,
+}
+
+#[derive(Default)]
+pub struct Tuning {
+    pub is_open: bool,
+    pub trials: Vec<Trial>,
+    measuring: Option<FrameRequest>,
+}
+
+/// Times of a frame and of what of it finds the points that mirrors show, milliseconds.
+pub fn times(stats: &FrameStats) -> [f64; 2] {
+    [stats.frame_milliseconds, study::results::stage_ms(&stats.passes, PassStage::Method)]
+}
+
+/// The median of each.
+pub fn medians(times: &[[f64; 2]]) -> Option<[f64; 2]> {
+    let median = |which: usize| Some(Spread::of(times.iter().map(|times| times[which]).collect())?.median);
+    Some([median(0)?, median(1)?])
+}
+
+/// Whether so many measurements of frames will do.
+pub fn are_enough(times: &[[f64; 2]]) -> bool {
+    times.len() >= FRAMES || times.iter().map(|[frame, _]| frame).sum::<f64>() > ENOUGH
+}
+
+/// The same for all frames that are tries at one truth. How splats are drawn and how shadow maps are looked up is no part of it: it is
+/// chosen for its time as methods are, though the truth is traced from the surface that comes of it.
+pub fn series(request: &FrameRequest) -> FrameRequest {
+    let mut basis = request.truth_basis();
+    let (splat, light) = (scene::Splat::default(), scene::Light::default());
+    (basis.settings.splat, basis.settings.light.shadow_bias) = (splat, light.shadow_bias);
+    basis
+}
+
+impl Trial {
+    pub fn time(&self, by_frame: bool) -> Option<f64> {
+        medians(&self.times).map(|[frame, method]| if by_frame { frame } else { method })
+    }
+
+    /// Whether it fills too little for its errors to be held against those of others.
+    pub fn is_sparse(&self) -> bool {
+        self.figures.as_ref().is_some_and(|figures| figures.closed_coverage < LEAST_FILLED)
+    }
+
+    /// What it is: the parameters that are not the defaults.
+    pub fn text(&self) -> String {
+        let differing = self.settings.differing();
+        let lines: Vec<String> = differing.into_iter().map(|(key, text)| format!("{key} = {text}")).collect();
+        if lines.is_empty() { "all parameters as by default".into() } else { lines.join("\n") }
+    }
+}
+
+impl Tuning {
+    /// Median times of a frame and of its method, milliseconds.
+    pub fn times(&self, request: &FrameRequest) -> Option<[f64; 2]> {
+        medians(&self.trials.iter().find(|trial| trial.request == *request)?.times)
+    }
+
+    fn trial(&mut self, request: &FrameRequest, settings: &Settings) -> &mut Trial {
+        let known = self.trials.iter().position(|trial| trial.request == *request);
+        let index = known.unwrap_or_else(|| {
+            let series = series(request);
+            if self.trials.len() >= MOST_TRIALS {
+                // The oldest, of another view if there is one.
+                let other = self.trials.iter().position(|trial| trial.series != series);
+                self.trials.remove(other.unwrap_or(0));
+            }
+            let (request, settings) = (request.clone(), settings.clone());
+            self.trials.push(Trial { request, series, settings, times: Vec::new(), figures: None });
+            self.trials.len() - 1
+        });
+        &mut self.trials[index]
+    }
+
+    /// How right a frame is.
+    pub fn note(&mut self, request: &FrameRequest, settings: &Settings, figures: &Accuracy) {
+        self.trial(request, settings).figures = Some(figures.clone());
+    }
+
+    /// Has the times of a still frame measured. `is_quiet`: no other work takes the time that is measured. Returns whether they are
+    /// still to come.
+    pub fn measure(
+        &mut self,
+        request: &FrameRequest,
+        settings: &Settings,
+        is_quiet: impl FnOnce() -> bool,
+        outside: &mut Outside,
+    ) -> bool {
+        if are_enough(&self.trial(request, settings).times) {
+            return false;
+        }
+        if is_quiet() && self.measuring.is_none() {
+            self.measuring = Some(request.clone());
+            outside.render(Command::Measure(Box::new(request.clone())));
+        }
+        true
+    }
+
+    /// A frame that was drawn for its times.
+    pub fn on_measured(&mut self, request: &FrameRequest, stats: &FrameStats) {
+        self.measuring = None;
+        if let Some(trial) = self.trials.iter_mut().find(|trial| trial.request == *request) {
+            trial.times.push(times(stats));
+        }
+    }
+
+    /// Forgets what was tried.
+    pub fn forget_trials(&mut self) {
+        self.trials.clear();
+    }
+
+    /// What was measured failed, or was for something else.
+    pub fn forget_measuring(&mut self) {
+        self.measuring = None;
+    }
+}
+
+/// A setting was added to a plan.
+pub fn on_added_to_study(path: &Path, result: Result<(), String>, outside: &mut Outside) {
+    match result {
+        Ok(()) => {
+            outside.log(json!({ "event": "added_to_study", "path": path }));
+            outside.note(format!("Added to the study: {}", path.display()));
+        }
+        Err(error) => outside.say(Level::Error, error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::viewer::session::Session;
+    use crate::viewer::truth::study_file::{STUDY, add_to_study, group_of};
+
+    #[test]
+    fn settings_are_held_against_each_other_where_the_truth_is_the_same() {
+        let request = FrameRequest::any();
+        let with = |change: fn(&mut Settings)| {
+            let mut request = request.clone();
+            change(&mut request.settings);
+            series(&request)
+        };
+        let same: [fn(&mut Settings); 3] = [
+            |settings| settings.reflection.method = scene::Method::Sscr,
+            |settings| settings.splat.size = 2.0,
+            |settings| settings.light.shadow_bias = 1.0,
+        ];
+        let others: [fn(&mut Settings); 5] = [
+            |settings| settings.view.field_of_view = 20.0,
+            |settings| settings.light.by = scene::Lighting::Sun,
+            |settings| settings.gi.bounces = 0,
+            |settings| settings.reflection.bounces = 2,
+            |settings| settings.trace.samples = 1,
+        ];
+        assert!(same.into_iter().all(|change| with(change) == series(&request)));
+        assert!(others.into_iter().all(|change| with(change) != series(&request)));
+    }
+
+    #[test]
+    fn the_oldest_of_other_views_goes_first() {
+        let (mut tuning, settings) = (Tuning::default(), Settings::default());
+        let request = FrameRequest::any();
+        let other = FrameRequest { size: [1, 1], ..request.clone() };
+        let mut tried = |index: usize| {
+            let mut request = if index == 1 { other.clone() } else { request.clone() };
+            request.settings.tone.exposure = index as f32 * 0.01;
+            tuning.trial(&request, &settings);
+            let is_kept = |trial: &&Trial| trial.series == series(&other);
+            (tuning.trials.len(), tuning.trials.iter().filter(is_kept).count())
+        };
+        assert_eq!((0..MOST_TRIALS).map(&mut tried).last(), Some((MOST_TRIALS, 1)));
+        assert_eq!(tried(MOST_TRIALS), (MOST_TRIALS, 0));
+        tried(MOST_TRIALS + 1);
+        assert_eq!(tuning.trials[0].request.settings.tone.exposure, 0.02, "then the oldest of its own");
+    }
+
+    #[test]
+    fn times_are_medians_and_long_frames_need_no_third() {
+        assert_eq!(medians(&[[9.0, 1.0], [5.0, 3.0], [7.0, 2.0]]), Some([7.0, 2.0]));
+        assert_eq!(medians(&[]), None);
+        assert!(!are_enough(&[[5.0, 1.0]; 2]) && are_enough(&[[5.0, 1.0]; 3]) && are_enough(&[[4000.0, 1.0]]));
+    }
+
+    #[test]
+    fn settings_added_to_a_plan_stand_behind_those_that_are_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let plan = folder.path().join(STUDY);
+        let mut session = Session::with_two_points();
+        session.scene.view_size = [64, 48];
+        for bounces in [1, 2] {
+            session.scene.settings.reflection.bounces = bounces;
+            add_to_study(
+                &plan,
+                &session.scene.view_as_scene(&session.loaded),
+                group_of(&session.scene.written_settings(&session.loaded), session.scene.view_size),
+            )
+            .unwrap();
+        }
+        let text = std::fs::read_to_string(&plan).unwrap();
+        let table: toml::Table = toml::from_str(&text).unwrap();
+        let cases = study::Plan::parse("study.toml", &text).unwrap_or_else(|error| panic!("{error}\n{text}")).cases();
+        assert_eq!(cases.len(), 2);
+        let groups = table["group"].as_array().unwrap();
+        let names: Vec<&str> = groups.iter().filter_map(|group| group["name"].as_str()).collect();
+        assert_eq!(names, ["tried-1", "tried-2"]);
+        // The same view is one file.
+        let scene = groups[0]["scenes"][0].as_str().unwrap();
+        assert_eq!(groups[0]["scenes"], groups[1]["scenes"]);
+        assert!(std::fs::read_to_string(scene).unwrap().contains("cloud.ply"));
+        assert_eq!(groups[1]["set"]["reflection.bounces"].as_integer(), Some(2));
+        assert_eq!(groups[1]["sweep"]["size"][0].as_str(), Some("64x48"));
+        // What cannot be read as text is another's, and stays.
+        let foreign = folder.path().join("study-view-2.toml");
+        std::fs::write(&foreign, [0xff, 0xfe]).unwrap();
+        let other_view = session.scene.view_as_scene(&session.loaded) + "# another\n";
+        add_to_study(
+            &plan,
+            &other_view,
+            group_of(&session.scene.written_settings(&session.loaded), session.scene.view_size),
+        )
+        .unwrap();
+        assert_eq!(std::fs::read(&foreign).unwrap(), [0xff, 0xfe]);
+        assert_eq!(std::fs::read_to_string(folder.path().join("study-view-3.toml")).unwrap(), other_view);
+        // A group that no plan can have is not written.
+        let before = std::fs::read_to_string(&plan).unwrap();
+        let wrong = toml::Table::from_iter([("methods".to_string(), toml::Value::Integer(1))]);
+        assert!(add_to_study(&plan, "never written", wrong).unwrap_err().to_string().contains("nothing was added"));
+        assert_eq!(std::fs::read_to_string(&plan).unwrap(), before);
+        assert!(!folder.path().join("study-view-4.toml").exists());
+        std::fs::write(&plan, "no plan [").unwrap();
+        let error = add_to_study(&plan, "", toml::Table::new()).unwrap_err().to_string();
+        assert!(error.contains("study.toml") && error.contains("no plan"), "{error}");
+        assert_eq!(std::fs::read_to_string(&plan).unwrap(), "no plan [");
+    }
+}

@@ -1,0 +1,131 @@
+//! Does what the viewer's session asks for and what needs no window: points are drawn, files read and work is done on threads of
+//! their own, which tell what came of it. The window and recordings do it here.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use render::Gpu;
+use scene::Settings;
+use world::{Event, Input, Job};
+
+use crate::viewer::loaded::clouds::JobEntry;
+use crate::viewer::outside::{Effect, News};
+use crate::viewer::session::Session;
+use crate::viewer::truth::tasks::Answer;
+use crate::viewer::window::render_thread::RenderThread;
+use crate::viewer::window::under_way::UnderWay;
+use crate::viewer::work::Work;
+
+/// Hands news to whoever drives the session, from any thread; false once nobody listens.
+pub type Tell = Arc<dyn Fn(News) -> bool + Send + Sync>;
+
+pub struct Effects {
+    tell: Tell,
+    /// Starts jobs: `world::start`, or `world::start_unseen`.
+    start: fn(Vec<Input>, &Settings) -> Job,
+    render_thread: Option<RenderThread>,
+    under_way: Arc<UnderWay>,
+}
+
+/// The program ends as long after the window at most.
+const CLOSING_TIME: Duration = Duration::from_secs(3);
+
+impl Effects {
+    pub fn new(start: fn(Vec<Input>, &Settings) -> Job, tell: Tell) -> Self {
+        Self { tell, start, render_thread: None, under_way: Arc::default() }
+    }
+
+    /// Has points drawn from now on; the arguments are those of `RenderThread::start`.
+    ///
+    /// # Errors
+    /// If no thread can be started.
+    pub fn draw_for(&mut self, window_gpu: Arc<Gpu>, wanted: Option<String>) -> std::io::Result<()> {
+        let tell = self.tell.clone();
+        // A window that is closed needs no reports.
+        let thread = RenderThread::start(window_gpu, wanted, move |report| {
+            let _ = tell(News::Report(report));
+        })?;
+        self.render_thread = Some(thread);
+        Ok(())
+    }
+
+    /// Does an effect; gives it back if it needs a window.
+    pub fn run(&mut self, session: &mut Session, effect: Effect) -> Option<Effect> {
+        match effect {
+            Effect::Render(command) => {
+                if let Some(thread) = &self.render_thread {
+                    thread.send(command);
+                }
+            }
+            Effect::Load { inputs } => {
+                let job = (self.start)(inputs.clone(), &session.loaded.settings_of_next_job(&session.scene.settings));
+                let id =
+                    session.loaded.add_job(&inputs, job.progress.clone(), job.mailbox.clone(), session.outside.now);
+                let (under_way, tell) = (self.under_way.clone(), self.tell.clone());
+                begin(session, "loading events", move || forward(&job, id, &under_way, &tell));
+            }
+            Effect::Work(work) => {
+                let truth = if let Work::Truth(task) = &work { Some(task.kind()) } else { None };
+                let (stream, tell) = (session.scene.settings.stream.clone(), self.tell.clone());
+                let found = move |found| {
+                    let _ = tell(News::Found(found));
+                };
+                let is_begun = begin(session, work.name(), move || work.run(&stream, found));
+                if let Some(kind) = truth.filter(|_| !is_begun) {
+                    session.on_truth(Answer::Failed(kind));
+                }
+            }
+            needs_window => return Some(needs_window),
+        }
+        None
+    }
+
+    /// Ends what is drawn, loaded and made. What is half made is cleared away, unless that takes too long.
+    pub fn close(&mut self, session: &Session) {
+        self.render_thread = None;
+        for job in &session.loaded.jobs {
+            job.progress.cancel();
+            job.mailbox.end();
+        }
+        let start = Instant::now();
+        let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
+        while !session.loaded.jobs.iter().all(is_over) && start.elapsed() < CLOSING_TIME {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// The same, and waits for the frame that is being drawn, however long that takes.
+    pub fn end(&mut self, session: &Session) {
+        let thread = self.render_thread.take();
+        self.close(session);
+        if let Some(thread) = thread {
+            thread.end();
+        }
+    }
+}
+
+/// Runs `task` on a thread of its own; false, with a message, if there is no thread for it.
+pub fn begin(session: &mut Session, name: &str, task: impl FnOnce() + Send + 'static) -> bool {
+    let started = std::thread::Builder::new().name(name.into()).spawn(task);
+    if let Err(error) = &started {
+        session.outside.error(format!("{name}: no thread: {error}"));
+    }
+    started.is_ok()
+}
+
+/// Hands the events of a job on until it ends; a loading thread that dies ends it, too.
+fn forward(job: &Job, id: u32, under_way: &Arc<UnderWay>, tell: &Tell) {
+    for event in &job.events {
+        let is_end = matches!(event, Event::Finished);
+        let pass = match &event {
+            Event::Chunk { chunk, .. } => Some(under_way.enter(chunk.size_in_bytes() as u64)),
+            _ => None,
+        };
+        if !tell(News::Loading(id, event, pass)) || is_end {
+            return;
+        }
+    }
+    let error = "loading stopped unexpectedly".to_string();
+    tell(News::Loading(id, Event::Failed { input: String::new(), error, is_usage: false }, None));
+    tell(News::Loading(id, Event::Finished, None));
+}

@@ -1,0 +1,7 @@
+//! What the window does outside of the session: its surface, the thread that draws the points, the event log, and effects.
+
+pub mod effects;
+pub mod event_log;
+pub mod render_thread;
+pub mod screen;
+pub mod under_way;

@@ -1,0 +1,420 @@
+//! The thread that draws the points, so that the window never waits for them.
+//!
+//! It owns the renderer and the points on the GPU, on a device of its own: waiting for a device holds a lock that presenting
+//! on the same device needs, and a frame too long for the driver's watchdog then takes the pictures with it, not the window.
+//! Commands come in order; of frames that wait only the latest is drawn. A finished picture is written into a texture of the
+//! window's device, whose queue shows it from the window's next frame on, whole or not at all.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+use render::{FrameStats, Gpu, Objects, Renderer};
+use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
+use study::Drawn;
+use world::{Change, ChunkKey, Resident};
+
+use crate::picture_file;
+use crate::viewer::pace::Spared;
+use crate::viewer::window::under_way::Pass;
+
+/// A picture to draw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameRequest {
+    pub camera: Camera,
+    pub settings: Settings,
+    pub mirrors: Vec<Mirror>,
+    pub lights: Vec<SpotLight>,
+    pub sky_is_open: bool,
+    /// The pixels that the picture fills in the window.
+    pub size: [u32; 2],
+    /// `Some` if the picture is drawn fast because something moves.
+    pub spared: Option<Spared>,
+    /// Counts changes of the points and their colours.
+    pub revision: u64,
+    /// Drawn fast because the camera moves; a better one follows.
+    pub hurried: bool,
+    /// Indirect light may be that of the points before: they come and go.
+    pub light_may_lag: bool,
+}
+
+/// What a picked point is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PickPurpose {
+    /// Coordinates in the status bar, and the point that zooming goes to.
+    Hover,
+    Select,
+    Pivot,
+}
+
+pub enum Command {
+    /// Something of the points or of how they are shown is another.
+    Change(Change),
+    /// The commands of a chunk that was under way have been sent.
+    Arrived(Pass),
+    Frame(Box<FrameRequest>),
+    Pick {
+        pixel: [u32; 2],
+        purpose: PickPurpose,
+    },
+    /// Writes a picture as a PNG file, and draws it for that unless it is the last one that was drawn.
+    Save {
+        request: Box<FrameRequest>,
+        path: PathBuf,
+    },
+    /// Hands over what the ray tracer judges a frame by, positions from `origin`.
+    Capture {
+        request: Box<FrameRequest>,
+        origin: DVec3,
+    },
+    /// Draws a frame from scratch, for its times.
+    Measure(Box<FrameRequest>),
+    /// Makes a frame's picture of other colours: linear red, green and blue. `pass` tells the answers apart.
+    Present {
+        request: Box<FrameRequest>,
+        colors: Arc<Vec<[f32; 3]>>,
+        pass: u32,
+    },
+}
+
+/// A frame's images.
+pub struct Captured {
+    pub request: FrameRequest,
+    pub drawn: Drawn,
+    /// Rows of sRGB red, green, blue and opacity.
+    pub picture: Vec<u8>,
+}
+
+/// A picture that is ready to be shown.
+pub struct Frame {
+    pub request: FrameRequest,
+    pub stats: FrameStats,
+    /// Milliseconds from the request's turn to the picture in the window's texture.
+    pub total_milliseconds: f64,
+    /// Of the window's device. The same texture as long as the size stays.
+    pub texture: wgpu::Texture,
+}
+
+/// A point of a cloud, found under a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PickedPoint {
+    pub chunk: ChunkKey,
+    /// Index in the chunk.
+    pub index: usize,
+}
+
+pub enum Report {
+    /// Shaders are compiled.
+    Ready {
+        adapter: String,
+    },
+    Frame(Box<Frame>),
+    Picked {
+        pixel: [u32; 2],
+        purpose: PickPurpose,
+        point: Option<PickedPoint>,
+    },
+    Saved(PathBuf),
+    Captured(Box<Captured>),
+    Measured {
+        request: Box<FrameRequest>,
+        stats: FrameStats,
+    },
+    Presented {
+        request: Box<FrameRequest>,
+        pass: u32,
+        rgba: Vec<u8>,
+    },
+    /// What was asked for the truth cannot be had.
+    NotJudged(String),
+    Problem(String),
+    /// The latest frame failed; others may follow.
+    NotDrawn(String),
+    /// Nothing can be drawn any more.
+    Lost(String),
+}
+
+/// The window's end. Dropping it ends the thread after the frame it is at.
+pub struct RenderThread {
+    commands: Sender<Command>,
+    thread: JoinHandle<()>,
+    /// Set when a picture in lower quality waits, so that one in full quality is given up for it.
+    is_urgent: Arc<AtomicBool>,
+}
+
+/// Pixels around the cursor in which a point counts as meant: a fingertip's precision with a mouse.
+const PICK_RADIUS: u32 = 6;
+/// Longest time that points are uploaded before a waiting frame gets its turn.
+const UPLOAD_SLICE: Duration = Duration::from_millis(50);
+
+impl RenderThread {
+    /// `window_gpu` is the device that shows the pictures; `wanted` as in `Gpu::headless`. `report` is called from the thread.
+    ///
+    /// # Errors
+    /// If no thread can be started.
+    pub fn start(
+        window_gpu: Arc<Gpu>,
+        wanted: Option<String>,
+        report: impl Fn(Report) + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let (commands, receiver) = channel();
+        let is_urgent = Arc::new(AtomicBool::new(false));
+        let urgent = is_urgent.clone();
+        let work = move || {
+            let draw = || match Worker::new(window_gpu, wanted.as_deref()) {
+                Ok(mut worker) => {
+                    report(Report::Ready { adapter: worker.gpu.info.name.clone() });
+                    worker.run(&receiver, &urgent, &report);
+                }
+                Err(error) => report(Report::Lost(error.to_string())),
+            };
+            // wgpu panics where a driver breaks its word; the window lives to say so.
+            if std::panic::catch_unwind(std::panic::AssertUnwindSafe(draw)).is_err() {
+                report(Report::Lost("the renderer stopped unexpectedly".into()));
+            }
+        };
+        let thread = std::thread::Builder::new().name("render".into()).spawn(work)?;
+        Ok(Self { commands, thread, is_urgent })
+    }
+
+    pub fn send(&self, command: Command) {
+        let is_urgent = matches!(&command, Command::Frame(request) if request.hurried);
+        // A thread that has ended has reported why.
+        let _ = self.commands.send(command);
+        if is_urgent {
+            self.is_urgent.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Ends the thread, and waits for the frame that it is at.
+    pub fn end(self) {
+        drop(self.commands);
+        self.is_urgent.store(true, Ordering::Relaxed);
+        // It caught its own panics.
+        let _ = self.thread.join();
+    }
+}
+
+struct Worker {
+    gpu: Arc<Gpu>,
+    window_gpu: Arc<Gpu>,
+    renderer: Renderer,
+    resident: Resident,
+    shown: Option<wgpu::Texture>,
+    /// The frame that the renderer holds, and whether its picture is of its own colours.
+    held: Option<(FrameRequest, bool)>,
+    /// The frame in the window: what is picked from.
+    on_screen: Option<FrameRequest>,
+}
+
+impl Worker {
+    fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>) -> render::Result<Self> {
+        // The window's adapter, unless another is asked for: the one that presents is the one with the screen.
+        let name = window_gpu.info.name.clone();
+        let gpu = Gpu::headless(Some(wanted.unwrap_or(&name)))?;
+        Ok(Self {
+            renderer: Renderer::new(gpu.clone())?,
+            resident: Resident::new(gpu.clone()),
+            gpu,
+            window_gpu,
+            shown: None,
+            held: None,
+            on_screen: None,
+        })
+    }
+
+    fn run(&mut self, commands: &Receiver<Command>, urgent: &Arc<AtomicBool>, report: &impl Fn(Report)) {
+        // A frame that was given up is drawn after all if no other has come.
+        let mut frame: Option<Box<FrameRequest>> = None;
+        loop {
+            let first = if frame.is_some() {
+                commands.try_recv()
+            } else {
+                commands.recv().map_err(|_| TryRecvError::Disconnected)
+            };
+            let mut next = match first {
+                Err(TryRecvError::Disconnected) => return,
+                first => first.ok(),
+            };
+            urgent.store(false, Ordering::Relaxed);
+            let started = Instant::now();
+            while let Some(command) = next {
+                let result = match command {
+                    Command::Frame(request) => {
+                        frame = Some(request);
+                        Ok(())
+                    }
+                    other => self.obey(other, report),
+                };
+                if let Err(error) = result {
+                    if is_fatal(&error) {
+                        return report(Report::Lost(error.to_string()));
+                    }
+                    report(Report::Problem(error.to_string()));
+                }
+                if frame.is_some() && started.elapsed() > UPLOAD_SLICE {
+                    break;
+                }
+                next = commands.try_recv().ok();
+            }
+            if let Some(request) = frame.take() {
+                self.renderer.give_up_when((!request.hurried).then(|| urgent.clone()));
+                let drawn = self.draw((*request).clone());
+                self.renderer.give_up_when(None);
+                match drawn {
+                    Ok(frame) => report(Report::Frame(Box::new(frame))),
+                    Err(render::Error::GivenUp) => frame = Some(request),
+                    Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
+                    Err(error) => report(Report::NotDrawn(error.to_string())),
+                }
+            }
+        }
+    }
+
+    fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
+        match command {
+            Command::Change(change) => return self.resident.apply(change),
+            Command::Pick { pixel, purpose } => {
+                if let Some(request) = self.on_screen.clone() {
+                    self.hold(&request, false)?;
+                }
+                // The picture may have fewer pixels than the window.
+                let divisor =
+                    self.on_screen.as_ref().and_then(|request| request.spared).map_or(1, |spared| spared.divisor);
+                let drawn = pixel.map(|place| place / divisor);
+                let picked = self.renderer.pick(&self.resident.store, drawn, PICK_RADIUS.div_ceil(divisor))?;
+                let point = picked.and_then(|picked| self.resident.origin(picked.chunk, picked.index));
+                let point = point.map(|(chunk, index)| PickedPoint { chunk, index });
+                report(Report::Picked { pixel, purpose, point });
+            }
+            Command::Save { request, path } => {
+                self.hold(&request, true)?;
+                let pixels = self.renderer.read_picture()?;
+                report(match picture_file::write_png(&path, request.size, &pixels) {
+                    Ok(()) => Report::Saved(path),
+                    Err(error) => Report::Problem(format!("{error:#}")),
+                });
+            }
+            Command::Capture { .. } | Command::Measure(_) | Command::Present { .. } => {
+                match self.judge(command, report) {
+                    Err(error) if !is_fatal(&error) => report(Report::NotJudged(error.to_string())),
+                    result => return result,
+                }
+            }
+            Command::Arrived(pass) => drop(pass),
+            Command::Frame(_) => {}
+        }
+        Ok(())
+    }
+
+    /// What the truth asks for.
+    fn judge(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
+        match command {
+            Command::Capture { request, origin } => {
+                self.hold(&request, true)?;
+                let drawn = Drawn::read(&self.renderer, &request.settings, origin)?;
+                let picture = self.renderer.read_picture()?;
+                report(Report::Captured(Box::new(Captured { request: *request, drawn, picture })));
+            }
+            Command::Measure(request) => {
+                self.renderer.forget();
+                let stats = self.render(&request)?;
+                report(Report::Measured { request, stats });
+            }
+            Command::Present { request, colors, pass } => {
+                self.hold(&request, false)?;
+                self.renderer.present(&self.resident.store, &request.settings, &colors)?;
+                self.held = self.held.take().map(|(request, _)| (request, false));
+                let rgba = self.renderer.read_picture()?;
+                report(Report::Presented { request, pass, rgba });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Draws a frame unless the renderer holds it; `with_picture`: and its picture.
+    fn hold(&mut self, request: &FrameRequest, with_picture: bool) -> render::Result<()> {
+        let is_held = |(held, has_picture): &(FrameRequest, bool)| held == request && (*has_picture || !with_picture);
+        if !self.held.as_ref().is_some_and(is_held) {
+            self.render(request)?;
+        }
+        Ok(())
+    }
+
+    fn render(&mut self, request: &FrameRequest) -> render::Result<FrameStats> {
+        let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
+        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        self.held = None;
+        self.renderer.let_light_lag(request.light_may_lag);
+        self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
+        let size = request.drawn_size();
+        let stats = self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, size)?;
+        self.held = Some((request.clone(), true));
+        Ok(stats)
+    }
+
+    fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
+        let started = Instant::now();
+        let stats = self.render(&request)?;
+        tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
+        let pixels = self.renderer.read_picture()?;
+        let [width, height] = request.drawn_size();
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let texture = match self.shown.take() {
+            Some(texture) if texture.size() == size => texture,
+            _ => self.window_gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some("picture in the window"),
+                size,
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: wgpu::TextureFormat::Rgba8Unorm,
+                usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            }),
+        };
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * width), rows_per_image: None };
+        self.window_gpu.queue.write_texture(texture.as_image_copy(), &pixels, layout, size);
+        self.shown = Some(texture.clone());
+        self.on_screen = Some(request.clone());
+        Ok(Frame { request, stats, total_milliseconds: started.elapsed().as_secs_f64() * 1e3, texture })
+    }
+}
+
+/// Whether no further frame can be expected after this error.
+fn is_fatal(error: &render::Error) -> bool {
+    matches!(error, render::Error::Lost(_))
+}
+
+impl FrameRequest {
+    /// The same picture with nothing spared.
+    pub fn unhurried(&self, settings: &Settings) -> Self {
+        Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
+    }
+
+    /// The pixels that are drawn.
+    pub fn drawn_size(&self) -> [u32; 2] {
+        self.spared.unwrap_or(Spared::NOTHING).size(self.size)
+    }
+}
+
+/// The settings for a frame while the camera or a mirror moves and better ones take too long: one point a pixel, and mirrors
+/// that show no further mirrors. A mirror that is dragged is drawn by its formula: its points come later.
+pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
+    let mut hurried = settings.clone();
+    hurried.splat.quality = Quality::Nearest;
+    hurried.reflection.bounces = settings.reflection.bounces.min(1);
+    if a_mirror_is_dragged {
+        hurried.mirror.surface = MirrorSurface::Exact;
+    }
+    hurried
+}
+
+#[cfg(test)]
+#[path = "render_thread_tests.rs"]
+mod tests;

@@ -1,0 +1,215 @@
+//! The window's surface and what egui paints on it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use egui::{TextureId, ViewportId};
+use render::Gpu;
+use winit::event_loop::ActiveEventLoop;
+use winit::window::Window;
+
+pub struct Screen {
+    pub window: Arc<Window>,
+    pub gpu: Arc<Gpu>,
+    pub context: egui::Context,
+    pub input: egui_winit::State,
+    surface: wgpu::Surface<'static>,
+    configuration: wgpu::SurfaceConfiguration,
+    painter: egui_wgpu::Renderer,
+    picture: Option<(TextureId, wgpu::Texture)>,
+}
+
+/// What became of a frame of the window.
+pub enum Painted {
+    /// egui wants the next one after this time.
+    Next(Duration),
+    /// Not shown (resized, lost): to be tried again at once.
+    Again,
+}
+
+impl Screen {
+    /// # Errors
+    /// No window, or no adapter that can show something in it.
+    pub fn open(event_loop: &ActiveEventLoop, size: [u32; 2], wanted: Option<&str>) -> anyhow::Result<Self> {
+        let attributes = Window::default_attributes()
+            .with_title("glint")
+            .with_inner_size(winit::dpi::LogicalSize::new(size[0], size[1]))
+            .with_min_inner_size(winit::dpi::LogicalSize::new(480, 320));
+        let window = Arc::new(event_loop.create_window(attributes).map_err(|error| crate::viewer::no_screen(&error))?);
+        let display = Box::new(event_loop.owned_display_handle());
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_with_display_handle(display));
+        let surface = instance.create_surface(window.clone())?;
+        let gpu = Gpu::for_surface(&instance, &surface, wanted)?;
+        let physical = window.inner_size();
+        let (width, height) = (physical.width.max(1), physical.height.max(1));
+        let mut configuration = surface
+            .get_default_config(&gpu.adapter, width, height)
+            .ok_or_else(|| anyhow::anyhow!("{}: cannot show pictures in this window", gpu.info.name))?;
+        // egui blends in sRGB, as browsers do: it wants a format that does not convert.
+        let formats = surface.get_capabilities(&gpu.adapter).formats;
+        let plain = formats.iter().find(|format| !format.is_srgb());
+        configuration.format = *plain.unwrap_or(&configuration.format);
+        configuration.present_mode = wgpu::PresentMode::AutoVsync;
+        surface.configure(&gpu.device, &configuration);
+        let context = egui::Context::default();
+        crate::viewer::theme::apply(&context);
+        let side = gpu.device.limits().max_texture_dimension_2d as usize;
+        let scale = Some(window.scale_factor() as f32);
+        let input = egui_winit::State::new(context.clone(), ViewportId::ROOT, &window, scale, None, Some(side));
+        let painter =
+            egui_wgpu::Renderer::new(&gpu.device, configuration.format, egui_wgpu::RendererOptions::default());
+        Ok(Self { window, gpu, context, input, surface, configuration, painter, picture: None })
+    }
+
+    pub fn resize(&mut self, size: winit::dpi::PhysicalSize<u32>) {
+        if size.width > 0 && size.height > 0 {
+            (self.configuration.width, self.configuration.height) = (size.width, size.height);
+            self.surface.configure(&self.gpu.device, &self.configuration);
+        }
+    }
+
+    /// Logical pixels.
+    pub fn size(&self) -> [u32; 2] {
+        let size = self.window.inner_size().to_logical::<u32>(self.window.scale_factor());
+        [size.width, size.height]
+    }
+
+    /// Makes the render thread's texture known to egui.
+    pub fn set_picture(&mut self, texture: wgpu::Texture) {
+        if self.picture.as_ref().is_some_and(|(_, known)| *known == texture) {
+            return;
+        }
+        if let Some((id, _)) = self.picture.take() {
+            self.painter.free_texture(&id);
+        }
+        let view = texture.create_view(&Default::default());
+        // Pixel for pixel; while the window is being resized, stretched.
+        let id = self.painter.register_native_texture(&self.gpu.device, &view, wgpu::FilterMode::Linear);
+        self.picture = Some((id, texture));
+    }
+
+    pub fn picture(&self) -> Option<TextureId> {
+        self.picture.as_ref().map(|(id, _)| *id)
+    }
+
+    /// Runs `contents` and shows the result.
+    pub fn paint(&mut self, event_loop: &ActiveEventLoop, mut contents: impl FnMut(&mut egui::Ui)) -> Painted {
+        let input = self.input.take_egui_input(&self.window);
+        let mut passes = passes(input).into_iter();
+        let mut output = self.context.run_ui(passes.next().unwrap_or_default(), &mut contents);
+        for later in passes {
+            output.append(self.context.run_ui(later, &mut contents));
+        }
+        let platform = std::mem::take(&mut output.platform_output);
+        self.input.handle_platform_output_with_event_loop(&self.window, event_loop, platform);
+        // Before any early return: egui does not send them twice.
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        for (id, deltas) in std::mem::take(&mut output.textures_delta.set) {
+            for delta in deltas {
+                self.painter.update_texture(device, queue, id, &delta);
+            }
+        }
+        let freed = std::mem::take(&mut output.textures_delta.free);
+        let next =
+            output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |viewport| viewport.repaint_delay);
+        let painted = self.present(output.shapes, output.pixels_per_point);
+        for id in &freed {
+            self.painter.free_texture(id);
+        }
+        if painted { Painted::Next(next) } else { Painted::Again }
+    }
+
+    fn present(&mut self, shapes: Vec<egui::epaint::ClippedShape>, pixels_per_point: f32) -> bool {
+        use wgpu::CurrentSurfaceTexture as Current;
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let frame = match self.surface.get_current_texture() {
+            Current::Success(frame) | Current::Suboptimal(frame) => frame,
+            Current::Outdated | Current::Lost => {
+                self.surface.configure(device, &self.configuration);
+                return false;
+            }
+            // Hidden, or the compositor is busy: the next event brings the next frame.
+            _ => return true,
+        };
+        let jobs = self.context.tessellate(shapes, pixels_per_point);
+        let size_in_pixels = [self.configuration.width, self.configuration.height];
+        let descriptor = egui_wgpu::ScreenDescriptor { size_in_pixels, pixels_per_point };
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let extra = self.painter.update_buffers(device, queue, &mut encoder, &jobs, &descriptor);
+        let view = frame.texture.create_view(&Default::default());
+        let attachment = wgpu::RenderPassColorAttachment {
+            view: &view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: wgpu::StoreOp::Store },
+        };
+        let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("interface"),
+            color_attachments: &[Some(attachment)],
+            ..Default::default()
+        });
+        self.painter.render(&mut pass.forget_lifetime(), &jobs, &descriptor);
+        queue.submit(extra.into_iter().chain([encoder.finish()]));
+        self.window.pre_present_notify();
+        queue.present(frame);
+        true
+    }
+}
+
+/// Splits input that holds both a press and its release: before egui would see a drag, the button is up again. On a slow
+/// machine a quick drag falls between two frames of the window, and must not be lost for it.
+fn passes(mut input: egui::RawInput) -> Vec<egui::RawInput> {
+    let events = std::mem::take(&mut input.events);
+    let is_button =
+        |event: &egui::Event, wanted| matches!(event, egui::Event::PointerButton { pressed, .. } if *pressed == wanted);
+    if !(events.iter().any(|event| is_button(event, true)) && events.iter().any(|event| is_button(event, false))) {
+        return vec![egui::RawInput { events, ..input }];
+    }
+    // A press ends a pass, a release begins one.
+    let mut parts: Vec<Vec<egui::Event>> = vec![Vec::new()];
+    let mut begin = false;
+    for event in events {
+        if begin || is_button(&event, false) {
+            parts.push(Vec::new());
+        }
+        begin = is_button(&event, true);
+        if let Some(part) = parts.last_mut() {
+            part.push(event);
+        }
+    }
+    parts.retain(|part| !part.is_empty());
+    let mut passes: Vec<egui::RawInput> =
+        parts.into_iter().map(|events| egui::RawInput { events, ..input.clone() }).collect();
+    for later in passes.iter_mut().skip(1) {
+        later.dropped_files.clear();
+    }
+    passes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn button(pressed: bool) -> egui::Event {
+        let (pos, modifiers) = (egui::Pos2::ZERO, egui::Modifiers::NONE);
+        egui::Event::PointerButton { pos, button: egui::PointerButton::Primary, pressed, modifiers }
+    }
+
+    #[test]
+    fn a_drag_within_one_frame_is_press_move_and_release() {
+        let moved = || egui::Event::PointerMoved(egui::Pos2::ZERO);
+        let events = vec![moved(), button(true), moved(), moved(), button(false), moved()];
+        let passes = passes(egui::RawInput { events, ..Default::default() });
+        let lengths: Vec<usize> = passes.iter().map(|pass| pass.events.len()).collect();
+        assert_eq!(lengths, [2, 2, 2]);
+    }
+
+    #[test]
+    fn other_input_stays_in_one_frame() {
+        for events in [vec![], vec![button(true)], vec![button(false)]] {
+            let count = events.len();
+            let passes = passes(egui::RawInput { events, ..Default::default() });
+            assert_eq!((passes.len(), passes[0].events.len()), (1, count));
+        }
+    }
+}
