@@ -38,13 +38,13 @@ pub fn methods(as_json: bool) -> anyhow::Result<()> {
     }
     let mut text = String::from("Reflection methods (--method NAME)\n");
     for (name, help) in methods_with_help() {
-        let _ = writeln!(text, "  {name:<24}{help}");
+        let _ = writeln!(text, "  {name:<32}{help}");
     }
     text.push_str("\nParameters (--set KEY=VALUE)\n");
     for (key, field) in parameters() {
         let default = field.format(&field.default());
         let default = if default.is_empty() { "none".to_owned() } else { default };
-        let _ = writeln!(text, "  {key:<24}{}; default {default}\n      {}", field.range_text(), field.help);
+        let _ = writeln!(text, "  {key:<32}{}; default {default}\n      {}", field.range_text(), field.help);
     }
     print(text.lines())
 }
