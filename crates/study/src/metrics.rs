@@ -227,9 +227,9 @@ pub struct ImageError {
     pub rmse: f64,
     /// The mean CIEDE2000 difference in CIELAB (D65, 2 degrees).
     pub delta_e: f64,
-    /// The mean of the FLIP differences, 0 to 1; see [`flip`](crate::flip::flip).
+    /// The mean of the FLIP differences, 0 to 1; see [`flip`](crate::flip).
     pub flip: f64,
-    /// The mean structural similarity, -1 to 1, 1 for equal pictures; see [`ssim`](crate::ssim::ssim).
+    /// The mean structural similarity, -1 to 1, 1 for equal pictures; see [`ssim`](crate::ssim).
     pub ssim: f64,
 }
 

@@ -26,7 +26,8 @@ cargo xtask baseline         Write the checksums of pictures in tests/baseline a
 cargo xtask fuzz [TARGET] [--minutes N]
                              Try odd inputs on the parsers, led by their coverage: TARGET, or all of crates/fuzz/seeds, for
                              10 minutes or N in all. Needs a C++ compiler. What breaks something is kept in target/fuzz/found.
-cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed), build and run all tests.
+cargo xtask test             Check formatting and lints (where rustfmt and clippy are installed) and the links in comments, build
+                             and run all tests.
 
 All but fuzz look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool and
 ImageMagick) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
@@ -100,12 +101,26 @@ struct Step {
     optional: bool,
 }
 
-const STEPS: [Step; 3] = [
+const STEPS: [Step; 4] = [
     Step { name: "format", arguments: &["fmt", "--all", "--check"], optional: true },
     Step {
         name: "lint",
         arguments: &["clippy", "--release", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"],
         optional: true,
+    },
+    Step {
+        name: "links between comments",
+        arguments: &[
+            "doc",
+            "--release",
+            "--workspace",
+            "--no-deps",
+            "--document-private-items",
+            "--locked",
+            "--config",
+            "build.rustdocflags=[\"-Dwarnings\"]",
+        ],
+        optional: false,
     },
     Step {
         name: "test",
