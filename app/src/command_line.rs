@@ -1,4 +1,4 @@
-//! The command line as clap reads it: words to plain values. What the values mean is decided where they are used.
+//! Parses the command line with clap into plain values. The commands decide what the values mean.
 
 use std::ffi::OsString;
 use std::ops::Range;
@@ -222,8 +222,8 @@ pub struct DoctorArguments {
     pub gpu: GpuArgument,
 }
 
-/// Largest side of a picture: what every adapter of WebGPU's class can hold is 8192, common ones 16384 or more; the
-/// adapter at hand may refuse less, with its own limit in the message.
+/// The largest side of a picture, in pixels. Every adapter of WebGPU's class can hold 8192, common ones 16384 or more.
+/// An adapter that can hold less refuses a picture later, with its own limit in the message.
 const LARGEST_SIDE: u32 = 32_768;
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {
@@ -258,7 +258,7 @@ fn parse_pair(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// A name of text, and a path of any bytes that its file may have.
+/// Splits `NAME=FILE.exr`. The name is text; the path may hold any bytes, since file names need not be UTF-8.
 fn parse_image(pair: OsString) -> Result<(String, PathBuf), String> {
     let bytes = pair.as_encoded_bytes();
     let at = bytes.iter().position(|byte| *byte == b'=').filter(|at| *at > 0);
@@ -269,7 +269,7 @@ fn parse_image(pair: OsString) -> Result<(String, PathBuf), String> {
     }
 }
 
-/// What stands behind `bytes` bytes of a text that begins with an ASCII character there.
+/// Returns the text behind its first `bytes` bytes, the last of which must be an ASCII character.
 #[cfg(unix)]
 fn after(text: &std::ffi::OsStr, bytes: usize) -> OsString {
     use std::os::unix::ffi::OsStrExt as _;
@@ -281,9 +281,10 @@ fn after(text: &std::ffi::OsStr, bytes: usize) -> OsString {
     String::from_utf8_lossy(&text.as_encoded_bytes()[bytes..]).into_owned().into()
 }
 
-/// clap's message on one line: what is wrong, and what to do.
+/// Shortens clap's message to one line that says what is wrong and what to do.
 pub fn brief(mut error: clap::Error) -> String {
-    // What it quotes is escaped before it is put together: clap takes line breaks for its own, and escape codes out.
+    // Escape the words that the message quotes before clap puts it together: afterwards their line breaks look like
+    // clap's own, and clap has removed their escape codes.
     let escape = |(kind, value): (ContextKind, &ContextValue)| match value {
         ContextValue::String(text) => Some((kind, ContextValue::String(escaped(text).into_owned()))),
         ContextValue::Strings(texts) => {
@@ -303,7 +304,7 @@ pub fn brief(mut error: clap::Error) -> String {
     format!("{problem}; {}", tip.unwrap_or_else(|| "--help tells what there is".into()))
 }
 
-/// A word as a POSIX shell takes it: in single quotes unless it is plain.
+/// Quotes a word for a POSIX shell, in single quotes unless all its characters are plain.
 pub fn quoted(word: &str) -> String {
     let is_plain = |character: char| character.is_ascii_alphanumeric() || "_-./=,:+@%".contains(character);
     if !word.is_empty() && word.chars().all(is_plain) {

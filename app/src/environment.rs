@@ -1,4 +1,4 @@
-//! What the program finds around it: a desktop, a folder for settings.
+//! Finds out what surrounds the program: whether there is a desktop, and where settings are kept.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,8 @@ pub fn has_display() -> bool {
     cfg!(not(all(unix, not(target_os = "macos")))) || set("DISPLAY") || set("WAYLAND_DISPLAY")
 }
 
-/// Where settings and recent files are kept: `GLINT_CONFIG_DIR`, else the platform's place; `None` without a home.
+/// The folder of settings and recent files: `GLINT_CONFIG_DIR` if it is set, else the platform's folder. `None` without
+/// a home folder.
 pub fn settings_folder() -> Option<PathBuf> {
     let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.config_dir().to_owned());
     world::folder_named_by("GLINT_CONFIG_DIR").or_else(platform)

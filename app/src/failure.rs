@@ -1,24 +1,25 @@
-//! What an error means for scripts: each failure has the same exit status in every command. docs/errors.md lists them.
+//! Maps errors to exit statuses for scripts: each failure has the same status in every command. docs/errors.md lists
+//! them.
 
 use std::fmt;
 
-/// Bad usage or unreadable input: exit status 2.
+/// The usage is bad or an input cannot be read; the exit status is 2.
 #[derive(Debug)]
 pub struct Usage(pub String);
 
-/// Nothing to show it on, no display or no adapter: exit status 3.
+/// There is no display or no adapter to show a picture with; the exit status is 3.
 #[derive(Debug)]
 pub struct NoScreen(pub String);
 
-/// A person pressed Ctrl-C.
+/// The user pressed Ctrl-C; the exit status is 130.
 #[derive(Debug)]
 pub struct Interrupted;
 
-/// Exit statuses beside 0, which is success.
+/// The exit statuses of failures; success is 0.
 pub const FAILED: u8 = 1;
 pub const UNUSABLE: u8 = 2;
 pub const NO_SCREEN: u8 = 3;
-/// 128 and the number of the signal, as shells tell it.
+/// 128 plus the number of the signal (SIGINT is 2), as shells report it.
 pub const INTERRUPTED: u8 = 130;
 
 impl fmt::Display for Usage {
@@ -43,22 +44,23 @@ impl std::error::Error for Usage {}
 impl std::error::Error for NoScreen {}
 impl std::error::Error for Interrupted {}
 
-/// `Usage` as an `anyhow::Error`.
+/// Makes a `Usage` error.
 pub fn usage(message: impl Into<String>) -> anyhow::Error {
     Usage(message.into()).into()
 }
 
-/// What a person reads: an interruption looks the same wherever it was noticed.
+/// Returns the message for the user. An interruption has the same message wherever it was noticed.
 pub fn message(error: &anyhow::Error) -> String {
     if exit_status(error) == INTERRUPTED { Interrupted.to_string() } else { format!("{error:#}") }
 }
 
-/// Exit status of an error: 1 the work failed, 2 bad usage or unreadable input, 3 nothing to show it on, 130 interrupted.
+/// Returns the exit status of an error: 1 if the work failed, 2 for bad usage or unreadable input, 3 without a display
+/// or an adapter, 130 after Ctrl-C.
 pub fn exit_status(error: &anyhow::Error) -> u8 {
     error.chain().find_map(status_of).unwrap_or(FAILED)
 }
 
-/// `None` where the cause does not tell.
+/// Returns the exit status that a cause implies, or `None` if it implies none.
 fn status_of(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     if cause.is::<Interrupted>() {
         return Some(INTERRUPTED);
@@ -99,7 +101,7 @@ fn of_pages(error: &stream::Error) -> u8 {
     match error {
         stream::Error::Cancelled => INTERRUPTED,
         stream::Error::Input(error) => of_file(error),
-        // Inputs without points, and those that are being written.
+        // The inputs hold no points, or another program is writing them.
         stream::Error::Empty { .. } | stream::Error::Changed { .. } => UNUSABLE,
         _ => FAILED,
     }
@@ -108,7 +110,7 @@ fn of_pages(error: &stream::Error) -> u8 {
 fn of_study(error: &study::FolderError) -> u8 {
     match error {
         study::FolderError::Unwritten(_) => FAILED,
-        // Another folder, or another plan, mends it.
+        // The user can avoid the other errors by naming another folder or another plan.
         _ => UNUSABLE,
     }
 }

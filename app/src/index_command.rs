@@ -1,4 +1,4 @@
-//! `glint index`: makes the indexes that large clouds are streamed from before anybody waits for them.
+//! `glint index`: makes the indexes of large clouds ahead of time, so that nobody has to wait for them in the viewer.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,10 +15,10 @@ use crate::failure::{self, FAILED, UNUSABLE, usage};
 use crate::terminal::{self, Few, print};
 use crate::{interrupt, picture_file, progress_bar};
 
-/// Indexes; the exit status is 2 if one of several inputs could not be read.
+/// Makes the indexes. Returns exit status 2 if one of several inputs could not be read.
 ///
 /// # Errors
-/// Bad usage, nothing that can be read, no room.
+/// Fails on bad usage, on Ctrl-C, if the only cloud cannot be indexed, or if the output cannot be written.
 pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
     if let Some(output) = &arguments.output {
         let name = output.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
@@ -64,7 +64,7 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
                     if clouds.len() == 1 || interrupt::is_wanted() {
                         return Err(error);
                     }
-                    // What can be mended by other inputs comes second to what cannot.
+                    // Failed work (status 1) outranks unusable inputs (status 2).
                     status =
                         if failure::exit_status(&error) == UNUSABLE && status != FAILED { UNUSABLE } else { FAILED };
                     terminal::complain(&format!("{name}: {error:#}"));
@@ -75,7 +75,7 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
     Ok(status)
 }
 
-/// The files of an input that can be opened; says what is wrong with the others.
+/// Opens the files of an input, and reports those that cannot be opened.
 fn open(input: &Input, memory: u64, unreadable: &mut Few) -> Vec<Arc<codec::Source>> {
     let mut sources = Vec::new();
     let mut fail = |error: String| unreadable.complain(&error);
@@ -93,10 +93,10 @@ fn open(input: &Input, memory: u64, unreadable: &mut Few) -> Vec<Arc<codec::Sour
     sources
 }
 
-/// What something took.
+/// The time that a piece of work took.
 struct Effort {
     seconds: f64,
-    /// Of all threads, where the system tells.
+    /// CPU time of all threads, where the system reports it.
     cpu_seconds: Option<f64>,
 }
 
@@ -108,7 +108,7 @@ impl Effort {
         (Self { seconds: start.elapsed().as_secs_f64(), cpu_seconds }, result)
     }
 
-    /// `5.2 s, 3.10 M points per CPU-second`.
+    /// For example `5.2 s, 3.10 M points per CPU-second`.
     fn text(&self, points: u64) -> String {
         let rate = self.cpu_seconds.filter(|seconds| *seconds > 0.0).map(|seconds| points as f64 / seconds / 1e6);
         let rate = rate.map(|rate| format!(", {rate:.2} M points per CPU-second")).unwrap_or_default();
@@ -116,15 +116,15 @@ impl Effort {
     }
 }
 
-/// Indexes are made here.
+/// Makes indexes in the cache.
 struct Task<'a> {
     cache: &'a Cache,
     settings: &'a Settings,
 }
 
 impl Task<'_> {
-    /// Makes the index of a cloud in the cache, with normals and radii; once more if what is there turns out to be damaged.
-    /// `place` says which of several it is.
+    /// Makes the index of a cloud in the cache, with normals and radii. If an index that is already there turns out to
+    /// be damaged, makes it again. `place` tells the user which of several clouds this is.
     fn index(&self, name: &str, sources: &[Arc<codec::Source>], place: &str) -> anyhow::Result<()> {
         match self.index_once(name, sources, place) {
             Err(error) if matches!(error.downcast_ref(), Some(stream::Error::Damaged { .. })) => {
@@ -160,13 +160,13 @@ impl Task<'_> {
         let (_, normals, estimated) = self.make(CloudTask::new(TaskKind::Surfels, points), place, estimate);
         estimated?;
         let what = summary(name, points, pages.octree().nodes.len(), pages.bytes());
-        // It may have been made by another program while this one waited.
+        // Another program may have made it while this one waited.
         let effort = if task.progress.done() == 0 { "was there".to_owned() } else { effort.text(points) };
         let folder = scene::shown(pages.folder());
         print([format!("{what}, {effort}; normals and radii {:.1} s; {folder}", normals.seconds)])
     }
 
-    /// Does the work of a task, and shows how far it is.
+    /// Runs the work of a task and shows its progress.
     fn make<Result>(
         &self,
         task: CloudTask,
@@ -178,7 +178,7 @@ impl Task<'_> {
     }
 }
 
-/// Writes files as one cloud in the form of COPC.
+/// Writes all files as one cloud, as COPC.
 fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> anyhow::Result<()> {
     let paths: Vec<PathBuf> = sources.iter().map(|source| source.info().path.clone()).collect();
     let memory = half_of(settings.stream.host_bytes);
@@ -192,16 +192,17 @@ fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> 
     print([format!("{}, {}", summary(&name, points, nodes, bytes), effort.text(points))])
 }
 
-/// `scan.laz: 10653336 points in 412 nodes, 17.9 bytes a point`.
+/// For example `scan.laz: 10653336 points in 412 nodes, 17.9 bytes a point`.
 fn summary(name: &str, points: u64, nodes: usize, bytes: u64) -> String {
     let per_point = bytes as f64 / points.max(1) as f64;
     format!("{name}: {points} points in {nodes} nodes, {per_point:.1} bytes a point")
 }
 
-/// Processor time of this process so far, where the system tells (Linux).
+/// The CPU time that this process has used so far, in seconds, where the system reports it (Linux).
 fn cpu_seconds() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/self/stat").ok()?;
-    // proc(5): the name stands in brackets and may hold spaces; user and system time are fields 14 and 15, in hundredths.
+    // proc(5): the name of the process stands in brackets and may hold spaces. Fields 14 and 15 are user and system
+    // time, in hundredths of a second.
     let fields: Vec<&str> = text.rsplit_once(')')?.1.split_whitespace().collect();
     let ticks = |field: usize| fields.get(field - 3)?.parse::<f64>().ok();
     Some((ticks(14)? + ticks(15)?) / 100.0)

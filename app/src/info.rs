@@ -1,4 +1,5 @@
-//! `glint info`: what files hold, for people or as JSON. An input that cannot be read is reported in its place.
+//! `glint info`: reports what files hold, for people or as JSON. An input that cannot be read gets an error in its
+//! place.
 
 use std::path::Path;
 
@@ -13,8 +14,8 @@ use crate::failure::UNUSABLE;
 use crate::terminal::Few;
 use crate::{interrupt, progress_bar, terminal};
 
-/// Files up to this size are read whole, so that the figures are the points' own and not a header's: some two seconds
-/// of LAZ on two cores.
+/// Files up to this size, in bytes, are read whole, so that the figures come from the points and not from a header. LAZ
+/// of this size takes about two seconds on two cores.
 const READ_WITHOUT_ASKING: u64 = 64 << 20;
 
 #[derive(Serialize)]
@@ -29,7 +30,7 @@ enum Entry {
     Unreadable { path: String, error: String },
 }
 
-/// One input, in the order and under the names of the JSON.
+/// The report on one input. The JSON has its fields in this order and under these names.
 #[derive(Serialize)]
 struct FileReport {
     path: String,
@@ -41,7 +42,7 @@ struct FileReport {
     attributes: Vec<AttributeReport>,
     crs: Option<String>,
     warnings: Vec<String>,
-    /// Decimals that the coordinates of a grid have, for people.
+    /// How many decimals coordinates are printed with for people, if they lie on a grid.
     #[serde(skip)]
     decimals: Option<usize>,
 }
@@ -59,10 +60,10 @@ struct AttributeReport {
     type_name: &'static str,
 }
 
-/// Reports all inputs; the exit status is 2 if one of them cannot be read, which is said on standard error, too.
+/// Reports all inputs. Returns exit status 2 if one of them cannot be read, and says so on standard error, too.
 ///
 /// # Errors
-/// If the report cannot be written, or it was interrupted.
+/// If the report cannot be written, or on Ctrl-C.
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     let mut inputs = Vec::new();
     for word in &arguments.inputs {
@@ -95,7 +96,7 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     Ok(if is_complete { 0 } else { UNUSABLE })
 }
 
-/// One, or one for each file of a folder.
+/// Returns an entry for each file of the input, or one with an error if the input is no file.
 fn entries(input: &Input, scan: bool) -> Vec<Entry> {
     let error = match input {
         Input::File(_) | Input::Tiles { .. } => {
@@ -170,13 +171,13 @@ fn bounds_report(bounds: Bounds) -> Option<BoundsReport> {
     (!bounds.is_empty()).then(|| BoundsReport { min: bounds.min.to_array(), max: bounds.max.to_array() })
 }
 
-/// Decimals of a number that is a multiple of `scale`: 2 for 0.01 and for 0.05.
+/// How many decimals a multiple of `scale` needs: 2 for 0.01 and for 0.05.
 fn decimals(scale: f64) -> usize {
     let is_whole = |scaled: f64| scaled.round() >= 1.0 && (scaled - scaled.round()).abs() < 1e-6;
     (0..=12).find(|&digits| is_whole(scale * 10_f64.powi(digits))).unwrap_or(12) as usize
 }
 
-/// The report for people, a line per fact.
+/// The report for people, one line for each fact.
 fn lines(report: &FileReport) -> Vec<String> {
     let mut lines = vec![report.path.clone()];
     let mut line = |name: &str, value: &str| lines.push(format!("  {name:<11} {value}"));
@@ -213,7 +214,7 @@ fn lines(report: &FileReport) -> Vec<String> {
     lines
 }
 
-/// `1234567` as `1,234,567`.
+/// Groups the digits of a number: `1234567` becomes `1,234,567`.
 pub fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let groups: Vec<&str> =
@@ -221,13 +222,13 @@ pub fn grouped(number: u64) -> String {
     groups.join(",")
 }
 
-/// A number with at most `decimals` of them, without zeros at the end.
+/// Formats a number with at most `decimals` decimals, without zeros at the end.
 fn coordinate(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     if decimals == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
-/// Words joined by commas into lines of about `width` characters.
+/// Joins words by commas and breaks them into lines of about `width` characters.
 fn wrapped(words: &[String], width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in words {

@@ -1,4 +1,5 @@
-//! Ctrl-C: the work under way is stopped, clears away what it has begun, and the program ends with a status of its own.
+//! Handles Ctrl-C: asks the work under way to stop and to remove what it has begun, and ends the program with an exit
+//! status of its own.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -10,11 +11,11 @@ use crate::terminal::complain;
 
 static IS_WANTED: AtomicBool = AtomicBool::new(false);
 
-/// What cannot be stopped for that long, like a driver that compiles shaders, is left behind.
+/// Work that has not stopped after this time is abandoned, for example a driver that compiles shaders.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// From here on Ctrl-C asks the work to end, and calls `wake` for what does not look here; the second time, or when the work does
-/// not end, it ends the program at once.
+/// From now on Ctrl-C asks the work to stop, and calls `wake` to wake threads that do not call `check`. The program
+/// ends at once on a second Ctrl-C, or if the work has not stopped after `PATIENCE`.
 pub fn catch(wake: impl Fn() + Send + 'static) {
     let stop = move || {
         if IS_WANTED.swap(true, Ordering::Relaxed) {
@@ -26,7 +27,7 @@ pub fn catch(wake: impl Fn() + Send + 'static) {
             end();
         });
     };
-    // Where that cannot be caught it ends the program; the next one clears away what was begun.
+    // If the handler cannot be set, Ctrl-C ends the program at once, and the next run removes what was begun.
     if let Err(error) = ctrlc::set_handler(stop) {
         tracing::debug!(%error, "Ctrl-C");
     }
@@ -42,7 +43,7 @@ pub fn is_wanted() -> bool {
     IS_WANTED.load(Ordering::Relaxed)
 }
 
-/// Between two steps of the work.
+/// Fails after Ctrl-C; callers call it between two steps of their work.
 ///
 /// # Errors
 /// If Ctrl-C was pressed.
@@ -50,7 +51,7 @@ pub fn check() -> anyhow::Result<()> {
     if is_wanted() { Err(Interrupted.into()) } else { Ok(()) }
 }
 
-/// Has work stop that looks at `progress`, if Ctrl-C was pressed.
+/// After Ctrl-C, cancels the work that watches `progress`.
 pub fn pass_on(progress: &Progress) {
     if is_wanted() {
         progress.cancel();

@@ -1,5 +1,5 @@
-//! `glint methods`, `glint scenes`, `glint doctor`: what there is to choose from, for people or as JSON; and the page of
-//! the documentation that lists the parameters.
+//! `glint methods`, `glint scenes` and `glint doctor`: list what there is to choose from, for people or as JSON. The
+//! page of the documentation that lists the parameters is made here, too.
 
 use std::fmt::Write as _;
 
@@ -10,14 +10,15 @@ use serde_json::json;
 use crate::terminal::{print, print_json};
 use crate::{environment, truth};
 
-/// All that `glint render --method` takes. The ray tracer is none of the renderer's methods, and not in the viewer.
+/// All methods that `glint render --method` takes. The ray tracer is not one of the renderer's methods, and the viewer
+/// does not offer it.
 fn methods_with_help() -> impl Iterator<Item = (&'static str, &'static str)> {
     let of_renderer = METHODS.iter().map(|row| (row.name, row.help));
     of_renderer
         .chain([(truth::RAY_TRACE, "Reflected rays traced through the points on the CPU: the truth (glint render)")])
 }
 
-/// Every parameter: its key and its line of the table.
+/// All parameters: the key of each, and its row in the table of parameters.
 fn parameters() -> Vec<(String, Field)> {
     let settings = Settings::default();
     let groups = settings.groups();
@@ -89,7 +90,7 @@ fn kind_name(kind: &Kind) -> &'static str {
     }
 }
 
-/// A value as JSON: numbers and switches as such, the rest as the text that `--set` takes.
+/// Converts a value to JSON: numbers and switches as such, all else as the text that `--set` takes.
 pub fn value_json(field: &Field, value: &Value) -> serde_json::Value {
     match value {
         Value::Bool(value) => json!(value),
@@ -99,7 +100,7 @@ pub fn value_json(field: &Field, value: &Value) -> serde_json::Value {
     }
 }
 
-/// The shortest decimal that gives the f32 back: 0.1, not 0.10000000149011612.
+/// The shortest decimal that parses to the same f32: 0.1, not 0.10000000149011612.
 fn shortest(value: f32) -> serde_json::Value {
     json!(value.to_string().parse::<f64>().unwrap_or(f64::from(value)))
 }
@@ -192,7 +193,7 @@ fn mebibytes(bytes: u64) -> String {
     crate::info::grouped(bytes >> 20)
 }
 
-/// docs/parameters.md, from the same table as everything else.
+/// The content of docs/parameters.md, made from the table of parameters.
 #[cfg(test)]
 fn parameters_page() -> String {
     let mut page = String::from(

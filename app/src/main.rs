@@ -1,5 +1,5 @@
-//! `glint`: reads the command line, does what it says, and ends with the exit status that docs and scripts rely on:
-//! 0 done, 1 the work failed, 2 bad usage or unreadable input, 3 nothing to show it on, 130 interrupted.
+//! `glint`: parses the command line, runs the command, and ends with an exit status that scripts rely on: 0 success, 1
+//! the work failed, 2 bad usage or unreadable input, 3 no display or adapter, 130 interrupted.
 
 mod command_line;
 mod environment;
@@ -29,7 +29,7 @@ use terminal::complain;
 fn main() -> ExitCode {
     quiet_wayland();
     log_if_asked();
-    // A panic is a defect of ours; a person gets one line that tells where, not a back-trace.
+    // A panic is a bug in the program. The user gets one line that tells its place, not a back-trace.
     std::panic::set_hook(Box::new(|panic| {
         let place = panic.location().map_or(String::new(), |place| format!(" at {}:{}", place.file(), place.line()));
         let message = panic.payload_as_str().unwrap_or("no message");
@@ -38,7 +38,7 @@ fn main() -> ExitCode {
     let line = match CommandLine::try_parse() {
         Ok(line) => line,
         Err(error) if !error.use_stderr() => {
-            // Help or version: a result, not an error.
+            // Help and version are results, not errors.
             return ended(terminal::print(error.render().to_string().lines()).map(|()| 0));
         }
         Err(error) => {
@@ -49,7 +49,7 @@ fn main() -> ExitCode {
     std::panic::catch_unwind(move || run(line)).map_or(ExitCode::from(failure::FAILED), ended)
 }
 
-/// Says what is wrong, if anything is. Whatever failed after Ctrl-C failed because of it.
+/// Reports an error, if there is one, and returns the exit status. Any error after Ctrl-C counts as an interruption.
 fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
     ExitCode::from(outcome.unwrap_or_else(|error| {
         let error = if interrupt::is_wanted() { failure::Interrupted.into() } else { error };
@@ -58,16 +58,17 @@ fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
     }))
 }
 
-/// The exit status; what is not an error may still have one that is not 0 (`info` of files of which one is unreadable).
+/// Runs the command and returns its exit status. That may differ from 0 without an error: `info` returns 2 if one of
+/// several files is unreadable.
 fn run(line: CommandLine) -> anyhow::Result<u8> {
     let command = line.command.unwrap_or(Command::View(line.view));
-    // The window has to be woken.
+    // The viewer sets a handler of its own, since its window has to be woken.
     if !matches!(command, Command::View(_)) {
         interrupt::catch(|| {});
     }
     match command {
         Command::View(arguments) => {
-            // Checked before the display: a wrong name is wrong everywhere.
+            // The names are checked before the display: a wrong name is an error on every machine.
             let request = world::resolve(&arguments.inputs);
             request.check()?;
             if !environment::has_display() {
@@ -93,9 +94,9 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
     }
 }
 
-/// Vulkan drivers look for a Wayland compositor, and where there is no XDG_RUNTIME_DIR (containers, cron, ssh) its library
-/// prints an error about that, which means nothing here. With a folder that does not exist it finds nothing, silently. The
-/// environment can only be changed safely for a new program, so the program replaces itself, once.
+/// Vulkan drivers look for a Wayland compositor. Without XDG_RUNTIME_DIR (in containers, cron, ssh) the Wayland library
+/// prints an error about that, which does not matter here. With a folder that does not exist it finds no compositor and
+/// prints nothing. The environment can be changed safely only for a new process, so the program replaces itself, once.
 #[cfg(target_os = "linux")]
 fn quiet_wayland() {
     use std::os::unix::process::CommandExt as _;
@@ -103,7 +104,7 @@ fn quiet_wayland() {
     if std::env::var_os(VARIABLE).is_none_or(|folder| folder.is_empty()) {
         let mut words = std::env::args_os();
         let name = words.next().unwrap_or_else(|| "glint".into());
-        // Returns only if it fails, and then the message is all that is wrong.
+        // `exec` returns only if it fails. Then the message of the Wayland library is the only harm.
         let _ =
             std::process::Command::new("/proc/self/exe").arg0(name).args(words).env(VARIABLE, "/nonexistent").exec();
     }
@@ -112,7 +113,8 @@ fn quiet_wayland() {
 #[cfg(not(target_os = "linux"))]
 fn quiet_wayland() {}
 
-/// Logs to standard error what the environment variable GLINT_LOG selects (`debug`, `codec=trace`); nothing without it.
+/// Logs to standard error what the environment variable GLINT_LOG selects (`debug`, `codec=trace`). Logs nothing if it
+/// is not set.
 fn log_if_asked() {
     use tracing_subscriber::layer::SubscriberExt as _;
     use tracing_subscriber::util::SubscriberInitExt as _;

@@ -1,5 +1,5 @@
-//! Picture files: PNG for what is seen, OpenEXR for the numbers behind it. A file appears whole or not at all: it is written
-//! beside its place under another name and moved there at the end.
+//! Writes picture files: PNG for the picture, OpenEXR for the numbers behind it. A file appears whole or not at all: it
+//! is written under another name in the same folder and renamed at the end.
 
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write as _};
@@ -11,11 +11,11 @@ use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Writab
 use image::ImageEncoder as _;
 use image::codecs::png::PngEncoder;
 
-/// Writes rows of sRGB red, green, blue, opacity from the top as an 8-bit RGB PNG; the opacity, 255 throughout a rendered
-/// picture, is left out.
+/// Writes an 8-bit RGB PNG. `rgba` holds sRGB rows of red, green, blue and opacity, the top row first. The opacity is
+/// left out: it is 255 throughout a rendered picture.
 ///
 /// # Errors
-/// If the file cannot be written; names it.
+/// If the file cannot be written; the error names it.
 pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8]) -> anyhow::Result<()> {
     let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
     write_whole(path, |file| {
@@ -28,10 +28,10 @@ pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8]) -> anyhow::Result<()>
     })
 }
 
-/// Writes 32-bit float scan lines, ZIP-compressed: NaN and values beyond 1 stay as they are.
+/// Writes 32-bit float scan lines, ZIP-compressed. NaN and values above 1 stay as they are.
 ///
 /// # Errors
-/// If the file cannot be written; names it.
+/// If the file cannot be written; the error names it.
 pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> {
     let count = picture.channels.len();
     let channels = picture.channels.iter().enumerate().map(|(index, name)| {
@@ -41,31 +41,31 @@ pub fn write_exr(path: &Path, picture: &render::AovImage) -> anyhow::Result<()> 
     let channels = AnyChannels::sort(channels.collect());
     let size = (picture.size[0] as usize, picture.size[1] as usize);
     let image = Image::from_encoded_channels(size, Encoding::SMALL_LOSSLESS, channels);
-    // Its writer needs to seek; the compressed file is a fraction of the picture in memory.
+    // The EXR writer needs to seek, so it writes to memory. The compressed file is much smaller than the picture.
     let mut bytes = std::io::Cursor::new(Vec::new());
     image.write().to_buffered(&mut bytes)?;
     write_whole(path, |file| file.write_all(bytes.get_ref()))
 }
 
-/// Writes text, as for `--stats`.
+/// Writes a text file, such as that of `--stats`.
 ///
 /// # Errors
-/// If the file cannot be written; names it.
+/// If the file cannot be written; the error names it.
 pub fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
     write_whole(path, |file| file.write_all(text.as_bytes()))
 }
 
-/// Whether a file can be put at `path`, told before the work starts.
+/// Checks that a file can be written at `path`, before the work starts.
 ///
 /// # Errors
-/// A folder that is missing or cannot be written, or a path that is a folder.
+/// If the folder is missing or cannot be written, or if `path` is a folder.
 pub fn check_place(path: &Path) -> anyhow::Result<()> {
     let unwritten = |reason| Error::not_written(path, reason);
     if path.is_dir() || path.file_name().is_none() {
         return Err(unwritten(ErrorKind::IsADirectory.into()).into());
     }
     if !is_special(path) {
-        // Nothing else tells whether a folder can be written: neither its permissions nor its disk's.
+        // Only creating a file proves that the folder can be written: its permissions and the state of the disk do not.
         let partial = partial(path);
         File::create(&partial).map_err(unwritten)?;
         std::fs::remove_file(&partial).map_err(unwritten)?;
@@ -73,20 +73,21 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Whether there is a device or a pipe at `path`, which a file cannot replace.
+/// Whether something other than a regular file is at `path`, such as a device or a pipe, which a file cannot replace.
 pub fn is_special(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file())
 }
 
-/// The same for all ways to write one place: the folder without links or detours, and the name in it, which is what a new
-/// file replaces.
+/// Returns the same path for all ways to write one place: the folder without links or detours, and the name in it. A
+/// new file replaces that name, even if it is a link.
 pub fn place(path: &Path) -> PathBuf {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     folder.join(path.file_name().unwrap_or_default())
 }
 
-/// Where a file is written until it is whole: each time another place, so that no two threads or programs share one.
+/// The path of a file while it is being written. Each call returns another one, so that no two threads or programs
+/// share it.
 fn partial(path: &Path) -> PathBuf {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let count = COUNT.fetch_add(1, Ordering::Relaxed);

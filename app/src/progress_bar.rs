@@ -1,4 +1,5 @@
-//! How far a long task is, on standard error, where that is a terminal; silent otherwise. Ctrl-C reaches the task from here.
+//! Shows the progress of a long task on standard error if that is a terminal, else nothing. Passes Ctrl-C on to the
+//! task.
 
 use std::fmt::Write;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -11,14 +12,14 @@ use world::{CloudTask, TaskKind, TaskStatus};
 use crate::interrupt;
 use crate::terminal::escaped;
 
-/// Often enough to look alive and to stop at once, seldom enough to cost nothing.
+/// The time between two updates: short enough that the bar moves and Ctrl-C acts at once, long enough to cost nothing.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// A bar on the terminal, if there is one.
+/// A progress bar on the terminal, if there is one.
 pub struct Bar(ProgressBar);
 
 impl Bar {
-    /// That counts points.
+    /// A bar that counts points.
     pub fn points(task: &str) -> Self {
         let template = "{msg:>10} {bar:40} {human_pos} of {human_len} points, {rate}, {eta} left";
         let rate = |state: &ProgressState, text: &mut dyn Write| {
@@ -29,7 +30,7 @@ impl Bar {
         bar
     }
 
-    /// That counts settings of a study, or pictures of a recording.
+    /// A bar that counts settings of a study, or pictures of a recording.
     pub fn counted() -> Self {
         Self(ProgressBar::new(0).with_style(style("{bar:40} {pos} of {len}, {eta} left  {msg}")))
     }
@@ -43,7 +44,7 @@ impl Bar {
         self.0.set_position(done);
     }
 
-    /// Shows how far `progress` is.
+    /// Shows the state of `progress`.
     pub fn update(&self, progress: &Progress) {
         let total = progress.total();
         if total > 0 {
@@ -51,7 +52,7 @@ impl Bar {
         }
     }
 
-    /// Shows how far a task is; `place` says which of several it is.
+    /// Shows the progress of a task; `place` says which of several it is.
     pub fn show(&self, task: &CloudTask, place: &str) {
         let text = match (task.status(), task.kind) {
             (TaskStatus::Elsewhere, TaskKind::Index) => "another program makes the index",
@@ -63,7 +64,7 @@ impl Bar {
         self.set_task(&format!("{text}{place}"));
     }
 
-    /// Says something else meanwhile.
+    /// Hides the bar while `say` writes to the terminal.
     pub fn suspend(&self, say: impl FnOnce()) {
         self.0.suspend(say);
     }
@@ -77,12 +78,12 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// Runs `work` on this thread, and shows `progress` meanwhile; Ctrl-C cancels it.
+/// Runs `work` on this thread and shows `progress` while it runs. Ctrl-C cancels it.
 pub fn watch<Result>(task: &str, progress: &Progress, work: impl FnOnce() -> Result) -> Result {
     watch_by(task, progress, |bar| bar.update(progress), work)
 }
 
-/// Runs the work of a task on this thread, and shows how far it is meanwhile; Ctrl-C cancels it.
+/// Runs the work of a task on this thread and shows the task's progress. Ctrl-C cancels it.
 pub fn watch_task<Result>(task: &CloudTask, place: &str, work: impl FnOnce(&Progress) -> Result) -> Result {
     watch_by("", &task.progress, |bar| bar.show(task, place), || task.run(work))
 }

@@ -1,5 +1,6 @@
-//! `glint record`: pictures along a path of a scene file. Each is the one that the window shows when the camera rests there, and
-//! that `glint render` writes: all that the view needs has been streamed in, and nothing is drawn in a hurry.
+//! `glint record`: writes pictures along a camera path of a scene file. Each picture is the one that the window shows
+//! when the camera rests there, and that `glint render` writes: all points that the view needs are loaded, and the
+//! quality is full.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -17,16 +18,16 @@ use crate::render_command::check_size;
 use crate::viewer::Headless;
 use crate::{picture_file, terminal};
 
-/// The numbers in the names of the pictures have six digits.
+/// The most frames of a recording: the names of the pictures number them with six digits.
 const MOST_FRAMES: u32 = 1_000_000;
 
-/// Between opening a scene, which moves the camera, and the beginning of the path: by then the camera rests.
+/// The time between opening a scene, which moves the camera, and the beginning of the path. By then the camera rests.
 const REST: Duration = Duration::from_secs(1);
 
-/// Records; the exit status is 2 if one of several inputs could not be read and the pictures show the others.
+/// Records the path. Returns exit status 2 if one of several inputs could not be read and the pictures show the others.
 ///
 /// # Errors
-/// Bad usage, nothing that can be read, no adapter, a file that cannot be written, Ctrl-C.
+/// Fails on bad usage, without an adapter, if no input can be read, if a file cannot be written, or on Ctrl-C.
 pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     let folder = arguments.output.as_path();
     let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
@@ -46,13 +47,13 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     }
     let recorded = recording.record(gpu, request, arguments);
     if is_new {
-        // Where there are pictures, this does nothing.
+        // This removes the folder only if it holds no pictures.
         let _ = std::fs::remove_dir(folder);
     }
     recorded
 }
 
-/// The path that is asked for, or the only one.
+/// The path that `--path` names, or the only one.
 fn path(request: &Request, arguments: &RecordArguments) -> anyhow::Result<CameraPath> {
     let names: Vec<&str> = request.paths.iter().map(|path| path.name.as_str()).collect();
     let available = names.join(", ");
@@ -70,9 +71,9 @@ fn path(request: &Request, arguments: &RecordArguments) -> anyhow::Result<Camera
     }
 }
 
-/// The frames that are asked for, or all.
+/// The frames that `--frames` names, or all.
 fn frames(path: &CameraPath, arguments: &RecordArguments) -> anyhow::Result<Range<u32>> {
-    // The last picture is shown until the path ends. A product that is a whole number but for its last digits counts as one.
+    // The last picture is shown until the path ends. The subtraction keeps a rounding error from adding a frame.
     let all = (path.duration() * f64::from(arguments.fps) - 1e-6).ceil().max(1.0) as u32;
     let frames = arguments.frames.clone().unwrap_or(0..all);
     if frames.end > all {
@@ -88,8 +89,8 @@ fn frames(path: &CameraPath, arguments: &RecordArguments) -> anyhow::Result<Rang
     Ok(frames)
 }
 
-/// Sets parameters, and the camera to the beginning of the path: light and ranges of colours follow from what is seen first, which
-/// must not depend on which frames are recorded.
+/// Sets the parameters, and puts the camera at the beginning of the path. Automatic light and colour ranges follow from
+/// the first view, which must not depend on which frames are recorded.
 fn prepare(request: &mut Request, recording: &Recording<'_>, arguments: &RecordArguments) -> anyhow::Result<()> {
     let (settings, warnings) = (Settings::default(), Vec::new());
     let view = request.view.get_or_insert(View { camera: None, settings, warnings });
@@ -108,7 +109,7 @@ struct Recording<'a> {
 }
 
 impl Recording<'_> {
-    /// Seconds of the path.
+    /// The time of a frame on the path, in seconds.
     fn time(&self, frame: u32) -> f64 {
         f64::from(frame) / f64::from(self.fps)
     }
@@ -121,7 +122,7 @@ impl Recording<'_> {
         self.folder.join(format!("frame-{frame:06}.png"))
     }
 
-    /// Writes the pictures; returns the exit status.
+    /// Writes the pictures and returns the exit status.
     fn record(&self, gpu: std::sync::Arc<Gpu>, request: Request, arguments: &RecordArguments) -> anyhow::Result<u8> {
         picture_file::check_place(&self.picture(self.frames.start))?;
         let names = request.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");
@@ -136,8 +137,8 @@ impl Recording<'_> {
         Ok(viewer.status())
     }
 
-    /// False if there is nothing to show. `start` is the time of the first frame by the clock that the viewer is handed, which
-    /// ticks by the frame.
+    /// Writes the pictures. Returns false if there is nothing to show. `start` is the time of the path's beginning on
+    /// the clock that the viewer is given; that clock advances with the frames and not with real time.
     fn write(&self, viewer: &mut Headless, start: Instant) -> anyhow::Result<bool> {
         let reading = Bar::points("reading");
         let is_there = viewer.settle(self.camera(0)?, start, &reading)?.is_some();
@@ -185,7 +186,7 @@ mod tests {
         format!("[[paths.keyframes]]\ntime = 0\n{KEYFRAME}[[paths.keyframes]]\ntime = {time}\n{KEYFRAME}")
     }
 
-    /// What `glint record` says to bad words, all of which must be found before an adapter is looked for.
+    /// Runs `glint record` with bad words and returns its message. It must refuse them before it looks for an adapter.
     fn refusal(words: &[&str]) -> String {
         let error = run(&arguments(words)).unwrap_err();
         assert_eq!(exit_status(&error), 2, "{error:#}");

@@ -1,6 +1,7 @@
-//! `glint render`: the picture that the viewer would show, without a window, by the same loading, colours and passes.
+//! `glint render`: writes the picture that the viewer would show, without a window. It loads, colours and draws as the
+//! viewer does.
 //!
-//! All that a person can have mistyped is checked before the first point is read.
+//! Everything that a user may have mistyped is checked before the first point is read.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -21,10 +22,11 @@ use crate::subject::{self, LoadedSubject};
 use crate::truth::{self, Asked, Reference};
 use crate::{interrupt, listing, picture_file, terminal};
 
-/// Renders; the exit status is 2 if one of several inputs could not be read and the picture shows the others.
+/// Renders the picture. Returns exit status 2 if one of several inputs could not be read and the picture shows the
+/// others.
 ///
 /// # Errors
-/// Bad usage, nothing that can be read, no adapter, a file that cannot be written.
+/// Fails on bad usage, without an adapter, if no input can be read, if a file cannot be written, or on Ctrl-C.
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let (images, references) = images(arguments)?;
     let mut request = world::resolve(&arguments.inputs);
@@ -57,7 +59,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let LoadedSubject { mut subject, status, stream, sources } =
         match subject::open(&gpu, request, &settings, arguments.size, camera)? {
             Ok(opened) => opened,
-            // All that is to be said has been said.
+            // The reasons have been reported already.
             Err(status) => return Ok(status),
         };
 
@@ -66,19 +68,20 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     let mut renderer = Renderer::new(gpu.clone())?;
     let mut draw = || -> anyhow::Result<FrameStats> {
         interrupt::check()?;
-        // Each from scratch: what a frame keeps of the one before would be missing from its time.
+        // Draw each frame from scratch: work that a frame takes over from the one before would be missing from its
+        // time.
         Ok(subject.render(&mut renderer, &settings, arguments.size)?)
     };
     let mut frames = vec![draw()?];
     if arguments.stats.is_some() || arguments.frames.is_some() {
-        // The frame before was the one to warm up.
+        // The frame before was the warm-up.
         frames = (0..arguments.frames.unwrap_or(1)).map(|_| draw()).collect::<anyhow::Result<_>>()?;
     }
     if renderer.read_aov(Aov::Depth)?.data.iter().all(|depth| depth.is_nan()) {
         terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
     let traced = truth::trace(&asked, &subject, &settings, arguments.size, &mut renderer)?;
-    // From here on all files are written.
+    // All output files are written from here on.
     interrupt::check()?;
     picture_file::write_png(&arguments.output, arguments.size, &renderer.read_picture()?)?;
     for (aov, path) in &images {
@@ -98,10 +101,10 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     Ok(status)
 }
 
-/// Refuses pictures that are larger than the adapter can draw.
+/// Refuses a picture that is larger than the adapter can draw.
 ///
 /// # Errors
-/// If so: bad usage.
+/// If it is larger: bad usage.
 pub fn check_size(gpu: &Gpu, [width, height]: [u32; 2]) -> anyhow::Result<()> {
     let largest = gpu.device.limits().max_texture_dimension_2d;
     if width.max(height) > largest {
@@ -112,7 +115,7 @@ pub fn check_size(gpu: &Gpu, [width, height]: [u32; 2]) -> anyhow::Result<()> {
 
 fn method(name: &str) -> anyhow::Result<Method> {
     if name == truth::RAY_TRACE {
-        // The frame's surface is the renderer's; what mirrors show is put into it afterwards.
+        // The renderer draws the surfaces only, and the ray tracer adds the reflections afterwards.
         return Ok(Method::None);
     }
     if let Some(method) = Method::from_name(name) {
@@ -123,7 +126,7 @@ fn method(name: &str) -> anyhow::Result<Method> {
     Err(usage(format!("--method: `{name}` {problem}; available: {available}, {}", truth::RAY_TRACE)))
 }
 
-/// Refuses an image that the settings do not make.
+/// Refuses an image that these settings do not make.
 fn check_is_made(aov: Aov, settings: &Settings, asked: &Asked) -> anyhow::Result<()> {
     let (method, name) = (settings.reflection.method, aov.name());
     let is_looked_for = (method != Method::None || asked.makes(aov)) && settings.reflection.bounces > 0;
@@ -138,10 +141,10 @@ fn check_is_made(aov: Aov, settings: &Settings, asked: &Asked) -> anyhow::Result
     }
 }
 
-/// Images of `--aov`, and where they go: the renderer's, and those of the truth.
+/// The images of `--aov` with their files: those that the renderer makes, and those of the truth.
 type Images = (Vec<(Aov, PathBuf)>, Vec<(Reference, PathBuf)>);
 
-/// The images of `--aov`, once it is sure that every file of the run has a place of its own.
+/// Parses the images of `--aov`. Checks that each output file of the run can be written and has a path of its own.
 fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
     let mut files = vec![arguments.output.clone()];
     needs_extension(&arguments.output, "png")?;
@@ -177,11 +180,11 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
     Ok((images, references))
 }
 
-/// Refuses outputs that would replace something the run reads.
+/// Refuses outputs that would replace a file that the run reads.
 fn spare_inputs(arguments: &RenderArguments, request: &Request) -> anyhow::Result<()> {
     let clouds = request.inputs.iter().flat_map(|input| input.files().iter().cloned());
     let words = arguments.inputs.iter().chain(&arguments.camera).map(PathBuf::from);
-    // Both the name that was given and, of a link, the file behind it.
+    // Compare with the name that was given and, if that is a link, with the file behind it.
     let read: Vec<PathBuf> = clouds
         .chain(words)
         .filter(|path| path.is_file())
@@ -204,16 +207,16 @@ fn needs_extension(path: &Path, extension: &str) -> anyhow::Result<()> {
     Err(usage(format!("{}: the name must end in .{extension}, which is what will be in it", scene::shown(path))))
 }
 
-/// Where the picture is taken from.
+/// How the camera of the picture is found.
 enum Viewpoint {
     Camera(Camera),
-    /// From this side, everything in the picture.
+    /// The camera looks from this side and has everything in the picture.
     Framing(StandardView),
 }
 
 impl Viewpoint {
-    /// `word` is the value of `--camera`; parameters that come with a camera file are applied to `settings`, its mirrors and
-    /// lights are put into `request`.
+    /// `word` is the value of `--camera`. Parameters from a camera file go into `settings`, its mirrors and lights into
+    /// `request`.
     fn new(word: Option<&OsStr>, request: &mut Request, settings: &mut Settings) -> anyhow::Result<Self> {
         let own = request.view.as_ref().and_then(|view| view.camera);
         let Some(word) = word else {
@@ -259,22 +262,23 @@ impl Viewpoint {
     }
 }
 
-/// Pixels that are a mirror, whether or not it was asked what they show.
+/// Counts the pixels that show a mirror, whether or not their reflections were looked for.
 fn mirror_pixels(renderer: &Renderer) -> render::Result<usize> {
     Ok(renderer.read_aov(Aov::Mirror)?.data.iter().filter(|value| **value > 0.0).count())
 }
 
-/// `--stats`: names and order are fixed. Figures of reflections are of the first bounce, null where none was looked for.
+/// The content of `--stats`; names and order are fixed. Figures of reflections are about the first bounce, and null if
+/// no reflections were looked for.
 #[derive(Serialize)]
 struct Stats {
     adapter: AdapterStats,
     clock: &'static str,
     size: [u32; 2],
     method: &'static str,
-    /// What `--set` must say for this picture: what differs from the defaults, and what was said.
+    /// What `--set` must say for this picture: the parameters that differ from the defaults, and those that were given.
     set: BTreeMap<String, serde_json::Value>,
     points: PointStats,
-    /// Medians over the frames.
+    /// The times are medians over the frames.
     passes: Vec<PassStats>,
     frame_ms: f64,
     frames: usize,
@@ -286,7 +290,7 @@ struct Stats {
     uncertain: Option<f64>,
     bounces: u32,
     memory: MemoryStats,
-    /// Null where all clouds are held in memory.
+    /// Null if all clouds are held in memory.
     stream: Option<subject::StreamReport>,
     accuracy: Option<study::Accuracy>,
 }
@@ -375,7 +379,7 @@ impl Stats {
         }
     }
 
-    /// With what the ray tracer had to say; as the method, its figures stand for those of the renderer.
+    /// Adds what the ray tracer found. If it is the method, its figures replace those of the renderer.
     fn with(mut self, traced: truth::Outcome) -> Self {
         self.accuracy = traced.accuracy;
         if let Some(method) = traced.method {
@@ -405,7 +409,7 @@ fn set_values(settings: &Settings, said: &[&str]) -> BTreeMap<String, serde_json
     set
 }
 
-/// The most memory this process has held, where the system tells (Linux).
+/// The most memory that this process has held, in bytes, where the system reports it (Linux).
 fn host_peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -420,7 +424,7 @@ mod tests {
     use crate::command_line::{Command, CommandLine};
     use crate::failure::exit_status;
 
-    /// What `glint render` says to bad words, all of which must be found before an adapter is looked for.
+    /// Runs `glint render` with bad words and returns its message. It must refuse them before it looks for an adapter.
     fn refusal(words: &[&str]) -> String {
         let all = ["glint", "render"].iter().chain(words);
         let Some(Command::Render(arguments)) = CommandLine::try_parse_from(all).unwrap().command else {

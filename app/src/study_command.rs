@@ -1,5 +1,5 @@
-//! `glint study`: a plan's settings measured one against the other. Plans, runs and charts are `study`'s; here are the words of the
-//! command line, the scenes and the progress.
+//! `glint study`: measures the settings of a plan against one another. The crate `study` has the plans, runs and
+//! charts; this file adds the command line, the scenes and the progress.
 
 use std::ffi::OsStr;
 use std::ops::ControlFlow;
@@ -19,10 +19,11 @@ use crate::subject::{self, LoadedSubject};
 use crate::terminal::{complain, print, warn};
 use crate::{interrupt, truth};
 
-/// Runs what is asked for; the exit status is 1 if settings failed, which the table tells.
+/// Runs what the command line asks for. Returns exit status 1 if settings failed; the table of results names them.
 ///
 /// # Errors
-/// Bad usage, a plan that is wrong, scenes that do not exist, a folder of another study, no adapter.
+/// Fails on bad usage, on a wrong plan, on scenes that do not exist, on the folder of another study, or without an
+/// adapter.
 pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
     if let Some(StudyCommand::Merge(arguments)) = &arguments.merge {
         return merge(arguments);
@@ -61,7 +62,7 @@ pub fn run(arguments: &StudyArguments) -> anyhow::Result<u8> {
     Ok(status(&folder, outcome.failed))
 }
 
-/// Tells of settings that failed.
+/// Reports settings that failed, and returns the exit status.
 fn status(folder: &Folder, failed: usize) -> u8 {
     if failed > 0 {
         let table = folder.path.join("results.csv");
@@ -99,7 +100,7 @@ fn list() -> anyhow::Result<u8> {
     Ok(0)
 }
 
-/// A built-in plan, or that of a file.
+/// Returns a built-in plan, or reads one from a file.
 fn plan(name: &OsStr) -> anyhow::Result<Plan> {
     if let Some(plan) = name.to_str().and_then(study::built_in_plan) {
         return Ok(plan?);
@@ -115,7 +116,7 @@ fn plan(name: &OsStr) -> anyhow::Result<Plan> {
     Err(usage(format!("{name}: no such file or built-in plan{hint}; built-in plans: {}", names.join(", "))))
 }
 
-/// The plan with what the command line says in place of its own words.
+/// Returns the plan with the values that the command line gives in place of its own.
 fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
     let kept = |groups: &[&str], what: &str| {
         if !groups.is_empty() {
@@ -137,7 +138,7 @@ fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
     Ok(plan)
 }
 
-/// What was typed, for a folder of any name.
+/// The command that was typed, with `DIR` in place of the output folder.
 fn command(name: &OsStr, arguments: &StudyArguments) -> String {
     let mut words = vec!["glint study".to_owned(), quoted(&scene::shown(name)), "-o DIR".to_owned()];
     words.extend(arguments.size.map(|[width, height]| format!("--size {width}x{height}")));
@@ -155,13 +156,14 @@ fn version() -> String {
     }
 }
 
-/// The scenes that `glint render` knows, and those that provoke failures.
+/// The scenes of studies: those that `glint render` knows, and those that provoke failures.
 struct Inputs;
 
-/// Clouds without a camera are framed for a picture of this shape, whatever its size: it must not change with what is swept.
+/// Clouds without a camera are framed for a picture of this aspect ratio, whatever its size: the view must not change
+/// with the parameter that is swept.
 const ASPECT: f64 = 4.0 / 3.0;
 
-/// What is drawn of clouds that are streamed suffices for a picture of this size, pixels.
+/// Streamed clouds are loaded as finely as a picture of this size, in pixels, needs.
 const STREAMED_FOR: [u32; 2] = [1600, 1200];
 
 impl Scenes for Inputs {
@@ -214,7 +216,7 @@ mod tests {
         }
     }
 
-    /// What `glint study` says to bad words, all of which must be found before an adapter is looked for.
+    /// Runs `glint study` with bad words and returns its message. It must refuse them before it looks for an adapter.
     fn refusal(words: &[&str]) -> String {
         let error = run(&arguments(words)).unwrap_err();
         assert_eq!(exit_status(&error), 2, "{error:#}");

@@ -1,7 +1,7 @@
-//! From what a person named to a scene in memory and on the GPU, for pictures without a window.
+//! Opens what the user named as a scene in memory and on the GPU, for pictures without a window.
 //!
-//! The clouds are put together and put on the GPU as in the window (`world::Assembly`, `world::Resident`); what waits for a
-//! person there is waited for here.
+//! As in the window, `world::Assembly` puts the clouds together and `world::Resident` puts them on the GPU. Unlike the
+//! window, this code waits until everything is loaded.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -25,37 +25,37 @@ use crate::interrupt;
 use crate::progress_bar::{self, Bar};
 use crate::terminal::{self, Few};
 
-/// A scene that was opened.
+/// A scene that has been opened.
 pub struct LoadedSubject {
     pub subject: Subject,
-    /// What the inputs leave of the exit status: those that failed have been reported.
+    /// The exit status so far: not 0 if inputs failed, which have been reported.
     pub status: u8,
-    /// Where clouds are streamed.
+    /// Set if clouds are streamed.
     pub stream: Option<StreamReport>,
-    /// Of each cloud the file whose points are all in memory and shown, if that is so.
+    /// For each cloud its file, if all points of the file are in memory and shown.
     pub sources: Vec<Option<Arc<codec::Source>>>,
 }
 
-/// What was drawn of clouds that are streamed.
+/// What was loaded of streamed clouds for the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct StreamReport {
-    /// All that the view needs was there, as far as the budgets go.
+    /// Whether all points that the view needs were loaded, within the budgets.
     pub settled: bool,
     pub nodes: usize,
     pub points_resident: u64,
     pub points_total: u64,
-    /// Memory of decoded points.
+    /// The memory of the decoded points.
     pub host_bytes: u64,
-    /// An index was made and not found.
+    /// Whether an index was made, because none was found.
     pub built_index: bool,
 }
 
-/// Reads what is asked for and puts it on the GPU; `camera` is told the outline of it all and which way is up. Of clouds that are
-/// streamed it is what a picture of `size` pixels from there needs. The exit status if none of the inputs can be shown, which has
-/// been reported then.
+/// Reads the inputs and puts them on the GPU. `camera` gets points around the outline of the scene and its up
+/// direction, and returns the camera. Of streamed clouds, this loads the points that a picture of `size` pixels from
+/// that camera needs. If no input can be shown, returns the exit status; the reasons have been reported then.
 ///
 /// # Errors
-/// Inputs without points, no memory on the GPU, Ctrl-C.
+/// Fails if the inputs have no points, if the GPU has no memory left, or on Ctrl-C.
 pub fn open(
     gpu: &Arc<Gpu>,
     mut request: Request,
@@ -127,26 +127,26 @@ pub fn open(
     }
     let (store, lights, sky_is_open) = (resident.store, request.lights, light.sky_is_open());
     let subject = Subject { parts, store, mirrors, lights, sky_is_open, camera, exact };
-    // Of a mesh of which some points are hidden, the triangles are not what is drawn.
+    // If some points of a mesh are hidden, its triangles are not what is drawn.
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
     Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
 }
 
-/// How long the receiver waits before it looks at the progress again.
+/// How long the receiver waits for an event before it looks at the progress again.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// All inputs in memory.
+/// The inputs that have been loaded so far.
 #[derive(Default)]
 struct Loads {
-    /// By the job's own numbers.
+    /// Indexed by the job's own numbers.
     clouds: Vec<Assembly>,
-    /// Of built-in scenes, and the points that stand for them.
+    /// The mirrors of built-in scenes, each with points sampled on its surface.
     mirrors: Vec<(Mirror, Vec<Chunk>)>,
-    /// Of inputs that failed; they are reported as they fail.
+    /// The exit status for inputs that failed; they are reported as they fail.
     status: u8,
     stream: Option<StreamReport>,
-    /// What was planned and may not be over yet, the next first.
+    /// Tasks that were planned and may not be over yet, the next one first.
     tasks: VecDeque<Arc<CloudTask>>,
 }
 
@@ -155,7 +155,8 @@ impl Loads {
         self.clouds.is_empty() || self.clouds.iter().all(|loaded| loaded.pages.is_some() && loaded.points == 0)
     }
 
-    /// Takes in what comes until all is there: all of what is held in memory, and what the view needs of streamed clouds.
+    /// Receives events until everything is loaded: all points of clouds held in memory, and the points that the view
+    /// `view_number` needs of streamed clouds. Returns whether the job is over.
     fn receive(&mut self, job: &Job, view_number: u64) -> anyhow::Result<bool> {
         let mut is_over = false;
         let bar = Bar::points("reading");
@@ -198,7 +199,7 @@ impl Loads {
         Ok(is_over)
     }
 
-    /// Keeps what is there of what is streamed; whether that is all.
+    /// Records how much of the streamed clouds is loaded. Returns whether that is all that the view needs.
     fn note(&mut self, stats: StreamStats) -> bool {
         let built_index = self.stream.is_some_and(|stream| stream.built_index);
         self.stream = Some(StreamReport {
@@ -225,7 +226,7 @@ impl Loads {
             }
             Event::Task { task, .. } => self.tasks.push_back(task),
             Event::Mirror { mirror, samples, .. } => self.mirrors.push((mirror, samples)),
-            // What the GPU holds follows when all is there.
+            // The GPU is filled later, when everything is loaded.
             Event::Chunk { cloud, part, chunk } => drop(self.clouds[cloud].put(part, chunk)),
             Event::Dropped { cloud, part } => drop(self.clouds[cloud].take_out(part)),
             Event::Pages { cloud, pages } => {
@@ -238,7 +239,7 @@ impl Loads {
             }
             Event::Surfels { cloud, surfels } => drop(self.clouds[cloud].put_surfels(surfels)),
             Event::Failed { error, is_usage, .. } => {
-                // What can be mended by other inputs comes second to what cannot.
+                // Failed work (status 1) outranks unusable inputs (status 2).
                 self.status = if is_usage && self.status != FAILED { UNUSABLE } else { FAILED };
                 bar.suspend(|| failed.complain(&error));
             }
@@ -247,8 +248,8 @@ impl Loads {
     }
 }
 
-/// Puts a cloud on the GPU in the colours that the settings ask for, and those of its points that reflect as clouds of their
-/// own; gives back what of it is shown.
+/// Puts a cloud on the GPU in the colours that the settings ask for. Its points that reflect become clouds of their
+/// own. Returns the parts that are shown.
 fn upload(
     resident: &mut Resident,
     loaded: &mut Assembly,
@@ -302,10 +303,10 @@ mod tests {
 
     use super::*;
 
-    /// `None`, with a note, where the real files are not.
+    /// Loads a real file. Prints a note and returns `None` if the folder of real files is missing.
     fn real(name: &str) -> Option<Assembly> {
         let input = Input::File(real_data::test_data()?.join(name));
-        // Without normals and radii, which do not matter here.
+        // Skip normals and radii, which do not matter here.
         let job = world::start(vec![input], &Settings::default());
         job.mailbox.stop_all();
         let (mut loads, bar, mut failed) = (Loads::default(), Bar::points("reading"), Few::of("that fail"));
@@ -324,7 +325,8 @@ mod tests {
         let octree = Arc::new(stream::Octree { corner: DVec3::ZERO, width: 1.0, spacing: 0.1, nodes: Vec::new() });
         let pages = IndexState::Indexed { octree, grid, was_built: true, has_surfels: false, entry: None };
         loads.take(Event::Pages { cloud: 0, pages }, &bar, &mut failed);
-        // Without one the cloud is no survey, and is coloured otherwise than when its index is found.
+        // Without its grid the cloud would not count as a survey, and would get other colours than when its index is
+        // found.
         assert_eq!(loads.clouds[0].cloud.grid, grid);
     }
 
@@ -340,7 +342,7 @@ mod tests {
             ("airborne/megaplot_forest_las12_pf1.laz", false),
             ("ply/stanford_bunny_full_ascii_mesh.ply", false),
             ("ply/armadillo_points_normals_ascii.ply", false),
-            // Half a room: there is no ceiling.
+            // The file holds half a room, without a ceiling.
             ("ply/office_kinect_rgba_binary_le.ply", false),
         ] {
             let Some(loaded) = real(name) else { return };

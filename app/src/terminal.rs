@@ -1,8 +1,8 @@
 //! The one place that writes to standard output and standard error.
 //!
-//! What is written quotes file names, attributes and words of a command line, which may hold anything: characters that steer a
-//! terminal, begin a line or turn the direction of writing are shown as escapes, so that nobody's file name can pass for a
-//! message of ours.
+//! Messages quote file names, attributes and words of the command line, which may hold any characters. Those that
+//! control a terminal, break a line or change the direction of writing are escaped, so that no file name can pass for a
+//! message of this program.
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -10,17 +10,17 @@ use std::io::Write;
 use serde::Serialize;
 use tracing_subscriber::fmt::MakeWriter;
 
-/// Characters of a message at most: a screen of them.
+/// The most characters of a message: about a screen full.
 const MOST_TOLD: usize = 1500;
 
-/// Whether a terminal does something else with a character than to show it.
+/// Whether a terminal interprets a character instead of showing it.
 fn is_steering(character: char) -> bool {
     character.is_control()
-        // Marks, embeddings, overrides and isolates of bidirectional text; line and paragraph separators.
+        // Marks, embeddings, overrides and isolates of bidirectional text, and line and paragraph separators.
         || matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Text on one line, without anything that steers a terminal: `\u{1b}`, `\n`.
+/// Returns the text on one line. Characters that control a terminal become escapes such as `\u{1b}` and `\n`.
 pub fn escaped(text: &str) -> Cow<'_, str> {
     if !text.contains(is_steering) {
         return Cow::Borrowed(text);
@@ -31,7 +31,8 @@ pub fn escaped(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.chars().map(escape).collect())
 }
 
-/// Writes lines of a result to standard output. A reader that has seen enough (`| head`) is no error.
+/// Writes the lines of a result to standard output. It is no error if the reader has seen enough (`| head`) and closes
+/// the pipe.
 ///
 /// # Errors
 /// If the output cannot be written, as on a full disk.
@@ -40,7 +41,7 @@ pub fn print<Line: AsRef<str>>(lines: impl IntoIterator<Item = Line>) -> anyhow:
     put(&text)
 }
 
-/// Writes a result as JSON to standard output, which is escaped by JSON's own rules.
+/// Writes a result as JSON to standard output, escaped by JSON's own rules.
 ///
 /// # Errors
 /// As for `print`.
@@ -48,10 +49,11 @@ pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     put(&(json_text(value)? + "\n"))
 }
 
-/// JSON on many lines. Outside of its strings there is nothing that steers but line breaks.
+/// Formats JSON on several lines. Outside of its strings, only line breaks control a terminal.
 fn json_text(value: &impl Serialize) -> serde_json::Result<String> {
     let text = serde_json::to_string_pretty(value)?;
-    // Within strings serde_json has escaped the characters below the blank; the rest is in Unicode's first plane.
+    // Within strings serde_json has escaped the characters below U+0020. The others to be escaped lie below U+10000, so
+    // that four digits suffice.
     let escape = |character: char| match character {
         '\n' => "\n".to_owned(),
         character if is_steering(character) => format!("\\u{:04x}", u32::from(character)),
@@ -70,28 +72,28 @@ fn put(text: &str) -> anyhow::Result<()> {
     }
 }
 
-/// Writes an error or a warning to standard error, as one line. There is nobody to tell if that fails.
+/// Writes an error or a warning to standard error, as one line. If that fails, there is no other place to report it.
 pub fn complain(message: &str) {
     let line = format!("glint: {}\n", escaped(&param::shortened(message, MOST_TOLD)));
     let _ = std::io::stderr().write_all(line.as_bytes());
 }
 
-/// Writes each as a warning.
+/// Writes each message as a warning.
 pub fn warn<Message: AsRef<str>>(messages: impl IntoIterator<Item = Message>) {
     messages.into_iter().for_each(|message| complain(&format!("warning: {}", message.as_ref())));
 }
 
-/// Tells the first few of many messages of one kind, and at the end how many more there were.
+/// Writes the first few of many messages of one kind, and at the end how many more there were.
 pub struct Few {
     what: &'static str,
     count: usize,
 }
 
-/// Of messages that come one by one.
+/// How many messages of one kind are written.
 const FEW: usize = 5;
 
 impl Few {
-    /// `what` there are many of: `clouds that cannot be read`.
+    /// `what` names the subject of the messages, in the plural: `clouds that cannot be read`.
     pub fn of(what: &'static str) -> Self {
         Self { what, count: 0 }
     }
@@ -107,7 +109,7 @@ impl Few {
         self.count
     }
 
-    /// No more will come.
+    /// Writes how many messages were left out, when no more will come.
     pub fn end(&mut self) {
         let untold = std::mem::take(&mut self.count).saturating_sub(FEW);
         if untold > 0 {
@@ -116,7 +118,7 @@ impl Few {
     }
 }
 
-/// Lines of the log on standard error.
+/// Writes lines of the log to standard error.
 pub struct Log;
 
 impl<'a> MakeWriter<'a> for Log {
@@ -128,7 +130,7 @@ impl<'a> MakeWriter<'a> for Log {
 }
 
 impl Write for Log {
-    /// Takes one event, which ends with a line break.
+    /// Writes one event, which ends with a line break.
     fn write(&mut self, event: &[u8]) -> std::io::Result<usize> {
         let text = String::from_utf8_lossy(event);
         let line = format!("{}\n", escaped(text.trim_end_matches('\n')));
@@ -145,7 +147,7 @@ impl Write for Log {
 mod tests {
     use super::*;
 
-    /// Steers a terminal in every way: sequences of C0 and C1, the bell, line breaks, bidirectional marks.
+    /// Text that controls a terminal in every way: sequences of C0 and C1, the bell, line breaks, bidirectional marks.
     const EVIL: &str = "a\u{1b}[31m\u{7}\r\nglint: \u{9b}2J\u{7f}\u{202e}\u{2066}\u{61c}\u{2028}z";
 
     #[test]

@@ -1,10 +1,11 @@
-//! The truth on the command line: what the ray tracer sees in the mirrors of a frame that was drawn. It gives the images
-//! `reference_position`, `reference_color` and `reference_indirect`, the accuracy figures of `--stats`, and the method `ray_trace`.
+//! The truth on the command line: the ray tracer finds what the mirrors of a drawn frame show. It makes the images
+//! `reference_position`, `reference_color` and `reference_indirect`, the accuracy figures of `--stats`, and the method
+//! `ray_trace`.
 //!
-//! All of it starts from the frame's own surface (positions, normals, colours of its pixels) and from the points that it was
-//! drawn from, as discs: the same input as the methods have. Only `--truth exact` asks the surfaces behind the points, which are
-//! a built-in scene's formulas or the triangles of meshes, for the figures and for the images of light.
-//! docs/accuracy.md tells what each figure means.
+//! Tracing starts from the frame's own surface (positions, normals and colours of its pixels). Rays meet the points
+//! that the frame was drawn from, as discs: the same input as the methods have. With `--truth exact`, rays for the
+//! figures and for the images of light meet the surfaces behind the points instead: the formulas of a built-in scene,
+//! or the triangles of meshes. docs/accuracy.md tells what each figure means.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,14 +22,14 @@ use crate::command_line::RenderArguments;
 use crate::failure::usage;
 use crate::progress_bar;
 
-/// An image of the truth.
+/// An image that the ray tracer makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reference {
-    /// World position of what each mirror pixel's reflected ray meets; coverage.
+    /// For each mirror pixel: the world position that its reflected ray meets, and the coverage.
     Position,
     /// Traced radiance of all pixels, linear RGB.
     Color,
-    /// Indirect light that each pixel's own surface sends out, without what it reflects as a mirror, linear RGB.
+    /// Indirect light that each pixel's own surface sends out, without its mirror reflection, linear RGB.
     Indirect,
 }
 
@@ -44,22 +45,22 @@ impl Reference {
     }
 }
 
-/// What is asked of the ray tracer.
+/// What the command line asks of the ray tracer.
 #[derive(Debug, Default)]
 pub struct Asked {
-    /// Is the method.
+    /// Whether the ray tracer is the reflection method.
     is_method: bool,
     references: Vec<(Reference, PathBuf)>,
-    /// What the figures of `--stats` are measured by.
+    /// The truth that the figures of `--stats` are measured against.
     truth: Option<Truth>,
-    /// Points are drawn in colours that the truth does not know.
+    /// Whether points are drawn in colours that the truth does not know.
     has_other_colors: bool,
 }
 
 impl Asked {
     /// # Errors
-    /// The exact truth of something else than a built-in scene as it is or meshes, or the light of a built-in scene in other
-    /// colours than its own.
+    /// If the exact truth is asked of anything but an unchanged built-in scene or meshes, or if images of light are
+    /// asked of a built-in scene in other colours than its own.
     pub fn new(
         arguments: &RenderArguments,
         references: Vec<(Reference, PathBuf)>,
@@ -87,10 +88,10 @@ impl Asked {
         Ok(Self { is_method, references, truth: arguments.truth.or(unnamed), has_other_colors })
     }
 
-    /// Gives a scene of meshes its triangles, if the truth is to know them.
+    /// Gives a scene of meshes its triangles, if the exact truth is asked for.
     ///
     /// # Errors
-    /// Faces that cannot be read, or of which there is nothing to see.
+    /// If the faces cannot be read, or no face can be seen.
     pub fn find_surfaces(&self, subject: &mut Subject, sources: &[Option<Arc<codec::Source>>]) -> anyhow::Result<()> {
         if self.truth != Some(Truth::Exact) {
             return Ok(());
@@ -102,7 +103,7 @@ impl Asked {
         }
     }
 
-    /// Whether the method makes this image.
+    /// Whether the ray tracer makes this image as the reflection method.
     pub fn makes(&self, aov: Aov) -> bool {
         self.is_method && matches!(aov, Aov::MirrorPosition | Aov::MirrorAlbedo | Aov::MirrorNormal)
     }
@@ -124,7 +125,7 @@ fn no_surfaces(what: &str) -> anyhow::Error {
     ))
 }
 
-/// Whether all clouds are meshes, none of whose points are mirrors.
+/// Whether all clouds are meshes and none of their points are mirrors.
 fn is_of_meshes(request: &Request) -> bool {
     let is_mesh = |input: &Input| match input {
         Input::File(path) => codec::open(path).is_ok_and(|source| source.is_mesh()),
@@ -133,10 +134,10 @@ fn is_of_meshes(request: &Request) -> bool {
     !request.inputs.is_empty() && request.mirror_points.is_empty() && request.inputs.iter().all(is_mesh)
 }
 
-/// Gives a scene of meshes its triangles as the surfaces behind its points; `sources` as in `LoadedSubject`.
+/// Gives a scene of meshes its triangles as the surfaces behind its points. `sources` are those of `LoadedSubject`.
 ///
 /// # Errors
-/// Faces that cannot be read.
+/// If the faces cannot be read.
 pub fn find_surfaces(subject: &mut Subject, sources: &[Option<Arc<codec::Source>>]) -> anyhow::Result<()> {
     let meshes: Option<Vec<_>> = sources.iter().map(|source| source.as_deref().filter(|file| file.is_mesh())).collect();
     let (Some(meshes), None) = (meshes, &subject.exact) else { return Ok(()) };
@@ -151,38 +152,38 @@ fn has_own_colors(settings: &Settings) -> bool {
     matches!(settings.color.by, ColorBy::Auto | ColorBy::Rgb)
 }
 
-/// What the ray tracer had to say.
+/// The results of the ray tracer.
 #[derive(Default)]
 pub struct Outcome {
     pub references: Vec<(PathBuf, AovImage)>,
-    /// Of the method, in place of the renderer's.
+    /// The images of the method, which replace the renderer's.
     images: Vec<(Aov, AovImage)>,
     pub accuracy: Option<Accuracy>,
     pub method: Option<MethodFigures>,
 }
 
 impl Outcome {
-    /// The method's image in place of the renderer's.
+    /// The method's image that replaces the renderer's, if there is one.
     pub fn image(&self, aov: Aov) -> Option<&AovImage> {
         self.images.iter().find(|(made, _)| *made == aov).map(|(_, image)| image)
     }
 }
 
-/// The method `ray_trace` in figures.
+/// The figures of the method `ray_trace`.
 #[derive(Clone, Copy, Debug)]
 pub struct MethodFigures {
-    /// Of tracing and lighting what the mirror pixels show, all bounces, on all cores.
+    /// The time to trace and light what the mirror pixels show, over all bounces, on all cores.
     pub milliseconds: f64,
-    /// Share of the mirror pixels whose ray meets a point; none where no reflection is followed.
+    /// The share of mirror pixels whose ray meets a point; `None` if no reflections are followed.
     pub coverage: Option<f64>,
     pub bounces: u32,
 }
 
-/// Does what is asked with the frame of `subject` that `renderer` holds; as a method it puts what mirrors show into the renderer's
-/// picture.
+/// Makes what `asked` names from the frame of `subject` that `renderer` holds. As the method, it puts the reflections
+/// into the renderer's picture.
 ///
 /// # Errors
-/// The device was lost.
+/// If the device was lost.
 pub fn trace(
     asked: &Asked,
     subject: &Subject,
@@ -232,7 +233,7 @@ pub fn trace(
     let color = if asked.asks_for(Reference::Color) {
         watch("lighting", &|progress| tracer.colors(truth, seen, progress))?
     } else if asked.truth.is_some() {
-        // Figures need that of the mirrors only.
+        // The figures need the light of the mirror pixels only.
         let mirrors = mirrors_of(seen);
         watch("lighting", &|progress| tracer.colors(truth, &mirrors, progress))?
     } else {
