@@ -1,5 +1,5 @@
-//! What every key and mouse gesture does: one table. The handling walks it to find the action, the shortcut sheet walks it
-//! to say so; nothing else names a key.
+//! One table that says what every key and mouse gesture does. The input code finds actions in it, and the shortcut
+//! sheet lists it. No other place names a key.
 
 use std::collections::HashSet;
 
@@ -9,7 +9,7 @@ use scene::{ColorBy, Shape, StandardView};
 
 use crate::viewer::action::{Action, Handles, Mode};
 
-/// The modifier keys a gesture needs: exactly these. `ctrl` is the command key on a Mac.
+/// The modifier keys that a gesture needs; no others may be down. `ctrl` is the command key on a Mac.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Modifiers {
     ctrl: bool,
@@ -29,7 +29,7 @@ impl From<egui::Modifiers> for Modifiers {
     }
 }
 
-/// A gesture of the hand.
+/// A press of a key, or a gesture of the mouse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trigger {
     Key(Modifiers, Key),
@@ -37,7 +37,7 @@ pub enum Trigger {
     Hold(Key),
     /// Modifiers that change what held keys do.
     Modifier(Modifiers),
-    /// A digit of the number pad, which egui does not tell from the number row.
+    /// A digit of the number pad, which egui does not tell apart from the number row.
     Numpad(Modifiers, u8),
     Wheel(Modifiers),
     Drag(PointerButton),
@@ -45,7 +45,7 @@ pub enum Trigger {
     DoubleClick,
 }
 
-/// A line of the table. `mode` restricts it to one way of navigating.
+/// A row of the table. If `mode` is set, the row holds only for that way of navigating.
 pub struct Binding {
     pub section: &'static str,
     pub mode: Option<Mode>,
@@ -69,7 +69,7 @@ const FILES: &str = "Files and pictures";
 const OBJECTS: &str = "Mirrors and lights";
 const TOOLS: &str = "Tools and window";
 
-/// The table. Lines with the same section and text share a row of the shortcut sheet.
+/// The table. Rows with the same section and text share a row of the shortcut sheet.
 pub const BINDINGS: &[Binding] = {
     use Action as A;
     use Trigger::{Click, DoubleClick, Drag, Hold, Modifier, Numpad, Wheel};
@@ -159,9 +159,9 @@ const fn key(key: Key) -> Trigger {
     Trigger::Key(NONE, key)
 }
 
-/// The action of a gesture in a mode.
+/// The action of a gesture in a way of navigating.
 pub fn action(trigger: Trigger, mode: Mode) -> Option<Action> {
-    // Characters that need Shift on some keyboards and not on others are matched without it.
+    // Some keyboards need Shift for these characters and others do not, so Shift is ignored.
     let trigger = match trigger {
         Trigger::Key(modifiers, key @ (Key::Questionmark | Key::Plus)) => {
             Trigger::Key(Modifiers { shift: false, ..modifiers }, key)
@@ -172,7 +172,7 @@ pub fn action(trigger: Trigger, mode: Mode) -> Option<Action> {
     BINDINGS.iter().find(fits).map(|binding| binding.action.clone())
 }
 
-/// The actions whose keys or modifiers are held down now, but for keys that are down as part of a shortcut.
+/// The actions whose keys or modifiers are held down now. Keys that are down as part of a shortcut do not count.
 pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>) -> impl Iterator<Item = Action> {
     let modifiers = Modifiers::from(input.modifiers);
     BINDINGS.iter().filter_map(move |binding| {
@@ -185,7 +185,7 @@ pub fn held(input: &egui::InputState, shortcuts: &HashSet<Key>) -> impl Iterator
     })
 }
 
-/// The first gesture of an action, for tool-tips; empty if it has none.
+/// The first gesture of an action, for tool tips. Empty if the action has none.
 pub fn shortcut(action: &Action) -> String {
     let binding = BINDINGS.iter().find(|binding| binding.action == *action);
     binding.map_or(String::new(), |binding| binding.trigger.to_string())
@@ -231,7 +231,7 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
     rows
 }
 
-/// The shortcut sheet, in two columns; closed by its button or by `open`.
+/// Draws the shortcut sheet, in two columns. Its button sets `open` to false.
 pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let rows = sheet();
     let sections = [MOVE, VIEWS, OBJECTS, COLORS, FILES, TOOLS];
@@ -243,7 +243,7 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
         .show(context, |ui| {
             ui.columns(2, |columns| {
                 for (index, section) in sections.into_iter().enumerate() {
-                    // About as many lines on either side.
+                    // Each column gets about the same number of lines.
                     let ui = &mut columns[usize::from(index >= 3)];
                     ui.add_space(4.0);
                     ui.label(egui::RichText::new(section).strong().color(crate::viewer::theme::ACCENT));

@@ -1,4 +1,4 @@
-//! Between world and picture: projects world positions to pixels and finds the sight line of a pixel.
+//! Projects world positions to pixels, and finds the sight line of a pixel.
 
 use glam::{DMat3, DVec2, DVec3};
 use scene::{Camera, Projection, ViewSettings};
@@ -8,7 +8,8 @@ pub fn to_vector(pixel: [u32; 2]) -> DVec2 {
     DVec2::from(pixel.map(f64::from)) + 0.5
 }
 
-/// Maps between world and picture for one camera and one picture size. All that is drawn over the picture uses it.
+/// Maps between world and picture for one camera and one picture size. Everything that is drawn over the picture uses
+/// it.
 pub struct Lens {
     eye: DVec3,
     view_from_world: DMat3,
@@ -44,7 +45,7 @@ impl Lens {
         Some((DVec2::new(device.x, -device.y) + 1.0) * 0.5 * self.size)
     }
 
-    /// Where the sight line of a pixel begins, and its unit direction.
+    /// The origin and the unit direction of a pixel's sight line.
     pub fn ray(&self, pixel: DVec2) -> (DVec3, DVec3) {
         let at = self.on_pivot_plane(pixel);
         let forward = self.view_from_world.row(2);
@@ -61,12 +62,12 @@ impl Lens {
         (depth > 0.0).then(|| 2.0 * self.tangents.y * depth / self.size.y)
     }
 
-    /// Unit vector into the picture.
+    /// The viewing direction, a unit vector.
     pub fn forward(&self) -> DVec3 {
         self.view_from_world.row(2)
     }
 
-    /// World position of a pixel on the plane through the pivot that faces the eye.
+    /// The world position of a pixel on the plane through the pivot that faces the eye.
     pub fn on_pivot_plane(&self, pixel: DVec2) -> DVec3 {
         let device = pixel / self.size * 2.0 - 1.0;
         let view = (DVec2::new(device.x, -device.y) * self.tangents * self.distance).extend(self.distance);

@@ -1,4 +1,4 @@
-//! From the hand to actions: reads the window's input over the picture and finds the actions in the table of bindings.
+//! Turns input into actions: reads the window's input over the picture, and finds the actions in the table of bindings.
 
 pub mod bindings;
 pub mod lens;
@@ -14,11 +14,12 @@ use crate::viewer::action::Action;
 use crate::viewer::input::bindings::Trigger;
 use crate::viewer::session::Session;
 
-/// The cursor rests when it has not moved for so long: then the point under it is looked up.
+/// The cursor rests when it has not moved for this long. Then the point under it is looked up.
 const HOVER_DELAY: Duration = Duration::from_millis(60);
 
-/// Turns everything that was done over the picture and on the keyboard since the last frame of the window into actions.
-/// `picture` is the response of the picture's rectangle, which senses clicks and drags. `is_taken`: the mouse is on a handle.
+/// Turns all input over the picture and from the keyboard since the last frame of the window into actions. `picture` is
+/// the response of the picture's rectangle, which senses clicks and drags. `is_taken` tells that the mouse is on a
+/// handle.
 pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, actions: &mut Vec<Action>) {
     let is_typing = ui.ctx().text_edit_focused();
     let scale = f64::from(ui.ctx().pixels_per_point());
@@ -38,9 +39,9 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     }
     hover(ui, picture, session, scale, actions);
     if is_taken {
-        // A click on a handle is meant for nothing else.
+        // A click on a handle does nothing else.
     } else if picture.double_clicked() {
-        // Its first click was not meant as a pick.
+        // The first click of a double-click was not meant as a pick.
         actions.push(Action::UndoPick);
         actions.extend(bindings::action(Trigger::DoubleClick, session.scene.mode));
     } else if picture.clicked() {
@@ -55,8 +56,8 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     }
 }
 
-/// Where egui keeps the keys that went down as part of a shortcut, until they come up: Ctrl may come up before the S of Ctrl+S,
-/// which must not fly then.
+/// Where egui keeps the keys that went down as part of a shortcut, until they come up. Ctrl may come up before the S of
+/// Ctrl+S, and the S alone would move the camera.
 fn shortcut_keys() -> egui::Id {
     egui::Id::unique("keys of shortcuts")
 }
@@ -89,7 +90,7 @@ fn keys(ui: &Ui, session: &Session, shortcuts: &mut HashSet<egui::Key>, actions:
     }
 }
 
-/// What is held down, where that has changed.
+/// Tells the session what is held down, if that has changed.
 fn hold(session: &Session, raw_colors: bool, truth: bool, actions: &mut Vec<Action>) {
     if (raw_colors, truth) != (session.raw_colors, session.truth.is_held) {
         actions.push(Action::Hold { raw_colors, truth });
@@ -113,9 +114,9 @@ fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mu
         () if held.contains(&Action::Slow) => 0.2,
         () => 1.0,
     };
-    // A quarter of the scene's radius a second: from end to end in eight seconds.
+    // The camera flies a quarter of the scene's radius per second, so it crosses the scene in eight seconds.
     let speed = session.bounds().radius().max(1e-6) * 0.25 * f64::from(session.scene.navigation.speed).exp2() * factor;
-    // After a pause of the window no jump.
+    // The camera must not jump after a pause of the window.
     let seconds = f64::from(seconds.min(0.1));
     actions.push(Action::Travel(direction * speed * seconds));
     ui.ctx().request_repaint();
@@ -139,7 +140,7 @@ fn wheel(ui: &Ui, session: &Session, actions: &mut Vec<Action>) {
         let turned = delta.x + delta.y;
         let notches = match unit {
             MouseWheelUnit::Line => turned,
-            // As browsers do.
+            // Browsers use the same ratio.
             MouseWheelUnit::Point => turned / 50.0,
             MouseWheelUnit::Page => turned * 10.0,
         };

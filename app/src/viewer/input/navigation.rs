@@ -1,6 +1,6 @@
-//! What navigation remembers from one frame of the window to the next: the cursor, what it points at, a zoom that waits for the
-//! point under it. Zooming goes toward that point, which the render thread looks up; until it answers, the wheel's turns are
-//! gathered, and if it does not within a moment the plane of the pivot stands in.
+//! The state of navigation from one frame of the window to the next: the cursor, what it points at, and a zoom that
+//! waits for the point under the cursor. Zooming goes toward that point, which the render thread looks up. Until it
+//! answers, the turns of the wheel add up. If it does not answer soon, the zoom goes toward the plane of the pivot.
 
 use std::time::{Duration, Instant};
 
@@ -9,30 +9,30 @@ use glam::DVec3;
 use crate::viewer::input::lens::to_vector;
 use crate::viewer::tools::pick::Pick;
 
-/// The camera rests when it has not moved for so long: then the picture is refined.
+/// The camera rests when it has not moved for this long. Then the picture is refined.
 const REST: Duration = Duration::from_millis(150);
-/// Pixels that the cursor may drift while the point under it still counts as the same.
+/// How many pixels the cursor may drift while the point under it still counts as the same.
 const SAME_PLACE: f64 = 4.0;
 /// How long the pivot stays marked.
 const PIVOT_MARK: Duration = Duration::from_millis(700);
 
-/// What navigation remembers from one frame of the window to the next.
+/// The state of navigation from one frame of the window to the next.
 #[derive(Default)]
 pub struct Navigation {
     last_move: Option<Instant>,
-    /// Since when a mouse button is down or text is being typed.
+    /// The time since which a mouse button is down or text is being typed.
     held_since: Option<Instant>,
-    /// Cursor over the picture, pixels, and since when.
+    /// The pixel that the cursor is over, and the time since which it is there.
     pub cursor: Option<([u32; 2], Instant)>,
-    /// What the cursor points at: pixel and world position, if there is a point.
+    /// The pixel that was last looked up, and the world position of the point there, if there is one.
     pub hovered: Option<([u32; 2], Option<DVec3>)>,
     pub asked: Option<[u32; 2]>,
     pub pending_zoom: f32,
     pub zoom_since: Option<Instant>,
     pivot_shown: Option<Instant>,
-    /// Doublings of the speed of flight.
+    /// How many times the speed of flight is doubled.
     pub speed: f32,
-    /// Picks before the click that may become a double-click.
+    /// The picks before the click that may become a double-click.
     pub picks_before: Vec<Pick>,
 }
 
@@ -42,8 +42,8 @@ impl Navigation {
         self.hovered = None;
     }
 
-    /// Takes in whether a mouse button is down. What began to move since it went down moves until it comes up: the hand pauses, and
-    /// on a busy machine its movements come late.
+    /// Records whether a mouse button is down. What begins to move while it is down counts as moving until it comes up:
+    /// the hand may pause, and on a busy machine its movements come late.
     pub fn hold(&mut self, is_held: bool, now: Instant) {
         self.held_since = self.held_since.or(Some(now)).filter(|_| is_held);
         if self.held_since.zip(self.last_move).is_some_and(|(since, moved)| moved >= since) {
@@ -55,7 +55,7 @@ impl Navigation {
         self.held_since.is_some()
     }
 
-    /// `None` if the camera rests.
+    /// The time until the camera rests; `None` if it does already.
     pub fn time_to_rest(&self, now: Instant) -> Option<Duration> {
         REST.checked_sub(now.saturating_duration_since(self.last_move?)).filter(|left| !left.is_zero())
     }
@@ -64,12 +64,12 @@ impl Navigation {
         self.pivot_shown = Some(now);
     }
 
-    /// How long the pivot stays marked.
+    /// How long the pivot stays marked; `None` if it is not.
     pub fn pivot_mark(&self, now: Instant) -> Option<Duration> {
         PIVOT_MARK.checked_sub(now.saturating_duration_since(self.pivot_shown?)).filter(|left| !left.is_zero())
     }
 
-    /// The cursor is over another pixel of the picture now, or over none.
+    /// Records that the cursor is over another pixel of the picture now, or over none.
     pub fn point_at(&mut self, pixel: Option<[u32; 2]>, now: Instant) {
         self.cursor = pixel.map(|pixel| (pixel, now));
         if pixel.is_none() {
@@ -82,7 +82,8 @@ impl Navigation {
         self.asked = None;
     }
 
-    /// The point under the cursor, if it was looked up there: outer `None` if it was not.
+    /// The point under the cursor. The outer `None` means that it was not looked up, the inner one that there is no
+    /// point.
     pub fn anchor(&self) -> Option<Option<DVec3>> {
         let (cursor, _) = self.cursor?;
         let (pixel, world) = self.hovered?;

@@ -1,4 +1,4 @@
-//! The list of clouds: show or hide, frame, remove.
+//! The panel that lists the clouds. Each can be shown or hidden, framed and removed.
 
 use egui::{RichText, Ui};
 
@@ -67,7 +67,7 @@ mod tests {
     use crate::viewer::outside::Effect;
     use crate::viewer::work::{Found, Work};
 
-    /// The panel over a cloud of two points.
+    /// The panel with a cloud of two points.
     fn harness() -> Harness<'static, Session> {
         let session = Session::with_two_points();
         let mut harness = Harness::builder().with_size([320.0, 200.0]).build_ui_state(

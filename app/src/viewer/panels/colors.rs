@@ -1,4 +1,4 @@
-//! What colours the points: mode, ramp, the histogram with its two handles, and the list of classes.
+//! The panel for the points' colours: the mode, the ramp, the histogram with its two handles, and the list of classes.
 
 use std::collections::BTreeMap;
 
@@ -48,7 +48,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     {
         *classes.entry(*class).or_default() += count;
     }
-    // Files whose points are all of one class say nothing by it.
+    // If all points of the files have the same class, the list would say nothing.
     if classes.len() > 1 || !session.scene.objects.visibility.shows_all() {
         ui.separator();
         class_list(ui, session, &classes, actions);
@@ -84,7 +84,7 @@ fn attribute_choice(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
 }
 
-/// Draws the histogram in the colours of the ramp; returns the shares that its handles stand at.
+/// Draws the histogram in the colours of the ramp. Returns the shares of all points below its two handles.
 fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) -> (f32, f32) {
     let plan = &figures.plan;
     let (start, end) = plan.full_range;
@@ -92,7 +92,7 @@ fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) ->
         |value: f64| if end > start { ((value - start) / (end - start)).clamp(0.0, 1.0) as f32 } else { 0.5 };
     ui.label(RichText::new(&plan.label).small().color(theme::WEAK));
     let (outer, response) = ui.allocate_exact_size(vec2(ui.available_width(), 70.0), Sense::click_and_drag());
-    // Room for the handles at the ends.
+    // Leave room for the handles at the ends.
     let rect = outer.shrink2(vec2(6.0, 0.0));
     let (mut low, mut high) = (low, high);
     let (mut low_place, mut high_place) = (place_of(plan.low), place_of(plan.high));
@@ -100,7 +100,7 @@ fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) ->
         let default = scene::Color::default();
         return (default.low, default.high);
     }
-    // The handle nearest to where the drag began goes along.
+    // The drag moves the handle that is nearest to where it began.
     let id = response.id.with("handle");
     if let (true, Some(pointer)) = (response.drag_started(), response.interact_pointer_pos()) {
         let at = (pointer.x - rect.left()) / rect.width();
@@ -125,7 +125,8 @@ fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) ->
         let place = (index as f32 + 0.5) / figures.histogram.len() as f32;
         let along = ((place - low_place) / (high_place - low_place).max(1e-6)).clamp(0.0, 1.0);
         let [red, green, blue, _] = colors[(along * 255.0) as usize];
-        // Root scale: a bin of a hundredth of the tallest can still be seen.
+        // The height grows with the square root of the count, so that a bin of a hundredth of the tallest can still be
+        // seen.
         let height = (*count as f32 / tallest).sqrt() * (rect.height() - 8.0);
         let left = rect.left() + index as f32 * width;
         let bar = Rect::from_min_max(pos2(left, rect.bottom() - height), pos2(left + width, rect.bottom()));
@@ -148,8 +149,8 @@ fn histogram(ui: &mut Ui, figures: &Figures, ramp: Ramp, low: f32, high: f32) ->
     (low, high)
 }
 
-/// Share of all points below a place of the histogram. It leaves out the most extreme thousandth at each end, which the
-/// ends of the handles' way stand for.
+/// The share of all points below a place in the histogram, from 0 to 1. The histogram leaves out the most extreme
+/// thousandth of the points at each end; only a handle at the very end includes them.
 fn share_at(histogram: &[u32], place: f32) -> f32 {
     match place {
         0.0 => 0.0,
@@ -158,7 +159,7 @@ fn share_at(histogram: &[u32], place: f32) -> f32 {
     }
 }
 
-/// A value with as many digits as its range asks for.
+/// Formats a value with as many decimals as its range asks for.
 fn figure(value: f64, range: f64) -> String {
     let decimals = if range > 0.0 { (3.0 - range.log10().floor()).clamp(0.0, 6.0) } else { 3.0 };
     format!("{value:.*}", decimals as usize)

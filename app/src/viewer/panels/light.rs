@@ -1,5 +1,5 @@
-//! What lights the points: the choice, the list of spot lights with the numbers of the selected one, and the parameters that
-//! matter for the choice.
+//! The panel for light: the choice of lighting, the list of spot lights with the numbers of the selected one, and the
+//! parameters that matter for the choice.
 
 use egui::{CollapsingHeader, RichText, Ui};
 use render::MOST_LIGHTS;
@@ -81,7 +81,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     part(ui, "Eye-dome lighting", false, |ui| parameters(ui, &settings.edl, &[], actions));
 }
 
-/// What the choice comes to.
+/// Explains which light results from the choice.
 fn explanation(session: &Session) -> &'static str {
     let is_auto = session.scene.settings.light.by == Lighting::Auto;
     let lights = &session.scene.objects.lights;
@@ -108,7 +108,7 @@ fn part(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui))
     CollapsingHeader::new(title).default_open(is_open).show_unindented(ui, contents);
 }
 
-/// The numbers of a light. What they make of it is taken only if it is one.
+/// Edits the numbers of a light. A change is taken only if the numbers still describe a light.
 fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, actions: &mut Vec<Action>) {
     let before = light;
     let step = light.position.distance(light.target) * 0.01;
@@ -119,7 +119,8 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, a
     ui.horizontal(|ui| {
         let label = name_label(ui, "Intensity");
         let mut edited = strength;
-        // Not down to 0, where its colour would be lost; but to show a light does not change it.
+        // Editing stops above 0, where the light would lose its colour. To show a light of strength 0 does not change
+        // it.
         let drag = egui::DragValue::new(&mut edited).range(1e-6..=f32::MAX).clamp_existing_to_range(false);
         let drag = drag.speed((strength * 0.01).max(1e-3));
         let is_edited = ui.add(drag).labelled_by(label.id).on_hover_text("Radiant intensity, per steradian").changed();
@@ -155,7 +156,8 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, a
     }
 }
 
-/// A colour as strong as a colour gets, so that picking one leaves the intensity as it is; `None` for black, which is none.
+/// Scales a colour so that its strongest part is 1; picking a colour then keeps the intensity. `None` for black, which
+/// has no hue.
 fn hue(picked: [f32; 3]) -> Option<[f32; 3]> {
     let strongest = picked.into_iter().fold(0.0, f32::max);
     (strongest > 0.0).then(|| picked.map(|part| part / strongest))
@@ -197,7 +199,7 @@ mod tests {
         session.scene.objects.lights.iter().map(|placed| placed.name.as_str()).collect()
     }
 
-    /// What a worker thread would answer to the last question for the surroundings.
+    /// Answers the session's last request for the surroundings, as a worker thread would.
     fn answer(session: &mut Session, found: Surroundings) {
         let asked = std::mem::take(&mut session.outside.effects).into_iter().rev().find_map(|effect| match effect {
             Effect::Work(Work::FindSurroundings { asked, .. }) => Some(asked),
@@ -209,7 +211,7 @@ mod tests {
         });
     }
 
-    /// A room about the camera.
+    /// A room around the camera.
     fn room(session: &Session) -> Surroundings {
         let lamp = spot(DVec3::new(5.0, 5.0, 2.7), DVec3::new(5.0, 5.0, 0.0), 140.0);
         let (eye, half) = (session.scene.camera.eye, DVec3::ONE);
@@ -333,7 +335,7 @@ mod tests {
         assert_eq!(names(&session), ["spot", "spot 2"]);
         session.open_request(file.clone());
         assert_eq!(names(&session), ["spot", "spot 2"]);
-        // Each step of undo has its own.
+        // Each step of undo keeps its own lights.
         session.scene.selected = Some(session.scene.objects.lights[0].id);
         session.act(Action::Delete);
         session.scene.selected = Some(session.scene.objects.lights[0].id);
@@ -423,7 +425,7 @@ mod tests {
         let found = room(&session);
         answer(&mut session, found);
         assert_eq!(names(&session), ["spot"]);
-        // An answer to an older question.
+        // This answers an older request.
         session.on_found(Found::Surroundings { asked: 0, found: light_of(Surroundings::OpenSky) });
         assert!(!session.loaded.sky_is_open());
     }

@@ -1,4 +1,4 @@
-//! Points of a cloud that are turned into a mirror: which ones, how many they are, how they reflect.
+//! The panel that turns points of a cloud into a mirror: which points, how many they are, how they reflect.
 
 use cloud::Scalar;
 use egui::{RichText, Ui};
@@ -14,7 +14,7 @@ use crate::viewer::theme::grouped;
 use crate::viewer::tools::draft::{Draft, NORMALS_WAYS, NormalsWay, WAYS, Way};
 use crate::viewer::widgets::{choice, length, name_label, slider};
 
-/// Draws the choice, and what reflects already.
+/// Draws the choice of points, and the list of points that reflect already.
 pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     existing(ui, session, actions);
     if session.loaded.clouds.is_empty() {
@@ -25,7 +25,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let picked = session.tools.picks.last().map(|pick| (pick.point.chunk.cloud, pick.world));
     let mut draft = session.tools.draft.clone();
     if draft.edge == 0.0 && radius > 0.0 {
-        // A tenth of the scene, and about a dozen points of a scan.
+        // The box starts at a tenth of the scene's radius, and the neighbourhood at about a dozen points of a scan.
         (draft.edge, draft.radius) = (radius * 0.1, radius * 0.005);
     }
     let known = draft.cloud.filter(|key| session.loaded.clouds.iter().any(|entry| entry.key == *key));
@@ -48,7 +48,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
 }
 
-/// Which points of a cloud, and how they are to reflect.
+/// Lets the user choose points of a cloud, and how they will reflect.
 fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft, actions: &mut Vec<Action>) {
     let radius = session.bounds().radius();
     let picked = session.tools.picks.last().map(|pick| pick.world);
@@ -145,7 +145,7 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
     }
 }
 
-/// What reflects, with a way to end it; and what is being worked out.
+/// Lists the points that reflect, each with a button to end that, and shows what is being computed.
 fn existing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     for marking in &session.scene.objects.markings {
         let Some(entry) = session.loaded.cloud(marking.key) else { continue };
@@ -200,7 +200,7 @@ mod tests {
     use crate::viewer::window::render_thread::Command;
     use crate::viewer::work::{Found, Work};
 
-    /// Six points of which two are water, and what a worker thread would have found out about them.
+    /// Six points, two of them water, with what a worker thread would have found out about them.
     fn lake() -> Session {
         let mut session = Session::new(Preferences::default());
         let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
@@ -223,7 +223,7 @@ mod tests {
         session
     }
 
-    /// Does what the session asks worker threads for.
+    /// Does the work that the session asks of worker threads.
     fn work(session: &mut Session) {
         for effect in std::mem::take(&mut session.outside.effects) {
             match effect {
@@ -243,7 +243,7 @@ mod tests {
         }
     }
 
-    /// Points that reflect, as the render thread was last told.
+    /// The number of reflecting points that the render thread was last told.
     fn marked(session: &mut Session) -> Option<u64> {
         let effects = std::mem::take(&mut session.outside.effects);
         effects.into_iter().rev().find_map(|effect| match effect {
@@ -272,7 +272,7 @@ mod tests {
         harness.state_mut().with_loaded(Loaded::sync_objects);
         work(harness.state_mut());
         assert_eq!(marked(harness.state_mut()), Some(2));
-        // Nothing is done again as long as nothing changes.
+        // Nothing is sent again as long as nothing changes.
         harness.state_mut().with_loaded(Loaded::sync_objects);
         assert!(marked(harness.state_mut()).is_none());
         harness.state_mut().act(Action::Undo);

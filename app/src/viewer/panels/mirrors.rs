@@ -1,4 +1,4 @@
-//! The list of mirrors: add, select, name, copy, delete; and the numbers of the selected one.
+//! The panel of mirrors: adds, selects, names, copies and deletes them, and edits the numbers of the selected one.
 
 use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
@@ -94,7 +94,7 @@ fn list(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     object_list(ui, session, mirrors.collect(), actions);
 }
 
-/// Lines of mirrors or lights by their names: a click selects, buttons copy and delete.
+/// Draws a row for each mirror or light: a click on the name selects it, buttons copy and delete it.
 pub fn object_list(ui: &mut Ui, session: &Session, objects: Vec<(ObjectId, String)>, actions: &mut Vec<Action>) {
     for (id, name) in objects {
         ui.push_id(id.0, |ui| {
@@ -119,7 +119,7 @@ pub fn object_list(ui: &mut Ui, session: &Session, objects: Vec<(ObjectId, Strin
     }
 }
 
-/// The numbers of a mirror. What they make of it is taken only if it is one.
+/// Edits the numbers of a mirror. A change is taken only if the numbers still describe a mirror.
 fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, actions: &mut Vec<Action>) {
     let before = mirror.clone();
     let step = mirror.size * 0.01;
@@ -174,7 +174,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     }
 }
 
-/// Yaw is about the axis that points up, then pitch about the mirror's x axis, then roll; degrees.
+/// The order of rotations: yaw about the axis that points up, then pitch about the mirror's x axis, then roll.
 fn order(up: DVec3) -> EulerRot {
     if up.y.abs() > up.z.abs() { EulerRot::YXZ } else { EulerRot::ZXY }
 }
@@ -186,11 +186,12 @@ fn from_angles(degrees: DVec3, up: DVec3) -> DQuat {
 
 fn angles(rotation: DQuat, up: DVec3) -> DVec3 {
     let (yaw, pitch, roll) = rotation.to_euler(order(up));
-    // No -0, and no digits that are only rounding.
+    // Rounding removes -0 and digits that come from the conversion only.
     DVec3::new(yaw, pitch, roll).map(|angle| (angle.to_degrees() * 1e6).round() / 1e6 + 0.0)
 }
 
-/// Several triples of angles mean the same rotation: while a person turns one of them, the others stay.
+/// Returns the angles that the user last set, if they still give this rotation: several triples of angles give the same
+/// one, and while a person turns one angle the others must stay.
 fn remembered_angles(ui: &Ui, rotation: DQuat, up: DVec3) -> DVec3 {
     let remembered: Option<(DQuat, DVec3)> = ui.data(|data| data.get_temp(ui.scope_id().with("angles")));
     remembered.filter(|(known, _)| *known == rotation).map_or_else(|| angles(rotation, up), |(_, angles)| angles)
@@ -211,7 +212,7 @@ mod tests {
     use crate::viewer::outside::Effect;
     use crate::viewer::work::{Found, Work};
 
-    /// The panel over a scene of two points.
+    /// The panel with a scene of two points.
     fn harness() -> Harness<'static, Session> {
         let session = Session::with_two_points();
         Harness::builder().with_size([340.0, 900.0]).build_ui_state(
@@ -239,7 +240,7 @@ mod tests {
         assert_eq!(names(&harness), ["sphere"]);
         let added = harness.state().scene.objects.mirrors[0].clone();
         assert_eq!(harness.state().scene.selected, Some(added.id));
-        // A tenth of the scene, and standing on the pivot.
+        // The mirror spans about a tenth of the scene, and stands on the pivot.
         let radius = harness.state().bounds().radius();
         assert!(added.mirror.size > 0.03 * radius && added.mirror.size < 0.2 * radius, "{}", added.mirror.size);
         harness.get_by_label("Copy sphere").click();
@@ -300,7 +301,7 @@ mod tests {
                 let back = angles(from_angles(degrees, up), up);
                 assert!(back.distance(degrees) < 1e-5, "{degrees} became {back}");
             }
-            // Yaw keeps what points up.
+            // Yaw does not turn the up axis.
             let turned = from_angles(DVec3::new(70.0, 0.0, 0.0), up) * up;
             assert!(turned.distance(up) < 1e-12);
         }

@@ -1,4 +1,4 @@
-//! The panels, and what lies over the picture: they read the session and push actions.
+//! The panels and what is drawn over the picture. They read the session and push actions.
 
 pub mod clouds;
 pub mod colors;

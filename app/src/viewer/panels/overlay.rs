@@ -1,5 +1,5 @@
-//! What is drawn over the picture: the pivot, picked points, the line between them, handles. Seen through the camera of the picture
-//! that is shown, so that marks stick to their points.
+//! Draws over the picture: the pivot, the picked points, the line between them, and handles. All are projected through
+//! the camera of the picture that is shown, so that marks stick to their points.
 
 use cloud::Bounds;
 use egui::{Color32, Painter, Pos2, Rect, Stroke, pos2, vec2};
@@ -12,7 +12,7 @@ use crate::viewer::theme;
 use crate::viewer::tools::gizmo;
 
 const SHADOW: Color32 = Color32::from_black_alpha(160);
-/// Boxes of pages that are drawn; more would be a tangle.
+/// The most boxes of index nodes that are drawn; more would be a tangle.
 const MOST_BOXES: usize = 2000;
 
 pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
@@ -49,11 +49,11 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     gizmo::paint(&painter, rect, session);
 }
 
-/// The edges of a box.
+/// Draws the edges of a box.
 fn wire(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, bounds: Bounds, stroke: Stroke) {
     let corners = bounds.corners();
     for (from, axis) in (0..8).flat_map(|corner| (0..3).map(move |axis| (corner, axis))) {
-        // From each corner up along the axes on which it is the lower one.
+        // Each corner begins the edges along those axes on which it is the lower end.
         if from >> axis & 1 == 0
             && let Some(ends) = seen(place, corners[from], corners[from | 1 << axis])
         {
@@ -62,7 +62,7 @@ fn wire(painter: &Painter, place: &impl Fn(DVec3) -> Option<Pos2>, bounds: Bound
     }
 }
 
-/// What is before the eye of the line between two places.
+/// The part of a line between two places that lies before the eye, in points of the window.
 fn seen(place: &impl Fn(DVec3) -> Option<Pos2>, a: DVec3, b: DVec3) -> Option<[Pos2; 2]> {
     let (mut before, mut behind) = match (place(a), place(b)) {
         (Some(a), Some(b)) => return Some([a, b]),
@@ -71,7 +71,7 @@ fn seen(place: &impl Fn(DVec3) -> Option<Pos2>, a: DVec3, b: DVec3) -> Option<[P
         (None, None) => return None,
     };
     let start = place(before)?;
-    // Halved until the rest is far outside of the picture.
+    // Halve the line until the missing rest is far outside of the picture.
     for _ in 0..10 {
         let middle = (before + behind) * 0.5;
         if place(middle).is_some() { before = middle } else { behind = middle }
@@ -107,7 +107,7 @@ fn tag(painter: &Painter, at: Pos2, text: &str) {
 mod tests {
     use super::*;
 
-    /// Sees what has a z above 0, where its x and y say.
+    /// A camera that sees places with a z above 0, each at its x and y.
     fn place(world: DVec3) -> Option<Pos2> {
         (world.z > 0.0).then(|| pos2(world.x as f32, world.y as f32))
     }
@@ -117,7 +117,7 @@ mod tests {
         let (before, behind) = (DVec3::new(0.0, 0.0, 1.0), DVec3::new(8.0, 4.0, -3.0));
         assert_eq!(seen(&place, before, before + DVec3::X), Some([pos2(0.0, 0.0), pos2(1.0, 0.0)]));
         assert_eq!(seen(&place, behind, behind + DVec3::X), None);
-        // It passes the eye after a quarter of its way; ten halvings come to within a thousandth of that.
+        // The line passes the eye after a quarter of its length; ten halvings come within a thousandth of that place.
         for ends in [[before, behind], [behind, before]] {
             let [from, to] = seen(&place, ends[0], ends[1]).expect("a part of it is before the eye");
             assert_eq!(from, pos2(0.0, 0.0));
@@ -125,7 +125,7 @@ mod tests {
         }
     }
 
-    /// The shapes that a closure paints.
+    /// Returns the shapes that a closure paints.
     fn shapes(paint: impl Fn(&Painter)) -> Vec<egui::Shape> {
         let context = egui::Context::default();
         let output = context.run_ui(egui::RawInput::default(), |ui| paint(ui.painter()));
@@ -140,7 +140,7 @@ mod tests {
         };
         let bounds = |low: f64| Bounds { min: DVec3::new(0.0, 0.0, low), max: DVec3::new(9.0, 9.0, low + 2.0) };
         assert_eq!(count(bounds(1.0)), 12);
-        // Four edges of the near side, and the four that lead there.
+        // The four edges of the near side remain, and the four that lead to it.
         assert_eq!(count(bounds(-1.0)), 8);
         assert_eq!(count(bounds(-5.0)), 0);
     }

@@ -1,5 +1,6 @@
-//! Draws any group of parameters from its table: a line each, with the widget that its kind asks for. Hovering tells help,
-//! key and range; a double-click or a right-click on the name resets it; what differs from the default is marked.
+//! Draws any group of parameters from its table, one line each, with the widget for its kind. Hovering shows the help,
+//! the key and the range. A double-click or a right-click on the name resets the parameter. Parameters that differ from
+//! their defaults are marked.
 
 use egui::{RichText, Sense, Ui};
 use param::{Field, Kind, Params, Value};
@@ -8,7 +9,7 @@ use crate::viewer::action::Action;
 use crate::viewer::theme;
 use crate::viewer::widgets::{NAME_WIDTH, name_label};
 
-/// The parameters of a group, except those named in `skip`.
+/// Draws the parameters of a group, except those named in `skip`.
 pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut Vec<Action>) {
     let group = params.group();
     for field in group.fields.iter().filter(|field| !skip.contains(&field.name)) {
@@ -16,7 +17,7 @@ pub fn parameters(ui: &mut Ui, params: &dyn Params, skip: &[&str], actions: &mut
     }
 }
 
-/// One parameter.
+/// Draws one parameter.
 pub fn parameter(ui: &mut Ui, params: &dyn Params, name: &str, actions: &mut Vec<Action>) {
     let group = params.group();
     let Some(index) = group.fields.iter().position(|field| field.name == name) else { return };
@@ -46,7 +47,7 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value, actions: &mut Vec
             ui.label(RichText::new(reset).small().color(theme::WEAK));
         });
         let edited = widget(ui, field, value, label_id);
-        // All of the line but its name, whose right-click resets.
+        // All of the line but its name, since a right-click on the name resets the parameter.
         let rest = ui.min_rect().with_min_x(ui.min_rect().left() + NAME_WIDTH);
         let rest = ui.interact(rest, ui.scope_id().with("sweep"), Sense::hover());
         let by_secondary = ui.input(|input| {
@@ -54,7 +55,7 @@ fn line(ui: &mut Ui, group: &str, field: &Field, value: Value, actions: &mut Vec
             input.pointer.button_down(button) || input.pointer.button_released(button)
         });
         sweep_menu(&rest, group, field, actions);
-        // A slider follows any button, also from a little beside it; this one is for the menu.
+        // A slider follows any mouse button, even slightly beside it. This right-click is meant for the menu.
         edited.filter(|_| !by_secondary)
     })
     .inner
@@ -76,7 +77,7 @@ fn sweep_menu(response: &egui::Response, group: &str, field: &Field, actions: &m
     });
 }
 
-/// The edited value, if it was edited.
+/// Draws the widget of a value. Returns the new value if it was edited.
 fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<Value> {
     match (&field.kind, value) {
         (Kind::Bool { .. }, Value::Bool(mut on)) => {
@@ -84,12 +85,12 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
         }
         (Kind::F32 { min, max, .. }, Value::F32(mut number)) => {
             let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
-            // Of a logarithmic one that begins at 0: four decades, and 0 at its end.
+            // A logarithmic slider that begins at 0 spans four decades, with 0 at its end.
             let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
             let slider = slider.suffix(suffix(field.unit)).max_decimals(3);
             ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
         }
-        // A slider over all numbers of 32 bits would be no use: those are dragged and typed.
+        // A slider over all 32-bit numbers would be of no use, so these are dragged and typed.
         (Kind::U32 { min, max: u32::MAX, .. }, Value::U32(mut number)) => {
             let drag = egui::DragValue::new(&mut number).range(*min..=u32::MAX);
             ui.add(drag).labelled_by(label).changed().then_some(Value::U32(number))
@@ -137,13 +138,13 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
     }
 }
 
-/// The nearest amount that people would write: eight steps to a doubling.
+/// Rounds to the nearest amount that people would write, with eight steps to a doubling.
 fn even_amount(bytes: param::Bytes) -> param::Bytes {
     let step = (1_u64 << bytes.0.max(8).ilog2()) / 8;
     param::Bytes(bytes.0.saturating_add(step / 2) / step * step)
 }
 
-/// `min_pixels` as people read it: `Min pixels`.
+/// Turns a name into words for people: `min_pixels` becomes `Min pixels`.
 fn title(name: &str) -> String {
     let mut words = name.replace('_', " ");
     if let Some(first) = words.get_mut(..1) {
@@ -152,7 +153,7 @@ fn title(name: &str) -> String {
     words
 }
 
-/// Units that fit behind a number.
+/// Shortens a unit so that it fits behind a number.
 fn suffix(unit: &str) -> &str {
     match unit {
         "degrees" => "°",
@@ -170,11 +171,11 @@ mod tests {
 
     use super::*;
 
-    /// Parameters, and what else was asked for.
+    /// The parameters, and the other actions that were asked for.
     type Shown = (Settings, Vec<Action>);
 
     fn harness(settings: Settings) -> Harness<'static, Shown> {
-        // A hundredth of a second a frame: four of them are a double-click.
+        // A frame takes a hundredth of a second, so that the four frames of a double-click are short enough.
         Harness::builder().with_size([360.0, 900.0]).with_step_dt(0.01).build_ui_state(
             |ui, (settings, others): &mut Shown| {
                 let mut actions = Vec::new();

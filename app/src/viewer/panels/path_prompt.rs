@@ -1,4 +1,5 @@
-//! Opening by typing a path: for desktops without a file dialog, and for hands that stay on the keyboard. Tab completes.
+//! The prompt that opens a file by its typed path, for desktops without a file dialog and for people who prefer the
+//! keyboard. Tab completes the path.
 
 use std::path::{Path, PathBuf};
 
@@ -9,12 +10,12 @@ use crate::viewer::theme;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PathPrompt {
     text: String,
-    /// What the text may become, and the text that it was listed for.
+    /// The paths that the text can be completed to, and the text that they were listed for.
     candidates: Vec<String>,
     listed: Option<String>,
-    /// Why the prompt came up by itself.
+    /// The reason to show, if the prompt came up by itself.
     reason: Option<&'static str>,
-    /// The points of what is opened are to be a mirror.
+    /// Whether the points of the opened file will be a mirror.
     pub is_for_mirror: bool,
     is_shown: bool,
 }
@@ -26,22 +27,22 @@ pub enum Outcome {
     Close,
 }
 
-/// Candidates listed at most: a folder of thousands is narrowed by typing.
+/// The most candidates listed. To find a file in a folder of thousands, the user types more of its name.
 const LISTED: usize = 200;
 const EXTENSIONS: [&str; 4] = ["las", "laz", "ply", "toml"];
 
 impl PathPrompt {
-    /// A prompt that comes up by itself says why.
+    /// A prompt that comes up by itself and shows why.
     pub fn because(reason: &'static str) -> Self {
         Self { reason: Some(reason), ..Self::default() }
     }
 
-    /// For a file whose points are to be a mirror.
+    /// A prompt for a file whose points will be a mirror.
     pub fn for_mirror() -> Self {
         Self { is_for_mirror: true, ..Self::because("The points of this file will be a mirror.") }
     }
 
-    /// Draws the prompt; says when it ends.
+    /// Draws the prompt. Returns how it ended, if it has.
     pub fn show(&mut self, context: &egui::Context) -> Option<Outcome> {
         let mut outcome = None;
         let mut is_open = true;
@@ -74,7 +75,7 @@ impl PathPrompt {
                 .desired_width(400.0)
                 .lock_focus(true);
             let response = ui.add(field).labelled_by(label.id);
-            // Before the focus is asked for below: Tab and Enter may come in one frame.
+            // This is read before the focus is requested below: Tab and Enter may come in one frame.
             let entered = response.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             if !self.is_shown {
                 self.is_shown = true;
@@ -94,7 +95,7 @@ impl PathPrompt {
             outcome = Some(Outcome::Close);
         }
         match outcome {
-            // Into the folder instead of opening it.
+            // A folder is not opened: the prompt lists its files.
             Some(Outcome::Open(text)) if expanded(&text).is_dir() || text.is_empty() => {
                 if !text.is_empty() && !text.ends_with('/') {
                     self.text = text + "/";
@@ -103,7 +104,7 @@ impl PathPrompt {
                 None
             }
             Some(Outcome::Open(text)) => {
-                // If it names nothing, the prompt stays, ready for another try.
+                // If the path names nothing, the prompt stays for another try.
                 self.is_shown = false;
                 Some(Outcome::Open(expanded(&text).display().to_string()))
             }
@@ -130,7 +131,7 @@ impl PathPrompt {
         }
     }
 
-    /// Renews the candidates if the text has changed.
+    /// Lists the candidates again if the text has changed.
     fn list(&mut self) {
         if self.listed.as_ref() != Some(&self.text) {
             self.candidates = candidates(&self.text);
@@ -147,7 +148,7 @@ fn move_cursor_to_end(context: &egui::Context, id: egui::Id, text: &str) {
     }
 }
 
-/// `~` is the home folder, as in a shell.
+/// Replaces a leading `~` by the home folder, as a shell does.
 fn expanded(text: &str) -> PathBuf {
     match (text.strip_prefix("~/"), std::env::var_os("HOME")) {
         (Some(rest), Some(home)) => Path::new(&home).join(rest),
@@ -155,7 +156,8 @@ fn expanded(text: &str) -> PathBuf {
     }
 }
 
-/// Folders (with a `/` at the end) and files of ours whose path begins with `text`, sorted, folders first.
+/// Folders (with a `/` at the end) and files that the program opens whose path begins with `text`, sorted, folders
+/// first.
 fn candidates(text: &str) -> Vec<String> {
     let (folder, start) = match text.rfind('/') {
         Some(slash) => text.split_at(slash + 1),
@@ -185,7 +187,7 @@ fn candidates(text: &str) -> Vec<String> {
     folders
 }
 
-/// The longest beginning that all candidates share; `text` itself where there is none.
+/// The longest beginning that all candidates share, or `text` itself if there are none.
 fn completed(text: &str, candidates: &[String]) -> String {
     let Some((first, rest)) = candidates.split_first() else { return text.to_string() };
     let mut shared = first.as_str();

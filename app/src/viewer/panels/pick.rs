@@ -1,4 +1,4 @@
-//! What was picked: coordinates, everything the file says, and the distance between two picks.
+//! The card of a picked point: its coordinates, everything the file says of it, and the distance between two picks.
 
 use egui::{Align2, RichText, Ui};
 
@@ -7,7 +7,7 @@ use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::tools::pick::coordinates;
 
-/// A card in the lower right corner of the picture, if something is picked.
+/// Draws the card in the lower right corner of the picture, if a point is picked.
 pub fn show(context: &egui::Context, rect: egui::Rect, session: &Session, actions: &mut Vec<Action>) {
     if session.tools.picks.is_empty() {
         return;

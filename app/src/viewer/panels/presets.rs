@@ -1,4 +1,5 @@
-//! Settings of screen-space curved reflections that belong together, a button each. One step of undo, like any parameter.
+//! Buttons for settings of screen-space curved reflections that belong together. Each is one step of undo, as any
+//! parameter is.
 
 use egui::Ui;
 use scene::{Method, Settings, Sscr};
@@ -9,7 +10,7 @@ use crate::viewer::theme;
 struct Preset {
     name: &'static str,
     help: &'static str,
-    /// Keys and values; what is not named becomes its default.
+    /// Keys and values. Parameters that are not named get their defaults.
     values: &'static [(&'static str, &'static str)],
 }
 
@@ -42,12 +43,12 @@ const PRESETS: [Preset; 3] = [
 ];
 
 impl Preset {
-    /// The settings with this preset.
+    /// Returns `settings` with this preset.
     fn applied(&self, settings: &Settings) -> Settings {
         let mut settings = Settings { sscr: Sscr::default(), ..settings.clone() };
         settings.reflection.method = Method::Sscr;
         for (key, value) in self.values {
-            // A test holds the table to what there is.
+            // This cannot fail: a test checks the table against the parameters.
             let _ = settings.set_text(key, value);
         }
         settings

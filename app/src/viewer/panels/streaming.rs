@@ -1,4 +1,5 @@
-//! Clouds that are streamed: how far their pages are, what is there of them, what comes, and the budgets.
+//! The panel of streamed clouds: the state of their indexes, how much of them is loaded, what is being loaded, and the
+//! budgets.
 
 use std::time::Duration;
 
@@ -18,7 +19,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.push_id(entry.key.0, |ui| cloud(ui, session, entry, streamed, actions));
         }
     }
-    // Those of which there is something to tell.
+    // Only jobs that have something to report.
     let jobs = || session.loaded.jobs.iter().filter(|job| job.has_streamed && job.stream.points_total > 0);
     for job in jobs() {
         if jobs().count() > 1 {
@@ -42,7 +43,7 @@ fn weak(ui: &mut Ui, text: impl Into<String>) {
     ui.label(RichText::new(text).small().color(theme::WEAK));
 }
 
-/// How far the pages of a cloud are.
+/// Shows the state of a cloud's index.
 fn cloud(ui: &mut Ui, session: &Session, entry: &CloudEntry, streamed: &Streamed, actions: &mut Vec<Action>) {
     ui.add(egui::Label::new(RichText::new(&entry.cloud.name).strong()).truncate());
     let stage = entry.task.as_deref();
@@ -100,7 +101,7 @@ fn cloud(ui: &mut Ui, session: &Session, entry: &CloudEntry, streamed: &Streamed
     ui.add_space(4.0);
 }
 
-/// Something that is or will be made, and can be stopped.
+/// Shows a task that is queued or under way, with a button to stop it.
 fn pending(ui: &mut Ui, key: CloudKey, stage: &CloudTask, help: &str, actions: &mut Vec<Action>) {
     ui.ctx().request_repaint_after(Duration::from_millis(250));
     let (verb, noun) = match stage.kind {
@@ -126,7 +127,7 @@ fn pending(ui: &mut Ui, key: CloudKey, stage: &CloudTask, help: &str, actions: &
     }
 }
 
-/// What is left of something that was stopped.
+/// Shows what a stopped task left, with a button to resume it.
 fn resume(ui: &mut Ui, session: &Session, key: CloudKey, text: &str, help: &str, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         weak(ui, text);
@@ -136,7 +137,7 @@ fn resume(ui: &mut Ui, session: &Session, key: CloudKey, text: &str, help: &str,
     });
 }
 
-/// The index of a cloud in the cache.
+/// Shows the size of a cloud's index in the cache, with buttons to copy its path and to delete it.
 fn index(ui: &mut Ui, key: CloudKey, kept: &IndexEntry, actions: &mut Vec<Action>) {
     let folder = kept.folder.display().to_string();
     ui.horizontal(|ui| {
@@ -158,7 +159,7 @@ fn index(ui: &mut Ui, key: CloudKey, kept: &IndexEntry, actions: &mut Vec<Action
     });
 }
 
-/// The colours of the levels.
+/// Shows the colours of the levels.
 fn legend(ui: &mut Ui, streamed: &Streamed) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 2.0;
@@ -172,7 +173,7 @@ fn legend(ui: &mut Ui, streamed: &Streamed) {
     });
 }
 
-/// What is there of the clouds of a job, and what comes.
+/// Shows what is loaded of the clouds of a job, and what is being loaded.
 fn figures(ui: &mut Ui, stats: &StreamStats, points: u64, bytes: u64) {
     let lines = [
         ("Points", format!("{} of {}", grouped(stats.points_resident), grouped(points))),
@@ -207,7 +208,7 @@ mod tests {
     use crate::viewer::preferences::Preferences;
     use crate::viewer::work::{Found, Work};
 
-    /// Two clouds of job 0: the index of the first is being made, that of the second comes next.
+    /// Two clouds of job 0: the index of the first is being made, that of the second is next.
     fn indexing() -> (Session, [Arc<CloudTask>; 2]) {
         let mut session = Session::new(Preferences::default());
         let mailbox = Arc::<Mailbox>::default();
@@ -271,7 +272,7 @@ mod tests {
         stages[1].progress.set_waiting(true);
         harness.run_ok();
         assert!(harness.query_by_label("another program is making its index").is_some());
-        // What is left is said also when nothing is made any more.
+        // What a stopped task left is also shown when no work is under way.
         let chunk = cloud::Chunk::new(0, glam::DVec3::ZERO, vec![[0.0; 3]]);
         let (mut session, _) = indexing();
         session.with_loaded(|loaded, beside| {

@@ -1,4 +1,4 @@
-//! The window that asks for the range of a sweep, and how far one is.
+//! The window that asks for the range of a sweep, and the progress of a sweep.
 
 use egui::{RichText, Ui};
 
@@ -7,7 +7,7 @@ use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::truth::sweep_range::{MOST_VALUES, SweepRange};
 
-/// The window that asks for the range.
+/// Draws the window that asks for the range.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(asked) = &session.sweeps.asked else { return };
     let (mut range, mut is_open, mut start) = (asked.clone(), true, None);
@@ -27,7 +27,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     }
 }
 
-/// The values, once they are to be swept.
+/// Draws the content of the window. Returns the values to sweep when the user starts the sweep.
 fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
     ui.set_width(340.0);
     ui.label(RichText::new(range.field.help).color(theme::WEAK));
@@ -57,7 +57,7 @@ fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
     values.ok().filter(|_| button.clicked())
 }
 
-/// How far the sweep is, with a way to end it; for the status bar.
+/// Shows the progress of the sweep in the status bar, with a button to end it.
 pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(sweep) = &session.sweeps.under_way else { return };
     ui.spinner();

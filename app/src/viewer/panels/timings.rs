@@ -1,4 +1,5 @@
-//! Where a frame's time goes: every pass, the counts and the memory; and what the reflections came to, with how it went.
+//! The panel of times: every pass of a frame, the counts and the memory, and the figures of the reflections with their
+//! history.
 
 use egui::{Align, Layout, RichText, Ui};
 use render::{Clock, ReflectionStats};
@@ -20,7 +21,7 @@ fn reflections(ui: &mut Ui, session: &Session, stats: &ReflectionStats) {
     ui.separator();
 }
 
-/// Draws a line of values over the middle of a row, from the least to the largest of them.
+/// Draws a line of values over the middle of a row, scaled from the least to the largest of them.
 fn sparkline(ui: &Ui, row: egui::Rect, values: Vec<f64>) {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     if values.len() < 2 {
@@ -32,7 +33,7 @@ fn sparkline(ui: &Ui, row: egui::Rect, values: Vec<f64>) {
     );
     let place = |(index, value): (usize, &f64)| {
         let along = index as f32 / (values.len() - 1) as f32;
-        // A figure that does not change is a line in the middle.
+        // A value that does not change is drawn as a line in the middle.
         let height = if high > low { ((value - low) / (high - low)) as f32 } else { 0.5 };
         egui::pos2(egui::lerp(rect.x_range(), along), egui::lerp(rect.bottom()..=rect.top(), height))
     };
@@ -89,7 +90,8 @@ pub fn show(ui: &mut Ui, session: &Session) {
     }
 }
 
-/// Name left, figure right; a bar behind them for a share of the longest.
+/// Draws a row: the name on the left, the figure on the right, and behind them a bar. `share` is the bar's length over
+/// the row's.
 fn row(ui: &mut Ui, name: &str, figure: &str, share: Option<f32>) -> egui::Rect {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(ui.available_width(), 17.0), egui::Sense::hover());
     if let Some(share) = share {
@@ -106,7 +108,7 @@ fn row(ui: &mut Ui, name: &str, figure: &str, share: Option<f32>) -> egui::Rect 
     rect
 }
 
-/// Resident memory of this process, bytes; `None` where the system does not tell as Linux does.
+/// The resident memory of this process, in bytes. `None` where the system does not report it as Linux does.
 fn host_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;

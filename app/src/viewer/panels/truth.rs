@@ -1,5 +1,5 @@
-//! The ray-traced truth on the screen: the section of the panel with what to show and how right the picture is, what lies over the
-//! picture, and how far the work is.
+//! The ray-traced truth on the screen: the section of the panel that chooses what to show and tells how accurate the
+//! picture is, the truth over the picture, and the progress in the status bar.
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, pos2, vec2};
 use study::Accuracy;
@@ -29,7 +29,7 @@ const MEASURES: [(Measure, &str, &str); 2] = [
     ),
 ];
 
-/// Pixels beside the split's line in which it can be grabbed: as wide as a scroll bar.
+/// How far beside the split's line it can be grabbed, in points of the window: as wide as a scroll bar.
 const GRIP: f32 = 6.0;
 const SHADOW: Color32 = Color32::from_black_alpha(170);
 
@@ -76,7 +76,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     parameters(ui, &session.scene.settings.trace, &[], actions);
 }
 
-/// Choices side by side; the one that was clicked.
+/// Draws choices side by side. Returns the one that was clicked.
 fn choices<T: Copy + PartialEq>(ui: &mut Ui, value: T, choices: &[(T, &str, &str)]) -> Option<T> {
     let mut chosen = None;
     ui.horizontal(|ui| {
@@ -89,7 +89,7 @@ fn choices<T: Copy + PartialEq>(ui: &mut Ui, value: T, choices: &[(T, &str, &str
     chosen
 }
 
-/// How right the picture on the screen is, and what it costs.
+/// Shows how accurate the picture on the screen is, and what it costs.
 fn figures(ui: &mut Ui, session: &Session) {
     let Some(request) = session.still_frame() else { return };
     let times = session.tuning.times(request);
@@ -104,7 +104,7 @@ fn figures(ui: &mut Ui, session: &Session) {
     }
 }
 
-/// The figures of same-input accuracy: name, value, and what it means.
+/// The figures of same-input accuracy: the name, the value and the meaning of each.
 pub fn lines(figures: &Accuracy) -> Vec<(&'static str, String, &'static str)> {
     let percent = |share: f64| if share.is_nan() { "-".into() } else { format!("{:.2} %", share * 100.0) };
     let number = |value: f64| if value.is_nan() { "-".into() } else { format!("{value:.2}") };
@@ -137,7 +137,7 @@ fn line(ui: &mut Ui, name: &str, text: &str, help: &str) {
     ui.horizontal(|ui| {
         ui.label(RichText::new(name).size(12.0)).on_hover_text(help);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            // Clear of the scroll bar.
+            // Keep clear of the scroll bar.
             ui.add_space(6.0);
             ui.label(RichText::new(text).monospace().size(11.5));
         });
@@ -146,7 +146,7 @@ fn line(ui: &mut Ui, name: &str, text: &str, help: &str) {
 
 // ---- over the picture ----
 
-/// Draws the truth over the picture in `rect`, as far as it is there and of what is on the screen.
+/// Draws the truth over the picture in `rect`, as far as it is traced, if it belongs to the picture on the screen.
 pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) {
     let Some(request) = session.truth_frame() else { return };
     let look = session.truth.shown_look();
@@ -168,7 +168,7 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
         Look::Split => split(ui, rect, session.truth.split, actions),
         Look::Truth => rect,
         Look::Difference => {
-            // What is not measured is still to be recognised.
+            // Darken the picture, so that what is not measured can still be recognised.
             painter.rect_filled(rect, 0.0, Color32::from_black_alpha(150));
             rect
         }
@@ -189,7 +189,7 @@ pub fn paint(ui: &Ui, rect: Rect, session: &Session, actions: &mut Vec<Action>) 
     tag(&painter, corner, Align2::LEFT_TOP, &format!("ray-traced truth{paths}"));
 }
 
-/// How far a picture is: ` · 2 of 16 paths a pixel, mirrors 16`.
+/// Tells how many paths have been traced: ` · 2 of 16 paths a pixel, mirrors 16`.
 fn paths([mirrors, all]: [u32; 2], wanted: u32) -> String {
     match (mirrors, all) {
         _ if wanted <= 1 && all == wanted => String::new(),
@@ -200,14 +200,14 @@ fn paths([mirrors, all]: [u32; 2], wanted: u32) -> String {
     }
 }
 
-/// Lets the line be dragged, and gives back what is on its right.
+/// Lets the user drag the split's line. Returns the rectangle to its right.
 fn split(ui: &Ui, rect: Rect, mut share: f32, actions: &mut Vec<Action>) -> Rect {
     let line = |share: f32| egui::lerp(rect.x_range(), share);
     let x = line(share);
     let grip = Rect::from_x_y_ranges(x - GRIP..=x + GRIP, rect.y_range());
     let response = ui.interact(grip, ui.scope_id().with("split"), Sense::drag());
     if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.dragged()) {
-        // Not so far that it cannot be grabbed again.
+        // The line stays where it can be grabbed again.
         share = ((pointer.x - rect.left()) / rect.width().max(1.0)).clamp(0.01, 0.99);
         actions.push(Action::SplitTruth(share));
     }
@@ -256,7 +256,7 @@ fn legend(painter: &egui::Painter, rect: Rect, measure: Measure) {
 
 // ---- status bar ----
 
-/// What the ray tracer is at, with a way to end it.
+/// Shows what the ray tracer is doing, with a button to end it.
 pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     panels::sweep::progress(ui, session, actions);
     let Some(activity) = session.truth.activity() else { return };
@@ -360,7 +360,7 @@ mod tests {
         harness.run();
         let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
         let press = |pos, pressed| egui::Event::PointerButton { pos, button, pressed, modifiers };
-        // From beside the line nothing is grabbed.
+        // The first press is beside the line and grabs nothing.
         for (from, to, expected) in
             [(100.0, 300.0, 0.5), (200.0, 100.0, 0.25), (100.0, 900.0, 0.99), (396.0, -50.0, 0.01)]
         {

@@ -1,4 +1,5 @@
-//! The tuning chart: every setting that was tried is a dot, its time against its error. A click on a dot goes back to its setting.
+//! The tuning chart: each setting that was tried is a dot, placed by its time and its error. A click on a dot goes back
+//! to its setting.
 
 use egui::{Align2, Color32, Pos2, RichText, Ui};
 use egui_plot::{GridMark, Line, MarkerShape, Plot, PlotPoint, PlotPoints, Points};
@@ -11,14 +12,14 @@ use crate::viewer::truth::study_file::STUDY;
 use crate::viewer::truth::tuning::{Trial, Tuning, medians, series};
 use crate::viewer::window::render_thread::FrameRequest;
 
-/// Least time on the chart, milliseconds: a method that takes none stands there.
+/// The least time on the chart, in milliseconds. A method that takes no time stands there.
 const LEAST_TIME: f64 = 0.01;
-/// The chart reaches at least so far up: less is no error that anybody sees.
+/// The chart reaches at least up to this error: nobody sees a smaller one.
 const LEAST_ERROR: f64 = 0.01;
-/// Pixels around a dot in which the mouse means it.
+/// How far from a dot the mouse still means it, in points of the window.
 const REACH: f32 = 10.0;
 
-/// What is charted as the error.
+/// The figure that the chart shows as the error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum ErrorFigure {
     #[default]
@@ -62,20 +63,20 @@ impl ErrorFigure {
         value.is_finite().then_some(value)
     }
 
-    /// Whether pixels that a setting leaves empty are missing from it.
+    /// Whether the figure leaves out pixels that a setting leaves empty.
     fn is_of_filled(self) -> bool {
         matches!(self, Self::Place | Self::Occlusion)
     }
 }
 
-/// What is charted: the choice of the window alone.
+/// What the axes of the chart show. The window alone keeps this choice.
 #[derive(Clone, Copy, Default)]
 struct Axes {
     by_frame: bool,
     error: ErrorFigure,
 }
 
-/// Those of some points (time, error) that no other beats in both, by time.
+/// The points (time, error) that no other point beats in both: their indices, by time.
 fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|a, b| points[*a][0].total_cmp(&points[*b][0]).then(points[*a][1].total_cmp(&points[*b][1])));
@@ -88,7 +89,8 @@ fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     order
 }
 
-/// Place and error of each trial that has both, with its index; those of one series, or of all others.
+/// The position on the chart and the index of each trial that has both figures. The trials are those of one series, or
+/// all others.
 fn dots(tuning: &Tuning, axes: Axes, series: &FrameRequest, is_of_series: bool) -> Vec<(usize, [f64; 2])> {
     let dot = |(index, trial): (usize, &Trial)| {
         let time = trial.time(axes.by_frame)?.max(LEAST_TIME);
@@ -98,7 +100,7 @@ fn dots(tuning: &Tuning, axes: Axes, series: &FrameRequest, is_of_series: bool) 
     trials.filter(|(_, trial)| (trial.series == *series) == is_of_series).filter_map(dot).collect()
 }
 
-/// The chart's window.
+/// Draws the window of the chart.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     if !session.tuning.is_open {
         return;
@@ -159,7 +161,7 @@ fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
 }
 
-/// Draws the dots; the one that was clicked.
+/// Draws the dots. Returns the trial that was clicked.
 fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: &FrameRequest) -> Option<usize> {
     let (dots, others) = (dots(tuning, axes, series, true), dots(tuning, axes, series, false));
     let places = |is_sparse: bool| -> Vec<[f64; 2]> {
@@ -187,7 +189,7 @@ fn chart(ui: &mut Ui, tuning: &Tuning, axes: Axes, view: &FrameRequest, series: 
         .include_y(0.0)
         .include_y(LEAST_ERROR)
         .set_margin_fraction(egui::vec2(0.12, 0.12));
-    // A lone dot has room on either side.
+    // A lone dot needs room on either side.
     let sides = dots.iter().chain(&others).flat_map(|(_, [time, _])| [time - 0.2, time + 0.2]);
     let plot = sides.fold(plot, |plot, side| plot.include_x(side));
     let drawn = plot.show(ui, |plot| {
@@ -218,11 +220,11 @@ fn nearest(dots: &[(usize, Pos2)], pointer: Pos2) -> Option<usize> {
     near.map(|(index, _)| index)
 }
 
-/// Of a setting that is drawn hollow.
+/// Explains why a dot is hollow.
 const SPARSE: &str =
     "fills less than 90 % of the mirrors: what is empty does not count as an error of place or occlusion\n";
 
-/// `12.3 ms of 41.0 ms · 99 % filled · 0.91 pixels · 0.32 ΔE`.
+/// For example `12.3 ms of 41.0 ms · 99 % filled · 0.91 pixels · 0.32 ΔE`.
 fn summary(trial: &Trial) -> String {
     let times =
         medians(&trial.times).map_or("not timed".into(), |[frame, method]| format!("{method:.1} ms of {frame:.1} ms"));
@@ -236,7 +238,7 @@ fn summary(trial: &Trial) -> String {
     format!("{times}{filled}{place}{color}")
 }
 
-/// The settings of this view in words; the one that was clicked.
+/// Lists the settings of this view in words. Returns the one that was clicked.
 fn list(ui: &mut Ui, tuning: &Tuning, view: &FrameRequest, series: &FrameRequest) -> Option<usize> {
     let mut chosen = None;
     let of_view = || tuning.trials.iter().enumerate().filter(|(_, trial)| trial.series == *series);

@@ -1,4 +1,4 @@
-//! The choice of a cloud's points that are to be turned into a mirror, as long as it is being made.
+//! The draft of a mirror made of points: which points of a cloud will reflect, and how.
 
 use scene::{MirrorNormals, MirrorPoints, PointChoice};
 use world::CloudKey;
@@ -36,24 +36,24 @@ pub const NORMALS_WAYS: [(NormalsWay, &str, &str); 4] = [
     (NormalsWay::Flatten, "one plane", "The plane through all of them: still water"),
 ];
 
-/// What a person is choosing. Nothing reflects before it is applied.
+/// What the user is choosing. No point reflects before the draft is applied.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Draft {
     pub cloud: Option<CloudKey>,
     pub way: Way,
     pub class: u8,
-    /// Edge of the box, world units; 0: not chosen yet.
+    /// The edge of the box, in world units; 0 if not chosen yet.
     pub edge: f64,
     pub attribute: String,
     pub low: f64,
     pub high: f64,
     pub normals: NormalsWay,
-    /// World units; 0: not chosen yet.
+    /// The radius around a point within which normals are averaged, in world units; 0 if not chosen yet.
     pub radius: f64,
     pub neighbours: u32,
     pub specular_intensity: f32,
     pub specular_power: f32,
-    /// How many points that would be.
+    /// The choice that was counted last, and how many points it has.
     pub counted: Option<(MirrorPoints, Result<u64, String>)>,
     pub is_counting: bool,
 }
@@ -63,7 +63,7 @@ impl Default for Draft {
         Self {
             cloud: None,
             way: Way::default(),
-            // Water.
+            // The class of water in LAS files.
             class: 9,
             edge: 0.0,
             attribute: String::new(),
@@ -72,7 +72,7 @@ impl Default for Draft {
             normals: NormalsWay::Smooth,
             radius: 0.0,
             neighbours: 32,
-            // Clear enough to see by, and what lies below shines through.
+            // Reflections are clear, and what lies below still shines through.
             specular_intensity: 0.8,
             specular_power: 0.0,
             counted: None,

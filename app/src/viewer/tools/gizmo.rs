@@ -1,7 +1,8 @@
-//! Handles over the picture that move, turn and scale the selected mirror: three arrows along the world's axes, three rings
-//! about them, a square to scale by, a dot to move it across the picture. They are as large as a hand needs, whatever the
-//! mirror's size, and what is grabbed stays under the cursor. A light has the arrows and the dot where it stands, and a dot at
-//! its target; while lights are looked after, each has a symbol that a click selects it by.
+//! Handles over the picture that move, turn and scale the selected mirror: three arrows along the world's axes, three
+//! rings about them, a square that scales it, and a dot that moves it across the picture. Their size on the screen
+//! suits a hand, whatever the mirror's size, and what is grabbed stays under the cursor. A light has the arrows and a
+//! dot at its position, and a dot at its target. While the panel of lights is open or a light is selected, each light
+//! has a symbol; a click on it selects the light.
 
 use egui::{Color32, Painter, PointerButton, Pos2, Rect, Response, Stroke, Vec2, pos2, vec2};
 use glam::{DQuat, DVec2, DVec3};
@@ -13,14 +14,14 @@ use crate::viewer::objects::ObjectId;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 
-/// A part that can be grabbed. Numbers are world axes.
+/// A part that can be grabbed. Numbers are world axes, 0 to 2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handle {
-    /// Along an axis.
+    /// Moves the object along an axis.
     Arrow(usize),
-    /// Across the picture.
+    /// Moves a place of the object across the picture.
     Dot,
-    /// About an axis.
+    /// Turns the object about an axis.
     Ring(usize),
     Square,
 }
@@ -28,14 +29,14 @@ pub enum Handle {
 /// What the gizmo remembers between frames of the window, in egui's memory.
 #[derive(Clone, Default, PartialEq)]
 struct Gizmo {
-    /// Under the cursor.
+    /// The handle under the cursor.
     hot: Option<Grip>,
-    /// A light that is not selected, whose symbol is under the cursor.
+    /// A light that is not selected and whose symbol is under the cursor.
     hot_light: Option<ObjectId>,
     drag: Option<Drag>,
 }
 
-/// A handle, and which of the places of the object it is at: a light has two, where it stands and its target.
+/// The index of a place of the object, and a handle there. A light has two places: its position and its target.
 type Grip = (usize, Handle);
 
 #[derive(Clone, PartialEq)]
@@ -43,20 +44,21 @@ struct Drag {
     grip: Grip,
     /// The object as it was when it was grabbed.
     start: Object,
-    /// Points of the window.
+    /// Where the mouse button was pressed, in points of the window.
     pressed: Pos2,
-    /// Where the handles were.
+    /// The handles as they were when one was grabbed.
     layout: Layout,
 }
 
-/// The object that is selected, with its name.
+/// The selected object, with its name.
 fn selected(session: &Session) -> Option<(ObjectId, String, Object)> {
     let id = session.scene.selected?;
     let (name, object) = session.scene.objects.get(id)?;
     Some((id, name.to_owned(), object))
 }
 
-/// Of the handles that are chosen, those that an object has at each of its places. One that is only moved has all of its own.
+/// The handles at each place of an object, of those kinds that the user chose. An object that can only be moved always
+/// has all of its own.
 fn layouts(object: &Object, stage: &PictureFrame, chosen: Handles) -> Vec<Option<Layout>> {
     let kind = object.kind();
     let shows = |part: Handles| chosen == Handles::All || chosen == part;
@@ -74,7 +76,7 @@ fn layouts(object: &Object, stage: &PictureFrame, chosen: Handles) -> Vec<Option
     object.places().iter().enumerate().map(layout).collect()
 }
 
-/// Kinds of handles that are shown.
+/// The kinds of handles that are shown.
 #[derive(Clone, Copy)]
 struct Parts {
     arrows: bool,
@@ -83,19 +85,21 @@ struct Parts {
     square: bool,
 }
 
-/// Lengths in points of the window: a thumb's width for an arrow, a hand's precision for what counts as on it.
+/// Lengths in points of the window. An arrow is as long as a thumb is wide. The mouse is on a handle within `NEAR` of
+/// it.
 const ARROW: f64 = 84.0;
 const RING: f64 = 62.0;
 const SQUARE: f32 = 104.0;
 const NEAR: f32 = 7.0;
-/// Arrows that point at the eye, and rings seen from the edge, cannot be dragged: shorter than this they are left out.
+/// The least length, in points of the window, of an arrow that is shown, and of a ring's radius at the grabbed place
+/// that can be turned. Arrows that point at the eye, and rings that are seen from their edge, cannot be dragged.
 const SHORTEST: f32 = 14.0;
 const RING_STEPS: usize = 48;
-/// From the middle of a lamp's symbol to the ends of its rays.
+/// The distance from the middle of a lamp's symbol to the ends of its rays.
 const SYMBOL: f32 = 10.0;
-/// Pieces of a line of a light's cone.
+/// The number of pieces of a line of a light's cone.
 const CONE_STEPS: u32 = 12;
-/// Points that double the size.
+/// A drag by this many points of the window doubles the size.
 const DOUBLING: f32 = 100.0;
 
 const AXES: [DVec3; 3] = [DVec3::X, DVec3::Y, DVec3::Z];
@@ -115,13 +119,13 @@ impl Gizmo {
         context.data_mut(|data| data.insert_temp(Self::id(), self));
     }
 
-    /// Whether the mouse is its own: the camera is not to follow.
+    /// Whether the gizmo uses the mouse, so that the camera must not follow it.
     fn has_mouse(&self) -> bool {
         self.hot.is_some() || self.hot_light.is_some() || self.drag.is_some()
     }
 }
 
-/// Between the window and the world: a lens and the rectangle its picture fills.
+/// Converts between the window and the world, by a lens and the rectangle that its picture fills.
 pub struct PictureFrame {
     lens: Lens,
     rect: Rect,
@@ -130,7 +134,7 @@ pub struct PictureFrame {
 }
 
 impl PictureFrame {
-    /// Of the picture that is shown, so that handles stick to what is seen.
+    /// Uses the camera of the picture that is shown, so that handles stick to what is seen.
     fn of(session: &Session, rect: Rect) -> Option<Self> {
         let request = &session.frames.shown.as_ref()?.request;
         let lens = Lens::new(&request.camera, &request.settings.view, request.size);
@@ -155,7 +159,7 @@ impl PictureFrame {
         self.lens.ray(DVec2::new(f64::from(from_corner.x), f64::from(from_corner.y)) * self.scale)
     }
 
-    /// World units per point of the window.
+    /// World units per point of the window at the depth of `world`; `None` behind the eye.
     fn units(&self, world: DVec3) -> Option<f64> {
         Some(self.lens.units_per_pixel(world)? * self.scale.y)
     }
@@ -194,11 +198,11 @@ impl Layout {
         Some(Self { center: middle, arrows: [0, 1, 2].map(arrow), rings: [0, 1, 2].map(ring), square, dot: parts.dot })
     }
 
-    /// The handle at a place of the window and how near it is; the nearest if there are several.
+    /// The handle at a place of the window, and how near it is. If there are several, the nearest.
     fn at(&self, pointer: Pos2) -> Option<(f32, Handle)> {
         let mut found: Vec<(f32, Handle)> = Vec::new();
         if self.dot {
-            // Before what begins there.
+            // The dot comes before the arrows that begin there.
             found.push((pointer.distance(self.center) - NEAR, Handle::Dot));
         }
         found.extend(self.square.map(|at| (pointer.distance(at) - NEAR * 0.5, Handle::Square)));
@@ -207,7 +211,7 @@ impl Layout {
             found.extend(arrow.map(|distance| (distance, Handle::Arrow(axis))));
             let ring = self.rings[axis].iter().flat_map(|ring| ring.windows(2));
             let nearest = ring.map(|ends| to_segment(pointer, ends[0], ends[1])).fold(f32::INFINITY, f32::min);
-            // A ring that is seen from its edge lies on an arrow, which is easier to mean.
+            // A ring that is seen from its edge lies on an arrow. The arrow is then the likelier choice.
             found.push((nearest + 1.0, Handle::Ring(axis)));
         }
         let near = found.into_iter().filter(|(distance, _)| *distance < NEAR);
@@ -229,8 +233,8 @@ fn to_segment(point: Pos2, from: Pos2, to: Pos2) -> f32 {
     point.distance(from + along * share)
 }
 
-/// Lets the mouse grab and drag the handles of the selected object, and select lights by their symbols; before the camera has
-/// its turn. Returns whether the mouse is the gizmo's own: the camera is not to follow.
+/// Lets the mouse grab and drag the handles of the selected object, and select lights by their symbols. Runs before the
+/// camera reads the mouse. Returns whether the gizmo uses the mouse, so that the camera must not follow it.
 pub fn interact(picture: &Response, session: &Session, actions: &mut Vec<Action>) -> bool {
     let mut gizmo = Gizmo::remembered(&picture.ctx);
     let was_grabbed = gizmo.drag.is_some();
@@ -254,7 +258,7 @@ fn point_at_light(
     gizmo: &mut Gizmo,
     actions: &mut Vec<Action>,
 ) {
-    // What is dragged past a symbol, the camera above all, does not stop there.
+    // A drag that passes over a symbol, above all one that moves the camera, must not stop there.
     let is_pressed = picture.ctx.input(|input| input.pointer.any_down());
     if gizmo.hot.is_some() || gizmo.drag.is_some() || is_pressed || !picture.contains_pointer() {
         return;
@@ -282,7 +286,7 @@ fn handles(picture: &Response, session: &Session, stage: &PictureFrame, gizmo: &
         gizmo.drag = None;
         gizmo.hot = if picture.contains_pointer() { grip_at(&layouts, pointer) } else { None };
     } else if let (None, Some(pressed), true) = (&gizmo.drag, pressed, picture.is_pointer_button_down_on()) {
-        // From where it was pressed: a quick hand is elsewhere by now.
+        // The place where the button was pressed counts: a quick hand is elsewhere by now.
         if let Some((grip, layout)) = grip_at(&layouts, pressed).and_then(|grip| Some((grip, layouts[grip.0].clone()?)))
         {
             gizmo.hot = Some(grip);
@@ -296,7 +300,7 @@ fn handles(picture: &Response, session: &Session, stage: &PictureFrame, gizmo: &
     }
 }
 
-/// The object with the handle under `pointer`.
+/// Returns the object so that the dragged handle is under `pointer`.
 fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Object {
     let mut object = drag.start.clone();
     let (place, handle) = drag.grip;
@@ -331,7 +335,7 @@ fn dragged(stage: &PictureFrame, drag: &Drag, pointer: Pos2) -> Object {
     object
 }
 
-/// Where on a line through `center` the sight line comes closest; `None` if they are nearly parallel.
+/// How far along a line from `center` the sight line comes closest to it. `None` if they are nearly parallel.
 fn along_axis((origin, direction): (DVec3, DVec3), center: DVec3, axis: DVec3) -> Option<f64> {
     let between = center - origin;
     let cosine = axis.dot(direction);
@@ -339,12 +343,12 @@ fn along_axis((origin, direction): (DVec3, DVec3), center: DVec3, axis: DVec3) -
     (sine_squared > 1e-3).then(|| (cosine * direction.dot(between) - axis.dot(between)) / sine_squared)
 }
 
-/// Radians by which a drag turns a ring: as if it was pulled along its tangent where it was grabbed.
+/// The radians by which a drag turns a ring, as if it pulled the ring along its tangent where it was grabbed.
 fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
     let grabbed =
         (0..RING_STEPS).min_by(|a, b| pressed.distance_sq(ring[*a]).total_cmp(&pressed.distance_sq(ring[*b])));
     let step = grabbed.unwrap_or(0);
-    // Per radian: over the two steps about the grabbed one.
+    // The tangent per radian, measured over the two steps around the grabbed one.
     let before = ring[(step + RING_STEPS - 1) % RING_STEPS];
     let tangent = (ring[step + 1] - before) * (RING_STEPS as f32 / (2.0 * std::f32::consts::TAU));
     let length = tangent.length_sq();
@@ -354,7 +358,8 @@ fn turned(ring: &[Pos2], pressed: Pos2, pointer: Pos2) -> f64 {
     f64::from((pointer - pressed).dot(tangent) / length)
 }
 
-/// Where the symbols of objects are: all while somebody looks after lights, or none.
+/// Where the symbols of objects are. All are shown while the panel of lights is open or an object with a symbol is
+/// selected, else none.
 fn symbols(session: &Session, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Color32)> {
     let has_symbol = |object: &Object| object.kind().has_symbol;
     if !session.tools.light_panel_is_open && !selected(session).is_some_and(|(.., object)| has_symbol(&object)) {
@@ -364,7 +369,7 @@ fn symbols(session: &Session, stage: &PictureFrame) -> Vec<(ObjectId, Pos2, Colo
     objects.filter_map(|(id, _, object)| Some((id, stage.place(object.places()[0])?, color_of(&object)))).collect()
 }
 
-/// The colour of what an object gives back or sends out, as bright as the screen can show it.
+/// The colour that an object reflects or sends out, as bright as the screen can show it.
 fn color_of(object: &Object) -> Color32 {
     let color = match object {
         Object::Mirror(mirror) => mirror.color,
@@ -375,7 +380,7 @@ fn color_of(object: &Object) -> Color32 {
     egui::Rgba::from_rgb(red, green, blue).into()
 }
 
-/// A lamp: a disc and rays.
+/// Draws a lamp: a disc and rays.
 fn lamp(painter: &Painter, at: Pos2, color: Color32, is_hot: bool) {
     let size = if is_hot { SYMBOL + 1.5 } else { SYMBOL };
     for (width, color) in [(3.5, Color32::from_black_alpha(150)), (1.5, color)] {
@@ -390,7 +395,7 @@ fn lamp(painter: &Painter, at: Pos2, color: Color32, is_hot: bool) {
     }
 }
 
-/// The axis of a light and the rim of its cone, at the distance of its target.
+/// Draws the axis of a light, and the rim of its cone at the distance of its target.
 fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight, color: Color32) {
     let (axis, distance) = ((light.target - light.position).normalize_or_zero(), light.position.distance(light.target));
     let (u, v) = axis.any_orthonormal_pair();
@@ -400,7 +405,7 @@ fn cone(painter: &Painter, stage: &PictureFrame, light: &SpotLight, color: Color
         light.position + (axis * cosine + (u * cos + v * sin) * sine) * distance
     };
     let line = |from: DVec3, to: DVec3, stroke: Stroke| {
-        // In pieces: some may lie behind the eye.
+        // The line is drawn in pieces, since some may lie behind the eye.
         for step in 0..CONE_STEPS {
             let at = |step: u32| stage.place(from.lerp(to, f64::from(step) / f64::from(CONE_STEPS)));
             if let (Some(from), Some(to)) = (at(step), at(step + 1)) {
@@ -440,7 +445,7 @@ pub fn paint(painter: &Painter, rect: Rect, session: &Session) {
     let hot = held.or(gizmo.hot);
     for (place, layout) in layouts(&object, &stage, session.tools.handles).into_iter().enumerate() {
         let Some(layout) = layout else { continue };
-        // While something is dragged the others would be in the way.
+        // While a handle is dragged, those at other places would be in the way.
         let at_place = |grip: Grip| (grip.0 == place).then_some(grip.1);
         if held.is_none_or(|held| held.0 == place) {
             paint_layout(&painter, &layout, held.and_then(at_place), hot.and_then(at_place));
@@ -504,7 +509,7 @@ mod tests {
         let camera =
             Camera::looking(DVec3::new(635_000.0, 848_000.0, 40.0), DVec3::new(0.7, -1.0, 0.5), 12.0, DVec3::Z);
         let view = ViewSettings { projection, ..ViewSettings::default() };
-        // A screen of two pixels a point.
+        // A screen with two pixels per point of the window.
         let rect = Rect::from_min_size(pos2(310.0, 20.0), vec2(800.0, 600.0));
         PictureFrame::new(Lens::new(&camera, &view, [1600, 1200]), [1600, 1200], rect)
     }
@@ -544,7 +549,7 @@ mod tests {
             for axis in 0..3 {
                 let end = layout(&stage, Handles::All).arrows[axis].unwrap();
                 let drag = drag(&stage, Handle::Arrow(axis), end);
-                // Along the arrow on the screen, and off it: only the way along it counts.
+                // The cursor moves along the arrow on the screen and off it. Only the way along it counts.
                 let center = drag.layout.center;
                 let along = end - center;
                 let moved = as_mirror(dragged(&stage, &drag, end + along * 1.5));
@@ -570,7 +575,7 @@ mod tests {
             for step in [3, 20, 41] {
                 let drag = drag(&stage, Handle::Ring(axis), ring[step]);
                 let moved = as_mirror(dragged(&stage, &drag, ring[step + 1]));
-                // The point that was grabbed has gone to where the cursor is, up to the bend of the ring.
+                // The grabbed point has moved to the cursor, but for the bend of the ring.
                 let turn = moved.rotation * mirror().rotation.inverse();
                 let (turned_axis, angle) = turn.to_axis_angle();
                 let expected = std::f64::consts::TAU / RING_STEPS as f64;
@@ -636,7 +641,7 @@ mod tests {
             assert!((now[place] - at - vec2(30.0, -20.0)).length() < 0.1);
             assert_eq!(now[1 - place], places[1 - place], "the other end stays");
         }
-        // Up along its arrow, and no handles that would turn or scale it.
+        // The lamp moves up along its arrow, and has no handles that would turn or scale it.
         let end = layouts[0].as_ref().unwrap().arrows[2].unwrap();
         let drag = grab(&stage, Object::Light(light), (0, Handle::Arrow(2)), end);
         let Object::Light(moved) = dragged(&stage, &drag, end - vec2(0.0, 25.0)) else { panic!("no light") };

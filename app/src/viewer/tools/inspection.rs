@@ -1,8 +1,9 @@
-//! The inspection mirror: a plane, or a shallow bulge, that hovers over the scan where the cursor points and shows what faces
-//! away from the eye, as a dentist's does. Its normal halves the angle between the eye and the hidden side's direction.
+//! The inspection mirror: a plane or a shallow bulge that hovers over the scan at the cursor and shows what faces away
+//! from the eye, as a dentist's mirror does. Its normal halves the angle between the direction to the eye and the
+//! direction that it shows.
 //!
-//! The surface under the cursor is found here by the sight line among the points themselves, off the window's thread: the
-//! picture shows the mirror in front of it.
+//! The surface under the cursor is found by following the sight line through the points, on a worker thread. The
+//! picture cannot tell it, since it shows the mirror in front of the surface.
 
 use cloud::{Bounds, Chunk, PointTest, unpack_normal, unpack_radius};
 use glam::{DMat3, DQuat, DVec3, Vec3};
@@ -14,26 +15,26 @@ use crate::viewer::objects::ObjectId;
 /// The mirror at the cursor.
 pub struct Inspection {
     pub id: ObjectId,
-    /// Once a surface has been found.
+    /// Set once a surface has been found.
     pub mirror: Option<Mirror>,
     pub pose: Pose,
     surface: Option<Surface>,
-    /// Pixel of the sight line that is being looked along.
+    /// The pixel whose sight line is being followed.
     pub asked: Option<[u32; 2]>,
-    /// Pixel of the last one that was.
+    /// The pixel whose sight line was followed last.
     pub known: Option<[u32; 2]>,
 }
 
 /// How the mirror is held over a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// From the surface to the mirror's middle, over the distance from the surface to the eye.
+    /// The distance from the surface to the mirror's middle, over the distance from the surface to the eye.
     pub distance: f64,
-    /// Radians by which the direction it shows is turned down from the direction of the eye.
+    /// The angle by which the direction that the mirror shows is turned down from the direction to the eye, in radians.
     pub tilt: f64,
-    /// Half its width, over the same.
+    /// Half the mirror's width, over the distance from the surface to the eye.
     pub size: f64,
-    /// A shallow bulge instead of a plane: shows more, smaller.
+    /// Whether the mirror is a shallow bulge instead of a plane: it shows more, but smaller.
     pub is_bulged: bool,
 }
 
@@ -41,20 +42,21 @@ pub struct Pose {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     pub position: DVec3,
-    /// Unit vector, on the side of the eye.
+    /// Unit vector that points to the side of the eye.
     pub normal: DVec3,
 }
 
-/// What a sight line is to meet.
+/// A sight line, and the chunks that it may meet.
 pub struct Ray {
     pub origin: DVec3,
     /// Unit vector.
     pub direction: DVec3,
-    /// World units by which it widens per unit, and at its beginning: a few pixels.
+    /// By how much the line widens per unit of depth, and its width at the origin in world units. It covers a few
+    /// pixels.
     pub spread: f64,
     pub width: f64,
     pub targets: Vec<Target>,
-    /// Which of their points are shown: the others are not met.
+    /// Decides which points are shown. The line does not meet the others.
     pub test: PointTest,
 }
 
@@ -63,17 +65,18 @@ pub struct Ray {
 pub struct Target {
     pub chunk: Chunk,
     pub bounds: Bounds,
-    /// The column that holds the classes of its points.
+    /// The index of the column that holds the classes of the points.
     pub classes: Option<usize>,
 }
 
-/// Shares of the way to the eye, so that the mirror is as large on the screen near by as far away: a quarter of the picture's
-/// height, and not as near to the eye as to hide what it is held over.
+/// Shares of the distance to the eye, so that the mirror has the same size on the screen near and far: a quarter of the
+/// picture's height. It stays far enough from the eye not to hide what it is held over.
 const DISTANCE: f64 = 0.2;
 const SIZE: f64 = 0.12;
-/// About 14 degrees: below the eye, at the backs of what stands between it and the mirror.
+/// About 14 degrees, in radians. The mirror shows what lies below the eye: the backs of things between the eye and
+/// itself.
 const TILT: f64 = 0.25;
-/// Focal length of the bulge over its radius: the view is about twice as wide as a plane's.
+/// The focal length of the bulge over its radius. Its view is about twice as wide as a plane's.
 const BULGE: f64 = 1.5;
 
 impl Inspection {
@@ -88,7 +91,7 @@ impl Inspection {
         }
     }
 
-    /// Places the mirror over a surface, or over the one it is at.
+    /// Places the mirror over `surface`, or over the surface that it is at already.
     pub fn update(&mut self, surface: Option<Surface>, eye: DVec3, up: DVec3) {
         self.surface = surface.or(self.surface);
         if let Some(surface) = self.surface {
@@ -101,10 +104,10 @@ impl Inspection {
         let position = surface.position + surface.normal * (self.pose.distance * reach);
         let to_eye = (eye - position).normalize_or(up);
         let level = up.cross(to_eye).normalize_or(to_eye.any_orthonormal_vector());
-        // The right hand's rotation about the level axis turns down what points at the eye.
+        // By the right-hand rule, a rotation about the level axis turns the direction to the eye down.
         let shown = DQuat::from_axis_angle(level, self.pose.tilt) * to_eye;
         let normal = (to_eye + shown).normalize_or(to_eye);
-        // The bulge's outer side is the one the paraboloid does not open to.
+        // The bulge's outer side is the one that the paraboloid does not open to.
         let (shape, z) = if self.pose.is_bulged {
             (Shape::Paraboloid { focal_length: BULGE }, -normal)
         } else {
@@ -121,10 +124,11 @@ impl Inspection {
     }
 }
 
-/// A hit is as deep as the nearest point; points so much deeper, in widths of the sight line there, are of the same surface.
+/// How much deeper than the nearest hit a point may lie to count as the same surface, in widths of the sight line
+/// there.
 const SAME_SURFACE: f64 = 4.0;
 
-/// The surface that a sight line meets first: the mean of the points around it. `None` if it passes all of them.
+/// The surface that a sight line meets first, as the mean of the points around it. `None` if it meets no point.
 pub fn cast(ray: &Ray) -> Option<Surface> {
     let is_reached = |target: &&Target| {
         let (depth, aside) = ray.depth_and_distance(target.bounds.center() - ray.origin);
@@ -132,7 +136,8 @@ pub fn cast(ray: &Ray) -> Option<Surface> {
         depth > -radius && aside <= radius + ray.width_at(depth + radius)
     };
     let reached: Vec<&Target> = ray.targets.iter().filter(is_reached).collect();
-    // Depths of points that the ray meets. In f32 from the chunk's origin: a few pixels are what counts.
+    // The depths of the points that the ray meets. f32 offsets from the chunk's origin are precise enough for a ray
+    // that is a few pixels wide.
     let hits = |Target { chunk, classes, .. }: &Target| -> Vec<(f64, usize)> {
         let classes = chunk.classes(*classes);
         let is_shown = |index: &usize| ray.test.shows(classes.map(|classes| classes[*index]));
@@ -159,7 +164,7 @@ pub fn cast(ray: &Ray) -> Option<Surface> {
             count += 1.0;
             depths += depth;
             let normal = chunk.normals.as_ref().and_then(|normals| unpack_normal(normals[*index])).unwrap_or_default();
-            // Those of a scan may be turned either way.
+            // Normals of a scan may point to either side.
             normals += if normal.dot(ray.direction.as_vec3()) > 0.0 { -normal } else { normal };
         }
     }
@@ -194,7 +199,7 @@ mod tests {
             let positions: Vec<[f32; 3]> =
                 (0..10_000).map(|i| [x, (i % 100) as f32 * 0.1 - 5.0, (i / 100) as f32 * 0.1 - 5.0]).collect();
             let chunk = Chunk {
-                // Turned away: the estimate did not know better.
+                // The normals point away from the eye, as a wrong estimate would make them.
                 normals: Some(Arc::new(vec![pack_normal(Vec3::X); positions.len()])),
                 radii: Some(Arc::new(vec![pack_radius(0.1); positions.len()])),
                 ..Chunk::new(first_point, DVec3::new(635_000.0, 848_000.0, 0.0), positions)
@@ -246,12 +251,12 @@ mod tests {
             let reach = eye.distance(surface.position);
             assert!((mirror.position.distance(surface.position) - inspection.pose.distance * reach).abs() < 1e-9);
             assert!((mirror.size - inspection.pose.size * reach).abs() < 1e-9);
-            // Of the side that reflects, in the middle of the mirror.
+            // The normal of the side that reflects, in the middle of the mirror.
             let normal = mirror.rotation * if is_bulged { -DVec3::Z } else { DVec3::Z };
             let to_eye = (eye - mirror.position).normalize();
             let shown = 2.0 * normal.dot(to_eye) * normal - to_eye;
             assert!((shown.angle_between(to_eye) - inspection.pose.tilt).abs() < 1e-6);
-            // Towards the eye's side, and lower.
+            // The shown direction points to the eye's side, and lower.
             assert!(shown.dot(-DVec3::X) > 0.0 && shown.z < to_eye.z, "{shown}");
             // Its long side is level.
             assert!((mirror.rotation * DVec3::X).z.abs() < 1e-9);

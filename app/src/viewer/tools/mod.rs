@@ -1,5 +1,5 @@
-//! What a person holds over the picture: picked points, the inspection mirror, the choice of points that are to reflect, the
-//! handles of the gizmo; and what comes of what is found under a pixel.
+//! The tools over the picture: picked points, the inspection mirror, the draft of points that will reflect, and the
+//! handles of the gizmo. They also act on what was found under a pixel.
 
 pub mod draft;
 pub mod gizmo;
@@ -23,7 +23,7 @@ use crate::viewer::tools::pick::{Distance, Pick, loaded_attributes};
 use crate::viewer::window::render_thread::{PickPurpose, PickedPoint};
 use crate::viewer::work::Work;
 
-/// Size of a mirror that is added, over the scene's radius: a tenth of the scene across.
+/// The size of an added mirror over the scene's radius: it spans a tenth of the scene.
 const MIRROR_SIZE: f64 = 0.1;
 
 #[derive(Default)]
@@ -31,12 +31,12 @@ pub struct Tools {
     pub inspection: Option<Inspection>,
     pub picks: Vec<Pick>,
     pub pick_tool: bool,
-    /// Points that may be turned into a mirror.
+    /// The choice of points to turn into a mirror.
     pub draft: Draft,
     /// Which handles the gizmo shows, and whether one of them is grabbed.
     pub handles: Handles,
     pub handle_is_grabbed: bool,
-    /// The lights are being looked after: they are shown in the picture.
+    /// Whether the panel of lights is open. The lights are then shown in the picture.
     pub light_panel_is_open: bool,
 }
 
@@ -51,7 +51,8 @@ impl Tools {
         outside: &mut Outside,
     ) {
         let found = point.and_then(|point| Some((point, loaded.world_position(point)?)));
-        // Where a mirror is drawn by its formula there is no point, and where it stands in front the point is not meant.
+        // A mirror drawn by its formula has no points, and if a mirror stands in front of the point, the user means the
+        // mirror.
         let lens = scene.lens();
         let depth = |world: DVec3| lens.forward().dot(world - scene.camera.eye);
         let mirror = mirror_at(pixel, scene, loaded);
@@ -108,7 +109,7 @@ impl Tools {
         }
     }
 
-    /// Between the two picked points.
+    /// The distance between the two picked points.
     pub fn distance(&self, up: DVec3) -> Option<Distance> {
         let [first, second] = self.picks.as_slice() else { return None };
         let difference = second.world - first.world;
@@ -145,7 +146,7 @@ impl Tools {
         }
     }
 
-    /// Leaves the inspection mirror where it is.
+    /// Leaves the inspection mirror where it is, as a mirror of the scene.
     pub fn pin_inspection(&mut self, scene: &mut Scene, outside: &mut Outside) {
         let Some(mut held) = self.inspection.take() else { return };
         if let Some(mirror) = held.mirror.take() {
@@ -179,7 +180,7 @@ impl Tools {
         outside.work(Work::Cast(ray));
     }
 
-    /// What a sight line has met. Beyond the scan the mirror stays where it was.
+    /// Moves the inspection mirror to the surface that a sight line met. If it met none, the mirror stays where it was.
     pub fn on_surface(&mut self, surface: Option<Surface>, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
         let (eye, up) = (scene.camera.eye, scene.up(&loaded.clouds));
         let Some(held) = &mut self.inspection else { return };
@@ -191,7 +192,7 @@ impl Tools {
     }
 }
 
-/// The mirror under a pixel, and where: by the points that stand for it.
+/// The nearest mirror under a pixel, and the place where the pixel meets it, by the points sampled on the mirrors.
 fn mirror_at(pixel: [u32; 2], scene: &Scene, loaded: &Loaded) -> Option<(ObjectId, DVec3)> {
     let lens = scene.lens();
     let hit = |placed: &Placed| {

@@ -1,35 +1,35 @@
-//! A point that a person picked, and what is known of it.
+//! A point that the user picked, and what is known of it.
 
 use cloud::{Chunk, Cloud};
 use glam::DVec3;
 
 use crate::viewer::window::render_thread::PickedPoint;
 
-/// A point someone clicked on.
+/// A point that the user clicked on.
 #[derive(Clone)]
 pub struct Pick {
     pub point: PickedPoint,
     /// The number of its record in the file.
     pub number: u64,
     pub cloud: String,
-    /// The file's own coordinates.
+    /// The position in the file's own coordinates.
     pub world: DVec3,
-    /// Everything the file says of it; `None` until it is looked up.
+    /// All attributes that the file has of the point; `None` until they have been read.
     pub record: Option<Result<Vec<(String, String)>, String>>,
-    /// The point comes from the pages of an index, which keep neither its number in the file nor its other attributes.
+    /// Whether the point comes from an index, which keeps neither its number in the file nor its other attributes.
     pub is_streamed: bool,
 }
 
-/// World units.
+/// The distance between two points, in world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
     pub total: f64,
     pub horizontal: f64,
-    /// Along the up axis; negative if the second point is lower.
+    /// The difference along the up axis; negative if the second point is lower.
     pub vertical: f64,
 }
 
-/// What is known of a point without a file.
+/// The attributes of a point that are known without reading its file.
 pub fn loaded_attributes(cloud: &Cloud, chunk: &Chunk, index: usize) -> Vec<(String, String)> {
     let mut attributes = Vec::new();
     if let Some(colors) = &chunk.colors {
@@ -47,24 +47,24 @@ pub fn loaded_attributes(cloud: &Cloud, chunk: &Chunk, index: usize) -> Vec<(Str
     attributes
 }
 
-/// Full precision, as the file has it.
+/// Formats coordinates in the file's full precision.
 pub fn coordinates(world: DVec3) -> String {
     format!("{}  {}  {}", shortest(world.x), shortest(world.y), shortest(world.z))
 }
 
-/// The fewest decimals that mean the same number but for the rounding of integer times scale plus offset: two units in the
-/// last place of the double.
+/// The fewest decimals that give the same number. It may differ by two units in the last place of the f64, which is the
+/// rounding error of integer times scale plus offset.
 fn shortest(value: f64) -> String {
     let same =
         |text: &String| text.parse().is_ok_and(|back: f64| (back - value).abs() <= value.abs() * 2.0 * f64::EPSILON);
     (0..17).map(|decimals| format!("{value:.decimals$}")).find(same).unwrap_or_else(|| value.to_string())
 }
 
-/// What Copy puts on the clipboard: tab-separated lines.
+/// The text that Copy puts on the clipboard, as tab-separated lines.
 pub fn as_text(picks: &[Pick]) -> String {
     let mut text = String::new();
     for pick in picks {
-        // The number of a point in the pages says nothing outside of them.
+        // The number of a streamed point means nothing outside of its index.
         let number = if pick.is_streamed { String::new() } else { format!("\tpoint {}", pick.number) };
         text += &format!("{}{number}\t{}\n", pick.cloud, coordinates(pick.world).replace("  ", "\t"));
         for (name, value) in pick.record.iter().flatten().flatten() {
