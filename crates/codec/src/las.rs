@@ -10,9 +10,11 @@ mod compressed;
 mod copc;
 mod copc_writer;
 mod extra_layers;
+mod gps_times;
 mod header;
 mod items;
 mod layout;
+mod point_layers;
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};

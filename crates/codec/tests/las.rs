@@ -14,6 +14,12 @@ use cloud::{Chunk, Cloud, Column, Progress, Random};
 use codec::{Error, Format, Selection, Source, Summary};
 use glam::DVec3;
 use las_files::{Chunks, compress, descriptor, las_file, points, terrain};
+use laz::encoders::ArithmeticEncoder;
+use laz::laszip::LazItemRecordBuilder;
+use laz::models::ArithmeticModelBuilder;
+use laz::record::{
+    FieldCompressor, LayeredPointRecordCompressor, RecordCompressor as _, SequentialPointRecordCompressor,
+};
 use real_data::test_data;
 
 fn data(path: &str) -> Option<PathBuf> {
@@ -579,6 +585,94 @@ fn no_damaged_byte_brings_the_reader_down() {
         }
     }
     assert!(opened > 1_000 && refused > 100, "{opened} opened, {refused} refused: the damage proves nothing");
+}
+
+/// Writes times as no encoder does: the second one switches its sequence for ever.
+struct EndlessSwitches;
+
+impl EndlessSwitches {
+    /// Symbols that take 150 bytes in all, as the model learns them, and the stack of any thread if each is a call.
+    const COUNT: usize = 5_000_000;
+
+    /// Writes the symbol of a switch, one of `symbols`.
+    fn write<W: std::io::Write>(encoder: &mut ArithmeticEncoder<W>, symbols: u32) {
+        let mut model = ArithmeticModelBuilder::new(symbols).with_compression(true).build();
+        (0..Self::COUNT).for_each(|_| encoder.encode_symbol(&mut model, symbols - 1).unwrap());
+    }
+}
+
+impl<W: std::io::Write> FieldCompressor<W> for EndlessSwitches {
+    fn size_of_field(&self) -> usize {
+        8
+    }
+
+    fn compress_first(&mut self, target: &mut W, time: &[u8]) -> std::io::Result<()> {
+        target.write_all(time)
+    }
+
+    fn compress_with(&mut self, encoder: &mut ArithmeticEncoder<W>, _: &[u8]) -> std::io::Result<()> {
+        Self::write(encoder, 6);
+        Ok(())
+    }
+}
+
+/// A chunk of point format 1 or 7 whose second time switches its sequence for ever.
+fn chunk_of_endless_switches(format: u8, records: &[u8]) -> Vec<u8> {
+    if format == 1 {
+        let mut encoder = SequentialPointRecordCompressor::new(Vec::new());
+        encoder.add_field_compressor(laz::las::v2::LasPoint0Compressor::default());
+        encoder.add_field_compressor(EndlessSwitches);
+        records[..2 * 28].chunks_exact(28).for_each(|record| encoder.compress_next(record).unwrap());
+        encoder.done().unwrap();
+        return encoder.into_inner();
+    }
+    let items = LazItemRecordBuilder::default_for_point_format_id(7, 0).unwrap();
+    let mut encoder = LayeredPointRecordCompressor::new(Vec::new());
+    encoder.set_fields_from(&items).unwrap();
+    encoder.compress_many(records).unwrap();
+    encoder.done().unwrap();
+    let mut chunk = encoder.into_inner();
+    // The first record, the number of points, the lengths of nine layers and that of the colours, the layers.
+    let layer = |index: usize| 36 + 4 + index * 4..36 + 4 + index * 4 + 4;
+    let length = |index: usize| u32::from_le_bytes(chunk[layer(index)].try_into().unwrap()) as usize;
+    let start = layer(10).start + (0..8).map(length).sum::<usize>();
+    let times = start..start + length(8);
+    let mut encoder = ArithmeticEncoder::new(std::io::Cursor::new(Vec::new()));
+    EndlessSwitches::write(&mut encoder, 5);
+    encoder.done().unwrap();
+    let switches = encoder.into_inner().into_inner();
+    chunk[layer(8)].copy_from_slice(&(switches.len() as u32).to_le_bytes());
+    chunk.splice(times, switches);
+    chunk
+}
+
+#[test]
+fn times_that_switch_their_sequence_for_ever_cost_their_chunk_only() {
+    for (version, format, length) in [((1, 2), 1, 28), ((1, 4), 7, 36)] {
+        let las = las_file(version, format, &points(format, 4_000), &[]);
+        let (_, expected, _) = read_bytes(&las);
+        let records = u32::from_le_bytes(las[96..100].try_into().unwrap()) as usize;
+        let chunk = chunk_of_endless_switches(format, &las[records..records + 1_000 * length]);
+        let whole = compress(&las, &Chunks::Fixed(1_000));
+        let start = u32::from_le_bytes(whole[96..100].try_into().unwrap()) as usize + 8;
+        // The chunk table says of the first chunk that it is longer.
+        let mut laz = whole.clone();
+        laz[start..start + chunk.len()].copy_from_slice(&chunk);
+        let started = Instant::now();
+        let (source, cloud, summary) = read_bytes(&laz);
+        assert_eq!((source.info().points, summary.points), (4_000, 3_001), "point format {format}: {summary:?}");
+        let warning = "record 1: not valid compressed data: a time switches its sequence more than 4 times (the rest of \
+                       this compressed chunk is skipped); 999 points are missing, 3001 were read";
+        assert_eq!(summary.warnings, [warning]);
+        assert!(positions(&cloud)[1..] == positions(&expected)[1_000..], "point format {format}: the chunks after");
+
+        // Without the chunk table: chunks of 1000 points are found by their lengths, or decoded one after the other.
+        let mut alone = [&whole[..start], &chunk].concat();
+        alone[start - 8..start].fill(0);
+        let (_, cloud, summary) = read_bytes(&alone);
+        assert_eq!((cloud.len(), summary.points), (1, 1), "point format {format}: {summary:?}");
+        assert!(started.elapsed() < Duration::from_secs(5), "took {:?}", started.elapsed());
+    }
 }
 
 #[test]

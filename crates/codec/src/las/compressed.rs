@@ -11,7 +11,6 @@ use std::panic::{self, AssertUnwindSafe};
 use std::sync::Once;
 
 use laz::laszip::{ChunkTable, CompressorType};
-use laz::record::RecordDecompressor;
 use laz::{DecompressionSelection, LazVlr};
 
 use super::header::Header;
@@ -286,7 +285,7 @@ enum RecordSource<'a> {
     /// The first record of a chunk is not compressed. If it is the only one, no decoder is set up, which would take as
     /// long as a thousand points: files may have a chunk for every point.
     First(Section<'a>),
-    Decoder(Box<dyn RecordDecompressor<BufReader<Section<'a>>> + 'a>),
+    Decoder(items::Decoder<'a, BufReader<Section<'a>>>),
 }
 
 impl Stream<'_> {
@@ -316,10 +315,9 @@ impl Stream<'_> {
                     && self.decoded > 0
                     && self.decoded.is_multiple_of(points)
                 {
-                    decoder.reset();
-                    decoder.set_fields_from(self.compressed.vlr.items()).map_err(|error| error.to_string())?;
+                    decoder.restart(self.compressed.vlr.items())?;
                 }
-                decoder.decompress_next(record).map_err(|error| error.to_string())?;
+                decoder.decode_next(record).map_err(|error| error.to_string())?;
                 self.decoded += 1;
                 decoded += 1;
             }

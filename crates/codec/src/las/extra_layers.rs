@@ -5,15 +5,14 @@
 //! possible record. This one builds a model when the first value is decoded with it, so its memory grows with the
 //! layers that are not empty. It decodes the same values.
 
-use std::io::{self, Cursor, Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek};
 
 use laz::DecompressionSelection;
-use laz::decoders::ArithmeticDecoder;
 use laz::models::{ArithmeticModel, ArithmeticModelBuilder};
 use laz::record::LayeredFieldDecompressor;
 
-/// The number of scanner channels, each of which has models of its own.
-const CHANNELS: usize = 4;
+use super::point_layers::{self, CHANNELS, read_layer};
+
 /// The number of values of a byte.
 const VALUES: u32 = 256;
 
@@ -39,7 +38,7 @@ struct Layer {
 }
 
 struct Content {
-    decoder: ArithmeticDecoder<Cursor<Vec<u8>>>,
+    decoder: point_layers::Layer,
     models: [Option<ArithmeticModel>; CHANNELS],
 }
 
@@ -89,16 +88,9 @@ impl<R: Read + Seek> LayeredFieldDecompressor<R> for ExtraLayers {
     }
 
     fn read_layers(&mut self, source: &mut R) -> io::Result<()> {
-        for layer in self.layers.iter_mut().filter(|layer| layer.length > 0) {
-            if !self.is_wanted {
-                source.seek(SeekFrom::Current(i64::from(layer.length)))?;
-                continue;
-            }
-            let mut bytes = vec![0; layer.length as usize];
-            source.read_exact(&mut bytes)?;
-            let mut decoder = ArithmeticDecoder::new(Cursor::new(bytes));
-            decoder.read_init_bytes()?;
-            layer.content = Some(Box::new(Content { decoder, models: Default::default() }));
+        for layer in &mut self.layers {
+            let decoder = read_layer(source, layer.length, self.is_wanted)?;
+            layer.content = decoder.map(|decoder| Box::new(Content { decoder, models: Default::default() }));
         }
         Ok(())
     }
@@ -129,6 +121,8 @@ impl<R: Read + Seek> LayeredFieldDecompressor<R> for ExtraLayers {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
     use cloud::Random;
     use laz::las::Point6;
     use laz::laszip::LazItemRecordBuilder;
@@ -179,7 +173,7 @@ mod tests {
                 other.set_selection(layers);
                 for record in records.chunks_exact(30 + EXTRA) {
                     let (mut mine, mut theirs) = ([0; 30 + EXTRA], [0; 30 + EXTRA]);
-                    own.decompress_next(&mut mine).unwrap();
+                    own.decode_next(&mut mine).unwrap();
                     other.decompress_next(&mut theirs).unwrap();
                     assert_eq!(mine, theirs);
                     assert!(!is_wanted || mine == record);

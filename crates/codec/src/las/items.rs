@@ -1,13 +1,15 @@
 //! The items of a LASzip record, which describe a compressed point: checks them before a decoder is made, computes the
 //! memory of the decoder, and makes it.
 
-use std::io::{Read, Seek};
+use std::io::{self, Read, Seek};
 
-use laz::las::{v3, v4};
+use laz::las::{v1, v2, v3, v4};
 use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 use laz::{DecompressionSelection, LazItem, LazItemType};
 
 use super::extra_layers::ExtraLayers;
+use super::gps_times::GpsTimes;
+use super::point_layers::PointLayers;
 
 /// The memory in bytes of a decoder of points without extra bytes. Measured: 2.6 MB of point format 5, 3.3 MB of 10.
 /// Such points are decoded however little memory there is.
@@ -98,24 +100,83 @@ pub fn layer_count(items: &[LazItem]) -> u64 {
     items.iter().map(layers).sum()
 }
 
+/// Decodes the records of a chunk.
+pub enum Decoder<'a, R: Read + Seek> {
+    Sequential(SequentialPointRecordDecompressor<'a, R>),
+    Layered(LayeredPointRecordDecompressor<'a, R>),
+}
+
+impl<R: Read + Seek> Decoder<'_, R> {
+    pub fn decode_next(&mut self, record: &mut [u8]) -> io::Result<()> {
+        match self {
+            Self::Sequential(decoder) => decoder.decompress_next(record),
+            Self::Layered(decoder) => decoder.decompress_next(record),
+        }
+    }
+
+    /// Starts anew with the next chunk, where points are decoded one by one: the source stands at its start.
+    pub fn restart(&mut self, items: &[LazItem]) -> Result<(), String> {
+        let Self::Sequential(decoder) = self else { return Err("layered chunks end where their sizes say".into()) };
+        decoder.reset();
+        add_sequential(decoder, items)
+    }
+}
+
 /// Makes a decoder of one chunk; of a layered one only for `layers`. The items have been checked.
 pub fn decoder<'a, R: Read + Seek + Send + Sync + 'a>(
-    items: &Vec<LazItem>,
+    items: &[LazItem],
     is_layered: bool,
     source: R,
     layers: DecompressionSelection,
-) -> Result<Box<dyn RecordDecompressor<R> + 'a>, String> {
-    if !is_layered {
+) -> Result<Decoder<'a, R>, String> {
+    if is_layered {
+        let mut decoder = LayeredPointRecordDecompressor::new(source);
+        add_layered(&mut decoder, items)?;
+        decoder.set_selection(layers);
+        Ok(Decoder::Layered(decoder))
+    } else {
         let mut decoder = SequentialPointRecordDecompressor::new(source);
-        decoder.set_fields_from(items).map_err(|error| error.to_string())?;
-        return Ok(Box::new(decoder));
+        add_sequential(&mut decoder, items)?;
+        Ok(Decoder::Sequential(decoder))
     }
-    let mut decoder = LayeredPointRecordDecompressor::new(source);
+}
+
+fn add_sequential<R: Read>(
+    decoder: &mut SequentialPointRecordDecompressor<'_, R>,
+    items: &[LazItem],
+) -> Result<(), String> {
+    for item in items {
+        let is_last_version = item.version() == 2;
+        match (item.item_type(), is_last_version) {
+            (LazItemType::Point10, false) => decoder.add_field_decompressor(v1::LasPoint0Decompressor::default()),
+            (LazItemType::Point10, true) => decoder.add_field_decompressor(v2::LasPoint0Decompressor::default()),
+            (LazItemType::GpsTime, false) => decoder.add_field_decompressor(v1::LasGpsTimeDecompressor::default()),
+            (LazItemType::GpsTime, true) => decoder.add_field_decompressor(GpsTimes::of_records()),
+            (LazItemType::RGB12, false) => decoder.add_field_decompressor(v1::LasRGBDecompressor::default()),
+            (LazItemType::RGB12, true) => decoder.add_field_decompressor(v2::LasRGBDecompressor::default()),
+            (LazItemType::Byte(count), false) => {
+                decoder.add_field_decompressor(v1::LasExtraByteDecompressor::new(usize::from(count)));
+            }
+            (LazItemType::Byte(count), true) => {
+                decoder.add_field_decompressor(v2::LasExtraByteDecompressor::new(usize::from(count)));
+            }
+            // Version 2 was never made different from version 1.
+            (LazItemType::WavePacket13, _) => decoder.add_field_decompressor(v1::LasWavepacketDecompressor::default()),
+            // `check` refuses these.
+            _ => return Err("items that are layered among those that are not".into()),
+        }
+    }
+    Ok(())
+}
+
+fn add_layered<R: Read + Seek>(
+    decoder: &mut LayeredPointRecordDecompressor<'_, R>,
+    items: &[LazItem],
+) -> Result<(), String> {
     for item in items {
         let is_last_version = item.version() == 4;
         match (item.item_type(), is_last_version) {
-            (LazItemType::Point14, false) => decoder.add_field_decompressor(v3::LasPoint6Decompressor::default()),
-            (LazItemType::Point14, true) => decoder.add_field_decompressor(v4::LasPoint6Decompressor::default()),
+            (LazItemType::Point14, _) => decoder.add_field_decompressor(PointLayers::new(item.version())),
             (LazItemType::RGB14, false) => decoder.add_field_decompressor(v3::LasRGBDecompressor::default()),
             (LazItemType::RGB14, true) => decoder.add_field_decompressor(v4::LasRGBDecompressor::default()),
             (LazItemType::RGBNIR14, false) => {
@@ -139,6 +200,5 @@ pub fn decoder<'a, R: Read + Seek + Send + Sync + 'a>(
             _ => return Err("items that are not layered among those that are".into()),
         }
     }
-    decoder.set_selection(layers);
-    Ok(Box::new(decoder))
+    Ok(())
 }
