@@ -1,4 +1,4 @@
-//! Runs targets and judges them: memory here, panics and contradictions where the parsers are called.
+//! Runs targets and checks the memory that they take. `parsers` finds contradictions, and the callers catch panics.
 
 use std::io;
 use std::sync::{Mutex, PoisonError};
@@ -9,22 +9,23 @@ use tempfile::TempDir;
 
 use crate::target::Target;
 
-/// Counts what every program that links this crate allocates.
+/// Counts the memory that every program with this crate allocates.
 #[global_allocator]
 static MEMORY: PeakAlloc = PeakAlloc;
 
-/// Taken by the one run that memory is counted for.
+/// Held during a run: memory is counted for the whole program, so only one run can be measured at a time.
 static TURN: Mutex<()> = Mutex::new(());
 
-/// What a run may take however small its input is: a block of records and the chunk that it becomes.
+/// The bytes of memory that a run may take however small its input is: room for a block of records and its chunk.
 const LEAST_CEILING: usize = 64 << 20;
-/// What it may take besides for each byte of its input.
+/// How many more bytes of memory a run may take for each byte of its input.
 const BYTES_PER_BYTE: usize = 10;
-/// Files in memory: a disk would be the slowest part of a run.
+/// A folder whose files are in memory: on a disk they would be the slowest part of a run.
 const MEMORY_FOLDER: &str = "/dev/shm";
 
-/// A place to run targets: a folder for their files, and one thread, so that the same input takes the same memory each time.
-/// That thread is the one that made it: handing inputs to another would take longer than most parsers do.
+/// A place to run targets: a folder for their files, and a pool of one thread, so that the same input takes the same
+/// memory each time. The thread is the one that made the bench: handing inputs to another one would take longer than
+/// most parsers do.
 pub struct Bench {
     folder: TempDir,
     pool: ThreadPool,
@@ -41,13 +42,13 @@ impl Bench {
         Ok(Self { folder, pool })
     }
 
-    /// How many points were decoded. Called from the thread that made the bench.
+    /// Runs `target` on `bytes` and returns how many points were decoded. Call it from the thread that made the bench.
     ///
     /// # Errors
-    /// What the parser did that it must not do.
+    /// Tells what the parser did that it must not do.
     ///
     /// # Panics
-    /// If the parser does.
+    /// If the parser panics.
     pub fn run(&self, target: &Target, bytes: &[u8]) -> Result<u64, String> {
         let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let before = MEMORY.current_usage();
@@ -68,7 +69,7 @@ impl Bench {
 mod tests {
     use super::*;
 
-    /// A target that takes a thousand times its input.
+    /// A target that takes a thousand times the memory of its input.
     fn greedy(_: &std::path::Path, bytes: &[u8]) -> Result<u64, String> {
         Ok(std::hint::black_box(vec![1_u8; 1000 * bytes.len()]).len() as u64)
     }

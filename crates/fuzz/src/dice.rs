@@ -4,7 +4,8 @@ use std::cell::Cell;
 
 use cloud::Random;
 
-/// Draws from a sequence that its seed decides. Draws change it through a shared reference, so that one may stand within another.
+/// Draws from a sequence that the seed determines. A draw takes a shared reference, so that one draw can be an argument
+/// of another.
 pub struct Dice(Cell<u64>);
 
 impl Dice {
@@ -19,7 +20,7 @@ impl Dice {
         number
     }
 
-    /// A number below `end`; 0 if there is none.
+    /// A number below `end`; 0 if `end` is 0.
     pub fn below(&self, end: usize) -> usize {
         (self.draw() % end.max(1) as u64) as usize
     }
@@ -32,7 +33,7 @@ impl Dice {
         self.draw() as u8
     }
 
-    /// One of `choices`, of which there is one at least.
+    /// One of `choices`, which must not be empty.
     pub fn pick<T: Copy>(&self, choices: &[T]) -> T {
         choices[self.below(choices.len())]
     }

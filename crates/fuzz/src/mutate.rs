@@ -1,4 +1,4 @@
-//! Changes to bytes: those that know no format here, those that know one in a file each.
+//! Changes bytes. This file has the changes that know no format; each file below has those that know one.
 
 pub mod index;
 pub mod las;
@@ -7,7 +7,7 @@ pub mod text;
 
 use crate::dice::Dice;
 
-/// Doubles that arithmetic trips over.
+/// Doubles that arithmetic often handles wrongly.
 const DOUBLES: [f64; 22] = [
     0.0,
     -0.0,
@@ -33,7 +33,7 @@ const DOUBLES: [f64; 22] = [
     1e39,
 ];
 
-/// The unsigned number of `size` bytes at `at`; 0 where there are not that many.
+/// The unsigned number of `size` bytes at `at`, little end first; 0 if there are not that many bytes.
 fn number(bytes: &[u8], at: usize, size: usize) -> u64 {
     let field = at.checked_add(size).and_then(|end| bytes.get(at..end)).unwrap_or_default();
     field.iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
@@ -46,7 +46,7 @@ fn put(bytes: &mut [u8], at: usize, field: &[u8]) {
     }
 }
 
-/// Replaces the integer of `size` bytes at `at` by one that readers trip over.
+/// Replaces the integer of `size` bytes at `at` by one that readers often handle wrongly.
 fn put_integer(dice: &Dice, bytes: &mut [u8], at: usize, size: usize) {
     let (now, length) = (number(bytes, at, size), bytes.len() as u64);
     let most = u64::MAX >> (64 - 8 * size);
@@ -111,7 +111,7 @@ pub fn cut(dice: &Dice, bytes: &mut Vec<u8>) {
     bytes.truncate(dice.pick(&choices));
 }
 
-/// Puts a part of another input over, into or behind this one, or takes a part out.
+/// Writes a part of another input over, into or behind this one, or removes a part of this one.
 pub fn splice(dice: &Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
     let Some(other) = others.get(dice.below(others.len())) else { return };
     let (at, from) = (dice.below(bytes.len() + 1), dice.below(other.len() + 1));
@@ -128,7 +128,7 @@ pub fn splice(dice: &Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
     }
 }
 
-/// Changes bytes from `start` on.
+/// Changes random bytes from `start` on.
 fn noise(dice: &Dice, bytes: &mut [u8], start: usize) {
     for _ in 0..dice.pick(&[1, 2, 4, 16, 64, 256]) {
         let at = start.min(bytes.len()) + dice.below(bytes.len().saturating_sub(start));

@@ -1,4 +1,4 @@
-//! The parsers, called as the program calls them, and what must hold of all that they give.
+//! Calls the parsers as the program does, and checks what must hold of their results.
 
 use std::fs;
 use std::path::Path;
@@ -12,14 +12,14 @@ use scene::{Camera, Preferences, SceneFile};
 use stream::Pages;
 use study::Plan;
 
-/// Points after which a read is cancelled: a few bytes may rightly stand for billions.
+/// A read is cancelled after this many points, since a few bytes may rightly stand for billions.
 const MOST_POINTS: u64 = 1 << 20;
-/// What decoders may take: half of the ceiling that bytes of any length have.
+/// The bytes of memory that decoders may take: half of the ceiling for inputs of any length.
 const DECODER_MEMORY: u64 = 32 << 20;
-/// Records that a single one is looked for among, as its compressed chunk is decoded up to it.
+/// The highest number of a record that is read alone: its compressed chunk is decoded up to it.
 const MOST_RECORDS: u64 = 1 << 16;
 
-/// A file of points: all of it, its positions alone, single records, triangles, the nodes of COPC.
+/// Reads a file of points: all of it, its positions alone, single records, triangles, and the nodes of COPC.
 pub fn cloud(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let path = folder.join("cloud");
     put(&path, bytes)?;
@@ -31,7 +31,7 @@ pub fn cloud(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let points = source.info().points;
     for point in [0, points / 2, points.saturating_sub(1)] {
         let point = point.min(MOST_RECORDS);
-        // A damaged one is an error, which is as good as a record.
+        // An error for a damaged record is as good as the record.
         let _ = source.record(point);
         decoded += point;
     }
@@ -70,7 +70,7 @@ fn read(source: &Source, selection: &Selection) -> Result<u64, String> {
     }
 }
 
-/// Every column of a chunk has as many values as the chunk has points.
+/// Checks that every column of a chunk has as many values as the chunk has points.
 fn check_chunk(chunk: &Chunk, most: usize) -> Result<(), String> {
     let points = chunk.len();
     if points > most {
@@ -88,7 +88,7 @@ fn check_chunk(chunk: &Chunk, most: usize) -> Result<(), String> {
     }
 }
 
-/// An index: `nodes`, `pages` and `surfels` in one, as [`join`] puts them.
+/// Reads an index, whose files `nodes`, `pages` and `surfels` come as one, as [`join`] puts them.
 pub fn index(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let entry = folder.join("index");
     fs::create_dir_all(&entry).map_err(|error| error.to_string())?;
@@ -101,7 +101,7 @@ pub fn index(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     }
 }
 
-/// All nodes of an octree that may be read at once.
+/// Reads all nodes of an octree, except those that are too large.
 fn nodes(pages: &Pages) -> Result<u64, String> {
     let octree = pages.octree();
     let own: u64 = octree.nodes.iter().map(|node| u64::from(node.points)).sum();
@@ -114,7 +114,7 @@ fn nodes(pages: &Pages) -> Result<u64, String> {
         if !in_tree || node.bounds.is_empty() {
             return Err(format!("node {} is no child of its parent, or holds no place", id.0));
         }
-        // Larger nodes of COPC files are refused by the streamer's budget, not by the reader.
+        // The streamer's budget refuses larger nodes of COPC files; the reader does not.
         if node.points as usize > CHUNK_POINTS || decoded > MOST_POINTS {
             continue;
         }
@@ -128,7 +128,7 @@ fn nodes(pages: &Pages) -> Result<u64, String> {
     Ok(decoded)
 }
 
-/// A scene file. What was read can be written, and read again as the same.
+/// Reads a scene file. What was read can be written, and is the same when it is read again.
 pub fn scene(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let path = folder.join("scene.toml");
     put(&path, bytes)?;
@@ -141,7 +141,7 @@ pub fn scene(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     }
 }
 
-/// A view, as `--camera` and the clipboard bring it.
+/// Reads a view, as `--camera` and the clipboard give it.
 pub fn view(_: &Path, bytes: &[u8]) -> Result<u64, String> {
     let Ok(file) = SceneFile::parse(&String::from_utf8_lossy(bytes)) else { return Ok(0) };
     let view = file.view();
@@ -154,7 +154,7 @@ pub fn view(_: &Path, bytes: &[u8]) -> Result<u64, String> {
     }
 }
 
-/// A plan of a study, with all of its settings.
+/// Reads a plan of a study, and all of its settings.
 pub fn plan(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let path = folder.join("plan.toml");
     put(&path, bytes)?;
@@ -170,7 +170,7 @@ pub fn plan(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     }
 }
 
-/// Preferences, with the parameters in them.
+/// Reads preferences, and the parameters in them.
 pub fn preferences(folder: &Path, bytes: &[u8]) -> Result<u64, String> {
     let path = folder.join("viewer.toml");
     put(&path, bytes)?;
@@ -190,16 +190,16 @@ fn put(path: &Path, bytes: &[u8]) -> Result<(), String> {
     fs::write(path, bytes).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// Bytes before the three files of an index: the lengths of the first two.
+/// The bytes before the three files of an index: they hold the lengths of the first two.
 const LENGTHS: usize = 8;
 
-/// Three files in one.
+/// Joins three files into one.
 pub fn join(files: [&[u8]; 3]) -> Vec<u8> {
     let lengths = [files[0].len() as u32, files[1].len() as u32].map(u32::to_le_bytes);
     [lengths.as_flattened(), files[0], files[1], files[2]].concat()
 }
 
-/// The three files; lengths that are too large end with the bytes.
+/// Splits joined files. A length that is too large ends with the bytes.
 pub fn split(bytes: &[u8]) -> [&[u8]; 3] {
     let (lengths, rest) = bytes.split_at(bytes.len().min(LENGTHS));
     let length = |at: usize| {

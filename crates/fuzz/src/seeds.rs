@@ -1,4 +1,4 @@
-//! The seeds that are kept beside the sources: small inputs that are in order, and inputs that once broke something.
+//! The seeds that are kept beside the sources: small valid inputs, and inputs that once broke something.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ pub fn folder(target: &Target) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("seeds").join(target.name)
 }
 
-/// The seeds of a target, by name.
+/// The seeds of a target, sorted by name.
 ///
 /// # Errors
 /// If they cannot be read.

@@ -1,4 +1,4 @@
-//! The loop without coverage: the same inputs in the same order each time, as many as the time allows.
+//! The loop without coverage: it runs the same inputs in the same order each time, as many as the time allows.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
@@ -7,14 +7,14 @@ use crate::bench::Bench;
 use crate::dice::Dice;
 use crate::target::Target;
 
-/// What a target must not do, and what made it do so.
+/// Something that a target must not do, and the input that made it do so.
 #[derive(Debug)]
 pub struct Finding {
     pub input: Vec<u8>,
     pub problem: String,
 }
 
-/// Runs `target` on the seeds as they are, then on what is made of them until `time` is over; how many runs there were.
+/// Runs `target` on the seeds as they are, then on changed seeds until `time` is over. Returns the number of runs.
 ///
 /// # Errors
 /// The first finding.
@@ -52,7 +52,7 @@ fn check(bench: &Bench, target: &Target, input: &[u8]) -> Result<(), Box<Finding
 mod tests {
     use super::*;
 
-    /// Fails on a byte that no seed has.
+    /// Panics on a byte that no seed has.
     fn picky(_: &std::path::Path, bytes: &[u8]) -> Result<u64, String> {
         assert!(!bytes.contains(&b'!'), "found it");
         Ok(0)

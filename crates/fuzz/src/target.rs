@@ -1,4 +1,4 @@
-//! What is fuzzed: a parser, and how to make inputs for it.
+//! The targets of fuzzing: parsers, and how to make inputs for them.
 
 use std::path::Path;
 
@@ -6,23 +6,23 @@ use crate::dice::Dice;
 use crate::mutate::{self, index, las, ply, text};
 use crate::parsers;
 
-/// Bytes that a mutator makes, at most: more only costs time.
+/// The most bytes of an input that a mutator makes; more would only cost time.
 pub const MOST_BYTES: usize = 256 << 10;
 
 /// A parser, and how to make inputs for it.
 pub struct Target {
-    /// Also the name of its folder of seeds.
+    /// The name of the target and of its folder of seeds.
     pub name: &'static str,
-    /// Parses bytes, with a folder for files, and looks at all that comes of them: how many points were decoded, or what is
-    /// wrong with them.
+    /// Parses bytes, with a folder for files, and checks all results. Returns how many points were decoded, or what is
+    /// wrong with the results.
     pub(crate) run: fn(&Path, &[u8]) -> Result<u64, String>,
-    /// Changes a field.
+    /// Changes a field of an input.
     pub(crate) mutate: fn(&Dice, &mut Vec<u8>),
-    /// Writes the checksums anew, without which nothing behind them is ever reached.
+    /// Computes the checksums again. With wrong ones, readers refuse an input before they reach its other fields.
     pub(crate) repair: fn(&mut Vec<u8>),
 }
 
-/// One for each parser, and for each part of a file that has fields of its own.
+/// A target for each parser, and for each part of a file that has fields of its own.
 pub const TARGETS: [Target; 14] = [
     Target { name: "las_header", run: parsers::cloud, mutate: |dice, bytes| las::header(dice, bytes), repair: nothing },
     Target { name: "las_records", run: parsers::cloud, mutate: las::records, repair: nothing },
@@ -47,7 +47,7 @@ impl Target {
         TARGETS.iter().find(|target| target.name == name)
     }
 
-    /// Changes `bytes` in one to five places, mostly fields. `others` are inputs that parts may come from.
+    /// Changes `bytes` in one to five places, mostly fields. Parts of `others` may be copied into it.
     pub fn mutate(&self, dice: &Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
         for _ in 0..dice.pick(&[1, 1, 1, 2, 2, 3, 5]) {
             match dice.below(12) {
@@ -61,14 +61,14 @@ impl Target {
         self.restore(dice, bytes);
     }
 
-    /// Mostly writes the checksums anew.
+    /// Computes the checksums again, in all but one of 16 cases.
     pub fn restore(&self, dice: &Dice, bytes: &mut Vec<u8>) {
         if !dice.one_in(16) {
             self.repair(bytes);
         }
     }
 
-    /// Writes the checksums anew.
+    /// Computes the checksums again.
     pub fn repair(&self, bytes: &mut Vec<u8>) {
         (self.repair)(bytes);
     }

@@ -1,11 +1,11 @@
-//! A minute of all targets without coverage, on the seeds that are kept. Each target gets the same inputs each time, and more of
-//! them the faster the machine is. Alone in its program, because it counts all memory.
+//! Runs all targets for a minute without coverage, on the seeds that are kept. Each target gets the same inputs each
+//! time, and more of them on a faster machine. The test has a program of its own, because it counts all memory.
 
 use std::time::Duration;
 
 use fuzz::{Bench, Finding, TARGETS, committed, sweep};
 
-/// Together a minute.
+/// The time for all targets together.
 const TIME: Duration = Duration::from_secs(60);
 
 #[test]

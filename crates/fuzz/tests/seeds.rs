@@ -16,7 +16,7 @@ use scene::{
     Shape, SpotLight,
 };
 
-/// All of them together.
+/// The most bytes of all seeds together.
 const MOST_SEED_BYTES: usize = 100_000;
 
 #[test]
@@ -69,7 +69,7 @@ fn every_target_has_seeds_that_are_read_to_their_end() {
 
 type Seeds = Vec<(String, Vec<u8>)>;
 
-/// Of each target, in the order of `TARGETS`.
+/// The seeds of each target, in the order of `TARGETS`.
 fn seeds() -> Vec<(&'static str, Seeds)> {
     let named = |seeds: Vec<(&str, Vec<u8>)>| seeds.into_iter().map(|(name, bytes)| (name.to_owned(), bytes)).collect();
     let index = vec![("terrain", index())];
@@ -109,10 +109,11 @@ fn seeds() -> Vec<(&'static str, Seeds)> {
     ]
 }
 
-/// Bytes of records of point formats 0 to 10.
+/// The bytes of a record of point formats 0 to 10.
 const LENGTHS: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
-/// A LAS file of so many points, of version 1.4 where the format needs it, else 1.2. `records` are (user, identifier, data).
+/// A LAS file of `points` points, of version 1.4 if the format needs it, else 1.2. `records` are (user, identifier,
+/// data).
 fn las(format: u8, records: &[(&str, u16, Vec<u8>)], points: usize) -> Vec<u8> {
     let extra: usize =
         records.iter().filter(|(_, identifier, _)| *identifier == 4).map(|record| record.2.len() / 192).sum();
@@ -211,7 +212,7 @@ fn with_records() -> Vec<u8> {
     las(7, &records, 8)
 }
 
-/// The LAZ file of a LAS file, in chunks of so many points, or of eight where there are none.
+/// Makes a LAZ file of a LAS file, in chunks of the given numbers of points, or of eight if none are given.
 fn compressed(las: &[u8], chunks: &[usize]) -> Vec<u8> {
     let number = |at: usize| u32::from_le_bytes([las[at], las[at + 1], las[at + 2], las[at + 3]]);
     let (start, count, format) = (number(96) as usize, number(100), las[104]);
@@ -252,7 +253,8 @@ fn copc_of_ours() -> Vec<u8> {
     std::fs::read(output).unwrap()
 }
 
-/// A root, two nodes below it, and one of them on a page of its own: more than our writer makes of so few points.
+/// A COPC file with a root, two nodes below it, and one of them on a page of its own. The project's writer makes no
+/// second page for so few points.
 fn copc_with_pages() -> Vec<u8> {
     let chunks = [20, 12, 8];
     let mut info = vec![0; 160];
@@ -283,7 +285,7 @@ fn copc_with_pages() -> Vec<u8> {
         offset += chunk.byte_count;
     }
     let pages = entries.concat();
-    // An extended record: eight bytes of length.
+    // The head of an extended record has a length of eight bytes.
     let mut head = record("copc", 1000, &[]);
     head.splice(20..22, (pages.len() as u64).to_le_bytes());
     let at = file.len() as u64;
@@ -337,7 +339,7 @@ fn ply_bytes(is_big: bool) -> Vec<u8> {
     file
 }
 
-/// A Gaussian splat and a half.
+/// A PLY file of one Gaussian splat and half of a second one.
 fn ply_splats() -> Vec<u8> {
     let names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let properties: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
@@ -347,7 +349,7 @@ fn ply_splats() -> Vec<u8> {
     file
 }
 
-/// An index with normals and radii. Its key is that of no file, so that it is the same each time.
+/// An index with normals and radii. Its key belongs to no file, so that it is the same each time.
 fn index() -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let input = folder.path().join("a.las");
@@ -410,7 +412,7 @@ fn scene() -> String {
     file.to_text()
 }
 
-/// Every parameter, each with its default.
+/// A view with every parameter at its default.
 fn view() -> String {
     let mut file = SceneFile::new(Vec::new(), level(), &Settings::default());
     for params in Settings::default().groups() {

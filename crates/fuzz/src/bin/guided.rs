@@ -1,6 +1,6 @@
-//! A target under libFuzzer, which follows the coverage. `cargo xtask fuzz` builds it so that the workspace's own crates count
-//! what they execute (coverage.sh), and starts it; `GLINT_FUZZ_TARGET` names the target. Besides what [`fuzz::Bench`] judges, CPU
-//! time is limited here.
+//! Runs a target under libFuzzer, which follows the coverage. `cargo xtask fuzz` builds this program so that the
+//! workspace's own crates count what they execute (coverage.sh), and starts it. `GLINT_FUZZ_TARGET` names the target.
+//! Besides what [`fuzz::Bench`] judges, this program limits the CPU time.
 #![no_main]
 
 use std::sync::LazyLock;
@@ -10,7 +10,7 @@ use fuzz::{Bench, Dice, Target, committed};
 use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
 use rustix::time::{ClockId, clock_gettime};
 
-/// CPU time of a run: any, and for each byte of input and each point besides.
+/// The CPU time that any run may take, and how much more for each byte of its input and for each point.
 const LEAST_TIME: Duration = Duration::from_millis(500);
 const TIME_PER_BYTE: Duration = Duration::from_micros(1);
 const TIME_PER_POINT: Duration = Duration::from_micros(1);
@@ -33,12 +33,12 @@ static STATE: LazyLock<State> = LazyLock::new(|| {
     })
 });
 
-/// CPU time of all threads.
+/// The CPU time that all threads have used so far.
 fn cpu_time() -> Duration {
     Duration::try_from(clock_gettime(ClockId::ProcessCPUTime)).unwrap_or_default()
 }
 
-/// What is wrong with a run.
+/// Runs the target on `bytes`, and tells what is wrong with the run.
 fn problem(bytes: &[u8]) -> Option<String> {
     let State { bench, target, .. } = &*STATE;
     let start = cpu_time();

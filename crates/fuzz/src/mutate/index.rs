@@ -1,4 +1,5 @@
-//! Fields of an index: `nodes`, `pages` and `surfels` (crates/stream: pages.rs, page.rs, surfels.rs), and their checksums.
+//! Changes fields of an index: `nodes`, `pages` and `surfels` (crates/stream: pages.rs, page.rs, surfels.rs), and their
+//! checksums.
 
 use super::{noise, number, put, put_double, put_integer};
 use crate::dice::Dice;
@@ -6,14 +7,14 @@ use crate::parsers::{join, split};
 
 /// Bytes before the body of `nodes` and of the head of `surfels`: magic, version, checksum.
 const HEAD: usize = 16;
-/// Places in `nodes`: key, flags, doubles, points left out, number of attributes.
+/// Offsets in `nodes`: key, flags, doubles, points left out, number of attributes.
 const KEY: usize = HEAD;
 const FLAGS: usize = KEY + 16;
 const FIRST_DOUBLE: usize = FLAGS + 4;
 const DOUBLES: usize = 10;
 const SKIPPED: usize = FIRST_DOUBLE + 8 * DOUBLES;
 const ATTRIBUTES: usize = SKIPPED + 8;
-/// Bytes of a node in the table, and the places of its fields and their sizes.
+/// The bytes of a node in the table, and the offsets and sizes of its fields.
 const NODE: usize = 72;
 const LEVEL: usize = 0;
 const OCTANT: usize = 1;
@@ -23,7 +24,7 @@ const OFFSET: usize = 12;
 const CHECKSUM: usize = 20;
 const CORNER: usize = 24;
 const FAR: usize = 48;
-/// Places in `surfels`: nodes, points, neighbours, kind, direction, largest radius, checksums.
+/// Offsets in `surfels`: nodes, points, neighbours, kind, direction, largest radius, checksums.
 const SURFEL_NODES: usize = KEY + 16;
 const SURFEL_POINTS: usize = SURFEL_NODES + 4;
 const NEIGHBOURS: usize = SURFEL_POINTS + 8;
@@ -47,9 +48,9 @@ const TYPES: [(&str, usize); 10] = [
     ("f64", 8),
 ];
 
-/// Where the table of nodes is.
+/// Where the table of nodes is in `nodes`.
 struct Table {
-    /// Where the lengths of texts stand: types and names of attributes, warnings.
+    /// The offsets of the lengths of texts: types and names of attributes, warnings.
     texts: Vec<usize>,
     /// Bytes of a point besides its position.
     widths: usize,
@@ -98,7 +99,7 @@ fn position_bytes(nodes: &[u8], node: usize) -> usize {
     }
 }
 
-/// Writes the checksums that belong to the bytes, and into `surfels` what it repeats of the index.
+/// Computes the checksums of the bytes again, and copies into `surfels` what it repeats of the index.
 pub fn repair(bytes: &mut Vec<u8>) {
     let [nodes, pages, surfels] = split(bytes);
     let (mut nodes, mut surfels) = (nodes.to_vec(), surfels.to_vec());
@@ -137,7 +138,7 @@ pub fn repair(bytes: &mut Vec<u8>) {
     *bytes = all;
 }
 
-/// The summary and the table of nodes.
+/// Changes the summary or the table of nodes.
 pub fn nodes(dice: &Dice, bytes: &mut Vec<u8>) {
     let [nodes, pages, surfels] = split(bytes);
     let (mut nodes, pages, surfels) = (nodes.to_vec(), pages.to_vec(), surfels.to_vec());
@@ -161,7 +162,7 @@ fn change_nodes(dice: &Dice, nodes: &mut Vec<u8>) {
         3 => put_integer(dice, nodes, ATTRIBUTES, 4),
         4 if !table.texts.is_empty() => put_integer(dice, nodes, dice.pick(&table.texts), 4),
         5 if !table.texts.is_empty() => {
-            // Another type, if the text is the name of one.
+            // This gives an attribute another type, if the text is the name of its type.
             let at = dice.pick(&table.texts);
             let name = dice.pick(&TYPES).0;
             let length = number(nodes, at, 4) as usize;
@@ -180,7 +181,7 @@ fn change_nodes(dice: &Dice, nodes: &mut Vec<u8>) {
         }
         15 => put_integer(dice, nodes, node + CHECKSUM, 4),
         16 => {
-            // No extent, so that points take no bytes; or the widest there is.
+            // The node gets no extent, so that points take no bytes, or the widest extent there is.
             let (corner, far) = dice.pick(&[(0, 0), (i64::MIN, i64::MAX), (i64::MAX, i64::MAX), (-1, 0)]);
             for axis in 0..3 {
                 put(nodes, node + CORNER + 8 * axis, &i64::to_le_bytes(corner));
@@ -211,7 +212,7 @@ fn change_nodes(dice: &Dice, nodes: &mut Vec<u8>) {
     }
 }
 
-/// The bytes of pages; now and then what says where they are.
+/// Changes the bytes of pages, and now and then the fields that say where they are.
 pub fn pages(dice: &Dice, bytes: &mut Vec<u8>) {
     if dice.one_in(4) {
         return nodes(dice, bytes);
@@ -226,7 +227,7 @@ pub fn pages(dice: &Dice, bytes: &mut Vec<u8>) {
     *bytes = join([&nodes, &pages, &surfels]);
 }
 
-/// The head of `surfels`, and the normals and radii.
+/// Changes the head of `surfels`, or the normals and radii.
 pub fn surfels(dice: &Dice, bytes: &mut Vec<u8>) {
     if dice.one_in(6) {
         return nodes(dice, bytes);

@@ -1,18 +1,19 @@
-//! Fields of LAS and LAZ files (LAS 1.4 R15, LASzip's record, COPC 1.0).
+//! Changes fields of LAS and LAZ files (LAS 1.4 R15, LASzip's record, COPC 1.0).
 
 use super::{noise, number, put, put_double, put_integer};
 use crate::dice::Dice;
 
-/// Bytes of a record's head before its data, of an extended one.
+/// The bytes of a record's head before its data, and those of an extended record's.
 const HEAD: usize = 54;
 const EXTENDED_HEAD: usize = 60;
-/// Bytes of an Extra Bytes descriptor, of an entry of COPC's hierarchy.
+/// The bytes of an Extra Bytes descriptor, and of an entry of COPC's hierarchy.
 const DESCRIPTOR: usize = 192;
 const ENTRY: usize = 32;
-/// Bytes that copies of a record take, at most.
+/// The most bytes that copies of a record take.
 const MOST_COPIES: usize = 128 << 10;
 
-/// Start and size of the header's integers; those that much depends on stand twice.
+/// The offset and size of the header's integers. Those that much depends on are listed twice, so that they change more
+/// often.
 const INTEGERS: [(usize, usize); 24] = [
     (6, 2),
     (24, 1),
@@ -43,7 +44,7 @@ const INTEGERS: [(usize, usize); 24] = [
 const DOUBLES: std::ops::Range<usize> = 16..28;
 const FIRST_DOUBLE: usize = 131 - 8 * 16;
 
-/// The fixed fields.
+/// Changes one of the header's fixed fields.
 pub fn header(dice: &Dice, bytes: &mut [u8]) {
     if dice.one_in(3) {
         let at = FIRST_DOUBLE + 8 * (DOUBLES.start + dice.below(DOUBLES.len()));
@@ -56,11 +57,11 @@ pub fn header(dice: &Dice, bytes: &mut [u8]) {
 
 /// A variable length record.
 struct Record {
-    /// Of its head.
+    /// The offset of its head.
     start: usize,
     user: Vec<u8>,
     identifier: u64,
-    /// Of its data.
+    /// The offset of its data.
     data: usize,
     length: usize,
 }
@@ -71,7 +72,7 @@ impl Record {
     }
 }
 
-/// The records that the header names, extended ones last.
+/// The records that the header announces, extended ones last.
 fn walk(bytes: &[u8]) -> Vec<Record> {
     let mut records = Vec::new();
     let lists = [
@@ -93,7 +94,7 @@ fn walk(bytes: &[u8]) -> Vec<Record> {
     records
 }
 
-/// Heads and contents of the records.
+/// Changes the heads or the contents of records.
 pub fn records(dice: &Dice, bytes: &mut Vec<u8>) {
     let records = walk(bytes);
     let Some(record) = records.get(dice.below(records.len())) else { return header(dice, bytes) };
@@ -111,7 +112,7 @@ pub fn records(dice: &Dice, bytes: &mut Vec<u8>) {
         3 => put_integer(dice, bytes, record.start + 18, 2),
         4 => put(bytes, record.start + 2, dice.pick(&names)),
         5 => {
-            // The same record once more, or many times.
+            // Repeat the record, once or many times.
             let end = record.data.saturating_add(record.length).min(bytes.len());
             let copies = dice.pick(&[1, 1, 2, 20, 300]).min(MOST_COPIES / (end - record.start).max(1));
             let copy = bytes[record.start..end].repeat(copies);
@@ -133,7 +134,7 @@ pub fn records(dice: &Dice, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Fields of an Extra Bytes descriptor.
+/// Changes fields of an Extra Bytes descriptor.
 fn descriptor(dice: &Dice, bytes: &mut [u8], record: &Record) {
     let start = record.data + DESCRIPTOR * dice.below(record.length / DESCRIPTOR);
     let names: [&[u8]; 5] = [&[0; 32], &[0xff; 32], b"\x1b[2J\x07evil\n\nname", b"intensity\0", "é∞\0".as_bytes()];
@@ -148,7 +149,7 @@ fn descriptor(dice: &Dice, bytes: &mut [u8], record: &Record) {
     }
 }
 
-/// Records of points, compressed or not, and the lengths that say where they are.
+/// Changes the records of points, compressed or not, or the lengths that say where they are.
 pub fn points(dice: &Dice, bytes: &mut [u8]) {
     match dice.below(8) {
         0 => {
@@ -162,7 +163,7 @@ pub fn points(dice: &Dice, bytes: &mut [u8]) {
     }
 }
 
-/// LASzip's record, the chunk table, and the heads of chunks.
+/// Changes LASzip's record, the chunk table, or the heads of chunks.
 pub fn chunks(dice: &Dice, bytes: &mut [u8]) {
     let records = walk(bytes);
     let Some(record) = records.iter().find(|record| record.is("laszip encoded", 22204)) else {
@@ -188,7 +189,7 @@ pub fn chunks(dice: &Dice, bytes: &mut [u8]) {
         12 => put_integer(dice, bytes, table.saturating_add(4), 4),
         13 => noise(dice, bytes, table),
         14 => {
-            // A layered chunk: a record, the number of points, the lengths of layers.
+            // A layered chunk begins with a record, the number of points, and the lengths of layers.
             let first = points + 8 + number(bytes, 105, 2) as usize;
             put_integer(dice, bytes, first + 4 * dice.below(12), 4);
         }
@@ -196,7 +197,7 @@ pub fn chunks(dice: &Dice, bytes: &mut [u8]) {
     }
 }
 
-/// COPC's info record and the pages of its hierarchy.
+/// Changes COPC's info record or the pages of its hierarchy.
 pub fn copc(dice: &Dice, bytes: &mut Vec<u8>) {
     let records = walk(bytes);
     let Some(info) = records.iter().find(|record| record.is("copc", 1)) else { return chunks(dice, bytes) };
@@ -215,7 +216,7 @@ pub fn copc(dice: &Dice, bytes: &mut Vec<u8>) {
         7 => put_integer(dice, bytes, entry + 24, 4),
         8 => put(bytes, entry + 28, &dice.pick(&[-1, -1, 0, 1, i32::MAX, i32::MIN, -2, 1_000_000]).to_le_bytes()),
         9 => {
-            // A page that names itself.
+            // Make a page name itself.
             put(bytes, entry + 16, &(pages.data as u64).to_le_bytes());
             put(bytes, entry + 24, &(pages.length as u32).to_le_bytes());
             put(bytes, entry + 28, &(-1_i32).to_le_bytes());
@@ -226,7 +227,7 @@ pub fn copc(dice: &Dice, bytes: &mut Vec<u8>) {
             put(bytes, entry, &copy);
         }
         11 => {
-            // More entries at the end of the file, far down the tree or everywhere.
+            // Add entries at the end of the file, far down the tree or everywhere.
             let copies = dice.pick(&[1, 8, 200, 3000]);
             let mut level = number(bytes, entry, 4) as u32;
             let mut copy = bytes.get(entry..entry + ENTRY).unwrap_or_default().to_vec();

@@ -1,4 +1,4 @@
-//! Lines of a PLY header, and rows of text or bytes.
+//! Changes lines of a PLY header, and rows of text or bytes.
 
 use super::noise;
 use crate::dice::Dice;
@@ -83,7 +83,7 @@ const NAMES: [&str; 18] = [
     "X",
 ];
 
-/// Where the header ends; all of it where it does not.
+/// Where the header ends; the end of `bytes` if the header does not end.
 fn end(bytes: &[u8]) -> usize {
     bytes.windows(END.len()).position(|window| window == END).unwrap_or(bytes.len())
 }
@@ -132,7 +132,7 @@ pub fn header(dice: &Dice, bytes: &mut Vec<u8>) {
     drop(bytes.splice(..end, lines.concat()));
 }
 
-/// A line with another word in place of one of its own.
+/// Returns the line with one of its words replaced.
 fn word(dice: &Dice, line: &[u8]) -> Vec<u8> {
     let line = String::from_utf8_lossy(line).into_owned();
     let mut words: Vec<String> = line.split_whitespace().map(str::to_owned).collect();
@@ -154,7 +154,7 @@ fn word(dice: &Dice, line: &[u8]) -> Vec<u8> {
     (words.join(" ") + ending).into_bytes()
 }
 
-/// Changes numbers of text, or bytes.
+/// Changes numbers in rows of text, or bytes.
 pub fn rows(dice: &Dice, bytes: &mut Vec<u8>) {
     let start = (end(bytes) + END.len() + 1).min(bytes.len());
     let is_text = bytes.windows(12).take(400).any(|window| window == b"format ascii");

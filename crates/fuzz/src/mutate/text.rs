@@ -1,4 +1,4 @@
-//! Values, keys and tables of TOML.
+//! Changes values, keys and tables of TOML.
 
 use crate::dice::Dice;
 
@@ -45,9 +45,9 @@ const VALUES: [&str; 40] = [
     "\"/dev/zero\"",
 ];
 
-/// Copies of a line or table.
+/// How many copies of a line or table are made.
 const COPIES: [usize; 5] = [2, 3, 10, 100, 1000];
-/// Bytes that copies take, at most.
+/// The most bytes that copies take.
 const MOST: usize = 16 << 10;
 
 /// Changes a value, a key, a line or a table.
@@ -60,7 +60,7 @@ pub fn change(dice: &Dice, bytes: &mut Vec<u8>) {
         0..4 => lines[picked] = with_value(dice, &line),
         4 => lines[picked] = inside(dice, &line),
         5 => {
-            // A value of one key for another key.
+            // Give one key the value of another.
             let other = lines[dice.below(lines.len())].clone();
             if let (Some((key, _)), Some((_, value))) = (line.split_once('='), other.split_once('=')) {
                 lines[picked] = format!("{key}={value}");
@@ -73,7 +73,7 @@ pub fn change(dice: &Dice, bytes: &mut Vec<u8>) {
             lines.swap(picked, other);
         }
         9 => {
-            // A table, up to the next, many times.
+            // Repeat a table, up to the next one, many times.
             let is_table = |line: &String| line.trim_start().starts_with('[');
             let first = lines[..=picked].iter().rposition(is_table).unwrap_or(0);
             let end = lines[first + 1..].iter().position(is_table).map_or(lines.len(), |next| first + 1 + next);
@@ -96,7 +96,7 @@ pub fn change(dice: &Dice, bytes: &mut Vec<u8>) {
     *bytes = lines.concat().into_bytes();
 }
 
-/// The line with another value.
+/// Returns the line with another value.
 fn with_value(dice: &Dice, line: &str) -> String {
     let Some((key, value)) = line.split_once('=') else { return line.to_owned() };
     let value = value.trim_end();
@@ -116,7 +116,7 @@ fn with_value(dice: &Dice, line: &str) -> String {
     }
 }
 
-/// The line with another number in place of one.
+/// Returns the line with one of its numbers replaced.
 fn inside(dice: &Dice, line: &str) -> String {
     let is_number = |c: char| c.is_ascii_digit() || "+-.".contains(c);
     let starts: Vec<usize> = line
