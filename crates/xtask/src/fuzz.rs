@@ -1,4 +1,5 @@
-//! `cargo xtask fuzz`: targets of `crates/fuzz` under libFuzzer, one after the other. docs/fuzzing.md says what comes of it.
+//! `cargo xtask fuzz`: runs targets of `crates/fuzz` under libFuzzer, one after the other. docs/fuzzing.md explains the
+//! results.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -7,22 +8,22 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result, bail, ensure};
 
-/// What is to be done.
+/// What `cargo xtask fuzz` runs.
 #[derive(Debug, PartialEq)]
 pub struct Fuzzing {
-    /// All if there is none.
+    /// The target to run; `None` for all.
     pub target: Option<String>,
-    /// Together.
+    /// The time for all targets together.
     pub time: Duration,
 }
 
-/// How long it takes where nothing else is said.
+/// The time if the command line gives none.
 const USUAL_TIME: Duration = Duration::from_secs(10 * 60);
-/// A week.
+/// The longest time: a week.
 const MOST_MINUTES: f64 = 7.0 * 24.0 * 60.0;
 
 impl Fuzzing {
-    /// From the words behind `fuzz`; `None` if they are not understood.
+    /// Parses the words after `fuzz`; `None` if they are not understood.
     pub fn parse(words: &[&str]) -> Option<Self> {
         let mut fuzzing = Self { target: None, time: USUAL_TIME };
         let mut words = words.iter();
@@ -41,19 +42,19 @@ impl Fuzzing {
     }
 }
 
-/// Targets that take point cloud files, by how their names start, and how the names of such files end: real ones are added to
-/// their seeds.
+/// Targets that read point cloud files: how their names start, and how the names of such files end. Real files are
+/// added to their seeds.
 const READ_FILES: [(&str, &str); 4] = [("las_", ".las"), ("laz_", ".laz"), ("copc", ".copc.laz"), ("ply_", ".ply")];
-/// Bytes of a real file, at most: decoding longer ones takes the time of hundreds of short ones.
+/// The most bytes of a real file: decoding longer ones takes the time of hundreds of short ones.
 const MOST_FILE_BYTES: u64 = 64 << 10;
-/// Bytes of an input, at most, where real files are added and elsewhere.
+/// The most bytes of an input, for targets with real files and for the others.
 const MOST_BYTES: [u64; 2] = [2 * MOST_FILE_BYTES, 32 << 10];
-/// What libFuzzer itself may take before a run counts as a finding, MiB.
+/// The memory that libFuzzer's process may take before a run counts as a finding, in MiB.
 const MOST_RESIDENT: usize = 2048;
-/// What a single run may take before it counts as one that does not end, seconds.
+/// The time that a single run may take before it counts as one that does not end, in seconds.
 const MOST_SECONDS: usize = 60;
 
-/// Builds the targets of the checkout `root` with coverage and runs them; false if something was found.
+/// Builds the targets of the checkout `root` with coverage and runs them. Returns false if something was found.
 pub fn fuzz(mut cargo: Command, root: &Path, fuzzing: &Fuzzing, files: Option<&Path>) -> Result<bool> {
     let seeds = root.join("crates/fuzz/seeds");
     let known = targets(&seeds)?;
@@ -64,7 +65,7 @@ pub fn fuzz(mut cargo: Command, root: &Path, fuzzing: &Fuzzing, files: Option<&P
     if wanted.is_empty() {
         bail!("no target of this name; there are {}", known.join(", "));
     }
-    // The whole workspace, so that what it depends on is compiled with the features it always has.
+    // Build the whole workspace, so that dependencies are compiled with the features they always have.
     cargo.args(["build", "--release", "--workspace", "--locked", "--features", "fuzz/guided", "--bin", "guided"]);
     cargo.current_dir(root).env("RUSTC_WORKSPACE_WRAPPER", root.join("crates/fuzz/coverage.sh"));
     ensure!(super::status(&mut cargo)?.success(), "the targets are not built; they need a C++ compiler besides");
@@ -101,7 +102,7 @@ pub fn fuzz(mut cargo: Command, root: &Path, fuzzing: &Fuzzing, files: Option<&P
     Ok(found.is_empty())
 }
 
-/// A target for each folder of seeds.
+/// The names of the targets: each has a folder of seeds.
 fn targets(seeds: &Path) -> Result<Vec<String>> {
     let entries = std::fs::read_dir(seeds).with_context(|| format!("{} is not there", seeds.display()))?;
     let paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
@@ -110,7 +111,8 @@ fn targets(seeds: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// Copies the small files whose names end so from a folder and those below it: libFuzzer takes seeds by the folder.
+/// Copies the small files whose names end in `ending` from a folder and its subfolders, since libFuzzer takes seeds by
+/// the folder.
 fn copy_small(folder: &Path, ending: &str, to: &Path) -> Result<()> {
     for entry in std::fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))? {
         let entry = entry?;
@@ -125,7 +127,7 @@ fn copy_small(folder: &Path, ending: &str, to: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Passes on what libFuzzer writes; how many runs it made, and whether it ended well.
+/// Passes on what libFuzzer writes. Returns how many runs it made, and whether it ended well.
 fn watch(command: &mut Command) -> Result<(u64, bool)> {
     let mut child = command.stderr(Stdio::piped()).spawn().context("the targets do not start")?;
     let mut runs = 0;
@@ -137,7 +139,7 @@ fn watch(command: &mut Command) -> Result<(u64, bool)> {
     Ok((runs, child.wait()?.success()))
 }
 
-/// The number of runs, from the line of the final figures or, of a run that was cut off, of its last event.
+/// The number of runs, from the line of the final figures, or from the last event if the run was cut off.
 fn runs_in(line: &str) -> Option<u64> {
     let figure = line.strip_prefix("stat::number_of_executed_units:");
     let event = || line.strip_prefix('#')?.split_whitespace().next();

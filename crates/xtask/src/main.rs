@@ -1,5 +1,6 @@
 //! `cargo xtask run` and `cargo xtask test`: from a fresh clone to a window, and to a tested tree, in one command each.
-//! `cargo xtask baseline` keeps the checksums that pictures are held to. `cargo xtask fuzz` looks for inputs that break parsers.
+//! `cargo xtask baseline` writes the checksums that pictures are compared with. `cargo xtask fuzz` looks for inputs
+//! that break parsers.
 //!
 //! All first look for what the system lacks (`needs`) and install it where that is allowed. Everything else is left to
 //! cargo, in the one profile the project uses, so that running, checking and testing share what they compile.
@@ -97,7 +98,7 @@ fn run(inputs: &[&str]) -> Result<ExitCode> {
 struct Step {
     name: &'static str,
     arguments: &'static [&'static str],
-    /// rustup's minimal profile comes without this one's tool; then it is left out.
+    /// Whether the step is left out if its tool is missing: rustup's minimal profile comes without it.
     optional: bool,
 }
 
@@ -178,7 +179,7 @@ fn fuzz(fuzzing: &Fuzzing) -> Result<ExitCode> {
     Ok(if is_clean { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Installs what is missing, or says how to. An error when the user has to act first.
+/// Installs what is missing, or says how to. Fails if the user has to act first.
 fn provide(needs: Vec<Need>) -> Result<()> {
     let machine = Machine::look();
     let missing = machine.missing(needs);
@@ -240,7 +241,7 @@ fn status(command: &mut Command) -> Result<ExitStatus> {
     command.status().with_context(|| format!("{} does not start", command.get_program().display()))
 }
 
-/// The status a child ended with; a signal counts as failure.
+/// The exit status of a child as this program's own; a signal counts as failure.
 fn exit_code(status: ExitStatus) -> ExitCode {
     status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from)
 }

@@ -52,12 +52,12 @@ const X11: [Need; 6] = [
 const WAYLAND: [Need; 2] =
     [library("libwayland-client0", "libwayland-client.so.0"), library("libxkbcommon0", "libxkbcommon.so.0")];
 
-/// Window tests run on a private Xvfb and are driven with xdotool. Screenshots are taken with ImageMagick, which is known
-/// by `import`: other packages have a `convert` too.
+/// Window tests run on a private Xvfb and are driven with xdotool. Screenshots are taken with ImageMagick, which is
+/// recognised by `import`: other packages have a `convert` too.
 const TEST_TOOLS: [Need; 3] =
     [program("xvfb", "Xvfb"), program("xdotool", "xdotool"), program("imagemagick", "import")];
 
-/// Where the program will show itself.
+/// Where the program will show its window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Display {
     Wayland,
@@ -101,7 +101,8 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Looks for shared libraries in the loader's cache, programs in `PATH`, Vulkan drivers where the Vulkan loader looks.
+    /// Looks for shared libraries in the loader's cache, for programs in `PATH`, and for Vulkan drivers where the
+    /// Vulkan loader looks.
     pub fn look() -> Machine {
         let libraries = libraries_in_cache(&loader_cache(), std::env::consts::ARCH);
         let tools = TEST_TOOLS.iter().chain(&INSTALLERS).filter_map(|need| match need.proof {
@@ -133,7 +134,7 @@ impl Machine {
     }
 }
 
-/// What may be used to install the rest.
+/// The programs that can install the rest.
 const INSTALLERS: [Need; 2] = [program("apt", "apt-get"), program("sudo", "sudo")];
 
 /// `ldconfig -p`. Debian keeps it in /sbin, which is not in an ordinary user's `PATH`.
@@ -145,8 +146,8 @@ fn loader_cache() -> String {
         .unwrap_or_default()
 }
 
-/// Names in the text of `ldconfig -p` that a program of this architecture can open: a 32-bit library beside a 64-bit system
-/// does not count.
+/// The names in the text of `ldconfig -p` that a program of this architecture can open. A 32-bit library beside a
+/// 64-bit system does not count.
 fn libraries_in_cache(cache: &str, architecture: &str) -> BTreeSet<String> {
     let kind = match architecture {
         "x86_64" => "x86-64",
@@ -166,8 +167,8 @@ fn in_path(program: &str) -> bool {
     std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
 }
 
-/// The driver manifests the Vulkan loader would read: those the two variables name and, only when neither is set, those in
-/// the folders of the loader's documentation ("Driver Discovery on Linux").
+/// The driver manifests that the Vulkan loader would read: those that the two variables name or, if neither is set,
+/// those in the folders of the loader's documentation ("Driver Discovery on Linux").
 fn driver_manifests(variable: impl Fn(&str) -> Option<String>) -> Vec<PathBuf> {
     let set = |name| variable(name).filter(|value| !value.is_empty());
     let listed = set("VK_DRIVER_FILES").or_else(|| set("VK_ICD_FILENAMES"));
@@ -185,7 +186,7 @@ fn driver_manifests(variable: impl Fn(&str) -> Option<String>) -> Vec<PathBuf> {
     places.into_iter().flat_map(manifests_at).collect()
 }
 
-/// A manifest itself, or the manifests in a folder.
+/// Returns `place` itself if it is a manifest, or the manifests in it if it is a folder.
 fn manifests_at(place: PathBuf) -> Vec<PathBuf> {
     match std::fs::read_dir(&place) {
         Ok(entries) => entries
@@ -196,8 +197,8 @@ fn manifests_at(place: PathBuf) -> Vec<PathBuf> {
     }
 }
 
-/// Whether the library that a driver manifest names is there: containers often keep a vendor's manifest without its driver.
-/// A name with a slash is a path, relative to the manifest; one without is looked up by the loader.
+/// Whether the library that a driver manifest names is there: containers often keep a vendor's manifest without its
+/// driver. A name with a slash is a path, relative to the manifest; the loader looks up a name without one.
 fn names_present_library(manifest: &str, path: &Path, libraries: &BTreeSet<String>) -> bool {
     let Some(library) = manifest.split("\"library_path\"").nth(1).and_then(|rest| rest.split('"').nth(1)) else {
         return false;
