@@ -1,5 +1,5 @@
-//! What the end-to-end tests stand on: the real program, run as a person or a script runs it, the folder of real and
-//! malformed files, and a private X session for its window.
+//! What the end-to-end tests use: the real program, run as a person or a script runs it, the folder of real and
+//! malformed files, and a private X session for the program's window.
 //!
 //! A command, its exit status and its output:
 //! ```no_run

@@ -1,4 +1,5 @@
-//! Runs the program and keeps what it said. Nothing of the user's is read or written: every test has a home of its own.
+//! Runs the program and keeps what it wrote. Tests read and write nothing of the user's: each has a home folder of its
+//! own.
 
 use std::ffi::OsStr;
 use std::io::Read;
@@ -11,12 +12,12 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
-/// A first dispatch compiles shaders, which takes software Vulkan seconds, and minutes on a busy machine: a program that
-/// needs longer hangs.
+/// The first dispatch compiles shaders, which takes seconds on software Vulkan, and minutes on a busy machine. A
+/// program that needs longer than this hangs.
 const TIME_LIMIT: Duration = Duration::from_secs(180);
 
-/// The program in the folder this test was built into. A build of the whole workspace has made it already; a test of this
-/// package alone may find an old one or none, and has it built.
+/// The program in the folder that this test was built into. A build of the whole workspace has made it already. If this
+/// package is built alone, the program may be old or missing; then it is built here.
 pub(crate) fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| {
@@ -31,12 +32,13 @@ pub(crate) fn binary() -> &'static Path {
     })
 }
 
-/// By the list of sources that cargo writes beside a program (`glint.d`: `PROGRAM: SOURCE SOURCE ...`), and the lock file.
+/// Judges by the list of sources that cargo writes beside a program (`glint.d`: `PROGRAM: SOURCE SOURCE ...`), and by
+/// the lock file.
 fn is_newer_than_its_sources(program: &Path) -> bool {
     let changed = |path: &Path| std::fs::metadata(path).and_then(|metadata| metadata.modified()).ok();
     let sources = std::fs::read_to_string(program.with_extension("d")).unwrap_or_default();
     let (Some(built), Some((_, sources))) = (changed(program), sources.split_once(": ")) else { return false };
-    // A space in a path is escaped; such a path is not found in pieces, and the program is built again.
+    // A path with a space is escaped in the list. It is split here and not found, and the program is built again.
     let sources = sources.split_whitespace().map(PathBuf::from);
     let lock = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.lock");
     sources.chain([lock]).all(|source| changed(&source).is_some_and(|changed| changed <= built))
@@ -59,12 +61,12 @@ pub struct Outcome {
     pub output: Vec<u8>,
     /// Standard error.
     pub messages: String,
-    /// Most memory it held, bytes. Sampled: short peaks may be missed.
+    /// The most memory that it held, in bytes. It is sampled, so short peaks may be missed.
     pub peak_memory: u64,
 }
 
 impl Outcome {
-    /// The output as JSON. Fails the test with everything the program said when it is none.
+    /// Parses the output as JSON. If it is not JSON, fails the test with everything that the program wrote.
     pub fn json(&self) -> serde_json::Value {
         serde_json::from_slice(&self.output).unwrap_or_else(|error| panic!("{error}, in the output of {self}"))
     }
@@ -81,7 +83,7 @@ impl std::fmt::Display for Outcome {
     }
 }
 
-/// A folder for one test: the program's working folder and home. Gone with the value.
+/// A folder for one test: the program's working folder and home. It is removed with the value.
 pub struct Folder {
     folder: TempDir,
 }
@@ -99,18 +101,18 @@ impl Folder {
         self.folder.path().join(name)
     }
 
-    /// Writes a file and gives its path.
+    /// Writes a file and returns its path.
     pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
         std::fs::write(self.path(name), content).expect("a file in a temporary folder");
         self.path(name)
     }
 
-    /// `glint ARGUMENTS`, without a display.
+    /// Runs `glint ARGUMENTS`, without a display.
     pub fn glint<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Outcome {
         self.glint_within(TIME_LIMIT, arguments)
     }
 
-    /// The same, with a time limit: fails the test when it is over.
+    /// Does the same, and fails the test if the program runs longer than `limit`.
     pub fn glint_within<I: IntoIterator<Item: AsRef<OsStr>>>(&self, limit: Duration, arguments: I) -> Outcome {
         let mut command = self.command(arguments);
         let words: Vec<_> = command.get_args().map(|word| word.to_string_lossy()).collect();
@@ -125,7 +127,7 @@ impl Folder {
         Outcome { command: line, status: status.code(), output, messages, peak_memory }
     }
 
-    /// The program in this folder, seeing no display, no desktop services and no files of the user.
+    /// The program in this folder. It sees no display, no desktop services and no files of the user.
     pub fn command<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Command {
         let mut command = Command::new(binary());
         command.args(arguments).current_dir(self.folder.path()).stdin(Stdio::null());
@@ -143,13 +145,14 @@ impl Folder {
 fn read_all(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
     std::thread::spawn(move || {
         let mut bytes = Vec::new();
-        // A stream that breaks is one that ended: what was said until then is what the test judges.
+        // A stream that breaks has ended: the test judges what was written until then.
         let _ = stream.read_to_end(&mut bytes);
         bytes
     })
 }
 
-/// Waits for the end; ends it when the time is over. Gives its status, if it ended by itself, and its peak memory.
+/// Waits until the program ends, and ends it after `limit`. Returns its status, if it ended by itself, and its peak
+/// memory in bytes.
 fn watch(program: &mut Child, limit: Duration) -> (Option<std::process::ExitStatus>, u64) {
     let start = Instant::now();
     let mut peak_memory = 0;

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-/// The folder of the files: `GLINT_TEST_DATA`, else `shared/data` beside the checkout. If there is none, says that the test is skipped;
-/// fails the test instead where `GLINT_REQUIRE_DATA` is set.
+/// The folder of the files: `GLINT_TEST_DATA`, else `shared/data` beside the checkout. If there is none, prints that
+/// the test is skipped, or fails the test if `GLINT_REQUIRE_DATA` is set.
 pub fn test_data() -> Option<PathBuf> {
     // The members of the workspace lie at different depths.
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -24,10 +24,11 @@ mod tests {
 
     use super::*;
 
-    /// Runs `the_files_are_looked_for` as a program of its own, where there are no files; whether it passed, and what it said.
+    /// Runs `the_files_are_looked_for` as a program of its own, without files. Returns whether it passed, and what it
+    /// printed.
     fn without_files(is_required: bool) -> (bool, String) {
         let mut command = Command::new(std::env::current_exe().expect("the path of this test"));
-        // Its name begins with the module that takes in this file, without the crate.
+        // The test's name begins with the module that includes this file, without the crate.
         let (_, module) = module_path!().split_once("::").expect("a crate and a module");
         command.args(["--exact", &format!("{module}::the_files_are_looked_for"), "--nocapture"]);
         command.env("GLINT_TEST_DATA", "/nonexistent").env_remove("GLINT_REQUIRE_DATA");

@@ -1,4 +1,5 @@
-//! A private X session without a window manager: Xvfb, the program in it, xdotool for hands and ImageMagick for eyes.
+//! A private X session without a window manager: Xvfb, the program in it, xdotool for its input and ImageMagick for
+//! screenshots.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -14,10 +15,10 @@ use crate::Folder;
 /// How long a window or a picture may take to appear: shaders are compiled before the first one, see `program`.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Between two looks: a screenshot takes about as long.
+/// The pause between two screenshots, about as long as taking one.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// An X server of its own, ended with the value.
+/// An X server for one test. It ends with the value.
 pub struct Session {
     pub folder: Folder,
     server: Child,
@@ -37,7 +38,7 @@ impl Session {
         let (sender, receiver) = mpsc::channel();
         std::thread::spawn(move || {
             let mut number = String::new();
-            // Nobody listens any more when the server took too long.
+            // If the server took too long, nobody listens any more.
             let _ = sender.send(output.read_line(&mut number).map(|_| number));
         });
         let number = receiver.recv_timeout(PATIENCE).expect("Xvfb tells its display").expect("Xvfb's output");
@@ -47,7 +48,7 @@ impl Session {
         session
     }
 
-    /// Starts `glint ARGUMENTS` and waits for its window, which has the keyboard then.
+    /// Starts `glint ARGUMENTS`, and waits until its window is there and has the keyboard.
     pub fn open<I: IntoIterator<Item: AsRef<OsStr>>>(&self, arguments: I) -> Window<'_> {
         let messages = File::create(self.folder.path("messages.txt")).expect("a file in a temporary folder");
         let mut command = self.folder.command(arguments);
@@ -60,7 +61,7 @@ impl Session {
             let found = window.session.xdotool(&["search", "--onlyvisible", "--pid", &process])?;
             found.lines().next().map(str::to_owned)
         });
-        // Without a window manager nobody else gives it the keyboard.
+        // Without a window manager no other program gives it the keyboard.
         window.wait_for("the keyboard", |window| {
             window.session.xdotool(&["windowfocus", &window.id])?;
             let focused = window.session.xdotool(&["getwindowfocus"])?;
@@ -76,7 +77,7 @@ impl Session {
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// What a window shows, by its number or as `root`.
+    /// A screenshot of a window, which is given by its number or as `root`.
     fn screenshot(&self, window: &str) -> Option<RgbaImage> {
         let mut command = Command::new("import");
         command.args(["-silent", "-window", window, "png:-"]).env("DISPLAY", &self.display);
@@ -121,13 +122,13 @@ impl Window<'_> {
         self.hands(&["mousemove", "--window", &self.id], &[&x.to_string(), &y.to_string()]);
     }
 
-    /// Buttons: 1 left, 2 middle, 3 right; 4 and 5 turn the wheel.
+    /// Clicks a button: 1 left, 2 middle, 3 right; 4 and 5 turn the wheel.
     pub fn click(&self, button: u8, at: [i32; 2]) {
         self.move_to(at);
         self.hands(&["click"], &[&button.to_string()]);
     }
 
-    /// Drags in steps, as a hand does: a single jump is no gesture to a program that looks at movement.
+    /// Drags in steps, as a hand does: a program that follows movements does not take a single jump for a drag.
     pub fn drag(&self, button: u8, from: [i32; 2], to: [i32; 2]) {
         const STEPS: i32 = 8;
         self.move_to(from);
@@ -150,14 +151,14 @@ impl Window<'_> {
         self.wait_for(what, |window| window.session.screenshot(&window.id).filter(&condition))
     }
 
-    /// Ctrl-C in the program's terminal; waits until it has ended.
+    /// Interrupts the program as Ctrl-C in its terminal does, and waits until it has ended.
     pub fn interrupt(mut self) -> std::process::ExitStatus {
         let sent = Command::new("kill").args(["-INT", &self.program.id().to_string()]).status();
         assert!(sent.is_ok_and(|status| status.success()));
         self.ended()
     }
 
-    /// Has the program end, and waits until it has.
+    /// Quits the program, and waits until it has ended.
     pub fn quit(mut self) -> std::process::ExitStatus {
         self.press("ctrl+q");
         self.ended()
@@ -205,7 +206,8 @@ impl Window<'_> {
         })
     }
 
-    /// Waits until the window shows what came of an event: the first of this name, of those after the first `skipped` ones.
+    /// Waits until the window has painted the result of an event: the first one of this name after the first `skipped`
+    /// ones.
     pub fn wait_until_painted(&self, name: &str, skipped: usize) {
         self.wait_for(&format!("the window painted after the event `{name}`"), |window| {
             let events = window.events().into_iter().skip(skipped);
