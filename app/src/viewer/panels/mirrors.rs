@@ -174,7 +174,8 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     }
 }
 
-/// The order of rotations: yaw about the axis that points up, then pitch about the mirror's x axis, then roll.
+/// The order of rotations: yaw about the axis that points up, then pitch about the mirror's x axis, then roll. The
+/// angles are in degrees.
 fn order(up: DVec3) -> EulerRot {
     if up.y.abs() > up.z.abs() { EulerRot::YXZ } else { EulerRot::ZXY }
 }
