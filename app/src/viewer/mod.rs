@@ -1,9 +1,10 @@
-//! The viewer's window. `session` is what it knows, `interface` draws it, `input` turns keys and mouse into actions,
-//! `window::render_thread` draws the points, `window::screen` is the surface. Here they meet: events from the system, from
-//! loading, from the render thread and from workers come in, change the session, and the effects that it leaves are done.
+//! The viewer's window. `session` holds what the viewer knows, `interface` draws it, `input` turns keys and mouse into
+//! actions, `window::render_thread` draws the points, and `window::screen` is the surface. This file connects them:
+//! events from the system, from loading, from the render thread and from workers change the session, and then the
+//! effects that the session has queued are carried out.
 //!
-//! Nothing here waits: files are read, columns looked up, figures computed and points drawn on other threads, which wake the
-//! event loop with what they found.
+//! Nothing here blocks: other threads read files, look up columns, compute figures and draw points. They wake the event
+//! loop when they have results.
 
 mod action;
 #[cfg(test)]
@@ -57,19 +58,19 @@ use world::Request;
 use crate::failure::{Interrupted, NoScreen};
 use crate::interrupt;
 
-/// What other threads tell the window.
+/// A message from another thread to the window.
 enum Wake {
     News(News),
-    /// Files chosen in the system's dialog, and how long it took.
+    /// The files chosen in the system's dialog, and how long the dialog was open.
     Chosen(Option<Vec<PathBuf>>, Duration),
     /// Ctrl-C was pressed in the terminal.
     Interrupted,
 }
 
-/// Opens the window and shows `request` until it is closed. `gpu` as in `Gpu::headless`.
+/// Opens the window with the clouds of `request`, and returns when it is closed. `gpu` is as in `Gpu::headless`.
 ///
 /// # Errors
-/// No display or adapter (`NoScreen`, `render::Error::NoAdapter`), or the graphics device was lost.
+/// There is no display or adapter (`NoScreen`, `render::Error::NoAdapter`), or the graphics device was lost.
 pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     let event_loop = EventLoop::<Wake>::with_user_event().build().map_err(|error| no_screen(&error))?;
     let wake = event_loop.create_proxy();
@@ -99,14 +100,14 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     viewer.screen = None;
     viewer.effects.close(&viewer.session);
     if let Err(error) = ended {
-        // winit's own text tells where in its source, which helps nobody here.
+        // winit's own text names places in its source code, which does not help the user.
         tracing::error!("window: {error}");
         return Err(viewer.failure.unwrap_or_else(|| anyhow::anyhow!("the connection to the desktop was lost")));
     }
     viewer.failure.map_or(Ok(()), Err)
 }
 
-/// winit's own text goes to the log: it tells where in its source, not what to do.
+/// winit's own text only goes to the log: it names places in its source code and does not say what to do.
 fn no_screen(error: &dyn std::error::Error) -> NoScreen {
     tracing::error!("window: {error}");
     NoScreen(
@@ -119,7 +120,7 @@ fn no_screen(error: &dyn std::error::Error) -> NoScreen {
 struct Viewer {
     wake: EventLoopProxy<Wake>,
     session: Session,
-    /// Until the window is there.
+    /// What to open, until the window exists.
     request: Option<Request>,
     wanted_gpu: Option<String>,
     screen: Option<Screen>,
@@ -127,17 +128,17 @@ struct Viewer {
     log: EventLog,
     next_paint: Option<Instant>,
     title: String,
-    /// Held down now.
+    /// The modifier keys that are held down now.
     modifiers: egui::Modifiers,
-    /// The window's own device is gone: nothing can be shown any more.
+    /// True when the window's own device is lost: nothing can be shown any more.
     device_lost: Arc<AtomicBool>,
-    /// Why the program ends.
+    /// The reason why the program ends.
     failure: Option<anyhow::Error>,
 }
 
-/// While chunks stream in, the window is painted at most this often.
+/// The window is painted at most this often while chunks are loaded.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
-/// A dialog that ends sooner was never shown: there is no service that shows dialogs.
+/// A dialog that ends sooner than this was never shown: the system has no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);
 
 impl ApplicationHandler<Wake> for Viewer {
@@ -231,7 +232,7 @@ impl ApplicationHandler<Wake> for Viewer {
     }
 }
 
-/// Keys that egui does not hand on as they are: it takes Tab for itself and makes the number pad the number row.
+/// Finds keys that egui does not pass on unchanged: it uses Tab itself and reports number pad keys as the number row.
 fn own_key(key: &winit::event::KeyEvent, modifiers: egui::Modifiers) -> Option<input::bindings::Trigger> {
     use input::bindings::Trigger;
     let PhysicalKey::Code(code) = key.physical_key else { return None };
@@ -279,7 +280,7 @@ impl Viewer {
         let (session, mut actions) = (&mut self.session, Vec::new());
         let picture = screen.picture();
         let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, session, picture)));
-        // What is asked for is seen in the next painting.
+        // The result of actions becomes visible in the next paint.
         let is_changed = !actions.is_empty();
         session.act_all(actions);
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
@@ -310,7 +311,7 @@ impl Viewer {
 
     fn on_news(&mut self, news: News) {
         if let (News::Report(Report::Frame(frame)), Some(screen)) = (&news, &mut self.screen) {
-            // The session decides whether it is shown.
+            // The session decides whether the frame is shown.
             screen.set_picture(frame.texture.clone());
         }
         let is_loaded = matches!(news, News::Loading(_, world::Event::Finished, _));
@@ -330,7 +331,7 @@ impl Viewer {
         }
     }
 
-    /// Does what the session asks for.
+    /// Carries out the effects that the session has queued.
     fn do_effects(&mut self) {
         for effect in std::mem::take(&mut self.session.outside.effects) {
             match self.effects.run(&mut self.session, effect) {

@@ -1,6 +1,7 @@
-//! What the viewer knows, in parts that own their changes. The session hands on what comes in: actions of a person, findings of
-//! worker threads, reports of the render thread, events of jobs, and the step after each painting. What has to happen outside
-//! (drawing, reading, the clipboard) waits in `outside` for whoever drives the session; tests drive it without a window.
+//! What the viewer knows, divided into parts that make their own changes. The session passes on everything that comes
+//! in: a person's actions, results of worker threads, reports of the render thread, events of jobs, and the step after
+//! each paint. Whatever has to be done outside (drawing, reading files, the clipboard) is queued in `outside` for the
+//! code that drives the session. Tests drive it without a window.
 
 use std::ffi::OsStr;
 use std::path::PathBuf;
@@ -34,7 +35,7 @@ use crate::viewer::truth::{Around, sweep, tuning};
 use crate::viewer::window::render_thread::{Command, FrameRequest, PickPurpose, Report};
 use crate::viewer::work::{Found, Work};
 
-/// Radians that a notch tilts the inspection mirror.
+/// The angle in radians by which one wheel notch tilts the inspection mirror.
 const TILT_STEP: f64 = 0.087;
 
 pub struct Session {
@@ -52,13 +53,13 @@ pub struct Session {
     pub shortcuts_are_open: bool,
     pub interface_is_hidden: bool,
     pub is_full_screen: bool,
-    /// Adapter that draws; `None` until its shaders are compiled.
+    /// The name of the adapter that draws; `None` until its shaders are compiled.
     pub adapter: Option<String>,
     pub frames: Frames,
-    /// Why nothing can be drawn any more.
+    /// The reason why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
-    /// Pictures are recorded: only final ones are drawn, and none depends on those before it.
+    /// True while pictures are recorded: only final pictures are drawn, and none depends on the pictures before it.
     pub is_recorded: bool,
 }
 
@@ -92,7 +93,7 @@ impl Session {
 
     // ---- actions ----
 
-    /// Does all that a panel or a painting of the window asked for.
+    /// Carries out everything that a panel or one paint of the window asked for.
     pub fn act_all(&mut self, actions: impl IntoIterator<Item = Action>) {
         actions.into_iter().for_each(|action| self.act(action));
     }
@@ -100,12 +101,12 @@ impl Session {
     pub fn act(&mut self, action: Action) {
         let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };
         match action {
-            // Keys that are held come as `Travel` and `Hold`, the clipboard as `Paste`.
+            // `Travel` and `Hold` report keys that are held down, and `Paste` brings the clipboard's text.
             Action::Fly(_) | Action::Fast | Action::Slow => {}
             Action::RawColors | Action::ShowTruth | Action::PasteView => {}
             Action::Hold { raw_colors, truth } => {
                 self.raw_colors = raw_colors;
-                // The truth of nothing cannot be shown.
+                // Without clouds there is no truth to show.
                 let is_held = truth && (self.truth.is_held || !self.loaded.clouds.is_empty());
                 self.truth.hold(is_held, &mut self.outside);
             }
@@ -212,7 +213,7 @@ impl Session {
             Action::DismissMessage(place) => self.outside.messages.dismiss(place),
             Action::Resize(size) => self.set_view_size(size),
             Action::Quit => self.wants_to_quit = true,
-            // The scene has done these.
+            // The scene has already carried these out.
             Action::Orbit { .. }
             | Action::Look { .. }
             | Action::Pan { .. }
@@ -252,7 +253,7 @@ impl Session {
         }
     }
 
-    /// If what was typed names nothing, the prompt stays.
+    /// If the typed text names nothing, the prompt stays open.
     fn open_prompted(&mut self, path: String) {
         let is_for_mirror = self.path_prompt.as_ref().is_some_and(|prompt| prompt.is_for_mirror);
         if self.open(std::slice::from_ref(&path)) {
@@ -263,7 +264,7 @@ impl Session {
         }
     }
 
-    /// Esc: closes what lies on top, else ends the tool, else clears the picks.
+    /// Handles Esc: closes what lies on top; otherwise ends the tool; otherwise clears the picks.
     fn end_tool(&mut self) {
         if self.shortcuts_are_open {
             self.shortcuts_are_open = false;
@@ -285,8 +286,8 @@ impl Session {
 
     // ---- opening ----
 
-    /// Opens what the words name: files, scenes, built-in scenes. Says what is wrong if they name nothing, and returns
-    /// whether they do.
+    /// Opens what the words name: files, scene files or built-in scenes. Reports what is wrong if they name nothing,
+    /// and returns whether they name something.
     pub fn open<Word: AsRef<OsStr>>(&mut self, words: &[Word]) -> bool {
         let request = world::resolve(words);
         match request.check() {
@@ -307,7 +308,7 @@ impl Session {
             self.outside.say(Level::Warning, warning);
         }
         if let Some(view) = request.view {
-            // The camera of a built-in scene comes without parameters of its own: those at hand stay.
+            // A built-in scene brings a camera without parameters of its own: the current ones stay.
             let settings =
                 if view.settings == Settings::default() { self.scene.settings.clone() } else { view.settings.clone() };
             match view.camera {
@@ -332,7 +333,7 @@ impl Session {
         }
     }
 
-    /// Takes in what other threads tell.
+    /// Takes in a message from another thread.
     pub fn on_news(&mut self, news: News) {
         match news {
             News::Loading(job, event, pass) => {
@@ -364,7 +365,7 @@ impl Session {
             }
             Found::Samples { id, mirror, area_per_point, samples } => {
                 self.loaded.samples.under_way = None;
-                // Of a mirror that has been deleted meanwhile there is nothing to show.
+                // If the mirror has been deleted meanwhile, its points are dropped.
                 if all_mirrors(&self.scene.objects, self.tools.inspection.as_ref()).any(|(known, _)| known == id) {
                     self.with_loaded(|loaded, beside| {
                         loaded.put_samples(id, mirror, Some(area_per_point), samples, beside)
@@ -407,7 +408,7 @@ impl Session {
 
     // ---- frames ----
 
-    /// Changes what is loaded, together with the parts that go along with it.
+    /// Changes what is loaded, together with the parts that depend on it.
     pub fn with_loaded<R>(&mut self, act: impl FnOnce(&mut Loaded, &mut Beside<'_>) -> R) -> R {
         let mut beside = Beside {
             scene: &mut self.scene,
@@ -419,7 +420,7 @@ impl Session {
             outside: &mut self.outside,
         };
         let result = act(&mut self.loaded, &mut beside);
-        // What was picked of a cloud goes with it.
+        // Picks on a cloud are removed with the cloud.
         self.tools.picks.retain(|pick| self.loaded.cloud(pick.point.chunk.cloud).is_some());
         result
     }
@@ -429,7 +430,7 @@ impl Session {
         self.raw_colors || self.scene.settings.light.by == Lighting::Colors
     }
 
-    /// Of what is visible, without stray points.
+    /// The bounds of the visible points, without stray points.
     pub fn bounds(&self) -> Bounds {
         self.scene.bounds(&self.loaded.clouds)
     }
@@ -438,12 +439,13 @@ impl Session {
         self.scene.up(&self.loaded.clouds)
     }
 
-    /// Shows everything unless someone has chosen the camera: the clouds' outlines, or `bounds` while none is known.
+    /// Frames everything unless someone has placed the camera: the clouds' outlines, or `bounds` while no outline is
+    /// known.
     pub fn frame_while_unplaced(&mut self, bounds: Bounds) {
         self.scene.frame_while_unplaced(bounds, &self.loaded.clouds);
     }
 
-    /// Pixels of the picture.
+    /// Sets the size of the picture in pixels.
     pub fn set_view_size(&mut self, size: [u32; 2]) {
         if self.scene.view_size != size {
             self.scene.view_size = size;
@@ -452,8 +454,8 @@ impl Session {
         }
     }
 
-    /// Puts the camera where a recording has it at `now`: no move that would be drawn in a hurry. Streamed clouds are looked at from
-    /// there at once.
+    /// Puts the camera where a recording has it at time `now`. This does not count as a move, so no hurried frame is
+    /// drawn. Streamed clouds load for the new view at once.
     pub fn stand(&mut self, camera: Camera, now: Instant) {
         self.outside.now = now;
         self.scene.camera = camera;
@@ -461,10 +463,10 @@ impl Session {
         self.with_loaded(Loaded::look_around);
     }
 
-    /// Goes on from what has happened since the last step: asks for the frame, the figures and the truth that are wanted now,
-    /// and notes what can be undone. The window and tests take it after each paint. `now` is the time by the caller's clock;
-    /// `is_held`: a mouse button is down or text is being typed. Returns after how long the next step is due, if nothing
-    /// happens before.
+    /// Acts on everything that has happened since the last step: requests the frame, the figures and the truth that are
+    /// wanted now, and notes what can be undone. The window and tests call it after each paint. `now` is the time by
+    /// the caller's clock. `is_held` says that a mouse button is down or text is being typed. Returns the time after
+    /// which the next step is due if nothing happens before.
     pub fn step(&mut self, now: Instant, is_held: bool) -> Option<Duration> {
         self.outside.now = now;
         let zoom = self.scene.end_zoom_wait(self.outside.now);
@@ -485,7 +487,8 @@ impl Session {
         [quiet, zoom, frame, truth].into_iter().flatten().min()
     }
 
-    /// Sends the frame that is wanted now, unless it is drawn or shown already. Returns when to look again.
+    /// Requests the frame that is wanted now, unless it is already drawn or shown. Returns the time after which to call
+    /// again.
     pub fn request_frame(&mut self) -> Option<Duration> {
         let is_first = self.frames.shown.is_none();
         let is_empty =
@@ -510,7 +513,7 @@ impl Session {
         again
     }
 
-    /// The picture of what is seen now, with nothing spared.
+    /// The request for the current view in full quality.
     fn picture(&self) -> FrameRequest {
         let mut settings = self.scene.settings.clone();
         if self.raw_colors {
@@ -533,12 +536,12 @@ impl Session {
         }
     }
 
-    /// The frame that is wanted now, as far as it has been asked for.
+    /// The latest frame that was requested.
     pub fn wanted_frame(&self) -> Option<&FrameRequest> {
         self.frames.requested.as_ref()
     }
 
-    /// The frame on the screen, if it is the final one and nothing is under way that would change it.
+    /// The frame on the screen, if it is final and no work is under way that would change it.
     pub fn still_frame(&self) -> Option<&FrameRequest> {
         let is_busy = |entry: &CloudEntry| entry.marking.is_some() || entry.figures_under_way;
         let may_change =
@@ -546,7 +549,7 @@ impl Session {
         self.frames.final_one().filter(|_| !may_change && !self.loaded.clouds.iter().any(is_busy))
     }
 
-    /// What the render thread says, except the picture itself, which the window has taken.
+    /// Handles a report of the render thread. The window has already taken the picture itself.
     pub fn on_report(&mut self, report: Report) {
         if matches!(report, Report::Frame(_) | Report::NotDrawn(_) | Report::Lost(_)) {
             self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(false));
@@ -555,11 +558,11 @@ impl Session {
             Report::Ready { adapter } => {
                 self.outside.log(json!({ "event": "ready", "adapter": adapter }));
                 self.adapter = Some(adapter);
-                // The window is painted before the frame is asked for.
+                // The window is painted before it requests the next frame.
                 let has_points = self.loaded.points() > 0;
                 self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(has_points));
             }
-            // Of clouds that have been removed since.
+            // The frame shows clouds that have been removed since.
             Report::Frame(_) if self.loaded.clouds.is_empty() => self.frames.give_up(),
             Report::Frame(frame) => {
                 self.with_loaded(|loaded, beside| loaded.keep_pace(frame.total_milliseconds, beside));
@@ -606,7 +609,7 @@ impl Session {
 
     // ---- truth ----
 
-    /// What of the session the truth and a sweep depend on, beside the parts that they change.
+    /// Calls `act` with what the truth and a sweep read from the session, and with the parts that they change.
     fn with_truth<R>(
         &mut self,
         act: impl FnOnce(&Around<'_>, &mut TruthView, &mut Tuning, &mut Sweeps, &mut Outside) -> R,
@@ -624,7 +627,7 @@ impl Session {
         act(&around, &mut self.truth, &mut self.tuning, &mut self.sweeps, &mut self.outside)
     }
 
-    /// Takes a sweep and the truth one step on. Returns when to look again.
+    /// Advances the sweep and the truth by one step. Returns the time after which to call again.
     pub fn sync_truth(&mut self) -> Option<Duration> {
         self.with_truth(|around, truth, _, sweeps, outside| sweeps.sync(around, truth, outside));
         self.with_truth(|around, truth, tuning, _, outside| truth.sync(around, tuning, outside))
@@ -634,8 +637,8 @@ impl Session {
         self.with_truth(|around, _, _, sweeps, outside| sweeps.start(key, values, places, around, outside));
     }
 
-    /// The frame whose truth belongs in the picture now. None where the view has moved on and its picture is still to come: what was
-    /// traced is of another.
+    /// The frame whose truth belongs in the picture now. `None` if the view has changed and its picture is not drawn
+    /// yet: the traced truth belongs to the view before.
     pub fn truth_frame(&self) -> Option<FrameRequest> {
         let request = &self.frames.shown.as_ref().filter(|_| self.truth.is_asked_for())?.request;
         let is_current =
@@ -643,14 +646,15 @@ impl Session {
         is_current.then(|| request.clone())
     }
 
-    /// Ends all that is under way for the truth, the chart and a sweep.
+    /// Stops all work for the truth, the chart and a sweep.
     pub fn stop_truth(&mut self) {
         self.truth.stop();
         self.tuning.is_open = false;
         self.sweeps.stop(&mut self.outside);
     }
 
-    /// The truth cannot be had: nothing more is asked for it. In a sweep it is the value at hand that failed.
+    /// Handles a truth that cannot be computed: the truth requests nothing more. During a sweep, the current value has
+    /// failed.
     fn on_not_judged(&mut self, problem: &str) {
         self.truth.on_not_judged();
         self.tuning.forget_measuring();
@@ -669,14 +673,14 @@ impl Session {
         }
     }
 
-    /// Adds the setting at hand to the plan in the current folder, with the view as a scene beside it.
+    /// Adds the current setting to the plan in the current folder, and writes the view as a scene file beside it.
     pub fn add_to_study(&mut self) {
         if self.loaded.clouds.is_empty() {
             self.outside.note("There is no setting to add yet");
             return;
         }
         let scene = self.scene.view_as_scene(&self.loaded);
-        // Absolute: a plan may be run from anywhere.
+        // The path is absolute because a plan may be run from any folder.
         let folder = std::env::current_dir().unwrap_or_default();
         let group = group_of(&self.scene.written_settings(&self.loaded), self.scene.view_size);
         self.outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });

@@ -14,22 +14,23 @@ use world::{Assembly, CloudKey, Input, Mailbox, Part, StreamStats};
 use crate::viewer::loaded::figures::{Basis, Figures};
 use crate::viewer::objects::ObjectId;
 
-/// The points that stand for a mirror, and what they were made for.
+/// The points that represent a mirror, and what they were made for.
 pub struct Sample {
     pub key: CloudKey,
     pub mirror: Mirror,
-    /// `None` if a built-in scene brought them.
+    /// The area that each point of the clouds represents, in squared world units; `None` if a built-in scene brought
+    /// these points.
     pub area_per_point: Option<f64>,
     pub chunks: Vec<(Chunk, Bounds)>,
 }
 
-/// The points that stand for mirrors with a formula.
+/// The points that represent mirrors with a formula.
 #[derive(Default)]
 pub struct Samples {
     pub of: HashMap<ObjectId, Sample>,
-    /// A mirror whose points are being made.
+    /// The mirror whose points are being made now.
     pub under_way: Option<ObjectId>,
-    /// What a point of the clouds stands for, squared world units, once it is known.
+    /// The area that each point of the clouds represents, in squared world units, once it is known.
     pub area_per_point: Option<f64>,
 }
 
@@ -39,26 +40,27 @@ impl Samples {
     }
 }
 
-/// A cloud, and what the window makes of it.
+/// An open cloud, and what the window knows about it.
 pub struct CloudEntry {
     assembly: Assembly,
     pub is_visible: bool,
     pub figures: Option<Figures>,
     pub figures_basis: Option<Basis>,
     pub figures_under_way: bool,
-    /// Attributes that are being read, or could not be (`None`), which are not tried again.
+    /// The attributes whose columns are being read. `None` marks a column that could not be read and is not tried
+    /// again.
     pub column_reads: HashMap<usize, Option<Arc<Progress>>>,
-    /// What of it reflects on the render thread.
+    /// The marked points that the render thread shows as a mirror.
     pub marked: Vec<MirrorPoints>,
-    /// Which points these are.
+    /// The numbers of these points.
     pub marks: Arc<Vec<Marked>>,
-    /// What is being found out.
+    /// The marked points that a worker thread is looking up now.
     pub marking: Option<(Vec<MirrorPoints>, Arc<Progress>)>,
-    /// Where the cloud is streamed, how that goes.
+    /// The state of streaming, if the cloud is streamed.
     pub streamed: Option<Streamed>,
 }
 
-/// An entry is its cloud first of all: `entry.points` are those of the assembly.
+/// An entry dereferences to its cloud: `entry.points` is the number of points of the assembly.
 impl Deref for CloudEntry {
     type Target = Assembly;
 
@@ -89,29 +91,29 @@ impl CloudEntry {
         }
     }
 
-    /// Made by the program: there is no file.
+    /// True if the program made the cloud, so that there is no file.
     pub fn is_built_in(&self) -> bool {
         self.source.is_none() && self.streamed.is_none()
     }
 
-    /// Streamed, and its index is there.
+    /// True if the cloud is streamed and its index exists.
     pub fn is_indexed(&self) -> bool {
         self.octree().is_some()
     }
 
-    /// The column of a file that its colours still lack, with the file.
+    /// The column that the cloud's colours still lack, and the file to read it from.
     pub fn column_to_read(&self, figures: &Figures) -> Option<(usize, Arc<codec::Source>)> {
         let source = self.source.clone().filter(|_| self.streamed.is_none())?;
         Some((figures.plan.missing_column(&self.cloud)?, source))
     }
 
-    /// The color of the level of one of its chunks, sRGB.
+    /// The sRGB colour of the level of one of its chunks.
     pub fn level_color(&self, part: Part) -> Option<[u8; 4]> {
         let node = node_of(self.octree()?, part)?;
         Some(self.streamed.as_ref()?.level_color(node.level))
     }
 
-    /// Boxes of the nodes that are there, as far as none below them is, with the colours of their levels.
+    /// The boxes of the loaded nodes without loaded nodes below them, each with the colour of its level.
     pub fn shown_boxes(&self) -> Vec<(Bounds, [u8; 4])> {
         let (Some(streamed), Some(octree)) = (&self.streamed, self.octree()) else { return Vec::new() };
         let is_there = |id: NodeId| octree.node(id).points > 0 && self.bounds_of(Part::Node(id)).is_some();
@@ -130,7 +132,7 @@ fn node_of(octree: &Octree, part: Part) -> Option<&Node> {
     }
 }
 
-/// What makes a cloud a streamed one: its chunks are those of its points that the last view needs.
+/// The state of a streamed cloud. Its chunks hold the points that the last view needs.
 #[derive(Default)]
 pub struct Streamed {
     /// How often a view has been fully loaded.
@@ -144,35 +146,36 @@ impl Streamed {
         Self { rests, deepest_level: levels.unwrap_or(0) }
     }
 
-    /// Levels with their colours, the coarsest first.
+    /// The levels with their colours, starting with the coarsest.
     pub fn levels(&self) -> impl Iterator<Item = (u8, [u8; 4])> {
         (0..=self.deepest_level).map(|level| (level, self.level_color(level)))
     }
 
-    /// sRGB, from the root's colour to that of the deepest level.
+    /// The sRGB colour of a level: the ramp runs from the root to the deepest level.
     fn level_color(&self, level: u8) -> [u8; 4] {
-        // The ends of the ramp are too dark to be told apart.
+        // The ends of the ramp are too dark to tell levels apart.
         let place = 24 + usize::from(level) * 207 / usize::from(self.deepest_level.max(1));
         render::ramp_colors(Ramp::Turbo)[place.min(255)]
     }
 }
 
-/// Loading under way.
+/// One command to open files, and its state.
 pub struct JobEntry {
     pub id: u32,
     pub name: String,
     pub progress: Arc<Progress>,
     pub started: Instant,
-    /// By the job's own numbers.
+    /// The clouds of this job, by the job's own cloud numbers.
     pub clouds: BTreeMap<usize, CloudKey>,
-    /// What is there of its streamed clouds, and where it is told from where they are looked at.
+    /// What is loaded of its streamed clouds. The mailbox sends views to the job.
     pub stream: StreamStats,
     pub mailbox: Arc<Mailbox>,
-    /// The number of the last look, 0 before the first one, and the share of the budgets that it had.
+    /// The number of the last view that was sent, 0 before the first one, and the share of the budgets that it had.
     pub look: u64,
     pub share: f64,
     pub has_streamed: bool,
-    /// What it opens is shown: streamed clouds are there as far as the first look needs them, and stay under way.
+    /// True when all that the job opens is shown. Streamed clouds count as loaded once the points for the first view
+    /// are loaded; their job stays under way.
     pub is_loaded: bool,
 }
 
@@ -201,18 +204,18 @@ impl JobEntry {
         self.clouds.values().any(|cloud| *cloud == key)
     }
 
-    /// Points are on their way that the last view needs.
+    /// True while points are being loaded that the last view needs.
     pub fn is_fetching(&self) -> bool {
         self.has_streamed && (self.stream.view_number != self.look || self.stream.nodes_waiting > 0)
     }
 
-    /// What its streamed clouds need for the last view is not all there, or their pages are not complete.
+    /// True while points for the last view are missing, or an index of the job is not complete.
     pub fn is_streaming(&self) -> bool {
         self.has_streamed && !(self.stream.is_settled && self.stream.view_number == self.look)
     }
 }
 
-/// The last part of a path, or all of another name.
+/// The last part of a path; other names are returned whole.
 pub fn short_name(input: &str) -> &str {
     if input.starts_with("five-mirrors/") {
         return input;

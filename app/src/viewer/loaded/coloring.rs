@@ -1,5 +1,5 @@
-//! How clouds are coloured: figures are found out by a worker thread, columns that colours need are read, and the render thread
-//! is told.
+//! How clouds are coloured: worker threads compute figures and read the columns that colours need, and the render
+//! thread receives the colours.
 
 use std::collections::BTreeMap;
 use std::collections::hash_map::Entry;
@@ -15,7 +15,7 @@ use crate::viewer::messages::Level;
 use crate::viewer::work::Work;
 
 impl Loaded {
-    /// Asks for colours, histograms and bounds of clouds that have changed. Called every frame of the window.
+    /// Requests colours, histograms and bounds of clouds that have changed. Called every frame of the window.
     pub fn renew_figures(&mut self, beside: &mut Beside<'_>) {
         let color = &beside.scene.settings.color;
         for entry in self.clouds.iter_mut().filter(|entry| entry.points > 0 && !entry.figures_under_way) {
@@ -32,7 +32,7 @@ impl Loaded {
                 let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
                 let is_same = |old: &Basis| old.color == basis.color && old.visibility == basis.visibility;
                 let same_color = entry.figures_basis.as_ref().is_some_and(is_same);
-                // Ramps of a streamed cloud must not change with what of it is there.
+                // The ramp of a streamed cloud must not change with the points that happen to be loaded.
                 let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
                 let kept = kept.cloned().map(Box::new);
                 beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
@@ -44,7 +44,7 @@ impl Loaded {
         let Some(entry) = self.cloud_mut(key) else { return };
         entry.figures_under_way = false;
         if let Some((attribute, source)) = entry.column_to_read(&figures) {
-            // What is shown stays until the column has come.
+            // The colours on the screen stay until the column has been read.
             entry.figures_basis = Some(basis);
             if let Entry::Vacant(read) = entry.column_reads.entry(attribute) {
                 let progress = Arc::<Progress>::default();
@@ -57,9 +57,9 @@ impl Loaded {
         let same_points = entry.figures_basis.as_ref().is_some_and(|old| {
             old.doublings == basis.doublings && old.is_read == basis.is_read && old.late_columns == basis.late_columns
         });
-        // Whoever hides points looks on from where they are.
+        // The camera stays where it is when someone hides points.
         let same_visibility = entry.figures_basis.as_ref().is_none_or(|old| old.visibility == basis.visibility);
-        // Chunks of streamed clouds are coloured as they come.
+        // Chunks of streamed clouds are coloured when they arrive.
         let same_points = same_points || entry.is_indexed();
         entry.figures_basis = Some(basis);
         let outline_changed = entry.figures.as_ref().is_none_or(|old| old.outline != figures.outline);
@@ -106,7 +106,7 @@ impl Loaded {
         }
     }
 
-    /// Attributes that are being read now, with how far they are.
+    /// The attributes whose columns are being read now, with the progress of each.
     pub fn columns_under_way(&self) -> impl Iterator<Item = (&str, &Progress)> {
         self.clouds.iter().flat_map(|entry| {
             let reads = entry.column_reads.iter();

@@ -1,40 +1,41 @@
-//! What a worker thread finds out about a cloud: how it is coloured, the histogram, its classes, and the box to frame.
+//! What a worker thread computes for a cloud: its colours, the histogram, its classes, and the box to frame.
 
 use cloud::{Bounds, Cloud};
 use glam::DVec3;
 use render::ColorPlan;
 use scene::Visibility;
 
-/// What the figures depend on: a change asks for new ones.
+/// What the figures depend on. When it changes, new figures are requested.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Basis {
     pub color: scene::Color,
     pub visibility: Visibility,
-    /// While loading: doublings of the number of points, so that figures are renewed a few times, not for each chunk.
+    /// How often the number of points has doubled while loading. Figures are renewed at each doubling, not for each
+    /// chunk.
     pub doublings: u32,
     pub is_read: bool,
-    /// Columns that were read later.
+    /// The number of columns that were read after the points.
     pub late_columns: usize,
-    /// Times that all of a streamed cloud was there that a look needs.
+    /// How often a view has been fully loaded, for a streamed cloud.
     pub rests: u32,
 }
 
 #[derive(Clone, Debug)]
 pub struct Figures {
     pub plan: ColorPlan,
-    /// Why the plan is not what was asked for.
+    /// The reason why the plan differs from the requested one.
     pub warning: Option<String>,
-    /// Of the points that are shown, over `plan.full_range`; empty for colours that are no ramp.
+    /// The histogram of the visible points over `plan.full_range`; empty for colours without a ramp.
     pub histogram: Vec<u32>,
-    /// Points of each class that occurs, by class, hidden ones too.
+    /// The number of points of each class that occurs, in the order of classes; hidden points count too.
     pub classes: Vec<(u8, u64)>,
-    /// Of the points that are shown, without stray points.
+    /// The bounds of the visible points, without stray points.
     pub bounds: Bounds,
-    /// What to frame.
+    /// The points that framing must keep in the picture.
     pub outline: Vec<DVec3>,
 }
 
-/// As many as the panel has pixels to show.
+/// As many bins as the panel can show.
 const HISTOGRAM_BINS: usize = 128;
 
 impl Figures {
@@ -47,7 +48,7 @@ impl Figures {
         Self { plan, warning, histogram, classes: classes(cloud), bounds, outline }
     }
 
-    /// Counts anew what is there of a cloud; colours and bounds stay.
+    /// Counts the loaded points of a cloud again; colours and bounds stay.
     pub fn recounted(self, cloud: &Cloud, visibility: &Visibility, up: DVec3) -> Self {
         let histogram = self.plan.histogram(&cloud.shown(&visibility.test()), up, HISTOGRAM_BINS);
         Self { histogram, classes: classes(cloud), ..self }
@@ -63,8 +64,9 @@ fn classes(cloud: &Cloud) -> Vec<(u8, u64)> {
     (0..=255).zip(counts).filter(|(_, count)| *count > 0).collect()
 }
 
-/// Share of the points below the position `place` (0 ..= 1) of the histogram, and back: what the range handles need. The
-/// share grows with the place, so both are inverse to each other up to the width of an empty bin.
+/// The share of points below the position `place` (0 ..= 1) of the histogram, and the inverse; the range handles need
+/// both. The share grows with the place, so the two functions are inverse to each other up to the width of an empty
+/// bin.
 pub fn share_below(histogram: &[u32], place: f64) -> f64 {
     let total: u64 = histogram.iter().map(|count| u64::from(*count)).sum();
     if total == 0 {

@@ -1,24 +1,24 @@
-//! What is around the points of the window: asked whenever other points are shown, and answered by a worker thread.
+//! What surrounds the points in the window. A worker thread finds it out whenever the visible points change.
 
 use world::AutoLight;
 
 #[derive(Default)]
 pub struct LightSearch {
-    /// By the last answer that counts.
+    /// The result of the last valid answer.
     pub light: AutoLight,
-    /// How often it was asked, and the last question that was answered.
+    /// The number of questions asked, and the number of the last question that was answered.
     asked: u32,
     known: u32,
 }
 
 impl LightSearch {
-    /// The number of a new question. Answers to earlier ones no longer count.
+    /// Returns the number of a new question. Answers to earlier questions are no longer valid.
     pub fn ask(&mut self) -> u32 {
         self.asked += 1;
         self.asked
     }
 
-    /// Takes in an answer; whether it counts.
+    /// Stores an answer if it is valid; returns whether it is.
     pub fn answer(&mut self, asked: u32, light: AutoLight) -> bool {
         let counts = asked == self.asked;
         if counts {
@@ -27,7 +27,7 @@ impl LightSearch {
         counts
     }
 
-    /// Nothing is shown any more. An answer that is under way is about what is gone.
+    /// Discards the answer when no cloud is open. A pending answer is about points that are gone.
     pub fn forget(&mut self) {
         self.asked += 1;
         (self.known, self.light) = (self.asked, AutoLight::default());

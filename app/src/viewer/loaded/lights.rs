@@ -1,4 +1,5 @@
-//! The lights of what is open: those that files bring, those that a person sets, and the one that comes of itself.
+//! The lights of what is open: lights from files, lights that a person has placed, and the light that glint adds on its
+//! own.
 
 use cloud::Cloud;
 use scene::{Lighting, SpotLight};
@@ -11,7 +12,7 @@ use crate::viewer::scene::Scene;
 use crate::viewer::work::Work;
 
 impl Loaded {
-    /// Asks what is around the points that are shown, once they are all there.
+    /// Asks a worker what surrounds the visible points, once they are all loaded.
     pub fn ask_surroundings(&mut self, beside: &mut Beside<'_>) {
         let visible = self.clouds.iter().filter(|entry| entry.is_visible);
         let clouds: Vec<Cloud> = visible.map(|entry| entry.cloud.clone()).collect();
@@ -22,7 +23,7 @@ impl Loaded {
         }
     }
 
-    /// A scan of a room that has no light gets a lamp, which is no step of undo.
+    /// Adds a lamp to the scan of a room that has no light. Undo does not count this as a step.
     pub fn on_surroundings(&mut self, asked: u32, found: AutoLight, beside: &mut Beside<'_>) {
         if !self.light_search.answer(asked, found) {
             return;
@@ -34,7 +35,7 @@ impl Loaded {
         }));
     }
 
-    /// Whether a light would come of itself if what is open were opened anew.
+    /// Whether glint would add a light on its own if the same files were opened again.
     pub fn lacks_light(&self) -> bool {
         self.light_search.light.lamp().is_some() || self.clouds.iter().any(CloudEntry::is_built_in)
     }
@@ -43,7 +44,8 @@ impl Loaded {
         self.light_search.light.sky_is_open()
     }
 
-    /// The lights that are there to shine. From outside of a room its lamp would light nothing that is seen.
+    /// The lights that shine. A room's lamp is left out when the camera is outside of the room, because it would light
+    /// nothing that is visible.
     pub fn lights(&self, scene: &Scene) -> Vec<SpotLight> {
         let light = &self.light_search.light;
         if scene.objects.has_guess() && !light.lamp_shines(scene.settings.light.by, scene.camera.eye) {
@@ -52,7 +54,7 @@ impl Loaded {
         scene.objects.lights.iter().map(|placed| placed.light).collect()
     }
 
-    /// What lights the points: what `auto` stands for now.
+    /// How the points are lit: what `auto` means now.
     pub fn lighting(&self, scene: &Scene) -> Lighting {
         scene.settings.light.lighting(!self.lights(scene).is_empty(), self.sky_is_open())
     }

@@ -1,4 +1,4 @@
-//! The points of mirrors: those that stand for a mirror with a formula, and those of clouds that reflect.
+//! The points of mirrors: points that represent a mirror with a formula, and marked points of clouds.
 
 use std::sync::Arc;
 
@@ -35,9 +35,9 @@ impl Loaded {
         beside.frames.points_changed();
     }
 
-    /// Brings the render thread to what the objects say: points of mirrors that were added or changed, of clouds that begin or
-    /// end to reflect. Called every frame of the window; what takes time is done elsewhere, one thing at a time, so that what
-    /// is dragged is always the latest.
+    /// Updates the points on the render thread to match the objects: points of mirrors that were added or changed, and
+    /// points of clouds that begin or stop reflecting. Called every frame of the window. Slow work is done by workers,
+    /// one piece at a time, so that a mirror that is being dragged is always up to date.
     pub fn sync_objects(&mut self, beside: &mut Beside<'_>) {
         let gone: Vec<ObjectId> =
             self.samples.of.keys().copied().filter(|id| beside.mirrors().all(|(known, _)| known != *id)).collect();
@@ -50,7 +50,7 @@ impl Loaded {
         if beside.scene.selected.is_some_and(|id| beside.scene.objects.get(id).is_none()) {
             beside.scene.selected = None;
         }
-        // The spacing of the points is known when they are all there.
+        // The spacing of the points is known only when all points are loaded.
         if self.is_loading() || self.clouds.is_empty() {
             return;
         }
@@ -67,7 +67,7 @@ impl Loaded {
                     same_area && unnamed(mirror) == unnamed(&sample.mirror)
                 })
             };
-            // What moves and is drawn by its formula needs its points when it stands still.
+            // A moving mirror that is drawn by its formula needs its points only when it stands still.
             let is_held = |id: ObjectId| {
                 let by_formula = beside.scene.settings.mirror.surface != MirrorSurface::Points;
                 beside.inspection.as_ref().is_some_and(|held| held.id == id && by_formula)
@@ -109,7 +109,8 @@ impl Loaded {
             Ok(None) => {
                 let now: Vec<&MirrorPoints> =
                     beside.scene.objects.markings.iter().filter(|m| m.key == key).map(|m| &m.points).collect();
-                // Unless it was overtaken by another wish, someone has stopped it: what reflects already stays.
+                // Unless a newer request has replaced it, someone has stopped the search: points that already reflect
+                // stay so.
                 if now.into_iter().eq(&wanted) {
                     let kept = self.cloud(key).map_or(Vec::new(), |entry| entry.marked.clone());
                     beside.scene.rewrite_objects(|objects| {
@@ -136,7 +137,7 @@ impl Loaded {
         }
     }
 
-    /// Markings of scene files whose clouds have come.
+    /// Applies markings of scene files to clouds that have been opened since.
     pub fn place_awaited_markings(&mut self, beside: &mut Beside<'_>) {
         for points in std::mem::take(&mut self.awaited_markings) {
             let entry = self.clouds.iter().find(|entry| points.is_of(&entry.input, &entry.cloud.name));

@@ -1,5 +1,5 @@
-//! What is open: the clouds, the jobs that load them, the points that stand for mirrors, and what is known of the light around
-//! them. How it comes and goes is told in `opening`, `streams`, `coloring`, `mirror_points` and `lights`.
+//! What is open: the clouds, the jobs that load them, the points that represent mirrors, and what is known about the
+//! light around them. `opening`, `streams`, `coloring`, `mirror_points` and `lights` change it.
 
 pub mod clouds;
 pub mod coloring;
@@ -35,31 +35,31 @@ pub struct Loaded {
     pub clouds: Vec<CloudEntry>,
     pub jobs: Vec<JobEntry>,
     pub samples: Samples,
-    /// What is around the points, once they are all there.
+    /// What surrounds the points, found out once they are all loaded.
     pub light_search: LightSearch,
-    /// Of scene files whose clouds are still to come.
+    /// The markings of scene files whose clouds are not open yet.
     pub awaited_markings: Vec<MirrorPoints>,
-    /// Warnings that were given: not twice, though figures are renewed.
+    /// The warnings that were already shown: they are not repeated when figures are renewed.
     pub warned: Vec<String>,
     pub pace: Pace,
-    /// Bytes of all indexes, once they are counted.
+    /// The size of all indexes in bytes, once it is measured.
     pub cache_size: Option<u64>,
-    /// Streamed points are coloured by level.
+    /// True while streamed points are coloured by level.
     pub levels_are_shown: bool,
-    /// As the render thread was told.
+    /// The number of points and the visibility that the render thread was last told.
     pub expected_points: u64,
     pub drawn_visibility: Visibility,
     next_cloud: u32,
     next_job: u32,
 }
 
-/// The parts of the session that change with what is loaded, or decide about it.
+/// The parts of the session that change together with what is loaded, or that decide about it.
 pub struct Beside<'a> {
     pub scene: &'a mut Scene,
     pub frames: &'a mut Frames,
     pub preferences: &'a mut Preferences,
     pub inspection: Option<&'a Inspection>,
-    /// A handle of the gizmo is in somebody's hand.
+    /// True while someone drags a handle of the gizmo.
     pub handle_is_grabbed: bool,
     /// Only final pictures are wanted.
     pub is_recorded: bool,
@@ -72,7 +72,7 @@ impl Beside<'_> {
     }
 }
 
-/// The mirrors of the scene, and the one that is held over it.
+/// The mirrors of the scene and the inspection mirror.
 pub fn all_mirrors<'a>(
     objects: &'a Objects,
     held: Option<&'a Inspection>,
@@ -95,7 +95,7 @@ impl Loaded {
         CloudKey(self.next_cloud - 1)
     }
 
-    /// The job that the window started for `inputs`; returns its number.
+    /// Adds the job that the window started for `inputs`; returns its number.
     pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>, now: Instant) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
@@ -103,26 +103,26 @@ impl Loaded {
         id
     }
 
-    /// Whole clouds to be turned into mirrors when they have come.
+    /// Remembers whole clouds that become mirrors when they are opened.
     pub fn await_marking(&mut self, points: MirrorPoints) {
         self.awaited_markings.push(points);
     }
 
-    /// World position of a point: the file's own coordinates.
+    /// The world position of a point, in the file's own coordinates.
     pub fn world_position(&self, picked: PickedPoint) -> Option<DVec3> {
         let entry = self.cloud(picked.chunk.cloud)?;
         let chunk = entry.chunk(picked.chunk.part).filter(|chunk| picked.index < chunk.len())?;
         Some(entry.cloud.world_position(chunk, picked.index))
     }
 
-    /// Normal of a point, if it has one.
+    /// The normal of a point, if it has one.
     pub fn normal_at(&self, picked: PickedPoint) -> Option<DVec3> {
         let chunk = self.cloud(picked.chunk.cloud)?.chunk(picked.chunk.part)?;
         let normal = *chunk.normals.as_ref()?.get(picked.index)?;
         Some(cloud::unpack_normal(normal)?.as_dvec3())
     }
 
-    /// The words of the command line that give what is visible.
+    /// The words on the command line that would open what is visible.
     pub fn inputs(&self) -> Vec<String> {
         let mut inputs: Vec<String> = Vec::new();
         for entry in self.clouds.iter().filter(|entry| entry.is_visible) {
@@ -133,7 +133,7 @@ impl Loaded {
         inputs
     }
 
-    /// What the window is called.
+    /// The window's title.
     pub fn title(&self) -> String {
         let points = self.all_points();
         match self.inputs().as_slice() {

@@ -1,4 +1,4 @@
-//! What comes of loading: clouds that open, grow, change and close, as their jobs tell.
+//! How events of jobs open, extend, change and close clouds.
 
 use cloud::{Chunk, Surfels};
 use render::ColorPlan;
@@ -34,7 +34,7 @@ impl Loaded {
             Event::Surfels { cloud, surfels } => self.on_surfels(job, cloud, surfels, beside),
             Event::Failed { input, error, .. } => {
                 let name = short_name(&input).to_string();
-                // Errors name the file already, with its path.
+                // Some errors already contain the file's name, with its path.
                 let text = if error.contains(&name) { error } else { format!("{name}: {error}") };
                 beside.outside.say(Level::Error, text);
             }
@@ -53,7 +53,7 @@ impl Loaded {
         beside
             .outside
             .log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
-        // Streamed clouds have no source to look records up in; built-in scenes have no file.
+        // A streamed cloud has no source to look records up in; a built-in scene has no file.
         if opened.source.is_some() || std::path::Path::new(&opened.input).exists() {
             beside.preferences.remember_file(&opened.input);
         }
@@ -81,7 +81,7 @@ impl Loaded {
         let has_header_bounds = entry.source.as_ref().is_some_and(|source| source.info().bounds.is_some());
         beside.outside.change(change);
         if let Some((cloud, chunks, up)) = uncolored {
-            // What is drawn before the figures are known has colours, too.
+            // Points that are drawn before the figures are known have colours, too.
             let shown = cloud.shown(&beside.scene.objects.visibility.test());
             let (plan, _) = ColorPlan::new(&shown, &beside.scene.settings.color, up);
             if plan.missing_column(&cloud).is_none() {
@@ -118,7 +118,7 @@ impl Loaded {
             beside.outside.say(Level::Note, format!("{name}: stopped{rest}"));
         }
         beside.outside.log(json!({ "event": "read", "name": name, "points": points, "cancelled": summary.cancelled }));
-        // Its index could not be made, which was said.
+        // The index could not be made, which has been reported.
         let is_lost = |entry: &CloudEntry| entry.streamed.is_some() && !entry.is_indexed() && entry.points == 0;
         if let Some(key) = key.filter(|key| !summary.cancelled && self.cloud(*key).is_some_and(is_lost)) {
             self.remove_cloud(key, beside);
@@ -126,7 +126,7 @@ impl Loaded {
         self.note_loaded(beside);
     }
 
-    /// Jobs with streamed clouds stay under way; loaded is what their first look needs.
+    /// Jobs with streamed clouds stay under way: they count as loaded when the points for their first view are loaded.
     fn note_loaded(&mut self, beside: &mut Beside<'_>) {
         for index in 0..self.jobs.len() {
             let of_job = || self.clouds.iter().filter(|entry| self.jobs[index].owns(entry.key));
@@ -141,9 +141,9 @@ impl Loaded {
         let key = self.key_of(job, cloud);
         let Some(entry) = key.and_then(|key| self.cloud_mut(key)) else { return };
         let changes = entry.put_surfels(surfels);
-        // What reflects is to be found again, with these.
+        // The new normals and radii require that the reflecting points are found again.
         entry.marked = Vec::new();
-        // Chunks of normals are new colours, too.
+        // Normals can change the colours of points.
         entry.figures_basis = None;
         let name = entry.cloud.name.clone();
         changes.into_iter().for_each(|change| beside.outside.change(change));
@@ -157,7 +157,7 @@ impl Loaded {
         for entry in self.clouds.iter_mut().filter(|entry| job.owns(entry.key)) {
             entry.is_read = true;
         }
-        // What could be opened but holds nothing would be a line without a picture.
+        // A file that could be opened but holds no points would be an entry without a picture.
         let empty = |entry: &CloudEntry| job.owns(entry.key) && entry.points == 0;
         let empty: Vec<(CloudKey, String)> = self
             .clouds
@@ -176,7 +176,7 @@ impl Loaded {
         }
     }
 
-    /// The points of a job are there, or as many as the first look needs.
+    /// Called when the points of a job are loaded, or as many as the first view needs.
     fn on_loaded(&mut self, beside: &mut Beside<'_>) {
         self.samples.area_per_point = None;
         self.place_awaited_markings(beside);
@@ -185,25 +185,25 @@ impl Loaded {
         beside.outside.log(json!({ "event": "loaded", "points": points, "clouds": self.clouds.len() }));
     }
 
-    /// Whether points are still to come, whatever is looked at.
+    /// Whether points are still being loaded, regardless of the view.
     pub fn is_loading(&self) -> bool {
         self.jobs.iter().any(|job| !job.is_loaded)
     }
 
-    /// Of all clouds, as far as they are there, and of the mirrors of built-in scenes.
+    /// The number of loaded points of all clouds, and of the mirrors of built-in scenes.
     pub fn points(&self) -> u64 {
         let brought = self.samples.of.values().filter(|sample| sample.area_per_point.is_none());
         let of_mirrors = brought.flat_map(|sample| &sample.chunks).map(|(chunk, _)| chunk.len() as u64).sum::<u64>();
         self.clouds.iter().map(|entry| entry.points).sum::<u64>() + of_mirrors
     }
 
-    /// The same, with those of streamed clouds that are not there.
+    /// The same number, including the points of streamed clouds that are not loaded.
     pub fn all_points(&self) -> u64 {
         let elsewhere = self.clouds.iter().filter(|entry| entry.streamed.is_some());
         self.points() + elsewhere.map(|entry| entry.total() - entry.points).sum::<u64>()
     }
 
-    /// What is made for one of a job's clouds now, or comes next.
+    /// The task under way for one of a job's clouds, or the next task.
     pub fn stage_of(&self, job: &JobEntry) -> Option<(&CloudEntry, &CloudTask)> {
         let of_job = self.clouds.iter().filter(|entry| job.owns(entry.key));
         let pending =
@@ -211,12 +211,12 @@ impl Loaded {
         pending.min_by_key(|(_, stage)| stage.status() == TaskStatus::Queued)
     }
 
-    /// Whether a job shows how far it is: it loads, or makes something of what is shown.
+    /// Whether a job shows its progress: it loads points, or a task is under way for one of its clouds.
     pub fn is_at_work(&self, job: &JobEntry) -> bool {
         !job.is_loaded || self.stage_of(job).is_some()
     }
 
-    /// What has been read stays.
+    /// Stops loading. Points that have been read stay.
     pub fn stop_loading(&mut self, beside: &mut Beside<'_>) {
         for job in self.jobs.iter().filter(|job| self.is_at_work(job)) {
             job.progress.cancel();
@@ -232,8 +232,8 @@ impl Loaded {
         let is_last = self.clouds.is_empty();
         // Built-in scenes have no file.
         let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
-        // Mirrors of a built-in scene go with it, its light with the last such scene, and with the last cloud all of them and what
-        // is hidden.
+        // Closing a built-in scene removes its mirrors, and closing the last one removes its lights. Closing the last
+        // cloud removes all mirrors and lights, and shows hidden points again.
         beside.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
@@ -245,7 +245,7 @@ impl Loaded {
         });
         beside.outside.change(Change::Close { cloud: key });
         beside.frames.points_changed();
-        // The job of a cloud that is gone need not go on.
+        // The job of a closed cloud does not need to go on.
         for job in &self.jobs {
             if let Some((index, _)) = job.clouds.iter().find(|(_, cloud)| **cloud == key) {
                 job.mailbox.close(*index);
@@ -274,7 +274,7 @@ impl Loaded {
         }
     }
 
-    /// Brings the render thread to what is shown now. Called before each frame is asked for.
+    /// Updates the render thread to the current visibility. Called before each frame is requested.
     pub fn sync_visibility(&mut self, beside: &mut Beside<'_>) {
         let visibility = &beside.scene.objects.visibility;
         if *visibility != self.drawn_visibility {

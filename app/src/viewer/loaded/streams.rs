@@ -1,5 +1,5 @@
-//! Streamed clouds in the window: how far their pages are, where they are told that they are looked at from, how many of their
-//! points a moving picture can afford, and what they cannot do.
+//! Streamed clouds in the window: the state of their indexes, the views that they are loaded for, the number of points
+//! that a moving picture can afford, and what cannot be done with them.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -46,8 +46,8 @@ impl Loaded {
         }
     }
 
-    /// Tells the render thread how many points will be there at once, if that has changed: all of those that are held in memory,
-    /// and of streamed ones as many as the budgets allow.
+    /// Tells the render thread how many points will be resident at once, if that number has changed: all points of
+    /// clouds held in memory, and as many points of streamed clouds as the budgets allow.
     pub fn make_room(&mut self, beside: &mut Beside<'_>) {
         let total = |is_streamed: bool| -> u64 {
             let clouds = self.clouds.iter().filter(|entry| entry.streamed.is_some() == is_streamed);
@@ -66,7 +66,7 @@ impl Loaded {
         self.jobs.iter().filter(|job| job.has_streamed).count()
     }
 
-    /// Settings for what is opened next: its preview has its share of the budgets.
+    /// The settings for the next job: its share of the budgets already holds for the preview.
     pub fn settings_of_next_job(&self, settings: &Settings) -> Settings {
         let mut settings = settings.clone();
         let jobs = self.streaming_jobs() + 1;
@@ -94,17 +94,17 @@ impl Loaded {
         }));
     }
 
-    /// Whether points are on their way that the picture wants.
+    /// Whether points that the picture needs are still being loaded.
     pub fn points_come(&self) -> bool {
         self.is_loading() || self.jobs.iter().any(JobEntry::is_streaming)
     }
 
-    /// Whether indirect light need not follow the points, which come and go. At first there is none that could stay.
+    /// Whether indirect light may stay while points are loaded and removed. At first there is no light that could stay.
     pub fn light_may_lag(&self) -> bool {
         !self.is_loading() && self.jobs.iter().any(JobEntry::is_fetching)
     }
 
-    /// Tells streamed clouds where they are looked at from, if that has changed. Called every frame of the window.
+    /// Sends the current view to the jobs of streamed clouds, if it has changed. Called every frame of the window.
     pub fn look_around(&mut self, beside: &mut Beside<'_>) {
         self.make_room(beside);
         let mut view = beside.scene.settings.view.clone();
@@ -127,13 +127,13 @@ impl Loaded {
         }
     }
 
-    /// Clouds of a job that are not shown, by its own numbers.
+    /// The hidden clouds of a job, by the job's own cloud numbers.
     fn hidden(&self, job: &JobEntry) -> BTreeSet<usize> {
         let is_hidden = |key: &CloudKey| self.cloud(*key).is_some_and(|entry| !entry.is_visible);
         job.clouds.iter().filter(|(_, key)| is_hidden(key)).map(|(cloud, _)| *cloud).collect()
     }
 
-    /// The job of a cloud that is under way, and the cloud's number there.
+    /// The job under way for a cloud, and the cloud's number in that job.
     pub fn job_of(&self, key: CloudKey) -> Option<(&JobEntry, usize)> {
         self.jobs.iter().find_map(|job| {
             let (cloud, _) = job.clouds.iter().find(|(_, other)| **other == key)?;
@@ -141,14 +141,14 @@ impl Loaded {
         })
     }
 
-    /// Stops what is made for a cloud.
+    /// Stops the tasks for a cloud.
     pub fn stop_making(&mut self, key: CloudKey) {
         if let Some((job, cloud)) = self.job_of(key) {
             job.mailbox.stop(cloud);
         }
     }
 
-    /// Makes what was stopped of a cloud after all.
+    /// Resumes the tasks for a cloud that were stopped.
     pub fn resume_making(&mut self, key: CloudKey) {
         let Some((job, cloud)) = self.job_of(key) else { return };
         job.mailbox.resume(cloud);
@@ -166,7 +166,7 @@ impl Loaded {
         }
     }
 
-    /// Learns from a frame what a moving picture can afford.
+    /// Learns from the time of a frame how many points a moving picture can afford.
     pub fn keep_pace(&mut self, milliseconds: f64, beside: &mut Beside<'_>) {
         let wanted = f64::from(beside.scene.settings.stream.frame_ms);
         let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
@@ -177,7 +177,7 @@ impl Loaded {
 
     // ---- levels ----
 
-    /// Colours a chunk that has come by its level, if these are shown.
+    /// Colours a new chunk by its level, if levels are shown.
     pub fn tint_chunk(&mut self, key: CloudKey, part: Part, beside: &mut Beside<'_>) {
         if self.levels_are_shown
             && let Some(color) = self.cloud(key).and_then(|entry| entry.level_color(part))
@@ -186,7 +186,7 @@ impl Loaded {
         }
     }
 
-    /// Shows levels or ends it. Called every frame of the window.
+    /// Starts or stops colouring points by level. Called every frame of the window.
     pub fn sync_levels(&mut self, beside: &mut Beside<'_>) {
         if self.levels_are_shown == beside.scene.settings.stream.overlay {
             return;
@@ -206,9 +206,10 @@ impl Loaded {
         }
     }
 
-    // ---- what they cannot do ----
+    // ---- what cannot be done with streamed clouds ----
 
-    /// Points that come and go cannot be parted into mirror and rest once for all.
+    /// Refuses to mark points of streamed clouds: they are loaded and removed, so they cannot be divided into mirror
+    /// and other points once and for all.
     pub fn refuse_marking_streamed(&mut self, beside: &mut Beside<'_>) {
         let is_marked = |entry: &&CloudEntry| {
             entry.streamed.is_some() && beside.scene.objects.markings.iter().any(|marking| marking.key == entry.key)
@@ -222,7 +223,7 @@ impl Loaded {
     }
 }
 
-/// Why no points of a streamed cloud can be turned into a mirror, and what can be done.
+/// The reason why points of a streamed cloud cannot be turned into a mirror, and what the user can do.
 pub const NOT_MARKED: &str = "is streamed, so its points come and go and cannot be turned into a mirror; \
     with stream.pages set to never it is held in memory";
 
@@ -244,7 +245,8 @@ mod tests {
 
     const GRID: Option<Grid> = Some(Grid { scale: DVec3::splat(0.01), offset: DVec3::ZERO });
 
-    /// A root of two points over two children of three, the first of them without points of its own, and one below that.
+    /// A root of two points with two children of three points each. The first child has no points of its own; its child
+    /// holds all three.
     fn octree() -> Octree {
         let bounds = Bounds { min: DVec3::ZERO, max: DVec3::splat(8.0) };
         let node = |level, points, total, first_point, parent: Option<u32>| stream::Node {
@@ -294,7 +296,7 @@ mod tests {
         Event::Opened { cloud: 0, opened }
     }
 
-    /// A streamed cloud whose index is there, by job 0, with the chunk of its root.
+    /// A session with a streamed cloud of job 0, whose index exists, and the chunk of its root.
     fn streamed() -> Session {
         let mut session = Session::new(Preferences::default());
         session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
@@ -313,7 +315,7 @@ mod tests {
         session
     }
 
-    /// All that the last look needs is there.
+    /// Reports that all points for the last view are loaded.
     fn settle(session: &mut Session) {
         session.with_loaded(Loaded::look_around);
         let stats =
@@ -382,14 +384,15 @@ mod tests {
         let mut store = render::PointStore::new(gpu);
         store.reserve(points);
         let cloud = store.add_cloud(render::Material::default());
-        // As large as small nodes.
+        // Chunks of this size are as large as small nodes.
         let chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 10_001]);
         for _ in 0..points / chunk.len() as u64 {
             store.add_chunk(cloud, &chunk, None).unwrap();
         }
-        // Of the 48 bytes of a point, spare room left out, these are the 24 that are there without an attribute and without mirrors.
+        // Without spare room a point takes 48 bytes. This store holds 24 of them, because it has no attribute and no
+        // mirrors.
         let bytes = store.gpu_bytes() * 2;
-        // Room is given in grains of so many points.
+        // Memory is allocated in units of this many points.
         let grain = 48 << 18;
         assert!(bytes <= settings.stream.gpu_bytes.0 + grain, "{bytes}");
         assert!(bytes > settings.stream.gpu_bytes.0 / 2, "{bytes}: much less than it may be");
