@@ -1,5 +1,5 @@
-//! Does what the viewer's session asks for and what needs no window: points are drawn, files read and work is done on threads of
-//! their own, which tell what came of it. The window and recordings do it here.
+//! Carries out the effects that need no window: threads of their own draw points, read files and do work, and report
+//! the results. The window and recordings use it.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,18 +16,18 @@ use crate::viewer::window::render_thread::RenderThread;
 use crate::viewer::window::under_way::UnderWay;
 use crate::viewer::work::Work;
 
-/// Hands news to whoever drives the session, from any thread; false once nobody listens.
+/// Sends news from any thread to the code that drives the session; returns false once nobody receives them.
 pub type Tell = Arc<dyn Fn(News) -> bool + Send + Sync>;
 
 pub struct Effects {
     tell: Tell,
-    /// Starts jobs: `world::start`, or `world::start_unseen`.
+    /// The function that starts jobs: `world::start`, or `world::start_unseen`.
     start: fn(Vec<Input>, &Settings) -> Job,
     render_thread: Option<RenderThread>,
     under_way: Arc<UnderWay>,
 }
 
-/// The program ends as long after the window at most.
+/// After the window closes, the program waits at most this long for jobs and work to end.
 const CLOSING_TIME: Duration = Duration::from_secs(3);
 
 impl Effects {
@@ -35,13 +35,13 @@ impl Effects {
         Self { tell, start, render_thread: None, under_way: Arc::default() }
     }
 
-    /// Has points drawn from now on; the arguments are those of `RenderThread::start`.
+    /// Starts drawing points; the arguments are those of `RenderThread::start`.
     ///
     /// # Errors
-    /// If no thread can be started.
+    /// No thread can be started.
     pub fn draw_for(&mut self, window_gpu: Arc<Gpu>, wanted: Option<String>) -> std::io::Result<()> {
         let tell = self.tell.clone();
-        // A window that is closed needs no reports.
+        // A closed window needs no reports.
         let thread = RenderThread::start(window_gpu, wanted, move |report| {
             let _ = tell(News::Report(report));
         })?;
@@ -49,7 +49,7 @@ impl Effects {
         Ok(())
     }
 
-    /// Does an effect; gives it back if it needs a window.
+    /// Carries out an effect; returns it if it needs a window.
     pub fn run(&mut self, session: &mut Session, effect: Effect) -> Option<Effect> {
         match effect {
             Effect::Render(command) => {
@@ -80,7 +80,7 @@ impl Effects {
         None
     }
 
-    /// Ends what is drawn, loaded and made. What is half made is cleared away, unless that takes too long.
+    /// Stops drawing, loading and work. Waits until unfinished files are removed, but for at most `CLOSING_TIME`.
     pub fn close(&mut self, session: &Session) {
         self.render_thread = None;
         for job in &session.loaded.jobs {
@@ -94,7 +94,7 @@ impl Effects {
         }
     }
 
-    /// The same, and waits for the frame that is being drawn, however long that takes.
+    /// Does the same, and also waits for the frame that is being drawn, however long that takes.
     pub fn end(&mut self, session: &Session) {
         let thread = self.render_thread.take();
         self.close(session);
@@ -104,7 +104,7 @@ impl Effects {
     }
 }
 
-/// Runs `task` on a thread of its own; false, with a message, if there is no thread for it.
+/// Runs `task` on a new thread; reports an error and returns false if no thread can be started.
 pub fn begin(session: &mut Session, name: &str, task: impl FnOnce() + Send + 'static) -> bool {
     let started = std::thread::Builder::new().name(name.into()).spawn(task);
     if let Err(error) = &started {
@@ -113,7 +113,7 @@ pub fn begin(session: &mut Session, name: &str, task: impl FnOnce() + Send + 'st
     started.is_ok()
 }
 
-/// Hands the events of a job on until it ends; a loading thread that dies ends it, too.
+/// Forwards the events of a job until the job ends; it also ends if its loading thread panics.
 fn forward(job: &Job, id: u32, under_way: &Arc<UnderWay>, tell: &Tell) {
     for event in &job.events {
         let is_end = matches!(event, Event::Finished);

@@ -1,21 +1,23 @@
-//! A machine-readable log of what happens, a JSON object a line, into the file that `GLINT_EVENT_LOG` names. Scripts that
-//! drive the window read from it what a person sees.
+//! A machine-readable log of events in the file that `GLINT_EVENT_LOG` names, with a JSON object on each line. Scripts
+//! that drive the window read from it what a person sees.
 
 use std::fs::File;
 use std::io::Write as _;
 
 use anyhow::Context as _;
 
-/// Writes nothing if there is no file.
+/// The log; without a file it writes nothing.
 pub struct EventLog {
     file: Option<File>,
-    /// Events were written that the window has not been painted after.
+    /// True if the window has not been painted since the last event was written.
     has_news: bool,
 }
 
 impl EventLog {
+    /// Opens the file that the environment names.
+    ///
     /// # Errors
-    /// If the file cannot be written.
+    /// The file cannot be written.
     pub fn from_environment() -> anyhow::Result<Self> {
         let Some(path) = std::env::var_os("GLINT_EVENT_LOG").filter(|path| !path.is_empty()) else {
             return Ok(Self { file: None, has_news: false });
@@ -28,14 +30,16 @@ impl EventLog {
     pub fn write(&mut self, event: &serde_json::Value) {
         if let Some(file) = &mut self.file {
             self.has_news = true;
-            // One write a line, so that a reader never sees half a line from here. A full disk is no reason to stop.
+            // Each line is one write, so that a reader never sees half a line from this program. A full disk is no
+            // reason to stop.
             if file.write_all(format!("{event}\n").as_bytes()).is_err() {
                 *self = Self { file: None, has_news: false };
             }
         }
     }
 
-    /// Notes that the window shows what the events so far have led to. Writes `painted` if there were any since the last time.
+    /// Notes that the window now shows the results of all events. Writes `painted` if there were events since the last
+    /// paint.
     pub fn on_painted(&mut self) {
         if self.has_news {
             self.write(&serde_json::json!({ "event": "painted" }));
@@ -43,7 +47,7 @@ impl EventLog {
         }
     }
 
-    /// Whether the window is to be painted, so that `painted` can follow the last events.
+    /// Whether the window must be painted so that `painted` can follow the last events.
     pub fn has_news(&self) -> bool {
         self.has_news
     }

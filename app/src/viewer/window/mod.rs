@@ -1,4 +1,5 @@
-//! What the window does outside of the session: its surface, the thread that draws the points, the event log, and effects.
+//! The window's parts outside of the session: its surface, the thread that draws the points, the event log, and
+//! effects.
 
 pub mod effects;
 pub mod event_log;

@@ -1,9 +1,10 @@
 //! The thread that draws the points, so that the window never waits for them.
 //!
-//! It owns the renderer and the points on the GPU, on a device of its own: waiting for a device holds a lock that presenting
-//! on the same device needs, and a frame too long for the driver's watchdog then takes the pictures with it, not the window.
-//! Commands come in order; of frames that wait only the latest is drawn. A finished picture is written into a texture of the
-//! window's device, whose queue shows it from the window's next frame on, whole or not at all.
+//! It owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
+//! presenting on the same device needs. And if a frame takes too long for the driver's watchdog, only the renderer's
+//! device is lost, and the window stays. Commands are carried out in order; of several waiting frames only the latest
+//! is drawn. A finished picture is written into a texture of the window's device. The window's next frame shows it,
+//! either whole or not at all.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -30,50 +31,50 @@ pub struct FrameRequest {
     pub mirrors: Vec<Mirror>,
     pub lights: Vec<SpotLight>,
     pub sky_is_open: bool,
-    /// The pixels that the picture fills in the window.
+    /// The size in pixels that the picture fills in the window.
     pub size: [u32; 2],
-    /// `Some` if the picture is drawn fast because something moves.
+    /// What the frame spares, if it is drawn fast because something moves.
     pub spared: Option<Spared>,
-    /// Counts changes of the points and their colours.
+    /// A counter that grows with each change of the points and their colours.
     pub revision: u64,
-    /// Drawn fast because the camera moves; a better one follows.
+    /// True if this is a hurried frame, which a better one follows.
     pub hurried: bool,
-    /// Indirect light may be that of the points before: they come and go.
+    /// True if indirect light may be that of earlier points while points are loaded and removed.
     pub light_may_lag: bool,
 }
 
-/// What a picked point is for.
+/// What a picked point is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PickPurpose {
-    /// Coordinates in the status bar, and the point that zooming goes to.
+    /// The coordinates in the status bar, and the point to zoom toward.
     Hover,
     Select,
     Pivot,
 }
 
 pub enum Command {
-    /// Something of the points or of how they are shown is another.
+    /// A change of the points or of how they are shown.
     Change(Change),
-    /// The commands of a chunk that was under way have been sent.
+    /// All commands for a chunk have been sent. Dropping the pass marks the chunk as received.
     Arrived(Pass),
     Frame(Box<FrameRequest>),
     Pick {
         pixel: [u32; 2],
         purpose: PickPurpose,
     },
-    /// Writes a picture as a PNG file, and draws it for that unless it is the last one that was drawn.
+    /// Writes a picture as a PNG file. The frame is drawn first unless it is the last one that was drawn.
     Save {
         request: Box<FrameRequest>,
         path: PathBuf,
     },
-    /// Hands over what the ray tracer judges a frame by, positions from `origin`.
+    /// Captures the images that the ray tracer needs to judge a frame; positions are relative to `origin`.
     Capture {
         request: Box<FrameRequest>,
         origin: DVec3,
     },
-    /// Draws a frame from scratch, for its times.
+    /// Draws a frame from scratch to measure its times.
     Measure(Box<FrameRequest>),
-    /// Makes a frame's picture of other colours: linear red, green and blue. `pass` tells the answers apart.
+    /// Makes a picture of a frame from other colours: linear red, green and blue. `pass` identifies the answer.
     Present {
         request: Box<FrameRequest>,
         colors: Arc<Vec<[f32; 3]>>,
@@ -81,7 +82,7 @@ pub enum Command {
     },
 }
 
-/// A frame's images.
+/// The images of a frame.
 pub struct Captured {
     pub request: FrameRequest,
     pub drawn: Drawn,
@@ -89,26 +90,26 @@ pub struct Captured {
     pub picture: Vec<u8>,
 }
 
-/// A picture that is ready to be shown.
+/// A finished picture.
 pub struct Frame {
     pub request: FrameRequest,
     pub stats: FrameStats,
-    /// Milliseconds from the request's turn to the picture in the window's texture.
+    /// Milliseconds from the start of drawing until the picture is in the window's texture.
     pub total_milliseconds: f64,
-    /// Of the window's device. The same texture as long as the size stays.
+    /// A texture of the window's device. It stays the same while the size stays the same.
     pub texture: wgpu::Texture,
 }
 
-/// A point of a cloud, found under a pixel.
+/// A point of a cloud that was found under a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PickedPoint {
     pub chunk: ChunkKey,
-    /// Index in the chunk.
+    /// The point's index in its chunk.
     pub index: usize,
 }
 
 pub enum Report {
-    /// Shaders are compiled.
+    /// The shaders are compiled.
     Ready {
         adapter: String,
     },
@@ -129,33 +130,34 @@ pub enum Report {
         pass: u32,
         rgba: Vec<u8>,
     },
-    /// What was asked for the truth cannot be had.
+    /// Images or pictures that the truth asked for cannot be made.
     NotJudged(String),
     Problem(String),
-    /// The latest frame failed; others may follow.
+    /// The latest frame failed; later frames may succeed.
     NotDrawn(String),
     /// Nothing can be drawn any more.
     Lost(String),
 }
 
-/// The window's end. Dropping it ends the thread after the frame it is at.
+/// The window's handle to the thread. When it is dropped, the thread ends after the frame that it is drawing.
 pub struct RenderThread {
     commands: Sender<Command>,
     thread: JoinHandle<()>,
-    /// Set when a picture in lower quality waits, so that one in full quality is given up for it.
+    /// Set when a hurried frame waits, so that the thread gives up a frame in full quality for it.
     is_urgent: Arc<AtomicBool>,
 }
 
-/// Pixels around the cursor in which a point counts as meant: a fingertip's precision with a mouse.
+/// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
 const PICK_RADIUS: u32 = 6;
-/// Longest time that points are uploaded before a waiting frame gets its turn.
+/// The longest time for which points are uploaded before a waiting frame is drawn.
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
 impl RenderThread {
-    /// `window_gpu` is the device that shows the pictures; `wanted` as in `Gpu::headless`. `report` is called from the thread.
+    /// Starts the thread. `window_gpu` is the device that shows the pictures; `wanted` is as in `Gpu::headless`. The
+    /// thread calls `report`.
     ///
     /// # Errors
-    /// If no thread can be started.
+    /// No thread can be started.
     pub fn start(
         window_gpu: Arc<Gpu>,
         wanted: Option<String>,
@@ -172,7 +174,7 @@ impl RenderThread {
                 }
                 Err(error) => report(Report::Lost(error.to_string())),
             };
-            // wgpu panics where a driver breaks its word; the window lives to say so.
+            // wgpu panics when a driver violates its contract. The window survives to report it.
             if std::panic::catch_unwind(std::panic::AssertUnwindSafe(draw)).is_err() {
                 report(Report::Lost("the renderer stopped unexpectedly".into()));
             }
@@ -183,18 +185,18 @@ impl RenderThread {
 
     pub fn send(&self, command: Command) {
         let is_urgent = matches!(&command, Command::Frame(request) if request.hurried);
-        // A thread that has ended has reported why.
+        // A thread that has ended has already reported the reason.
         let _ = self.commands.send(command);
         if is_urgent {
             self.is_urgent.store(true, Ordering::Relaxed);
         }
     }
 
-    /// Ends the thread, and waits for the frame that it is at.
+    /// Ends the thread, and waits for the frame that it is drawing.
     pub fn end(self) {
         drop(self.commands);
         self.is_urgent.store(true, Ordering::Relaxed);
-        // It caught its own panics.
+        // The thread catches its own panics.
         let _ = self.thread.join();
     }
 }
@@ -205,15 +207,16 @@ struct Worker {
     renderer: Renderer,
     resident: Resident,
     shown: Option<wgpu::Texture>,
-    /// The frame that the renderer holds, and whether its picture is of its own colours.
+    /// The frame that the renderer holds, and whether the picture was made from the frame's own colours.
     held: Option<(FrameRequest, bool)>,
-    /// The frame in the window: what is picked from.
+    /// The frame in the window; points are picked from it.
     on_screen: Option<FrameRequest>,
 }
 
 impl Worker {
     fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>) -> render::Result<Self> {
-        // The window's adapter, unless another is asked for: the one that presents is the one with the screen.
+        // The same adapter as the window's, unless another is wanted: the adapter that presents is the one that has the
+        // screen.
         let name = window_gpu.info.name.clone();
         let gpu = Gpu::headless(Some(wanted.unwrap_or(&name)))?;
         Ok(Self {
@@ -228,7 +231,7 @@ impl Worker {
     }
 
     fn run(&mut self, commands: &Receiver<Command>, urgent: &Arc<AtomicBool>, report: &impl Fn(Report)) {
-        // A frame that was given up is drawn after all if no other has come.
+        // A frame that was given up is drawn after all if no other was requested.
         let mut frame: Option<Box<FrameRequest>> = None;
         loop {
             let first = if frame.is_some() {
@@ -311,7 +314,7 @@ impl Worker {
         Ok(())
     }
 
-    /// What the truth asks for.
+    /// Carries out a command for the truth.
     fn judge(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
             Command::Capture { request, origin } => {
@@ -337,7 +340,7 @@ impl Worker {
         Ok(())
     }
 
-    /// Draws a frame unless the renderer holds it; `with_picture`: and its picture.
+    /// Draws a frame unless the renderer holds it, and also its picture if `with_picture` is set.
     fn hold(&mut self, request: &FrameRequest, with_picture: bool) -> render::Result<()> {
         let is_held = |(held, has_picture): &(FrameRequest, bool)| held == request && (*has_picture || !with_picture);
         if !self.held.as_ref().is_some_and(is_held) {
@@ -386,25 +389,25 @@ impl Worker {
     }
 }
 
-/// Whether no further frame can be expected after this error.
+/// Whether no further frame can be drawn after this error.
 fn is_fatal(error: &render::Error) -> bool {
     matches!(error, render::Error::Lost(_))
 }
 
 impl FrameRequest {
-    /// The same picture with nothing spared.
+    /// The same frame in full quality.
     pub fn unhurried(&self, settings: &Settings) -> Self {
         Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
     }
 
-    /// The pixels that are drawn.
+    /// The size in pixels in which the frame is drawn.
     pub fn drawn_size(&self) -> [u32; 2] {
         self.spared.unwrap_or(Spared::NOTHING).size(self.size)
     }
 }
 
-/// The settings for a frame while the camera or a mirror moves and better ones take too long: one point a pixel, and mirrors
-/// that show no further mirrors. A mirror that is dragged is drawn by its formula: its points come later.
+/// The settings for a hurried frame: one point for each pixel, and mirrors that show no further mirrors. A mirror that
+/// is being dragged is drawn by its formula, because its points are made later.
 pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
     let mut hurried = settings.clone();
     hurried.splat.quality = Quality::Nearest;

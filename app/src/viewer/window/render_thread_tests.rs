@@ -8,7 +8,7 @@ use super::*;
 /// Software Vulkan compiles for a minute on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
 
-/// A render thread and what it reports; `None`, with a note, without an adapter.
+/// A render thread and its reports; `None`, with a note, if there is no adapter.
 fn start() -> Option<(RenderThread, Receiver<Report>)> {
     let gpu = match Gpu::headless(None) {
         Ok(gpu) => gpu,
@@ -22,7 +22,7 @@ fn start() -> Option<(RenderThread, Receiver<Report>)> {
     Some((RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap(), reports))
 }
 
-/// A frame of a mirror ball alone.
+/// A frame that shows only a mirror ball.
 fn request(size: [u32; 2]) -> Box<FrameRequest> {
     Box::new(FrameRequest {
         camera: Camera::looking(DVec3::ZERO, DVec3::Y, 4.0, DVec3::Z),
@@ -41,7 +41,7 @@ fn request(size: [u32; 2]) -> Box<FrameRequest> {
 #[test]
 fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_thread() {
     let Some((thread, reports)) = start() else { return };
-    // They wait while the shaders are compiled.
+    // The frames wait while the shaders are compiled.
     for size in [[32, 24], [40, 30], [48, 36]] {
         thread.send(Command::Frame(request(size)));
     }
@@ -50,11 +50,11 @@ fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_
     let Report::Frame(frame) = report() else { panic!("no frame") };
     assert_eq!((frame.request.size, frame.texture.width(), frame.texture.height()), ([48, 36], 48, 36));
 
-    // Wider than any adapter takes.
+    // The size is wider than any adapter supports.
     thread.send(Command::Frame(request([200_000, 10])));
     assert!(matches!(report(), Report::NotDrawn(_)));
 
-    // A picture of the same size goes into the same texture.
+    // A picture of the same size is written to the same texture.
     thread.send(Command::Frame(request([48, 36])));
     let Report::Frame(again) = report() else { panic!("no frame after a failed one") };
     assert_eq!(again.texture, frame.texture);
@@ -72,7 +72,7 @@ fn only_the_latest_of_waiting_frames_is_drawn_and_a_failed_one_does_not_end_the_
     assert_eq!(measured, request([48, 36]));
     assert!(stats.passes.iter().any(|pass| pass.name == "mirror_exact"), "a frame from scratch, not one that was kept");
 
-    // Its end comes after the commands that it has, and says nothing more.
+    // The thread ends after the commands that it has, and sends no further report.
     drop(thread);
     assert!(matches!(reports.recv_timeout(PATIENCE), Err(std::sync::mpsc::RecvTimeoutError::Disconnected)));
 }
@@ -86,7 +86,7 @@ fn a_hurried_frame_spares_the_average_and_further_bounces_and_leaves_the_rest() 
     (back.splat.quality, back.reflection.bounces) = (settings.splat.quality, 3);
     assert_eq!(back, settings);
     assert_eq!(hurried(&settings, true).mirror.surface, MirrorSurface::Exact);
-    // What has no bounces gets none.
+    // Settings without bounces get none.
     let none = Settings { reflection: Reflection { bounces: 0, ..Reflection::default() }, ..settings };
     assert_eq!(hurried(&none, false).reflection.bounces, 0);
 }

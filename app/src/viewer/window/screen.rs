@@ -19,17 +19,19 @@ pub struct Screen {
     picture: Option<(TextureId, wgpu::Texture)>,
 }
 
-/// What became of a frame of the window.
+/// The result of painting a frame of the window.
 pub enum Painted {
-    /// egui wants the next one after this time.
+    /// egui wants the next frame after this time.
     Next(Duration),
-    /// Not shown (resized, lost): to be tried again at once.
+    /// The frame was not shown (the surface was resized or lost) and must be painted again at once.
     Again,
 }
 
 impl Screen {
+    /// Opens the window.
+    ///
     /// # Errors
-    /// No window, or no adapter that can show something in it.
+    /// No window can be opened, or no adapter can show something in it.
     pub fn open(event_loop: &ActiveEventLoop, size: [u32; 2], wanted: Option<&str>) -> anyhow::Result<Self> {
         let attributes = Window::default_attributes()
             .with_title("glint")
@@ -45,7 +47,7 @@ impl Screen {
         let mut configuration = surface
             .get_default_config(&gpu.adapter, width, height)
             .ok_or_else(|| anyhow::anyhow!("{}: cannot show pictures in this window", gpu.info.name))?;
-        // egui blends in sRGB, as browsers do: it wants a format that does not convert.
+        // egui blends in sRGB, as browsers do, so it needs a format that does not convert.
         let formats = surface.get_capabilities(&gpu.adapter).formats;
         let plain = formats.iter().find(|format| !format.is_srgb());
         configuration.format = *plain.unwrap_or(&configuration.format);
@@ -68,13 +70,13 @@ impl Screen {
         }
     }
 
-    /// Logical pixels.
+    /// The size of the window in logical pixels.
     pub fn size(&self) -> [u32; 2] {
         let size = self.window.inner_size().to_logical::<u32>(self.window.scale_factor());
         [size.width, size.height]
     }
 
-    /// Makes the render thread's texture known to egui.
+    /// Registers the render thread's texture with egui.
     pub fn set_picture(&mut self, texture: wgpu::Texture) {
         if self.picture.as_ref().is_some_and(|(_, known)| *known == texture) {
             return;
@@ -83,7 +85,7 @@ impl Screen {
             self.painter.free_texture(&id);
         }
         let view = texture.create_view(&Default::default());
-        // Pixel for pixel; while the window is being resized, stretched.
+        // The picture is shown pixel for pixel, and stretched while the window is being resized.
         let id = self.painter.register_native_texture(&self.gpu.device, &view, wgpu::FilterMode::Linear);
         self.picture = Some((id, texture));
     }
@@ -102,7 +104,7 @@ impl Screen {
         }
         let platform = std::mem::take(&mut output.platform_output);
         self.input.handle_platform_output_with_event_loop(&self.window, event_loop, platform);
-        // Before any early return: egui does not send them twice.
+        // This stands before any early return because egui does not send textures twice.
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         for (id, deltas) in std::mem::take(&mut output.textures_delta.set) {
             for delta in deltas {
@@ -128,7 +130,7 @@ impl Screen {
                 self.surface.configure(device, &self.configuration);
                 return false;
             }
-            // Hidden, or the compositor is busy: the next event brings the next frame.
+            // The window is hidden, or the compositor is busy: the next event brings the next frame.
             _ => return true,
         };
         let jobs = self.context.tessellate(shapes, pixels_per_point);
@@ -156,8 +158,8 @@ impl Screen {
     }
 }
 
-/// Splits input that holds both a press and its release: before egui would see a drag, the button is up again. On a slow
-/// machine a quick drag falls between two frames of the window, and must not be lost for it.
+/// Splits input that holds both a press and its release. Otherwise egui would see the button up again before it sees a
+/// drag: on a slow machine a quick drag falls between two frames of the window, and must not be lost.
 fn passes(mut input: egui::RawInput) -> Vec<egui::RawInput> {
     let events = std::mem::take(&mut input.events);
     let is_button =

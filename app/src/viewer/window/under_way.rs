@@ -1,9 +1,9 @@
-//! Chunks on their way from the loading threads to the render thread. The window's events and the render thread's commands wait
-//! in queues without an end, and a frame can take long: what is loaded waits before them.
+//! Chunks on their way from the loading threads to the render thread. The queues of the window's events and of the
+//! render thread's commands have no limit, and a frame can take long. So chunks wait here before they enter the queues.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Bytes of chunks under way, at most: those of some two million points.
+/// The most bytes of chunks that may be under way: about two million points.
 const MOST_BYTES: u64 = 64 << 20;
 
 #[derive(Default)]
@@ -12,14 +12,14 @@ pub struct UnderWay {
     has_less: Condvar,
 }
 
-/// Goes the way of a chunk behind it; where it is dropped, the chunk has arrived.
+/// Travels with a chunk. Dropping it marks the chunk as received.
 pub struct Pass {
     bytes: u64,
     under_way: Arc<UnderWay>,
 }
 
 impl UnderWay {
-    /// Waits until there is room for so many bytes; for more than there can be, until nothing else is under way.
+    /// Waits until there is room for `bytes`. More bytes than the limit wait until nothing else is under way.
     pub fn enter(self: &Arc<Self>, bytes: u64) -> Pass {
         let is_full = |under_way: &mut u64| *under_way > 0 && *under_way + bytes > MOST_BYTES;
         let waited = self.has_less.wait_while(self.lock(), is_full);
@@ -63,7 +63,7 @@ mod tests {
                 }
             });
             let arrive = |pass| {
-                // Slower than they come.
+                // The receiver is slower than the sender.
                 std::thread::sleep(Duration::from_millis(1));
                 drop(pass);
             };
