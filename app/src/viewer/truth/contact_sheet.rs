@@ -1,4 +1,4 @@
-//! Pictures side by side with lines of text below each, as one picture.
+//! A picture that shows several pictures side by side, with lines of text below each.
 
 use egui::epaint::text::{FontDefinitions, Fonts, TextOptions};
 use egui::{Color32, FontId};
@@ -7,27 +7,27 @@ use image::{Rgba, RgbaImage};
 
 /// One picture of the sheet.
 pub struct Tile {
-    /// Rows of sRGB red, green, blue and opacity, of the sheet's tile size; empty where there is none.
+    /// Rows of sRGB red, green, blue and opacity, in the sheet's tile size; empty if there is no picture.
     pub rgba: Vec<u8>,
     pub lines: Vec<String>,
 }
 
-/// Pixels that a picture is shrunk to, if it is wider: four of them side by side fill a wide screen.
+/// Wider pictures are shrunk to this width in pixels: four of them fill a wide screen side by side.
 const WIDEST: u32 = 480;
-/// Pixels, of a picture and of the text below it: narrower ones have room on their right.
+/// The least width of a tile in pixels, so that the text fits: a narrower picture has free space on its right.
 const NARROWEST: u32 = 260;
 const GAP: u32 = 12;
 const LINE: u32 = 18;
 const BACKGROUND: Rgba<u8> = Rgba([0x1a, 0x1c, 0x20, 0xff]);
 const TEXT: [u8; 3] = [0xd6, 0xd9, 0xde];
 
-/// Pixels of a tile for pictures of a size.
+/// The size in pixels of the tiles for pictures of `size`.
 pub fn tile_size(size: [u32; 2]) -> [u32; 2] {
     let width = size[0].clamp(1, WIDEST);
     [width, (u64::from(size[1]) * u64::from(width)).div_ceil(u64::from(size[0].max(1))) as u32]
 }
 
-/// A picture of rows of sRGB red, green, blue and opacity in a tile's size.
+/// Shrinks a picture to the tile size; both are rows of sRGB red, green, blue and opacity.
 pub fn shrunk(size: [u32; 2], rgba: Vec<u8>) -> Vec<u8> {
     let [width, height] = tile_size(size);
     match RgbaImage::from_raw(size[0], size[1], rgba) {
@@ -36,7 +36,8 @@ pub fn shrunk(size: [u32; 2], rgba: Vec<u8>) -> Vec<u8> {
     }
 }
 
-/// Size and pixels of a sheet of tiles of one size, row by row, about as many across as down.
+/// Draws a sheet of tiles of one size, row by row, with about as many columns as rows. Returns the sheet's size in
+/// pixels and its pixels.
 pub fn draw([width, height]: [u32; 2], tiles: Vec<Tile>) -> ([u32; 2], Vec<u8>) {
     let columns = (tiles.len() as f64).sqrt().ceil().max(1.0) as u32;
     let rows = (tiles.len() as u32).div_ceil(columns);
@@ -56,7 +57,7 @@ pub fn draw([width, height]: [u32; 2], tiles: Vec<Tile>) -> ([u32; 2], Vec<u8>) 
     ([sheet.width(), sheet.height()], sheet.into_raw())
 }
 
-/// Puts a line of text with its upper left corner at `corner`.
+/// Writes a line of text with its upper left corner at `corner`.
 fn write(sheet: &mut RgbaImage, fonts: &mut Fonts, text: &str, corner: [u32; 2]) {
     let mut view = fonts.with_pixels_per_point(1.0);
     let galley = view.layout_no_wrap(text.into(), FontId::proportional(13.0), Color32::WHITE);

@@ -1,9 +1,9 @@
-//! The ray-traced truth of the view in the window: what is asked of it, what there is of it, and what is to be done next. The work
-//! itself is `truth_tasks`; here nothing takes time.
+//! The ray-traced truth of the view in the window: what is asked of it, what is known of it, and what to do next.
+//! `tasks` does the work; nothing here takes long.
 //!
-//! A frame that stands still goes these ways: its scene is made ready for tracing (once, until points, colours or splat size
-//! change), the render thread hands over its images, and then it is traced ever finer and judged. All of it names the frame that it
-//! is about, and nothing that is about another frame is shown.
+//! A frame that stands still passes through these steps: its scene is prepared for tracing (once, until points, colours
+//! or splat size change), the render thread captures its images, and then workers trace it ever finer and judge it.
+//! Each step names its frame, and results for another frame are never shown.
 
 pub mod contact_sheet;
 pub mod study_file;
@@ -35,10 +35,11 @@ use crate::viewer::truth::view::{
 use crate::viewer::window::render_thread::{Captured, Command, FrameRequest};
 use crate::viewer::work::Work;
 
-/// A frame that has stood still for so long is worth work: on the way of a slider there are many that nobody means.
+/// A frame that has stood still for this long is worth the work: a slider that is dragged passes many frames that
+/// nobody wants judged.
 const REST: Duration = Duration::from_millis(200);
 
-/// What of the session the truth depends on.
+/// What the truth reads from the session.
 pub struct Around<'a> {
     pub clouds: &'a [CloudEntry],
     pub samples: &'a Samples,
@@ -56,7 +57,7 @@ impl Around<'_> {
         traced_points(self.clouds, self.samples)
     }
 
-    /// All that is shown, to be traced.
+    /// Everything that is visible, as sources of the scene to trace.
     pub fn sources(&self) -> Vec<Source> {
         let clouds = self.clouds.iter().filter(|entry| entry.is_visible).map(|entry| {
             let (cloud, up) = (entry.cloud.clone(), entry.up);
@@ -72,14 +73,14 @@ impl Around<'_> {
     }
 }
 
-/// Points that are shown, those of mirrors included: as many are traced.
+/// The number of points to trace: all visible points, including those of mirrors.
 pub fn traced_points(clouds: &[CloudEntry], samples: &Samples) -> u64 {
     let visible = clouds.iter().filter(|entry| entry.is_visible).map(|entry| entry.points);
     visible.sum::<u64>() + samples.points()
 }
 
 impl TruthView {
-    /// Holds or releases the truth's key.
+    /// Handles the key that shows the truth: it is pressed or released.
     pub fn hold(&mut self, is_held: bool, outside: &mut Outside) {
         if is_held != self.is_held {
             self.is_held = is_held;
@@ -87,7 +88,7 @@ impl TruthView {
         }
     }
 
-    /// Why nothing is shown yet.
+    /// The reason why nothing is shown yet.
     pub fn awaited(&self, is_swept: bool) -> &'static str {
         match () {
             () if self.is_too_large => "too many points to trace the truth",
@@ -97,7 +98,7 @@ impl TruthView {
         }
     }
 
-    /// Whether more points are shown than are traced, which is said when it begins to be so.
+    /// Whether more points are visible than can be traced. A message is shown when this becomes true.
     fn has_too_many_points(&mut self, points: u64, outside: &mut Outside) -> bool {
         let is_too_large = points > MOST_POINTS;
         if is_too_large && !self.is_too_large {
@@ -107,7 +108,8 @@ impl TruthView {
         is_too_large
     }
 
-    /// Takes what is wanted of the truth one step on; called every frame of the window. Returns when to look again.
+    /// Advances what is wanted of the truth by one step. Called every frame of the window. Returns the time after which
+    /// to call again.
     pub fn sync(&mut self, around: &Around<'_>, tuning: &mut Tuning, outside: &mut Outside) -> Option<Duration> {
         let wanted = around.frames.requested.as_ref();
         let basis = wanted.map(FrameRequest::truth_basis);
@@ -144,7 +146,7 @@ impl TruthView {
         None
     }
 
-    /// The next step for a frame that stands still, which `tuning` wants judged.
+    /// Starts the next step for a frame that stands still and that `tuning` wants judged.
     fn work_on(
         &mut self,
         request: FrameRequest,
@@ -170,7 +172,7 @@ impl TruthView {
             return;
         }
         let judge = Judge { request: request.clone(), scene, drawn, progress: Arc::default() };
-        // It takes less time than a step of tracing, which it would wait behind.
+        // Judging takes less time than a step of tracing, and would otherwise wait behind it.
         self.judge(&judge, outside);
         self.trace(basis, &judge, outside);
         self.present(&judge, outside);
@@ -179,10 +181,10 @@ impl TruthView {
         }
     }
 
-    /// Makes the points ready to be traced.
+    /// Prepares the points for tracing.
     pub fn build(&mut self, key: SceneKey, sources: impl FnOnce() -> Vec<Source>, outside: &mut Outside) {
         if let Some((building, progress)) = &self.building {
-            // It answers when it has ended.
+            // The task answers when it has ended.
             if *building != key {
                 progress.cancel();
             }
@@ -196,7 +198,7 @@ impl TruthView {
     fn trace(&mut self, basis: FrameRequest, judge: &Judge, outside: &mut Outside) {
         let alone = !self.wants_picture(&basis);
         if let Some(tracing) = &self.tracing {
-            // Either this very frame's, or it answers when it has ended.
+            // Either this frame is being traced already, or the task answers when it has ended.
             tracing.mirrors_alone.store(alone, Ordering::Relaxed);
             return;
         }
@@ -224,7 +226,8 @@ impl TruthView {
             }
             return;
         };
-        // Colours are compared when the mirrors' truth is as fine as it gets: noise would count as an error.
+        // Colours are compared only once the mirrors' truth is fully traced: earlier, its noise would count as an
+        // error.
         let pass = self.traced.as_ref().map(|traced| &traced.pass);
         let pass = pass.filter(|pass| pass.samples[0] == pass.wanted_samples && pass.basis == request.truth_basis());
         if let (None, None, Some(pass)) = (verdict.figures.image, &self.comparing, pass) {
@@ -234,7 +237,7 @@ impl TruthView {
         }
     }
 
-    /// Makes pictures of what was traced for the screen.
+    /// Makes pictures for the screen from what was traced.
     fn present(&mut self, judge: &Judge, outside: &mut Outside) {
         let Judge { request, .. } = judge;
         let basis = request.truth_basis();
@@ -251,7 +254,7 @@ impl TruthView {
             outside.render(Command::Present { request, colors, pass });
         }
         let measure = self.measure;
-        // Places stay as they are while colours become finer.
+        // Positions stay the same while colours become finer.
         let pass = if measure == Measure::Place { 0 } else { pass };
         let label = Label { request: request.clone(), pass, measure: Some(measure) };
         let is_asked_for = self.is_pinned && self.look == Look::Difference;
@@ -263,7 +266,7 @@ impl TruthView {
         }
     }
 
-    /// The images of a frame that the render thread was asked for.
+    /// Takes in the images of a frame that the render thread has captured.
     pub fn on_captured(&mut self, captured: Captured, revision: u64) {
         let is_current = self.is_of_scene(&captured.request, revision);
         if self.capturing.as_ref() == Some(&captured.request) {
@@ -272,13 +275,13 @@ impl TruthView {
         }
     }
 
-    /// Whether what was found out about a frame is still of use: points that have changed, or Stop, have freed its scene.
+    /// Whether results for a frame are still useful: changed points, or Stop, have freed its scene.
     fn is_of_scene(&self, request: &FrameRequest, revision: u64) -> bool {
         let scene = self.scene.as_ref();
         request.revision == revision && scene.is_some_and(|(key, _)| key.revision == revision)
     }
 
-    /// A picture of the truth, as the render thread shows it.
+    /// Takes in a picture of the truth that the render thread has made.
     pub fn on_presented(
         &mut self,
         request: FrameRequest,
@@ -296,12 +299,12 @@ impl TruthView {
         self.presented = Some((label, Picture::new(size, rgba)));
     }
 
-    /// What the render thread was asked for will not come.
+    /// Notes that a request to the render thread has failed.
     pub fn on_not_judged(&mut self) {
         (self.capturing, self.presenting) = (None, None);
     }
 
-    /// What a worker thread found; what comes of it outside of the truth.
+    /// Takes in a worker's answer; returns what it means outside of the truth.
     pub fn on_answer(&mut self, answer: Answer, revision: u64) -> Taken {
         let is_current = match answer.request() {
             Some(request) => self.is_of_scene(request, revision),
@@ -333,7 +336,7 @@ mod tests {
         harness
     }
 
-    /// Whether the truth of the frame on the screen is in the picture.
+    /// Whether the picture shows the truth of the frame on the screen.
     fn is_shown(session: &Session) -> bool {
         session.truth_frame().is_some_and(|request| session.truth.picture(&request).is_some())
     }
@@ -357,7 +360,7 @@ mod tests {
         assert!(figures.mirror_pixels > 100 && figures.pixel_error.p95 < 3.0, "{figures:?}");
         assert!(figures.image.is_some_and(|image| image.delta_e < 10.0), "{figures:?}");
 
-        // Another method has the same truth, which is not traced anew, and other figures.
+        // Another method has the same truth, which is not traced again, and different figures.
         let number = session.truth.traced.as_ref().map(|traced| traced.number);
         session.scene.settings.reflection.method = scene::Method::None;
         harness.state_mut().settle();
@@ -367,7 +370,7 @@ mod tests {
         assert!(is_shown(session) && session.truth.figures(&request).is_none());
         assert_eq!(session.truth.figures(&other).unwrap().coverage, 0.0);
 
-        // A view that turns has none until it stands still again.
+        // A turning view has no truth until it stands still again.
         session.scene.camera.orbit(0.3, 0.1);
         assert!(!is_shown(session));
         harness.state_mut().settle();
@@ -402,7 +405,7 @@ mod tests {
         let of_all = clear(session.truth.difference(&request).unwrap());
         assert!(of_mirrors > of_all, "{of_mirrors} {of_all}");
 
-        // Points that go take with them what was made of them.
+        // When points are removed, everything made from them is removed.
         let keys: Vec<_> = session.loaded.clouds.iter().map(|entry| entry.key).collect();
         keys.into_iter().for_each(|key| session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside)));
         harness.state_mut().settle();
@@ -427,7 +430,7 @@ mod tests {
         let [frame, method] = bench.session.tuning.times(&request).unwrap();
         assert!(frame > method && method > 0.0, "{frame} {method}");
         let mut harness = harness(bench);
-        // The row of the setting before this one.
+        // Finds the row of the setting before this one.
         let is_row = |text: &str| text.contains(" ms of ") && !text.contains("= sscr");
         let row = harness.get_all_by_label_contains("pixels");
         let row = row.into_iter().find(|row| row.accesskit_node().label().is_some_and(|text| is_row(&text)));
@@ -448,7 +451,7 @@ mod tests {
         };
         session.loaded.clouds[0].points = MOST_POINTS + 1;
         assert!(has_too_many(&mut session));
-        // As while a file is read.
+        // Points are added, as while a file is read.
         session.loaded.clouds[0].points += 1000;
         assert!(has_too_many(&mut session));
         let told = session.outside.messages.all.iter().filter(|message| message.text.contains("30,000,000")).count();
@@ -475,7 +478,7 @@ mod tests {
         assert!(progress.is_cancelled());
     }
 
-    /// The render thread has made a picture of the truth.
+    /// Reports a picture of the truth, as the render thread does.
     fn present(session: &mut Session, request: FrameRequest) {
         let rgba = vec![255; 64 * 48 * 4];
         session.on_report(Report::Presented { request: Box::new(request), pass: 99, rgba });
@@ -496,7 +499,7 @@ mod tests {
         bench.settle();
         assert!(is_shown(&bench.session));
 
-        // Of points that are gone: nothing is kept of it.
+        // The points are gone, so nothing is kept.
         let session = &mut bench.session;
         session.with_loaded(|loaded, beside| loaded.set_visible(loaded.clouds[0].key, false, beside));
         let progress = Arc::<Progress>::default();

@@ -1,4 +1,4 @@
-//! The plan of studies that settings tried in the window are added to.
+//! The study plan to which settings tried in the window are added.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -8,16 +8,16 @@ use scene::{Settings, whole_file};
 
 use crate::picture_file;
 
-/// The plan that settings are added to.
+/// The file name of the plan.
 pub const STUDY: &str = "study.toml";
 
-/// Appends a group to a plan, which is made if there is none, and writes the scene that it is about beside it: views that are alike
-/// share a file.
+/// Appends a group to a plan, which is created if it does not exist, and writes the group's scene beside it. Equal
+/// views share a file.
 ///
 /// # Errors
-/// A file that is no plan, or that cannot be read or written; names it.
+/// The plan or the scene cannot be read or written, or the file is not a plan. The error names the file.
 pub fn add_to_study(plan: &Path, scene: &str, mut group: toml::Table) -> anyhow::Result<()> {
-    // Each addition reads the one before it.
+    // Additions run one at a time, because each reads the result of the one before.
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let text = match whole_file::read(plan) {
@@ -37,7 +37,7 @@ pub fn add_to_study(plan: &Path, scene: &str, mut group: toml::Table) -> anyhow:
         match whole_file::read(&path) {
             Ok(text) if text == scene => Some((path, true)),
             Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => Some((path, false)),
-            // Another view, or what cannot be read: it stays as it is.
+            // The file holds another view or cannot be read: it stays as it is.
             _ => None,
         }
     });
@@ -54,9 +54,9 @@ pub fn add_to_study(plan: &Path, scene: &str, mut group: toml::Table) -> anyhow:
     picture_file::write_text(plan, &joined)
 }
 
-/// Parameters, and the size of the picture, as a group of a study's plan, whose name and scene are still to come.
+/// A group of a study's plan with the parameters and the size of the picture. The caller adds its name and scene.
 pub fn group_of(written: &Settings, [width, height]: [u32; 2]) -> toml::Table {
-    // What the group names itself.
+    // The group names method and scene itself.
     let is_set = |key: &String| key != "reflection.method" && !key.starts_with("scene.");
     let differing: Vec<String> = written.differing().into_iter().map(|(key, _)| key).filter(is_set).collect();
     let values = written.all().into_iter().filter(|(key, _)| differing.contains(key));
@@ -67,7 +67,7 @@ pub fn group_of(written: &Settings, [width, height]: [u32; 2]) -> toml::Table {
     let value = |key: &str, value: &param::Value| match value {
         param::Value::Bool(on) => toml::Value::Boolean(*on),
         param::Value::U32(number) => toml::Value::Integer((*number).into()),
-        // By its text: the shortest that reads back as the same number.
+        // The number is written as its text: the shortest that reads back as the same number.
         param::Value::F32(_) => text(key).parse().map_or(toml::Value::String(text(key)), toml::Value::Float),
         _ => toml::Value::String(text(key)),
     };

@@ -1,5 +1,5 @@
-//! Sweeps: one parameter over a range, in the view at hand, judged by the truth. Frames of a sweep are drawn between those of the
-//! window, whose parameters stay as they are; what comes of it is a contact sheet and a table in a folder of its own.
+//! Sweeps: the truth judges the current view over a range of one parameter. The frames of a sweep are drawn between
+//! those of the window, whose parameters stay unchanged. The result is a contact sheet and a table in a new folder.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,40 +22,40 @@ use crate::viewer::work::Work;
 
 /// A sweep under way.
 pub struct Sweep {
-    /// The frame on the screen when it began.
+    /// The frame on the screen when the sweep began.
     view: FrameRequest,
-    /// As text, with the parameters that they give.
+    /// The values as text, each with its settings.
     values: Vec<(String, Settings)>,
-    /// Of the values before the one at hand.
+    /// The results of the values before the current one.
     result: SweepResult,
-    /// Of the value at hand, after a first frame that only makes things ready.
+    /// Frame times of the current value; a first frame only compiles what the value needs and does not count.
     times: Vec<[f64; 2]>,
     is_warm: bool,
-    /// Asked for and not answered.
+    /// True while a request waits for its answer.
     is_waiting: bool,
     progress: Arc<Progress>,
 }
 
-/// Where sweeps are saved, the best first.
+/// The folders in which sweeps may be saved, the best first.
 pub fn places() -> Vec<PathBuf> {
     let current = std::path::absolute(".").unwrap_or_default();
     [Some(current), std::env::home_dir(), Some(std::env::temp_dir())].into_iter().flatten().collect()
 }
 
 impl Sweep {
-    /// How far it is.
+    /// The progress as text.
     pub fn text(&self) -> String {
         format!("sweep of {}: {} of {}", self.result.key, self.result.rows.len() + 1, self.values.len())
     }
 
-    /// The frame that is at hand.
+    /// The frame for the current value.
     fn request(&self) -> Option<FrameRequest> {
         let (_, settings) = self.values.get(self.result.rows.len())?;
         Some(FrameRequest { settings: settings.drawn(), ..self.view.clone() })
     }
 }
 
-/// A sweep that is being set up, and one that is under way.
+/// The sweep that is being set up, and the sweep under way.
 #[derive(Default)]
 pub struct Sweeps {
     pub asked: Option<SweepRange>,
@@ -63,7 +63,7 @@ pub struct Sweeps {
 }
 
 impl Sweeps {
-    /// Asks for the range of a parameter that is to be swept.
+    /// Asks the user for the range in which to sweep a parameter.
     pub fn ask(&mut self, key: &str, settings: &Settings, outside: &mut Outside) {
         self.asked = SweepRange::of(settings, key);
         if self.asked.is_none() {
@@ -71,7 +71,7 @@ impl Sweeps {
         }
     }
 
-    /// Begins a sweep of the view at hand, to be saved in the first of some places that can be written.
+    /// Begins a sweep of the current view, which is saved in the first of `places` that can be written.
     pub fn start(
         &mut self,
         key: &str,
@@ -111,19 +111,19 @@ impl Sweeps {
         }
     }
 
-    /// Ends a sweep, done or not, and has saved what there is of it.
+    /// Ends a sweep, complete or not, and has its results saved.
     pub fn stop(&mut self, outside: &mut Outside) {
         let Some(sweep) = self.under_way.take() else { return };
         sweep.progress.cancel();
         if sweep.result.rows.is_empty() {
-            // Nothing is in it.
+            // The folder is empty.
             let _ = std::fs::remove_dir(&sweep.result.folder);
         } else {
             outside.work(Work::SaveSweep(Box::new(sweep.result)));
         }
     }
 
-    /// Takes the sweep one step on; called every frame of the window.
+    /// Advances the sweep by one step. Called every frame of the window.
     pub fn sync(&mut self, around: &Around<'_>, truth: &mut TruthView, outside: &mut Outside) {
         let Some(sweep) = &mut self.under_way else { return };
         if around.points() > MOST_POINTS {
@@ -149,21 +149,21 @@ impl Sweeps {
         }
     }
 
-    /// Takes the times of a frame that the sweep asked for; false if it did not.
+    /// Takes the times of a frame that the sweep asked for; returns false if the sweep did not ask for it.
     pub fn on_frame(&mut self, request: &FrameRequest, stats: &FrameStats) -> bool {
         let Some(sweep) = self.under_way.as_mut().filter(|sweep| sweep.is_waiting) else { return false };
         if sweep.request().as_ref() != Some(request) {
             return false;
         }
         sweep.is_waiting = false;
-        // The first one compiles what the value needs.
+        // The first frame compiles what the value needs.
         if std::mem::replace(&mut sweep.is_warm, true) {
             sweep.times.push(tuning::times(stats));
         }
         true
     }
 
-    /// Has a frame of the sweep judged; gives back one that is of no sweep.
+    /// Has a frame of the sweep judged; returns a frame that does not belong to a sweep.
     pub fn on_images(&mut self, captured: Captured, truth: &TruthView, outside: &mut Outside) -> Option<Captured> {
         let sweep = self.under_way.as_ref().filter(|sweep| sweep.is_waiting);
         let request = sweep.and_then(Sweep::request).filter(|request| *request == captured.request);
@@ -180,7 +180,7 @@ impl Sweeps {
         None
     }
 
-    /// What a value of the sweep came to.
+    /// Takes in the figures and the picture of a value.
     pub fn on_judged(&mut self, request: &FrameRequest, figures: Accuracy, picture: Vec<u8>) {
         let of_request = |sweep: &&mut Sweep| sweep.request().as_ref() == Some(request);
         let Some(sweep) = self.under_way.as_mut().filter(of_request) else { return };
@@ -195,12 +195,13 @@ impl Sweeps {
         (sweep.is_warm, sweep.is_waiting) = (false, false);
     }
 
-    /// The value at hand failed: its row stays empty, and the next has its turn. False if no value is waited for.
+    /// Handles a failure of the current value: its row stays empty, and the next value follows. Returns false if the
+    /// sweep waits for no value.
     pub fn on_failed(&mut self, problem: &str, outside: &mut Outside) -> bool {
         let Some(sweep) = self.under_way.as_mut().filter(|sweep| sweep.is_waiting) else { return false };
         let Some((value, _)) = sweep.values.get(sweep.result.rows.len()) else { return false };
         let text = format!("{} = {value} failed: {problem}", sweep.result.key);
-        // The others mostly fail in the same way.
+        // The other values mostly fail in the same way.
         let is_first = sweep.result.rows.iter().all(|row| row.outcome.is_some());
         sweep.result.rows.push(Row { value: value.clone(), outcome: None });
         sweep.times.clear();
@@ -212,7 +213,7 @@ impl Sweeps {
     }
 }
 
-/// A sweep was written.
+/// Reports that a sweep was written, or why it was not.
 pub fn on_saved(folder: &Path, result: Result<(), String>, outside: &mut Outside) {
     match result {
         Ok(()) => {
@@ -313,7 +314,7 @@ mod tests {
         let told = |text: &str| bench.session.outside.messages.all.iter().any(|message| message.text.contains(text));
         assert!(told("sweep was ended") && told("splat.size = 1 failed: out of memory"));
         let swept = bench.swept.take().expect("what there is is saved");
-        // Its folder is gone: another takes its place.
+        // The sweep's folder is gone, so another is used.
         std::fs::remove_dir(&swept.folder).unwrap();
         let (path, result) = swept.save();
         result.unwrap();

@@ -1,4 +1,4 @@
-//! What a sweep leaves: a contact sheet and a table, in a folder of its own.
+//! The files that a sweep writes: a contact sheet and a table, in a new folder.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,32 +10,32 @@ use crate::picture_file;
 use crate::viewer::truth::contact_sheet;
 use crate::viewer::truth::contact_sheet::Tile;
 
-/// What a sweep has found so far.
+/// The results of a sweep so far.
 pub struct SweepResult {
-    /// The parameter.
+    /// The key of the parameter.
     pub key: String,
-    /// Pixels of the view.
+    /// The size of the view in pixels.
     pub size: [u32; 2],
     pub rows: Vec<Row>,
-    /// The sweep made it when it began, and is saved in it.
+    /// The folder that the sweep created at its start and is saved in.
     pub folder: PathBuf,
 }
 
-/// One value, and what it came to unless it failed.
+/// One value and its result; a value that failed has none.
 pub struct Row {
     pub value: String,
     pub outcome: Option<Outcome>,
 }
 
 pub struct Outcome {
-    /// Milliseconds of the frame and of the method.
+    /// Milliseconds for the frame and for the method.
     pub times: [f64; 2],
     pub figures: Accuracy,
-    /// RGBA, of a tile's size.
+    /// RGBA pixels in the tile's size.
     pub picture: Vec<u8>,
 }
 
-/// Makes a new folder for a sweep in the first of some places that allows it; its absolute path.
+/// Creates a new folder for a sweep in the first of `places` that allows it; returns its absolute path.
 pub fn make_folder(places: &[PathBuf], key: &str) -> std::io::Result<PathBuf> {
     let mut result = Err(std::io::ErrorKind::NotFound.into());
     for place in places {
@@ -51,8 +51,8 @@ pub fn make_folder(places: &[PathBuf], key: &str) -> std::io::Result<PathBuf> {
 }
 
 impl SweepResult {
-    /// Writes the sheet and the table of the rows that there are; the folder, and what went wrong. Where its own folder cannot be
-    /// written any more, another takes its place.
+    /// Writes the sheet and the table of all rows so far. Returns the folder, and the error if writing failed. If the
+    /// sweep's folder can no longer be written, another is created.
     pub fn save(self) -> (PathBuf, anyhow::Result<()>) {
         let Err(error) = self.write(&self.folder) else { return (self.folder, Ok(())) };
         match make_folder(&[std::env::temp_dir()], &self.key) {
@@ -82,7 +82,8 @@ impl SweepResult {
         ]
     }
 
-    /// The table as CSV: a row for each value, with the figures' names that studies use. What was not measured is empty.
+    /// The table as CSV: a row for each value, and the figures' names as in studies. A cell without a measurement is
+    /// empty.
     fn table(&self) -> anyhow::Result<String> {
         let names = || results::figures().iter().filter(|figure| is_listed(figure)).map(|figure| figure.name.as_str());
         let mut writer = csv::Writer::from_writer(Vec::new());
@@ -96,14 +97,15 @@ impl SweepResult {
     }
 }
 
-/// Whether the table of a sweep has a figure: times, how much of the mirrors is filled, and all that the traced truth tells.
+/// Whether the table of a sweep contains a figure: times, how much of the mirrors is filled, and all comparisons with
+/// the traced truth.
 fn is_listed(figure: &Figure) -> bool {
     const ALWAYS: [&str; 5] = [FRAME_MS, METHOD_MS, "mirror_pixels", "coverage", "closed_coverage"];
     ALWAYS.contains(&figure.name.as_str()) || figure.truth().is_some_and(|(truth, _)| truth == Truth::SameInput)
 }
 
 impl Outcome {
-    /// The figures by their names in studies; those that could not be measured are left out.
+    /// The figures by their names in studies, without those that could not be measured.
     fn named(&self) -> BTreeMap<String, f64> {
         let measured = Measured {
             mirror_pixels: self.figures.mirror_pixels as f64,

@@ -3,15 +3,15 @@
 use param::{Field, Kind, Value};
 use scene::Settings;
 
-/// Most values: what a sheet shows and a person waits for.
+/// The most values of a sweep: more do not fit a sheet and take longer than a person waits.
 pub const MOST_VALUES: u32 = 64;
 
-/// What a sweep that is being set up goes through.
+/// The parameter and the range of a sweep that is being set up.
 #[derive(Clone, Debug)]
 pub struct SweepRange {
     pub key: String,
     pub field: Field,
-    /// Of numbers.
+    /// The ends of the range, for numbers.
     pub from: f64,
     pub to: f64,
     pub count: u32,
@@ -19,7 +19,7 @@ pub struct SweepRange {
 }
 
 impl SweepRange {
-    /// Of a parameter that can be swept.
+    /// The range of a parameter; `None` if the parameter cannot be swept.
     pub fn of(settings: &Settings, key: &str) -> Option<Self> {
         let (group, name) = key.split_once('.')?;
         let group = settings.groups().into_iter().map(param::Params::group).find(|known| known.name == group)?;
@@ -29,12 +29,12 @@ impl SweepRange {
 
     fn new(key: &str, field: &Field) -> Self {
         let (from, to, is_logarithmic) = match field.kind {
-            // As its slider: of a logarithmic one that begins at 0, four decades.
+            // The range is that of the parameter's slider. A logarithmic slider that begins at 0 covers four decades.
             Kind::F32 { min, max, .. } => {
                 let least = if field.is_logarithmic() && min == 0.0 { max * 1e-4 } else { min };
                 (f64::from(least), f64::from(max), field.is_logarithmic())
             }
-            // Seeds and the like: some of them.
+            // A parameter without an upper limit, such as a seed, takes its first six values.
             Kind::U32 { min, max: u32::MAX, .. } => (f64::from(min), f64::from(min) + 5.0, false),
             Kind::U32 { min, max, .. } => (f64::from(min), f64::from(max), field.is_logarithmic()),
             _ => (0.0, 0.0, false),
@@ -46,7 +46,7 @@ impl SweepRange {
         matches!(self.field.kind, Kind::F32 { .. } | Kind::U32 { .. })
     }
 
-    /// As text, each once, in order.
+    /// The values as text, each once, in order.
     pub fn values(&self) -> Result<Vec<String>, String> {
         let number = |share: f64| match self.is_logarithmic {
             true => self.from * (self.to / self.from).powf(share),
@@ -61,7 +61,7 @@ impl SweepRange {
             }
             Kind::U32 { .. } => shares.map(|share| Value::U32(number(share).round() as u32)).collect(),
             Kind::F32 { min, max, .. } => {
-                // Four digits are enough to read, unless they lead out of the range.
+                // Four digits are enough to read, unless rounding leaves the range.
                 let rounded = |exact: f64| format!("{exact:.3e}").parse().unwrap_or(exact as f32);
                 let within = |exact: f64| Some(rounded(exact)).filter(|value| (min..=max).contains(value));
                 shares.map(number).map(|exact| Value::F32(within(exact).unwrap_or(exact as f32))).collect()
@@ -75,7 +75,7 @@ impl SweepRange {
     }
 }
 
-/// A field is known by its key.
+/// Two fields are equal if their keys are.
 impl PartialEq for SweepRange {
     fn eq(&self, other: &Self) -> bool {
         let ends = |range: &Self| (range.from, range.to, range.count, range.is_logarithmic);

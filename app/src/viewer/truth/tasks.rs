@@ -1,5 +1,5 @@
-//! The ray tracer's work for the window, each task on a thread of its own: making a scene to trace, tracing a frame ever finer,
-//! and judging what was drawn.
+//! The ray tracer's work for the window. Each task runs on a thread of its own: preparing a scene for tracing, tracing
+//! a frame ever finer, and judging what was drawn.
 
 use std::panic::AssertUnwindSafe;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +15,7 @@ use world::mirrors::{self, Marked};
 use crate::viewer::truth::contact_sheet;
 use crate::viewer::window::render_thread::FrameRequest;
 
-/// What a scene to trace is made from: points, their colours, and the size of splats.
+/// What a traced scene depends on: the points, their colours, and the size of splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneKey {
     pub revision: u64,
@@ -29,7 +29,7 @@ impl SceneKey {
     }
 }
 
-/// Points of the window, before they are parted into what reflects and what does not.
+/// Points of the window, before they are divided into those that reflect and those that do not.
 pub enum Source {
     Cloud { cloud: Cloud, plan: ColorPlan, up: DVec3, marked: Arc<Vec<Marked>>, test: PointTest },
     Mirror { mirror: Mirror, chunks: Vec<Chunk> },
@@ -43,17 +43,18 @@ pub enum Task {
     },
     Trace(Box<Trace>),
     Judge(Judge),
-    /// How different the mirrors' colours are from traced ones.
+    /// Compares the mirrors' colours with traced ones.
     Compare {
         judge: Judge,
         colors: Arc<Vec<[f32; 3]>>,
     },
-    /// Judges a frame by a truth that is traced for it alone; `picture` comes back with the figures, in a tile's size.
+    /// Judges a frame by a truth that is traced only for it. The answer contains the figures and `picture` shrunk to a
+    /// tile.
     JudgeAlone {
         judge: Judge,
         picture: Vec<u8>,
     },
-    /// Where a picture is wrong.
+    /// Draws a heat map of the errors in a picture.
     Difference {
         judge: Judge,
         measure: Measure,
@@ -62,7 +63,7 @@ pub enum Task {
     },
 }
 
-/// Kinds of [`Task`].
+/// The kinds of [`Task`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Build,
@@ -74,13 +75,13 @@ pub enum Kind {
 }
 
 pub struct Trace {
-    /// As [`FrameRequest::truth_basis`] gives it.
+    /// The frame's basis as [`FrameRequest::truth_basis`] gives it.
     pub basis: FrameRequest,
     pub scene: Arc<TracedScene>,
     pub drawn: Arc<Drawn>,
     /// What was traced before.
     pub refinement: Option<Box<Refinement>>,
-    /// Nobody looks at the rest of the picture.
+    /// True while only the mirrors are needed, because nobody looks at the rest of the picture.
     pub mirrors_alone: Arc<AtomicBool>,
     pub progress: Arc<Progress>,
 }
@@ -97,23 +98,23 @@ pub struct Judge {
 /// What a heat map shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Measure {
-    /// CIEDE2000 of the colours.
+    /// The CIEDE2000 difference of the colours.
     #[default]
     Color,
-    /// Pixels beside its place, over the mirrors.
+    /// The distance in pixels from the right position, over the mirrors.
     Place,
 }
 
-/// A picture that is traced as far as it is.
+/// A traced picture so far.
 #[derive(Clone)]
 pub struct Pass {
     pub basis: FrameRequest,
     /// Linear red, green and blue.
     pub colors: Arc<Vec<[f32; 3]>>,
-    /// Paths behind every mirror pixel and behind every pixel.
+    /// The number of paths for every mirror pixel and for every pixel.
     pub samples: [u32; 2],
     pub wanted_samples: u32,
-    /// There is something of all of it, not of mirrors alone.
+    /// True if all pixels were traced, not only mirrors.
     pub is_whole: bool,
 }
 
@@ -130,13 +131,14 @@ impl Pass {
 }
 
 pub enum Answer {
-    /// `None` if it was cancelled.
+    /// The traced scene; `None` if the task was cancelled.
     Built {
         key: SceneKey,
         scene: Option<Arc<TracedScene>>,
     },
     Pass(Pass),
-    /// Tracing has ended, done or cancelled; whether the mirrors are done, and whether all is.
+    /// Tracing has ended, complete or cancelled. `is_done` says whether the mirrors are complete, and whether all
+    /// pixels are.
     TraceEnded {
         basis: FrameRequest,
         refinement: Box<Refinement>,
@@ -155,7 +157,7 @@ pub enum Answer {
         result: Result<Box<Accuracy>, String>,
         picture: Vec<u8>,
     },
-    /// Rows of sRGB red, green, blue and opacity; clear where nothing is measured.
+    /// Rows of sRGB red, green, blue and opacity, transparent where nothing is measured.
     Difference {
         request: FrameRequest,
         measure: Measure,
@@ -167,7 +169,7 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// The frame that an answer is about.
+    /// The frame that an answer belongs to.
     pub fn request(&self) -> Option<&FrameRequest> {
         match self {
             Self::Pass(Pass { basis: request, .. })
@@ -180,7 +182,7 @@ impl Answer {
         }
     }
 
-    /// Of the points that a scene was made of.
+    /// The revision of the points that a scene was made from.
     pub fn revision(&self) -> Option<u64> {
         match self {
             Self::Built { key, .. } => Some(key.revision),
@@ -190,8 +192,8 @@ impl Answer {
 }
 
 impl FrameRequest {
-    /// The same for all frames with one truth: without what only says how the renderer finds, shades and shows things. The parameters
-    /// of methods are left out as a whole.
+    /// The request reduced to what its truth depends on, so that it is equal for all frames with one truth. It leaves
+    /// out all parameters of methods, and those that only say how the renderer shades and shows things.
     pub fn truth_basis(&self) -> Self {
         Self { settings: self.settings.only(|field| field.affects.truth), ..self.clone() }
     }
@@ -236,10 +238,10 @@ impl Task {
         }
     }
 
-    /// Does the work and calls `answer` with what comes of it.
+    /// Does the work and calls `answer` with each result.
     pub fn run(self, answer: impl Fn(Answer)) {
         let kind = self.kind();
-        // What waits for the answer would wait for ever.
+        // Without an answer the session would wait forever.
         if std::panic::catch_unwind(AssertUnwindSafe(|| self.work(&answer))).is_err() {
             answer(Answer::Failed(kind));
         }
@@ -250,7 +252,7 @@ impl Task {
             Self::Build { key, sources, progress } => {
                 let parts: Vec<SubjectPart> = sources.into_iter().flat_map(Source::parts).collect();
                 let splat_size = f32::from_bits(key.splat_size);
-                // The one error there is: cancelled.
+                // The only possible error is that the task was cancelled.
                 let scene = TracedScene::new(&parts, None, splat_size, &progress).ok().map(Arc::new);
                 answer(Answer::Built { key, scene });
             }
@@ -267,7 +269,7 @@ impl Task {
             Self::JudgeAlone { judge, picture } => {
                 let result = on_spare_cores(|| judge.alone());
                 let result = result.map(Box::new).map_err(|error| error.to_string());
-                // Who has cancelled it waits for no answer.
+                // Whoever cancelled the task does not wait for an answer.
                 if !judge.progress.is_cancelled() {
                     let picture = contact_sheet::shrunk(judge.request.size, picture);
                     answer(Answer::JudgedAlone { request: judge.request, result, picture });
@@ -281,7 +283,8 @@ impl Task {
     }
 }
 
-/// Does work on all cores but one, which is left to the window; what else is done in parallel does not wait behind this.
+/// Does work on all cores but one, which is left to the window. The work has a thread pool of its own, so that other
+/// parallel work does not wait behind it.
 fn on_spare_cores<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     static POOL: OnceLock<Option<rayon::ThreadPool>> = OnceLock::new();
     let make = || {
@@ -313,7 +316,7 @@ impl Trace {
 }
 
 impl Judge {
-    /// The same to be done once more, with a progress of its own.
+    /// A copy to judge the same frame again, with new progress.
     pub fn anew(&self) -> Self {
         Self { progress: Arc::default(), ..self.clone() }
     }
@@ -328,7 +331,7 @@ impl Judge {
         tracer.image_error(&self.drawn, &tracer.seen(&self.drawn.surface), colors)
     }
 
-    /// Figures and colours by a truth that is traced for this frame alone.
+    /// Figures and colours by a truth that is traced only for this frame.
     fn alone(&self) -> study::Result<Accuracy> {
         let tracer = Tracer::new(&self.scene, self.request.view());
         let seen = tracer.seen(&self.drawn.surface);
@@ -370,13 +373,14 @@ impl Judge {
     }
 }
 
-/// Stands for a mirror pixel that shows nothing, or something where nothing is: no number of pixels tells how far off that is.
+/// Marks a mirror pixel that shows nothing although it should, or something although nothing is there: no distance in
+/// pixels describes this error.
 const ASTRAY: f32 = -1.0;
-/// Of such pixels: cyan, which the ramp does not have.
+/// The colour of such pixels: cyan, which does not occur in the ramp.
 pub const ASTRAY_COLOR: [u8; 3] = [0, 255, 255];
 
-/// Pixels that a pixel of the picture is off, [`ASTRAY`], or NaN where nothing is measured. `found` is the coverage of what was
-/// found, 0 or NaN for nothing.
+/// The distance in pixels from the right position, [`ASTRAY`], or NaN if nothing is measured. `found` is the coverage
+/// of what the method found; 0 or NaN if it found nothing.
 fn place(error: Option<study::PixelError>, found: f32, is_mirror: bool) -> f32 {
     match error {
         None if is_mirror && (found.is_nan() || found <= 0.0) => ASTRAY,
@@ -385,12 +389,12 @@ fn place(error: Option<study::PixelError>, found: f32, is_mirror: bool) -> f32 {
     }
 }
 
-/// Of heat maps: black where all is right.
+/// The ramp of heat maps: black means no error.
 pub const RAMP: scene::Ramp = scene::Ramp::Magma;
 
 impl Measure {
-    /// The bright end of the heat map. A difference of 10 is a plain one of colours side by side; 4 pixels is what filters over the
-    /// mirror no longer hide.
+    /// The bright end of the heat map. Colours that differ by 10 differ clearly side by side. A displacement of 4
+    /// pixels is the least that filters over the mirror no longer hide.
     pub fn most(self) -> f32 {
         match self {
             Self::Color => 10.0,
@@ -401,7 +405,7 @@ impl Measure {
 
 #[cfg(test)]
 impl FrameRequest {
-    /// A small frame by default, of points that nobody asks for.
+    /// A small default frame for tests.
     pub fn any() -> Self {
         Self {
             camera: scene::five_mirrors::camera(),
@@ -462,7 +466,7 @@ mod tests {
         let answers = std::cell::RefCell::new(Vec::new());
         let answer = |answer| {
             answers.borrow_mut().push(matches!(answer, Answer::Failed(Kind::Build)));
-            // As a task would that fails at its end.
+            // Fails at the end, as a task would.
             assert!(answers.borrow().len() > 1, "the first answer fails");
         };
         let key = SceneKey { revision: 1, splat_size: 0 };

@@ -1,4 +1,4 @@
-//! Every setting that was tried in this session and stood still: its time, and how right it is.
+//! The settings that were tried in this session and stood still, each with its times and its accuracy.
 
 use std::path::Path;
 
@@ -12,22 +12,23 @@ use crate::viewer::messages::Level;
 use crate::viewer::outside::Outside;
 use crate::viewer::window::render_thread::{Command, FrameRequest};
 
-/// Frames from scratch that a time is the median of.
+/// A time is the median of this many frames that are drawn from scratch.
 const FRAMES: usize = 3;
-/// Milliseconds after which those that were measured are enough: longer ones vary less.
+/// After this many milliseconds of frames, the measurements so far are enough: the times of longer frames vary less.
 const ENOUGH: f64 = 3000.0;
-/// Most settings that are kept: more dots are not told apart.
+/// The most settings that are kept: more dots in the chart cannot be told apart.
 const MOST_TRIALS: usize = 400;
-/// Share of the mirror pixels that a setting fills at least: the errors of one that leaves more empty are of the easy ones alone.
+/// The least share of the mirror pixels that a setting must fill. A setting that leaves more pixels empty is judged
+/// only by the easy ones.
 const LEAST_FILLED: f64 = 0.9;
 /// A setting that was tried.
 pub struct Trial {
     pub request: FrameRequest,
-    /// Equal to that of tries it can be held against.
+    /// Equal for all trials that can be compared with each other.
     pub series: FrameRequest,
-    /// Those of the panel: a click brings them back.
+    /// The settings in the panel: a click restores them.
     pub settings: Settings,
-    /// Milliseconds of whole frames and of the method, measurement by measurement.
+    /// For each measurement, the milliseconds of the whole frame and of the method.
     pub times: Vec<[f64; 2]>,
     pub figures: Option<Accuracy>,
 }
@@ -39,24 +40,25 @@ pub struct Tuning {
     measuring: Option<FrameRequest>,
 }
 
-/// Times of a frame and of what of it finds the points that mirrors show, milliseconds.
+/// The milliseconds of a frame and of the passes that find the points that mirrors show.
 pub fn times(stats: &FrameStats) -> [f64; 2] {
     [stats.frame_milliseconds, study::results::stage_ms(&stats.passes, PassStage::Method)]
 }
 
-/// The median of each.
+/// The median of the frame times and of the method times.
 pub fn medians(times: &[[f64; 2]]) -> Option<[f64; 2]> {
     let median = |which: usize| Some(Spread::of(times.iter().map(|times| times[which]).collect())?.median);
     Some([median(0)?, median(1)?])
 }
 
-/// Whether so many measurements of frames will do.
+/// Whether these measurements of frames are enough.
 pub fn are_enough(times: &[[f64; 2]]) -> bool {
     times.len() >= FRAMES || times.iter().map(|[frame, _]| frame).sum::<f64>() > ENOUGH
 }
 
-/// The same for all frames that are tries at one truth. How splats are drawn and how shadow maps are looked up is no part of it: it is
-/// chosen for its time as methods are, though the truth is traced from the surface that comes of it.
+/// The request reduced to what is equal for all trials that compare with one truth. The parameters of splats and of
+/// shadow map lookups are left out: users choose them for their speed, as they choose methods, although the truth is
+/// traced from the surface that depends on them.
 pub fn series(request: &FrameRequest) -> FrameRequest {
     let mut basis = request.truth_basis();
     let (splat, light) = (scene::Splat::default(), scene::Light::default());
@@ -69,12 +71,12 @@ impl Trial {
         medians(&self.times).map(|[frame, method]| if by_frame { frame } else { method })
     }
 
-    /// Whether it fills too little for its errors to be held against those of others.
+    /// Whether the setting fills too little to compare its errors with those of others.
     pub fn is_sparse(&self) -> bool {
         self.figures.as_ref().is_some_and(|figures| figures.closed_coverage < LEAST_FILLED)
     }
 
-    /// What it is: the parameters that are not the defaults.
+    /// The setting as text: the parameters that differ from their defaults.
     pub fn text(&self) -> String {
         let differing = self.settings.differing();
         let lines: Vec<String> = differing.into_iter().map(|(key, text)| format!("{key} = {text}")).collect();
@@ -83,7 +85,7 @@ impl Trial {
 }
 
 impl Tuning {
-    /// Median times of a frame and of its method, milliseconds.
+    /// The median milliseconds of a frame and of its method.
     pub fn times(&self, request: &FrameRequest) -> Option<[f64; 2]> {
         medians(&self.trials.iter().find(|trial| trial.request == *request)?.times)
     }
@@ -93,7 +95,7 @@ impl Tuning {
         let index = known.unwrap_or_else(|| {
             let series = series(request);
             if self.trials.len() >= MOST_TRIALS {
-                // The oldest, of another view if there is one.
+                // Removes the oldest trial, preferably one of another view.
                 let other = self.trials.iter().position(|trial| trial.series != series);
                 self.trials.remove(other.unwrap_or(0));
             }
@@ -104,13 +106,13 @@ impl Tuning {
         &mut self.trials[index]
     }
 
-    /// How right a frame is.
+    /// Notes the accuracy of a frame.
     pub fn note(&mut self, request: &FrameRequest, settings: &Settings, figures: &Accuracy) {
         self.trial(request, settings).figures = Some(figures.clone());
     }
 
-    /// Has the times of a still frame measured. `is_quiet`: no other work takes the time that is measured. Returns whether they are
-    /// still to come.
+    /// Has the times of a still frame measured. `is_quiet` says that no other work would disturb the measurement.
+    /// Returns whether measurements are still missing.
     pub fn measure(
         &mut self,
         request: &FrameRequest,
@@ -128,7 +130,7 @@ impl Tuning {
         true
     }
 
-    /// A frame that was drawn for its times.
+    /// Takes in the times of a frame that was drawn for them.
     pub fn on_measured(&mut self, request: &FrameRequest, stats: &FrameStats) {
         self.measuring = None;
         if let Some(trial) = self.trials.iter_mut().find(|trial| trial.request == *request) {
@@ -136,18 +138,18 @@ impl Tuning {
         }
     }
 
-    /// Forgets what was tried.
+    /// Removes all trials.
     pub fn forget_trials(&mut self) {
         self.trials.clear();
     }
 
-    /// What was measured failed, or was for something else.
+    /// Stops waiting for a measurement that failed, or that was requested by something else.
     pub fn forget_measuring(&mut self) {
         self.measuring = None;
     }
 }
 
-/// A setting was added to a plan.
+/// Reports that a setting was added to a plan, or why it was not.
 pub fn on_added_to_study(path: &Path, result: Result<(), String>, outside: &mut Outside) {
     match result {
         Ok(()) => {
@@ -235,13 +237,13 @@ mod tests {
         let groups = table["group"].as_array().unwrap();
         let names: Vec<&str> = groups.iter().filter_map(|group| group["name"].as_str()).collect();
         assert_eq!(names, ["tried-1", "tried-2"]);
-        // The same view is one file.
+        // Equal views share one file.
         let scene = groups[0]["scenes"][0].as_str().unwrap();
         assert_eq!(groups[0]["scenes"], groups[1]["scenes"]);
         assert!(std::fs::read_to_string(scene).unwrap().contains("cloud.ply"));
         assert_eq!(groups[1]["set"]["reflection.bounces"].as_integer(), Some(2));
         assert_eq!(groups[1]["sweep"]["size"][0].as_str(), Some("64x48"));
-        // What cannot be read as text is another's, and stays.
+        // A file that is not text belongs to someone else, and stays.
         let foreign = folder.path().join("study-view-2.toml");
         std::fs::write(&foreign, [0xff, 0xfe]).unwrap();
         let other_view = session.scene.view_as_scene(&session.loaded) + "# another\n";
@@ -253,7 +255,7 @@ mod tests {
         .unwrap();
         assert_eq!(std::fs::read(&foreign).unwrap(), [0xff, 0xfe]);
         assert_eq!(std::fs::read_to_string(folder.path().join("study-view-3.toml")).unwrap(), other_view);
-        // A group that no plan can have is not written.
+        // A group that is not valid in a plan is not written.
         let before = std::fs::read_to_string(&plan).unwrap();
         let wrong = toml::Table::from_iter([("methods".to_string(), toml::Value::Integer(1))]);
         assert!(add_to_study(&plan, "never written", wrong).unwrap_err().to_string().contains("nothing was added"));

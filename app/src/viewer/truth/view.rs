@@ -1,4 +1,5 @@
-//! What there is of the truth of the view in the window, and what is under way for it. `truth.rs` decides what is done next.
+//! What is known of the truth of the view in the window, and what is under way for it. `mod.rs` decides what is done
+//! next.
 
 use std::cell::OnceCell;
 use std::sync::Arc;
@@ -24,15 +25,17 @@ pub enum Look {
     Difference,
 }
 
-/// Most points that are traced: the tree takes 300 bytes a point while it is made, which is 9 GB for these.
+/// The most points that are traced. Building the tree takes 300 bytes for each point, which is 9 GB for this many.
 pub const MOST_POINTS: u64 = 30_000_000;
-/// Bytes a point that a scene to trace takes, beside the points themselves; as `trace::Surfels` has it.
+/// The bytes that a traced scene takes for each point, beside the points themselves; as in `trace::Surfels`.
 pub const BYTES_PER_POINT: u64 = 45;
-/// The same while it is made.
+/// The bytes for each point while the scene is being made.
 pub const PEAK_BYTES_PER_POINT: u64 = 300;
-/// Bytes a pixel of the images that a frame is judged by: six of its surface (48), what was found (16), colours (12).
+/// The bytes for each pixel of the images that a frame is judged by: six images of its surface (48), what was found
+/// (16), and colours (12).
 const BYTES_PER_CAPTURED_PIXEL: u64 = 76;
-/// Bytes a pixel of what is traced: what is seen, colours twice (24), how many paths (4), and whether it is a mirror.
+/// The bytes for each traced pixel: what is seen, colours twice (24), the number of paths (4), and whether it is a
+/// mirror.
 const BYTES_PER_TRACED_PIXEL: u64 = size_of::<<study::Seen as IntoIterator>::Item>() as u64 + 29;
 
 /// Pixels for the screen, and egui's texture of them, which is made when they are first shown.
@@ -51,23 +54,23 @@ impl Picture {
         let (size, rgba) = (self.size.map(|side| side as usize), &self.rgba);
         let load = || {
             let image = ColorImage::from_rgba_unmultiplied(size, rgba);
-            // As the picture itself, pixel for pixel.
+            // The filter is that of the picture itself.
             context.load_texture("truth", image, TextureOptions::LINEAR)
         };
         self.texture.get_or_init(load).id()
     }
 }
 
-/// What a picture of the truth is of.
+/// The frame, pass and measure that a picture of the truth belongs to.
 #[derive(Clone, PartialEq)]
 pub struct Label {
     pub request: FrameRequest,
     pub pass: u32,
-    /// Of a heat map.
+    /// The measure of a heat map.
     pub measure: Option<Measure>,
 }
 
-/// Tracing under way.
+/// Tracing that is under way.
 pub struct Tracing {
     pub basis: FrameRequest,
     pub progress: Arc<Progress>,
@@ -77,14 +80,14 @@ pub struct Tracing {
 /// What was traced last.
 pub struct Traced {
     pub pass: Pass,
-    /// Counts what was traced in this session.
+    /// A counter of the tracing results of this session.
     pub number: u32,
-    /// Of the mirrors, and of all.
+    /// Whether the mirrors are complete, and whether all pixels are.
     pub is_done: [bool; 2],
     pub refinement: Option<Box<Refinement>>,
 }
 
-/// How right a frame is.
+/// The accuracy of a frame.
 pub struct Verdict {
     pub request: FrameRequest,
     pub figures: Accuracy,
@@ -92,19 +95,19 @@ pub struct Verdict {
 
 #[derive(Default)]
 pub struct TruthView {
-    /// The key is down.
+    /// True while the key is down.
     pub is_held: bool,
     pub is_pinned: bool,
     pub look: Look,
     pub measure: Measure,
-    /// Where the split stands, 0 to 1 from the left.
+    /// The position of the split, from 0 at the left to 1.
     pub split: f32,
-    /// Trace while nobody asks for it.
+    /// True if the truth is traced even while nobody asks for it.
     pub keeps_ready: bool,
     pub judges: bool,
     /// The frame that stands still, and since when.
     pub still: Option<(FrameRequest, Instant)>,
-    /// The view that the key was pressed for: it is traced on when the key is up.
+    /// The view for which the key was pressed: tracing goes on when the key is released.
     pub asked_for: Option<FrameRequest>,
     pub building: Option<(SceneKey, Arc<Progress>)>,
     pub scene: Option<(SceneKey, Arc<TracedScene>)>,
@@ -119,11 +122,11 @@ pub struct TruthView {
     pub judging: Option<(FrameRequest, Arc<Progress>)>,
     pub comparing: Option<(FrameRequest, Arc<Progress>)>,
     pub verdict: Option<Verdict>,
-    /// There are too many points, which was said.
+    /// True if there are too many points and a message has said so.
     pub is_too_large: bool,
 }
 
-/// Why nothing is traced.
+/// The message that nothing is traced, and why.
 pub fn too_many_points() -> String {
     format!(
         "The truth is traced for {} points at most; more are shown. Hide or close clouds to see it",
@@ -131,10 +134,10 @@ pub fn too_many_points() -> String {
     )
 }
 
-/// What is under way.
+/// The work that is under way.
 pub enum Activity {
     Building,
-    /// Paths of the mirrors, of all pixels, and how many are wanted.
+    /// The paths of the mirrors, the paths of all pixels, and the number that is wanted.
     Tracing {
         samples: [u32; 2],
         wanted: u32,
@@ -146,20 +149,20 @@ impl TruthView {
         Self { split: 0.5, ..Self::default() }
     }
 
-    /// Whether the truth is to be in the picture.
+    /// Whether the picture shall show the truth.
     pub fn is_asked_for(&self) -> bool {
         self.is_held || self.is_pinned
     }
 
-    /// What is shown where the truth is asked for: the key shows it whole.
+    /// What is shown if the truth is asked for: the key shows the whole truth.
     pub fn shown_look(&self) -> Look {
         if self.is_held { Look::Truth } else { self.look }
     }
 
-    /// The truth of a frame for the screen.
+    /// The picture of the truth of a frame.
     pub fn picture(&self, request: &FrameRequest) -> Option<&Picture> {
         let (label, picture) = self.presented.as_ref()?;
-        // Another method, say, has the same truth, and it is on its way.
+        // For example, another method has the same truth; its own picture is under way.
         let is_of_view = label.request == *request || label.request.truth_basis() == request.truth_basis();
         is_of_view.then_some(picture)
     }
@@ -171,13 +174,13 @@ impl TruthView {
         (label.request == *request && label.measure == measure).then_some(picture)
     }
 
-    /// How far the truth of a frame is traced: paths behind mirrors, behind all pixels, and how many are wanted.
+    /// How far the truth of a frame is traced: paths for mirrors, paths for all pixels, and the number that is wanted.
     pub fn samples(&self, request: &FrameRequest) -> Option<([u32; 2], u32)> {
         let pass = &self.traced.as_ref()?.pass;
         (pass.basis == request.truth_basis()).then_some((pass.samples, pass.wanted_samples))
     }
 
-    /// Figures of a frame.
+    /// The figures of a frame.
     pub fn figures(&self, request: &FrameRequest) -> Option<&Accuracy> {
         self.verdict.as_ref().filter(|verdict| verdict.request == *request).map(|verdict| &verdict.figures)
     }
@@ -192,7 +195,7 @@ impl TruthView {
         Some(Activity::Tracing { samples, wanted })
     }
 
-    /// Bytes of what is kept, beside the points: the scene, images and pictures.
+    /// The bytes of all that is kept, beside the points: the scene, images and pictures.
     pub fn bytes(&self) -> u64 {
         let scene = self.scene.as_ref().map_or(0, |(_, scene)| scene.surfels.len() as u64 * BYTES_PER_POINT);
         let pixels = |request: &FrameRequest| request.size.map(u64::from).iter().product::<u64>();
@@ -211,14 +214,15 @@ impl TruthView {
         self.is_asked_for() || self.keeps_ready || self.judges || self.asked_for.is_some()
     }
 
-    /// Ends tracing for now; it goes on where it was. Whether nothing is under way any more that would take time from others.
+    /// Stops tracing for now; it continues later where it stopped. Returns whether no work is under way any more that
+    /// would take time from others.
     pub fn is_quiet(&mut self) -> bool {
         self.cancel();
         let is_judging = self.judging.is_some() || self.comparing.is_some() || self.drawing.is_some();
         self.tracing.is_none() && self.building.is_none() && !is_judging
     }
 
-    /// Gives the memory back of the scene and of all that was made of it.
+    /// Frees the memory of the scene and of everything made from it.
     pub fn free(&mut self) {
         (self.scene, self.captured, self.traced) = (None, None, None);
         (self.presented, self.difference) = (None, None);
@@ -235,7 +239,7 @@ impl TruthView {
         self.drawing.iter().for_each(|(_, progress)| progress.cancel());
     }
 
-    /// Ends what is under way for other frames than these: one that stands still, and one that is asked for.
+    /// Cancels judging and drawing for frames other than `request`, and tracing of truths other than `basis`.
     pub fn cancel_others(&mut self, request: Option<&FrameRequest>, basis: Option<&FrameRequest>) {
         self.tracing
             .iter()
@@ -247,7 +251,7 @@ impl TruthView {
         drawing.for_each(|(_, progress)| progress.cancel());
     }
 
-    /// Ends all that is under way, gives the memory back, and asks for nothing more.
+    /// Cancels all that is under way, frees the memory, and asks for nothing more.
     pub fn stop(&mut self) {
         self.cancel();
         self.free();
@@ -255,11 +259,11 @@ impl TruthView {
     }
 }
 
-/// What an answer comes to outside of what is kept of the truth.
+/// What an answer means outside of the truth.
 pub enum Taken {
     Nothing,
     Log(serde_json::Value),
-    /// A value of a sweep is judged.
+    /// A value of a sweep has been judged.
     Swept {
         request: Box<FrameRequest>,
         figures: Box<Accuracy>,
@@ -269,7 +273,7 @@ pub enum Taken {
 }
 
 impl TruthView {
-    /// Takes in what a worker thread found. `is_current`: what it is about is still shown.
+    /// Takes in a worker's answer. `is_current` says that its frame is still shown.
     pub fn take(&mut self, answer: Answer, is_current: bool) -> Taken {
         let is_cancelled = |(_, progress): (FrameRequest, Arc<Progress>)| progress.is_cancelled();
         match answer {
@@ -302,7 +306,7 @@ impl TruthView {
             Answer::Judged { request, result } => {
                 let is_cancelled = self.judging.take().is_none_or(is_cancelled);
                 match result {
-                    // Of no use any more, and its error may be that it was cancelled.
+                    // The answer is no longer needed, and its error may only say that it was cancelled.
                     _ if is_cancelled || !is_current => {}
                     Ok(figures) => self.verdict = Some(Verdict { request, figures: *figures }),
                     Err(error) => return Taken::Failed(error),
