@@ -55,14 +55,17 @@ fn indirect(@builtin(global_invocation_id) thread: vec3u) {
         gloss = gloss_of(settings, textureLoad(albedo_in, id, 0).a, surface.w);
     }
     let at = position.xyz + lights.eye_radius.xyz;
-    let sum_of_sky = light_of_run(0u, lights.sky_lights, thread.z, at, normal, toward_eye, gloss);
-    var diffuse = sum_of_sky.diffuse;
-    var glossy = sum_of_sky.glossy;
-    for (var bounce = 0u; bounce < lights.bounces; bounce++) {
-        let first = lights.sky_lights + bounce * lights.lights_per_bounce;
-        let sum = light_of_run(first, lights.lights_per_bounce, thread.z, at, normal, toward_eye, gloss);
+    var diffuse = vec3f(0.0);
+    var glossy = vec3f(0.0);
+    // The lights of the sky first, then each bounce. Compilers copy the function to each call, so one call serves them all.
+    var first = 0u;
+    var count = lights.sky_lights;
+    for (var bounce = 0u; bounce <= lights.bounces; bounce++) {
+        let sum = light_of_run(first, count, thread.z, at, normal, toward_eye, gloss);
         diffuse += sum.diffuse;
         glossy += sum.glossy;
+        first += count;
+        count = lights.lights_per_bounce;
     }
     // A run represents all lights.
     let runs = f32(interleave * interleave);
