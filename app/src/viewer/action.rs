@@ -1,5 +1,5 @@
-//! What a person can ask for, by a key, a gesture or a panel. Panels read the session and push actions; `Session::act` has the parts
-//! of the session carry them out.
+//! What a person can ask for with a key, a gesture or a panel. Panels read the session and push actions. `Session::act`
+//! passes each action to the part of the session that carries it out.
 
 use std::path::PathBuf;
 
@@ -36,20 +36,22 @@ pub enum Handles {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     // ---- camera ----
-    /// A drag, in points of the window.
+    /// The distance of a drag, in points of the window; `Look` has the same unit.
     Orbit(DVec2),
     Look(DVec2),
-    /// A drag, in pixels of the picture.
+    /// The distance of a drag, in pixels of the picture.
     Pan(DVec2),
-    /// In wheel notches, as are the other wheel actions; positive is nearer, larger, wider, faster.
+    /// A number of wheel notches, as in all wheel actions. Positive numbers zoom in, or make things larger, wider or
+    /// faster.
     Zoom(f32),
     FieldOfView(f32),
     FlySpeed(f32),
-    /// A key that is held: right, up, forward. The keys of a frame together give `Travel`.
+    /// A held key and its directions: right, up, forward. The input handler adds up all keys held in a frame to one
+    /// `Travel`.
     Fly([i8; 3]),
     Fast,
     Slow,
-    /// World units right, up, forward.
+    /// The way to fly, in world units: right, up, forward.
     Travel(DVec3),
     PivotHere,
     FrameAll,
@@ -61,9 +63,9 @@ pub enum Action {
         pivot: DVec3,
     },
     ToggleProjection,
-    /// The pixel under the cursor; `None` where the cursor is not over the picture.
+    /// Says which pixel the cursor is over; `None` if it is outside of the picture.
     PointAt(Option<[u32; 2]>),
-    /// Looks up which point is under the cursor.
+    /// Asks the render thread which point is under the cursor.
     AskHover,
 
     // ---- parameters ----
@@ -71,19 +73,20 @@ pub enum Action {
         key: String,
         value: param::Value,
     },
-    /// All parameters at once.
+    /// Replaces all parameters at once.
     ChangeSettings(Box<Settings>),
     PointSize(f32),
     ColorBy(ColorBy),
     ShowClasses(Vec<u8>, bool),
     ToggleEdl,
-    /// The data's own colours while the key is held; the held keys of a frame together give `Hold`.
+    /// A held key that shows the data's own colours. The input handler gathers the held keys of a frame into one
+    /// `Hold`.
     RawColors,
     Hold {
         raw_colors: bool,
         truth: bool,
     },
-    /// The data's own colours and back.
+    /// Switches to the data's own colours, or back to the light before.
     ToggleLight,
     NextLight,
     LightBy(Lighting),
@@ -91,19 +94,19 @@ pub enum Action {
     Redo,
 
     // ---- files ----
-    /// What a path, or the name of a built-in scene, names.
+    /// Opens a path or a built-in scene.
     Open(PathBuf),
     OpenDialog,
     OpenPrompt,
-    /// Asks for a file whose points are to be a mirror.
+    /// Asks for a file whose points will be a mirror.
     PromptForMirror,
     ChangePrompt(Box<PathPrompt>),
-    /// Opens what was typed; the prompt stays if it names nothing.
+    /// Opens the path that was typed. The prompt stays open if nothing has that name.
     OpenPrompted(String),
     ClosePrompt,
     Copy(String),
     CopyView,
-    /// The key; the clipboard's text comes as `Paste`.
+    /// The key for pasting. The text of the clipboard follows as `Paste`.
     PasteView,
     Paste(String),
     CopyCommandLine,
@@ -122,14 +125,14 @@ pub enum Action {
     Select(Option<ObjectId>),
     ChangeObject(ObjectId, Box<Object>),
     Gizmo(Handles),
-    /// A handle of the gizmo was grabbed, or let go.
+    /// Says whether a handle of the gizmo was grabbed (true) or released.
     GrabHandle(bool),
     Duplicate,
     Delete,
-    /// Lights are being looked after: they are shown in the picture.
+    /// Says whether the light panel is open: the picture shows symbols of the lights while it is.
     ShowLights(bool),
     Inspect,
-    /// In wheel notches.
+    /// A number of wheel notches, as in `Zoom`.
     InspectDistance(f32),
     InspectTilt(f32),
     ChangeInspection(Pose),
@@ -141,14 +144,14 @@ pub enum Action {
 
     // ---- picking ----
     Pick,
-    /// The click before a double-click was not meant as a pick.
+    /// Undoes the pick by the first click of a double-click, which was meant for something else.
     UndoPick,
     PickTool,
     CopyPicks,
     ClearPicks,
 
     // ---- truth ----
-    /// The ray-traced truth in place of the picture, while the key is held.
+    /// A held key that shows the ray-traced truth in place of the picture.
     ShowTruth,
     PinTruth,
     LookAtTruth(Look),
@@ -158,7 +161,7 @@ pub enum Action {
     JudgeSettings(bool),
     StopTruth,
     ToggleChart,
-    /// Goes back to the parameters of a setting that was tried.
+    /// Restores the parameters of a trial.
     ReturnTo(Box<Settings>),
     ForgetTrials,
     AddToStudy,
@@ -177,15 +180,15 @@ pub enum Action {
     ToggleFullScreen,
     ToggleShortcuts,
     ListMessages(bool),
-    /// By its place in the list.
+    /// The index of the message in the list.
     DismissMessage(usize),
-    /// Pixels of the picture.
+    /// The size of the picture in pixels.
     Resize([u32; 2]),
     Quit,
 }
 
 impl Action {
-    /// A wheel action for `notches` of the wheel.
+    /// Multiplies a wheel action by the number of notches; other actions stay as they are.
     pub fn scaled(self, notches: f32) -> Self {
         match self {
             Self::Zoom(step) => Self::Zoom(step * notches),
@@ -198,7 +201,8 @@ impl Action {
         }
     }
 
-    /// A drag action for a drag by `delta` points of the window, which has `scale` pixels a point.
+    /// Gives a drag action its distance. `delta` is in points of the window, and `scale` is the number of pixels per
+    /// point. Other actions stay as they are.
     pub fn dragged(self, delta: DVec2, scale: f64) -> Self {
         match self {
             Self::Orbit(_) => Self::Orbit(delta),
@@ -208,7 +212,7 @@ impl Action {
         }
     }
 
-    /// One parameter of a group.
+    /// Returns the action that sets one parameter of a group.
     pub fn set(group: &str, name: &str, value: param::Value) -> Self {
         Self::SetParameter { key: format!("{group}.{name}"), value }
     }

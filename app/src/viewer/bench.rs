@@ -1,5 +1,5 @@
-//! The viewer without its window, for tests: a session, a render thread and the work that the session asks for, done one after the
-//! other.
+//! The viewer without its window, for tests. It has a session and a render thread, and does the work that the session
+//! asks for on the test's own thread.
 
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -18,17 +18,18 @@ use crate::viewer::work::Work;
 
 pub struct Bench {
     pub session: Session,
-    /// What a sweep would have written.
+    /// The last sweep result that the session asked to save. The bench writes no files.
     pub swept: Option<Box<SweepResult>>,
     thread: RenderThread,
     reports: Receiver<Report>,
 }
 
-/// Software Vulkan compiles for a minute on a busy machine.
+/// The longest wait for a report. Software Vulkan compiles for a minute on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
 
 impl Bench {
-    /// A mirror ball of few points, seen in few pixels; `None`, with a note, without an adapter.
+    /// Opens the built-in scene of a mirror ball, with few points and a small picture. Returns `None`, and prints a
+    /// note, if there is no adapter.
     pub fn with_sphere() -> Option<Self> {
         let gpu = match Gpu::headless(None) {
             Ok(gpu) => gpu,
@@ -42,7 +43,7 @@ impl Bench {
         let thread = RenderThread::start(gpu, None, move |report| drop(sender.send(report))).unwrap();
         let mut session = Session::new(Preferences::default());
         (session.scene.settings.scene.points, session.scene.settings.trace.samples) = (3000, 4);
-        // Few passes to compile.
+        // These values leave few passes to compile.
         (session.scene.settings.gi.vpls, session.scene.settings.gi.bounces) = (4, 1);
         session.set_view_size([64, 48]);
         assert!(session.open(&["five-mirrors/sphere"]));
@@ -56,14 +57,14 @@ impl Bench {
         self.reports.recv_timeout(PATIENCE).expect("the render thread answers")
     }
 
-    /// Draws the window's contents; the picture keeps its size.
+    /// Draws the window's contents. The picture keeps its size, whatever the size of the window.
     pub fn show(&mut self, ui: &mut Ui) {
         let mut actions = interface::show(ui, &self.session, None);
         actions.retain(|action| !matches!(action, Action::Resize(_)));
         self.session.act_all(actions);
     }
 
-    /// Goes on until nothing is left to do.
+    /// Steps the session and does what it asks for until nothing is left to do.
     pub fn settle(&mut self) {
         let started = Instant::now();
         loop {
@@ -110,7 +111,7 @@ impl Bench {
                 work.run(&self.session.scene.settings.stream.clone(), |news| found.borrow_mut().push(news));
                 found.into_inner().into_iter().for_each(|news| self.session.on_found(news));
             }
-            // These need a window.
+            // These effects need a window.
             Effect::OpenDialog | Effect::Copy(_) | Effect::SetFullScreen(_) | Effect::Log(_) => {}
         }
     }

@@ -1,4 +1,4 @@
-//! The frames of the window: which one is wanted, which is on its way, and which is on the screen.
+//! The frames of the window: the one that is wanted, the one being drawn, and the one on the screen.
 
 use std::time::{Duration, Instant};
 
@@ -10,10 +10,10 @@ use crate::viewer::pace::{Haste, Spared};
 use crate::viewer::window::render_thread;
 use crate::viewer::window::render_thread::{Command, Frame, FrameRequest};
 
-/// While points come in, a frame at most this often: each takes time from reading.
+/// The shortest time between two frames while points are loaded. Each frame takes time from reading.
 const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
 
-/// The picture on the screen.
+/// The picture on the screen: its request, its statistics and the time that it took.
 pub struct Shown {
     pub request: FrameRequest,
     pub stats: FrameStats,
@@ -23,60 +23,62 @@ pub struct Shown {
 #[derive(Default)]
 pub struct Frames {
     pub shown: Option<Shown>,
-    /// The frame that is wanted now, as far as it has been asked for.
+    /// The last request that was sent to the render thread.
     pub requested: Option<FrameRequest>,
     requested_at: Option<Instant>,
     pub under_way: u32,
-    /// Time of the last frame in the wanted quality.
+    /// The time that the last frame in full quality took.
     careful_milliseconds: f64,
-    /// What frames spare while something moves.
+    /// Chooses the quality of frames while something moves.
     haste: Haste,
-    /// Counts changes of the points and their colours.
+    /// A counter that grows with each change of the points and their colours.
     pub revision: u64,
-    /// The picture on the screen is the final one, and that was told.
+    /// True once the picture on the screen is final and the event log says so.
     is_at_rest: bool,
 }
 
-/// What decides when a frame is drawn, and how carefully.
+/// The state of the session, as far as it decides when a frame is drawn and in which quality.
 pub struct Situation {
-    /// Points are on their way that the picture wants.
+    /// True while points that the picture needs are still being loaded.
     pub points_come: bool,
-    /// What lights the points is still being found out.
+    /// True while the search for the automatic light is under way.
     pub light_comes: bool,
-    /// After how long the camera rests; `None` if it does.
+    /// The time until the camera is at rest; `None` if it is at rest already.
     pub rest: Option<Duration>,
     pub a_mirror_is_dragged: bool,
-    /// Only final pictures are wanted.
+    /// True in recordings, which draw only final pictures.
     pub is_recorded: bool,
-    /// How long a frame may take while something moves, milliseconds; 0 for as long as it takes.
+    /// The time that a frame may take while something moves, in milliseconds. 0 means no limit.
     pub milliseconds: f64,
 }
 
-/// What is to be done about a frame that is wanted.
+/// What `Frames::want` decides about a wanted frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
-    /// It is drawn or shown already.
+    /// The frame is already requested or shown.
     Nothing,
-    /// Another frame is being drawn; its report wakes the window.
+    /// Another frame is being drawn, and its report will wake the window.
     Wait,
     WaitFor(Duration),
     Draw,
 }
 
 impl Frames {
-    /// The points or their colours have changed.
+    /// Must be called after each change of the points or their colours.
     pub fn points_changed(&mut self) {
         self.revision += 1;
     }
 
-    /// Whether frames in the wanted quality take too long to move by.
+    /// Returns true if frames in full quality take too long to steer the camera by.
     pub fn is_slow(&self) -> bool {
-        // Below 20 frames a second a turn no longer feels like a turn.
+        // Below 20 frames a second the picture no longer follows a turn of the camera smoothly.
         const TOO_LONG: f64 = 50.0;
         self.careful_milliseconds > TOO_LONG
     }
 
-    /// Has a picture drawn, in a hurry where that is called for, unless it is drawn or shown already. Returns when to look again.
+    /// Sends a request for the wanted frame, unless it is already requested or shown. The frame is a hurried one if it
+    /// is the first picture, or if something moves and full quality is slow. Returns the time after which to call this
+    /// again.
     pub fn request(
         &mut self,
         mut wanted: FrameRequest,
@@ -87,7 +89,7 @@ impl Frames {
         if is_recorded && (points_come || light_comes) {
             return None;
         }
-        // The first picture comes soon, and a better one after it.
+        // The first picture is hurried so that it comes soon. A better one follows it.
         let is_moving = !is_recorded && rest.is_some() && self.is_slow();
         if !is_recorded && self.shown.is_none() || is_moving {
             let settings = render_thread::hurried(&wanted.settings, a_mirror_is_dragged);
@@ -112,7 +114,8 @@ impl Frames {
         }
     }
 
-    /// Takes in which frame is wanted now. While points come, frames that differ only by them are not drawn too often.
+    /// Decides what to do about the wanted frame, and records it if it is to be drawn. While points are loaded, frames
+    /// that differ from the last only in their points are drawn no more often than `LOADING_FRAME_INTERVAL`.
     fn want(&mut self, wanted: &FrameRequest, points_come: bool, now: Instant) -> Next {
         if self.requested.as_ref() == Some(wanted) {
             return Next::Nothing;
@@ -136,8 +139,8 @@ impl Frames {
         Next::Draw
     }
 
-    /// Whether the picture on the screen is now, and was not before, the one that is wanted in the end. `may_change`: something is
-    /// under way that could make it another.
+    /// Returns true the first time that the picture on the screen is final. `may_change` says whether work is under way
+    /// that could change the picture.
     fn comes_to_rest(&mut self, may_change: bool) -> bool {
         let is_final = self.requested.as_ref().is_some_and(|requested| !requested.hurried);
         let is_shown = self.under_way == 0 && self.shown.is_some() && is_final;
@@ -146,15 +149,15 @@ impl Frames {
         comes
     }
 
-    /// The frame on the screen, if it is the final one.
+    /// Returns the request of the frame on the screen if that frame is final.
     pub fn final_one(&self) -> Option<&FrameRequest> {
         let shown = &self.shown.as_ref().filter(|_| self.is_at_rest)?.request;
         (self.requested.as_ref() == Some(shown) && !shown.hurried).then_some(shown)
     }
 
-    /// A frame is on the screen. `milliseconds` as in `Situation`.
+    /// Records that a frame is on the screen. `milliseconds` has the meaning of the field of `Situation`.
     pub fn show(&mut self, frame: Frame, milliseconds: f64) {
-        // Those that were overtaken are never drawn.
+        // The render thread draws only the newest request, so at most that one is still under way.
         self.under_way = u32::from(self.requested.as_ref() != Some(&frame.request));
         if !frame.request.hurried {
             self.careful_milliseconds = frame.total_milliseconds;
@@ -164,7 +167,7 @@ impl Frames {
         self.shown = Some(Shown { request, stats, total_milliseconds });
     }
 
-    /// The frame that was asked for will not come.
+    /// Records that the requested frame will not come.
     pub fn give_up(&mut self) {
         self.under_way = 0;
     }

@@ -1,5 +1,5 @@
-//! The viewer without a window, for recordings: the same session, driven by the same step, with a clock that is handed in. Each
-//! picture is the one that the window shows at rest.
+//! The viewer without a window, for recordings. It drives the same session with the same step, by a clock that the
+//! caller hands in. Each picture equals the one that the window shows at rest.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -26,20 +26,20 @@ pub struct Headless {
     session: Session,
     effects: Effects,
     news: Receiver<News>,
-    /// What the inputs leave of the exit status.
+    /// The exit status for failed inputs; 0 if none failed.
     status: u8,
-    /// Messages that were told.
+    /// The number of messages that were handled so far.
     told: usize,
 }
 
-/// How long news are waited for before Ctrl-C is looked for again.
+/// The longest wait for news. Ctrl-C is checked after each wait.
 const INTERVAL: Duration = Duration::from_millis(100);
 
 impl Headless {
-    /// Opens a scene for pictures of `size` pixels; `wanted` as in `Gpu::headless`.
+    /// Opens a scene for pictures of `size` pixels. `wanted` has the meaning of the parameter of `Gpu::headless`.
     ///
     /// # Errors
-    /// If there is no thread for the renderer.
+    /// The thread of the renderer cannot be started.
     pub fn open(
         gpu: Arc<Gpu>,
         wanted: Option<String>,
@@ -60,23 +60,23 @@ impl Headless {
         Ok(headless)
     }
 
-    /// The exit status that the inputs leave: those that failed have been reported.
+    /// Returns the exit status for failed inputs. Their errors have been printed.
     pub fn status(&self) -> u8 {
         self.status
     }
 
-    /// Writes the final picture that the camera sees, as a PNG file; how many points were drawn for it, or `None` if there is
-    /// nothing to show. `now` and `bar` as in `settle`.
+    /// Writes the final picture that the camera sees as a PNG file. Returns the number of points drawn, or `None` if
+    /// there is nothing to show. `now` and `bar` have the meaning of those of `settle`.
     ///
     /// # Errors
-    /// Ctrl-C, a picture that cannot be drawn or written.
+    /// Somebody pressed Ctrl-C, or the picture cannot be drawn or written.
     pub fn write(&mut self, path: &Path, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<Option<u64>> {
         let Some(request) = self.settle(camera, now, bar)? else { return Ok(None) };
         let points = self.session.frames.shown.as_ref().map_or(0, |shown| shown.stats.points_drawn);
         self.session.outside.render(Command::Save { request: Box::new(request), path: path.to_owned() });
         self.do_effects();
         loop {
-            // A file that is being written becomes whole, whatever happens.
+            // This loop does not check for Ctrl-C, so that a file once begun is written in full.
             let news = self.news.recv()?;
             let is_saved = matches!(news, News::Report(Report::Saved(_)));
             self.take(news)?;
@@ -86,11 +86,11 @@ impl Headless {
         }
     }
 
-    /// Goes on until the picture from there is the final one; `None` if there is nothing to show. `now` is the time by the clock of
-    /// the recording; `bar` shows how far loading is, as long as that goes on.
+    /// Steps the session until the picture that the camera sees is final. Returns `None` if there is nothing to show.
+    /// `now` is the time by the recording's clock. `bar` shows the progress while files are loaded.
     ///
     /// # Errors
-    /// Ctrl-C, a picture that cannot be drawn.
+    /// Somebody pressed Ctrl-C, or the picture cannot be drawn.
     pub fn settle(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<Option<FrameRequest>> {
         self.session.stand(camera, now);
         loop {
@@ -118,14 +118,15 @@ impl Headless {
         }
     }
 
-    /// Takes in what other threads tell; what a picture cannot do without is an error.
+    /// Hands news of other threads to the session. A failure of the renderer is an error; the failure of an input only
+    /// changes the exit status.
     fn take(&mut self, news: News) -> anyhow::Result<()> {
         match &news {
             News::Report(Report::Problem(problem) | Report::NotDrawn(problem) | Report::Lost(problem)) => {
                 return Err(anyhow!(problem.clone()));
             }
             News::Loading(_, Event::Failed { is_usage, .. }, _) => {
-                // What can be mended by other inputs comes second to what cannot.
+                // `FAILED` outranks `UNUSABLE`, which only says that other inputs are needed.
                 self.status = if *is_usage && self.status != FAILED { UNUSABLE } else { FAILED };
             }
             _ => {}
@@ -134,14 +135,15 @@ impl Headless {
         Ok(())
     }
 
-    /// The clipboard, dialogs and the event log are the window's.
+    /// Carries out the session's effects. The clipboard, dialogs and the event log belong to the window, so requests
+    /// for them are dropped.
     fn do_effects(&mut self) {
         for effect in std::mem::take(&mut self.session.outside.effects) {
             drop(self.effects.run(&mut self.session, effect));
         }
     }
 
-    /// Warnings and errors; notes are for who looks on.
+    /// Prints new warnings and errors. Notes are only for people at the window.
     fn tell_messages(&mut self, bar: &Bar) {
         let messages = &self.session.outside.messages.all;
         for message in &messages[self.told..] {
@@ -168,9 +170,9 @@ impl Headless {
 }
 
 impl Drop for Headless {
-    /// Files that are half written are cleared away.
+    /// Stops all threads, which remove their unfinished files.
     fn drop(&mut self) {
-        // Chunks that wait to be taken in hold the loading threads back.
+        // A waiting chunk blocks the thread that loads it. Dropping the receiver releases them all.
         self.news = channel().1;
         self.effects.end(&self.session);
     }

@@ -1,5 +1,5 @@
-//! Undo and redo of parameters, mirrors, lights and camera jumps. A slider's or a gizmo's drag is one step: changes are gathered until
-//! nothing is held down and nothing has changed for a moment.
+//! Undo and redo of parameters, mirrors, lights and camera jumps. A drag of a slider or of the gizmo is one step: a
+//! step ends when no button is down and nothing has changed for a moment.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use scene::{Camera, Settings};
 
 use crate::viewer::objects::Objects;
 
-/// How things were before a step. `camera` is set where the step moved it at once (frame all, standard views, paste).
+/// The state before a step. `camera` is set only if the step made the camera jump (frame all, standard views, paste).
 #[derive(Clone, Debug, PartialEq)]
 struct Snapshot {
     settings: Settings,
@@ -19,19 +19,20 @@ struct Snapshot {
 pub struct History {
     past: Vec<Snapshot>,
     future: Vec<Snapshot>,
-    /// What was at the last step.
+    /// The state at the end of the last step.
     settled: Option<(Settings, Objects)>,
     changed: Option<(Settings, Objects, Instant)>,
 }
 
-/// Quiet time that ends a step: longer than between two notches of a wheel, shorter than between two thoughts.
+/// The time without changes that ends a step. It is longer than the time between two notches of the wheel, and shorter
+/// than the time between two decisions.
 const QUIET: Duration = Duration::from_millis(400);
-/// Steps kept: a snapshot is a few kilobytes.
+/// The largest number of steps kept. A snapshot takes a few kilobytes.
 const STEPS: usize = 500;
 
 impl History {
-    /// Watches what can be undone; called at every step. `is_held`: a mouse button is down or text is being typed. Returns
-    /// when to look again.
+    /// Compares the state with that of the last step; the session calls this at every step. `is_held` says that a mouse
+    /// button is down or text is being typed. Returns the time after which to call this again.
     pub fn watch(&mut self, settings: &Settings, objects: &Objects, is_held: bool, now: Instant) -> Option<Duration> {
         let Some(settled) = &self.settled else {
             self.settled = Some((settings.clone(), objects.clone()));
@@ -53,12 +54,12 @@ impl History {
         Some(QUIET)
     }
 
-    /// How many steps can be undone.
+    /// Returns the number of steps that can be undone.
     pub fn steps(&self) -> usize {
         self.past.len()
     }
 
-    /// Ends the step under way.
+    /// Ends the current step, if something has changed since the last one.
     pub fn settle(&mut self, settings: &Settings, objects: &Objects) {
         self.changed = None;
         match self.settled.take() {
@@ -78,20 +79,21 @@ impl History {
         }
     }
 
-    /// What came or went with a file is no step: it is in all of them, or in none.
+    /// Applies a change to the objects of all steps. What a file brings, or takes away when it is closed, is not a step
+    /// of its own.
     pub fn rewrite(&mut self, change: impl Fn(&mut Objects)) {
         let steps = self.past.iter_mut().chain(&mut self.future).map(|step| &mut step.objects);
         steps.chain(self.settled.as_mut().map(|(_, objects)| objects)).for_each(change);
         self.changed = None;
     }
 
-    /// A jump is about to happen; everything may change with it.
+    /// Must be called before a jump, which may change the settings, the objects and the camera.
     pub fn before_jump(&mut self, settings: &Settings, objects: &Objects, camera: Camera) {
         self.settle(settings, objects);
         self.push(Snapshot { settings: settings.clone(), objects: objects.clone(), camera: Some(camera) });
     }
 
-    /// A jump has happened.
+    /// Must be called after a jump.
     pub fn after_jump(&mut self, settings: &Settings, objects: &Objects) {
         self.settled = Some((settings.clone(), objects.clone()));
     }
@@ -112,7 +114,7 @@ impl History {
         true
     }
 
-    /// Returns how things were, in the form that leads back.
+    /// Restores the state of `step`. Returns the state before that, for the opposite direction.
     fn apply(
         &mut self,
         step: Snapshot,

@@ -1,4 +1,5 @@
-//! The layout of the window: panel on the left, status bar below, the picture in between with what lies over it.
+//! The layout of the window: the panel on the left, the status bar at the bottom, and the picture with its overlays
+//! between them.
 
 use std::time::Duration;
 
@@ -20,10 +21,11 @@ use crate::viewer::tools::gizmo;
 use crate::viewer::widgets::{progress_bar, progress_text};
 use crate::viewer::{input, panels, theme};
 
-/// Sections of parameters that panels of their own show. The others are made of parameters alone.
+/// The sections of parameters that have panels of their own. All other sections are generated from the parameter
+/// tables.
 const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
 
-/// Draws everything; `picture` is the render thread's last frame. Returns what was asked for, in order.
+/// Draws the whole window. `picture` is the render thread's last frame. Returns what the user asked for, in order.
 pub fn show(ui: &mut Ui, session: &Session, picture: Option<TextureId>) -> Vec<Action> {
     let mut actions = open_dropped(ui);
     let mut lights_are_shown = false;
@@ -78,7 +80,7 @@ fn path_prompt(context: &egui::Context, session: &Session, actions: &mut Vec<Act
     }));
 }
 
-/// Says that nothing can be drawn any more; the program ends when it is acknowledged.
+/// Says that nothing can be drawn any more. The program ends when the user confirms it.
 fn fatal_notice(context: &egui::Context, problem: &str, actions: &mut Vec<Action>) {
     egui::Modal::new(egui::Id::unique("fatal")).show(context, |ui| {
         ui.set_max_width(420.0);
@@ -91,13 +93,13 @@ fn fatal_notice(context: &egui::Context, problem: &str, actions: &mut Vec<Action
     });
 }
 
-/// One by one: a wrong file does not keep the others out.
+/// Opens dropped files one by one, so that a wrong file does not prevent the others from opening.
 fn open_dropped(ui: &Ui) -> Vec<Action> {
     let dropped = ui.input(|input| input.raw.dropped_files.clone());
     dropped.iter().map(|file| Action::Open(file.path().to_path_buf())).collect()
 }
 
-/// Returns whether the lights are shown.
+/// Draws the panel. Returns true if the section of the lights is open.
 fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool {
     ui.horizontal(|ui| {
         action_button(ui, "Open…", Action::OpenDialog, actions);
@@ -122,14 +124,15 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
         let lights_are_shown = section(ui, "Light", true, |ui| panels::light::show(ui, session, actions));
         section(ui, "Mirrors", true, |ui| panels::mirrors::show(ui, session, actions));
         let mut shown: Vec<&str> = OWN_PANELS.into();
-        // While something is streamed, its parameters are in the section above.
+        // While a cloud is streamed, the panel of streaming shows its parameters.
         shown.extend(is_streaming.then_some(scene::Stream::table().section));
         for group in session.scene.settings.groups().map(Params::group) {
             if shown.contains(&group.section) {
                 continue;
             }
             shown.push(group.section);
-            // What acts when points are read is seldom changed.
+            // Parameters that only affect how points are read are seldom changed: a section of nothing else begins
+            // closed.
             let acts_at_once = group.fields.iter().any(|field| !field.affects.points);
             section(ui, group.section, acts_at_once, |ui| {
                 if group.section == scene::Sscr::table().section {
@@ -145,7 +148,7 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
     scrolled.inner
 }
 
-/// Returns whether the section is open.
+/// Draws a section that can be folded. Returns true if it is open.
 fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) -> bool {
     let heading = RichText::new(title).strong().size(13.5);
     let header = egui::CollapsingHeader::new(heading).id_salt(title).default_open(is_open);
@@ -164,12 +167,12 @@ fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut
     let are_several = groups.len() > 1;
     for params in groups {
         if are_several {
-            // The help begins with what the group is about: `Light.`, `Eye-dome lighting (Boucheny 2009): ...`.
+            // The help begins with the subject of the group: `Light.`, `Eye-dome lighting (Boucheny 2009): ...`.
             let help = params.group().help;
             let about = help.split([':', '.', '(']).next().unwrap_or(help).trim();
             ui.label(RichText::new(about).small().color(theme::WEAK)).on_hover_text(help);
         }
-        // The point budget is one of streaming's.
+        // The panel of streaming shows the point budget.
         panels::parameters::parameters(ui, params, &["point_budget"], actions);
     }
 }
@@ -230,7 +233,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect
     }
 }
 
-/// What a newcomer sees first.
+/// Draws the page that a newcomer sees first.
 fn empty_state(ui: &mut Ui, rect: Rect, actions: &mut Vec<Action>) {
     let size = egui::vec2(420.0, 230.0).min(rect.size());
     let area = Rect::from_center_size(rect.center(), size);
@@ -249,7 +252,7 @@ fn empty_state(ui: &mut Ui, rect: Rect, actions: &mut Vec<Action>) {
         });
         let names = world::built_in_names();
         for row in names.chunks(4) {
-            // Centred by hand: a centred layout puts each on a line of its own.
+            // The row is centred by hand, because a centred layout puts each button on a line of its own.
             let wide = |name: &String| 7.2 * short_scene(name).len() as f32 + 24.0;
             let width: f32 = row.iter().map(wide).sum();
             ui.horizontal(|ui| {
@@ -313,7 +316,7 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             }
             if let Some((_, Some(world))) = session.scene.navigation.hovered {
                 ui.add_space(6.0);
-                // Enough to read along; a pick gives the rest.
+                // Three decimals are enough for the status bar. A pick shows the others.
                 let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
                 let text = RichText::new(text).monospace().size(11.5);
                 ui.label(text.color(theme::WEAK));
@@ -322,10 +325,10 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
 }
 
-/// Share of a frame's reflections from which on the status bar says that they are not to be trusted.
+/// The status bar warns if a larger share of a frame's reflections than this is uncertain.
 const MOSTLY_CERTAIN: f64 = 0.1;
 
-/// Says if a method is at its limits; a click shows where.
+/// Draws a warning if many reflections are uncertain. A click on it shows where they are.
 fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let share =
         session.frames.shown.as_ref().and_then(|shown| shown.stats.reflection).map_or(0.0, |stats| stats.uncertain);
@@ -341,14 +344,14 @@ fn uncertain_reflections(ui: &mut Ui, session: &Session, actions: &mut Vec<Actio
     }
 }
 
-/// Returns whether Cancel was clicked.
+/// Draws the progress of a job. Returns true if Cancel was clicked.
 fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
     if let Some((entry, stage)) = session.loaded.stage_of(job) {
         stage_progress(ui, stage, &entry.cloud.name);
     } else {
         let (done, total) = (job.progress.done(), job.progress.total());
         ui.label(format!("reading {}", job.name));
-        // Of a streamed cloud it is not known how much a view needs.
+        // For a streamed cloud the number of points that a view needs is not known.
         if total > 0 {
             progress_bar(ui, (done as f32 / total as f32).min(1.0));
             let elapsed = job.started.elapsed();
@@ -359,7 +362,7 @@ fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
     ui.small_button("Cancel").on_hover_text("Stop all that is loaded and made; what is there stays").clicked()
 }
 
-/// How far something is that is made for a cloud.
+/// Draws the progress of a task of a cloud.
 fn stage_progress(ui: &mut Ui, stage: &CloudTask, name: &str) {
     let (verb, noun) = match stage.kind {
         TaskKind::Index => ("indexing", "index"),

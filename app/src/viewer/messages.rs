@@ -1,4 +1,4 @@
-//! What the viewer has to say: toasts for a few seconds, and a list of all of them.
+//! The viewer's messages: toasts, which stay for a few seconds, and a list of all messages.
 
 use std::time::{Duration, Instant};
 
@@ -23,18 +23,18 @@ pub struct Message {
 
 #[derive(Default)]
 pub struct Messages {
-    /// Oldest first.
+    /// All messages, the oldest first.
     pub all: Vec<Message>,
     pub list_is_open: bool,
 }
 
-/// Toasts at a time; older ones are in the list.
+/// The largest number of toasts at a time. The list has the older ones.
 const TOASTS: usize = 4;
 
 impl Messages {
     pub fn push(&mut self, level: Level, text: impl Into<String>) {
         let text = text.into();
-        // A message that repeats while it is on screen is one message.
+        // A message that repeats while it is on the screen is not added again.
         if let Some(same) = self.all.iter_mut().rev().take(TOASTS).find(|message| message.text == text) {
             same.since = Instant::now();
             same.dismissed = false;
@@ -47,7 +47,7 @@ impl Messages {
         self.push(Level::Warning, text);
     }
 
-    /// Draws toasts in the upper right corner of `rect`, and the list if it is open.
+    /// Draws the toasts in the upper right corner of `rect`, and the list if it is open.
     pub fn show(&self, context: &egui::Context, rect: egui::Rect, actions: &mut Vec<Action>) {
         let toasts = self.all.iter().enumerate().rev().filter(|(_, message)| message.is_fresh()).take(TOASTS);
         let mut soonest: Option<Duration> = None;
@@ -102,7 +102,7 @@ impl Messages {
         }
     }
 
-    /// Takes the toast of a message away.
+    /// Hides the toast of the message with index `place`.
     pub fn dismiss(&mut self, place: usize) {
         if let Some(message) = self.all.get_mut(place) {
             message.dismissed = true;
@@ -117,7 +117,8 @@ impl Message {
 }
 
 impl Level {
-    /// Time a toast stays: to read a line, or two lines that one did not expect.
+    /// Returns how long a toast stays: a note long enough to read one line, an error long enough to read two that
+    /// nobody expected.
     fn duration(self) -> Duration {
         Duration::from_secs(match self {
             Self::Note => 5,
@@ -182,7 +183,7 @@ mod tests {
         messages.push(Level::Error, "b");
         messages.push(Level::Note, "a");
         assert_eq!(texts(&messages), ["a", "b"]);
-        // Four others have taken its place on the screen.
+        // Four other messages have taken its place on the screen.
         ["c", "d", "e", "f"].into_iter().for_each(|text| messages.push(Level::Note, text));
         messages.push(Level::Note, "a");
         assert_eq!(texts(&messages), ["a", "b", "c", "d", "e", "f", "a"]);
@@ -196,7 +197,7 @@ mod tests {
         harness.run_ok();
         let shown = |harness: &Harness<'_, Messages>, text: &str| harness.query_all_by_label(text).count();
         assert_eq!(["one", "two", "five"].map(|text| shown(&harness, text)), [0, 1, 1]);
-        // A toast that is clicked goes, and makes room for an older one.
+        // A click removes a toast and makes room for an older one.
         let pos = harness.get_by_label("five").rect().center();
         harness.event(egui::Event::PointerMoved(pos));
         for pressed in [true, false] {

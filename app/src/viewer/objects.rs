@@ -1,12 +1,12 @@
-//! What stands in the scene besides clouds, as a person edits it: mirrors, points that are turned into mirrors, and lights; and
-//! which points of the clouds are shown. All of it is restored by one step of undo. How it gets to the render thread:
-//! `Loaded::sync_objects` and `Loaded::sync_visibility`; lights go with each frame.
+//! The user's side of the scene apart from the clouds: mirrors, points that are turned into mirrors, lights, and the
+//! rule that says which points are shown. Undo restores all of them in one step. `Loaded::sync_objects` and
+//! `Loaded::sync_visibility` send them to the render thread; lights go with each frame request.
 
 use glam::DVec3;
 use scene::{Mirror, MirrorPoints, Object, ObjectKind, SceneFile, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
-/// A mirror or a light, as long as it exists and when it comes back by undo. Never used twice.
+/// Identifies a mirror or a light. An object that comes back by undo has its old number; no other object ever gets it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId(pub u32);
 
@@ -14,38 +14,38 @@ pub struct ObjectId(pub u32);
 pub struct Placed {
     pub id: ObjectId,
     pub mirror: Mirror,
-    /// The built-in scene that brought it.
+    /// The name of the built-in scene that brought the mirror.
     pub input: Option<String>,
 }
 
 /// Where a light comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// Somebody put it there, changed it, or wrote it into a scene file.
+    /// A person added or changed it, or a scene file brought it.
     Person,
     BuiltIn,
-    /// It stands in for the light that a room's scan does not bring: alone, for nobody writes it into a scene file.
+    /// It replaces the light that the scan of a room lacks. It is always the only light, and scene files leave it out.
     Guess,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedLight {
     pub id: ObjectId,
-    /// In the list alone: scene files do not name lights.
+    /// The name in the list of lights. Scene files do not keep it.
     pub name: String,
     pub light: SpotLight,
     pub origin: Origin,
 }
 
-/// Name of the lamp that is guessed.
+/// The name of the guessed lamp.
 pub const GUESSED_LAMP: &str = "lamp (guessed)";
 
-/// All of a mirror but its name: what can be seen of it.
+/// Returns the mirror without its name, which no picture shows.
 pub fn unnamed(mirror: &Mirror) -> Mirror {
     Mirror { name: String::new(), ..mirror.clone() }
 }
 
-/// Points of a cloud that reflect.
+/// Points of a cloud that are marked as a mirror.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marking {
     pub key: CloudKey,
@@ -56,11 +56,11 @@ pub struct Marking {
 pub struct Objects {
     pub mirrors: Vec<Placed>,
     pub markings: Vec<Marking>,
-    /// The first four shine.
+    /// All lights; only the first four shine.
     pub lights: Vec<PlacedLight>,
-    /// Somebody took the last light away: none is to come of itself.
+    /// True after a person removed the last light: then no lamp is guessed.
     pub no_guess: bool,
-    /// Which points of the clouds are shown.
+    /// The rule that says which points of the clouds are shown.
     pub visibility: Visibility,
 }
 
@@ -73,7 +73,7 @@ impl Objects {
         self.lights.iter().find(|placed| placed.id == id).map(|placed| &placed.light)
     }
 
-    /// All objects with their names.
+    /// Returns all objects with their names.
     pub fn all(&self) -> impl Iterator<Item = (ObjectId, &str, Object)> {
         let mirrors = self.mirrors.iter();
         let mirrors = mirrors.map(|p| (p.id, p.mirror.name.as_str(), Object::Mirror(p.mirror.clone())));
@@ -89,7 +89,8 @@ impl Objects {
         self.all().filter(|(.., object)| object.kind() == kind).count()
     }
 
-    /// Changes an object, if it is one of its kind then. What somebody changes is theirs.
+    /// Changes an object, if the new value is valid and there is an object of its kind with this number. A light that a
+    /// person changes becomes that person's.
     pub fn set(&mut self, id: ObjectId, object: Object) {
         if object.problem().is_some() {
             return;
@@ -110,7 +111,7 @@ impl Objects {
         }
     }
 
-    /// Adds an object under a name that is free.
+    /// Adds an object under a free name.
     pub fn add(&mut self, id: ObjectId, object: Object) {
         match object {
             Object::Mirror(mirror) => {
@@ -132,7 +133,7 @@ impl Objects {
         self.no_guess |= self.lights.len() < lights && self.lights.is_empty();
     }
 
-    /// Hangs the lamp of a room where no other light is, with `id` if there is no such lamp yet; `None`: takes it away.
+    /// Sets the guessed lamp of a room if the scene has no other light; a new one gets `id`. `None` removes the lamp.
     pub fn guess(&mut self, id: ObjectId, lamp: Option<SpotLight>) {
         match (lamp, self.has_guess()) {
             (Some(light), true) => self.lights[0].light = light,
@@ -144,19 +145,19 @@ impl Objects {
         }
     }
 
-    /// A lamp that is guessed stays, as somebody's own, once lights are put in order.
+    /// Turns a guessed lamp into a person's light, because lights are now edited.
     fn accept_guess(&mut self) {
         for placed in self.lights.iter_mut().filter(|placed| placed.origin == Origin::Guess) {
             (placed.name, placed.origin) = ("lamp".into(), Origin::Person);
         }
     }
 
-    /// Whether the only light is a guess.
+    /// Returns true if the only light is a guess.
     pub fn has_guess(&self) -> bool {
         matches!(self.lights.as_slice(), [PlacedLight { origin: Origin::Guess, .. }])
     }
 
-    /// `wanted`, or with the first number that makes it the name of no other mirror: names stand for mirrors in scene files.
+    /// Returns `wanted`, with a number if another mirror has that name: scene files identify mirrors by name.
     pub fn free_name(&self, wanted: &str, except: Option<ObjectId>) -> String {
         let wanted = wanted.trim();
         let wanted = if wanted.is_empty() { "mirror" } else { wanted };
@@ -168,9 +169,10 @@ impl Objects {
         numbered(wanted, self.lights.iter().map(|placed| placed.name.as_str()))
     }
 
-    /// A scene of `inputs` with these objects. A mirror that is as its built-in scene brings it is left out; a scene that
-    /// lacks one of its own becomes the one without mirrors, and what is left of them is written. Lights are left out if they
-    /// come of themselves: those of a file take the place of such.
+    /// Returns a scene file of `inputs` with these objects. Mirrors that are as their built-in scene brings them are
+    /// left out. If a built-in scene lacks one of its own mirrors, the file names the scene without mirrors and lists
+    /// those that are left. The lights are left out if all of them come without the file, because lights in a file
+    /// replace those.
     pub fn scene_file(&self, inputs: &[String]) -> SceneFile {
         let variant = |input: &str| five_mirrors::Variant::ALL.into_iter().find(|known| built_in_name(*known) == input);
         let own_mirrors = |input: &str| variant(input).map(five_mirrors::Variant::mirrors).unwrap_or_default();
@@ -206,9 +208,11 @@ impl Objects {
     }
 }
 
-/// A spot light at `eye` that aims at `pivot`: a white surface there that faces it has radiance 1. Its cone is as wide as the picture is high.
+/// Returns a spot light at `eye` that aims at `pivot`. A white surface at the pivot that faces the light has radiance
+/// 1. The cone is as wide as the picture is high.
 pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
-    // A narrow beam through a wide lens shows nothing, a wide one through a narrow lens has no edge to be seen by.
+    // With a wide lens a narrower beam would light too little. With a narrow lens a wider one would have no visible
+    // edge.
     let outer_degrees = (field_of_view_degrees * 0.5).clamp(25.0, 75.0);
     SpotLight {
         position: eye,
@@ -219,7 +223,7 @@ pub fn spot(eye: DVec3, pivot: DVec3, field_of_view_degrees: f32) -> SpotLight {
     }
 }
 
-/// `wanted`, or with the first number from 2 on that makes it none of `taken`.
+/// Returns `wanted`, or `wanted` with the first number from 2 on, whichever is not in `taken`.
 fn numbered<'a>(wanted: &str, taken: impl Iterator<Item = &'a str>) -> String {
     let taken: Vec<&str> = taken.collect();
     let numbered = (2..u32::MAX).map(|number| format!("{wanted} {number}"));
@@ -234,7 +238,7 @@ mod tests {
 
     use super::*;
 
-    /// As a built-in scene brings them.
+    /// Returns the objects that a built-in scene brings, and its name.
     fn brought(variant: Variant) -> (Objects, Vec<String>) {
         let input = built_in_name(variant);
         let place = |(index, mirror)| Placed { id: ObjectId(index as u32), mirror, input: Some(input.clone()) };
@@ -275,7 +279,7 @@ mod tests {
         assert_eq!(room.scene_file(&["office.laz".into()]).lights, []);
         room.add(ObjectId(9), Object::Light(moved));
         assert_eq!(room.scene_file(&["office.laz".into()]).lights, [light, moved]);
-        // What is no light is not taken.
+        // A light without a direction is refused.
         objects.set(id, Object::Light(SpotLight { target: moved.position, ..moved }));
         assert_eq!(objects.light(id), Some(&moved));
     }

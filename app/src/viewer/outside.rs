@@ -1,5 +1,5 @@
-//! What lies outside of the session's parts: the clock, what is to be done elsewhere, and what a person is told. Whoever changes
-//! a part hands it in.
+//! What the parts of the session need from outside of it: the clock, the list of effects and the messages. Each
+//! function that needs it gets it as a parameter.
 
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use crate::viewer::window::render_thread::{Command, Report};
 use crate::viewer::window::under_way::Pass;
 use crate::viewer::work::{Found, Work};
 
-/// What is to be done outside of the session.
+/// A request of the session for something outside of it.
 pub enum Effect {
     Render(Command),
     Load {
@@ -21,22 +21,22 @@ pub enum Effect {
     OpenDialog,
     Copy(String),
     SetFullScreen(bool),
-    /// A line of the event log.
+    /// Writes a line to the event log.
     Log(serde_json::Value),
 }
 
-/// What other threads tell.
+/// News from other threads.
 pub enum News {
-    /// An event of a job, and with a chunk its pass to the render thread.
+    /// The job's number and its event; a chunk comes with its `Pass`, which goes on to the render thread.
     Loading(u32, Event, Option<Pass>),
     Report(Report),
     Found(Found),
 }
 
 pub struct Outside {
-    /// The time, by the clock of whoever drives the session; set at every step and input.
+    /// The time by the driver's clock: the window's or the recording's. The driver sets it at every step and input.
     pub now: Instant,
-    /// Oldest first.
+    /// The effects that nobody has carried out yet, the oldest first.
     pub effects: Vec<Effect>,
     pub messages: Messages,
 }
@@ -54,7 +54,7 @@ impl Outside {
         self.push(Effect::Render(command));
     }
 
-    /// A change of the points that the render thread has.
+    /// Sends the render thread a change of its points.
     pub fn change(&mut self, change: Change) {
         self.render(Command::Change(change));
     }
@@ -67,14 +67,14 @@ impl Outside {
         self.push(Effect::Log(event));
     }
 
-    /// Tells a person, and the event log.
+    /// Shows a message and writes it to the event log.
     pub fn say(&mut self, level: Level, text: impl Into<String>) {
         let text = text.into();
         self.log(json!({ "event": "message", "level": level.name(), "text": text }));
         self.messages.push(level, text);
     }
 
-    /// Tells a person alone: of what was asked for, and is seen.
+    /// Shows a note without logging it: it only confirms what a person asked for.
     pub fn note(&mut self, text: impl Into<String>) {
         self.messages.push(Level::Note, text);
     }

@@ -1,13 +1,15 @@
-//! How budgets are divided: those of streamed clouds among what is open, and the time of a frame while something moves.
+//! How budgets are divided: the budgets of streaming among the open clouds, and the time of a frame while something
+//! moves.
 
 use render::FrameStats;
 
 use crate::viewer::window::render_thread::FrameRequest;
 
-/// Shares of the budgets for what was opened one after the other, by the share that each would take if it had them all. What one
-/// does not need goes to the others; all get the same of what is too little or too much.
+/// Divides a budget among clouds. Each demand is the share that the cloud would use if it were the only one. Clouds
+/// that need little get what they need, and the others share the rest evenly. What nobody needs is added evenly to all.
 pub fn shares(demands: &[f64]) -> Vec<f64> {
-    // In steps, so that shares stay while a view moves a little, and enough to read a node of any size.
+    // Demands are rounded up to steps: then small movements of the camera leave the shares as they are, and each share
+    // is large enough for a node of any size.
     const STEPS: f64 = 16.0;
     let needs: Vec<f64> = demands.iter().map(|demand| (demand * STEPS).ceil().clamp(1.0, STEPS) / STEPS).collect();
     let mut shares = vec![0.0; needs.len()];
@@ -22,9 +24,9 @@ pub fn shares(demands: &[f64]) -> Vec<f64> {
     shares.iter().map(|share| share + more).collect()
 }
 
-/// How many points a frame can afford while the camera moves.
+/// Learns how many points a frame can afford while the camera moves.
 pub struct Pace {
-    /// Of the point budget.
+    /// The share of the point budget.
     share: f64,
 }
 
@@ -35,88 +37,92 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Below this share of the budget a frame takes its time for other things than points: sparing more would only coarsen it.
+    /// The smallest share. Below it a frame spends its time on other things than points, so fewer points would only
+    /// coarsen the picture.
     const LEAST: f64 = 0.125;
 
-    /// Learns from a frame of the moving camera that was to take `wanted` milliseconds. Near enough is right: each change of the
-    /// budget makes points come or go.
+    /// Learns from a frame of the moving camera, which took `milliseconds` and should have taken `wanted`. Small
+    /// deviations change nothing, because each change of the budget loads or removes points.
     pub fn learn(&mut self, milliseconds: f64, wanted: f64) {
         let ratio = wanted / milliseconds.max(0.1);
         if !(0.9..1.4).contains(&ratio) {
-            // Growing slowly keeps it from swinging.
+            // The share grows slowly, so that it does not oscillate.
             self.share = (self.share * ratio.clamp(0.5, 1.15)).clamp(Self::LEAST, 1.0);
         }
     }
 
-    /// Points that a frame may have of a budget.
+    /// Returns how many points of a budget a frame may have.
     pub fn budget(&self, points: u32) -> u32 {
         (f64::from(points) * self.share) as u32
     }
 }
 
-/// What a frame spares while something moves.
+/// By how much a frame is coarser while something moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Spared {
-    /// The picture is drawn with this part of the pixels along each side.
+    /// The factor by which each side of the picture has fewer pixels.
     pub divisor: u32,
-    /// How many of the points that the camera sees are drawn; all for `None`.
+    /// The most points to draw; `None` draws all that the camera sees.
     pub most_points: Option<u64>,
 }
 
 impl Spared {
     pub const NOTHING: Self = Self { divisor: 1, most_points: None };
 
-    /// The pixels of the picture, of those that it fills in the window.
+    /// Returns the size of the picture in pixels, from the size that it fills in the window.
     pub fn size(self, size: [u32; 2]) -> [u32; 2] {
         size.map(|side| side.div_ceil(self.divisor))
     }
 }
 
-/// Chooses what frames spare while something moves, by the times of earlier frames: those of points and those of pixels.
+/// Chooses how coarse frames are while something moves. It learns from earlier frames how long a point and a pixel
+/// take.
 #[derive(Default)]
 pub struct Haste {
-    /// Milliseconds for a point that the camera sees.
+    /// The milliseconds that each drawn point takes.
     per_point: f64,
-    /// Milliseconds for a pixel.
+    /// The milliseconds that each pixel takes.
     per_pixel: f64,
-    /// How many points the camera sees, as far as a frame of all has told.
+    /// The number of points drawn by the last frame without a limit on them.
     points: f64,
     chosen: Option<Spared>,
 }
 
 impl Haste {
-    /// A picture is drawn with at least a part in so many of the pixels along each side: less cannot be recognised.
+    /// The largest divisor. Nobody recognises a coarser picture.
     const MOST_DIVISOR: u32 = 4;
-    /// The number of points for a pixel that a picture is drawn with at least: many lie outside of it or behind others, and with
-    /// fewer only blots are left.
+    /// The least number of points per pixel. Many points lie outside of the picture or behind others, so fewer would
+    /// leave only blots.
     const LEAST_POINTS: f64 = 4.0;
 
-    /// Learns from a frame that took so many milliseconds in all, and was to take `wanted`.
+    /// Learns from a frame that took `milliseconds` and should have taken `wanted`.
     pub fn learn(&mut self, stats: &FrameStats, request: &FrameRequest, milliseconds: f64, wanted: f64) {
         let pixels = request.drawn_size().map(f64::from).iter().product::<f64>().max(1.0);
         let drawn = stats.points_drawn as f64;
         if request.spared.is_none_or(|spared| spared.most_points.is_none()) {
             self.points = drawn;
         }
-        // A frame that keeps the surfaces of the one before tells nothing. One in full quality tells what to begin with.
+        // A frame that keeps the surfaces of the frame before measures no points. A frame in full quality only gives
+        // the first estimate.
         let tells = stats.splatting_milliseconds > 0.0 && (request.hurried || self.per_point == 0.0);
         if !tells {
             return;
         }
         let per_point = stats.splatting_milliseconds / drawn.max(1.0);
         let per_pixel = (milliseconds - stats.splatting_milliseconds).max(0.0) / pixels;
-        // The least that was measured lately: other programs make single frames slow, which sparing more would not help.
+        // The estimates follow the fastest recent frames. Other programs slow down single frames, and a coarser picture
+        // would not help against that.
         let slower = |known: f64, measured: f64| if known > 0.0 { measured.min(known * 1.1) } else { measured };
         self.per_point = slower(self.per_point, per_point);
         self.per_pixel = slower(self.per_pixel, per_pixel);
-        // Near enough is right: each other choice makes the picture jump.
+        // Small deviations change nothing, because each new choice makes the picture jump.
         if !(0.5..1.2).contains(&(milliseconds / wanted.max(1.0))) {
             self.chosen = None;
         }
     }
 
-    /// What a frame of `size` pixels spares that is to take `wanted` milliseconds: first pixels, as long as the points for those
-    /// that are left cannot be afforded, then points.
+    /// Chooses how coarse a frame of `size` pixels must be to take `wanted` milliseconds. It first reduces the pixels,
+    /// until there is time for enough points for those that are left, and then the points.
     pub fn spare(&mut self, size: [u32; 2], wanted: f64) -> Spared {
         if let Some(chosen) = self.chosen {
             return chosen;
@@ -133,7 +139,7 @@ impl Haste {
         });
         let divisor = fitting.unwrap_or(Self::MOST_DIVISOR);
         let (affordable, least) = choice(divisor);
-        // Where even the least is too much, it is drawn all the same.
+        // If even the least number of points takes too long, the frame draws it all the same.
         let most = affordable.max(least);
         let spared = Spared { divisor, most_points: (most < self.points).then_some(most as u64) };
         self.chosen = Some(spared);
@@ -149,13 +155,13 @@ mod tests {
     fn budgets_go_to_who_needs_them() {
         assert_eq!(shares(&[1.0]), [1.0]);
         assert_eq!(shares(&[1.0, 1.0]), [0.5, 0.5]);
-        // A small one has what it needs, not half.
+        // A cloud that needs little gets what it needs, not half.
         let uneven = shares(&[0.01, 1.0]);
         assert!(uneven[0] < 0.1 && uneven[1] > 0.9 && uneven.iter().sum::<f64>() <= 1.0, "{uneven:?}");
-        // In whatever order; those that need too much get the same.
+        // The order does not matter, and clouds that need too much get equal shares.
         let several = shares(&[1.0, 0.1, 0.8, 0.0]);
         assert!(several[0] == several[2] && several[0] > 0.4 && several[1] >= 0.1 && several[3] > 0.0, "{several:?}");
-        // What nobody needs is shared evenly.
+        // What no cloud needs is shared evenly.
         assert_eq!(shares(&[0.0, 0.0]), [0.5, 0.5]);
         assert!(shares(&[1.0; 100]).iter().all(|share| (share - 0.01).abs() < 1e-9));
         assert!(shares(&[0.0; 100]).iter().all(|share| (share - 0.01).abs() < 1e-9));
@@ -163,7 +169,7 @@ mod tests {
 
     #[test]
     fn a_moving_picture_has_as_many_points_as_its_time_allows() {
-        // A millisecond for 50 thousand points, and 5 for everything else.
+        // The machine takes a millisecond for 50 thousand points, and 5 for everything else.
         let milliseconds = |points: u32| 5.0 + f64::from(points) / 50_000.0;
         let mut pace = Pace::default();
         for _ in 0..30 {
@@ -182,7 +188,8 @@ mod tests {
 
     const SIZE: [u32; 2] = [1400, 900];
 
-    /// A frame of so many points on a machine that takes so many nanoseconds for a point and for a pixel, and its milliseconds.
+    /// Returns the statistics and the time of a frame of `points` points. `machine` holds the nanoseconds that the
+    /// machine takes for a point and for a pixel.
     fn frame(machine: [f64; 2], points: u64, request: &FrameRequest) -> (FrameStats, f64) {
         let [per_point, per_pixel] = machine.map(|nanoseconds| nanoseconds * 1e-6);
         let most = request.spared.and_then(|spared| spared.most_points);
@@ -205,12 +212,12 @@ mod tests {
 
     #[test]
     fn a_frame_of_a_moving_picture_takes_the_time_that_it_may() {
-        // A fast machine, one without a graphics card, the same with indirect light; few points and many.
+        // The machines are a fast one, one without a graphics card, and the same one with indirect light.
         for machine in [[1.0, 2.0], [40.0, 200.0], [40.0, 1500.0]] {
             for points in [8_000, 3_000_000, 12_000_000] {
                 let mut haste = Haste::default();
                 let still = FrameRequest { size: SIZE, ..FrameRequest::any() };
-                // High quality takes four times as long for each point.
+                // In high quality each point takes four times as long.
                 let (stats, milliseconds) = frame([4.0 * machine[0], machine[1]], points, &still);
                 haste.learn(&stats, &still, milliseconds, 40.0);
                 let mut last = (Spared::NOTHING, 0.0);
@@ -224,7 +231,7 @@ mod tests {
                 let (spared, milliseconds) = last;
                 let is_least = spared.divisor == Haste::MOST_DIVISOR;
                 assert!(milliseconds < 48.0 || is_least && milliseconds < 150.0, "{machine:?} {points}: {last:?}");
-                // No more is spared than is needed.
+                // The frame is not coarser than it has to be.
                 let all = frame(machine, points, &still).1;
                 assert!(all > 20.0 || spared == Spared::NOTHING, "{machine:?} {points}: {last:?}");
                 assert_eq!(haste.spare(SIZE, 40.0), spared, "it does not swing");

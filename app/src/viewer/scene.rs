@@ -1,5 +1,4 @@
-//! What is looked at: the parameters, the objects and the camera, with what was before them. What a person changes of it can be
-//! undone.
+//! What the user looks at: the parameters, the objects, the camera, and the history that undoes changes of them.
 
 use std::time::{Duration, Instant};
 
@@ -22,33 +21,33 @@ use crate::viewer::outside::Outside;
 use crate::viewer::tools::inspection::{Ray, Target};
 use crate::viewer::window::render_thread::{Command, PickPurpose};
 
-/// Radians per pixel of the mouse: a half turn takes 630 pixels, about half a window.
+/// The turn of the camera in radians per pixel of mouse movement. A half turn takes 630 pixels, about half a window.
 const RADIANS_PER_PIXEL: f64 = 0.005;
-/// Distance that is left after a notch of the wheel.
+/// The factor by which a notch of the wheel changes the distance.
 const ZOOM_PER_NOTCH: f64 = 0.85;
-/// Longest wait for the point under the cursor: a zoom that starts later than this feels stuck.
+/// The longest wait for the point under the cursor. A zoom that starts later feels stuck.
 const ZOOM_PATIENCE: Duration = Duration::from_millis(120);
-/// Growth of splats and of the field of view per notch: seven notches double.
+/// The factor by which a notch enlarges splats or the field of view. Seven notches double them.
 pub const STEP: f32 = 1.1;
-/// Pixels about the cursor that its sight line takes in: as when a point is picked.
+/// The radius of a sight line in pixels. It is the same as when a point is picked.
 const CAST_RADIUS: f64 = 4.0;
 
 pub struct Scene {
     pub settings: Settings,
     pub objects: Objects,
-    /// A mirror or a light.
+    /// The selected mirror or light.
     pub selected: Option<ObjectId>,
     pub camera: Camera,
-    /// Someone chose the camera: loading no longer moves it.
+    /// True if a person or a file chose the camera: then loading no longer moves it.
     pub camera_is_placed: bool,
     pub mode: Mode,
     pub navigation: Navigation,
     pub history: History,
-    /// What lit the points before the data's own colours were asked for.
+    /// The light before the user switched to the data's own colours.
     pub lit_by: Lighting,
-    /// Pixels of the picture.
+    /// The size of the picture in pixels.
     pub view_size: [u32; 2],
-    /// Ways of the camera that scene files bring.
+    /// The camera paths of the scene files.
     pub paths: Vec<CameraPath>,
     next_object: u32,
 }
@@ -94,14 +93,14 @@ impl Scene {
         self.navigation.camera_moved(now);
     }
 
-    /// Changes the objects in a way that is no step of undo: something came or went with a file.
+    /// Changes the objects without a step of undo, because a file was opened or closed.
     pub fn rewrite_objects(&mut self, change: impl Fn(&mut Objects)) {
         self.history.settle(&self.settings, &self.objects);
         change(&mut self.objects);
         self.history.rewrite(change);
     }
 
-    /// A mirror that a file or a built-in scene brings.
+    /// Adds a mirror of a file or a built-in scene.
     pub fn bring_mirror(&mut self, mirror: Mirror, input: Option<String>, outside: &mut Outside) -> ObjectId {
         let id = self.next_object_id();
         let mirror = Mirror { name: self.objects.free_name(&mirror.name, None), ..mirror };
@@ -112,7 +111,7 @@ impl Scene {
         id
     }
 
-    /// Lights that files and a built-in scene bring, less those that are there already.
+    /// Adds lights of files and built-in scenes, except those that are there already.
     pub fn bring_lights(&mut self, lights: impl Iterator<Item = (SpotLight, Origin)>, outside: &mut Outside) {
         let mut named = Objects { lights: self.objects.lights.clone(), ..Objects::default() };
         let mut brought: Vec<PlacedLight> = Vec::new();
@@ -125,7 +124,7 @@ impl Scene {
             return;
         }
         self.rewrite_objects(|objects| {
-            // A guess stands in for lights that are not there.
+            // A guessed lamp is only for scenes without other lights.
             objects.lights.retain(|other| other.origin != Origin::Guess);
             let known = objects.lights.clone();
             let is_new = |placed: &&PlacedLight| known.iter().all(|other| other.light != placed.light);
@@ -134,14 +133,15 @@ impl Scene {
         self.warn_of_dark_lights(outside);
     }
 
-    /// Says so after lights came of which not all shine.
+    /// Warns the user if there are more lights than can shine.
     pub fn warn_of_dark_lights(&mut self, outside: &mut Outside) {
         if self.objects.lights.len() > MOST_LIGHTS {
             outside.say(Level::Warning, format!("Only the first {MOST_LIGHTS} lights shine"));
         }
     }
 
-    /// Adds an object in one step of undo, and selects it. A light shines then.
+    /// Adds an object in one step of undo, and selects it. For a light, also switches to a kind of lighting that shows
+    /// it.
     pub fn place(&mut self, id: ObjectId, object: Object, outside: &mut Outside) {
         let kind = object.kind();
         if self.objects.count(kind) >= kind.most {
@@ -171,7 +171,7 @@ impl Scene {
         }
     }
 
-    /// Adds a spot light where the eye is.
+    /// Adds a spot light at the eye.
     pub fn add_spot(&mut self, outside: &mut Outside) {
         let light = spot(self.camera.eye, self.camera.pivot, self.settings.view.field_of_view);
         let id = self.next_object_id();
@@ -189,7 +189,7 @@ impl Scene {
         }
     }
 
-    /// The hand has let go of the selected object.
+    /// Logs the new place of the selected object when the user releases it.
     pub fn log_moved(&mut self, outside: &mut Outside) {
         let Some((name, object)) = self.selected.and_then(|id| self.objects.get(id)) else { return };
         let places: Vec<[f64; 3]> = object.places().iter().map(DVec3::to_array).collect();
@@ -212,7 +212,7 @@ impl Scene {
         });
     }
 
-    /// What widgets cannot give is not set.
+    /// Sets a parameter. An invalid value is refused with a warning in the log.
     pub fn set_parameter(&mut self, key: &str, value: param::Value, now: Instant) {
         let Some((group, name)) = key.split_once('.') else { return };
         let group = self.settings.groups_mut().into_iter().find(|known| known.group().name == group);
@@ -220,7 +220,7 @@ impl Scene {
             tracing::warn!("{error}");
         }
         if self.navigation.is_held() {
-            // A slider that is dragged moves the picture as a camera does.
+            // A slider that is dragged makes frames hurried, as a moving camera does.
             self.navigation.camera_moved(now);
         }
     }
@@ -244,7 +244,7 @@ impl Scene {
         outside.note(format!("Colour: {}", by.name()));
     }
 
-    /// Goes back to a setting: one step of undo.
+    /// Restores earlier settings in one step of undo.
     pub fn return_to(&mut self, settings: Settings, outside: &mut Outside) {
         self.history.settle(&self.settings, &self.objects);
         self.settings = settings;
@@ -262,7 +262,7 @@ impl Scene {
         }
     }
 
-    /// Moves the camera at once, perhaps with other parameters: one step of undo.
+    /// Moves the camera at once, perhaps with other parameters, in one step of undo.
     pub fn jump(&mut self, now: Instant, settings: Settings, camera: Camera) {
         self.history.before_jump(&self.settings, &self.objects, self.camera);
         self.settings = settings;
@@ -280,7 +280,7 @@ impl Scene {
         f64::from(self.view_size[0].max(1)) / f64::from(self.view_size[1].max(1))
     }
 
-    /// Of what is visible, without stray points.
+    /// Returns the bounds of the visible clouds, without stray points, and of the mirrors.
     pub fn bounds(&self, clouds: &[CloudEntry]) -> Bounds {
         let of = |entry: &CloudEntry| entry.figures.as_ref().map_or(entry.bounds, |figures| figures.bounds);
         let visible = clouds.iter().filter(|entry| entry.is_visible && entry.points > 0);
@@ -303,7 +303,7 @@ impl Scene {
         }
     }
 
-    /// What sticks out furthest of the visible clouds: what framing has to keep in the picture.
+    /// Returns the outermost points of the visible clouds and the mirrors, which framing keeps in the picture.
     pub fn outline(&self, clouds: &[CloudEntry]) -> Vec<DVec3> {
         let visible = clouds.iter().filter(|entry| entry.is_visible);
         let of = |entry: &CloudEntry| match &entry.figures {
@@ -319,7 +319,8 @@ impl Scene {
         Camera::framing(outline, view, self.up(clouds), self.settings.view.field_of_view, self.aspect())
     }
 
-    /// Shows everything unless someone has chosen the camera: the clouds' outlines, or `bounds` while none is known.
+    /// Moves the camera to show everything, unless it has been chosen. It frames the clouds' outlines, or `bounds`
+    /// while no outline is known.
     pub fn frame_while_unplaced(&mut self, bounds: Bounds, clouds: &[CloudEntry]) {
         if self.camera_is_placed {
             return;
@@ -346,24 +347,24 @@ impl Scene {
         }
     }
 
-    /// Moves the camera to `eye`, looking at `pivot`.
+    /// Moves the camera to `eye` and turns it to `pivot`.
     pub fn look_along(&mut self, eye: DVec3, pivot: DVec3, now: Instant) {
         let camera = Camera::looking(pivot, eye - pivot, eye.distance(pivot), self.camera.up);
         self.jump(now, self.settings.clone(), camera);
     }
 
-    /// Pixel under the cursor.
+    /// Returns the pixel under the cursor.
     pub fn cursor(&self) -> Option<[u32; 2]> {
         self.navigation.cursor.map(|(pixel, _)| pixel)
     }
 
-    /// The camera was moved by hand.
+    /// Records that a person moved the camera.
     pub fn camera_moved_by_hand(&mut self, now: Instant) {
         self.camera_is_placed = true;
         self.navigation.camera_moved(now);
     }
 
-    /// Drags the picture by points of the window; by pixels of the picture to pan.
+    /// Moves the camera by a drag. `Orbit` and `Look` are in points of the window, `Pan` in pixels of the picture.
     pub fn drag_camera(&mut self, drag: &Action, now: Instant) {
         let (Action::Orbit(delta) | Action::Look(delta) | Action::Pan(delta)) = drag else { return };
         if *delta != DVec2::ZERO {
@@ -383,7 +384,7 @@ impl Scene {
         }
     }
 
-    /// World units right, up, forward.
+    /// Flies by `way`: world units right, up, forward.
     pub fn travel(&mut self, way: DVec3, now: Instant) {
         self.camera.fly(way);
         self.camera_moved_by_hand(now);
@@ -396,7 +397,7 @@ impl Scene {
         }
     }
 
-    /// Turns of the wheel: done at once if the point under the cursor is known, else when it is.
+    /// Zooms by `notches` of the wheel: at once if the point under the cursor is known, else when its answer comes.
     pub fn zoom(&mut self, notches: f32, outside: &mut Outside) {
         self.navigation.pending_zoom += notches;
         self.navigation.zoom_since.get_or_insert(outside.now);
@@ -406,7 +407,7 @@ impl Scene {
         self.apply_pending_zoom(false, outside.now);
     }
 
-    /// `at_once`: even if the point under the cursor is not known.
+    /// Does the zoom that waits. With `at_once` it does so even if the point under the cursor is not known.
     pub fn apply_pending_zoom(&mut self, at_once: bool, now: Instant) {
         let anchor = self.navigation.anchor();
         if self.navigation.zoom_since.is_none() || !at_once && anchor.is_none() {
@@ -419,12 +420,12 @@ impl Scene {
         self.camera.zoom_toward(toward, ZOOM_PER_NOTCH.powf(f64::from(notches)));
         let hovered = self.navigation.hovered;
         self.camera_moved_by_hand(now);
-        // The point stays under the cursor: that is what zooming toward it means.
+        // Zooming toward the point keeps it under the cursor.
         self.navigation.hovered = hovered.map(|(pixel, world)| (self.cursor().unwrap_or(pixel), world));
     }
 
-    /// Zooms toward the plane of the pivot where the point under the cursor has been waited for long enough. Returns when to look
-    /// again.
+    /// Zooms toward the plane of the pivot if the answer about the point under the cursor takes too long. Returns the
+    /// time after which to call this again.
     pub fn end_zoom_wait(&mut self, now: Instant) -> Option<Duration> {
         self.cursor()?;
         let waited = now.saturating_duration_since(self.navigation.zoom_since?);
@@ -433,12 +434,12 @@ impl Scene {
         left.filter(|_| self.navigation.zoom_since.is_some())
     }
 
-    /// Whether the wheel steers flight.
+    /// Returns true in fly mode, in which the wheel changes the speed.
     pub fn is_flying(&self) -> bool {
         self.mode == Mode::Fly
     }
 
-    /// What a pixel looks along.
+    /// Returns the line of sight through a pixel.
     pub fn sight_line(&self, pixel: [u32; 2], targets: Vec<Target>) -> Ray {
         let lens = self.lens();
         let pixel = to_vector(pixel);
@@ -450,7 +451,7 @@ impl Scene {
         Ray { origin, direction, spread: direction.distance(beside), width, targets, test }
     }
 
-    /// Does what is asked of the scene alone; gives back what is asked of other parts.
+    /// Carries out an action if it concerns only the scene. Returns all other actions.
     pub fn act(&mut self, action: Action, clouds: &[CloudEntry], outside: &mut Outside) -> Option<Action> {
         match action {
             Action::Orbit(_) | Action::Look(_) | Action::Pan(_) => self.drag_camera(&action, outside.now),
@@ -460,7 +461,7 @@ impl Scene {
                 self.settings.view.field_of_view = scaled(view, "field_of_view", view.field_of_view, notches);
             }
             Action::FlySpeed(notches) => {
-                // Six doublings either way: from an ant's pace to a jet's.
+                // The speed can be doubled or halved six times, from a crawl to the speed of a jet.
                 self.navigation.speed = (self.navigation.speed + notches * 0.5).clamp(-6.0, 6.0);
                 outside.note(format!("Speed × {:.2}", self.navigation.speed.exp2()));
             }
@@ -529,7 +530,7 @@ impl Scene {
         None
     }
 
-    /// Looks at a cloud as at what is looked at now.
+    /// Frames one cloud, and keeps the direction of view.
     fn frame_cloud(&mut self, key: CloudKey, clouds: &[CloudEntry], now: Instant) {
         let figures = clouds.iter().find(|entry| entry.key == key).and_then(|entry| entry.figures.as_ref());
         let outline = figures.map(|figures| figures.outline.clone());
@@ -548,7 +549,7 @@ impl Scene {
     }
 }
 
-/// `value` after `notches` steps, within the range of the parameter.
+/// Returns `value` after `notches` steps, within the range of the parameter.
 fn scaled(params: &dyn param::Params, name: &str, value: f32, notches: f32) -> f32 {
     let field = params.group().fields.iter().find(|field| field.name == name);
     let range = field.map(|field| &field.kind);

@@ -1,4 +1,4 @@
-//! What the session does with what it is told, without a window and without a render thread.
+//! Tests of the session without a window and without a render thread.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::viewer::objects::Marking;
 use crate::viewer::outside::Effect;
 
 impl Session {
-    /// A scene of two points that is completely read, for tests of the panels.
+    /// Returns a session with a cloud of two points that is completely read.
     pub fn with_two_points() -> Self {
         use world::{Event, Opened, Part};
 
@@ -29,7 +29,7 @@ impl Session {
         session
     }
 
-    /// Draws a panel and does what it asks for.
+    /// Draws a panel and carries out the actions that it returns.
     pub fn show_and_act(&mut self, show: impl FnOnce(&Self, &mut Vec<Action>)) {
         let mut actions = Vec::new();
         show(self, &mut actions);
@@ -37,7 +37,7 @@ impl Session {
     }
 }
 
-/// A cloud with one attribute whose header has been read, by job 0.
+/// Returns a session with a cloud of one attribute. Job 0 has read its header and none of its points.
 fn opened() -> (Session, CloudKey) {
     let mut session = Session::new(Preferences::default());
     let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);

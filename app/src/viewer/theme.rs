@@ -1,14 +1,14 @@
-//! The look: dark, calm, one accent colour.
+//! The colours and sizes of the interface: dark, calm, with one accent colour.
 
 use egui::{Color32, CornerRadius, Stroke, TextStyle};
 
 pub use crate::info::grouped;
 
-/// Warm amber: changed values, active tools, links.
+/// A warm amber for changed values, active tools and links.
 pub const ACCENT: Color32 = Color32::from_rgb(0xe6, 0xb2, 0x5c);
 pub const ERROR: Color32 = Color32::from_rgb(0xf0, 0x7a, 0x6a);
 pub const WARNING: Color32 = Color32::from_rgb(0xe8, 0xc4, 0x68);
-/// Text of less weight; 5 : 1 against the panel.
+/// The colour of less important text. Its contrast with the panel is 5 : 1.
 pub const WEAK: Color32 = Color32::from_rgb(0x95, 0x9b, 0xa5);
 pub const PANEL: Color32 = Color32::from_rgb(0x1a, 0x1c, 0x20);
 const TEXT: Color32 = Color32::from_rgb(0xd6, 0xd9, 0xde);
@@ -18,7 +18,7 @@ const WIDGET_HOVERED: Color32 = Color32::from_rgb(0x35, 0x39, 0x41);
 const WIDGET_ACTIVE: Color32 = Color32::from_rgb(0x43, 0x48, 0x52);
 const LINE: Color32 = Color32::from_rgb(0x2c, 0x2f, 0x36);
 
-/// Installs the look.
+/// Sets the colours and sizes.
 pub fn apply(context: &egui::Context) {
     context.set_theme(egui::Theme::Dark);
     context.all_styles_mut(|style| {
@@ -50,7 +50,7 @@ pub fn apply(context: &egui::Context) {
         style.spacing.item_spacing = egui::vec2(8.0, 5.0);
         style.spacing.button_padding = egui::vec2(8.0, 3.0);
         style.spacing.slider_width = 84.0;
-        // As wide as a bar becomes under the pointer: it covers nothing then.
+        // A scroll bar always has the width that it grows to under the pointer, so it never covers anything.
         style.spacing.scroll.bar_width = 8.0;
         style.spacing.scroll.floating_allocated_width = 8.0;
         let sizes =
@@ -63,7 +63,7 @@ pub fn apply(context: &egui::Context) {
     });
 }
 
-/// Bytes as people read them: `312 MB` (decimal, as file managers count).
+/// Formats a number of bytes for people: `312 MB` (decimal, as in file managers).
 pub fn bytes(count: u64) -> String {
     match count {
         0..1_000_000 => format!("{} kB", count / 1000),

@@ -1,4 +1,4 @@
-//! The views, scenes, pictures and command lines that are copied, pasted and saved.
+//! What the user copies, pastes and saves: views, scenes, pictures and command lines.
 
 use std::path::{Path, PathBuf};
 
@@ -16,12 +16,12 @@ use crate::viewer::window::render_thread::{Command, FrameRequest};
 use crate::viewer::work::Work;
 
 impl Scene {
-    /// The view, without its clouds.
+    /// Returns the view as text, without its clouds.
     pub fn view_as_text(&self, loaded: &Loaded) -> String {
         SceneFile { clouds: Vec::new(), ..self.scene_file(&self.written_settings(loaded), loaded) }.to_text()
     }
 
-    /// A view as `CopyView` gives it, or a scene file's.
+    /// Applies a view that `CopyView` copied, or that of a scene file.
     pub fn paste_view(&mut self, text: &str, outside: &mut Outside) {
         match SceneFile::parse(text) {
             Ok(file) => {
@@ -38,8 +38,8 @@ impl Scene {
         }
     }
 
-    /// Mirrors, lights and hidden classes of a view: mirrors whose names are known move there, others are added; lights take the
-    /// place of all that there were, and the classes that it hides alone are hidden.
+    /// Takes over the mirrors, lights and hidden classes of a view. A mirror replaces the one of the same name, or is
+    /// added. The view's lights, if it has any, replace all others. Its hidden classes replace those before.
     fn take_objects(&mut self, file: &SceneFile, outside: &mut Outside) {
         for mirror in &file.mirrors {
             let known = self.objects.mirrors.iter_mut().find(|placed| placed.mirror.name == mirror.name);
@@ -63,7 +63,7 @@ impl Scene {
         self.history.after_jump(&self.settings, &self.objects);
     }
 
-    /// What is on the screen as a scene, with these of its parameters.
+    /// Returns what is on the screen as a scene, with the parameters of `settings`.
     fn scene_file(&self, settings: &Settings, loaded: &Loaded) -> SceneFile {
         SceneFile {
             camera: Some(self.camera),
@@ -72,8 +72,8 @@ impl Scene {
         }
     }
 
-    /// The parameters that show what is on the screen when it is opened anew. Without lights, the one that a built-in scene
-    /// brings or the lamp of a room would be there again.
+    /// Returns the parameters that a scene file needs to show the same picture. If the user removed all lights, they
+    /// name the kind of lighting, because otherwise the built-in scene's light or the guessed lamp would come back.
     pub fn written_settings(&self, loaded: &Loaded) -> Settings {
         let mut settings = self.settings.clone();
         if self.objects.lights.is_empty() && loaded.lacks_light() {
@@ -82,8 +82,8 @@ impl Scene {
         settings
     }
 
-    /// What is on the screen as a scene file that may stand anywhere, with these of its parameters: only built-in scenes have no
-    /// place of their own.
+    /// Returns what is on the screen as a scene file that may lie in any folder: the paths of files are absolute. Names
+    /// of built-in scenes stay as they are.
     fn movable_scene(&self, settings: &Settings, loaded: &Loaded) -> SceneFile {
         let mut file = self.scene_file(settings, loaded);
         let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
@@ -95,7 +95,7 @@ impl Scene {
         file
     }
 
-    /// The same without parameters but for those that points are made with.
+    /// Returns the scene as text. Of the parameters it has only those that built-in scenes are made with.
     pub fn view_as_scene(&self, loaded: &Loaded) -> String {
         let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
         self.movable_scene(&settings, loaded).to_text()
@@ -113,11 +113,11 @@ impl Scene {
         outside.work(Work::SaveScene { path, text: file.to_text() });
     }
 
-    /// The command that renders what is on the screen, for a POSIX shell.
+    /// Returns the command that renders what is on the screen, for a POSIX shell.
     pub fn command_line(&self, loaded: &Loaded) -> String {
         let [width, height] = self.view_size;
         let file = self.scene_file(&Settings::default(), loaded);
-        // What begins like a flag is none as a path.
+        // A path that begins with `-` would be read as a flag.
         let path = |input: &String| if input.starts_with('-') { format!("./{input}") } else { input.clone() };
         let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(&path(input))).collect();
         let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
@@ -125,7 +125,7 @@ impl Scene {
             line += &format!(" --set {}", quoted(&format!("{key}={text}")));
         }
         let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
-        // A name in the view may have a line that would end it.
+        // The names in a view may contain any line, so the end mark must be one that the view does not contain.
         let end = (1..).map(|number| format!("VIEW{number}")).find(|end| !view.lines().any(|line| line == *end));
         let end = end.unwrap_or_default();
         format!("{line} --camera - <<'{end}'\n{view}{end}\n")
@@ -144,7 +144,7 @@ impl Scene {
     }
 }
 
-/// `office` of `scans/office.laz`, `five-mirrors-sphere` of a built-in scene.
+/// Returns a name for files: `office` for `scans/office.laz`, `five-mirrors-sphere` for a built-in scene.
 fn picture_name(input: &str) -> String {
     let name = short_name(input);
     if name.contains('/') {
@@ -153,7 +153,7 @@ fn picture_name(input: &str) -> String {
     Path::new(name).file_stem().map_or(name.into(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// `glint-NAME-1.png`, or the first number that is free.
+/// Returns `glint-NAME-1.png`, or the same with the first number that is free.
 fn free_path(folder: &Path, name: &str, extension: &str) -> PathBuf {
     let path = |number: u32| folder.join(format!("glint-{name}-{number}.{extension}"));
     (1..u32::MAX).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
@@ -226,7 +226,7 @@ mod tests {
         assert!(session.outside.messages.all.last().is_some_and(|message| message.text.contains("no view")));
     }
 
-    /// Runs the copied command line by `sh`, with a `glint` that keeps its words and its standard input.
+    /// Runs the copied command line with `sh`. Returns the arguments and the standard input that `glint` would get.
     #[cfg(unix)]
     fn run_by_shell(line: &str) -> (Vec<String>, String) {
         let folder = tempfile::tempdir().unwrap();
@@ -251,7 +251,7 @@ mod tests {
         session.scene.settings.set_text("color.attribute", "it's; $(echo no) `no`").unwrap();
         session.scene.camera.pivot = glam::DVec3::new(1.25, -2.0, 635_619.123_456_7);
         let mut mirror = Mirror::standing(Shape::Sphere, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::Z, 1.0);
-        // Would end the view and go on as commands.
+        // This name would end the view, and the shell would run the rest.
         mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
         let id = session.scene.next_object_id();
         session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Mirror(mirror.clone())));

@@ -1,4 +1,4 @@
-//! Small widgets that several panels share: they know egui and plain values, and nothing of what the viewer knows.
+//! Small widgets that several panels share. They know egui and plain values, but not the session.
 
 use egui::{Sense, Ui};
 use glam::DVec3;
@@ -6,10 +6,10 @@ use glam::DVec3;
 use crate::viewer::theme;
 use crate::viewer::theme::grouped;
 
-/// The width of a line's name, in points of the window: the longest name fits.
+/// The width of a line's name, in points of the window. The longest name fits.
 pub const NAME_WIDTH: f32 = 96.0;
 
-/// The name of a line. All names have the same width and can be clicked.
+/// Draws the name of a line. All names have the same width and can be clicked.
 pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Response {
     let height = ui.spacing().interact_size.y;
     let layout = egui::Layout::left_to_right(egui::Align::Center);
@@ -21,7 +21,7 @@ pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Respo
     .inner
 }
 
-/// A line with a list to choose from. Returns the response of the list.
+/// Draws a line with a list to choose from. Returns the response of the list.
 pub fn choice<'a, T: PartialEq + Copy>(
     ui: &mut Ui,
     name: &str,
@@ -43,7 +43,7 @@ pub fn choice<'a, T: PartialEq + Copy>(
     .inner
 }
 
-/// A line with a slider.
+/// Draws a line with a slider.
 pub fn slider(ui: &mut Ui, name: &str, slider: egui::Slider<'_>) -> egui::Response {
     ui.horizontal(|ui| {
         let label = name_label(ui, name);
@@ -52,7 +52,7 @@ pub fn slider(ui: &mut Ui, name: &str, slider: egui::Slider<'_>) -> egui::Respon
     .inner
 }
 
-/// A line with a slider for a length, from a ten-thousandth of `largest` up to it.
+/// Draws a line with a slider for a length, from a ten-thousandth of `largest` up to `largest`.
 pub fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
     let largest = largest.max(1e-6);
     let range = largest * 1e-4..=largest;
@@ -62,7 +62,7 @@ pub fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
     });
 }
 
-/// A line of three numbers. Returns them if a person edited one and all are finite.
+/// Draws a line of three numbers. Returns them if a person edited one and all are finite.
 pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
     let mut edited = value;
     let line = |ui: &mut Ui| {
@@ -78,7 +78,7 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
     (edited != value && edited.is_finite()).then_some(edited)
 }
 
-/// An open or closed eye that can be clicked. `of` is read out by screen readers.
+/// Draws an open or closed eye that can be clicked. Screen readers read `of` aloud.
 pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(20.0, 16.0), Sense::click());
     response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, format!("Show {of}")));
@@ -89,7 +89,7 @@ pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
     };
     let stroke = egui::Stroke::new(1.3, color);
     let center = rect.center();
-    // Two arcs that meet at the corners of the eye; a closed eye has the lower lid and a lash.
+    // Two arcs meet at the corners of the eye. A closed eye has only the lower lid and a lash.
     let lid = |height: f32| {
         (0..=12).map(move |i| {
             let along = i as f32 / 6.0 - 1.0;
@@ -107,14 +107,14 @@ pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
     response.on_hover_text(if open { "Hide" } else { "Show" })
 }
 
-/// A short bar that is filled up to `share`, from 0 to 1.
+/// Draws a short bar that is filled up to `share`, from 0 to 1.
 pub fn progress_bar(ui: &mut Ui, share: f32) {
     let bar = egui::ProgressBar::new(share).desired_width(140.0).desired_height(12.0);
     ui.add(bar.fill(theme::ACCENT.gamma_multiply(0.7)));
 }
 
-/// `1,203,400 of 3,214,786 · 1.20 M/s · 3 s left`: what is done, the speed in points a second if `pace`
-/// tells it, and the time that is left at this speed.
+/// Formats progress: `1,203,400 of 3,214,786 · 1.20 M/s · 3 s left`. `pace` is in points a second; without it the text
+/// has no speed and no time.
 pub fn progress_text(done: u64, total: u64, pace: Option<f64>) -> String {
     let mut text = if total > 0 { format!("{} of {}", grouped(done), grouped(total)) } else { grouped(done) };
     if let Some(pace) = pace {

@@ -1,5 +1,6 @@
-//! The work that the session asks for and that needs neither the window nor the render thread: reading, counting, sampling,
-//! tracing, writing. The window runs it on threads, tests run it in place; both call `run`.
+//! The work that the session asks for and that needs neither the window nor the render thread: reading, counting,
+//! sampling, tracing, writing. The window runs it on threads of its own, and tests run it in place. Both call
+//! `Work::run`.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -20,14 +21,14 @@ use crate::viewer::truth::sweep_files::SweepResult;
 use crate::viewer::truth::tasks::{Answer, Task};
 use crate::viewer::window::render_thread::PickedPoint;
 
-/// Work to be done.
+/// Work that the session asks for.
 pub enum Work {
     FindFigures {
         key: CloudKey,
         cloud: Cloud,
         basis: Basis,
         up: DVec3,
-        /// Of a streamed cloud: only what is counted is new.
+        /// For a streamed cloud, its earlier figures: colours and bounds stay, and only the counts are new.
         kept: Option<Box<Figures>>,
     },
     ReadColumn {
@@ -45,10 +46,10 @@ pub enum Work {
     SampleMirror {
         id: ObjectId,
         mirror: Mirror,
-        /// Of the points around it, squared world units.
+        /// The area that each sample covers, in squared world units. It matches the points around the mirror.
         area_per_point: f64,
     },
-    /// Finds the points of a cloud that are to reflect.
+    /// Finds the points of a cloud that will reflect.
     MarkPoints {
         key: CloudKey,
         cloud: Cloud,
@@ -62,36 +63,37 @@ pub enum Work {
         source: Option<Arc<codec::Source>>,
         wanted: MirrorPoints,
     },
-    /// Finds out whether the sky is open above all points that are shown; `asked` tells the answers apart.
+    /// Finds out whether the sky above the shown points is open. `asked` is the number of the question, which comes
+    /// back with the answer.
     FindSurroundings {
         asked: u32,
         clouds: Vec<Cloud>,
         test: PointTest,
         up: DVec3,
     },
-    /// Finds the surface that a ray meets.
+    /// Finds the surface that a sight line meets.
     Cast(inspection::Ray),
-    /// Has the ray tracer work.
+    /// Runs a task of the ray tracer.
     Truth(Box<Task>),
-    /// Appends a group to a plan of studies, with the scene that it is about.
+    /// Appends a group to a plan of studies, and writes the group's scene beside the plan.
     AddToStudy {
         plan: PathBuf,
         scene: String,
         group: toml::Table,
     },
-    /// Writes what a sweep came to.
+    /// Writes the results of a sweep.
     SaveSweep(Box<SweepResult>),
     SaveScene {
         path: PathBuf,
         text: String,
     },
-    /// Deletes an index that is closed.
+    /// Deletes an index that no cloud uses.
     DeleteIndex(IndexEntry),
-    /// Finds out how large all indexes are.
+    /// Measures the size of the cache of indexes.
     MeasureCache,
 }
 
-/// What a worker thread found.
+/// The result of some work.
 pub enum Found {
     Figures {
         key: CloudKey,
@@ -114,7 +116,7 @@ pub enum Found {
         area_per_point: f64,
         samples: Vec<Chunk>,
     },
-    /// `None` if it was cancelled.
+    /// `result` holds `None` if the work was cancelled.
     Marked {
         key: CloudKey,
         wanted: Vec<MirrorPoints>,
@@ -150,7 +152,7 @@ pub enum Found {
 }
 
 impl Work {
-    /// The name of the thread that does it.
+    /// Returns the name of the thread that does the work.
     pub fn name(&self) -> &'static str {
         match self {
             Self::FindFigures { .. } => "figures",
@@ -170,8 +172,8 @@ impl Work {
         }
     }
 
-    /// Does it, and hands `found` what came of it: once, or, for the truth, as often as there is news. `stream` says where
-    /// the indexes are.
+    /// Does the work and hands the results to `found`: once, or for the truth as often as there is news. `stream` says
+    /// where the cache of indexes is.
     pub fn run(self, stream: &Stream, found: impl Fn(Found)) {
         match self {
             Self::FindFigures { key, cloud, basis, up, kept } => {
