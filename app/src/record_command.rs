@@ -60,7 +60,9 @@ fn path(request: &Request, arguments: &RecordArguments) -> anyhow::Result<Camera
     match (&arguments.path, request.paths.as_slice()) {
         (_, []) => {
             let name = scene::shown(Path::new(&arguments.scene));
-            Err(usage(format!("{name}: it has no path of the camera; [[paths]] of a scene file are such")))
+            Err(usage(format!(
+                "{name}: it has no camera path; add one to a scene file under [[paths]] (docs/scenes.md)"
+            )))
         }
         (None, [only]) => Ok(only.clone()),
         (None, _) => Err(usage(format!("--path: there are several, name one of them: {available}"))),
@@ -206,8 +208,8 @@ mod tests {
         let (none, one, two) = (put("none.toml", &[]), put("one.toml", &["a"]), put("two.toml", &["tour", "way back"]));
         let output = folder.path().join("pictures").display().to_string();
         let refusal = |words: &[&str]| refusal(&[words, &["-o", &output]].concat());
-        assert!(refusal(&["five-mirrors/none"]).contains("five-mirrors/none: it has no path"));
-        assert!(refusal(&[&none]).contains("none.toml: it has no path of the camera; [[paths]]"));
+        assert!(refusal(&["five-mirrors/none"]).contains("five-mirrors/none: it has no camera path"));
+        assert!(refusal(&[&none]).contains("none.toml: it has no camera path"));
         assert!(refusal(&[&two]).contains("there are several, name one of them: tour, way back"));
         assert!(refusal(&[&two, "--path", "tuor"]).contains("`tuor` is unknown; available: tour, way back"));
         assert!(
