@@ -60,7 +60,10 @@ fn indirect(@builtin(global_invocation_id) thread: vec3u) {
     // The lights of the sky first, then each bounce. Compilers copy the function to each call, so one call serves them all.
     var first = 0u;
     var count = lights.sky_lights;
-    for (var bounce = 0u; bounce <= lights.bounces; bounce++) {
+    // Mesa's software Vulkan compiles a pass anew at each dispatch if a loop ends by a uniform alone, which took five
+    // times as long as the pass itself. The length of the buffer, which is never less, makes it no uniform.
+    let bounces = min(lights.bounces, arrayLength(&vpls));
+    for (var bounce = 0u; bounce <= bounces; bounce++) {
         let sum = light_of_run(first, count, thread.z, at, normal, toward_eye, gloss);
         diffuse += sum.diffuse;
         glossy += sum.glossy;
