@@ -7,6 +7,7 @@ struct View {
     up: u32,
     background: u32,
     point_budget: u32,
+    frame_ms: f32,
 }
 const VIEW_PROJECTION_PERSPECTIVE: u32 = 0u;
 const VIEW_PROJECTION_ORTHOGRAPHIC: u32 = 1u;
@@ -226,7 +227,6 @@ struct Stream {
     pages: u32,
     detail: f32,
     unseen: f32,
-    frame_ms: f32,
     overlay: u32,
 }
 const STREAM_PAGES_AUTO: u32 = 0u;

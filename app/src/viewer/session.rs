@@ -503,7 +503,7 @@ impl Session {
             rest: self.scene.navigation.time_to_rest(self.outside.now),
             a_mirror_is_dragged: is_mirror && self.tools.handle_is_grabbed,
             is_recorded: self.is_recorded,
-            milliseconds: f64::from(self.scene.settings.stream.frame_ms),
+            milliseconds: f64::from(self.scene.settings.view.frame_ms),
         };
         let under_way = self.frames.under_way;
         let again = self.frames.request(self.picture(), &situation, &mut self.outside);
@@ -572,7 +572,7 @@ impl Session {
                 if !frame.request.hurried {
                     self.figure_history.push(&frame.stats);
                 }
-                self.frames.show(*frame, f64::from(self.scene.settings.stream.frame_ms));
+                self.frames.show(*frame, f64::from(self.scene.settings.view.frame_ms));
             }
             Report::Picked { pixel, purpose, point } => {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);

@@ -114,6 +114,8 @@ params! {
         background: param::Color = param::Color(0x1d20_25ff) => affects(shading truth);
         /// Most points of streamed clouds that are drawn at once.
         point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points" => affects(points truth) not(swept);
+        /// The time that a frame may take while something moves: fewer pixels and points are drawn to keep it; 0 draws all.
+        frame_ms: f32 = 40.0, 0.0..=1000.0, "ms" => affects() not(swept);
     }
 
     /// Splatting: how points become surfaces.
@@ -332,8 +334,6 @@ params! {
         detail: f32 = 1.0, 0.25..=64.0, "pixels";
         /// How much places outside of the picture count beside those in it: mirrors show them, and light comes from them.
         unseen: f32 = 0.25, 0.0..=1.0, "share";
-        /// The time that a frame may take while something moves: fewer pixels and points are drawn to keep it; 0 draws all.
-        frame_ms: f32 = 40.0, 0.0..=1000.0, "ms";
         /// Colour points by the level of their page, and draw the boxes of pages.
         overlay: bool = false => not(kept);
     }
@@ -369,6 +369,9 @@ settings! {
     }
 }
 
+/// Parameters that older versions kept in files under another name: the old key and the new one.
+const RENAMED: [(&str, &str); 1] = [("stream.frame_ms", "view.frame_ms")];
+
 impl Settings {
     /// What a picture is drawn with: the data's own colours are shown as they are, whatever exposure and curve are for light.
     pub fn drawn(&self) -> Self {
@@ -391,13 +394,16 @@ impl Settings {
     /// Sets the parameter `key` (`group.name`) from text.
     ///
     /// # Errors
-    /// Unknown key (with the nearest known one), not parsable, out of range.
+    /// Unknown key (with its new name or the nearest known one), not parsable, out of range.
     pub fn set_text(&mut self, key: &str, text: &str) -> Result<(), param::Error> {
         let (group_name, name) = key.split_once('.').unwrap_or((key, ""));
         let unknown = |hint: Option<&str>| param::Error::UnknownKey {
             key: param::shortened(key, param::MOST_QUOTED),
             hint: hint.map_or("; `glint methods` lists them".into(), |near| format!("; did you mean `{near}`?")),
         };
+        if let Some((_, new)) = RENAMED.iter().find(|(old, _)| *old == key) {
+            return Err(unknown(Some(new)));
+        }
         let names: Vec<&str> = self.groups().iter().map(|group| group.group().name).collect();
         match self.groups_mut().into_iter().find(|group| group.group().name == group_name) {
             Some(group) if !name.is_empty() => group.set_text(name, text),
@@ -467,6 +473,11 @@ mod tests {
         assert_eq!(message(&mut settings, "splat.sise"), "splat.sise: no such parameter; did you mean `splat.size`?");
         assert_eq!(message(&mut settings, "spalt.size"), "spalt.size: no such parameter; did you mean `splat.size`?");
         assert_eq!(message(&mut settings, "nonsense"), "nonsense: no such parameter; `glint methods` lists them");
+        for (old, new) in RENAMED {
+            let expected = format!("{old}: no such parameter; did you mean `{new}`?");
+            assert_eq!(message(&mut settings, old), expected);
+            assert!(settings.all().iter().any(|(key, _)| key == new));
+        }
     }
 
     #[test]

@@ -109,7 +109,7 @@ impl Loaded {
         self.make_room(beside);
         let mut view = beside.scene.settings.view.clone();
         if beside.scene.navigation.time_to_rest(beside.outside.now).is_some()
-            && beside.scene.settings.stream.frame_ms > 0.0
+            && beside.scene.settings.view.frame_ms > 0.0
         {
             view.point_budget = self.pace.budget(view.point_budget);
         }
@@ -168,7 +168,7 @@ impl Loaded {
 
     /// Learns from the time of a frame how many points a moving picture can afford.
     pub fn keep_pace(&mut self, milliseconds: f64, beside: &mut Beside<'_>) {
-        let wanted = f64::from(beside.scene.settings.stream.frame_ms);
+        let wanted = f64::from(beside.scene.settings.view.frame_ms);
         let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
         if is_streamed && wanted > 0.0 && beside.scene.navigation.time_to_rest(beside.outside.now).is_some() {
             self.pace.learn(milliseconds, wanted);
