@@ -1,9 +1,10 @@
 //! The frames of the window: the one that is wanted, the one being drawn, and the one on the screen.
 
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use render::FrameStats;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::viewer::outside::Outside;
 use crate::viewer::pace::{Haste, Spared};
@@ -18,6 +19,19 @@ pub struct Shown {
     pub request: FrameRequest,
     pub stats: FrameStats,
     pub total_milliseconds: f64,
+    input_at: Option<Instant>,
+    is_moving: bool,
+    /// True once the window has presented the picture.
+    is_presented: bool,
+}
+
+/// A request that was sent to the render thread, and what it follows.
+struct Asked {
+    request: FrameRequest,
+    /// The time of the newest input that the request takes into account.
+    input_at: Option<Instant>,
+    /// Whether something moved when the frame was requested.
+    is_moving: bool,
 }
 
 #[derive(Default)]
@@ -26,6 +40,8 @@ pub struct Frames {
     /// The last request that was sent to the render thread.
     pub requested: Option<FrameRequest>,
     requested_at: Option<Instant>,
+    /// The requests that the render thread may still answer, the oldest first.
+    asked: VecDeque<Asked>,
     pub under_way: u32,
     /// The time that the last frame in full quality took.
     careful_milliseconds: f64,
@@ -100,6 +116,8 @@ impl Frames {
         }
         match self.want(&wanted, points_come, outside.now) {
             Next::Draw => {
+                let is_moving = rest.is_some();
+                self.asked.push_back(Asked { request: wanted.clone(), input_at: outside.input_at, is_moving });
                 outside.render(Command::Frame(Box::new(wanted)));
                 rest
             }
@@ -164,11 +182,53 @@ impl Frames {
         }
         let Frame { request, stats, total_milliseconds, .. } = frame;
         self.haste.learn(&stats, &request, total_milliseconds, milliseconds);
-        self.shown = Some(Shown { request, stats, total_milliseconds });
+        // Older requests are never answered.
+        let place = self.asked.iter().position(|asked| asked.request == request);
+        let asked = place.and_then(|place| self.asked.drain(..=place).next_back());
+        let (input_at, is_moving) = asked.map_or((None, false), |asked| (asked.input_at, asked.is_moving));
+        self.shown = Some(Shown { request, stats, total_milliseconds, input_at, is_moving, is_presented: false });
+    }
+
+    /// Records that the window presented the picture at the time `now`. Returns the event for the log if this is the
+    /// first time.
+    pub fn present(&mut self, now: Instant) -> Option<Value> {
+        let shown = self.shown.as_mut().filter(|shown| !shown.is_presented)?;
+        shown.is_presented = true;
+        let since_input = shown.input_at.map(|at| now.saturating_duration_since(at).as_secs_f64() * 1e3);
+        Some(json!({
+            "event": "frame", "ms": shown.total_milliseconds, "points": shown.stats.points_drawn,
+            "size": shown.request.drawn_size(), "moving": shown.is_moving, "since_input_ms": since_input,
+        }))
     }
 
     /// Records that the requested frame will not come.
     pub fn give_up(&mut self) {
         self.under_way = 0;
+        self.asked.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::viewer::action::Action;
+    use crate::viewer::bench::Bench;
+
+    #[test]
+    fn a_picture_counts_once_it_is_presented_and_tells_which_input_it_follows() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let first = bench.session.frames.present(Instant::now()).unwrap();
+        assert_eq!((&first["size"], &first["moving"]), (&json!([64, 48]), &json!(false)), "{first}");
+        assert!(first["since_input_ms"].is_null() && first["points"].as_u64() > Some(0), "{first}");
+        assert_eq!(bench.session.frames.present(Instant::now()), None);
+        let input = Instant::now();
+        bench.session.outside.input_at = Some(input);
+        bench.session.act(Action::Orbit(glam::DVec2::new(40.0, 0.0)));
+        bench.settle();
+        // What comes after the request is not in the picture.
+        bench.session.outside.input_at = Some(input + Duration::from_millis(10));
+        let turned = bench.session.frames.present(input + Duration::from_millis(50)).unwrap();
+        assert_eq!(turned["since_input_ms"], json!(50.0), "{turned}");
     }
 }

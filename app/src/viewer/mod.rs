@@ -192,6 +192,9 @@ impl ApplicationHandler<Wake> for Viewer {
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         self.session.outside.now = Instant::now();
         let Some(screen) = &mut self.screen else { return };
+        if is_input(&event) {
+            self.session.outside.input_at = Some(self.session.outside.now);
+        }
         match &event {
             WindowEvent::CloseRequested => {
                 self.keep_preferences();
@@ -230,6 +233,19 @@ impl ApplicationHandler<Wake> for Viewer {
         }
         event_loop.set_control_flow(self.next_paint.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
+}
+
+/// Whether a person's hand caused the event.
+fn is_input(event: &WindowEvent) -> bool {
+    matches!(
+        event,
+        WindowEvent::CursorMoved { .. }
+            | WindowEvent::MouseInput { .. }
+            | WindowEvent::MouseWheel { .. }
+            | WindowEvent::KeyboardInput { .. }
+            | WindowEvent::Ime(_)
+            | WindowEvent::Touch(_)
+    )
 }
 
 /// Finds keys that egui does not pass on unchanged: it uses Tab itself and reports number pad keys as the number row.
@@ -280,13 +296,18 @@ impl Viewer {
         let (session, mut actions) = (&mut self.session, Vec::new());
         let picture = screen.picture();
         let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, session, picture)));
+        if let Painted::Next { is_shown: true, .. } = painted
+            && let Some(event) = session.frames.present(Instant::now())
+        {
+            self.log.write(&event);
+        }
         // The result of actions becomes visible in the next paint.
         let is_changed = !actions.is_empty();
         session.act_all(actions);
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
         let again = session.step(Instant::now(), is_held);
         match painted {
-            Painted::Next(delay) => {
+            Painted::Next { delay, .. } => {
                 self.log.on_painted();
                 let delay = again.map_or(delay, |again| delay.min(again));
                 self.next_paint = Instant::now().checked_add(delay);

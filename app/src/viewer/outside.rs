@@ -36,6 +36,8 @@ pub enum News {
 pub struct Outside {
     /// The time by the driver's clock: the window's or the recording's. The driver sets it at every step and input.
     pub now: Instant,
+    /// The time of the newest input that the session has seen: of the mouse, of a key, of text.
+    pub input_at: Option<Instant>,
     /// The effects that nobody has carried out yet, the oldest first.
     pub effects: Vec<Effect>,
     pub messages: Messages,
@@ -43,7 +45,7 @@ pub struct Outside {
 
 impl Outside {
     pub fn new(messages: Messages) -> Self {
-        Self { now: Instant::now(), effects: Vec::new(), messages }
+        Self { now: Instant::now(), input_at: None, effects: Vec::new(), messages }
     }
 
     pub fn push(&mut self, effect: Effect) {

@@ -566,9 +566,6 @@ impl Session {
             Report::Frame(_) if self.loaded.clouds.is_empty() => self.frames.give_up(),
             Report::Frame(frame) => {
                 self.with_loaded(|loaded, beside| loaded.keep_pace(frame.total_milliseconds, beside));
-                self.outside.log(json!({
-                    "event": "frame", "points": frame.stats.points_drawn, "ms": frame.total_milliseconds,
-                }));
                 if !frame.request.hurried {
                     self.figure_history.push(&frame.stats);
                 }

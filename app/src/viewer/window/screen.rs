@@ -21,8 +21,8 @@ pub struct Screen {
 
 /// The result of painting a frame of the window.
 pub enum Painted {
-    /// egui wants the next frame after this time.
-    Next(Duration),
+    /// egui wants the next frame after `delay`. `is_shown` is false where the window is hidden.
+    Next { delay: Duration, is_shown: bool },
     /// The frame was not shown (the surface was resized or lost) and must be painted again at once.
     Again,
 }
@@ -112,26 +112,27 @@ impl Screen {
             }
         }
         let freed = std::mem::take(&mut output.textures_delta.free);
-        let next =
+        let delay =
             output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |viewport| viewport.repaint_delay);
         let painted = self.present(output.shapes, output.pixels_per_point);
         for id in &freed {
             self.painter.free_texture(id);
         }
-        if painted { Painted::Next(next) } else { Painted::Again }
+        painted.map_or(Painted::Again, |is_shown| Painted::Next { delay, is_shown })
     }
 
-    fn present(&mut self, shapes: Vec<egui::epaint::ClippedShape>, pixels_per_point: f32) -> bool {
+    /// Returns whether the shapes are shown now; `None` if the surface has changed and they must be painted again.
+    fn present(&mut self, shapes: Vec<egui::epaint::ClippedShape>, pixels_per_point: f32) -> Option<bool> {
         use wgpu::CurrentSurfaceTexture as Current;
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let frame = match self.surface.get_current_texture() {
             Current::Success(frame) | Current::Suboptimal(frame) => frame,
             Current::Outdated | Current::Lost => {
                 self.surface.configure(device, &self.configuration);
-                return false;
+                return None;
             }
             // The window is hidden, or the compositor is busy: the next event brings the next frame.
-            _ => return true,
+            _ => return Some(false),
         };
         let jobs = self.context.tessellate(shapes, pixels_per_point);
         let size_in_pixels = [self.configuration.width, self.configuration.height];
@@ -154,7 +155,7 @@ impl Screen {
         queue.submit(extra.into_iter().chain([encoder.finish()]));
         self.window.pre_present_notify();
         queue.present(frame);
-        true
+        Some(true)
     }
 }
 
