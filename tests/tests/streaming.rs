@@ -1,4 +1,5 @@
-//! Clouds that are streamed, through the real program: the picture that memory gives, and what can go wrong on the way.
+//! Clouds that are streamed, through the real program: the picture that memory gives, and what can go wrong on the way;
+//! and what is kept of clouds in memory.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -213,6 +214,26 @@ fn damaged_and_deleted_indexes_are_made_again() {
     damage("surfels");
     let Some((again, _)) = render(&folder, &arguments) else { return };
     assert!(again == whole, "surfels damaged: another picture");
+}
+
+#[test]
+fn kept_normals_and_radii_make_the_picture_that_estimated_ones_make() {
+    let folder = folder();
+    folder.write("scan.las", scan(500_000, 0.0, 1.0));
+    let arguments = ["scan.las", "--set", "color.by=normal", "--set", "light.by=sun"];
+    let Some((estimated, _)) = render(&folder, &arguments) else { return };
+    let kept = the_entry(&folder).join("kept");
+    let bytes = std::fs::read(&kept).expect("normals and radii are kept");
+    let Some((again, _)) = render(&folder, &arguments) else { return };
+    assert!(again == estimated, "kept: another picture");
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2] ^= 1;
+    std::fs::write(&kept, damaged).expect("it can be damaged");
+    let Some(outcome) = run(&folder, "picture.png", &arguments) else { return };
+    assert_eq!(outcome.messages.lines().count(), 1, "{outcome}");
+    assert!(outcome.messages.contains("scan.las: the normals and radii kept in the cache are damaged"), "{outcome}");
+    assert!(picture(&folder, "picture.png") == estimated, "damaged: another picture");
+    assert!(std::fs::read(&kept).expect("they are kept anew") == bytes);
 }
 
 #[test]

@@ -328,7 +328,7 @@ params! {
         host_bytes: Bytes = Bytes(4 << 30), Bytes(64 << 20)..=Bytes(1 << 50), "";
         /// Memory of the GPU that streamed points may take.
         gpu_bytes: Bytes = Bytes(4 << 30), Bytes(64 << 20)..=Bytes(1 << 50), "";
-        /// Disk space that pages of all clouds may take in the cache folder; the longest unused are deleted first.
+        /// Disk space that pages, and kept normals and radii, may take in the cache folder; the longest unused go first.
         cache_bytes: Bytes = Bytes(50 << 30), Bytes(256 << 20)..=Bytes(1 << 50), "";
         /// Distance of neighbouring points on the screen at which a place is fine enough.
         detail: f32 = 1.0, 0.25..=64.0, "pixels";

@@ -121,7 +121,7 @@ fn build_on_disk(
 }
 
 /// Clears an entry when it is dropped, unless the flag is set.
-struct Unfinished<'a>(&'a Path, bool);
+pub(crate) struct Unfinished<'a>(pub &'a Path, pub bool);
 
 impl Drop for Unfinished<'_> {
     fn drop(&mut self) {

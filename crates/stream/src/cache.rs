@@ -1,5 +1,6 @@
-//! The folder that keeps indexes: one entry per set of files, with a name made from their identity. When the entries
-//! take too much room, the least recently opened is cleared first. Anything else in the folder is left alone (`entry`).
+//! The folder that keeps indexes, and normals and radii of files that are held in memory (`kept`): one entry for each
+//! set of files and kind, with a name made from the files' identity. When the entries take too much room, the least
+//! recently opened is cleared first. Anything else in the folder is left alone (`entry`).
 //!
 //! An entry is a folder; its lock file lies beside it. A builder of an entry holds its lock exclusively, readers share
 //! it. A lock file is removed, or renamed with its entry, only by a holder of the lock; and whoever has locked one
@@ -64,6 +65,14 @@ impl Identity {
             stamps.push(stamp);
         }
         Ok(Self { key: hash.0, stamps })
+    }
+
+    /// The identity of something else that is kept of the same files.
+    pub fn of_kind(self, kind: &str) -> Self {
+        let mut hash = Fnv::new();
+        hash.add(&self.key.to_le_bytes());
+        hash.add(kind.as_bytes());
+        Self { key: hash.0, ..self }
     }
 
     pub fn paths(&self) -> impl Iterator<Item = &Path> {
@@ -153,16 +162,7 @@ impl Cache {
         if !entry::is_own(&entry) || !regular_file::is_there(&entry.join(pages::NODES)) {
             return Ok(None);
         }
-        // An entry in a folder that cannot be written to, or without locks, can still be read: nobody clears it then.
-        let lock = self.lock_file(&entry).ok().or_else(|| regular_file::open_regular(&lock_path(&entry)).ok());
-        if let Some(lock) = &lock {
-            if let Err(TryLockError::WouldBlock) = lock.try_lock_shared() {
-                // Somebody builds or clears it.
-                return Ok(None);
-            }
-            // The lock file's time is the time of last use. If it cannot be set, only the order of clearing suffers.
-            let _ = lock.set_modified(SystemTime::now());
-        }
+        let Some(lock) = self.lock_to_read(&entry) else { return Ok(None) };
         let opened = Pages::open_locked(&entry, None);
         // The entry was renamed meanwhile: the files opened may belong to another one.
         if lock.as_ref().is_some_and(|lock| !is_current(lock, &lock_path(&entry))) {
@@ -175,6 +175,21 @@ impl Cache {
             Err(Error::Io { reason, .. }) if matches!(reason.kind(), NotFound | PermissionDenied) => Ok(None),
             Err(error) => Err(error),
         }
+    }
+
+    /// Locks an entry so that nobody clears it while it is read; `None` if somebody builds or clears it just now. An
+    /// entry in a folder that cannot be written to, or without locks, gets no lock but can still be read: nobody clears
+    /// it then.
+    pub(crate) fn lock_to_read(&self, entry: &Path) -> Option<Option<File>> {
+        let lock = self.lock_file(entry).ok().or_else(|| regular_file::open_regular(&lock_path(entry)).ok());
+        if let Some(lock) = &lock {
+            if let Err(TryLockError::WouldBlock) = lock.try_lock_shared() {
+                return None;
+            }
+            // The lock file's time is the time of last use. If it cannot be set, only the order of clearing suffers.
+            let _ = lock.set_modified(SystemTime::now());
+        }
+        Some(lock)
     }
 
     fn lock_file(&self, entry: &Path) -> Result<File> {
@@ -270,6 +285,11 @@ impl Cache {
         self.entries().iter().map(|entry| entry.bytes).sum()
     }
 
+    /// Whether that many bytes are within the limit of the whole cache.
+    pub(crate) fn may_hold(&self, bytes: u64) -> bool {
+        bytes <= self.limit
+    }
+
     /// Clears entries, least recently opened first, until there is room for `bytes` more. Leaves those that are open.
     pub(crate) fn make_room(&self, bytes: u64) {
         self.clear_remains();
@@ -303,7 +323,7 @@ impl Cache {
     /// set aside, and lock files without an entry.
     fn clear_remains(&self) {
         for entry in self.entries() {
-            if !regular_file::is_there(&entry.path.join(pages::NODES)) {
+            if !entry::is_whole(&entry.path) {
                 self.clear_entry(&entry.path);
             }
         }

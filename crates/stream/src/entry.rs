@@ -11,7 +11,7 @@ use std::io::{ErrorKind, Read as _, Write as _};
 use std::path::Path;
 
 use crate::regular_file::{is_there, kind, open_regular};
-use crate::{Error, Result, pages, surfels};
+use crate::{Error, Result, kept, pages, surfels};
 
 /// The folder within an entry in which an index is made.
 pub const BUILDING: &str = "building";
@@ -36,6 +36,11 @@ pub fn is_own(entry: &Path) -> bool {
     };
     let is_marked = || starts_with(MARKER, MARKER_TEXT) || starts_with(pages::NODES, &pages::MAGIC);
     has_key(entry) && kind(entry).is_some_and(|kind| kind.is_dir()) && is_marked()
+}
+
+/// Whether the entry is complete: an index, or kept normals and radii.
+pub fn is_whole(entry: &Path) -> bool {
+    is_there(&entry.join(pages::NODES)) || is_there(&entry.join(kept::KEPT))
 }
 
 /// Makes an empty entry; clears what an earlier one left there.
@@ -73,8 +78,9 @@ pub fn start(entry: &Path, aside: &Path) -> Result<()> {
 /// folder comes before the folder.
 fn names() -> impl Iterator<Item = (bool, String)> {
     // `nodes` is deleted first: an entry that cannot be cleared whole must not look like an index.
-    let files = [pages::NODES, pages::UNFINISHED, pages::PAGES].into_iter().chain(surfels::NAMES).map(String::from);
-    let building = [RECORDS, pages::PAGES].map(|name| format!("{BUILDING}/{name}"));
+    let files = [pages::NODES, pages::UNFINISHED, pages::PAGES, kept::KEPT].into_iter().chain(surfels::NAMES);
+    let files = files.map(String::from);
+    let building = [RECORDS, pages::PAGES, kept::KEPT].map(|name| format!("{BUILDING}/{name}"));
     files.chain(building).map(|name| (false, name)).chain([(true, BUILDING.to_owned())])
 }
 

@@ -40,7 +40,7 @@ const IDENTITY_BYTES: usize = 16 + 4 + 8 + 4 + 1 + 24;
 /// The size in bytes of an entry in the list of groups: group, points, checksum of both.
 const DONE_BYTES: usize = 4 + 8 + 4;
 /// The size in bytes of a packed normal and a packed radius.
-const POINT_BYTES: u64 = 6;
+pub(crate) const POINT_BYTES: u64 = 6;
 /// The memory in bytes that a point takes while it is estimated: position, order, boxes, results twice (about 30
 /// measured, in groups of 12.5 million points).
 const WORKING_BYTES: u64 = 40;
@@ -125,7 +125,7 @@ fn read_block(storage: &Storage, octree: &Octree, node: NodeId) -> Result<Vec<u8
     Ok(bytes)
 }
 
-fn unpack(bytes: &[u8]) -> Surfels {
+pub(crate) fn unpack(bytes: &[u8]) -> Surfels {
     let (normals, radii) = bytes.split_at(bytes.len() / POINT_BYTES as usize * 4);
     Surfels {
         normals: normals.as_chunks::<4>().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect(),
@@ -133,7 +133,7 @@ fn unpack(bytes: &[u8]) -> Surfels {
     }
 }
 
-fn pack(surfels: &Surfels) -> Vec<u8> {
+pub(crate) fn pack(surfels: &Surfels) -> Vec<u8> {
     let normals = surfels.normals.iter().flat_map(|normal| normal.to_le_bytes());
     normals.chain(surfels.radii.iter().flat_map(|radius| radius.to_le_bytes())).collect()
 }

@@ -145,6 +145,10 @@ impl Loader {
 mod streamed_tests;
 
 #[cfg(test)]
+#[path = "job_kept_tests.rs"]
+mod kept_tests;
+
+#[cfg(test)]
 mod tests {
     use std::time::{Duration, Instant};
 

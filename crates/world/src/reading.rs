@@ -1,19 +1,24 @@
 //! Reads clouds that are held in memory: whole files, and built-in scenes.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use cloud::{Attribute, Chunk};
 use glam::DVec3;
 use scene::{SceneSettings, five_mirrors, shown};
+use stream::{KeptSurfels, SurfelPlace};
 
 use crate::budget::half_of;
 use crate::chunk_key::Part;
 use crate::event::{Event, Opened};
 use crate::loader::Loader;
-use crate::source::{file_name, open_file, options_for, selection, up, up_of};
+use crate::source::{estimate_description, file_name, open_file, options_for, selection, up, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::{Input, built_in_name};
+
+/// Normals and radii of fewer points are not kept: a core estimates them within a second.
+const FEWEST_KEPT: u64 = 500_000;
 
 /// A cloud that is being read. `chunks` share their columns with those that were sent.
 pub(crate) struct Loading {
@@ -21,13 +26,17 @@ pub(crate) struct Loading {
     pub(crate) source: Arc<codec::Source>,
     pub(crate) up: DVec3,
     pub(crate) chunks: Vec<Chunk>,
+    /// The place in the cache for its normals and radii, if it was read to its end.
+    pub(crate) place: Option<SurfelPlace>,
+    /// Whether all chunks were sent with the normals and radii that the cache had.
+    pub(crate) has_kept_surfels: bool,
 }
 
 impl Loading {
     /// Whether any points lack a normal or a radius.
     fn lacks_surfels(&self) -> bool {
         let is_complete = |chunk: &Chunk| chunk.is_empty() || chunk.normals.is_some() && chunk.radii.is_some();
-        !self.chunks.iter().all(is_complete)
+        !self.has_kept_surfels && !self.chunks.iter().all(is_complete)
     }
 }
 
@@ -111,7 +120,7 @@ impl Loader {
             warnings: info.warnings.clone(),
         };
         self.send(Event::Opened { cloud, opened })?;
-        Some(Loading { cloud, source, up, chunks: Vec::new() })
+        Some(Loading { cloud, source, up, chunks: Vec::new(), place: None, has_kept_surfels: false })
     }
 
     /// Sends a whole built-in scene: its walls as a cloud and its mirrors, complete with normals and radii.
@@ -145,22 +154,55 @@ impl Loader {
 
     fn read(&self, loading: &mut Loading) -> Option<()> {
         let (source, cloud) = (&loading.source, loading.cloud);
-        let kept = Mutex::new(Vec::new());
+        let place = self.place_of(loading);
+        let found = place.as_ref().map_or(Ok(None), SurfelPlace::open);
+        let (is_complete, is_damaged) = (AtomicBool::new(true), AtomicBool::new(found.is_err()));
+        let found: Option<KeptSurfels> = found.ok().flatten();
+        let chunks = Mutex::new(Vec::new());
         let total = self.progress.total();
-        let emit = |chunk: Chunk| {
+        let emit = |mut chunk: Chunk| {
             // The reader has set the total of its own file.
             self.progress.set_total(total);
-            kept.lock().unwrap_or_else(PoisonError::into_inner).push(Chunk { columns: Vec::new(), ..chunk.clone() });
+            // Should normals and radii have to be estimated, they are estimated from what the file has.
+            chunks.lock().unwrap_or_else(PoisonError::into_inner).push(Chunk { columns: Vec::new(), ..chunk.clone() });
+            match found.as_ref().map(|kept| kept.of(&chunk)) {
+                Some(Ok(surfels)) => {
+                    chunk.normals = Some(Arc::new(surfels.normals));
+                    chunk.radii = Some(Arc::new(surfels.radii));
+                }
+                Some(Err(_)) => is_damaged.store(true, Ordering::Relaxed),
+                None => is_complete.store(false, Ordering::Relaxed),
+            }
             if self.send(Event::Chunk { cloud, part: Part::Block(chunk.first_point), chunk }).is_none() {
                 self.progress.cancel();
             }
         };
         let start = Instant::now();
-        let read = source.read(&selection(source.info(), &self.settings), &self.progress, &emit);
+        let mut read = source.read(&selection(source.info(), &self.settings), &self.progress, &emit);
         tracing::debug!(path = %source.info().path.display(), seconds = start.elapsed().as_secs_f64(), "read");
-        loading.chunks = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let is_damaged = is_damaged.into_inner();
+        if let Ok(summary) = &mut read {
+            if is_damaged {
+                let warning = "the normals and radii kept in the cache are damaged, and are estimated anew";
+                summary.warnings.push(warning.into());
+            }
+            loading.place = place.filter(|_| !summary.cancelled);
+        }
+        loading.has_kept_surfels = is_complete.into_inner() && !is_damaged;
+        loading.chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
         loading.chunks.sort_by_key(|chunk| chunk.first_point);
         self.end(loading, read)
+    }
+
+    /// The place in the cache for the normals and radii of a file, if they are worth keeping.
+    fn place_of(&self, loading: &Loading) -> Option<SurfelPlace> {
+        if loading.source.info().points < FEWEST_KEPT {
+            return None;
+        }
+        let cache = self.cache.as_ref().ok()?;
+        let place = SurfelPlace::new(cache, &loading.source, estimate_description(loading.up, &self.settings));
+        // A file that cannot be read is reported when its points are read.
+        place.inspect_err(|error| tracing::debug!(%error, "kept normals and radii")).ok()
     }
 
     /// Reports how the reading of a file ended; the chunks read stay.
@@ -179,7 +221,7 @@ impl Loader {
 
     /// Estimates normals and radii where one of them is missing; those of the file are kept.
     fn estimate(&self, loading: Loading, task: &CloudTask) -> Option<()> {
-        let Loading { cloud, source, up, mut chunks } = loading;
+        let Loading { cloud, source, up, mut chunks, place, .. } = loading;
         if task.progress.is_cancelled() {
             return Some(());
         }
@@ -197,9 +239,14 @@ impl Loader {
         let start = Instant::now();
         let estimated = task.run(|progress| cloud::estimate(&chunks, &options, progress));
         tracing::debug!(cloud, ?options, seconds = start.elapsed().as_secs_f64(), "normals and radii");
-        match estimated {
-            Some(surfels) => self.send(Event::Surfels { cloud, surfels }),
-            None => Some(()),
+        let Some(surfels) = estimated else { return Some(()) };
+        let kept = place.map(|place| (place, surfels.clone()));
+        self.send(Event::Surfels { cloud, surfels })?;
+        if let Some((place, surfels)) = kept {
+            // Without them the next opening takes longer, and shows the same.
+            let written = place.keep(&chunks, &surfels);
+            let _ = written.inspect_err(|error| tracing::debug!(%error, "normals and radii are not kept"));
         }
+        Some(())
     }
 }

@@ -86,6 +86,12 @@ pub(crate) fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> S
     SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation }
 }
 
+/// Everything beside a file that decides its normals and radii, in words that differ where one of them does.
+pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
+    let scene::Surface { neighbours, orientation } = &settings.surface;
+    format!("glint {}, {neighbours} neighbours, {orientation:?}, up {:?}", env!("CARGO_PKG_VERSION"), up.to_array())
+}
+
 /// The same for an index, from its coarse pages.
 ///
 /// # Errors
