@@ -142,6 +142,8 @@ elements! {
     shade.shadows: SHADOW_TEXEL_BYTES = 8;
     vpl_aim.hits: AIM_HIT_BYTES = 4;
     vpl_shadow_splat.shadow_maps: VIRTUAL_TEXEL_BYTES = 4;
+    probe_pixels.pixels: PROBE_PIXEL_BYTES = 4;
+    probe_pixels.values: PROBE_VALUE_BYTES = 16;
 }
 
 /// Declares constants that the shaders have under the same name.

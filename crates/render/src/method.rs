@@ -53,6 +53,20 @@ impl Methods {
         Self { size, ..Self::default() }
     }
 
+    /// Empty methods for pictures of another size. The trees over the points do not depend on the size: they are kept.
+    pub fn resized(self, size: [u32; 2]) -> Self {
+        Self { size, index: self.index, ..Self::default() }
+    }
+
+    /// Fills the Mirror G-Buffer of a task of its own, whose pixels and size are not those of the frame, as
+    /// `surfel_trace` does.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory for the index.
+    pub fn trace(&mut self, recorder: &mut Recorder<'_>, gather: &Gather, task: &Task<'_>) -> Result<()> {
+        surfel_trace::run(recorder, &mut self.index, gather, task, false)
+    }
+
     /// Finds what the mirror pixels of a bounce see.
     ///
     /// # Errors

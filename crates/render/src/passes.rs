@@ -282,6 +282,9 @@ passes! {
         views: Uniform, virtual_lights: Uniform, vpls: Read, shadow_maps: Read, picture_out: Write(Rgba8Unorm),
     }
     present: View over Pixels { color_in: Texture, depth_in: Texture, picture_out: Write(Rgba8Unorm) }
+    probe_pixels: View over Pixels {
+        pixels: Read, first_in: Texture, second_in: Texture, third_in: Texture, fourth_in: Texture, values: ReadWrite,
+    }
 }
 
 /// A compiled pass.

@@ -63,7 +63,7 @@ impl Renderer {
             Aov::Albedo | Aov::Mirror | Aov::SpecularIntensity => floats16(&read(&surface.albedo)?),
             Aov::Color => floats16(&read(&targets.color)?),
             Aov::Direct => floats16(&read(&targets.direct)?),
-            Aov::Indirect => match self.gi.radiance(0).filter(|_| self.has_indirect) {
+            Aov::Indirect => match self.gi.radiance(0).filter(|_| self.lit.is_some()) {
                 Some(radiance) => floats16(&read(radiance)?),
                 None => vec![0.0; depth.len() * 4],
             },

@@ -13,7 +13,7 @@ use crate::identities::Identities;
 use crate::inputs::Inputs;
 use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SPECULAR_WORDS, SURFACE_SUM_BYTES};
 use crate::light_views;
-use crate::lighting::{DrawnMap, Lights};
+use crate::lighting::{DrawnMap, Lights, MappedLight};
 use crate::method::{self, Views};
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder};
@@ -43,16 +43,18 @@ pub struct FrameStats {
 /// Renders frames, one at a time, on any thread.
 pub struct Renderer {
     pub(crate) gpu: Arc<Gpu>,
-    pipelines: Pipelines,
+    pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
     pub(crate) reflections: Option<Reflections>,
-    lights: Lights,
+    pub(crate) lights: Lights,
     /// The inputs from which the current surfaces and reflections were made.
     made_from: Option<SurfaceInputs>,
     kept_shadows: Vec<DrawnMap>,
     pub(crate) gi: GlobalIllumination,
-    /// Whether the last frame had indirect light.
-    pub(crate) has_indirect: bool,
+    /// What the indirect light of the last frame came from; `None` if it had none.
+    pub(crate) lit: Option<Lit>,
+    /// Many virtual lights, against which the light of a few is judged.
+    pub(crate) many_lights: GlobalIllumination,
     /// The camera of the last frame.
     pub(crate) camera: Option<FrameCamera>,
     /// Whether the last frame's picture was mapped by the filmic curve.
@@ -61,7 +63,14 @@ pub struct Renderer {
     pub(crate) drawn: Arc<Identities>,
     /// How many points that the camera sees a frame may draw.
     most_points: Option<u64>,
-    given_up: Option<Arc<AtomicBool>>,
+    pub(crate) given_up: Option<Arc<AtomicBool>>,
+}
+
+/// What indirect light comes from.
+pub(crate) struct Lit {
+    pub lights: Vec<MappedLight>,
+    pub sky: Option<Sky>,
+    pub has_highlights: bool,
 }
 
 /// A thinned picture draws at least one point in so many: fewer would be specks.
@@ -112,7 +121,8 @@ impl Renderer {
             made_from: None,
             kept_shadows: Vec::new(),
             gi: GlobalIllumination::default(),
-            has_indirect: false,
+            lit: None,
+            many_lights: GlobalIllumination::default(),
             camera: None,
             is_filmic: false,
             drawn: Arc::default(),
@@ -301,10 +311,15 @@ impl Renderer {
         }
 
         let times = recorder.finish()?;
-        let gpu_bytes =
-            store.gpu_bytes() + targets.bytes() + reflections.bytes() + self.lights.shadows.size() + self.gi.bytes();
+        let gpu_bytes = store.gpu_bytes()
+            + targets.bytes()
+            + reflections.bytes()
+            + self.lights.shadows.size()
+            + self.gi.bytes()
+            + self.many_lights.bytes();
         let reflection = if Reflections::asked(settings) > 0 { Some(reflections.stats(gpu, settings)?) } else { None };
-        self.has_indirect = has_indirect;
+        let has_highlights = shading.has_highlights;
+        self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights });
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         self.is_filmic = is_filmic;
         Ok(FrameStats {
@@ -370,7 +385,11 @@ impl Renderer {
         }
         if self.targets.as_ref().is_none_or(|targets| targets.size != size) {
             self.targets = Some(Targets::new(&self.gpu.device, size));
-            self.reflections = Some(Reflections::new(&self.gpu.device, size));
+            let device = &self.gpu.device;
+            self.reflections = Some(match self.reflections.take() {
+                Some(reflections) => reflections.resized(device, size),
+                None => Reflections::new(device, size),
+            });
             self.made_from = None;
         }
         if let Some(targets) =

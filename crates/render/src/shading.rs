@@ -20,7 +20,7 @@ pub(crate) struct Shading {
     pub(crate) lighting: Lighting,
     /// The number of lights with shadow maps; for a sun, the number of its maps.
     light_count: u32,
-    has_highlights: bool,
+    pub(crate) has_highlights: bool,
 }
 
 impl Shading {

@@ -105,7 +105,7 @@ pub(crate) struct Reflections {
     pub bounces: Vec<Bounce>,
     /// The number of bounces of the last frame with reflections.
     pub count: usize,
-    methods: Methods,
+    pub methods: Methods,
     counters: wgpu::Buffer,
     /// The doubtful pixels of the first bounce; see shaders/mirror_doubt.wgsl.
     pub doubt: Image,
@@ -116,6 +116,11 @@ impl Reflections {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
         let doubt = Image::new(device, size, "doubt", wgpu::TextureFormat::R32Float);
         Self { size, bounces: Vec::new(), count: 0, methods: Methods::new(size), counters, doubt }
+    }
+
+    /// The same for pictures of another size.
+    pub fn resized(self, device: &wgpu::Device, size: [u32; 2]) -> Self {
+        Self { methods: self.methods.resized(size), ..Self::new(device, size) }
     }
 
     /// The number of bounces that the settings ask for.
