@@ -10,6 +10,7 @@
 mod accuracy;
 mod builtin;
 pub mod chart;
+pub mod estimate;
 mod file_name;
 mod five_mirrors;
 mod flicker;
@@ -30,6 +31,7 @@ mod truth;
 
 pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
 pub use builtin::{names as plan_names, plan as built_in_plan};
+pub use estimate::{Estimate, Judged, RAYS, estimate};
 pub use five_mirrors::{FiveMirrors, IndirectTruth, JudgedLight, TracedLight};
 pub use flicker::{Flicker, flicker};
 pub use journal::{Folder, FolderError};

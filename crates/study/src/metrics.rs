@@ -43,6 +43,9 @@ pub struct Accuracy {
     pub pixel_error: Percentiles,
     /// The share of the pixels that are filled and see something whose |Q - P| differs from |H - P| by more than 5 %.
     pub occlusion_error: f64,
+    /// The share of the filled pixels that are wrong: more than a pixel off, or of another surface.
+    #[serde(default = "unknown")]
+    pub wrong: f64,
     /// The share of the points truly visible by reflection that were found; only with the same input.
     pub recall: Option<f64>,
     pub image: Option<ImageError>,
@@ -51,6 +54,11 @@ pub struct Accuracy {
     /// The error of all visible surfaces; only with exact surfaces.
     #[serde(default)]
     pub surface: Option<SurfaceError>,
+}
+
+/// The value of a figure that was not measured.
+fn unknown() -> f64 {
+    f64::NAN
 }
 
 /// The values that half, 95 and 99 of a hundred do not exceed.
@@ -113,6 +121,7 @@ pub fn accuracy(truth: Truth, width: usize, pixels: &[Option<MirrorPixel>]) -> A
         angle_error: Percentiles::of(errors.iter().map(|error| error.angle).collect()),
         pixel_error: Percentiles::of(errors.iter().filter_map(|error| error.pixels).collect()),
         occlusion_error: f64::from(occluded) / f64::from(compared),
+        wrong: errors.iter().filter(|error| error.is_wrong()).count() as f64 / errors.len() as f64,
         recall: None,
         image: None,
         indirect: None,
@@ -158,6 +167,14 @@ pub struct PixelError {
     pub pixels: Option<f64>,
     /// Whether |Q - P| differs from |H - P| by more than 5 %; none if the truth sees nothing.
     pub is_other_surface: Option<bool>,
+}
+
+impl PixelError {
+    /// Whether the pixel is more than a pixel off, or shows another surface.
+    pub fn is_wrong(&self) -> bool {
+        let is_near = self.pixels.unwrap_or(0.0) <= 1.0;
+        !is_near || self.is_other_surface == Some(true)
+    }
 }
 
 /// The error of a filled pixel; none for others. Arguments as in [`accuracy`] and [`direction_step`].
@@ -324,6 +341,8 @@ mod tests {
         let turn = angle(turned(DVec3::X, 3.0, closed.reflected), closed.reflected);
         assert!(figures.angle_error.median < 1e-9 && figures.angle_error.p99 == 180.0, "{figures:?}");
         assert!((angle_of(&row[..3]) - turn).abs() < 1e-12 && turn > 2.9);
+        // Wrong are the closed one, 3 degrees or 1.5 pixels off, the far one and the lost one.
+        assert_eq!(figures.wrong, 3.0 / 5.0);
         let in_pixels = accuracy(Truth::SameInput, 7, &row[..3]).pixel_error;
         assert!((in_pixels.p99 - turn / 2.0).abs() < 1e-9, "{in_pixels:?}");
     }
@@ -384,7 +403,7 @@ mod tests {
         assert_eq!(json["image"]["ssim"], 0.9);
         assert_eq!(json["indirect"]["relative_rmse"], 0.1);
         assert_eq!(json["indirect"]["mean_ratio"], 0.9);
-        for name in ["coverage", "closed_coverage", "false_fill", "occlusion_error", "recall"] {
+        for name in ["coverage", "closed_coverage", "false_fill", "occlusion_error", "wrong", "recall"] {
             assert!(json.get(name).is_some(), "{name}");
         }
     }

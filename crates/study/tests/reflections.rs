@@ -142,16 +142,14 @@ fn masks_of_mirrors_are_those_of_the_exact_surfaces_within_a_pixel() {
     }
 }
 
-/// Compares a frame's doubts with the truth: the share that it marks of the wrong pixels (more than a pixel off, or of
-/// another surface), and of the right ones.
+/// Compares a frame's doubts with the truth: the share that it marks of the wrong pixels, and of the right ones.
 fn marked_shares(frame: &Frame) -> [f64; 2] {
     let image = frame.image(&frame.normal, &frame.mirror_position);
     let errors = pixel_errors_same_input(&image, &frame.surfels, &Progress::default()).unwrap();
     let mut counts = [[0.0; 2]; 2];
     for (error, doubt) in errors.iter().zip(&frame.uncertain) {
         let Some(error) = error else { continue };
-        let is_right = error.pixels.unwrap_or(0.0) <= 1.0 && error.is_other_surface != Some(true);
-        counts[usize::from(is_right)][usize::from(*doubt > 0.0)] += 1.0;
+        counts[usize::from(!error.is_wrong())][usize::from(*doubt > 0.0)] += 1.0;
     }
     counts.map(|[trusted, marked]| marked / (trusted + marked))
 }

@@ -291,6 +291,7 @@ mod tests {
             angle_error: error,
             pixel_error: error,
             occlusion_error: f64::NAN,
+            wrong: f64::NAN,
             recall,
             image: None,
             indirect: None,
