@@ -111,6 +111,10 @@ pub struct RenderArguments {
     /// the surfaces behind them (exact): the formulas of a built-in scene, or the triangles of PLY meshes
     #[arg(long, value_name = "same_input|exact", value_parser = parse_truth, requires = "stats")]
     pub truth: Option<study::Truth>,
+    /// Estimate the errors of reflections and indirect light, for --stats, from exact answers at random pixels, with intervals of
+    /// 95 %; needs no model of the scene
+    #[arg(long, requires = "stats")]
+    pub estimate: bool,
     /// Frames whose times --stats takes the median of, after one to warm up; 1 if not given
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: Option<u32>,
@@ -383,6 +387,7 @@ mod tests {
             &["glint", "render", "a.laz", "-o", "a.png", "--sise", "8x8"],
             &["glint", "render", "a.laz", "-o", "a.png", "--frames", "0"],
             &["glint", "render", "a.laz", "-o", "a.png", "--truth", "exact"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--estimate"],
             &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
             &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
             &["glint", "info"],

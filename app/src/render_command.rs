@@ -14,6 +14,7 @@ use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, Method, SceneFile, Settings, StandardView, whole_file};
 use serde::Serialize;
 use study::results::Spread;
+use study::{Estimate, Subject};
 use world::Request;
 
 use crate::command_line::RenderArguments;
@@ -42,6 +43,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     if let Some(name) = &arguments.method {
         settings.reflection.method = method(name)?;
+        if arguments.estimate && name == truth::RAY_TRACE {
+            return Err(usage(format!(
+                "--estimate: `{name}` is exact; ask for a method that is not, or for --truth exact"
+            )));
+        }
     }
     if let Some(bounces) = arguments.bounces {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
@@ -80,6 +86,10 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     if renderer.read_aov(Aov::Depth)?.data.iter().all(|depth| depth.is_nan()) {
         terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
+    let estimate = match arguments.estimate {
+        true => estimate(&subject, &settings, &mut renderer)?,
+        false => None,
+    };
     let traced = truth::trace(&asked, &subject, &settings, arguments.size, &mut renderer)?;
     // All output files are written from here on.
     interrupt::check()?;
@@ -95,7 +105,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     if let Some(path) = &arguments.stats {
         let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?);
-        let stats = Stats { stream, ..stats.with(traced) };
+        let stats = Stats { stream, estimate, ..stats.with(traced) };
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(status)
@@ -262,6 +272,12 @@ impl Viewpoint {
     }
 }
 
+/// Estimates the error of the frame that was drawn last.
+fn estimate(subject: &Subject, settings: &Settings, renderer: &mut Renderer) -> render::Result<Option<Estimate>> {
+    let seed = settings.scene.seed.into();
+    study::estimate(renderer, &subject.store, settings, subject.objects(), study::RAYS, seed)
+}
+
 /// Counts the pixels that show a mirror, whether or not their reflections were looked for.
 fn mirror_pixels(renderer: &Renderer) -> render::Result<usize> {
     Ok(renderer.read_aov(Aov::Mirror)?.data.iter().filter(|value| **value > 0.0).count())
@@ -293,6 +309,8 @@ struct Stats {
     /// Null if all clouds are held in memory.
     stream: Option<subject::StreamReport>,
     accuracy: Option<study::Accuracy>,
+    /// Null if it was not asked for, or there is nothing to estimate.
+    estimate: Option<Estimate>,
 }
 
 #[derive(Serialize)]
@@ -376,6 +394,7 @@ impl Stats {
             },
             stream: None,
             accuracy: None,
+            estimate: None,
         }
     }
 
@@ -463,6 +482,8 @@ mod tests {
         assert!(refusal(&[scene, "-o", "a.png", "--set", "splat.sise=1"]).contains("did you mean `splat.size`?"));
         assert!(refusal(&[scene, "-o", "a.png", "--set", "splat.size=99"]).contains("0.05 to 20"));
         assert!(refusal(&[scene, "-o", "a.png", "--camera", "frnt"]).contains("front, back"));
+        let exact = [scene, "-o", "a.png", "--stats", "a.json", "--estimate", "--method", "ray_trace"];
+        assert!(refusal(&exact).contains("--estimate: `ray_trace` is exact"));
         assert!(refusal(&["no_such.laz", "-o", "a.png"]).contains("no_such.laz: no such file"));
         assert!(refusal(&["five-mirrors/sphre", "-o", "a.png"]).contains("did you mean `five-mirrors/sphere`?"));
     }
