@@ -5,6 +5,8 @@ use std::time::Duration;
 
 use scene::{Atomics, Splat};
 
+use crate::handed::tight;
+
 pub type Result<T> = std::result::Result<T, Error>;
 
 #[derive(Debug, thiserror::Error)]
@@ -147,7 +149,7 @@ impl Gpu {
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, offset, &staging, 0, size);
         self.queue.submit([encoder.finish()]);
-        self.read_mapped(&staging)
+        self.read_mapped(&staging, <[u8]>::to_vec)
     }
 
     /// Copies a texture to the CPU: rows top to bottom, without padding.
@@ -182,15 +184,14 @@ impl Gpu {
             wgpu::Extent3d { width: texture.width(), height: count, depth_or_array_layers: 1 },
         );
         self.queue.submit([encoder.finish()]);
-        let bytes = self.read_mapped(&staging)?;
-        Ok(bytes.chunks_exact(padded as usize).flat_map(|line| &line[..row as usize]).copied().collect())
+        self.read_mapped(&staging, |rows| tight(rows, row as usize, padded as usize))
     }
 
-    fn read_mapped(&self, staging: &wgpu::Buffer) -> Result<Vec<u8>> {
+    fn read_mapped(&self, staging: &wgpu::Buffer, take: impl FnOnce(&[u8]) -> Vec<u8>) -> Result<Vec<u8>> {
         staging.map_async(wgpu::MapMode::Read, .., |_| ());
         self.wait()?;
         let view = staging.get_mapped_range(..).map_err(|error| Error::Lost(error.to_string()))?;
-        Ok(view.to_vec())
+        Ok(take(&view))
     }
 }
 

@@ -172,7 +172,8 @@ impl Renderer {
         let Self { gpu, pipelines, targets: Some(targets), reflections: Some(reflections), given_up, .. } = self else {
             return Err(nothing_rendered());
         };
-        let known = reflections.stats(gpu, settings)?.mirror_pixels;
+        let counters = self.handed.counters()?.ok_or_else(nothing_rendered)?;
+        let known = reflections.stats(settings, &counters).mirror_pixels;
         let Some(bounce) = reflections.first().filter(|_| known > 0) else { return Ok(Vec::new()) };
         let normal = &targets.surface().normal;
         let images = [&bounce.mirror.point, normal, &bounce.mirror.eye, &bounce.seen.position];

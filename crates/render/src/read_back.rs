@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use crate::gpu::{Error, Result};
+use crate::handed::PictureRows;
 use crate::identities::{ChunkId, CloudId};
 use crate::image::{Aov, AovImage};
 use crate::layout::SAME_SURFACE;
@@ -28,7 +29,15 @@ impl Renderer {
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.
     pub fn read_picture(&self) -> Result<Vec<u8>> {
-        self.gpu.read_texture(&self.rendered()?.picture.texture)
+        Ok(self.picture_rows()?.tight())
+    }
+
+    /// The same where it lies, with rows that may be filled up to a stride.
+    ///
+    /// # Errors
+    /// Those of `read_picture`.
+    pub fn picture_rows(&self) -> Result<PictureRows> {
+        self.handed.picture()?.ok_or_else(nothing_rendered)
     }
 
     /// One of the last frame's linear images.

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
 use crate::targets::Image;
@@ -30,7 +31,10 @@ pub(crate) struct Recorder<'a> {
     pub gpu: &'a Gpu,
     pipelines: &'a mut Pipelines,
     encoder: wgpu::CommandEncoder,
+    /// The timestamps of the passes, if the GPU times them.
     queries: Option<wgpu::QuerySet>,
+    /// Whether each pass is submitted and waited for, because the host's clock times it.
+    submits_each: bool,
     /// The passes that the GPU times, and whether each splats what the camera sees.
     names: Vec<(Name, bool)>,
     /// The time of splatting what the camera sees, as far as the host's clock times it.
@@ -49,28 +53,18 @@ type Name = (&'static str, PassStage);
 /// The name and stage for clearing buffers, where the host's clock times it.
 const CLEAR: Name = ("clear", PassStage::Surface);
 
-/// The number of passes of a frame that the GPU times, a timestamp pair each. A frame has some twenty, with many
-/// bounces of many rounds of SSCR some hundreds. Further passes are not timed.
-const MOST_PASSES: u32 = 512;
-
 /// One dispatch: the switches of the pass, its bind groups in order, and the workgroups.
 type Dispatch<'r> = (Vec<(&'static str, u32)>, Vec<Vec<wgpu::BindingResource<'r>>>, [u32; 3]);
 
 impl<'a> Recorder<'a> {
     pub fn new(gpu: &'a Gpu, pipelines: &'a mut Pipelines) -> Self {
-        let queries = (gpu.clock == Clock::Gpu).then(|| {
-            gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
-                label: Some("pass times"),
-                ty: wgpu::QueryType::Timestamp,
-                count: MOST_PASSES * 2,
-            })
-        });
         let encoder = gpu.device.create_command_encoder(&Default::default());
         Self {
             gpu,
             pipelines,
             encoder,
-            queries,
+            queries: None,
+            submits_each: gpu.clock == Clock::Host,
             names: Vec::new(),
             splatting: 0.0,
             host_times: Vec::new(),
@@ -78,6 +72,11 @@ impl<'a> Recorder<'a> {
             given_up: None,
             timed_as: None,
         }
+    }
+
+    /// Times the passes, where the GPU does, into what `finish_frame` gets.
+    pub fn time_into(&mut self, handed: &Handed) {
+        self.queries = handed.queries().cloned();
     }
 
     /// Ends the frame with `Error::GivenUp` before the next pass once the flag is set.
@@ -98,7 +97,7 @@ impl<'a> Recorder<'a> {
     /// Clears a range of bytes.
     pub fn clear_part(&mut self, buffer: &wgpu::Buffer, bytes: std::ops::Range<u64>) {
         self.encoder.clear_buffer(buffer, bytes.start, Some(bytes.end - bytes.start));
-        if self.queries.is_none() {
+        if self.submits_each {
             self.submit(CLEAR);
         }
     }
@@ -268,7 +267,7 @@ impl<'a> Recorder<'a> {
         if first < MOST_PASSES * 2 {
             self.names.push((self.timed_as.unwrap_or((pass.name, pass.stage)), splats));
         }
-        if self.queries.is_none() {
+        if self.submits_each {
             let milliseconds = self.submit((pass.name, pass.stage));
             self.splatting += if splats { milliseconds } else { 0.0 };
         }
@@ -290,30 +289,32 @@ impl<'a> Recorder<'a> {
         milliseconds
     }
 
-    /// Waits for the frame.
+    /// Waits for what is recorded.
     ///
     /// # Errors
     /// The device was lost.
-    pub fn finish(self) -> Result<Times> {
+    pub fn finish(self) -> Result<()> {
         if let Some(error) = self.failure {
             return Err(error);
         }
-        let Some(queries) = self.queries else {
+        self.gpu.queue.submit([self.encoder.finish()]);
+        self.gpu.wait()
+    }
+
+    /// Waits for the frame, and leaves its picture and its counters in `handed`. Returns the times of the passes.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn finish_frame(self, handed: &mut Handed, counters: &wgpu::Buffer, picture: &Image) -> Result<Times> {
+        if let Some(error) = self.failure {
+            return Err(error);
+        }
+        let timed = self.queries.as_ref().map_or(0, |_| self.names.len() as u32);
+        let ticks = handed.take(self.gpu, self.encoder, timed, counters, picture)?;
+        if self.submits_each {
             let total = self.host_times.iter().map(|time| time.milliseconds).sum();
             return Ok(Times { passes: summed(self.host_times), total, splatting: self.splatting });
-        };
-        let count = self.names.len() as u32 * 2;
-        let size = u64::from(count) * 8;
-        let resolved = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("pass times"),
-            size,
-            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        });
-        let mut encoder = self.encoder;
-        encoder.resolve_query_set(&queries, 0..count, &resolved, 0);
-        self.gpu.queue.submit([encoder.finish()]);
-        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&self.gpu.read_buffer(&resolved, 0, size)?);
+        }
         let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
         let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
         let pairs = self.names.iter().zip(ticks.chunks_exact(2));

@@ -9,6 +9,7 @@ use scene::{Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Setting
 use crate::frame::{FrameCamera, Objects};
 use crate::gi::{GlobalIllumination, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::handed::Handed;
 use crate::identities::Identities;
 use crate::inputs::Inputs;
 use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SPECULAR_WORDS, SURFACE_SUM_BYTES};
@@ -44,6 +45,7 @@ pub struct FrameStats {
 pub struct Renderer {
     pub(crate) gpu: Arc<Gpu>,
     pub(crate) pipelines: Pipelines,
+    pub(crate) handed: Handed,
     pub(crate) targets: Option<Targets>,
     pub(crate) reflections: Option<Reflections>,
     pub(crate) lights: Lights,
@@ -112,9 +114,11 @@ impl Renderer {
     /// A shader is refused, or the device is lost.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self> {
         let lights = Lights::new(&gpu);
+        let handed = Handed::new(&gpu);
         let mut renderer = Self {
             gpu,
             pipelines: Pipelines::new(),
+            handed,
             targets: None,
             reflections: None,
             lights,
@@ -227,6 +231,7 @@ impl Renderer {
         let Self { gpu, targets, reflections, .. } = self;
         let (Some(targets), Some(reflections)) = (targets, reflections) else { return Err(nothing_rendered()) };
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
+        recorder.time_into(&self.handed);
         recorder.give_up_when(self.given_up.as_deref());
         let nothing = DrawList::default();
         let list = if is_kept { &nothing } else { &points_drawn };
@@ -310,14 +315,16 @@ impl Renderer {
             }
         }
 
-        let times = recorder.finish()?;
+        let times = recorder.finish_frame(&mut self.handed, &reflections.counters, &targets.picture)?;
         let gpu_bytes = store.gpu_bytes()
             + targets.bytes()
             + reflections.bytes()
             + self.lights.shadows.size()
             + self.gi.bytes()
-            + self.many_lights.bytes();
-        let reflection = if Reflections::asked(settings) > 0 { Some(reflections.stats(gpu, settings)?) } else { None };
+            + self.many_lights.bytes()
+            + self.handed.bytes();
+        let counters = self.handed.counters()?.filter(|_| Reflections::asked(settings) > 0);
+        let reflection = counters.map(|counters| reflections.stats(settings, &counters));
         let has_highlights = shading.has_highlights;
         self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights });
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
@@ -346,7 +353,9 @@ impl Renderer {
     /// Nothing was rendered yet, not a colour for each pixel, or the device was lost.
     pub fn present(&mut self, store: &PointStore, settings: &Settings, color: &[[f32; 3]]) -> Result<()> {
         let camera = self.camera.ok_or_else(nothing_rendered)?;
-        let Self { gpu, targets: Some(targets), .. } = self else { return Err(nothing_rendered()) };
+        let Self { gpu, targets: Some(targets), reflections: Some(reflections), .. } = self else {
+            return Err(nothing_rendered());
+        };
         let [width, height] = targets.size;
         if color.len() != width as usize * height as usize {
             return Err(Error::NotRendered(format!("{} colours for a picture of {width} x {height}", color.len())));
@@ -361,7 +370,7 @@ impl Renderer {
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
         let switches = [("is_filmic", u32::from(self.is_filmic))];
         recorder.over_pixels(&switches, &inputs, targets.presented(&image))?;
-        recorder.finish()?;
+        recorder.finish_frame(&mut self.handed, &reflections.counters, &targets.picture)?;
         Ok(())
     }
 

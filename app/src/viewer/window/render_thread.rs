@@ -365,7 +365,7 @@ impl Worker {
         let started = Instant::now();
         let stats = self.render(&request)?;
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
-        let pixels = self.renderer.read_picture()?;
+        let rows = self.renderer.picture_rows()?;
         let [width, height] = request.drawn_size();
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
         let texture = match self.shown.take() {
@@ -381,8 +381,8 @@ impl Worker {
                 view_formats: &[],
             }),
         };
-        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * width), rows_per_image: None };
-        self.window_gpu.queue.write_texture(texture.as_image_copy(), &pixels, layout, size);
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(rows.stride), rows_per_image: None };
+        self.window_gpu.queue.write_texture(texture.as_image_copy(), rows.bytes(), layout, size);
         self.shown = Some(texture.clone());
         self.on_screen = Some(request.clone());
         Ok(Frame { request, stats, total_milliseconds: started.elapsed().as_secs_f64() * 1e3, texture })

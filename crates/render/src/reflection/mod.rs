@@ -106,7 +106,7 @@ pub(crate) struct Reflections {
     /// The number of bounces of the last frame with reflections.
     pub count: usize,
     pub methods: Methods,
-    counters: wgpu::Buffer,
+    pub counters: wgpu::Buffer,
     /// The doubtful pixels of the first bounce; see shaders/mirror_doubt.wgsl.
     pub doubt: Image,
 }
@@ -207,21 +207,16 @@ impl Reflections {
         Ok(())
     }
 
-    /// Reads the statistics of the last frame.
-    ///
-    /// # Errors
-    /// The device was lost.
-    pub fn stats(&self, gpu: &crate::Gpu, settings: &Settings) -> Result<ReflectionStats> {
+    /// The statistics of the last frame, whose counters are these.
+    pub fn stats(&self, settings: &Settings, counters: &[u32]) -> ReflectionStats {
         let bounces = Self::asked(settings) as u32;
         if self.count == 0 {
-            return Ok(ReflectionStats { bounces, ..Default::default() });
+            return ReflectionStats { bounces, ..Default::default() };
         }
-        let bytes = gpu.read_buffer(&self.counters, 0, COUNTERS as u64 * 4)?;
-        let counters: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         let share = |part: u32, whole: u32| if whole == 0 { 0.0 } else { f64::from(part) / f64::from(whole) };
         let pixels = counters[MIRROR_PIXELS];
         let tried = counters[POINTS_TRIED];
-        Ok(ReflectionStats {
+        ReflectionStats {
             mirror_pixels: pixels,
             coverage: share(counters[FOUND_PIXELS], pixels),
             closed_coverage: share(counters[FOUND_PIXELS] + counters[CLOSED_PIXELS], pixels),
@@ -232,7 +227,7 @@ impl Reflections {
             uncertain: share(counters[DOUBTED_PIXELS], pixels),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
             bounces,
-        })
+        }
     }
 
     pub fn bytes(&self) -> u64 {

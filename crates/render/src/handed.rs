@@ -1,0 +1,159 @@
+//! What a frame hands to the CPU: its pass times, its counters and its picture. The frame's own commands copy them into
+//! one buffer, which stays from frame to frame, so that one wait brings them all and nothing is copied twice.
+
+use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::layout::COUNTERS;
+use crate::targets::Image;
+
+/// The number of passes of a frame that the GPU times, a timestamp pair each. A frame has some twenty, with many
+/// bounces of many rounds of SSCR some hundreds. Further passes are not timed.
+pub(crate) const MOST_PASSES: u32 = 512;
+
+const TICK_BYTES: u64 = 8;
+const TIMES_BYTES: u64 = MOST_PASSES as u64 * 2 * TICK_BYTES;
+const COUNTER_BYTES: u64 = COUNTERS as u64 * 4;
+/// Where the picture begins; its rows follow each other.
+const PICTURE: u64 = (TIMES_BYTES + COUNTER_BYTES).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64);
+
+/// The buffers that bring a frame's results to the CPU.
+pub(crate) struct Handed {
+    /// The timestamps of the passes and where they are resolved to, if the GPU times them.
+    times: Option<(wgpu::QuerySet, wgpu::Buffer)>,
+    /// The results of the last frame, and the picture's size. It is mapped between frames.
+    results: Option<(wgpu::Buffer, [u32; 2])>,
+}
+
+/// The picture of a frame where the GPU's copy lies.
+pub struct PictureRows {
+    view: wgpu::BufferView,
+    /// The bytes from one row to the next.
+    pub stride: u32,
+    width: u32,
+}
+
+impl Handed {
+    pub fn new(gpu: &Gpu) -> Self {
+        let times = (gpu.clock == Clock::Gpu).then(|| {
+            let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("pass times"),
+                ty: wgpu::QueryType::Timestamp,
+                count: MOST_PASSES * 2,
+            });
+            let resolved = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("pass times"),
+                size: TIMES_BYTES,
+                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            });
+            (queries, resolved)
+        });
+        Self { times, results: None }
+    }
+
+    /// The timestamps of the passes, if the GPU times them.
+    pub fn queries(&self) -> Option<&wgpu::QuerySet> {
+        self.times.as_ref().map(|(queries, _)| queries)
+    }
+
+    /// Ends a frame: copies its picture, its counters and the times of its first `passes` passes, and waits for them.
+    /// Returns the timestamps.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn take(
+        &mut self,
+        gpu: &Gpu,
+        mut encoder: wgpu::CommandEncoder,
+        passes: u32,
+        counters: &wgpu::Buffer,
+        picture: &Image,
+    ) -> Result<Vec<u64>> {
+        let size = picture.size();
+        let buffer = match self.results.take() {
+            Some((buffer, known)) if known == size => {
+                buffer.unmap();
+                buffer
+            }
+            _ => gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("results"),
+                size: PICTURE + u64::from(stride(size[0])) * u64::from(size[1]),
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            }),
+        };
+        let tick_bytes = u64::from(passes) * 2 * TICK_BYTES;
+        if let Some((queries, resolved)) = self.times.as_ref().filter(|_| passes > 0) {
+            encoder.resolve_query_set(queries, 0..passes * 2, resolved, 0);
+            encoder.copy_buffer_to_buffer(resolved, 0, &buffer, 0, tick_bytes);
+        }
+        encoder.copy_buffer_to_buffer(counters, 0, &buffer, TIMES_BYTES, COUNTER_BYTES);
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: PICTURE, bytes_per_row: Some(stride(size[0])), rows_per_image: None };
+        encoder.copy_texture_to_buffer(
+            picture.texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo { buffer: &buffer, layout },
+            picture.texture.size(),
+        );
+        gpu.queue.submit([encoder.finish()]);
+        buffer.map_async(wgpu::MapMode::Read, .., |_| ());
+        gpu.wait()?;
+        let ticks =
+            if passes > 0 { bytemuck::pod_collect_to_vec(&mapped(&buffer, 0..tick_bytes)?) } else { Vec::new() };
+        self.results = Some((buffer, size));
+        Ok(ticks)
+    }
+
+    /// The counters of the last frame; `None` if there is none.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn counters(&self) -> Result<Option<Vec<u32>>> {
+        let Some((buffer, _)) = &self.results else { return Ok(None) };
+        let bytes = mapped(buffer, TIMES_BYTES..TIMES_BYTES + COUNTER_BYTES)?;
+        Ok(Some(bytemuck::pod_collect_to_vec(&bytes)))
+    }
+
+    /// The picture of the last frame; `None` if there is none.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn picture(&self) -> Result<Option<PictureRows>> {
+        let Some((buffer, [width, _])) = &self.results else { return Ok(None) };
+        Ok(Some(PictureRows { view: mapped(buffer, PICTURE..buffer.size())?, stride: stride(*width), width: *width }))
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.results.as_ref().map_or(0, |(buffer, _)| buffer.size())
+    }
+}
+
+impl PictureRows {
+    /// The rows from top to bottom, `stride` bytes each.
+    pub fn bytes(&self) -> &[u8] {
+        &self.view
+    }
+
+    /// The rows without what fills them up to the stride.
+    pub fn tight(&self) -> Vec<u8> {
+        tight(&self.view, self.width as usize * 4, self.stride as usize)
+    }
+}
+
+/// The bytes of a row of `width` pixels of the picture in the buffer.
+fn stride(width: u32) -> u32 {
+    (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
+}
+
+fn mapped(buffer: &wgpu::Buffer, bytes: std::ops::Range<u64>) -> Result<wgpu::BufferView> {
+    buffer.get_mapped_range(bytes).map_err(|error| Error::Lost(error.to_string()))
+}
+
+/// Rows of `row` bytes, from rows of `stride` bytes.
+pub(crate) fn tight(rows: &[u8], row: usize, stride: usize) -> Vec<u8> {
+    if row == stride {
+        return rows.to_vec();
+    }
+    let mut tight = Vec::with_capacity(rows.len() / stride.max(1) * row);
+    rows.chunks_exact(stride).for_each(|line| tight.extend_from_slice(&line[..row]));
+    tight
+}
