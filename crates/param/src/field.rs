@@ -34,7 +34,9 @@ pub struct Field {
 pub struct Affects {
     /// The points that are read, sampled and estimated before anything is drawn.
     pub points: bool,
-    /// The visible surfaces, and what mirrors show of them.
+    /// The surfaces that points make in the picture.
+    pub surface: bool,
+    /// What mirrors show of them; every parameter that affects surfaces affects this, too.
     pub found: bool,
     /// The light on them.
     pub shading: bool,

@@ -272,7 +272,7 @@ impl Renderer {
         let mut recorder = Recorder::new(gpu, pipelines);
         recorder.give_up_when(given_up.as_deref());
         many.place(&mut recorder, camera, store, settings, lights, *sky, &self.lights.shadows)?;
-        many.surfaces_changed();
+        many.surfaces_changed(0);
         let receiver = Receiver {
             index: 0,
             surface: SurfaceImages { albedo: &albedo, normal: &normal, position: &position },

@@ -51,6 +51,8 @@ pub struct Renderer {
     pub(crate) lights: Lights,
     /// The inputs from which the current surfaces and reflections were made.
     made_from: Option<SurfaceInputs>,
+    /// The inputs from which the surfaces of the points were made. They stay when a frame is given up after them.
+    splatted_from: Option<PointInputs>,
     kept_shadows: Vec<DrawnMap>,
     pub(crate) gi: GlobalIllumination,
     /// What the indirect light of the last frame came from; `None` if it had none.
@@ -78,29 +80,40 @@ pub(crate) struct Lit {
 /// A thinned picture draws at least one point in so many: fewer would be specks.
 const MOST_STEP: u64 = 64;
 
+/// All inputs of the surfaces that points make, as the camera sees them.
+#[derive(Clone, PartialEq)]
+struct PointInputs {
+    /// The camera without the tiles of mirrors, which points do not depend on.
+    camera: FrameCamera,
+    /// The settings that affect the surfaces; the others are at their defaults.
+    settings: Settings,
+    /// One point in so many is drawn.
+    step: u32,
+    revision: u64,
+}
+
 /// All inputs of the surfaces and the reflected points of a frame.
 #[derive(Clone, PartialEq)]
 struct SurfaceInputs {
-    camera: FrameCamera,
+    points: PointInputs,
+    /// The mirrors that are drawn by their formula.
+    formulas: Vec<Mirror>,
+    mirrors: Vec<Mirror>,
     /// The settings that affect what is found; the others are at their defaults.
     settings: Settings,
     /// Whether steps are counted because they are shown.
     counts_steps: bool,
-    /// One point in so many is drawn.
-    step: u32,
-    revision: u64,
-    mirrors: Vec<Mirror>,
 }
 
 impl SurfaceInputs {
     fn new(camera: FrameCamera, settings: &Settings, step: u32, store: &PointStore, objects: Objects<'_>) -> Self {
+        let seen = settings.only(|field| field.affects.surface);
         Self {
-            camera,
-            step,
+            points: PointInputs { camera, settings: seen, step, revision: store.revision() },
+            formulas: reflection::exact(settings, objects.mirrors).cloned().collect(),
+            mirrors: objects.mirrors.to_vec(),
             settings: settings.only(|field| field.affects.found),
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
-            revision: store.revision(),
-            mirrors: objects.mirrors.to_vec(),
         }
     }
 }
@@ -123,6 +136,7 @@ impl Renderer {
             reflections: None,
             lights,
             made_from: None,
+            splatted_from: None,
             kept_shadows: Vec::new(),
             gi: GlobalIllumination::default(),
             lit: None,
@@ -152,13 +166,13 @@ impl Renderer {
             settings.reflection.method = Method::None;
             self.render(&store, &camera, &settings, Objects::default(), [8, 8])?;
         }
-        (self.targets, self.reflections, self.made_from) = (None, None, None);
+        (self.targets, self.reflections, self.made_from, self.splatted_from) = (None, None, None, None);
         Ok(())
     }
 
     /// Forgets everything that is kept between frames, so that the next frame is made from scratch. For measurements.
     pub fn forget(&mut self) {
-        (self.made_from, self.kept_shadows) = (None, Vec::new());
+        (self.made_from, self.splatted_from, self.kept_shadows) = (None, None, Vec::new());
         if let Some(reflections) = &mut self.reflections {
             reflections.forget();
         }
@@ -202,6 +216,7 @@ impl Renderer {
         let bounds = store.bounds();
         let (center, radius) = if bounds.is_empty() { (camera.pivot, 1.0) } else { (bounds.center(), bounds.radius()) };
         let mut frame_camera = FrameCamera::new(camera, &settings.view, size, center, radius);
+        let without_mirrors = frame_camera;
         let spheres = store.mirror_spheres(settings).chain(reflection::mirror_spheres(settings, objects.mirrors));
         // Splats reach at least as far as their smallest size, and closing a gap reaches two pixels further.
         frame_camera.mirror_tiles = frame_camera.tiles_of(spheres, f64::from(settings.splat.min_pixels) * 0.5 + 2.0);
@@ -219,13 +234,20 @@ impl Renderer {
             points_drawn = store.draw_list(&frame_camera, &larger, Selection::Seen);
             points_drawn.thin(step);
         }
-        let asks = SurfaceInputs::new(frame_camera, settings, step, store, objects);
-        let is_kept = settings.reflection.keep && self.made_from.as_ref() == Some(&asks);
+        let asks = SurfaceInputs::new(without_mirrors, settings, step, store, objects);
+        let made_from = self.made_from.as_ref().filter(|_| settings.reflection.keep);
+        let is_kept = made_from == Some(&asks);
+        let is_surface = |made: &SurfaceInputs| made.points == asks.points && made.formulas == asks.formulas;
+        let surface_is_kept = made_from.is_some_and(is_surface);
+        let points_are_kept = settings.reflection.keep && self.splatted_from.as_ref() == Some(&asks.points);
         // After an error neither half a frame nor the methods' work on it may be kept.
         if let Some(reflections) = self.reflections.as_mut().filter(|_| self.made_from.is_none()) {
             reflections.forget();
         }
         self.made_from = None;
+        if !points_are_kept {
+            self.splatted_from = None;
+        }
         self.drawn = store.identities().clone();
 
         let Self { gpu, targets, reflections, .. } = self;
@@ -234,12 +256,17 @@ impl Renderer {
         recorder.time_into(&self.handed);
         recorder.give_up_when(self.given_up.as_deref());
         let nothing = DrawList::default();
-        let list = if is_kept { &nothing } else { &points_drawn };
+        let list = if points_are_kept { &nothing } else { &points_drawn };
         let inputs = Inputs::new(gpu, frame_camera, &larger, store, list);
         if !is_kept {
-            self.gi.surfaces_changed();
+            self.gi.surfaces_changed(usize::from(surface_is_kept));
             let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
-            draw_surface(&mut recorder, &inputs, settings, targets, formulas.as_ref(), atomics64)?;
+            if !points_are_kept {
+                splat_surface(&mut recorder, &inputs, settings, targets, atomics64)?;
+            }
+            if !surface_is_kept {
+                lay_mirrors(&mut recorder, &inputs, targets, formulas.as_ref())?;
+            }
             let camera_surface = SurfaceImages {
                 albedo: &targets.surfaces[targets.shown].albedo,
                 normal: &targets.surfaces[targets.shown].normal,
@@ -327,6 +354,7 @@ impl Renderer {
         let reflection = counters.map(|counters| reflections.stats(settings, &counters));
         let has_highlights = shading.has_highlights;
         self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights });
+        self.splatted_from = Some(asks.points.clone());
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         self.is_filmic = is_filmic;
         Ok(FrameStats {
@@ -399,7 +427,7 @@ impl Renderer {
                 Some(reflections) => reflections.resized(device, size),
                 None => Reflections::new(device, size),
             });
-            self.made_from = None;
+            (self.made_from, self.splatted_from) = (None, None);
         }
         if let Some(targets) =
             self.targets.as_mut().filter(|targets| quality == Quality::High && targets.sums.is_none())
@@ -413,13 +441,12 @@ impl Renderer {
     }
 }
 
-/// Splats the points as the camera sees them, closes gaps, and computes the world position of each pixel.
-fn draw_surface(
+/// Splats the points as the camera sees them, and closes gaps.
+fn splat_surface(
     recorder: &mut Recorder<'_>,
     inputs: &Inputs,
     settings: &Settings,
     targets: &mut Targets,
-    formulas: Option<&wgpu::Buffer>,
     atomics64: bool,
 ) -> Result<()> {
     recorder.clear(&targets.nearest);
@@ -463,7 +490,7 @@ fn draw_surface(
             recorder.over_page_pixels(inputs, bindings, inputs.pixel_groups())?;
         }
     }
-    targets.shown = 0;
+    targets.splatted = 0;
     if settings.splat.close_gaps {
         let [albedo_out, normal_out, depth_out] = targets.surfaces[1].bind();
         let bindings = passes::close_gaps {
@@ -475,10 +502,22 @@ fn draw_surface(
             depth_out,
         };
         recorder.over_pixels(&[], inputs, bindings)?;
-        targets.shown = 1;
+        targets.splatted = 1;
     }
+    Ok(())
+}
+
+/// Lays the mirrors that are drawn by their formula over the surface of the points, and computes the world position of
+/// each pixel.
+fn lay_mirrors(
+    recorder: &mut Recorder<'_>,
+    inputs: &Inputs,
+    targets: &mut Targets,
+    formulas: Option<&wgpu::Buffer>,
+) -> Result<()> {
+    targets.shown = targets.splatted;
     if let Some(formulas) = formulas {
-        let (from, to) = (targets.surface(), &targets.surfaces[1 - targets.shown]);
+        let (from, to) = (targets.surface(), &targets.surfaces[1 - targets.splatted]);
         for (from, to) in [(&from.albedo, &to.albedo), (&from.normal, &to.normal), (&from.depth, &to.depth)] {
             recorder.copy(from, to);
         }
@@ -491,7 +530,7 @@ fn draw_surface(
             depth_out,
         };
         recorder.over_mirrors(&[], inputs, bindings)?;
-        targets.shown = 1 - targets.shown;
+        targets.shown = 1 - targets.splatted;
     }
     let bindings =
         passes::camera_position { depth_in: targets.surface().depth.bind(), position_out: targets.position.bind() };

@@ -80,6 +80,9 @@ pub(crate) struct Targets {
     pub sums: Option<[wgpu::Buffer; 4]>,
     /// Two surfaces: passes over pixels read one and write the other.
     pub surfaces: [GBuffer; 2],
+    /// The index of the surface that the points make. Mirrors that are drawn by their formula are laid over a copy of
+    /// it, so that it stays as it is while they move.
+    pub splatted: usize,
     /// The index of the surface from which the picture was made.
     pub shown: usize,
     /// The positions of the shown surface relative to the eye, world axes; w: 1, or 0 where it is empty.
@@ -100,6 +103,7 @@ impl Targets {
             nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * NEAREST_BYTES),
             sums: None,
             surfaces: [GBuffer::new(device, size), GBuffer::new(device, size)],
+            splatted: 0,
             shown: 0,
             position: image("position", wgpu::TextureFormat::Rgba32Float),
             direct: image("direct", wgpu::TextureFormat::Rgba16Float),

@@ -15,7 +15,9 @@ use cloud::{Chunk, Cloud, Column, pack_normal, pack_radius};
 use glam::{DMat3, DQuat, DVec3};
 use param::{Field, Group, Kind, Value};
 use render::{Aov, CloudId, ColorPlan, FrameStats, Material, Objects, PointStore};
-use scene::{Camera, METHODS, Method, MethodRow, Mirror, Settings, Shape, SpotLight, Supply, Visibility};
+use scene::{
+    Camera, METHODS, Method, MethodRow, Mirror, MirrorSurface, Settings, Shape, SpotLight, Supply, Visibility,
+};
 
 use stage::Stage;
 
@@ -363,8 +365,12 @@ fn what_is_kept_equals_what_is_made_anew() {
     for method in METHODS {
         let mut scene = scene(&stage, DMat3::IDENTITY);
         let mut settings = by(method);
+        // Indirect light is kept for each surface.
+        settings.set_text("light.by", "sun").unwrap();
+        settings.sun.sky = 1.0;
+        (settings.gi.bounces, settings.gi.vpls, settings.gi.sky_lights, settings.gi.shadow_points) = (1, 16, 4, 256);
         type Change = fn(&mut Scene, &mut Settings);
-        let changes: [(&str, Change); 6] = [
+        let changes: [(&str, Change); 9] = [
             ("nothing", |_, _| ()),
             ("the tint", |_, settings| settings.mirror.tint = 0.5),
             ("the camera", |scene, _| scene.camera.orbit(0.02, 0.01)),
@@ -373,6 +379,9 @@ fn what_is_kept_equals_what_is_made_anew() {
                 scene.store.set_visibility(&Visibility { hidden_classes: [GREEN_CLASS].into() })
             }),
             ("a mirror elsewhere", |scene, _| scene.mirrors[1].position.x += 0.1),
+            ("another bounce", |_, settings| settings.reflection.bounces = 2),
+            ("a mirror less", |scene, _| scene.mirrors.truncate(1)),
+            ("mirrors of points", |_, settings| settings.mirror.surface = MirrorSurface::Points),
         ];
         scene.render_anew(&mut stage, &settings, SIZE);
         for (name, change) in changes {
@@ -396,7 +405,12 @@ fn a_frame_that_was_given_up_leaves_no_trace() {
         settings.gi.bounces = 1;
         let stats = scene.render_anew(&mut stage, &settings, SIZE);
         for part in 1..8 {
-            scene.camera.orbit(0.02, 0.01);
+            // The surface of the points is kept where only a mirror has moved.
+            if part % 2 == 0 {
+                scene.camera.orbit(0.02, 0.01);
+            } else {
+                scene.mirrors[1].position.x += 0.02;
+            }
             let flag = Arc::new(AtomicBool::new(false));
             stage.renderer.give_up_when(Some(flag.clone()));
             let wait = Duration::from_secs_f64(stats.frame_milliseconds * 1e-3 * f64::from(part) / 8.0);

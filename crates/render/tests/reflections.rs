@@ -513,6 +513,11 @@ fn finds_anew(stats: &FrameStats) -> bool {
     stats.passes.iter().any(|pass| pass.name == "surfel_trace")
 }
 
+/// Whether points were splatted in a frame as the camera sees them.
+fn splats_anew(stats: &FrameStats) -> bool {
+    stats.passes.iter().any(|pass| pass.name == "splat_resolve" || pass.name == "splat_average")
+}
+
 #[test]
 fn reflections_are_kept_until_something_they_depend_on_changes() {
     let mut stage = stage_or_skip!();
@@ -539,28 +544,33 @@ fn reflections_are_kept_until_something_they_depend_on_changes() {
         ("what is shown", |_, settings| settings.set_text("reflection.show", "distance").unwrap()),
         ("the picture again", |_, settings| settings.set_text("reflection.show", "picture").unwrap()),
     ];
-    let anew: [(&str, Change); 7] = [
-        ("the camera", |scene, _| scene.camera.orbit(0.01, 0.0)),
+    let only_found: [(&str, Change); 4] = [
         ("the mirror's place", |scene, _| scene.mirrors[0].position.x += 0.01),
         ("the mirror's turn", |scene, _| scene.mirrors[0].rotation *= DQuat::from_rotation_x(0.1)),
         ("the mirror's intensity", |scene, _| scene.mirrors[0].specular_intensity = 0.5),
-        ("the splats", |_, settings| settings.splat.size = 1.2),
         ("the bounces", |_, settings| settings.reflection.bounces = 2),
+    ];
+    let anew: [(&str, Change); 3] = [
+        ("the camera", |scene, _| scene.camera.orbit(0.01, 0.0)),
+        ("the splats", |_, settings| settings.splat.size = 1.2),
         ("more points", |scene, _| {
             let screen = [DVec3::X * 0.8, DVec3::Z * 0.8];
             scene.add(vec![rectangle(DVec3::new(-1.4, -0.8, -0.6), screen, [250; 3], 0.1)], Material::default());
         }),
     ];
-    let changes = only_shading.iter().map(|change| (change, false)).chain(anew.iter().map(|change| (change, true)));
+    let changes = only_shading.iter().map(|change| (change, [false, false]));
+    let changes = changes.chain(only_found.iter().map(|change| (change, [true, false])));
+    let changes = changes.chain(anew.iter().map(|change| (change, [true, true])));
     for ((name, change), is_anew) in changes {
         let before = stage.renderer.read_picture().unwrap();
         change(&mut scene, &mut settings);
         let stats = scene.render(&mut stage, &settings);
-        assert_eq!(finds_anew(&stats), is_anew, "{name}");
+        assert_eq!([finds_anew(&stats), splats_anew(&stats)], is_anew, "{name}");
         let after = stage.renderer.read_picture().unwrap();
         assert!(after != before, "{name} changes the picture");
         stage.renderer.forget();
-        assert!(finds_anew(&scene.render(&mut stage, &settings)), "{name}, forgotten");
+        let forgotten = scene.render(&mut stage, &settings);
+        assert!(finds_anew(&forgotten) && splats_anew(&forgotten), "{name}, forgotten");
         assert!(stage.renderer.read_picture().unwrap() == after, "{name}: kept parts fit those made anew");
     }
     settings.reflection.keep = false;

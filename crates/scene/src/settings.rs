@@ -103,7 +103,7 @@ choices! {
 
 params! {
     /// The view: projection, up axis, background.
-    pub struct ViewSettings = "view" in "Splats and view" => affects(found truth) {
+    pub struct ViewSettings = "view" in "Splats and view" => affects(surface found truth) {
         /// Perspective or parallel projection.
         projection: Projection = Projection::Perspective;
         /// Vertical field of view; in parallel projection it still sets how much is seen at the pivot's distance.
@@ -119,7 +119,7 @@ params! {
     }
 
     /// Splatting: how points become surfaces.
-    pub struct Splat = "splat" in "Splats and view" => affects(found truth) {
+    pub struct Splat = "splat" in "Splats and view" => affects(surface found truth) {
         /// Nearest keeps the front point of a pixel; high averages all points within the depth offset of it, by their weights.
         quality: Quality = Quality::High;
         /// Splat radius relative to the one that the points' spacing asks for.
@@ -137,7 +137,7 @@ params! {
     }
 
     /// Colour of the points.
-    pub struct Color = "color" in "Colour" => affects(found truth) not(kept swept) {
+    pub struct Color = "color" in "Colour" => affects(surface found truth) not(kept swept) {
         /// What colours the points; auto takes RGB where a cloud has it; for LAS and LAZ without, intensity, else height; else plain.
         by: ColorBy = ColorBy::Auto;
         /// Name of the attribute shown when color.by is attribute (any extra byte or PLY property).
@@ -241,7 +241,7 @@ params! {
     /// Mirrors.
     pub struct MirrorSettings = "mirror" in "Reflections" => affects(shading truth) {
         /// Mirrors that have a formula: exact casts a ray a pixel, points splats samples of them; auto takes points for the built-in scenes.
-        surface: MirrorSurface = MirrorSurface::Auto => affects(found truth);
+        surface: MirrorSurface = MirrorSurface::Auto => affects(surface found truth);
         /// Share of a mirror's own colour that its reflections take on, as metals do.
         tint: f32 = 0.0, 0.0..=1.0, "share";
         /// Reflect more the flatter the line of sight (Schlick 1994), by this share of the full effect.

@@ -313,9 +313,9 @@ impl GlobalIllumination {
         Ok(())
     }
 
-    /// The caller reports that the surfaces have changed.
-    pub fn surfaces_changed(&mut self) {
-        for surface in &mut self.surfaces {
+    /// The caller reports that the surfaces from number `first` on have changed, in the order of `Receiver::index`.
+    pub fn surfaces_changed(&mut self, first: usize) {
+        for surface in self.surfaces.iter_mut().skip(first) {
             surface.shaded = None;
         }
     }

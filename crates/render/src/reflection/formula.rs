@@ -7,10 +7,14 @@ use crate::gpu::Gpu;
 use crate::layout::{BLOB, CORAL, FormulaMirror, PARABOLOID, PLANE, SPHERE, TORUS};
 use crate::targets::storage;
 
+/// The mirrors that are drawn by their formula.
+pub(crate) fn exact<'a>(settings: &Settings, mirrors: &'a [Mirror]) -> impl Iterator<Item = &'a Mirror> {
+    mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points))
+}
+
 /// Uploads the mirrors that are drawn by their formula; `None` if there are none.
 pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DVec3) -> Option<wgpu::Buffer> {
-    let exact = mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points));
-    let mirrors: Vec<FormulaMirror> = exact.map(|mirror| formula(mirror, eye)).collect();
+    let mirrors: Vec<FormulaMirror> = exact(settings, mirrors).map(|mirror| formula(mirror, eye)).collect();
     if mirrors.is_empty() {
         return None;
     }
@@ -22,8 +26,8 @@ pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DV
 
 /// The bounding spheres of the mirrors that are drawn by their formula.
 pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl Iterator<Item = (DVec3, f64)> {
-    let exact = mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points));
-    exact.map(|mirror| (mirror.position, f64::from(formula(mirror, mirror.position).position_reach.w)))
+    exact(settings, mirrors)
+        .map(|mirror| (mirror.position, f64::from(formula(mirror, mirror.position).position_reach.w)))
 }
 
 fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {

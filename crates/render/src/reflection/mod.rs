@@ -21,7 +21,7 @@ pub(crate) mod task;
 
 use scene::{Mirror, Settings, Supply};
 
-pub(crate) use formula::{mirror_spheres, upload};
+pub(crate) use formula::{exact, mirror_spheres, upload};
 use task::{MirrorGBuffer, MirrorSurface, Task};
 
 use crate::gpu::Result;
