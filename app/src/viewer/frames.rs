@@ -14,6 +14,9 @@ use crate::viewer::window::render_thread::{Command, Frame, FrameRequest};
 /// The shortest time between two frames while points are loaded. Each frame takes time from reading.
 const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
 
+/// How long a picture may be that of earlier values before the panel says so: shorter waits would make the notice flicker.
+const LATE: Duration = Duration::from_millis(300);
+
 /// The picture on the screen: its request, its statistics and the time that it took.
 pub struct Shown {
     pub request: FrameRequest,
@@ -32,6 +35,8 @@ struct Asked {
     input_at: Option<Instant>,
     /// Whether something moved when the frame was requested.
     is_moving: bool,
+    /// The number of the values that the frame shows.
+    values: u64,
 }
 
 #[derive(Default)]
@@ -47,6 +52,12 @@ pub struct Frames {
     careful_milliseconds: f64,
     /// Chooses the quality of frames while something moves.
     haste: Haste,
+    /// The frame of the current values: parameters, mirrors and lights.
+    current: Option<FrameRequest>,
+    /// The number of the current values; it grows with each change of them.
+    values: u64,
+    /// The changes of values that the picture on the screen does not show, the oldest first: their numbers and times.
+    changes: VecDeque<(u64, Instant)>,
     /// A counter that grows with each change of the points and their colours.
     pub revision: u64,
     /// True once the picture on the screen is final and the event log says so.
@@ -101,6 +112,7 @@ impl Frames {
         situation: &Situation,
         outside: &mut Outside,
     ) -> Option<Duration> {
+        self.note_values(&wanted, outside.now);
         let &Situation { points_come, light_comes, rest, a_mirror_is_dragged, is_recorded, milliseconds } = situation;
         if is_recorded && (points_come || light_comes) {
             return None;
@@ -117,7 +129,8 @@ impl Frames {
         match self.want(&wanted, points_come, outside.now) {
             Next::Draw => {
                 let is_moving = rest.is_some();
-                self.asked.push_back(Asked { request: wanted.clone(), input_at: outside.input_at, is_moving });
+                let (request, input_at) = (wanted.clone(), outside.input_at);
+                self.asked.push_back(Asked { request, input_at, is_moving, values: self.values });
                 outside.render(Command::Frame(Box::new(wanted)));
                 rest
             }
@@ -130,6 +143,26 @@ impl Frames {
                 rest
             }
         }
+    }
+
+    /// Records when the values change that the panel shows.
+    fn note_values(&mut self, wanted: &FrameRequest, now: Instant) {
+        let is_same = |known: &FrameRequest| {
+            known.settings == wanted.settings && known.mirrors == wanted.mirrors && known.lights == wanted.lights
+        };
+        if !self.current.as_ref().is_some_and(is_same) {
+            self.current = Some(wanted.clone());
+            self.values += 1;
+            self.changes.push_back((self.values, now));
+        }
+    }
+
+    /// Returns the time until the panel must say that the picture is that of earlier values: zero if it must now,
+    /// `None` if the picture is that of the current ones.
+    pub fn time_to_late(&self, now: Instant) -> Option<Duration> {
+        self.shown.as_ref()?;
+        let (_, since) = self.changes.front()?;
+        Some(LATE.saturating_sub(now.saturating_duration_since(*since)))
     }
 
     /// Decides what to do about the wanted frame, and records it if it is to be drawn. While points are loaded, frames
@@ -185,8 +218,11 @@ impl Frames {
         // Older requests are never answered.
         let place = self.asked.iter().position(|asked| asked.request == request);
         let asked = place.and_then(|place| self.asked.drain(..=place).next_back());
-        let (input_at, is_moving) = asked.map_or((None, false), |asked| (asked.input_at, asked.is_moving));
-        self.shown = Some(Shown { request, stats, total_milliseconds, input_at, is_moving, is_presented: false });
+        let (input_at, is_moving, values) =
+            asked.map_or((None, false, 0), |asked| (asked.input_at, asked.is_moving, asked.values));
+        self.changes.retain(|(number, _)| *number > values);
+        let is_presented = false;
+        self.shown = Some(Shown { request, stats, total_milliseconds, input_at, is_moving, is_presented });
     }
 
     /// Records that the window presented the picture at the time `now`. Returns the event for the log if this is the
@@ -230,5 +266,26 @@ mod tests {
         bench.session.outside.input_at = Some(input + Duration::from_millis(10));
         let turned = bench.session.frames.present(input + Duration::from_millis(50)).unwrap();
         assert_eq!(turned["since_input_ms"], json!(50.0), "{turned}");
+    }
+
+    #[test]
+    fn a_picture_is_late_when_it_does_not_show_a_value_after_a_while() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let late = |bench: &Bench, at| bench.session.frames.time_to_late(at);
+        let start = Instant::now();
+        assert_eq!(late(&bench, start), None);
+        bench.session.act(Action::Orbit(glam::DVec2::new(40.0, 0.0)));
+        bench.session.step(start, false);
+        assert_eq!(late(&bench, start), None, "where the camera stands is no value of the panel");
+        bench.session.scene.settings.splat.size = 1.5;
+        bench.session.step(start, false);
+        assert_eq!(late(&bench, start), Some(LATE));
+        bench.session.scene.settings.splat.size = 1.6;
+        bench.session.step(start + LATE / 2, false);
+        assert_eq!(late(&bench, start + LATE / 2), Some(LATE / 2), "the oldest change that is not shown counts");
+        assert_eq!(late(&bench, start + 2 * LATE), Some(Duration::ZERO));
+        bench.settle();
+        assert_eq!(late(&bench, start + 2 * LATE), None);
     }
 }

@@ -145,7 +145,20 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
         section(ui, "Timings", false, |ui| panels::timings::show(ui, session));
         lights_are_shown
     });
+    if session.frames.time_to_late(session.outside.now).is_some_and(|left| left.is_zero()) {
+        late_notice(ui);
+    }
     scrolled.inner
+}
+
+/// Says at the lower end of the panel that the picture does not show its values yet. It covers the lowest line, so that
+/// nothing moves when it comes and goes.
+fn late_notice(ui: &mut Ui) {
+    let panel = ui.max_rect();
+    let area = Rect::from_min_max(egui::pos2(panel.left(), panel.bottom() - 18.0), panel.right_bottom());
+    ui.painter().rect_filled(area, 0.0, theme::PANEL);
+    let text = RichText::new("Picture of earlier values; drawing…").small().color(theme::WEAK);
+    ui.place(area, egui::Label::new(text).selectable(false));
 }
 
 /// Draws a section that can be folded. Returns true if it is open.
@@ -401,6 +414,7 @@ mod tests {
     use world::Mailbox;
 
     use super::*;
+    use crate::viewer::bench::Bench;
     use crate::viewer::outside::Effect;
     use crate::viewer::preferences::Preferences;
 
@@ -479,6 +493,28 @@ mod tests {
             let is_of = |group: &param::Group| group.section == title;
             assert!(harness.state().scene.settings.groups().map(Params::group).into_iter().any(is_of), "{title}");
         }
+    }
+
+    #[test]
+    fn the_panel_says_when_the_picture_is_not_yet_that_of_its_values() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let mut harness = Harness::builder()
+            .with_size([1100.0, 800.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, bench: &mut Bench| bench.show(ui), bench);
+        let says = |harness: &mut Harness<'_, Bench>| {
+            harness.run_ok();
+            harness.query_by_label("Picture of earlier values; drawing…").is_some()
+        };
+        let start = harness.state().session.outside.now;
+        harness.state_mut().session.act(Action::set("splat", "size", param::Value::F32(2.0)));
+        harness.state_mut().session.step(start, false);
+        assert!(!says(&mut harness), "the picture may come at once");
+        harness.state_mut().session.outside.now = start + Duration::from_millis(310);
+        assert!(says(&mut harness));
+        harness.state_mut().settle();
+        assert!(!says(&mut harness));
     }
 
     #[test]

@@ -484,7 +484,9 @@ impl Session {
         self.with_loaded(Loaded::sync_levels);
         self.with_loaded(Loaded::sync_objects);
         let truth = self.sync_truth();
-        [quiet, zoom, frame, truth].into_iter().flatten().min()
+        // Once the panel says it, only the next picture changes that.
+        let late = self.frames.time_to_late(now).filter(|left| !left.is_zero());
+        [quiet, zoom, frame, truth, late].into_iter().flatten().min()
     }
 
     /// Requests the frame that is wanted now, unless it is already drawn or shown. Returns the time after which to call
