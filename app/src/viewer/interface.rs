@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, TextureId, Ui};
+use egui::{Align, Align2, CentralPanel, Color32, Frame, Layout, Panel, Rect, RichText, Sense, Ui};
 
 use param::Params;
 use scene::Show;
@@ -19,6 +19,7 @@ use crate::viewer::session::Session;
 use crate::viewer::theme::grouped;
 use crate::viewer::tools::gizmo;
 use crate::viewer::widgets::{progress_bar, progress_text};
+use crate::viewer::window::canvas::Picture;
 use crate::viewer::{input, panels, theme};
 
 /// The sections of parameters that have panels of their own. All other sections are generated from the parameter
@@ -26,7 +27,7 @@ use crate::viewer::{input, panels, theme};
 const OWN_PANELS: [&str; 3] = ["Colour", "Light", "Truth"];
 
 /// Draws the whole window. `picture` is the render thread's last frame. Returns what the user asked for, in order.
-pub fn show(ui: &mut Ui, session: &Session, picture: Option<TextureId>) -> Vec<Action> {
+pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Action> {
     let mut actions = open_dropped(ui);
     let mut lights_are_shown = false;
     if !session.interface_is_hidden {
@@ -217,17 +218,17 @@ fn recent_menu(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 // ---- picture ----
 
-fn picture_area(ui: &mut Ui, session: &Session, picture: Option<TextureId>, rect: Rect, actions: &mut Vec<Action>) {
+fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect: Rect, actions: &mut Vec<Action>) {
     let scale = ui.ctx().pixels_per_point();
     let side = |length: f32| (length * scale).round().max(0.0) as u32;
     let size = [side(rect.width()), side(rect.height())];
     actions.extend((size != session.scene.view_size).then_some(Action::Resize(size)));
-    let [red, green, blue, _] = session.scene.settings.view.background.bytes();
-    ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
     if let (Some(picture), Some(_)) = (picture, &session.frames.shown) {
-        let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
-        ui.painter().image(picture, rect, whole, Color32::WHITE);
+        ui.painter().add(picture.within(rect));
+    } else {
+        let [red, green, blue, _] = session.scene.settings.view.background.bytes();
+        ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
     }
     panels::truth::paint(ui, rect, session, actions);
     overlay::paint(ui.painter(), rect, session);

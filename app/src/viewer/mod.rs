@@ -295,7 +295,7 @@ impl Viewer {
         let Some(screen) = &mut self.screen else { return };
         let (session, mut actions) = (&mut self.session, Vec::new());
         let picture = screen.picture();
-        let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, session, picture)));
+        let painted = screen.paint(event_loop, |ui| actions.extend(interface::show(ui, session, picture.as_ref())));
         if let Painted::Next { is_shown: true, .. } = painted
             && let Some(event) = session.frames.present(Instant::now())
         {
@@ -333,7 +333,7 @@ impl Viewer {
     fn on_news(&mut self, news: News) {
         if let (News::Report(Report::Frame(frame)), Some(screen)) = (&news, &mut self.screen) {
             // The session decides whether the frame is shown.
-            screen.set_picture(frame.texture.clone());
+            screen.set_picture(&frame.texture);
         }
         let is_loaded = matches!(news, News::Loading(_, world::Event::Finished, _));
         self.session.on_news(news);

@@ -1,6 +1,7 @@
 //! The window's parts outside of the session: its surface, the thread that draws the points, the event log, and
 //! effects.
 
+pub mod canvas;
 pub mod effects;
 pub mod event_log;
 pub mod render_thread;

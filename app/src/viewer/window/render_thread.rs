@@ -96,7 +96,7 @@ pub struct Frame {
     pub stats: FrameStats,
     /// Milliseconds from the start of drawing until the picture is in the window's texture.
     pub total_milliseconds: f64,
-    /// A texture of the window's device. It stays the same while the size stays the same.
+    /// A texture of the window's device. It stays as it is until the picture after the next is finished.
     pub texture: wgpu::Texture,
 }
 
@@ -206,7 +206,9 @@ struct Worker {
     window_gpu: Arc<Gpu>,
     renderer: Renderer,
     resident: Resident,
+    /// The textures of the picture in the window and of the one before it, which the next one takes.
     shown: Option<wgpu::Texture>,
+    free: Option<wgpu::Texture>,
     /// The frame that the renderer holds, and whether the picture was made from the frame's own colours.
     held: Option<(FrameRequest, bool)>,
     /// The frame in the window; points are picked from it.
@@ -225,6 +227,7 @@ impl Worker {
             gpu,
             window_gpu,
             shown: None,
+            free: None,
             held: None,
             on_screen: None,
         })
@@ -368,7 +371,8 @@ impl Worker {
         let rows = self.renderer.picture_rows()?;
         let [width, height] = request.drawn_size();
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-        let texture = match self.shown.take() {
+        // The window may still show the picture before.
+        let texture = match self.free.take() {
             Some(texture) if texture.size() == size => texture,
             _ => self.window_gpu.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some("picture in the window"),
@@ -383,7 +387,7 @@ impl Worker {
         };
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(rows.stride), rows_per_image: None };
         self.window_gpu.queue.write_texture(texture.as_image_copy(), rows.bytes(), layout, size);
-        self.shown = Some(texture.clone());
+        self.free = self.shown.replace(texture.clone());
         self.on_screen = Some(request.clone());
         Ok(Frame { request, stats, total_milliseconds: started.elapsed().as_secs_f64() * 1e3, texture })
     }

@@ -3,10 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use egui::{TextureId, ViewportId};
+use egui::ViewportId;
 use render::Gpu;
 use winit::event_loop::ActiveEventLoop;
 use winit::window::Window;
+
+use crate::viewer::window::canvas::{Canvas, Picture};
 
 pub struct Screen {
     pub window: Arc<Window>,
@@ -15,8 +17,8 @@ pub struct Screen {
     pub input: egui_winit::State,
     surface: wgpu::Surface<'static>,
     configuration: wgpu::SurfaceConfiguration,
-    painter: egui_wgpu::Renderer,
-    picture: Option<(TextureId, wgpu::Texture)>,
+    canvas: Canvas,
+    picture: Option<Picture>,
 }
 
 /// The result of painting a frame of the window.
@@ -52,21 +54,23 @@ impl Screen {
         let plain = formats.iter().find(|format| !format.is_srgb());
         configuration.format = *plain.unwrap_or(&configuration.format);
         configuration.present_mode = wgpu::PresentMode::AutoVsync;
+        // What the window shows is copied to it where it can be; elsewhere it is drawn.
+        configuration.usage |= surface.get_capabilities(&gpu.adapter).usages & wgpu::TextureUsages::COPY_DST;
         surface.configure(&gpu.device, &configuration);
         let context = egui::Context::default();
         crate::viewer::theme::apply(&context);
         let side = gpu.device.limits().max_texture_dimension_2d as usize;
         let scale = Some(window.scale_factor() as f32);
         let input = egui_winit::State::new(context.clone(), ViewportId::ROOT, &window, scale, None, Some(side));
-        let painter =
-            egui_wgpu::Renderer::new(&gpu.device, configuration.format, egui_wgpu::RendererOptions::default());
-        Ok(Self { window, gpu, context, input, surface, configuration, painter, picture: None })
+        let canvas = Canvas::new(gpu.clone(), configuration.format, [width, height]);
+        Ok(Self { window, gpu, context, input, surface, configuration, canvas, picture: None })
     }
 
     pub fn resize(&mut self, size: winit::dpi::PhysicalSize<u32>) {
         if size.width > 0 && size.height > 0 {
             (self.configuration.width, self.configuration.height) = (size.width, size.height);
             self.surface.configure(&self.gpu.device, &self.configuration);
+            self.canvas.resize([size.width, size.height]);
         }
     }
 
@@ -76,22 +80,13 @@ impl Screen {
         [size.width, size.height]
     }
 
-    /// Registers the render thread's texture with egui.
-    pub fn set_picture(&mut self, texture: wgpu::Texture) {
-        if self.picture.as_ref().is_some_and(|(_, known)| *known == texture) {
-            return;
-        }
-        if let Some((id, _)) = self.picture.take() {
-            self.painter.free_texture(&id);
-        }
-        let view = texture.create_view(&Default::default());
-        // The picture is shown pixel for pixel, and stretched while the window is being resized.
-        let id = self.painter.register_native_texture(&self.gpu.device, &view, wgpu::FilterMode::Linear);
-        self.picture = Some((id, texture));
+    /// Shows the render thread's texture from the next paint on. This must be called for each new content of it.
+    pub fn set_picture(&mut self, texture: &wgpu::Texture) {
+        self.picture = Some(self.canvas.picture(texture));
     }
 
-    pub fn picture(&self) -> Option<TextureId> {
-        self.picture.as_ref().map(|(id, _)| *id)
+    pub fn picture(&self) -> Option<Picture> {
+        self.picture.clone()
     }
 
     /// Runs `contents` and shows the result.
@@ -105,19 +100,12 @@ impl Screen {
         let platform = std::mem::take(&mut output.platform_output);
         self.input.handle_platform_output_with_event_loop(&self.window, event_loop, platform);
         // This stands before any early return because egui does not send textures twice.
-        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        for (id, deltas) in std::mem::take(&mut output.textures_delta.set) {
-            for delta in deltas {
-                self.painter.update_texture(device, queue, id, &delta);
-            }
-        }
+        self.canvas.update_textures(&mut output.textures_delta);
         let freed = std::mem::take(&mut output.textures_delta.free);
         let delay =
             output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |viewport| viewport.repaint_delay);
         let painted = self.present(output.shapes, output.pixels_per_point);
-        for id in &freed {
-            self.painter.free_texture(id);
-        }
+        self.canvas.free(freed);
         painted.map_or(Painted::Again, |is_shown| Painted::Next { delay, is_shown })
     }
 
@@ -134,25 +122,8 @@ impl Screen {
             // The window is hidden, or the compositor is busy: the next event brings the next frame.
             _ => return Some(false),
         };
-        let jobs = self.context.tessellate(shapes, pixels_per_point);
-        let size_in_pixels = [self.configuration.width, self.configuration.height];
-        let descriptor = egui_wgpu::ScreenDescriptor { size_in_pixels, pixels_per_point };
-        let mut encoder = device.create_command_encoder(&Default::default());
-        let extra = self.painter.update_buffers(device, queue, &mut encoder, &jobs, &descriptor);
-        let view = frame.texture.create_view(&Default::default());
-        let attachment = wgpu::RenderPassColorAttachment {
-            view: &view,
-            depth_slice: None,
-            resolve_target: None,
-            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: wgpu::StoreOp::Store },
-        };
-        let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("interface"),
-            color_attachments: &[Some(attachment)],
-            ..Default::default()
-        });
-        self.painter.render(&mut pass.forget_lifetime(), &jobs, &descriptor);
-        queue.submit(extra.into_iter().chain([encoder.finish()]));
+        let commands = self.canvas.paint(&self.context, shapes, pixels_per_point, &frame.texture);
+        queue.submit(commands);
         self.window.pre_present_notify();
         queue.present(frame);
         Some(true)
