@@ -159,6 +159,7 @@ pub enum Action {
     SplitTruth(f32),
     KeepTruthReady(bool),
     JudgeSettings(bool),
+    EstimateErrors(bool),
     StopTruth,
     ToggleChart,
     /// Restores the parameters of a trial.

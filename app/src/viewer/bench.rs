@@ -85,7 +85,11 @@ impl Bench {
             Effect::Render(command) => {
                 let is_answered = matches!(
                     command,
-                    Command::Frame(_) | Command::Capture { .. } | Command::Measure(_) | Command::Present { .. }
+                    Command::Frame(_)
+                        | Command::Capture { .. }
+                        | Command::Measure(_)
+                        | Command::Present { .. }
+                        | Command::Estimate { .. }
                 );
                 self.thread.send(command);
                 if is_answered {

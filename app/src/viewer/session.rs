@@ -193,6 +193,7 @@ impl Session {
             Action::SplitTruth(share) => self.truth.split = share,
             Action::KeepTruthReady(is_on) => self.truth.keeps_ready = is_on,
             Action::JudgeSettings(is_on) => self.truth.judges = is_on,
+            Action::EstimateErrors(is_on) => self.truth.live.is_on = is_on,
             Action::StopTruth => self.stop_truth(),
             Action::ToggleChart => self.tuning.is_open = !self.tuning.is_open,
             Action::ForgetTrials => self.tuning.forget_trials(),
@@ -594,6 +595,7 @@ impl Session {
                 self.truth.on_presented(*request, pass, rgba, self.frames.revision, &mut self.outside);
             }
             Report::NotJudged(problem) => self.on_not_judged(&problem),
+            Report::Estimated { request, answer } => self.truth.live.on_answer(*request, answer, &mut self.outside),
             Report::Problem(problem) => self.outside.say(Level::Error, problem),
             Report::NotDrawn(problem) => {
                 self.frames.give_up();
@@ -629,7 +631,9 @@ impl Session {
     /// Advances the sweep and the truth by one step. Returns the time after which to call again.
     pub fn sync_truth(&mut self) -> Option<Duration> {
         self.with_truth(|around, truth, _, sweeps, outside| sweeps.sync(around, truth, outside));
-        self.with_truth(|around, truth, tuning, _, outside| truth.sync(around, tuning, outside))
+        let estimate = self.with_truth(|around, truth, _, _, outside| truth.live.sync(around, outside));
+        let truth = self.with_truth(|around, truth, tuning, _, outside| truth.sync(around, tuning, outside));
+        estimate.into_iter().chain(truth).min()
     }
 
     pub fn start_sweep(&mut self, key: &str, values: Vec<String>, places: &[PathBuf]) {

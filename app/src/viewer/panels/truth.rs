@@ -2,13 +2,14 @@
 //! picture is, the truth over the picture, and the progress in the status bar.
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, pos2, vec2};
-use study::Accuracy;
+use study::{Accuracy, Estimate};
 
 use crate::viewer::action::Action;
 use crate::viewer::input::bindings;
 use crate::viewer::panels::parameters::parameters;
 use crate::viewer::session::Session;
-use crate::viewer::theme::bytes;
+use crate::viewer::theme::{bytes, grouped};
+use crate::viewer::truth::live::Estimated;
 use crate::viewer::truth::tasks::{ASTRAY_COLOR, Measure, RAMP};
 use crate::viewer::truth::traced_points;
 use crate::viewer::truth::view::{Activity, BYTES_PER_POINT, Look, PEAK_BYTES_PER_POINT};
@@ -64,6 +65,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         actions.push(Action::JudgeSettings(judges));
     }
     figures(ui, session);
+    estimate(ui, session, actions);
     let text = match session.truth.bytes() {
         0 => {
             let [kept, peak] = [BYTES_PER_POINT, PEAK_BYTES_PER_POINT]
@@ -102,6 +104,59 @@ fn figures(ui: &mut Ui, session: &Session) {
         line(ui, "Frame", &format!("{frame:.1} ms"), "Median of frames from scratch with this setting");
         line(ui, "Method", &format!("{method:.1} ms"), "Of that, what finds the points that mirrors show");
     }
+}
+
+/// Shows how large the error of the picture on the screen is, as far as random pixels tell.
+fn estimate(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    let mut is_on = session.truth.live.is_on;
+    let help = "Trace some hundred random mirror pixels exactly, and light as many by many lights, again and again while the \
+                view stands still; needs no memory for tracing";
+    if ui.checkbox(&mut is_on, "Estimate errors").on_hover_text(help).changed() {
+        actions.push(Action::EstimateErrors(is_on));
+    }
+    let estimated = session.still_frame().and_then(|request| session.truth.live.of(request));
+    match estimated {
+        Some(Estimated::Figures(figures)) => {
+            for (name, text, help) in estimate_lines(figures) {
+                line(ui, name, &text, help);
+            }
+        }
+        Some(Estimated::Nothing) => {
+            let text = "Neither a mirror nor indirect light is seen";
+            ui.label(RichText::new(text).small().color(theme::WEAK));
+        }
+        Some(Estimated::Problem(problem)) => {
+            ui.label(RichText::new(problem).small().color(theme::WEAK));
+        }
+        None => {}
+    }
+}
+
+/// The estimated figures: the name, the value with its interval of 95 %, and the meaning of each.
+fn estimate_lines(figures: &Estimate) -> Vec<(&'static str, String, &'static str)> {
+    let number = |value: f64| if value.is_nan() { "?".into() } else { format!("{value:.2}") };
+    let percent = |value: f64| if value.is_nan() { "?".into() } else { format!("{:.1}", value * 100.0) };
+    let mut lines = Vec::new();
+    if let Some(error) = &figures.pixel_error {
+        let [low, high] = error.median_interval.map(number);
+        let help = "Half of the filled mirror pixels show a point at most so many pixels beside its place";
+        lines.push(("Pixel error, half", format!("{} ({low} to {high})", number(error.median)), help));
+        let [low, high] = error.p95_interval.map(number);
+        let help = "95 of 100 filled mirror pixels show a point at most so many pixels beside its place";
+        lines.push(("Pixel error, 95 %", format!("{} ({low} to {high})", number(error.p95)), help));
+    }
+    if let Some([low, high]) = figures.wrong_interval.map(|interval| interval.map(percent)) {
+        let help = "Share of the filled mirror pixels that are more than a pixel off, or show another surface";
+        lines.push(("Wrong", format!("{} % ({low} to {high})", percent(figures.wrong)), help));
+    }
+    if let Some(light) = &figures.indirect {
+        let [low, high] = light.relative_rmse_interval.map(percent);
+        let help = "Root mean square difference of the indirect light from that of 1024 lights, relative to its mean";
+        lines.push(("Indirect light", format!("{} % ({low} to {high})", percent(light.relative_rmse)), help));
+    }
+    let help = "Mirror pixels that were traced exactly; brackets hold the figure of all pixels in 95 of 100 cases";
+    lines.push(("Rays", grouped(figures.rays as u64), help));
+    lines
 }
 
 /// The figures of same-input accuracy: the name, the value and the meaning of each.
@@ -314,6 +369,26 @@ mod tests {
         let expected = expected.map(|(name, text)| (name, text.to_string()));
         assert_eq!(texts(&figures(Some(0.5))), expected);
         assert_eq!(texts(&figures(None)), expected[..4]);
+    }
+
+    #[test]
+    fn estimates_are_shown_with_their_intervals() {
+        let error = study::estimate::EstimatedPercentiles {
+            median: 0.5,
+            p95: 2.0,
+            median_interval: [0.25, 0.75],
+            p95_interval: [1.5, f64::NAN],
+        };
+        let figures = Estimate {
+            rays: 10_000,
+            filled: 1.0,
+            pixel_error: Some(error),
+            wrong: 0.125,
+            wrong_interval: Some([0.1, 0.15]),
+            indirect: None,
+        };
+        let texts: Vec<String> = estimate_lines(&figures).into_iter().map(|(_, text, _)| text).collect();
+        assert_eq!(texts, ["0.50 (0.25 to 0.75)", "2.00 (1.50 to ?)", "12.5 % (10.0 to 15.0)", "10,000"]);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! Each step names its frame, and results for another frame are never shown.
 
 pub mod contact_sheet;
+pub mod live;
 pub mod study_file;
 pub mod sweep;
 pub mod sweep_files;

@@ -12,6 +12,7 @@ use serde_json::json;
 use study::{Accuracy, Drawn, Refinement, TracedScene};
 
 use crate::viewer::theme::grouped;
+use crate::viewer::truth::live::LiveEstimate;
 use crate::viewer::truth::tasks::{Answer, Kind, Measure, Pass, SceneKey};
 use crate::viewer::window::render_thread::FrameRequest;
 
@@ -124,6 +125,7 @@ pub struct TruthView {
     pub verdict: Option<Verdict>,
     /// True if there are too many points and a message has said so.
     pub is_too_large: bool,
+    pub live: LiveEstimate,
 }
 
 /// The message that nothing is traced, and why.

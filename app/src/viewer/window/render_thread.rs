@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use render::{FrameStats, Gpu, Objects, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
-use study::Drawn;
+use study::{Drawn, Judged};
 use world::{Change, ChunkKey, Resident};
 
 use crate::picture_file;
@@ -74,6 +74,11 @@ pub enum Command {
     },
     /// Draws a frame from scratch to measure its times.
     Measure(Box<FrameRequest>),
+    /// Judges the frame in the window at some hundred random pixels, which `seed` decides.
+    Estimate {
+        request: Box<FrameRequest>,
+        seed: u64,
+    },
     /// Makes a picture of a frame from other colours: linear red, green and blue. `pass` identifies the answer.
     Present {
         request: Box<FrameRequest>,
@@ -129,6 +134,11 @@ pub enum Report {
         request: Box<FrameRequest>,
         pass: u32,
         rgba: Vec<u8>,
+    },
+    /// The answer is `None` if another frame is in the window, or is wanted.
+    Estimated {
+        request: Box<FrameRequest>,
+        answer: Result<Option<Judged>, String>,
     },
     /// Images or pictures that the truth asked for cannot be made.
     NotJudged(String),
@@ -236,8 +246,10 @@ impl Worker {
     fn run(&mut self, commands: &Receiver<Command>, urgent: &Arc<AtomicBool>, report: &impl Fn(Report)) {
         // A frame that was given up is drawn after all if no other was requested.
         let mut frame: Option<Box<FrameRequest>> = None;
+        // An estimate waits until nothing else is to be done.
+        let mut estimate: Option<(Box<FrameRequest>, u64)> = None;
         loop {
-            let first = if frame.is_some() {
+            let first = if frame.is_some() || estimate.is_some() {
                 commands.try_recv()
             } else {
                 commands.recv().map_err(|_| TryRecvError::Disconnected)
@@ -252,6 +264,10 @@ impl Worker {
                 let result = match command {
                     Command::Frame(request) => {
                         frame = Some(request);
+                        Ok(())
+                    }
+                    Command::Estimate { request, seed } => {
+                        estimate = Some((request, seed));
                         Ok(())
                     }
                     other => self.obey(other, report),
@@ -277,6 +293,16 @@ impl Worker {
                     Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
                     Err(error) => report(Report::NotDrawn(error.to_string())),
                 }
+            } else if let Some((request, seed)) = estimate.take() {
+                self.renderer.give_up_when(Some(urgent.clone()));
+                let answer = self.estimate(&request, seed);
+                self.renderer.give_up_when(None);
+                let answer = match answer {
+                    Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
+                    Err(render::Error::GivenUp) => Ok(None),
+                    answer => answer.map_err(|error| error.to_string()),
+                };
+                report(Report::Estimated { request, answer });
             }
         }
     }
@@ -312,7 +338,7 @@ impl Worker {
                 }
             }
             Command::Arrived(pass) => drop(pass),
-            Command::Frame(_) => {}
+            Command::Frame(_) | Command::Estimate { .. } => {}
         }
         Ok(())
     }
@@ -341,6 +367,22 @@ impl Worker {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Judges random pixels of a frame, if it is the one in the window.
+    fn estimate(&mut self, request: &FrameRequest, seed: u64) -> render::Result<Option<Judged>> {
+        if self.on_screen.as_ref() != Some(request) {
+            return Ok(None);
+        }
+        let started = Instant::now();
+        self.hold(request, false)?;
+        let FrameRequest { mirrors, lights, sky_is_open, settings, .. } = request;
+        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        let store = &self.resident.store;
+        let probe = self.renderer.probe(store, settings, objects, study::RAYS, seed)?;
+        let shown = self.renderer.shown_at(store, settings, &probe)?;
+        tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "estimate");
+        Ok(Some(Judged::new(&probe, &shown)))
     }
 
     /// Draws a frame unless the renderer holds it, and also its picture if `with_picture` is set.
