@@ -10,6 +10,7 @@ use param::Choice as _;
 use render::{PassStage, PassTime};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::estimate::{Estimate, EstimatedPercentiles};
 use crate::metrics::{Accuracy, Truth};
 use crate::plan::{Case, Plan, RAY_TRACE, SIZE};
 
@@ -71,6 +72,8 @@ pub struct Measured {
     pub regions: Option<f64>,
     /// The share of the mirror pixels that the renderer itself does not trust.
     pub uncertain: Option<f64>,
+    /// The errors as the renderer estimates them from random pixels.
+    pub estimate: Option<Estimate>,
     pub judged: Vec<Accuracy>,
     /// The flicker in grey levels.
     pub flicker_still: Option<f64>,
@@ -80,7 +83,7 @@ pub struct Measured {
 /// The name, the label, the unit, and the source of a figure.
 type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
 
-const FRAME_FIGURES: [Reading<Measured>; 7] = [
+const FRAME_FIGURES: [Reading<Measured>; 13] = [
     ("mirror_pixels", "mirror pixels", "", |measured| Some(measured.mirror_pixels)),
     ("coverage", "coverage", "share of mirror pixels", |measured| measured.coverage),
     ("closed_coverage", "closed coverage", "share of mirror pixels", |measured| measured.closed_coverage),
@@ -88,9 +91,27 @@ const FRAME_FIGURES: [Reading<Measured>; 7] = [
     ("unconverged", "unconverged", "share of points", |measured| measured.unconverged),
     ("regions", "regions", "", |measured| measured.regions),
     ("uncertain", "uncertain", "share of mirror pixels", |measured| measured.uncertain),
+    ("estimated_pixel_error_median", "estimated pixel error, median", "pixels", |measured| {
+        Some(measured.estimated_error()?.median)
+    }),
+    ("estimated_pixel_error_p95", "estimated pixel error, 95th percentile", "pixels", |measured| {
+        Some(measured.estimated_error()?.p95)
+    }),
+    ("estimated_wrong", "estimated wrong pixels", "share of filled pixels", |measured| {
+        Some(measured.estimate.as_ref()?.wrong)
+    }),
+    ("estimated_wrong_low", "estimated wrong pixels, at least", "share of filled pixels", |measured| {
+        Some(measured.estimate.as_ref()?.wrong_interval?[0])
+    }),
+    ("estimated_wrong_high", "estimated wrong pixels, at most", "share of filled pixels", |measured| {
+        Some(measured.estimate.as_ref()?.wrong_interval?[1])
+    }),
+    ("estimated_light_error", "estimated error of indirect light", "relative RMSE", |measured| {
+        Some(measured.estimate.as_ref()?.indirect?.relative_rmse)
+    }),
 ];
 
-const TRUTH_FIGURES: [Reading<Accuracy>; 13] = [
+const TRUTH_FIGURES: [Reading<Accuracy>; 14] = [
     ("false_fill", "false fill", "share of mirror pixels", |accuracy| Some(accuracy.false_fill)),
     ("angle_error_median", "angle error, median", "degrees", |accuracy| Some(accuracy.angle_error.median)),
     ("angle_error_p95", "angle error, 95th percentile", "degrees", |accuracy| Some(accuracy.angle_error.p95)),
@@ -99,6 +120,7 @@ const TRUTH_FIGURES: [Reading<Accuracy>; 13] = [
     ("pixel_error_p95", "pixel error, 95th percentile", "pixels", |accuracy| Some(accuracy.pixel_error.p95)),
     ("pixel_error_p99", "pixel error, 99th percentile", "pixels", |accuracy| Some(accuracy.pixel_error.p99)),
     ("occlusion_error", "occlusion error", "share of filled pixels", |accuracy| Some(accuracy.occlusion_error)),
+    ("wrong", "wrong pixels", "share of filled pixels", |accuracy| Some(accuracy.wrong)),
     ("recall", "recall", "share of visible points", |accuracy| accuracy.recall),
     ("rmse", "colour RMSE", "linear", |accuracy| accuracy.image.map(|image| image.rmse)),
     ("delta_e", "colour difference", "CIEDE2000", |accuracy| accuracy.image.map(|image| image.delta_e)),
@@ -124,6 +146,10 @@ fn is_given(truth: Truth, figure: &str) -> bool {
 }
 
 impl Measured {
+    fn estimated_error(&self) -> Option<EstimatedPercentiles> {
+        self.estimate.as_ref()?.pixel_error
+    }
+
     /// The values by name; those that could not be measured are left out.
     pub fn figures(&self) -> BTreeMap<String, f64> {
         let own = FRAME_FIGURES.iter().chain(&FLICKER_FIGURES);
@@ -590,11 +616,12 @@ mod tests {
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let names: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
         let truth = "false_fill angle_error_median angle_error_p95 angle_error_p99 pixel_error_median pixel_error_p95 \
-                     pixel_error_p99 occlusion_error";
+                     pixel_error_p99 occlusion_error wrong";
         let expected = format!(
             "plan group scene method splat.size {{width}} set width height points repeats frame_ms frame_ms_low \
              frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
-             unconverged regions uncertain {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim {} exact_rmse \
+             unconverged regions uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
+             estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim {} exact_rmse \
              exact_delta_e exact_flip exact_ssim flicker_still flicker_moving adapter adapter_kind clock commit error",
             truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),
             truth.split_whitespace().map(|name| format!("exact_{name}")).collect::<Vec<_>>().join(" ")

@@ -14,6 +14,7 @@ use render::{FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, ColorBy, Settings};
 
 use crate::chart;
+use crate::estimate::{RAYS, estimate};
 use crate::file_name::file_name;
 use crate::flicker::{Followed, FrameImages, Steps, flicker, follow};
 use crate::journal::{Folder, FolderError};
@@ -389,6 +390,14 @@ impl<'a> Runner<'a> {
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let stats = loaded.subject.render(renderer, &settings, case.size)?;
+        // The ray tracer's reflections are not the renderer's.
+        let estimate = match case.method == RAY_TRACE {
+            true => None,
+            false => {
+                let Subject { store, .. } = &loaded.subject;
+                estimate(renderer, store, &settings, loaded.subject.objects(), RAYS, settings.scene.seed.into())?
+            }
+        };
         loaded.traced(plan, settings.splat.size)?;
         let drawn = drawn(loaded, case, &settings, renderer)?.0;
         let mut judged = Vec::new();
@@ -415,6 +424,7 @@ impl<'a> Runner<'a> {
             unconverged: found.and_then(|found| found.unconverged),
             regions: found.and_then(|found| found.regions).map(f64::from),
             uncertain: found.map(|found| found.uncertain),
+            estimate,
             judged,
             ..Measured::default()
         };
