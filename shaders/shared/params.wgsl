@@ -7,6 +7,7 @@ struct View {
     up: u32,
     background: u32,
     point_budget: u32,
+    resolution: f32,
     frame_ms: f32,
 }
 const VIEW_PROJECTION_PERSPECTIVE: u32 = 0u;
@@ -23,6 +24,7 @@ struct Splat {
     max_pixels: f32,
     depth_offset: f32,
     close_gaps: u32,
+    step: u32,
     atomics: u32,
 }
 const SPLAT_QUALITY_NEAREST: u32 = 0u;

@@ -205,6 +205,7 @@ mod tests {
             points_resident: points,
             gpu_bytes: 0,
             clock: render::Clock::Host,
+            virtual_lights: 0,
             reflection: None,
         };
         (stats, milliseconds)

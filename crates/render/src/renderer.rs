@@ -37,6 +37,8 @@ pub struct FrameStats {
     pub points_resident: u64,
     pub gpu_bytes: u64,
     pub clock: Clock,
+    /// The number of virtual lights that lit the frame; 0 without indirect light.
+    pub virtual_lights: u32,
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
 }
@@ -199,6 +201,11 @@ impl Renderer {
         self.given_up = flag;
     }
 
+    /// The number of passes compiled so far. A frame after which there are more of them took the time of compiling, too.
+    pub fn compiled_passes(&self) -> usize {
+        self.pipelines.len()
+    }
+
     /// Renders a frame and waits for it.
     ///
     /// # Errors
@@ -226,7 +233,7 @@ impl Renderer {
         }
         let mut points_drawn = store.draw_list(&frame_camera, settings, Selection::Seen);
         let most_points = self.most_points.unwrap_or(u64::MAX).max(1);
-        let step = points_drawn.points.div_ceil(most_points).clamp(1, MOST_STEP) as u32;
+        let step = (points_drawn.points.div_ceil(most_points).clamp(1, MOST_STEP) as u32).max(settings.splat.step);
         let mut larger = settings.clone();
         if step > 1 {
             // The larger splats cover as much of the picture as all would.
@@ -342,6 +349,7 @@ impl Renderer {
             }
         }
 
+        let virtual_lights = self.gi.lights().filter(|_| has_indirect).map_or(0, |lights| lights.count);
         let times = recorder.finish_frame(&mut self.handed, &reflections.counters, &targets.picture)?;
         let gpu_bytes = store.gpu_bytes()
             + targets.bytes()
@@ -365,6 +373,7 @@ impl Renderer {
             points_resident: store.points(),
             gpu_bytes,
             clock: self.gpu.clock,
+            virtual_lights,
             reflection,
         })
     }

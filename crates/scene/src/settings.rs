@@ -114,6 +114,8 @@ params! {
         background: param::Color = param::Color(0x1d20_25ff) => affects(shading truth);
         /// Most points of streamed clouds that are drawn at once.
         point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points" => affects(points truth) not(swept);
+        /// Share of the picture's width and height that `glint render` and studies draw; the picture is enlarged from it.
+        resolution: f32 = 1.0, 0.25..=1.0, "share" => affects() not(kept swept);
         /// The time that a frame may take while something moves: fewer pixels and points are drawn to keep it; 0 draws all.
         frame_ms: f32 = 40.0, 0.0..=1000.0, "ms" => affects() not(swept);
     }
@@ -132,6 +134,8 @@ params! {
         depth_offset: f32 = 1.0, 0.01..=10.0, "radii";
         /// Close pixels that see through a gap between splats: empty or far behind, with a nearer surface around them.
         close_gaps: bool = true;
+        /// One point in so many is drawn of those that the camera sees, and each larger; mirrors and light still see all points.
+        step: u32 = 1, 1..=64, "points" => affects(surface found);
         /// Width of the atomics; auto takes 64 bits where the adapter has them.
         atomics: Atomics = Atomics::Auto;
     }

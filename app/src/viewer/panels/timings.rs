@@ -133,6 +133,7 @@ mod tests {
             points_resident: 0,
             gpu_bytes: 0,
             clock: Clock::Host,
+            virtual_lights: 0,
             reflection: Some(ReflectionStats {
                 mirror_pixels: 12_345,
                 coverage,
