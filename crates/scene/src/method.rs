@@ -23,11 +23,13 @@ pub struct MethodRow {
     pub supply: Supply,
     /// The group of parameters that only this method reads.
     pub group: Option<&'static str>,
+    /// Other values of these parameters, one at a time, that `auto` tries: cheaper or better ones than the defaults.
+    pub variants: &'static [(&'static str, &'static str)],
 }
 
-/// Declares the methods: `Variant = "name", "help", supply, parameter group`.
+/// Declares the methods: `Variant = "name", "help", supply, parameter group, variants`.
 macro_rules! methods {
-    ($($Method:ident = $name:literal, $help:literal, $supply:ident, $group:expr;)*) => {
+    ($($Method:ident = $name:literal, $help:literal, $supply:ident, $group:expr, $variants:expr;)*) => {
         param::choices! {
             /// How mirrors show what they reflect.
             pub enum Method { $($Method = $name),* }
@@ -40,26 +42,27 @@ macro_rules! methods {
             help: $help,
             supply: Supply::$supply,
             group: $group,
+            variants: &$variants,
         }),*];
     };
 }
 
 methods! {
-    Auto = "auto", "sscr_hierarchical, in every scene", Everything, None;
-    None = "none", "Mirrors stay plain grey: the scene without reflections", Nothing, None;
+    Auto = "auto", "sscr_hierarchical, in every scene", Everything, None, [];
+    None = "none", "Mirrors stay plain grey: the scene without reflections", Nothing, None, [];
     EnvironmentMap = "environment_map",
         "A picture of the surroundings from each mirror's middle, looked up by direction alone",
-        Everything, Some("environment_map");
+        Everything, Some("environment_map"), [("environment_map.size", "64"), ("environment_map.proxy", "box")];
     MirroredViewpoint = "mirrored_viewpoint",
         "The scene from an eye behind each mirror's plane: exact for flat mirrors; four of them, one reflection",
-        Everything, None;
+        Everything, None, [];
     Sscr = "sscr",
         "Screen-space curved reflections as published (Preiner 2010): a root search for each point",
-        WithMirrors, Some("sscr");
+        WithMirrors, Some("sscr"), [("sscr.seed_attempts", "1")];
     SscrHierarchical = "sscr_hierarchical",
         "Nodes of points descend into beams of reflected rays; each ray ends at the disc it meets",
-        Everything, None;
-    SurfelTrace = "surfel_trace", "Reflected rays traced through the points as discs, on the GPU", Everything, None;
+        Everything, None, [];
+    SurfelTrace = "surfel_trace", "Reflected rays traced through the points as discs, on the GPU", Everything, None, [];
 }
 
 /// The ray tracer as a method; the renderer does not have it.
@@ -91,6 +94,11 @@ mod tests {
         for row in METHODS {
             assert_eq!(row.method.row().name, row.name);
             assert!(row.group.is_none_or(|group| groups.contains(&group)), "{}", row.name);
+            let mut settings = settings.clone();
+            for (key, value) in row.variants {
+                assert!(row.group.is_some_and(|group| key.starts_with(&format!("{group}."))), "{key}");
+                settings.set_text(key, value).unwrap();
+            }
             assert!(!row.help.is_empty() && !row.help.contains('\n'), "{}", row.name);
             assert!(!LATER_METHODS.contains(&row.name) && row.name != RAY_TRACE);
             assert_eq!(row.method.chosen().row().supply, row.supply, "{}", row.name);

@@ -8,17 +8,20 @@
 //! [`results`] makes a table of the runs, and [`chart`] and [`report`] present it.
 
 mod accuracy;
+pub mod auto;
 mod builtin;
 pub mod chart;
 pub mod estimate;
+pub mod cost;
 mod file_name;
 mod five_mirrors;
 mod flicker;
 pub mod flip;
 mod journal;
 pub mod light;
+mod loaded;
 pub mod metrics;
-mod picture;
+pub mod picture;
 pub mod plan;
 mod refine;
 pub mod report;
@@ -26,12 +29,16 @@ pub mod results;
 pub mod runner;
 pub mod ssim;
 pub mod stability;
+mod still;
 mod subject;
 mod truth;
 
 pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
+pub use auto::Choice;
 pub use builtin::{names as plan_names, plan as built_in_plan};
 pub use estimate::{Estimate, Judged, RAYS, estimate};
+pub use cost::{CostModel, Slowest};
+pub use file_name::file_name;
 pub use five_mirrors::{FiveMirrors, IndirectTruth, JudgedLight, TracedLight};
 pub use flicker::{Flicker, flicker};
 pub use journal::{Folder, FolderError};
@@ -43,6 +50,7 @@ pub use plan::{Bound, Case, Group, Plan, PlanError, RAY_TRACE};
 pub use refine::Refinement;
 pub use results::{Figure, Row};
 pub use runner::{Scenes, Shard};
+pub use still::{Still, StillError, Target, drawn_size, still_settings};
 pub use subject::{Faces, Subject, SubjectPart};
 pub use trace::Exact;
 pub use truth::{Drawn, RayTraced, Seen, Surface, TracedScene, Tracer, View, mirrors_of};

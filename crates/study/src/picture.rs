@@ -4,6 +4,7 @@ use anyhow::Context as _;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use palette::color_difference::Ciede2000 as _;
+use rayon::prelude::*;
 
 use crate::metrics::lab;
 
@@ -73,6 +74,46 @@ pub fn beside(
     png([all_width as u32, all_height as u32], &rgb).map(Some)
 }
 
+/// Enlarges a picture of four bytes a pixel from one size to another, between pixel centres. A pixel takes nothing from
+/// drawn pixels at another depth than the nearest one, so that edges stay sharp; `depth` is NaN where nothing is seen.
+pub fn enlarged(picture: &[u8], depth: &[f32], from: [u32; 2], to: [u32; 2]) -> Vec<u8> {
+    /// Depths within this share of each other are taken for one surface, as in the filter of indirect light.
+    const SAME_DEPTH: f32 = 0.02;
+    if from == to {
+        return picture.to_vec();
+    }
+    let [width, height] = from.map(|side| side as usize);
+    // For each place along a side: the two drawn pixels beside it, and the weight of the second.
+    let beside = |axis: usize, at: usize| {
+        let place = (at as f64 + 0.5) / f64::from(to[axis]) * f64::from(from[axis]) - 0.5;
+        let place = place.clamp(0.0, f64::from(from[axis] - 1));
+        let first = place.floor() as usize;
+        (first, (first + 1).min(from[axis] as usize - 1), place.fract() as f32)
+    };
+    let columns: Vec<_> = (0..to[0] as usize).map(|column| beside(0, column)).collect();
+    let row = |row: usize| {
+        let (above, below, down) = beside(1, row);
+        columns.iter().flat_map(move |&(left, right, along)| {
+            let corners = [(above, left), (above, right), (below, left), (below, right)];
+            let corners = corners.map(|(row, column)| row.min(height - 1) * width + column.min(width - 1));
+            let weights = [(1.0 - down) * (1.0 - along), (1.0 - down) * along, down * (1.0 - along), down * along];
+            let nearest = corners[usize::from(down >= 0.5) * 2 + usize::from(along >= 0.5)];
+            let is_same = |pixel: usize| match (depth[pixel].is_nan(), depth[nearest].is_nan()) {
+                (false, false) => (depth[pixel] - depth[nearest]).abs() <= SAME_DEPTH * depth[nearest].abs(),
+                (one, other) => one == other,
+            };
+            let weights: [f32; 4] =
+                std::array::from_fn(|corner| if is_same(corners[corner]) { weights[corner] } else { 0.0 });
+            let sum: f32 = weights.iter().sum();
+            [0, 1, 2, 3].map(|channel| {
+                let value = |corner: usize| weights[corner] * f32::from(picture[corners[corner] * 4 + channel]);
+                ((0..4).map(value).sum::<f32>() / sum).round() as u8
+            })
+        })
+    };
+    (0..to[1] as usize).into_par_iter().flat_map_iter(row).collect()
+}
+
 /// The sRGB encoding of IEC 61966-2-1, clamped.
 fn encoded(value: f64) -> f64 {
     let value = value.clamp(0.0, 1.0);
@@ -82,6 +123,22 @@ fn encoded(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_enlarged_picture_is_smooth_on_a_surface_and_sharp_at_its_edge() {
+        // Two pixels on one surface, and two far behind it.
+        let gray = |level: u8| [level, level, level, 255];
+        let picture = [gray(0), gray(100), gray(200), gray(200)].concat();
+        let depth = [1.0, 1.01, 5.0, 5.0];
+        let levels =
+            |to: [u32; 2]| -> Vec<u8> { enlarged(&picture, &depth, [4, 1], to).into_iter().step_by(4).collect() };
+        assert_eq!(levels([4, 1]), [0, 100, 200, 200]);
+        assert_eq!(levels([8, 1]), [0, 25, 75, 100, 200, 200, 200, 200]);
+        assert_eq!(levels([4, 3]), [0, 100, 200, 200].repeat(3));
+        let open = [1.0, f32::NAN, f32::NAN, 1.0];
+        let levels: Vec<u8> = enlarged(&picture, &open, [4, 1], [8, 1]).into_iter().step_by(4).collect();
+        assert_eq!(levels, [0, 0, 100, 125, 175, 200, 200, 200]);
+    }
 
     #[test]
     fn the_mirrors_are_cut_out_and_shown_three_times() {

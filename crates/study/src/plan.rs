@@ -21,11 +21,15 @@ use toml::de::DeTable;
 
 use crate::metrics::Truth;
 use crate::results;
+use crate::still::Target;
 
 pub use scene::RAY_TRACE;
 
 /// The key of the picture's size, as in `640x480`; it is swept like a parameter.
 pub const SIZE: &str = "size";
+
+/// The key of the target that `auto` is to keep to, as in `50ms`, `2dE` or `0.5x`; it is swept like a parameter.
+pub const TARGET: &str = "target";
 
 /// The most characters of a message about a plan, which may quote it.
 const MOST_TOLD: usize = 400;
@@ -73,6 +77,38 @@ impl From<Size> for String {
     }
 }
 
+/// A target of `auto` in a plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PlannedTarget {
+    Fixed(Target),
+    /// A time, as a share of that of a frame with the settings as they are.
+    Share(f64),
+}
+
+impl PlannedTarget {
+    /// The target for a frame that takes `milliseconds` with the settings as they are.
+    pub fn target(self, milliseconds: f64) -> Target {
+        match self {
+            Self::Fixed(target) => target,
+            Self::Share(share) => Target::Milliseconds(milliseconds * share),
+        }
+    }
+}
+
+impl std::str::FromStr for PlannedTarget {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let share = text.strip_suffix('x').and_then(|number| number.parse::<f64>().ok());
+        match share.filter(|share| share.is_finite() && *share > 0.0) {
+            Some(share) => Ok(Self::Share(share)),
+            None => text.parse().map(Self::Fixed).map_err(|_| {
+                format!("target `{text}`: expected a time as in 50ms or 0.5x, or an error as in 1px or 2dE, above 0")
+            }),
+        }
+    }
+}
+
 /// The time axis of charts of time against error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -116,6 +152,9 @@ pub struct Plan {
     /// Whether to measure how much mirrors flicker, too.
     #[serde(default)]
     pub flicker: bool,
+    /// Whether to measure errors against the still picture, which `auto` keeps to, too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub still: bool,
     /// The figures charted against time, a chart each. If not given, two of each truth.
     #[serde(default)]
     pub errors: Vec<String>,
@@ -203,7 +242,7 @@ impl Bound {
 }
 
 /// One setting of a plan.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Case {
     /// The index in the plan, equal in every expansion.
     pub index: usize,
@@ -215,6 +254,8 @@ pub struct Case {
     pub scene: String,
     pub method: String,
     pub size: [u32; 2],
+    /// The target for which `auto` chooses the settings.
+    pub target: Option<PlannedTarget>,
     /// The swept keys and variables with their values, sorted by key.
     pub swept: Vec<(String, String)>,
     /// The parameters that plan and group set; one list for all settings of a group.
@@ -391,6 +432,8 @@ impl Plan {
                         let scene = filled(scene_pattern, &swept);
                         let size = swept.iter().find(|(key, _)| key == SIZE);
                         let Size(size) = size.and_then(|(_, value)| value.parse().ok()).unwrap_or(self.size);
+                        let target = swept.iter().find(|(key, _)| key == TARGET);
+                        let target = target.and_then(|(_, value)| value.parse().ok());
                         cases.push(Case {
                             index: cases.len(),
                             group: index,
@@ -398,6 +441,7 @@ impl Plan {
                             scene,
                             method: method.clone(),
                             size,
+                            target,
                             swept,
                             set: set.clone(),
                         });

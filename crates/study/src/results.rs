@@ -1,7 +1,7 @@
 //! The results of a study: runs as they are journalled, the figures of tables and charts, and a row for each setting.
 //!
-//! `results.csv` and `results.json` hold the same rows. A new figure is one line in `FRAME_FIGURES`, `TRUTH_FIGURES` or
-//! `FLICKER_FIGURES`.
+//! `results.csv` and `results.json` hold the same rows. A new figure is one line in `FRAME_FIGURES`,
+//! `TRUTH_FIGURES`, `STILL_FIGURES` or `FLICKER_FIGURES`.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
@@ -12,12 +12,19 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::estimate::{Estimate, EstimatedPercentiles};
 use crate::metrics::{Accuracy, Truth};
-use crate::plan::{Case, Plan, RAY_TRACE, SIZE};
+use crate::plan::{Case, Plan, RAY_TRACE, SIZE, TARGET};
+use crate::still::StillError;
 
 /// The time of all passes that find what mirrors show, in milliseconds.
 pub const METHOD_MS: &str = "method_ms";
 /// The time of the whole frame, in milliseconds.
 pub const FRAME_MS: &str = "frame_ms";
+
+/// The errors against the still picture.
+pub const STILL_DELTA_E: &str = "still_delta_e";
+pub const STILL_PIXELS: &str = "still_pixel_error_p95";
+/// The time that `auto` was to keep to, in milliseconds.
+pub const TARGET_MS: &str = "target_ms";
 
 /// The time of all passes of one stage of a frame, in milliseconds.
 pub fn stage_ms(passes: &[PassTime], stage: PassStage) -> f64 {
@@ -53,6 +60,11 @@ impl Figure {
         named.map(|(truth, prefix, _)| (*truth, *prefix))
     }
 
+    /// Whether it is measured only if `still` is asked for.
+    pub fn is_of_still(&self) -> bool {
+        STILL_FIGURES.iter().any(|(name, ..)| *name == self.name)
+    }
+
     /// Whether it is measured only if `flicker` is asked for.
     pub fn is_of_flicker(&self) -> bool {
         FLICKER_FIGURES.iter().any(|(name, ..)| *name == self.name)
@@ -75,6 +87,12 @@ pub struct Measured {
     /// The errors as the renderer estimates them from random pixels.
     pub estimate: Option<Estimate>,
     pub judged: Vec<Accuracy>,
+    /// The error against the still picture.
+    pub still: Option<StillError>,
+    /// The time that `auto` was to keep to, in milliseconds.
+    pub target_ms: Option<f64>,
+    /// The time that `auto` expected, in milliseconds.
+    pub predicted_ms: Option<f64>,
     /// The flicker in grey levels.
     pub flicker_still: Option<f64>,
     pub flicker_moving: Option<f64>,
@@ -128,6 +146,17 @@ const TRUTH_FIGURES: [Reading<Accuracy>; 14] = [
     ("ssim", "SSIM", "-1 to 1", |accuracy| accuracy.image.map(|image| image.ssim)),
 ];
 
+const STILL_FIGURES: [Reading<Measured>; 4] = [
+    (STILL_DELTA_E, "colour difference to the still picture", "CIEDE2000", |measured| {
+        measured.still.map(|still| still.delta_e)
+    }),
+    (STILL_PIXELS, "pixel error to the still picture, 95th percentile", "pixels", |measured| {
+        measured.still.map(|still| still.pixels)
+    }),
+    (TARGET_MS, "time to keep to", "ms", |measured| measured.target_ms),
+    ("predicted_ms", "expected time", "ms", |measured| measured.predicted_ms),
+];
+
 const FLICKER_FIGURES: [Reading<Measured>; 2] = [
     ("flicker_still", "flicker, camera still", "grey levels", |measured| measured.flicker_still),
     ("flicker_moving", "flicker, camera moving", "grey levels", |measured| measured.flicker_moving),
@@ -152,7 +181,7 @@ impl Measured {
 
     /// The values by name; those that could not be measured are left out.
     pub fn figures(&self) -> BTreeMap<String, f64> {
-        let own = FRAME_FIGURES.iter().chain(&FLICKER_FIGURES);
+        let own = FRAME_FIGURES.iter().chain(&STILL_FIGURES).chain(&FLICKER_FIGURES);
         let own = own.map(|(name, _, _, read)| ((*name).to_owned(), read(self)));
         let judged = self.judged.iter().flat_map(|accuracy| {
             let truth = truth_name(accuracy.truth);
@@ -182,7 +211,7 @@ pub fn figures() -> &'static [Figure] {
                 unit,
             }));
         }
-        all.extend(FLICKER_FIGURES.iter().map(plain));
+        all.extend(STILL_FIGURES.iter().chain(&FLICKER_FIGURES).map(plain));
         all
     });
     &FIGURES
@@ -438,7 +467,7 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     put("method", text(&case.method));
     for key in plan.swept_keys() {
         // A variable may have the name of another column, so its name is in braces, as in the pattern.
-        let is_variable = !key.contains('.') && key != SIZE;
+        let is_variable = !key.contains('.') && key != SIZE && key != TARGET;
         let column = if is_variable { format!("{{{key}}}") } else { key.to_owned() };
         put(&column, case.swept_value(key).map_or(Cell::Empty, Cell::of_text));
     }
@@ -622,7 +651,7 @@ mod tests {
              frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
              unconverged regions uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
              estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim {} exact_rmse \
-             exact_delta_e exact_flip exact_ssim flicker_still flicker_moving adapter adapter_kind clock commit error",
+             exact_delta_e exact_flip exact_ssim still_delta_e still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
             truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),
             truth.split_whitespace().map(|name| format!("exact_{name}")).collect::<Vec<_>>().join(" ")
         );

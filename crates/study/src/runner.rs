@@ -3,7 +3,6 @@
 //! alike.
 
 use std::collections::{HashMap, HashSet};
-use std::hash::{Hash as _, Hasher as _};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
@@ -15,16 +14,19 @@ use scene::{Camera, ColorBy, Settings};
 
 use crate::chart;
 use crate::estimate::{RAYS, estimate};
+use crate::cost::CostModel;
 use crate::file_name::file_name;
 use crate::flicker::{Followed, FrameImages, Steps, flicker, follow};
 use crate::journal::{Folder, FolderError};
+use crate::loaded::{Loaded, drawn, reference, tracer, view};
 use crate::metrics::Truth;
 use crate::picture;
 use crate::plan::{Case, Plan, PlanError, RAY_TRACE};
 use crate::report;
 use crate::results::{self, Figure, Machine, Measured, Row, Run, TimedPass};
+use crate::still::{Target, drawn_size};
 use crate::subject::Subject;
-use crate::truth::{Drawn, TracedScene, Tracer, View, mirrors_of};
+use crate::truth::{Drawn, Tracer, View};
 
 /// The source of a plan's scenes.
 pub trait Scenes {
@@ -102,10 +104,6 @@ const MOST_REFERENCE_BYTES: usize = 256 << 20;
 const STILL: Steps = Steps { frames: 16, pixels: 0.0 };
 const MOVING: Steps = Steps { frames: 9, pixels: 0.25 };
 
-/// The difference between the seed of the truth's paths and that of the method `ray_trace`, so that the truth does not
-/// contain the method's own noise.
-const SEED_STEP: u32 = 0x5eed;
-
 /// Checks that all scenes of a plan exist, before anything is opened.
 ///
 /// # Errors
@@ -177,7 +175,7 @@ pub fn run(
                 continue;
             }
             let runner = running(&mut runner, gpu, scenes, &folder.plan)?;
-            let made = if round == 0 { runner.judged(case) } else { runner.timed(case) };
+            let made = if round == 0 { runner.judged(case) } else { runner.timed(case, &chosen(&folder.runs, case)) };
             // A drawing that was stopped is no failure of the setting.
             if made.is_err() && progress(state).is_break() {
                 return Ok(outcome);
@@ -208,6 +206,13 @@ pub fn run(
     let rows = results::rows(&folder.plan, &folder.cases, &folder.runs);
     outcome.failed = rows.iter().filter(|row| row.error.is_some()).count();
     Ok(outcome)
+}
+
+/// The parameters that were chosen for a setting with a target when it was judged; none for others.
+fn chosen(runs: &[Run], case: &Case) -> Vec<(String, String)> {
+    let judged = runs.iter().rfind(|run| run.case == case.index && run.round == 0 && run.error.is_none());
+    let pairs = judged.filter(|_| case.target.is_some()).into_iter().flat_map(|run| run.set.split(' '));
+    pairs.filter_map(|pair| pair.split_once('=')).map(|(key, value)| (key.to_owned(), value.to_owned())).collect()
 }
 
 /// The runner, made when it is first needed: it compiles shaders.
@@ -310,26 +315,24 @@ fn in_order(cases: &[Case], round: u32) -> Vec<&Case> {
     order
 }
 
-/// A loaded scene, and what was traced in it.
-struct Loaded {
-    subject: Subject,
-    points: u64,
-    /// The scene for the ray tracer, with the `splat.size` that it was made for.
-    traced: Option<(f32, TracedScene)>,
-    /// The traced colours of mirror pixels, by a hash of all their inputs.
-    references: HashMap<u64, Arc<Vec<[f32; 3]>>>,
-}
-
-impl Loaded {
-    fn traced(&mut self, plan: &Plan, splat_size: f32) -> anyhow::Result<()> {
-        if self.traced.as_ref().is_none_or(|(size, _)| *size != splat_size) {
-            let exact = plan.truths.contains(&Truth::Exact).then(|| self.subject.exact.clone()).flatten();
-            let scene = TracedScene::new(&self.subject.parts, exact, splat_size, &Progress::default())?;
-            self.traced = Some((splat_size, scene));
-            self.references.clear();
-        }
-        Ok(())
-    }
+/// The run of a setting that was judged.
+fn judged_run(case: &Case, settings: &Settings, points: u64, stats: &FrameStats, measured: Measured) -> Run {
+    let found = stats.reflection;
+    let measured = Measured {
+        coverage: found.map(|found| found.coverage).or(measured.coverage),
+        closed_coverage: found.map(|found| found.closed_coverage).or(measured.closed_coverage),
+        hit_rate: found.and_then(|found| found.hit_rate),
+        unconverged: found.and_then(|found| found.unconverged),
+        regions: found.and_then(|found| found.regions).map(f64::from),
+        uncertain: found.map(|found| found.uncertain),
+        ..measured
+    };
+    // What was chosen for a target is written down, the method included.
+    let is_told = |key: &str| key != "reflection.method" || case.target.is_some();
+    let swept = |key: &str| case.swept_value(key).is_some() || !is_told(key);
+    let set = settings.differing().into_iter().filter(|(key, _)| !swept(key));
+    let set: Vec<String> = set.map(|(key, value)| format!("{key}={value}")).collect();
+    Run { set: set.join(" "), points: Some(points), figures: measured.figures(), ..Run::default() }
 }
 
 struct Runner<'a> {
@@ -337,13 +340,22 @@ struct Runner<'a> {
     scenes: &'a dyn Scenes,
     plan: Plan,
     renderer: Renderer,
+    /// What targets learned of the times of this adapter.
+    model: CostModel,
     /// The loaded scenes; the last used one comes last.
     loaded: Vec<(String, Loaded)>,
 }
 
 impl<'a> Runner<'a> {
     fn new(gpu: &'a Arc<Gpu>, scenes: &'a dyn Scenes, plan: Plan) -> anyhow::Result<Self> {
-        Ok(Self { gpu, scenes, plan, renderer: Renderer::new(gpu.clone())?, loaded: Vec::new() })
+        Ok(Self {
+            gpu,
+            scenes,
+            plan,
+            renderer: Renderer::new(gpu.clone())?,
+            model: CostModel::default(),
+            loaded: Vec::new(),
+        })
     }
 
     /// Returns the case's parameters; its scene is then the last of `loaded`.
@@ -372,7 +384,8 @@ impl<'a> Runner<'a> {
         while !self.loaded.is_empty() && kept(&self.loaded) + points > MOST_POINTS {
             self.loaded.remove(0);
         }
-        self.loaded.push((key, Loaded { subject, points, traced: None, references: HashMap::new() }));
+        let loaded = Loaded { subject, points, traced: None, references: HashMap::new(), still: None, explored: None };
+        self.loaded.push((key, loaded));
         Ok(settings)
     }
 
@@ -386,12 +399,34 @@ impl<'a> Runner<'a> {
         if references.map(|colors| size_of_val(&colors[..])).sum::<usize>() > MOST_REFERENCE_BYTES {
             self.forget_references();
         }
-        let settings = self.prepare(case)?;
+        let mut settings = self.prepare(case)?;
+        let mut measured = Measured::default();
+        if let Some(planned) = case.target {
+            let Self { renderer, loaded, model, .. } = self;
+            let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
+            let (target, choice) = loaded.choose(case, &settings, planned, renderer, model)?;
+            choice.apply(&mut settings)?;
+            measured.predicted_ms = Some(choice.predicted_ms);
+            measured.target_ms = if let Target::Milliseconds(time) = target { Some(time) } else { None };
+        }
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
-        let stats = loaded.subject.render(renderer, &settings, case.size)?;
+        if plan.still {
+            loaded.still(case, &settings, renderer)?;
+        }
+        let size = drawn_size(case.size, &settings);
+        let stats = loaded.subject.render(renderer, &settings, size)?;
+        if let Some((_, _, still)) = loaded.still.as_ref().filter(|_| plan.still) {
+            measured.still = Some(still.error(renderer, &loaded.subject.camera, &settings, size)?);
+        }
+        // Without truths the still picture is enough: estimates and the ray tracer's own scene take long to make.
+        if plan.truths.is_empty() && case.method != RAY_TRACE {
+            let reflected = stats.reflection;
+            measured.mirror_pixels = reflected.map_or(0.0, |found| f64::from(found.mirror_pixels));
+            return Ok(judged_run(case, &settings, loaded.points, &stats, measured));
+        }
         // The ray tracer's reflections are not the renderer's.
-        let estimate = match case.method == RAY_TRACE {
+        measured.estimate = match case.method == RAY_TRACE {
             true => None,
             false => {
                 let Subject { store, .. } = &loaded.subject;
@@ -405,44 +440,35 @@ impl<'a> Runner<'a> {
             if truth == Truth::Exact && loaded.subject.exact.is_none() {
                 continue;
             }
-            let view = view(&loaded.subject, &settings, case.size);
+            let view = view(&loaded.subject, &settings, size);
             let mut accuracy = tracer(&loaded.traced, view)?.judge(truth, &drawn, &Progress::default())?;
             if truth == Truth::SameInput || matches!(settings.color.by, ColorBy::Auto | ColorBy::Rgb) {
                 let (seen, reference) = reference(loaded, plan, case, &settings, truth, &drawn)?;
-                let view = self::view(&loaded.subject, &settings, case.size);
+                let view = self::view(&loaded.subject, &settings, size);
                 accuracy.image = Some(tracer(&loaded.traced, view)?.image_error(&drawn, &seen, &reference));
             }
             judged.push(accuracy);
         }
-        let found = stats.reflection;
         let traced = (case.method == RAY_TRACE).then(|| judged.first()).flatten();
-        let mut measured = Measured {
-            mirror_pixels: drawn.surface.mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64,
-            coverage: found.map(|found| found.coverage).or(traced.map(|judged| judged.coverage)),
-            closed_coverage: found.map(|found| found.closed_coverage).or(traced.map(|judged| judged.closed_coverage)),
-            hit_rate: found.and_then(|found| found.hit_rate),
-            unconverged: found.and_then(|found| found.unconverged),
-            regions: found.and_then(|found| found.regions).map(f64::from),
-            uncertain: found.map(|found| found.uncertain),
-            estimate,
-            judged,
-            ..Measured::default()
-        };
+        measured.mirror_pixels = drawn.surface.mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64;
+        measured.coverage = traced.map(|judged| judged.coverage);
+        measured.closed_coverage = traced.map(|judged| judged.closed_coverage);
+        measured.judged = judged;
         if plan.flicker || plan.groups[case.group].flicker {
             [measured.flicker_still, measured.flicker_moving] = flickers(loaded, case, &settings, renderer, &drawn)?;
         }
-        let swept = |key: &str| case.swept_value(key).is_some() || key == "reflection.method";
-        let set = settings.differing().into_iter().filter(|(key, _)| !swept(key));
-        let set: Vec<String> = set.map(|(key, value)| format!("{key}={value}")).collect();
-        Ok(Run { set: set.join(" "), points: Some(loaded.points), figures: measured.figures(), ..Run::default() })
+        Ok(judged_run(case, &settings, loaded.points, &stats, measured))
     }
 
     /// Draws a setting once, from scratch.
-    fn timed(&mut self, case: &Case) -> anyhow::Result<Run> {
-        let settings = self.prepare(case)?;
+    fn timed(&mut self, case: &Case, chosen: &[(String, String)]) -> anyhow::Result<Run> {
+        let mut settings = self.prepare(case)?;
+        for (key, value) in chosen {
+            settings.set_text(key, value)?;
+        }
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
-        let stats = loaded.subject.render(renderer, &settings, case.size)?;
+        let stats = loaded.subject.render(renderer, &settings, drawn_size(case.size, &settings))?;
         let FrameStats { passes, frame_milliseconds, .. } = stats;
         let timed = |name: &str, stage, ms| TimedPass { name: name.to_owned(), stage, ms };
         let mut passes: Vec<TimedPass> =
@@ -464,11 +490,13 @@ impl<'a> Runner<'a> {
             let settings = self.prepare(case)?;
             let Self { plan, renderer, loaded, .. } = self;
             let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
-            loaded.subject.render(renderer, &settings, case.size)?;
+            loaded.subject.render(renderer, &settings, drawn_size(case.size, &settings))?;
             loaded.traced(plan, settings.splat.size)?;
             let drawn = drawn(loaded, case, &settings, renderer)?.0;
             let (_, reference) = reference(loaded, plan, case, &settings, Truth::SameInput, &drawn)?;
-            if let Some(png) = picture::beside(case.size, &drawn.surface.mirror, &drawn.color, &reference)? {
+            if let Some(png) =
+                picture::beside(drawn_size(case.size, &settings), &drawn.surface.mirror, &drawn.color, &reference)?
+            {
                 folder.write(&name, &png)?;
             }
         }
@@ -483,68 +511,6 @@ fn loading_key(case: &Case, settings: &Settings) -> String {
     let differing =
         [param::differing(scene), param::differing(surface), param::differing(color), param::differing(view)];
     format!("{} {differing:?} {:?}", case.scene, light.by)
-}
-
-fn view<'a>(subject: &'a Subject, settings: &'a Settings, size: [u32; 2]) -> View<'a> {
-    View { camera: &subject.camera, settings, objects: subject.objects(), size }
-}
-
-fn tracer<'a>(traced: &'a Option<(f32, TracedScene)>, view: View<'a>) -> anyhow::Result<Tracer<'a>> {
-    let (_, scene) = traced.as_ref().ok_or_else(|| anyhow!("the scene was not traced"))?;
-    Ok(Tracer::new(scene, view))
-}
-
-/// The frame that the renderer drew last, with the ray tracer's result in it if that is the method; and the ray
-/// tracer's milliseconds.
-fn drawn(loaded: &Loaded, case: &Case, settings: &Settings, renderer: &Renderer) -> anyhow::Result<(Drawn, f64)> {
-    let tracer = tracer(&loaded.traced, view(&loaded.subject, settings, case.size))?;
-    let mut drawn = tracer.drawn(renderer)?;
-    let is_traced = case.method == RAY_TRACE;
-    let milliseconds = if is_traced { tracer.ray_trace(&mut drawn, &Progress::default())?.milliseconds } else { 0.0 };
-    Ok((drawn, milliseconds))
-}
-
-/// What the truth sees at each pixel, and its colours at the mirrors; the colours are kept, as several settings share
-/// them.
-fn reference(
-    loaded: &mut Loaded,
-    plan: &Plan,
-    case: &Case,
-    settings: &Settings,
-    truth: Truth,
-    drawn: &Drawn,
-) -> anyhow::Result<(crate::truth::Seen, Arc<Vec<[f32; 3]>>)> {
-    let mut traced = settings.clone();
-    traced.trace.samples = plan.truth_samples;
-    traced.trace.seed = settings.trace.seed.wrapping_add(SEED_STEP);
-    let Loaded { subject, traced: scene, references, .. } = loaded;
-    let tracer = tracer(scene, view(subject, &traced, case.size))?;
-    let progress = Progress::default();
-    let seen = match truth {
-        Truth::SameInput => tracer.seen(&drawn.surface),
-        Truth::Exact => tracer.exactly_seen(&progress)?,
-    };
-    let Settings { view, light, sun, gi, mirror, reflection, .. } = settings;
-    let mut hasher = std::hash::DefaultHasher::new();
-    let lit = (view, light, sun, gi.bounces, mirror, reflection.bounces, &traced.trace);
-    format!("{truth:?} {:?} {lit:?}", case.size).hash(&mut hasher);
-    if truth == Truth::SameInput {
-        drawn
-            .surface
-            .images()
-            .iter()
-            .for_each(|image| image.iter().for_each(|value| hasher.write_u32(value.to_bits())));
-    }
-    let key = hasher.finish();
-    let reference = match references.get(&key) {
-        Some(reference) => reference.clone(),
-        None => {
-            let reference = Arc::new(tracer.colors(truth, &mirrors_of(&seen), &progress)?);
-            references.insert(key, reference.clone());
-            reference
-        }
-    };
-    Ok((seen, reference))
 }
 
 /// How much the mirrors' pixels flicker, in grey levels: while the camera stands still, and while it moves sideways by

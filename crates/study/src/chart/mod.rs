@@ -11,7 +11,7 @@ use std::path::Path;
 use scene::{METHODS, RAY_TRACE};
 
 use crate::file_name::file_name;
-use crate::plan::{Case, Group, Plan, SIZE};
+use crate::plan::{Case, Group, Plan, SIZE, TARGET};
 use crate::results::{self, Figure, METHOD_MS, Row};
 use axis::Axis;
 
@@ -221,7 +221,7 @@ fn distinct<Item: PartialEq>(items: impl Iterator<Item = Item>) -> Vec<Item> {
 
 /// The swept keys that are no variables of the scene.
 fn is_of_setting(key: &str) -> bool {
-    key.contains('.') || key == SIZE
+    key.contains('.') || key == SIZE || key == TARGET
 }
 
 /// The text that distinguishes settings of one method on one scene: the swept values, else the group if the method

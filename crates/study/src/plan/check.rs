@@ -8,9 +8,8 @@ use toml::de::DeTable;
 
 use super::lines::{at_line, line_of};
 use super::sweep::{filled_length, parts, scalar_text, sweep_length, swept_values};
-use super::{Bound, Case, Group, MOST_TOLD, Plan, PlanError, RAY_TRACE, SIZE, Size};
+use super::{Bound, Case, Group, MOST_TOLD, Plan, PlanError, PlannedTarget, RAY_TRACE, SIZE, Size, TARGET};
 use crate::file_name::file_name;
-use crate::metrics::Truth;
 use crate::results;
 
 /// The most settings of a plan: at a second each it would run for a day on the fastest machine.
@@ -53,7 +52,7 @@ impl Plan {
         for (list, names) in [("errors", &self.errors), ("figures", &self.figures)] {
             // A group that measures flicker shows it in charts of all.
             let has_flicker = self.flicker || self.groups.iter().any(|group| group.flicker);
-            let check = |name| check_figure(name, &self.truths, has_flicker);
+            let check = |name| check_figure(name, self, has_flicker);
             names.iter().try_for_each(|name| check(name).map_err(|text| problem(&[list], text)))?;
         }
         check_set(&self.set, &["set"])?;
@@ -112,7 +111,7 @@ impl Group {
         for (index, method) in self.methods.iter().enumerate() {
             check_method(method).map_err(|text| at(&["methods", &index.to_string()], text))?;
         }
-        let check = |name: &String| check_figure(name, &plan.truths, plan.flicker || self.flicker);
+        let check = |name: &String| check_figure(name, plan, plan.flicker || self.flicker);
         self.figures.iter().try_for_each(|name| check(name).map_err(|text| at(&["figures"], text)))?;
         check_set(&self.set, &[path, &["set"]].concat())?;
         let mut count = self.scenes.len().saturating_mul(self.methods.len());
@@ -152,6 +151,11 @@ impl Group {
         }
         if key == SIZE {
             values.iter().try_for_each(|value| value.parse::<Size>().map(|_| ()))?;
+        } else if key == TARGET {
+            values.iter().try_for_each(|value| value.parse::<PlannedTarget>().map(|_| ()))?;
+            if let Some(method) = self.methods.iter().find(|method| *method != Method::Auto.name()) {
+                return Err(format!("only `auto` keeps to a target, the group has the method `{method}`"));
+            }
         } else if key.contains('.') {
             values.iter().try_for_each(|value| check_parameter(key, value))?;
         } else if !self.scenes.iter().any(|scene| scene.contains(&format!("{{{key}}}"))) {
@@ -200,14 +204,17 @@ fn twice(items: &[String]) -> Option<&String> {
 }
 
 /// Checks that the figure exists and that something measures it.
-fn check_figure(name: &str, truths: &[Truth], has_flicker: bool) -> Result<(), String> {
+fn check_figure(name: &str, plan: &Plan, has_flicker: bool) -> Result<(), String> {
     if let Some(figure) = results::figure(name) {
         return match figure.truth() {
-            Some((truth, known)) if !truths.contains(&truth) => {
+            Some((truth, known)) if !plan.truths.contains(&truth) => {
                 Err(format!("figure `{name}` is never measured, expected \"{known}\" among the `truths`"))
             }
             _ if figure.is_of_flicker() && !has_flicker => {
                 Err(format!("figure `{name}` is never measured, expected `flicker = true` in the plan or its group"))
+            }
+            _ if figure.is_of_still() && !plan.still => {
+                Err(format!("figure `{name}` is never measured, expected `still = true` in the plan"))
             }
             _ => Ok(()),
         };

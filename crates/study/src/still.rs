@@ -1,0 +1,259 @@
+//! The error of a picture against the still picture: the same view at full resolution with all points, 1024 virtual
+//! lights that light every pixel, and `surfel_trace`. So it holds the errors of resolution, points, lights and method.
+
+use std::str::FromStr;
+
+use glam::{DVec3, Vec3};
+use palette::Lab;
+use palette::color_difference::Ciede2000 as _;
+use palette::white_point::D65;
+use rayon::prelude::*;
+use render::{Aov, Renderer};
+use scene::{Camera, Method, Projection, Settings};
+use trace::linear_from_srgb;
+
+use crate::metrics::{MirrorPixel, lab, pixel_error};
+use crate::picture::enlarged;
+
+/// The virtual lights of the still picture.
+const LIGHTS: u32 = 1024;
+
+/// The error of a pixel that shows nothing where there is something, or something where there is nothing.
+const WRONG: f64 = 1e4;
+
+/// How far a picture is from the still picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StillError {
+    /// The mean CIEDE2000 difference of the pixels that show something in one of the two pictures.
+    pub delta_e: f64,
+    /// The 95th percentile of the pixel errors of mirror pixels, in pixels of the still picture. Of a view without
+    /// mirrors: that of the distances between the centre of a pixel and of the drawn pixel that it shows.
+    pub pixels: f64,
+}
+
+impl StillError {
+    /// The error of the still picture itself.
+    pub const NONE: Self = Self { delta_e: 0.0, pixels: 0.0 };
+}
+
+/// The settings of the still picture, from those of a picture.
+pub fn still_settings(settings: &Settings) -> Settings {
+    let mut still = settings.clone();
+    still.reflection.method = Method::SurfelTrace;
+    (still.view.resolution, still.splat.step) = (1.0, 1);
+    (still.gi.vpls, still.gi.interleave) = (still.gi.vpls.max(LIGHTS), 1);
+    still
+}
+
+/// The size in which a picture of `size` pixels is drawn before it is enlarged.
+pub fn drawn_size(size: [u32; 2], settings: &Settings) -> [u32; 2] {
+    size.map(|side| ((f64::from(side) * f64::from(settings.view.resolution)).round() as u32).max(1))
+}
+
+/// A frame that was drawn, as far as errors follow from it.
+struct Shown {
+    size: [u32; 2],
+    /// Red, green, blue and opacity as on a screen.
+    picture: Vec<u8>,
+    depth: Vec<f32>,
+    /// The positions seen in mirrors, relative to the eye, and the coverage; none where no reflections were looked for.
+    found: Option<Vec<f32>>,
+}
+
+impl Shown {
+    fn read(renderer: &Renderer, camera: &Camera, settings: &Settings, size: [u32; 2]) -> render::Result<Self> {
+        let is_reflected = settings.reflection.method != Method::None && settings.reflection.bounces > 0;
+        let found = is_reflected.then(|| renderer.read_aov_from(Aov::MirrorPosition, camera.eye));
+        let depth = renderer.read_aov(Aov::Depth)?.data;
+        Ok(Self { size, picture: renderer.read_picture()?, depth, found: found.transpose()?.map(|image| image.data) })
+    }
+
+    /// The index of the pixel that shows what pixel `index` of a picture of `size` shows.
+    fn place(&self, index: usize, size: [u32; 2]) -> usize {
+        let (column, row) = (index % size[0] as usize, index / size[0] as usize);
+        let along = |at: usize, axis: usize| at * self.size[axis] as usize / size[axis] as usize;
+        along(row, 1) * self.size[0] as usize + along(column, 0)
+    }
+
+    fn found(&self, index: usize) -> (DVec3, f64) {
+        let Some(found) = &self.found else { return (DVec3::NAN, 0.0) };
+        let [x, y, z, coverage] = [0, 1, 2, 3].map(|channel| f64::from(found[index * 4 + channel]));
+        // An empty pixel may have a coverage of NaN as well as of 0.
+        (DVec3::new(x, y, z), if coverage > 0.0 { coverage } else { 0.0 })
+    }
+}
+
+/// The still picture.
+pub struct Still {
+    shown: Shown,
+    colors: Vec<Lab<D65, f64>>,
+    /// The mirror's points and what they see, `None` where there is no mirror.
+    mirrors: Vec<Option<MirrorPixel>>,
+}
+
+impl Still {
+    /// Takes the frame that was rendered last, with the settings of [`still_settings`].
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn read(renderer: &Renderer, camera: &Camera, settings: &Settings, size: [u32; 2]) -> render::Result<Self> {
+        let shown = Shown::read(renderer, camera, settings, size)?;
+        let mirror = renderer.read_aov(Aov::Mirror)?.data;
+        let position = renderer.read_aov_from(Aov::Position, camera.eye)?.data;
+        let pixel = |(index, position): (usize, &[f32; 3])| {
+            let position = Vec3::from(*position).as_dvec3();
+            let (found, coverage) = shown.found(index);
+            let incoming = match settings.view.projection {
+                Projection::Perspective => position.normalize_or_zero(),
+                Projection::Orthographic => camera.forward(),
+            };
+            let truth = (coverage > 0.0).then_some(found);
+            let reflected = truth.map_or(DVec3::ZERO, |truth| (truth - position).normalize_or_zero());
+            (mirror[index] > 0.0).then_some(MirrorPixel { position, incoming, reflected, found, coverage, truth })
+        };
+        let mirrors = position.as_chunks::<3>().0.iter().enumerate().map(pixel).collect();
+        Ok(Self { colors: colors(&shown.picture), shown, mirrors })
+    }
+
+    /// Whether a mirror is seen.
+    pub fn has_mirrors(&self) -> bool {
+        self.mirrors.iter().any(Option::is_some)
+    }
+
+    /// The error of the frame that was rendered last, of the same view; `size` is that in which it was drawn.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn error(
+        &self,
+        renderer: &Renderer,
+        camera: &Camera,
+        settings: &Settings,
+        size: [u32; 2],
+    ) -> render::Result<StillError> {
+        let shown = Shown::read(renderer, camera, settings, size)?;
+        Ok(StillError { delta_e: self.delta_e(&shown), pixels: self.pixels(&shown) })
+    }
+
+    fn delta_e(&self, shown: &Shown) -> f64 {
+        let picture = enlarged(&shown.picture, &shown.depth, shown.size, self.shown.size);
+        let is_seen = |index: &usize| {
+            let other = shown.depth[shown.place(*index, self.shown.size)];
+            !(self.shown.depth[*index].is_nan() && other.is_nan())
+        };
+        let picture = colors(&picture);
+        let difference = |index: usize| picture[index].difference(self.colors[index]);
+        let differences = (0..self.shown.depth.len()).into_par_iter().filter(is_seen).map(difference);
+        let differences: Vec<f64> = differences.collect();
+        differences.iter().sum::<f64>() / differences.len().max(1) as f64
+    }
+
+    fn pixels(&self, shown: &Shown) -> f64 {
+        let width = self.shown.size[0] as usize;
+        let mut errors: Vec<f64> = if self.has_mirrors() {
+            let mut pixels = self.mirrors.clone();
+            for (index, pixel) in pixels.iter_mut().enumerate() {
+                if let Some(pixel) = pixel {
+                    (pixel.found, pixel.coverage) = shown.found(shown.place(index, self.shown.size));
+                }
+            }
+            let error = |index: usize| {
+                let pixel = pixels[index]?;
+                match (pixel.truth.is_some(), pixel.coverage > 0.0) {
+                    (true, true) => pixel_error(width, &pixels, index)?.pixels.map(|error| error.min(WRONG)),
+                    (false, false) => Some(0.0),
+                    _ => Some(WRONG),
+                }
+            };
+            (0..pixels.len()).into_par_iter().filter_map(error).collect()
+        } else {
+            let error = |index: usize| {
+                let place = shown.place(index, self.shown.size);
+                match (self.shown.depth[index].is_nan(), shown.depth[place].is_nan()) {
+                    (false, false) => Some(self.offset(index, place, shown.size)),
+                    (true, true) => None,
+                    _ => Some(WRONG),
+                }
+            };
+            (0..self.shown.depth.len()).into_par_iter().filter_map(error).collect()
+        };
+        if errors.is_empty() {
+            return 0.0;
+        }
+        let rank = (errors.len() as f64 * 0.95).ceil() as usize - 1;
+        *errors.select_nth_unstable_by(rank, f64::total_cmp).1
+    }
+
+    /// The distance between the centre of a pixel and that of the pixel of a picture of `size` that it shows.
+    fn offset(&self, index: usize, place: usize, size: [u32; 2]) -> f64 {
+        let own = self.shown.size;
+        let center = |at: usize, size: [u32; 2], axis: usize| {
+            let at = [at % size[0] as usize, at / size[0] as usize][axis];
+            (at as f64 + 0.5) / f64::from(size[axis]) * f64::from(own[axis])
+        };
+        let [x, y] = [0, 1].map(|axis| center(index, own, axis) - center(place, size, axis));
+        x.hypot(y)
+    }
+}
+
+/// The colours of a picture of four bytes a pixel.
+fn colors(picture: &[u8]) -> Vec<Lab<D65, f64>> {
+    let pixels = picture.as_chunks::<4>().0.par_iter();
+    pixels.map(|[red, green, blue, _]| lab([*red, *green, *blue].map(linear_from_srgb))).collect()
+}
+
+/// What `auto` is to keep to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// The time of a frame.
+    Milliseconds(f64),
+    /// [`StillError::pixels`].
+    Pixels(f64),
+    /// [`StillError::delta_e`].
+    DeltaE(f64),
+}
+
+impl Target {
+    /// The error that counts: that of colours for a time, for it holds all others.
+    pub fn error(self, error: &StillError) -> f64 {
+        match self {
+            Self::Pixels(_) => error.pixels,
+            Self::Milliseconds(_) | Self::DeltaE(_) => error.delta_e,
+        }
+    }
+
+    /// The unit of that error.
+    pub fn error_unit(self) -> &'static str {
+        match self {
+            Self::Pixels(_) => "px",
+            Self::Milliseconds(_) | Self::DeltaE(_) => "dE",
+        }
+    }
+}
+
+impl FromStr for Target {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let split = text.find(|letter: char| letter.is_ascii_alphabetic()).unwrap_or(text.len());
+        let (number, unit) = text.split_at(split);
+        let number = number.parse::<f64>().ok().filter(|number| number.is_finite() && *number > 0.0);
+        match (number, unit) {
+            (Some(number), "ms") => Ok(Self::Milliseconds(number)),
+            (Some(number), "s") => Ok(Self::Milliseconds(number * 1000.0)),
+            (Some(number), "px") => Ok(Self::Pixels(number)),
+            (Some(number), "dE") => Ok(Self::DeltaE(number)),
+            _ => Err("expected a time as in 50ms, or an error as in 1px or 2dE, above 0".into()),
+        }
+    }
+}
+
+impl std::fmt::Display for Target {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Milliseconds(time) => write!(formatter, "{time}ms"),
+            Self::Pixels(error) => write!(formatter, "{error}px"),
+            Self::DeltaE(error) => write!(formatter, "{error}dE"),
+        }
+    }
+}
