@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::builder::{OsStringValueParser, TypedValueParser as _};
 use clap::error::{ContextKind, ContextValue};
 use clap::{Args, Parser, Subcommand};
+use study::Target;
 
 use crate::terminal::escaped;
 
@@ -122,7 +123,22 @@ pub struct RenderArguments {
     #[arg(long, value_name = "N")]
     pub seed: Option<u32>,
     #[command(flatten)]
+    pub target: TargetArguments,
+    #[command(flatten)]
     pub gpu: GpuArgument,
+}
+
+/// What `auto` is to keep to.
+#[derive(Debug, Args)]
+pub struct TargetArguments {
+    /// Let `auto` choose method, light, points and resolution for a frame of this time, as in 50ms or 1.5s, with the
+    /// smallest error; parameters that are named stay as they are
+    #[arg(long, value_name = "TIME", value_parser = parse_budget, conflicts_with = "error")]
+    pub budget: Option<Target>,
+    /// Let `auto` choose them for this error, as in 1px of reflections or 2dE of colours (CIEDE2000), with the smallest time;
+    /// the error is that against the picture at full resolution with all points, 1024 virtual lights and surfel_trace
+    #[arg(long, value_name = "ERROR", value_parser = parse_error)]
+    pub error: Option<Target>,
 }
 
 #[derive(Debug, Args)]
@@ -147,6 +163,8 @@ pub struct RecordArguments {
     /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
+    #[command(flatten)]
+    pub target: TargetArguments,
     #[command(flatten)]
     pub gpu: GpuArgument,
 }
@@ -245,6 +263,20 @@ fn parse_frames(text: &str) -> Result<Range<u32>, String> {
     let ends = text.split_once("..").and_then(|(start, end)| Some((start.parse().ok()?, end.parse().ok()?)));
     let (start, end) = ends.ok_or("expected the first frame and the one after the last, as in 0..300")?;
     if start < end { Ok(start..end) } else { Err("the second number must be larger than the first".into()) }
+}
+
+fn parse_budget(text: &str) -> Result<Target, String> {
+    match text.parse() {
+        Ok(target @ Target::Milliseconds(_)) => Ok(target),
+        _ => Err("expected a time above 0, as in 50ms or 1.5s".into()),
+    }
+}
+
+fn parse_error(text: &str) -> Result<Target, String> {
+    match text.parse() {
+        Ok(target @ (Target::Pixels(_) | Target::DeltaE(_))) => Ok(target),
+        _ => Err("expected an error above 0, as in 1px or 2dE".into()),
+    }
 }
 
 fn parse_truth(text: &str) -> Result<study::Truth, String> {

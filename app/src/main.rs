@@ -1,7 +1,9 @@
 //! `glint`: parses the command line, runs the command, and ends with an exit status that scripts rely on: 0 success, 1
 //! the work failed, 2 bad usage or unreadable input, 3 no display or adapter, 130 interrupted.
 
+mod chosen;
 mod command_line;
+mod costs;
 mod environment;
 mod failure;
 mod index_command;

@@ -4,17 +4,21 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
-use render::Gpu;
-use scene::{Camera, CameraPath, Settings, View};
+use render::{Gpu, Renderer};
+use scene::{Camera, CameraPath, Settings, View, whole_file};
+use serde::{Deserialize, Serialize};
 use world::{Input, Request};
 
+use crate::chosen::{self, AutoStats};
 use crate::command_line::RecordArguments;
 use crate::failure::usage;
 use crate::progress_bar::Bar;
 use crate::render_command::check_size;
+use crate::subject::{self, LoadedSubject};
 use crate::viewer::Headless;
 use crate::{picture_file, terminal};
 
@@ -45,7 +49,10 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     if is_new {
         std::fs::create_dir(folder).map_err(|reason| codec::Error::not_written(folder, reason))?;
     }
-    let recorded = recording.record(gpu, request, arguments);
+    let recorded = match recording.choose(&gpu, &mut request, arguments) {
+        Ok(0) => recording.record(gpu, request, arguments),
+        unreadable => unreadable,
+    };
     if is_new {
         // This removes the folder only if it holds no pictures.
         let _ = std::fs::remove_dir(folder);
@@ -103,6 +110,16 @@ fn prepare(request: &mut Request, recording: &Recording<'_>, arguments: &RecordA
     Ok(())
 }
 
+/// What `--budget` or `--error` chose for a recording, for all pictures of its folder.
+#[derive(Serialize, Deserialize)]
+struct Plan {
+    size: [u32; 2],
+    auto: AutoStats,
+}
+
+/// The file of the plan in the folder of the pictures.
+const PLAN: &str = "record.json";
+
 struct Recording<'a> {
     path: CameraPath,
     frames: Range<u32>,
@@ -124,8 +141,51 @@ impl Recording<'_> {
         self.folder.join(format!("frame-{frame:06}.png"))
     }
 
+    /// Sets what `auto` chose for the recording, if a target asks for it: what an earlier run in the same folder wrote
+    /// down, else a choice for the first view of the path. Returns the exit status if inputs cannot be read.
+    fn choose(&self, gpu: &Arc<Gpu>, request: &mut Request, arguments: &RecordArguments) -> anyhow::Result<u8> {
+        let Some(target) = arguments.target.target() else { return Ok(0) };
+        let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
+        let path = self.folder.join(PLAN);
+        if !path.exists() {
+            let mut fixed = chosen::fixed(&arguments.set, &settings);
+            // Pictures of a recording are those of the window, which are not enlarged.
+            fixed.push("view.resolution".to_owned());
+            let (camera, size) = (self.camera(0)?, arguments.size);
+            // What cannot be read is reported again when it is recorded.
+            let LoadedSubject { subject, .. } =
+                match subject::open(gpu, request.clone(), &settings, size, |_, _| camera)? {
+                    Ok(opened) => opened,
+                    Err(status) => return Ok(status),
+                };
+            let mut renderer = Renderer::new(gpu.clone())?;
+            let mut drawn = settings.drawn();
+            let auto = chosen::choose(target, &mut drawn, &fixed, &subject, size, gpu, &mut renderer)?;
+            let text = serde_json::to_string_pretty(&Plan { size, auto })? + "\n";
+            // Another run in the folder may have chosen meanwhile: its choice is the one that counts.
+            if !path.exists() {
+                picture_file::write_text(&path, &text)?;
+            }
+        }
+        let name = scene::shown(&path);
+        let text = whole_file::read(&path)?;
+        let plan: Plan = serde_json::from_str(&text).map_err(|error| usage(format!("{name}: {error}")))?;
+        let ([width, height], made) = (plan.size, &plan.auto.target);
+        if plan.size != arguments.size || *made != target.to_string() {
+            return Err(usage(format!(
+                "{name}: what is in it was chosen for {made} at {width}x{height}; ask for the same, or name another folder"
+            )));
+        }
+        let view = request.view.as_mut().ok_or_else(|| anyhow!("{name}: there is no view to set it in"))?;
+        for (key, value) in &plan.auto.set {
+            let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            view.settings.set_text(key, &text).with_context(|| name.clone())?;
+        }
+        Ok(0)
+    }
+
     /// Writes the pictures and returns the exit status.
-    fn record(&self, gpu: std::sync::Arc<Gpu>, request: Request, arguments: &RecordArguments) -> anyhow::Result<u8> {
+    fn record(&self, gpu: Arc<Gpu>, request: Request, arguments: &RecordArguments) -> anyhow::Result<u8> {
         picture_file::check_place(&self.picture(self.frames.start))?;
         let names = request.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ");
         let opened = Instant::now();

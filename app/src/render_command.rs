@@ -17,6 +17,7 @@ use study::results::Spread;
 use study::{Estimate, Subject};
 use world::Request;
 
+use crate::chosen::{self, AutoStats};
 use crate::command_line::RenderArguments;
 use crate::failure::usage;
 use crate::subject::{self, LoadedSubject};
@@ -52,7 +53,10 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     if let Some(bounces) = arguments.bounces {
         settings.set_text("reflection.bounces", &bounces.to_string()).context("--bounces")?;
     }
-    let settings = settings.drawn();
+    let mut settings = settings.drawn();
+    let target = arguments.target.target();
+    chosen::check(target, arguments.method.as_deref())?;
+    check_resolution(arguments, &settings)?;
     let asked = Asked::new(arguments, references, &request, &settings)?;
     for (aov, _) in &images {
         check_is_made(*aov, &settings, &asked)?;
@@ -72,28 +76,34 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     asked.find_surfaces(&mut subject, &sources)?;
 
     let mut renderer = Renderer::new(gpu.clone())?;
+    let fixed = fixed(arguments, &settings);
+    let choose = |target| chosen::choose(target, &mut settings, &fixed, &subject, arguments.size, &gpu, &mut renderer);
+    let auto = target.map(choose).transpose()?;
+    let size = study::drawn_size(arguments.size, &settings);
     let mut draw = || -> anyhow::Result<FrameStats> {
         interrupt::check()?;
         // Draw each frame from scratch: work that a frame takes over from the one before would be missing from its
         // time.
-        Ok(subject.render(&mut renderer, &settings, arguments.size)?)
+        Ok(subject.render(&mut renderer, &settings, size)?)
     };
     let mut frames = vec![draw()?];
     if arguments.stats.is_some() || arguments.frames.is_some() {
         // The frame before was the warm-up.
         frames = (0..arguments.frames.unwrap_or(1)).map(|_| draw()).collect::<anyhow::Result<_>>()?;
     }
-    if renderer.read_aov(Aov::Depth)?.data.iter().all(|depth| depth.is_nan()) {
+    let depth = renderer.read_aov(Aov::Depth)?.data;
+    if depth.iter().all(|depth| depth.is_nan()) {
         terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
     let estimate = match arguments.estimate {
         true => estimate(&subject, &settings, &mut renderer)?,
         false => None,
     };
-    let traced = truth::trace(&asked, &subject, &settings, arguments.size, &mut renderer)?;
+    let traced = truth::trace(&asked, &subject, &settings, size, &mut renderer)?;
     // All output files are written from here on.
     interrupt::check()?;
-    picture_file::write_png(&arguments.output, arguments.size, &renderer.read_picture()?)?;
+    let picture = study::picture::enlarged(&renderer.read_picture()?, &depth, size, arguments.size);
+    picture_file::write_png(&arguments.output, arguments.size, &picture)?;
     for (aov, path) in &images {
         match traced.image(*aov) {
             Some(image) => picture_file::write_exr(path, image)?,
@@ -105,10 +115,29 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     if let Some(path) = &arguments.stats {
         let stats = Stats::new(arguments, &gpu, &settings, &frames, mirror_pixels(&renderer)?);
-        let stats = Stats { stream, estimate, ..stats.with(traced) };
+        let stats = Stats { stream, estimate, auto, ..stats.with(traced) };
         picture_file::write_text(path, &(serde_json::to_string_pretty(&stats)? + "\n"))?;
     }
     Ok(status)
+}
+
+/// Refuses images of float values of a picture that is enlarged: they are never mixed from several pixels.
+fn check_resolution(arguments: &RenderArguments, settings: &Settings) -> anyhow::Result<()> {
+    match arguments.aov.first() {
+        Some((name, _)) if settings.view.resolution < 1.0 => Err(usage(format!(
+            "--aov: `{name}` has the size of the picture, view.resolution is {}; leave it at 1",
+            settings.view.resolution
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// The parameters that `auto` leaves alone.
+fn fixed(arguments: &RenderArguments, settings: &Settings) -> Vec<String> {
+    let mut fixed = chosen::fixed(&arguments.set, settings);
+    fixed.extend(arguments.bounces.map(|_| "reflection.bounces".to_owned()));
+    fixed.extend(arguments.aov.first().map(|_| "view.resolution".to_owned()));
+    fixed
 }
 
 /// Refuses a picture that is larger than the adapter can draw.
@@ -311,6 +340,9 @@ struct Stats {
     accuracy: Option<study::Accuracy>,
     /// Null if it was not asked for, or there is nothing to estimate.
     estimate: Option<Estimate>,
+    /// What `--budget` or `--error` let `auto` choose.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto: Option<AutoStats>,
 }
 
 #[derive(Serialize)]
@@ -395,6 +427,7 @@ impl Stats {
             stream: None,
             accuracy: None,
             estimate: None,
+            auto: None,
         }
     }
 

@@ -162,3 +162,44 @@ fn ctrl_c_ends_a_recording_with_130_and_leaves_whole_pictures() {
         assert_eq!((picture.width(), picture.height()), (96, 64), "{name}");
     }
 }
+
+/// What `--error` chooses is written down, and every further run in the folder takes it from there.
+#[test]
+fn a_recording_for_an_error_chooses_once() {
+    let folder = Folder::new();
+    folder.write(
+        "tour.toml",
+            "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"gi.bounces\" = 0\n\"reflection.method\" = \"surfel_trace\"\n\
+             [[paths]]\nname = \"tour\"\n[[paths.keyframes]]\ntime = 0.0\neye = [0.0, 0.0, 1.9]\n\
+             pivot = [0.0, 0.0, 0.0]\nup = [0.0, 1.0, 0.0]\n[[paths.keyframes]]\ntime = 0.2\neye = [0.1, 0.0, 1.9]\n\
+             pivot = [0.0, 0.0, 0.0]\nup = [0.0, 1.0, 0.0]\n",
+    );
+    let few = ["--set", "scene.points=20000", "--error", "3dE"];
+    let first = record(&folder, "pictures", &[&few[..], &["--frames", "0..1"]].concat());
+    if lacks_adapter(&first) {
+        return;
+    }
+    assert_eq!(first.status, Some(0), "{first}");
+    let plan = std::fs::read_to_string(folder.path("pictures/record.json")).expect("the plan");
+    let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
+    assert_eq!((&plan["auto"]["target"], &plan["size"]), (&"3dE".into(), &serde_json::json!([96, 64])), "{plan}");
+    assert!(plan["auto"]["predicted_error"].as_f64().is_some_and(|error| error <= 3.0), "{plan}");
+    // Another choice in the file: the second run takes it, and chooses nothing itself.
+    let mut other = plan;
+    other["auto"]["set"] = serde_json::json!({ "view.background": "#ff0000", "splat.step": 64 });
+    folder.write("pictures/record.json", other.to_string());
+    let second = record(&folder, "pictures", &[&few[..], &["--frames", "1..2"]].concat());
+    assert_eq!(second.status, Some(0), "{second}");
+    assert!(!second.text().contains("auto:"), "{second}");
+    let words = ["render", "tour.toml", "-o", "named.png", "--size", "96x64", "--set", "scene.points=20000"];
+    let camera = "[camera]\neye = [0.05, 0.0, 1.9]\npivot = [0.0, 0.0, 0.0]\nup = [0.0, 1.0, 0.0]\n";
+    folder.write("view.toml", camera);
+    let named = ["--camera", "view.toml", "--set", "view.background=#ff0000", "--set", "splat.step=64"];
+    let named = folder.glint_within(PATIENCE, words.iter().chain(&named));
+    assert_eq!(named.status, Some(0), "{named}");
+    let picture = |name: &str| image::open(folder.path(name)).expect("a picture").to_rgb8();
+    assert!(picture("pictures/frame-000001.png") == picture("named.png"), "drawn with what the file says");
+    let refused = record(&folder, "pictures", &["--set", "scene.points=20000", "--error", "1dE"]);
+    assert_eq!(refused.status, Some(2), "{refused}");
+    assert!(refused.messages.contains("chosen for 3dE at 96x64"), "{refused}");
+}

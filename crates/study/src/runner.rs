@@ -13,8 +13,8 @@ use render::{FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, ColorBy, Settings};
 
 use crate::chart;
-use crate::estimate::{RAYS, estimate};
 use crate::cost::CostModel;
+use crate::estimate::{RAYS, estimate};
 use crate::file_name::file_name;
 use crate::flicker::{Followed, FrameImages, Steps, flicker, follow};
 use crate::journal::{Folder, FolderError};
@@ -419,8 +419,9 @@ impl<'a> Runner<'a> {
         if let Some((_, _, still)) = loaded.still.as_ref().filter(|_| plan.still) {
             measured.still = Some(still.error(renderer, &loaded.subject.camera, &settings, size)?);
         }
-        // Without truths the still picture is enough: estimates and the ray tracer's own scene take long to make.
-        if plan.truths.is_empty() && case.method != RAY_TRACE {
+        let flickers_count = plan.flicker || plan.groups[case.group].flicker;
+        // Where the still picture judges alone, estimates and the ray tracer's own scene would take long for nothing.
+        if plan.still && plan.truths.is_empty() && case.method != RAY_TRACE && !flickers_count {
             let reflected = stats.reflection;
             measured.mirror_pixels = reflected.map_or(0.0, |found| f64::from(found.mirror_pixels));
             return Ok(judged_run(case, &settings, loaded.points, &stats, measured));
@@ -454,7 +455,7 @@ impl<'a> Runner<'a> {
         measured.coverage = traced.map(|judged| judged.coverage);
         measured.closed_coverage = traced.map(|judged| judged.closed_coverage);
         measured.judged = judged;
-        if plan.flicker || plan.groups[case.group].flicker {
+        if flickers_count {
             [measured.flicker_still, measured.flicker_moving] = flickers(loaded, case, &settings, renderer, &drawn)?;
         }
         Ok(judged_run(case, &settings, loaded.points, &stats, measured))
