@@ -1,8 +1,10 @@
 //! The frames of the window: the one that is wanted, the one being drawn, and the one on the screen.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use cloud::Progress;
 use render::FrameStats;
 use serde_json::{Value, json};
 
@@ -41,6 +43,8 @@ struct Asked {
 
 #[derive(Default)]
 pub struct Frames {
+    /// The shaders that the render thread has compiled.
+    pub shaders: Arc<Progress>,
     pub shown: Option<Shown>,
     /// The last request that was sent to the render thread.
     pub requested: Option<FrameRequest>,
@@ -94,6 +98,12 @@ impl Frames {
     /// Must be called after each change of the points or their colours.
     pub fn points_changed(&mut self) {
         self.revision += 1;
+    }
+
+    /// Returns the share of the shaders that are compiled; `None` if none is being compiled.
+    pub fn compiled(&self) -> Option<f32> {
+        let (done, total) = (self.shaders.done(), self.shaders.total());
+        (done < total).then_some(done as f32 / total as f32)
     }
 
     /// Returns true if frames in full quality take too long to steer the camera by.

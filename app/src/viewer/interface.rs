@@ -229,6 +229,17 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     } else {
         let [red, green, blue, _] = session.scene.settings.view.background.bytes();
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
+        // Until there is a picture, the place of the picture says what it waits for.
+        if let Some(share) = session.frames.compiled().filter(|_| !session.loaded.clouds.is_empty()) {
+            let text = format!("The first start takes longest: {}", compiling(share));
+            ui.painter().text(
+                rect.center(),
+                Align2::CENTER_CENTER,
+                text,
+                egui::FontId::proportional(16.0),
+                theme::WEAK,
+            );
+        }
     }
     panels::truth::paint(ui, rect, session, actions);
     overlay::paint(ui.painter(), rect, session);
@@ -285,6 +296,10 @@ fn short_scene(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
 
+fn compiling(share: f32) -> String {
+    format!("compiling shaders: {:.0} %", share * 100.0)
+}
+
 // ---- status bar ----
 
 fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
@@ -295,9 +310,15 @@ fn status_bar(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         if ui.small_button(text).on_hover_text(help).clicked() {
             actions.push(Action::TogglePanel);
         }
-        if session.adapter.is_none() && session.fatal.is_none() {
-            ui.spinner();
-            ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
+        if session.fatal.is_none() {
+            if let Some(share) = session.frames.compiled() {
+                ui.label(RichText::new(compiling(share)).color(theme::WEAK));
+                progress_bar(ui, share);
+                ui.ctx().request_repaint_after(Duration::from_millis(100));
+            } else if session.adapter.is_none() {
+                ui.label(RichText::new("preparing the renderer").color(theme::WEAK));
+                ui.ctx().request_repaint_after(Duration::from_millis(100));
+            }
         }
         if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
             if job_progress(ui, session, job) {
@@ -418,6 +439,7 @@ mod tests {
     use crate::viewer::bench::Bench;
     use crate::viewer::outside::Effect;
     use crate::viewer::preferences::Preferences;
+    use crate::viewer::window::render_thread::Report;
 
     fn harness() -> Harness<'static, Session> {
         Harness::builder().with_size([1100.0, 800.0]).with_max_steps(16).build_ui_state(
@@ -516,6 +538,25 @@ mod tests {
         assert!(says(&mut harness));
         harness.state_mut().settle();
         assert!(!says(&mut harness));
+    }
+
+    #[test]
+    fn shaders_that_are_compiled_are_counted() {
+        let mut harness = harness();
+        harness.run_ok();
+        assert!(harness.query_by_label("preparing the renderer").is_some());
+        let shaders = harness.state().frames.shaders.clone();
+        shaders.set_total(40);
+        shaders.add(10);
+        harness.run_steps(2);
+        assert!(harness.query_by_label("compiling shaders: 25 %").is_some());
+        shaders.add(30);
+        harness.state_mut().on_report(Report::Ready { adapter: "any".into() });
+        harness.run_ok();
+        assert!(
+            harness.query_by_label_contains("shaders").is_none()
+                && harness.query_by_label_contains("renderer").is_none()
+        );
     }
 
     #[test]

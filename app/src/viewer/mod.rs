@@ -269,7 +269,7 @@ impl Viewer {
         screen.gpu.device.set_device_lost_callback(move |_, _| lost.store(true, Ordering::Relaxed));
         screen.gpu.device.on_uncaptured_error(Arc::new(|error| tracing::error!("window: {error}")));
         let started = self.effects.draw_for(screen.gpu.clone(), self.wanted_gpu.clone());
-        started.context("no thread for the renderer")?;
+        self.session.frames.shaders = started.context("no thread for the renderer")?;
         self.screen = Some(screen);
         self.log.write(&json!({ "event": "window" }));
         if let Some(request) = self.request.take() {

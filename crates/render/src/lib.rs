@@ -21,6 +21,7 @@ mod probe;
 mod read_back;
 mod recorder;
 mod reflection;
+mod rehearsal;
 mod renderer;
 mod shader;
 mod shading;

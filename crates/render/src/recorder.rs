@@ -9,6 +9,7 @@ use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
+use crate::rehearsal::Rehearsal;
 use crate::targets::Image;
 
 /// The time of one pass.
@@ -43,6 +44,7 @@ pub(crate) struct Recorder<'a> {
     failure: Option<Error>,
     /// Once set, the frame is given up before its next pass.
     given_up: Option<&'a AtomicBool>,
+    rehearsal: Option<&'a mut Rehearsal>,
     /// The name and stage under which passes are timed; `None` for their own.
     timed_as: Option<Name>,
 }
@@ -70,6 +72,7 @@ impl<'a> Recorder<'a> {
             host_times: Vec::new(),
             failure: None,
             given_up: None,
+            rehearsal: None,
             timed_as: None,
         }
     }
@@ -82,6 +85,13 @@ impl<'a> Recorder<'a> {
     /// Ends the frame with `Error::GivenUp` before the next pass once the flag is set.
     pub fn give_up_when(&mut self, flag: Option<&'a AtomicBool>) {
         self.given_up = flag;
+    }
+
+    /// Makes the frame a rehearsal.
+    pub fn rehearse(&mut self, rehearsal: Option<&'a mut Rehearsal>) {
+        // What only collects passes submits nothing.
+        self.submits_each &= !matches!(rehearsal, Some(Rehearsal::Collect(_)));
+        self.rehearsal = rehearsal;
     }
 
     /// Times the following passes together under this name and stage, or each under its own for `None`. So the camera's
@@ -232,6 +242,15 @@ impl<'a> Recorder<'a> {
         if self.given_up.is_some_and(|flag| flag.load(Ordering::Relaxed)) {
             return Err(Error::GivenUp);
         }
+        if let Some(Rehearsal::Collect(missing)) = self.rehearsal.as_deref_mut() {
+            for (switches, ..) in dispatches {
+                let is_known = missing.iter().any(|(known, values)| known.name == pass.name && *values == switches);
+                if !is_known && !self.pipelines.contains_key(&(pass.name, switches.clone())) {
+                    missing.push((pass, switches));
+                }
+            }
+            return Ok(());
+        }
         for (switches, ..) in &dispatches {
             let key = (pass.name, switches.clone());
             if !self.pipelines.contains_key(&key) {
@@ -271,6 +290,9 @@ impl<'a> Recorder<'a> {
             let milliseconds = self.submit((pass.name, pass.stage));
             self.splatting += if splats { milliseconds } else { 0.0 };
         }
+        if let Some(Rehearsal::Count(progress)) = self.rehearsal.as_deref() {
+            progress.add(1);
+        }
         Ok(())
     }
 
@@ -308,6 +330,9 @@ impl<'a> Recorder<'a> {
     pub fn finish_frame(self, handed: &mut Handed, counters: &wgpu::Buffer, picture: &Image) -> Result<Times> {
         if let Some(error) = self.failure {
             return Err(error);
+        }
+        if matches!(self.rehearsal, Some(Rehearsal::Collect(_))) {
+            return Err(Error::GivenUp);
         }
         let timed = self.queries.as_ref().map_or(0, |_| self.names.len() as u32);
         let ticks = handed.take(self.gpu, self.encoder, timed, counters, picture)?;

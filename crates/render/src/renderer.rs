@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use glam::DVec3;
-use scene::{Camera, Curve, LightView, Lighting, Method, Mirror, Quality, Settings, Show};
+use cloud::Progress;
+use scene::{Camera, Curve, LightView, Lighting, Mirror, Quality, Settings, Show};
 
 use crate::frame::{FrameCamera, Objects};
 use crate::gi::{GlobalIllumination, Sky};
@@ -19,6 +19,7 @@ use crate::method::{self, Views};
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder};
 use crate::reflection::{self, ReflectionStats, Reflections, SurfaceImages};
+use crate::rehearsal::{Cast, Rehearsal};
 use crate::shading::{Shading, shade};
 use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, Selection};
@@ -70,6 +71,8 @@ pub struct Renderer {
     /// How many points that the camera sees a frame may draw.
     most_points: Option<u64>,
     pub(crate) given_up: Option<Arc<AtomicBool>>,
+    /// What the last `prepare` compiled for.
+    pub(crate) prepared: Option<Cast>,
 }
 
 /// What indirect light comes from.
@@ -121,16 +124,30 @@ impl SurfaceInputs {
 }
 
 impl Renderer {
-    /// Compiles the passes that every picture needs and runs each once on a tiny one: drivers compile at the first
-    /// dispatch, on software Vulkan for seconds, so call this off the window's thread. Passes of reflections are
-    /// compiled when they are first needed.
+    /// Compiles the passes that every picture needs: for seconds on software Vulkan, so call this off the window's
+    /// thread. Others are compiled by `prepare`, or when they are first needed.
     ///
     /// # Errors
     /// A shader is refused, or the device is lost.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self> {
+        Self::with_progress(gpu, &Arc::default())
+    }
+
+    /// The same, with the progress that `prepare` tells.
+    ///
+    /// # Errors
+    /// Those of `new`.
+    pub fn with_progress(gpu: Arc<Gpu>, progress: &Arc<Progress>) -> Result<Self> {
+        let mut renderer = Self::bare(gpu);
+        renderer.warm_up(progress)?;
+        Ok(renderer)
+    }
+
+    /// A renderer that has compiled nothing.
+    pub(crate) fn bare(gpu: Arc<Gpu>) -> Self {
         let lights = Lights::new(&gpu);
         let handed = Handed::new(&gpu);
-        let mut renderer = Self {
+        Self {
             gpu,
             pipelines: Pipelines::new(),
             handed,
@@ -148,28 +165,8 @@ impl Renderer {
             drawn: Arc::default(),
             most_points: None,
             given_up: None,
-        };
-        renderer.warm_up()?;
-        Ok(renderer)
-    }
-
-    fn warm_up(&mut self) -> Result<()> {
-        let mut store = PointStore::new(self.gpu.clone());
-        let cloud = store.add_cloud(Default::default());
-        // One chunk of single pixels, one of discs.
-        store.add_chunk(cloud, &cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]), None)?;
-        let mut disc = cloud::Chunk::new(1, DVec3::ZERO, vec![[0.0; 3]]);
-        disc.radii = Some(Arc::new(vec![cloud::pack_radius(1.0)]));
-        store.add_chunk(cloud, &disc, None)?;
-        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
-        for quality in [Quality::Nearest, Quality::High] {
-            let mut settings = Settings::default();
-            settings.splat.quality = quality;
-            settings.reflection.method = Method::None;
-            self.render(&store, &camera, &settings, Objects::default(), [8, 8])?;
+            prepared: None,
         }
-        (self.targets, self.reflections, self.made_from, self.splatted_from) = (None, None, None, None);
-        Ok(())
     }
 
     /// Forgets everything that is kept between frames, so that the next frame is made from scratch. For measurements.
@@ -218,6 +215,19 @@ impl Renderer {
         objects: Objects<'_>,
         size: [u32; 2],
     ) -> Result<FrameStats> {
+        self.draw(store, camera, settings, objects, size, None)
+    }
+
+    /// Draws a frame, or rehearses it.
+    pub(crate) fn draw(
+        &mut self,
+        store: &PointStore,
+        camera: &Camera,
+        settings: &Settings,
+        objects: Objects<'_>,
+        size: [u32; 2],
+        rehearsal: Option<&mut Rehearsal>,
+    ) -> Result<FrameStats> {
         self.resize(size, settings.splat.quality)?;
         let atomics64 = self.gpu.has_wide_atomics(&settings.splat);
         let bounds = store.bounds();
@@ -261,6 +271,7 @@ impl Renderer {
         let (Some(targets), Some(reflections)) = (targets, reflections) else { return Err(nothing_rendered()) };
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
         recorder.time_into(&self.handed);
+        recorder.rehearse(rehearsal);
         recorder.give_up_when(self.given_up.as_deref());
         let nothing = DrawList::default();
         let list = if points_are_kept { &nothing } else { &points_drawn };

@@ -464,6 +464,11 @@ impl PointStore {
         }
     }
 
+    /// Whether some points are hidden.
+    pub(crate) fn hides_points(&self) -> bool {
+        !self.test.shows_all()
+    }
+
     pub fn remove_cloud(&mut self, cloud: CloudId) {
         self.change();
         self.clouds.remove(&cloud);

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use cloud::Progress;
 use render::Gpu;
 use scene::Settings;
 use world::{Event, Input, Job};
@@ -35,18 +36,19 @@ impl Effects {
         Self { tell, start, render_thread: None, under_way: Arc::default() }
     }
 
-    /// Starts drawing points; the arguments are those of `RenderThread::start`.
+    /// Starts drawing points; the arguments are those of `RenderThread::start`. Returns `RenderThread::shaders`.
     ///
     /// # Errors
     /// No thread can be started.
-    pub fn draw_for(&mut self, window_gpu: Arc<Gpu>, wanted: Option<String>) -> std::io::Result<()> {
+    pub fn draw_for(&mut self, window_gpu: Arc<Gpu>, wanted: Option<String>) -> std::io::Result<Arc<Progress>> {
         let tell = self.tell.clone();
         // A closed window needs no reports.
         let thread = RenderThread::start(window_gpu, wanted, move |report| {
             let _ = tell(News::Report(report));
         })?;
+        let shaders = thread.shaders.clone();
         self.render_thread = Some(thread);
-        Ok(())
+        Ok(shaders)
     }
 
     /// Carries out an effect; returns it if it needs a window.

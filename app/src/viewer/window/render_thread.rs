@@ -13,6 +13,7 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use cloud::Progress;
 use glam::DVec3;
 use render::{FrameStats, Gpu, Objects, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
@@ -151,6 +152,8 @@ pub enum Report {
 
 /// The window's handle to the thread. When it is dropped, the thread ends after the frame that it is drawing.
 pub struct RenderThread {
+    /// The shaders that are compiled, as `Renderer::prepare` counts them.
+    pub shaders: Arc<Progress>,
     commands: Sender<Command>,
     thread: JoinHandle<()>,
     /// Set when a hurried frame waits, so that the thread gives up a frame in full quality for it.
@@ -175,9 +178,11 @@ impl RenderThread {
     ) -> std::io::Result<Self> {
         let (commands, receiver) = channel();
         let is_urgent = Arc::new(AtomicBool::new(false));
+        let shaders = Arc::<Progress>::default();
+        let compiled = shaders.clone();
         let urgent = is_urgent.clone();
         let work = move || {
-            let draw = || match Worker::new(window_gpu, wanted.as_deref()) {
+            let draw = || match Worker::new(window_gpu, wanted.as_deref(), compiled) {
                 Ok(mut worker) => {
                     report(Report::Ready { adapter: worker.gpu.info.name.clone() });
                     worker.run(&receiver, &urgent, &report);
@@ -190,7 +195,7 @@ impl RenderThread {
             }
         };
         let thread = std::thread::Builder::new().name("render".into()).spawn(work)?;
-        Ok(Self { commands, thread, is_urgent })
+        Ok(Self { shaders, commands, thread, is_urgent })
     }
 
     pub fn send(&self, command: Command) {
@@ -215,6 +220,7 @@ struct Worker {
     gpu: Arc<Gpu>,
     window_gpu: Arc<Gpu>,
     renderer: Renderer,
+    shaders: Arc<Progress>,
     resident: Resident,
     /// The textures of the picture in the window and of the one before it, which the next one takes.
     shown: Option<wgpu::Texture>,
@@ -226,13 +232,14 @@ struct Worker {
 }
 
 impl Worker {
-    fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>) -> render::Result<Self> {
+    fn new(window_gpu: Arc<Gpu>, wanted: Option<&str>, shaders: Arc<Progress>) -> render::Result<Self> {
         // The same adapter as the window's, unless another is wanted: the adapter that presents is the one that has the
         // screen.
         let name = window_gpu.info.name.clone();
         let gpu = Gpu::headless(Some(wanted.unwrap_or(&name)))?;
         Ok(Self {
-            renderer: Renderer::new(gpu.clone())?,
+            renderer: Renderer::with_progress(gpu.clone(), &shaders)?,
+            shaders,
             resident: Resident::new(gpu.clone()),
             gpu,
             window_gpu,
@@ -398,6 +405,7 @@ impl Worker {
         let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
         let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
         self.held = None;
+        self.renderer.prepare(&self.resident.store, &request.settings, objects, &self.shaders)?;
         self.renderer.let_light_lag(request.light_may_lag);
         self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
         let size = request.drawn_size();

@@ -1,0 +1,240 @@
+//! Compiles the passes of a frame before it is drawn, on all cores. A rehearsal draws a tiny scene with the frame's
+//! settings: first to learn which passes it names, then to run each of them once, because some drivers compile only then
+//! (software Vulkan for half a second each). A pass that a rehearsal overlooks is compiled when the frame comes to it.
+
+use std::sync::Arc;
+
+use cloud::{Chunk, Progress, pack_radius};
+use glam::DVec3;
+use param::Kind;
+use rayon::prelude::*;
+use scene::{Camera, Mirror, Quality, Settings, Shape, SpotLight};
+
+use crate::frame::Objects;
+use crate::gpu::{Error, Result};
+use crate::lighting::MOST_LIGHTS;
+use crate::passes::{Compiled, Pass};
+use crate::renderer::Renderer;
+use crate::store::{Material, PointStore};
+
+/// A pass and the values of its switches.
+pub(crate) type Variant = (&'static Pass, Vec<(&'static str, u32)>);
+
+/// What a rehearsal does with the passes of a frame.
+pub(crate) enum Rehearsal {
+    /// Collects the passes that are not compiled, and runs none.
+    Collect(Vec<Variant>),
+    /// Runs them, and counts those that have run.
+    Count(Arc<Progress>),
+}
+
+/// What decides which passes a frame has.
+#[derive(Clone, PartialEq)]
+pub(crate) struct Cast {
+    /// Without the numbers that only change what the passes compute.
+    settings: Settings,
+    lights: usize,
+    sky_is_open: bool,
+    /// Whether there are mirrors that are drawn by their formula, mirrors that have one but are drawn as points, and
+    /// points without a formula that reflect.
+    mirrors: [bool; 3],
+    has_highlights: bool,
+    /// Whether some classes are hidden.
+    filters: bool,
+}
+
+impl Cast {
+    fn new(store: &PointStore, settings: &Settings, objects: Objects<'_>) -> Self {
+        let is_exact = |mirror: &Mirror| settings.mirror.surface.is_exact(mirror.as_points);
+        let shows_highlights = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
+        Self {
+            settings: settings.only(|field| !matches!(field.kind, Kind::F32 { .. } | Kind::Color { .. })),
+            lights: objects.lights.len().min(MOST_LIGHTS),
+            sky_is_open: objects.sky_is_open,
+            mirrors: [
+                objects.mirrors.iter().any(is_exact),
+                !objects.mirrors.iter().all(is_exact),
+                objects.mirrors.is_empty() && store.mirror_spheres(settings).next().is_some(),
+            ],
+            has_highlights: store.has_highlights() || objects.mirrors.iter().any(shows_highlights),
+            filters: store.hides_points(),
+        }
+    }
+}
+
+impl Renderer {
+    /// Compiles the passes that frames like this one need and are not compiled yet, on all cores, and runs each once on
+    /// a tiny picture. `progress` counts each pass twice: when it is compiled, and when it has run.
+    ///
+    /// # Errors
+    /// A shader is refused, no more memory, or the device was lost.
+    pub fn prepare(
+        &mut self,
+        store: &PointStore,
+        settings: &Settings,
+        objects: Objects<'_>,
+        progress: &Arc<Progress>,
+    ) -> Result<()> {
+        let cast = Cast::new(store, settings, objects);
+        if self.prepared.as_ref() == Some(&cast) {
+            return Ok(());
+        }
+        let mut stage = Self::bare(self.gpu.clone());
+        stage.pipelines = std::mem::take(&mut self.pipelines);
+        let outcome = stage.rehearse(&cast, settings, progress);
+        self.pipelines = stage.pipelines;
+        // Whatever went wrong, nobody waits for the rest any more.
+        progress.add(progress.total().saturating_sub(progress.done()));
+        self.prepared = Some(cast);
+        outcome
+    }
+
+    /// Compiles what every picture needs; the rest is compiled when it is known.
+    pub(crate) fn warm_up(&mut self, progress: &Arc<Progress>) -> Result<()> {
+        let store = PointStore::new(self.gpu.clone());
+        for quality in [Quality::Nearest, Quality::High] {
+            let mut settings = Settings::default();
+            settings.splat.quality = quality;
+            settings.reflection.method = scene::Method::None;
+            self.prepare(&store, &settings, Objects::default(), progress)?;
+        }
+        Ok(())
+    }
+
+    fn rehearse(&mut self, cast: &Cast, settings: &Settings, progress: &Arc<Progress>) -> Result<()> {
+        let mut settings = settings.clone();
+        let gi = &mut settings.gi;
+        (gi.vpls, gi.sky_lights, gi.shadow_points, gi.shadow_size) = (16, 4, 256, 16);
+        settings.environment_map.size = 16;
+        let (store, mirrors) = self.tiny_scene(cast)?;
+        let lamp = SpotLight {
+            position: DVec3::X * 0.9,
+            target: DVec3::ZERO,
+            intensity: [1.0; 3],
+            inner_degrees: 30.0,
+            outer_degrees: 40.0,
+        };
+        let lights = vec![lamp; cast.lights];
+        let objects = Objects { mirrors: &mirrors, lights: &lights, sky_is_open: cast.sky_is_open };
+        let camera = Camera::looking(DVec3::ZERO, DVec3::X, 1.0, DVec3::Z);
+        let mut collect = Rehearsal::Collect(Vec::new());
+        match self.draw(&store, &camera, &settings, objects, [8, 8], Some(&mut collect)) {
+            // A rehearsal that only collects draws no frame.
+            Ok(_) | Err(Error::GivenUp) => {}
+            Err(error) => return Err(error),
+        }
+        let Rehearsal::Collect(missing) = collect else { return Ok(()) };
+        if missing.is_empty() {
+            return Ok(());
+        }
+        progress.set_total(progress.total() + 2 * missing.len() as u64);
+        let compile = |(pass, switches): Variant| {
+            let compiled = Compiled::new(&self.gpu.device, pass, &switches).map_err(Error::Shader);
+            progress.add(1);
+            compiled.map(|compiled| ((pass.name, switches), compiled))
+        };
+        let compiled: Result<Vec<_>> = missing.into_par_iter().map(compile).collect();
+        self.pipelines.extend(compiled?);
+        self.forget();
+        self.draw(&store, &camera, &settings, objects, [8, 8], Some(&mut Rehearsal::Count(progress.clone())))?;
+        Ok(())
+    }
+
+    /// A few points, and a mirror of each kind that the frame has.
+    fn tiny_scene(&self, cast: &Cast) -> Result<(PointStore, Vec<Mirror>)> {
+        let mut store = PointStore::new(self.gpu.clone());
+        let [exact, as_points, of_points] = cast.mirrors;
+        let specular_power = if cast.has_highlights { 10.0 } else { 0.0 };
+        let reflecting = Material { specular_intensity: 1.0, specular_power, ..Material::default() };
+        // Single pixels and discs have kernels of their own.
+        let pixel = Chunk::new(0, DVec3::ZERO, vec![[0.0, 0.4, 0.0]]);
+        let disc = |place| {
+            let mut disc = Chunk::new(1, DVec3::ZERO, vec![place]);
+            disc.radii = Some(Arc::new(vec![pack_radius(0.3)]));
+            disc
+        };
+        let mut add = |material, chunk: &Chunk| {
+            let cloud = store.add_cloud(material);
+            store.add_chunk(cloud, chunk, None).map(drop)
+        };
+        add(Material::default(), &pixel)?;
+        add(Material::default(), &disc([0.0, -0.4, 0.0]))?;
+        if of_points || as_points {
+            add(Material { has_formula: !of_points, as_points, ..reflecting }, &disc([0.0, 0.0, 0.2]))?;
+        }
+        let mirror = |as_points| Mirror {
+            as_points,
+            specular_power,
+            ..Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.3)
+        };
+        let mirrors = [(exact, false), (as_points, true)].into_iter().filter(|(is_there, _)| *is_there);
+        let mirrors = mirrors.map(|(_, as_points)| mirror(as_points)).collect();
+        if cast.filters {
+            let hidden_classes = [7].into();
+            store.set_visibility(&scene::Visibility { hidden_classes });
+        }
+        Ok((store, mirrors))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::Method;
+
+    use super::*;
+    use crate::Gpu;
+
+    #[test]
+    fn a_frame_that_was_rehearsed_compiles_nothing() {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => return println!("skipped: {error}"),
+        };
+        let mut renderer = Renderer::bare(gpu.clone());
+        let mut store = PointStore::new(gpu);
+        let cloud = store.add_cloud(Material::default());
+        let wall = |z: i32| (-8..8).flat_map(move |x| (-8..8).map(move |y| [x, y, z].map(|step| step as f32 * 0.1)));
+        for (number, z) in [(0, -9), (1, 9)] {
+            let mut chunk = Chunk::new(number * 1000, DVec3::ZERO, wall(z).collect());
+            chunk.radii = Some(Arc::new(vec![pack_radius(0.02 + number as f32); chunk.len()]));
+            store.add_chunk(cloud, &chunk, None).unwrap();
+        }
+        let camera = Camera::looking(DVec3::ZERO, DVec3::new(1.0, 0.3, 0.2), 3.0, DVec3::Z);
+        let mut mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.5);
+        let lamp = SpotLight {
+            position: DVec3::Z * 3.0,
+            target: DVec3::ZERO,
+            intensity: [10.0; 3],
+            inner_degrees: 50.0,
+            outer_degrees: 60.0,
+        };
+        for (method, lights, as_points) in [(Method::SscrHierarchical, 1, false), (Method::Sscr, 0, true)] {
+            let samples = store.add_cloud(Material {
+                specular_intensity: 1.0,
+                has_formula: true,
+                as_points,
+                ..Material::default()
+            });
+            mirror.as_points = as_points;
+            for chunk in mirror.sample(200, 1) {
+                store.add_chunk(samples, &chunk, None).unwrap();
+            }
+            let mut settings = Settings::default();
+            settings.reflection.method = method;
+            settings.gi.vpls = 16;
+            let (mirrors, lights) = ([mirror.clone()], vec![lamp; lights]);
+            let objects = Objects { mirrors: &mirrors, lights: &lights, sky_is_open: true };
+            let progress = Arc::default();
+            renderer.prepare(&store, &settings, objects, &progress).unwrap();
+            assert!(progress.total() > 10 && progress.done() >= progress.total());
+            let compiled = renderer.pipelines.len();
+            renderer.render(&store, &camera, &settings, objects, [64, 48]).unwrap();
+            assert_eq!(renderer.pipelines.len(), compiled, "{}: the rehearsal overlooks passes", method.row().name);
+            // What is compiled is not compiled again.
+            renderer.prepare(&store, &settings, objects, &progress).unwrap();
+            assert_eq!(renderer.pipelines.len(), compiled);
+            store.remove_cloud(samples);
+        }
+    }
+}
