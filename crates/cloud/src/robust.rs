@@ -121,7 +121,13 @@ pub fn robust_outline(chunks: &[Chunk]) -> Vec<DVec3> {
         let z = 1.0 - 2.0 * (i as f64 + 0.5) / OUTLINE_DIRECTIONS as f64;
         let (sine, cosine) = (i as f64 * 2.399_963_229_728_653).sin_cos();
         let direction = DVec3::new(cosine * (1.0 - z * z).sqrt(), sine * (1.0 - z * z).sqrt(), z);
-        sample.iter().copied().max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction)))
+        // The last of the farthest points, with one product for each.
+        let farthest = |best: Option<(f64, DVec3)>, point: &DVec3| {
+            let distance = point.dot(direction);
+            let is_nearer = best.is_some_and(|(most, _)| distance.total_cmp(&most).is_lt());
+            if is_nearer { best } else { Some((distance, *point)) }
+        };
+        sample.iter().fold(None, farthest).map(|(_, point)| point)
     };
     (0..OUTLINE_DIRECTIONS).into_par_iter().filter_map(extreme).map(|point| point * size + center).collect()
 }
