@@ -13,8 +13,11 @@ use crate::viewer::pace::{Haste, Spared};
 use crate::viewer::window::render_thread;
 use crate::viewer::window::render_thread::{Command, Frame, FrameRequest};
 
-/// The shortest time between two frames while points are loaded. Each frame takes time from reading.
+/// The shortest time between two frames while points are loaded. Each frame takes time from reading, so a frame is
+/// followed by at least as much time without one.
 const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
+/// The longest time in milliseconds of frames that follow a turn of the camera smoothly: 20 frames a second.
+const TOO_LONG: f64 = 50.0;
 
 /// How long a picture may be that of earlier values before the panel says so: shorter waits would make the notice flicker.
 const LATE: Duration = Duration::from_millis(300);
@@ -54,6 +57,8 @@ pub struct Frames {
     pub under_way: u32,
     /// The time that the last frame in full quality took.
     careful_milliseconds: f64,
+    /// The time that the last hurried frame took.
+    hurried_milliseconds: f64,
     /// Chooses the quality of frames while something moves.
     haste: Haste,
     /// The frame of the current values: parameters, mirrors and lights.
@@ -74,6 +79,8 @@ pub struct Situation {
     pub points_come: bool,
     /// True while the search for the automatic light is under way.
     pub light_comes: bool,
+    /// True while the picture is about to change by itself.
+    pub soon_changes: bool,
     /// The time until the camera is at rest; `None` if it is at rest already.
     pub rest: Option<Duration>,
     pub a_mirror_is_dragged: bool,
@@ -108,14 +115,18 @@ impl Frames {
 
     /// Returns true if frames in full quality take too long to steer the camera by.
     pub fn is_slow(&self) -> bool {
-        // Below 20 frames a second the picture no longer follows a turn of the camera smoothly.
-        const TOO_LONG: f64 = 50.0;
         self.careful_milliseconds > TOO_LONG
     }
 
+    /// Returns true if a frame in full quality, which something else is about to replace, would hold that up. Until one
+    /// was drawn, the time of a hurried frame tells.
+    fn would_delay(&self) -> bool {
+        self.is_slow() || self.careful_milliseconds == 0.0 && self.hurried_milliseconds > TOO_LONG
+    }
+
     /// Sends a request for the wanted frame, unless it is already requested or shown. The frame is a hurried one if it
-    /// is the first picture, or if something moves and full quality is slow. Returns the time after which to call this
-    /// again.
+    /// is the first picture, or if full quality is slow and something moves or the picture soon changes by itself.
+    /// Returns the time after which to call this again.
     pub fn request(
         &mut self,
         mut wanted: FrameRequest,
@@ -123,13 +134,16 @@ impl Frames {
         outside: &mut Outside,
     ) -> Option<Duration> {
         self.note_values(&wanted, outside.now);
-        let &Situation { points_come, light_comes, rest, a_mirror_is_dragged, is_recorded, milliseconds } = situation;
+        let &Situation { points_come, light_comes, soon_changes, rest, a_mirror_is_dragged, is_recorded, milliseconds } =
+            situation;
         if is_recorded && (points_come || light_comes) {
             return None;
         }
-        // The first picture is hurried so that it comes soon. A better one follows it.
+        // The first picture is hurried so that it comes soon. A better one follows it. While points are read, frames in
+        // full quality would take the processors from the reading, and the next points would replace them.
         let is_moving = !is_recorded && rest.is_some() && self.is_slow();
-        if !is_recorded && self.shown.is_none() || is_moving {
+        let is_passing = soon_changes && self.would_delay();
+        if !is_recorded && (self.shown.is_none() || is_passing) || is_moving {
             let settings = render_thread::hurried(&wanted.settings, a_mirror_is_dragged);
             let spared = (is_moving && milliseconds > 0.0).then(|| self.haste.spare(wanted.size, milliseconds));
             wanted.spared = spared.filter(|spared| *spared != Spared::NOTHING);
@@ -188,9 +202,11 @@ impl Frames {
             if self.under_way > 0 {
                 return Next::Wait;
             }
-            let since = self.requested_at.map_or(LOADING_FRAME_INTERVAL, |at| now.saturating_duration_since(at));
-            if since < LOADING_FRAME_INTERVAL {
-                return Next::WaitFor(LOADING_FRAME_INTERVAL - since);
+            let drawing = self.shown.as_ref().map_or(0.0, |shown| shown.total_milliseconds.max(0.0) / 1e3);
+            let interval = LOADING_FRAME_INTERVAL.max(Duration::from_secs_f64(2.0 * drawing));
+            let since = self.requested_at.map_or(interval, |at| now.saturating_duration_since(at));
+            if since < interval {
+                return Next::WaitFor(interval - since);
             }
         }
         self.is_at_rest = false;
@@ -220,7 +236,9 @@ impl Frames {
     pub fn show(&mut self, frame: Frame, milliseconds: f64) {
         // The render thread draws only the newest request, so at most that one is still under way.
         self.under_way = u32::from(self.requested.as_ref() != Some(&frame.request));
-        if !frame.request.hurried {
+        if frame.request.hurried {
+            self.hurried_milliseconds = frame.total_milliseconds;
+        } else {
             self.careful_milliseconds = frame.total_milliseconds;
         }
         let Frame { request, stats, total_milliseconds, .. } = frame;
@@ -259,6 +277,44 @@ mod tests {
     use super::*;
     use crate::viewer::action::Action;
     use crate::viewer::bench::Bench;
+
+    #[test]
+    fn full_quality_waits_for_the_points_only_where_it_is_slow() {
+        let delays = |careful_milliseconds, hurried_milliseconds| {
+            Frames { careful_milliseconds, hurried_milliseconds, ..Frames::default() }.would_delay()
+        };
+        // Before the first frame, and where hurried or careful frames were fast.
+        assert!(!delays(0.0, 0.0) && !delays(0.0, 20.0) && !delays(20.0, 0.0) && !delays(20.0, 80.0));
+        assert!(delays(0.0, 80.0) && delays(80.0, 20.0));
+    }
+
+    #[test]
+    fn frames_are_hurried_while_points_are_read_and_the_last_is_in_full_quality() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let session = &mut bench.session;
+        let shown = session.frames.shown.as_ref().unwrap().request.clone();
+        assert!(!shown.hurried);
+        session.frames.careful_milliseconds = 1000.0;
+        let mut situation = Situation {
+            points_come: true,
+            light_comes: false,
+            soon_changes: true,
+            rest: None,
+            a_mirror_is_dragged: false,
+            is_recorded: false,
+            milliseconds: 83.0,
+        };
+        let mut is_hurried = |situation: &Situation| {
+            session.frames.requested = None;
+            session.frames.request(shown.clone(), situation, &mut session.outside);
+            session.frames.requested.as_ref().unwrap().hurried
+        };
+        assert!(is_hurried(&situation));
+        assert!(!is_hurried(&Situation { is_recorded: true, points_come: false, ..situation }));
+        situation.soon_changes = false;
+        assert!(!is_hurried(&situation), "normals and radii do not hold it up");
+    }
 
     #[test]
     fn a_picture_counts_once_it_is_presented_and_tells_which_input_it_follows() {

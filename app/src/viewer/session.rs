@@ -503,6 +503,7 @@ impl Session {
         let situation = Situation {
             points_come: self.loaded.points_come(),
             light_comes: !self.loaded.light_search.is_known(),
+            soon_changes: self.loaded.soon_changes(),
             rest: self.scene.navigation.time_to_rest(self.outside.now),
             a_mirror_is_dragged: is_mirror && self.tools.handle_is_grabbed,
             is_recorded: self.is_recorded,

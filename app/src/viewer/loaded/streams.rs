@@ -99,6 +99,19 @@ impl Loaded {
         self.is_loading() || self.jobs.iter().any(JobEntry::is_streaming)
     }
 
+    /// Whether the picture is about to change by itself: points that it needs are being read, their colours are
+    /// computed, or the light around them is searched for. Normals and radii take longer than people wait, so they do
+    /// not count.
+    pub fn soon_changes(&self) -> bool {
+        let is_read =
+            |job: &JobEntry| job.is_fetching() || self.clouds.iter().any(|entry| job.owns(entry.key) && !entry.is_read);
+        // The colours of all points follow those of the first ones.
+        let lacks_figures = |entry: &CloudEntry| {
+            entry.figures_under_way && entry.figures_basis.as_ref().is_none_or(|basis| !basis.is_read)
+        };
+        self.jobs.iter().any(is_read) || self.clouds.iter().any(lacks_figures) || !self.light_search.is_known()
+    }
+
     /// Whether indirect light may stay while points are loaded and removed. At first there is no light that could stay.
     pub fn light_may_lag(&self) -> bool {
         !self.is_loading() && self.jobs.iter().any(JobEntry::is_fetching)
@@ -430,18 +443,23 @@ mod tests {
             loaded.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() }, beside)
         });
         assert!(!session.loaded.is_loading() && !session.loaded.points_come());
+        assert!(session.loaded.soon_changes(), "the light is searched for");
+        let asked = session.loaded.light_search.ask();
+        session.loaded.light_search.answer(asked, Default::default());
+        session.loaded.clouds.iter_mut().for_each(|entry| entry.figures_under_way = false);
+        assert!(!session.loaded.soon_changes());
         assert!(
             session.outside.effects.iter().any(|effect| matches!(effect, Effect::Work(Work::FindSurroundings { .. })))
         );
         session.scene.camera.eye += DVec3::ONE;
         session.with_loaded(Loaded::look_around);
-        assert!(!session.loaded.is_loading() && session.loaded.points_come());
+        assert!(!session.loaded.is_loading() && session.loaded.points_come() && session.loaded.soon_changes());
         let late =
             StreamStats { view_number: session.loaded.jobs[0].look - 1, is_settled: true, ..StreamStats::default() };
         session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Stream(late), beside));
         assert!(session.loaded.points_come(), "that is about an earlier look");
         settle(&mut session);
-        assert!(!session.loaded.points_come());
+        assert!(!session.loaded.points_come() && !session.loaded.soon_changes());
         assert_eq!(session.loaded.clouds[0].streamed.as_ref().unwrap().rests, 2);
         session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
         assert!(session.loaded.jobs.is_empty() && session.loaded.clouds.len() == 1);

@@ -162,7 +162,7 @@ pub struct RenderThread {
 
 /// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
 const PICK_RADIUS: u32 = 6;
-/// The longest time for which points are uploaded before a waiting frame is drawn.
+/// The longest time for which points are uploaded before a waiting frame is drawn, if the frame before took no longer.
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
 impl RenderThread {
@@ -255,6 +255,8 @@ impl Worker {
         let mut frame: Option<Box<FrameRequest>> = None;
         // An estimate waits until nothing else is to be done.
         let mut estimate: Option<(Box<FrameRequest>, u64)> = None;
+        // Where frames take long, points come in half of the time.
+        let mut upload_slice = UPLOAD_SLICE;
         loop {
             let first = if frame.is_some() || estimate.is_some() {
                 commands.try_recv()
@@ -285,7 +287,7 @@ impl Worker {
                     }
                     report(Report::Problem(error.to_string()));
                 }
-                if frame.is_some() && started.elapsed() > UPLOAD_SLICE {
+                if frame.is_some() && started.elapsed() > upload_slice {
                     break;
                 }
                 next = commands.try_recv().ok();
@@ -295,7 +297,10 @@ impl Worker {
                 let drawn = self.draw((*request).clone());
                 self.renderer.give_up_when(None);
                 match drawn {
-                    Ok(frame) => report(Report::Frame(Box::new(frame))),
+                    Ok(frame) => {
+                        upload_slice = UPLOAD_SLICE.max(Duration::from_secs_f64(frame.total_milliseconds / 1e3));
+                        report(Report::Frame(Box::new(frame)));
+                    }
                     Err(render::Error::GivenUp) => frame = Some(request),
                     Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
                     Err(error) => report(Report::NotDrawn(error.to_string())),
