@@ -33,9 +33,13 @@ fn render_sphere(folder: &Folder, arguments: &str) -> Option<Outcome> {
     render(folder, scene.into_iter().chain(arguments.split_whitespace()))
 }
 
-fn accuracy(folder: &Folder) -> Value {
+fn stats(folder: &Folder) -> Value {
     let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
-    serde_json::from_str::<Value>(&text).expect("JSON")["accuracy"].clone()
+    serde_json::from_str(&text).expect("JSON")
+}
+
+fn accuracy(folder: &Folder) -> Value {
+    stats(folder)["accuracy"].clone()
 }
 
 fn number(value: &Value) -> f64 {
@@ -180,6 +184,36 @@ fn render_box(folder: &Folder, arguments: &str) -> Option<Outcome> {
 fn mean(image: &[Vector]) -> f64 {
     let values: Vec<f64> = image.iter().flatten().copied().filter(|value| value.is_finite()).collect();
     values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[test]
+fn estimates_have_their_names_and_hold_the_figures_of_the_truth() {
+    let folder = Folder::new();
+    let words =
+        "--method sscr --truth same_input --estimate --seed 7 --stats stats.json --set gi.bounces=1 --set gi.vpls=64";
+    if render_sphere(&folder, words).is_none() {
+        return;
+    }
+    let found = stats(&folder);
+    let (estimate, figures) = (&found["estimate"], &found["accuracy"]);
+    assert_eq!(estimate["rays"], 500);
+    for (interval, figure) in [
+        (&estimate["wrong_interval"], &figures["wrong"]),
+        (&estimate["pixel_error"]["median_interval"], &figures["pixel_error"]["median"]),
+        (&estimate["pixel_error"]["p95_interval"], &figures["pixel_error"]["p95"]),
+    ] {
+        let [low, high] = [&interval[0], &interval[1]].map(number);
+        assert!(low <= number(figure) && number(figure) <= high, "{estimate}, {figures}");
+    }
+    for share in [&estimate["wrong"], &estimate["indirect"]["relative_rmse"]] {
+        assert!((0.01..0.99).contains(&number(share)), "{estimate}");
+    }
+    // Reflections without indirect light, and neither.
+    render_sphere(&folder, "--method surfel_trace --estimate --stats stats.json");
+    let estimate = &stats(&folder)["estimate"];
+    assert!(estimate["indirect"].is_null() && number(&estimate["pixel_error"]["median"]) < 0.01, "{estimate}");
+    render_sphere(&folder, "--method none --estimate --stats stats.json");
+    assert!(stats(&folder)["estimate"].is_null());
 }
 
 #[test]

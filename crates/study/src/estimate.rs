@@ -7,7 +7,6 @@
 //! method and fewer lights all count. [`estimate`] does both for the frame drawn last. The errors of pixels are those
 //! of [`metrics`](crate::metrics).
 
-use cloud::Random;
 use render::{MirrorProbe, Objects, PointStore, Probe, Renderer, SeenMirror, Shown};
 use scene::Settings;
 use serde::Serialize;
@@ -139,28 +138,24 @@ impl EstimatedPercentiles {
 
 impl EstimatedLight {
     fn of(lights: &[[[f32; 3]; 2]]) -> Self {
-        let relative_rmse = |pairs: &[[[f32; 3]; 2]]| {
-            let [shown, truth]: [Vec<[f32; 3]>; 2] = [0, 1].map(|side| pairs.iter().map(|pair| pair[side]).collect());
-            light_error(&vec![true; pairs.len()], &shown, &truth).relative_rmse
-        };
-        // The bootstrap (Efron 1979): the figures of samples drawn from the sample itself.
-        let mut random = Random(RESAMPLED_BY);
-        let mut drawn = lights.to_vec();
-        let mut resampled: Vec<f64> = (0..RESAMPLES)
-            .map(|_| {
-                drawn.fill_with(|| lights[random.below(lights.len() as u64) as usize]);
-                relative_rmse(&drawn)
-            })
-            .collect();
-        resampled.sort_by(f64::total_cmp);
-        let rank = |share: f64| resampled[(share * (RESAMPLES - 1) as f64).round() as usize];
-        Self { relative_rmse: relative_rmse(lights), relative_rmse_interval: [rank(TAIL), rank(1.0 - TAIL)] }
+        let [shown, truth]: [Vec<[f32; 3]>; 2] = [0, 1].map(|side| lights.iter().map(|pair| pair[side]).collect());
+        let relative_rmse = light_error(&vec![true; lights.len()], &shown, &truth).relative_rmse;
+        // The logarithm of the figure depends almost linearly on the means over the pixels of the squares and of the
+        // truth (delta method); its deviation is that of the mean of the pixels' parts in it.
+        let count = lights.len() as f64;
+        let parts = lights.iter().map(|[shown, truth]| {
+            let pairs = shown.iter().zip(truth).map(|(shown, truth)| (f64::from(*shown), f64::from(*truth)));
+            pairs.fold([0.0; 2], |[squares, sum], (shown, truth)| [squares + (shown - truth).powi(2), sum + truth])
+        });
+        let parts: Vec<[f64; 2]> = parts.collect();
+        let [squares, sum] = [0, 1].map(|part| parts.iter().map(|parts| parts[part]).sum::<f64>() / count);
+        let squared = |[own_squares, own_sum]: &[f64; 2]| (0.5 * own_squares / squares - own_sum / sum + 0.5).powi(2);
+        let deviation = (parts.iter().map(squared).sum::<f64>() / (count - 1.0).max(1.0) / count).sqrt();
+        let reach = if squares > 0.0 { (TAIL_DEVIATIONS * deviation).exp() } else { 1.0 };
+        Self { relative_rmse, relative_rmse_interval: [relative_rmse / reach, relative_rmse * reach] }
     }
 }
 
-/// The number of samples that the bootstrap draws, and its seed.
-const RESAMPLES: usize = 1000;
-const RESAMPLED_BY: u64 = 0x5eed;
 /// The share of cases that an interval misses at each end.
 const TAIL: f64 = 0.025;
 /// The number of standard deviations beyond which a normal distribution has this share.
@@ -218,6 +213,8 @@ pub fn quantile_ranks(count: usize, share: f64) -> [Option<usize>; 2] {
 
 #[cfg(test)]
 mod tests {
+    use cloud::Random;
+
     use super::*;
 
     /// The chance of at most `most` of `count`, by the sum of binomial coefficients.
