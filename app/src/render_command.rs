@@ -14,7 +14,7 @@ use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, Method, SceneFile, Settings, StandardView, whole_file};
 use serde::Serialize;
 use study::results::Spread;
-use study::{Estimate, Subject};
+use study::{Estimate, Subject, View};
 use world::Request;
 
 use crate::chosen::{self, AutoStats};
@@ -96,7 +96,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
         terminal::warn(["the picture is empty, the camera looks past all points"]);
     }
     let estimate = match arguments.estimate {
-        true => estimate(&subject, &settings, &mut renderer)?,
+        true => estimate(&subject, &settings, arguments.size, &mut renderer)?,
         false => None,
     };
     let traced = truth::trace(&asked, &subject, &settings, size, &mut renderer)?;
@@ -301,10 +301,15 @@ impl Viewpoint {
     }
 }
 
-/// Estimates the error of the frame that was drawn last.
-fn estimate(subject: &Subject, settings: &Settings, renderer: &mut Renderer) -> render::Result<Option<Estimate>> {
-    let seed = settings.scene.seed.into();
-    study::estimate(renderer, &subject.store, settings, subject.objects(), study::RAYS, seed)
+/// Estimates the error of the frame that was drawn last for a picture of this size.
+fn estimate(
+    subject: &Subject,
+    settings: &Settings,
+    size: [u32; 2],
+    renderer: &mut Renderer,
+) -> render::Result<Option<Estimate>> {
+    let view = View { camera: &subject.camera, settings, objects: subject.objects(), size };
+    study::estimate(renderer, &subject.store, view, study::RAYS, settings.scene.seed.into())
 }
 
 /// Counts the pixels that show a mirror, whether or not their reflections were looked for.

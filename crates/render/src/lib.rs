@@ -36,7 +36,7 @@ pub use identities::{ChunkId, CloudId};
 pub use image::{Aov, AovImage};
 pub use lighting::MOST_LIGHTS;
 pub use passes::PassStage;
-pub use probe::{LightProbe, MANY_LIGHTS, MirrorProbe, Probe, SeenMirror, Shown};
+pub use probe::{LightProbe, MirrorProbe, Probe, SeenMirror, Shown};
 pub use read_back::Picked;
 pub use recorder::PassTime;
 pub use reflection::ReflectionStats;

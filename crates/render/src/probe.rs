@@ -25,9 +25,6 @@ use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, Selection};
 use crate::targets::{Image, storage};
 
-/// The number of virtual lights of each bounce, and of the sky, by which light is judged.
-pub const MANY_LIGHTS: u32 = 1024;
-
 /// Exact answers at random pixels of a frame. Positions are relative to `eye`.
 #[derive(Clone, Debug)]
 pub struct Probe {
@@ -90,11 +87,12 @@ const TRIED: [usize; 2] = [256, 1 << 16];
 
 impl Renderer {
     /// Finds exact answers at up to `count` random mirror pixels and `count` random visible pixels of the last frame,
-    /// which was drawn from `store` with these settings and objects. They are what the still picture would show with
-    /// `surfel_trace` and [`MANY_LIGHTS`] lights. `seed` decides which pixels are taken. The frame stays as it is.
+    /// which was drawn from `store` with these objects: what the pixels would show with `surfel_trace` and the light of
+    /// `settings`, without interleaving. The settings that affect the visible surface are the frame's. `seed` decides
+    /// which pixels are taken. The frame stays as it is.
     ///
     /// # Errors
-    /// Nothing was rendered yet, no memory for the index of points or for the many lights, or the device was lost.
+    /// Nothing was rendered yet, no memory for the index of points or for the lights, or the device was lost.
     pub fn probe(
         &mut self,
         store: &PointStore,
@@ -110,8 +108,6 @@ impl Renderer {
         exact.reflection.show = Show::Picture;
         exact.reflection.method = Method::SurfelTrace;
         exact.splat.close_gaps = false;
-        exact.gi.vpls = MANY_LIGHTS;
-        exact.gi.sky_lights = MANY_LIGHTS;
         exact.gi.interleave = 1;
         let settings = &exact;
         let mirrors = self.mirror_probes(camera, store, settings, objects, count, seed)?;

@@ -1,19 +1,20 @@
 //! The error of a picture, estimated from exact answers at some of its pixels, with intervals that hold the figure of
 //! all pixels in 95 of 100 cases. It needs no model of the scene and no ray tracer: the renderer answers.
 //!
-//! What a picture is judged against is the still picture from the same eye: at full resolution, of all resident points,
-//! with `surfel_trace` and [`render::MANY_LIGHTS`] virtual lights. [`render::Renderer::probe`] asks it at random pixels
+//! What a picture is judged against is the still picture of [`still_settings`]: the same view at full resolution with
+//! all resident points, many virtual lights and `surfel_trace`. [`render::Renderer::probe`] asks it at random pixels
 //! once; [`Judged::new`] judges any frame of that view by the answers, so that lower resolution, fewer points, another
 //! method and fewer lights all count. [`estimate`] does both for the frame drawn last. The errors of pixels are those
 //! of [`metrics`](crate::metrics).
 
-use render::{MirrorProbe, Objects, PointStore, Probe, Renderer, SeenMirror, Shown};
-use scene::Settings;
+use render::{MirrorProbe, PointStore, Probe, Renderer, SeenMirror, Shown};
 use serde::Serialize;
 use trace::MirrorPoint;
 
 use crate::light::light_error;
 use crate::metrics::{MirrorPixel, Percentiles, PixelError, pixel_error};
+use crate::still::still_settings;
+use crate::truth::View;
 
 /// The number of mirror pixels, and of visible pixels, behind an estimate.
 pub const RAYS: usize = 500;
@@ -52,23 +53,49 @@ pub struct EstimatedLight {
     pub relative_rmse_interval: [f64; 2],
 }
 
-/// Estimates the error of the frame drawn last, a still picture of `store` with these settings and objects, from up to
-/// `rays` random mirror pixels and as many random visible pixels; `seed` decides which. `None` if there is nothing to
-/// estimate: no mirror whose reflections were looked for is seen, and there is no indirect light.
+/// Estimates the error of the frame drawn last, from up to `rays` random mirror pixels and as many random visible
+/// pixels; `seed` decides which. The frame has the camera, settings and objects of `view`, and is shown in its size.
+/// `None` if there is nothing to estimate: no mirror whose reflections were looked for is seen, and there is no indirect
+/// light.
 ///
 /// # Errors
 /// Nothing was rendered yet, no memory for the index of points or for the many lights, or the device was lost.
 pub fn estimate(
     renderer: &mut Renderer,
     store: &PointStore,
-    settings: &Settings,
-    objects: Objects<'_>,
+    view: View<'_>,
     rays: usize,
     seed: u64,
 ) -> render::Result<Option<Estimate>> {
-    let probe = renderer.probe(store, settings, objects, rays, seed)?;
+    Ok(judge(renderer, store, view, rays, seed)?.estimate())
+}
+
+/// The errors of the single pixels behind [`estimate`]. Where the frame has fewer pixels or points than the still
+/// picture, a frame with all of them is drawn first, and then the frame again.
+///
+/// # Errors
+/// Those of `estimate`.
+pub fn judge(
+    renderer: &mut Renderer,
+    store: &PointStore,
+    view: View<'_>,
+    rays: usize,
+    seed: u64,
+) -> render::Result<Judged> {
+    let View { camera, settings, objects, size } = view;
+    let drawn = renderer.picture().map_or(size, |picture| [picture.width(), picture.height()]);
+    let is_coarse = drawn != size || settings.splat.step > 1;
+    if is_coarse {
+        let mut fine = settings.clone();
+        fine.splat.step = 1;
+        renderer.render(store, camera, &fine, objects, size)?;
+    }
+    let probe = renderer.probe(store, &still_settings(settings), objects, rays, seed)?;
+    if is_coarse {
+        renderer.render(store, camera, settings, objects, drawn)?;
+    }
     let shown = renderer.shown_at(store, settings, &probe)?;
-    Ok(Judged::new(&probe, &shown).estimate())
+    Ok(Judged::new(&probe, &shown))
 }
 
 /// The errors of single pixels of a frame.

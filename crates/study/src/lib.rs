@@ -37,7 +37,7 @@ pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_inp
 pub use auto::Choice;
 pub use builtin::{names as plan_names, plan as built_in_plan};
 pub use cost::{CostModel, Slowest};
-pub use estimate::{Estimate, Judged, RAYS, estimate};
+pub use estimate::{Estimate, Judged, RAYS, estimate, judge};
 pub use file_name::file_name;
 pub use five_mirrors::{FiveMirrors, IndirectTruth, JudgedLight, TracedLight};
 pub use flicker::{Flicker, flicker};
@@ -50,7 +50,7 @@ pub use plan::{Bound, Case, Group, Plan, PlanError, RAY_TRACE};
 pub use refine::Refinement;
 pub use results::{Figure, Row};
 pub use runner::{Scenes, Shard};
-pub use still::{Still, StillError, Target, drawn_size, still_settings};
+pub use still::{STILL_LIGHTS, Still, StillError, Target, drawn_size, still_settings};
 pub use subject::{Faces, Subject, SubjectPart};
 pub use trace::Exact;
 pub use truth::{Drawn, RayTraced, Seen, Surface, TracedScene, Tracer, View, mirrors_of};

@@ -430,8 +430,8 @@ impl<'a> Runner<'a> {
         measured.estimate = match case.method == RAY_TRACE {
             true => None,
             false => {
-                let Subject { store, .. } = &loaded.subject;
-                estimate(renderer, store, &settings, loaded.subject.objects(), RAYS, settings.scene.seed.into())?
+                let view = view(&loaded.subject, &settings, case.size);
+                estimate(renderer, &loaded.subject.store, view, RAYS, settings.scene.seed.into())?
             }
         };
         loaded.traced(plan, settings.splat.size)?;

@@ -15,8 +15,8 @@ use trace::linear_from_srgb;
 use crate::metrics::{MirrorPixel, lab, pixel_error};
 use crate::picture::enlarged;
 
-/// The virtual lights of the still picture.
-const LIGHTS: u32 = 1024;
+/// The virtual lights of each bounce, and of the sky, of the still picture.
+pub const STILL_LIGHTS: u32 = 1024;
 
 /// The error of a pixel that shows nothing where there is something, or something where there is nothing.
 const WRONG: f64 = 1e4;
@@ -41,7 +41,9 @@ pub fn still_settings(settings: &Settings) -> Settings {
     let mut still = settings.clone();
     still.reflection.method = Method::SurfelTrace;
     (still.view.resolution, still.splat.step) = (1.0, 1);
-    (still.gi.vpls, still.gi.interleave) = (still.gi.vpls.max(LIGHTS), 1);
+    let gi = &mut still.gi;
+    (gi.vpls, gi.sky_lights) = (gi.vpls.max(STILL_LIGHTS), gi.sky_lights.max(STILL_LIGHTS));
+    gi.interleave = 1;
     still
 }
 

@@ -17,7 +17,7 @@ use cloud::Progress;
 use glam::DVec3;
 use render::{FrameStats, Gpu, Objects, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
-use study::{Drawn, Judged};
+use study::{Drawn, Judged, View};
 use world::{Change, ChunkKey, Resident};
 
 use crate::picture_file;
@@ -388,13 +388,14 @@ impl Worker {
         }
         let started = Instant::now();
         self.hold(request, false)?;
-        let FrameRequest { mirrors, lights, sky_is_open, settings, .. } = request;
+        let FrameRequest { camera, mirrors, lights, sky_is_open, settings, .. } = request;
         let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
-        let store = &self.resident.store;
-        let probe = self.renderer.probe(store, settings, objects, study::RAYS, seed)?;
-        let shown = self.renderer.shown_at(store, settings, &probe)?;
+        let view = View { camera, settings, objects, size: request.drawn_size() };
+        let held = self.held.take();
+        let judged = study::judge(&mut self.renderer, &self.resident.store, view, study::RAYS, seed)?;
+        self.held = held;
         tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "estimate");
-        Ok(Some(Judged::new(&probe, &shown)))
+        Ok(Some(judged))
     }
 
     /// Draws a frame unless the renderer holds it, and also its picture if `with_picture` is set.
