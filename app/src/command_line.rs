@@ -205,6 +205,9 @@ pub struct StudyArguments {
     /// Set a parameter of all settings; what a group sweeps stays
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
+    /// Measure these inputs of `glint render`, too, in all groups of the plan whose scenes have no variables
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub input: Vec<OsString>,
     /// Run every N-th setting, from the K-th; `glint study merge` joins the shards
     #[arg(long, value_name = "K/N")]
     pub shard: Option<study::Shard>,

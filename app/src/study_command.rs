@@ -127,6 +127,7 @@ fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
         kept(&plan.groups_sweeping(study::plan::SIZE), "--size");
         plan.size = study::plan::Size(size);
     }
+    plan.add_scenes(&arguments.input.iter().map(|word| scene_word(word)).collect::<Vec<_>>());
     plan.repeats = arguments.repeats.unwrap_or(plan.repeats);
     for (key, value) in &arguments.set {
         if key == "reflection.method" {
@@ -138,12 +139,20 @@ fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
     Ok(plan)
 }
 
+/// An input as plans name it: a file by its full path, so that the plan beside the results finds it, too.
+fn scene_word(word: &OsStr) -> String {
+    let path = Path::new(word);
+    path.canonicalize().map_or_else(|_| word.to_string_lossy().into_owned(), |path| path.to_string_lossy().into_owned())
+}
+
 /// The command that was typed, with `DIR` in place of the output folder.
 fn command(name: &OsStr, arguments: &StudyArguments) -> String {
     let mut words = vec!["glint study".to_owned(), quoted(&scene::shown(name)), "-o DIR".to_owned()];
     words.extend(arguments.size.map(|[width, height]| format!("--size {width}x{height}")));
     words.extend(arguments.repeats.map(|repeats| format!("--repeats {repeats}")));
     words.extend(arguments.set.iter().map(|(key, value)| format!("--set {}", quoted(&format!("{key}={value}")))));
+    let inputs = arguments.input.iter().map(|word| quoted(&scene::shown(word)));
+    words.extend(arguments.input.first().map(|_| "--input".to_owned()).into_iter().chain(inputs));
     words.extend(arguments.shard.map(|shard| format!("--shard {}/{}", shard.number, shard.count)));
     words.extend(arguments.gpu.gpu.iter().map(|gpu| format!("--gpu {}", quoted(gpu))));
     words.join(" ")
@@ -249,6 +258,12 @@ mod tests {
 
     #[test]
     fn words_of_the_command_line_take_the_place_of_the_plans() {
+        let words = ["auto", "-o", "x", "--input", "five-mirrors/all", "stability/fence:0.2"];
+        let with = changed(plan("auto".as_ref()).unwrap(), &arguments(&words)).unwrap();
+        let has =
+            |scene: &str| with.groups.iter().filter(|group| group.scenes.iter().any(|known| known == scene)).count();
+        assert_eq!([has("five-mirrors/all"), has("stability/fence:0.2")], [with.groups.len(); 2]);
+        assert!(with.groups.iter().all(|group| group.scenes.len() == 11), "what a group has is not there twice");
         let words = ["viewport", "-o", "x", "--size", "64x48", "--repeats", "2", "--set", "scene.points=5000"];
         let arguments = arguments(&words);
         let plan = changed(plan("viewport".as_ref()).unwrap(), &arguments).unwrap();

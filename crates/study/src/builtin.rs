@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 9] = [
+const PLANS: [(&str, &str); 10] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("seed-attempts", include_str!("../../../assets/plans/seed-attempts.toml")),
     ("step-attempts", include_str!("../../../assets/plans/step-attempts.toml")),
@@ -12,6 +12,7 @@ const PLANS: [(&str, &str); 9] = [
     ("viewport", include_str!("../../../assets/plans/viewport.toml")),
     ("mirrors", include_str!("../../../assets/plans/mirrors.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
+    ("auto", include_str!("../../../assets/plans/auto.toml")),
     ("stability", include_str!("../../../assets/plans/stability.toml")),
 ];
 

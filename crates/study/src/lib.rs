@@ -31,6 +31,7 @@ pub mod ssim;
 pub mod stability;
 mod still;
 mod subject;
+pub mod targets;
 mod truth;
 
 pub use accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};

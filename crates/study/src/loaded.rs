@@ -46,7 +46,7 @@ impl Loaded {
         Ok(())
     }
 
-    /// Draws the still picture of a setting, unless it is at hand.
+    /// Draws the still picture of a view with these settings, unless it is at hand.
     pub fn still(&mut self, case: &Case, settings: &Settings, renderer: &mut Renderer) -> render::Result<()> {
         let of = still_settings(settings);
         if self.still.as_ref().is_none_or(|(other, size, _)| *other != of || *size != case.size) {

@@ -452,6 +452,25 @@ impl Plan {
         cases
     }
 
+    /// The parameters of a scene with those that the plan sets for all groups.
+    ///
+    /// # Errors
+    /// A parameter that does not exist, or a value out of range; plans that were checked have none.
+    pub fn base(&self, scene: &Settings) -> Result<Settings, param::Error> {
+        let mut settings = scene.clone();
+        self.set.iter().try_for_each(|(key, value)| settings.set_text(key, &plain_text(value)))?;
+        Ok(settings.drawn())
+    }
+
+    /// Adds scenes to all groups whose scenes have no variables.
+    pub fn add_scenes(&mut self, scenes: &[String]) {
+        let plain = self.groups.iter_mut().filter(|group| !group.scenes.iter().any(|scene| scene.contains('{')));
+        for group in plain {
+            let new = scenes.iter().filter(|scene| !group.scenes.contains(scene)).cloned().collect::<Vec<_>>();
+            group.scenes.extend(new);
+        }
+    }
+
     /// The plan as a file.
     pub fn to_text(&self) -> String {
         toml::to_string(self).unwrap_or_default()

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::chart::{Chart, number};
-use crate::plan::{Bound, Case, Group, Plan};
+use crate::plan::{Bound, Case, Group, Plan, TARGET};
 use crate::results::{self, Cell, Row};
 
 const STYLE: &str = "
@@ -57,6 +57,7 @@ pub fn html(plan: &Plan, rows: &[Row], charts: &[Chart], pictures: &[(String, &R
         bounds.iter().for_each(|bound| page += bound);
         page += "</table></div>\n";
     }
+    targets(&mut page, rows);
     if !charts.is_empty() {
         page += "<h2>Charts</h2>\n";
     }
@@ -121,6 +122,41 @@ fn contents(page: &mut String, charts: &[Chart], has_bounds: bool, has_pictures:
     }
     entry("table", "Table");
     page.push_str("</ul>\n");
+}
+
+/// How `auto` did for its targets, if there are any.
+fn targets(page: &mut String, rows: &[Row]) {
+    let judged = crate::targets::judged(rows);
+    if judged.is_empty() {
+        return;
+    }
+    let _ = write!(
+        page,
+        "<h2 id=\"targets\">Targets</h2>\n<p>{}</p>\n<div class=\"wide\"><table>\n<tr><th>scene</th><th>target</th><th>ms</th>\
+         <th>error</th><th>kept</th><th>best setting's</th><th>ratio</th><th>good</th><th>chosen</th></tr>\n",
+        escaped(&crate::targets::summary(&judged))
+    );
+    for judged in &judged {
+        let unit = if judged.is_time { " ms" } else { "" };
+        let target = judged.row.case.swept_value(TARGET).unwrap_or_default();
+        let named = format!("{target} ({}{unit})", number(judged.target));
+        let answer = |is_so: bool| if is_so { "yes" } else { "<span class=\"fails\">no</span>" };
+        let best = judged.best.map_or("nothing keeps to it".to_owned(), number);
+        let ratio = judged.ratio().map_or(String::new(), number);
+        let _ = writeln!(
+            page,
+            "<tr><td>{}</td><td>{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td>{}</td>\
+             <td class=\"number\">{best}</td><td class=\"number\">{ratio}</td><td>{}</td><td>{}</td></tr>",
+            escaped(&judged.row.case.scene),
+            escaped(if judged.is_time { &named } else { target }),
+            number(judged.milliseconds),
+            number(judged.error),
+            answer(judged.is_kept),
+            answer(judged.is_good()),
+            escaped(&judged.row.set)
+        );
+    }
+    page.push_str("</table></div>\n");
 }
 
 fn about_groups(page: &mut String, plan: &Plan) {

@@ -409,10 +409,11 @@ impl<'a> Runner<'a> {
             measured.predicted_ms = Some(choice.predicted_ms);
             measured.target_ms = if let Target::Milliseconds(time) = target { Some(time) } else { None };
         }
-        let Self { plan, renderer, loaded, .. } = self;
+        let Self { plan, renderer, loaded, scenes, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         if plan.still {
-            loaded.still(case, &settings, renderer)?;
+            let base = plan.base(&scenes.settings(&case.scene)?)?;
+            loaded.still(case, &base, renderer)?;
         }
         let size = drawn_size(case.size, &settings);
         let stats = loaded.subject.render(renderer, &settings, size)?;

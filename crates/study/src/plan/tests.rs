@@ -238,3 +238,22 @@ fn settings_that_take_too_much_memory_are_refused_before_they_are_made() {
     let values: String = (0..3000).map(|index| format!("v{index} = [1]\n")).collect();
     assert!(refused(&format!("{names}{{v}}"), &format!("{values}{range}")).contains("3001 keys are swept"));
 }
+
+#[test]
+fn targets_are_times_shares_and_errors_and_only_auto_keeps_to_them() {
+    let plan = |group: &str| {
+        Plan::parse("plan.toml", &format!("title = \"x\"\n[[group]]\nscenes = [\"five-mirrors/none\"]\n{group}"))
+    };
+    let targets = plan("sweep = { target = [\"50ms\", \"0.5x\", \"1px\", \"2dE\"] }").unwrap();
+    let targets: Vec<_> = targets.cases().iter().map(|case| case.target.unwrap().target(80.0).to_string()).collect();
+    assert_eq!(targets, ["50ms", "40ms", "1px", "2dE"]);
+    for (group, told) in [
+        ("sweep = { target = [\"fast\"] }", "target `fast`: expected a time as in 50ms or 0.5x"),
+        ("sweep = { target = [\"-1x\"] }", "above 0"),
+        ("methods = [\"sscr\"]\nsweep = { target = [\"1x\"] }", "only `auto` keeps to a target"),
+        ("figures = [\"still_delta_e\"]", "expected `still = true`"),
+    ] {
+        let error = plan(group).unwrap_err().to_string();
+        assert!(error.contains(told), "{error}");
+    }
+}

@@ -1,0 +1,145 @@
+//! Whether `auto` keeps to its targets, and how much better the best of the other settings of a plan is.
+
+use crate::plan::PlannedTarget;
+use crate::results::{FRAME_MS, Row, STILL_DELTA_E, STILL_PIXELS, TARGET_MS};
+use crate::still::Target;
+
+/// A time is kept to if a frame takes at most so much more.
+const TIME_TOLERANCE: f64 = 1.15;
+/// The error for a time is good if it is at most so many times that of the best setting that is as fast.
+const ERROR_FACTOR: f64 = 1.25;
+/// The time for an error is good if it is at most so many times that of the fastest setting that is as accurate.
+const TIME_FACTOR: f64 = 1.3;
+
+/// How `auto` did for one target in one scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judged<'a> {
+    pub row: &'a Row,
+    /// The time in milliseconds or the error that was to be kept to.
+    pub target: f64,
+    pub is_time: bool,
+    pub milliseconds: f64,
+    /// The error that counts for the target.
+    pub error: f64,
+    pub is_kept: bool,
+    /// The error of the best setting for a time, the time of the best for an error; `None` if no setting keeps to it.
+    pub best: Option<f64>,
+}
+
+impl Judged<'_> {
+    /// How many times the best setting's error or time is that of `auto`.
+    pub fn ratio(&self) -> Option<f64> {
+        let own = if self.is_time { self.error } else { self.milliseconds };
+        self.best.map(|best| if own <= best { 1.0 } else { own / best })
+    }
+
+    /// Whether `auto` did well: it keeps to the target, and no setting is much better. Where no setting keeps to the
+    /// target, `auto` need not either.
+    pub fn is_good(&self) -> bool {
+        let most = if self.is_time { ERROR_FACTOR } else { TIME_FACTOR };
+        self.ratio().is_none_or(|ratio| self.is_kept && ratio <= most)
+    }
+}
+
+/// Judges all rows with targets.
+pub fn judged(rows: &[Row]) -> Vec<Judged<'_>> {
+    rows.iter().filter_map(|row| judge(row, rows)).collect()
+}
+
+fn judge<'a>(row: &'a Row, rows: &'a [Row]) -> Option<Judged<'a>> {
+    let planned = row.case.target.filter(|_| row.error.is_none())?;
+    let (figure, target) = match planned {
+        PlannedTarget::Fixed(Target::Pixels(error)) => (STILL_PIXELS, error),
+        PlannedTarget::Fixed(Target::DeltaE(error)) => (STILL_DELTA_E, error),
+        PlannedTarget::Fixed(Target::Milliseconds(_)) | PlannedTarget::Share(_) => {
+            (STILL_DELTA_E, row.value(TARGET_MS)?)
+        }
+    };
+    let is_time = !matches!(planned, PlannedTarget::Fixed(Target::Pixels(_) | Target::DeltaE(_)));
+    let values = |row: &Row| Some((row.value(FRAME_MS)?, row.value(figure)?));
+    let is_other = |other: &&Row| {
+        let is_same_view = other.case.scene == row.case.scene && other.case.size == row.case.size;
+        is_same_view && other.case.target.is_none() && other.error.is_none()
+    };
+    let others = rows.iter().filter(is_other).filter_map(values);
+    let best = if is_time {
+        others.filter(|(time, _)| *time <= target).map(|(_, error)| error).reduce(f64::min)
+    } else {
+        others.filter(|(_, error)| *error <= target).map(|(time, _)| time).reduce(f64::min)
+    };
+    let (milliseconds, error) = values(row)?;
+    let is_kept = if is_time { milliseconds <= target * TIME_TOLERANCE } else { error <= target };
+    Some(Judged { row, target, is_time, milliseconds, error, is_kept, best })
+}
+
+/// A line for people: how many of the targets that a setting keeps to `auto` keeps to, and how many it does well.
+pub fn summary(judged: &[Judged<'_>]) -> String {
+    let of = |is_time: bool| {
+        let reachable = || judged.iter().filter(|judged| judged.is_time == is_time && judged.best.is_some());
+        let kept = reachable().filter(|judged| judged.is_kept).count();
+        let good = reachable().filter(|judged| judged.is_good()).count();
+        [reachable().count(), kept, good]
+    };
+    let ([times, kept_times, good_times], [errors, kept_errors, good_errors]) = (of(true), of(false));
+    let unreachable = judged.len() - times - errors;
+    format!(
+        "Times: {kept_times} of {times} are kept to within 15 %, {good_times} of them with an error of at most {ERROR_FACTOR} times \
+         the best setting's. Errors: {kept_errors} of {errors} are kept to, {good_errors} of them in at most {TIME_FACTOR} times the \
+         best setting's time. No setting keeps to the other {unreachable} targets."
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Plan;
+    use crate::results::{self, Run};
+
+    #[test]
+    fn targets_are_judged_by_the_best_of_the_other_settings() {
+        let plan = Plan::parse(
+            "test",
+            "title = \"x\"\nstill = true\ntruths = []\n[[group]]\nname = \"grid\"\nscenes = [\"five-mirrors/none\"]\n\
+             sweep = { \"gi.vpls\" = [16, 64, 256] }\n[[group]]\nname = \"targets\"\nscenes = [\"five-mirrors/none\"]\n\
+             sweep = { target = [\"0.5x\", \"20ms\", \"2dE\", \"1px\", \"0.1dE\"] }",
+        )
+        .unwrap();
+        let run = |case: usize, milliseconds: f64, delta_e: f64, target: Option<f64>| {
+            let figures = [(STILL_DELTA_E, Some(delta_e)), (STILL_PIXELS, Some(0.5)), (TARGET_MS, target)];
+            let figures = figures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect();
+            let judged = Run { case, figures, ..Run::default() };
+            [judged, Run { case, round: 1, frame_ms: Some(milliseconds), ..Run::default() }]
+        };
+        let runs: Vec<Run> = [
+            run(0, 30.0, 4.0, None),
+            run(1, 50.0, 2.0, None),
+            run(2, 100.0, 1.0, None),
+            // The time is kept to, but one setting in it is better.
+            run(3, 55.0, 3.0, Some(50.0)),
+            run(4, 25.0, 9.0, Some(20.0)),
+            run(5, 40.0, 1.9, None),
+            run(6, 60.0, 9.0, None),
+            run(7, 90.0, 0.5, None),
+        ]
+        .concat();
+        let rows = results::rows(&plan, &plan.cases(), &runs);
+        let judged = judged(&rows);
+        let told: Vec<_> = judged.iter().map(|judged| (judged.is_kept, judged.ratio(), judged.is_good())).collect();
+        assert_eq!(
+            told,
+            [
+                (true, Some(1.5), false),
+                (false, None, true),
+                (true, Some(1.0), true),
+                (true, Some(2.0), false),
+                (false, None, true),
+            ]
+        );
+        assert_eq!(
+            summary(&judged),
+            "Times: 1 of 1 are kept to within 15 %, 0 of them with an error of at most 1.25 times the best setting's. \
+             Errors: 2 of 2 are kept to, 1 of them in at most 1.3 times the best setting's time. No setting keeps to the \
+             other 2 targets."
+        );
+    }
+}
