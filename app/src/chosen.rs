@@ -1,7 +1,6 @@
 //! What `--budget` and `--error` let `auto` choose, for `glint render` and `glint record`.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use param::Choice as _;
 use render::{Gpu, Renderer};
@@ -95,10 +94,10 @@ pub fn choose(
     fixed: &[String],
     subject: &Subject,
     size: [u32; 2],
-    gpu: &Arc<Gpu>,
+    gpu: &Gpu,
     renderer: &mut Renderer,
 ) -> anyhow::Result<AutoStats> {
-    let (mut model, problem) = costs::load(gpu);
+    let (mut model, problem) = costs::load(&gpu.info.name);
     terminal::warn(problem);
     let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
         interrupt::check()?;
@@ -107,7 +106,8 @@ pub fn choose(
     let view = (&subject.camera, size);
     let mut hands = auto::Hands { renderer, draw: &mut draw, model: &mut model };
     let chosen = auto::choose(target, settings, fixed, view, &mut hands);
-    costs::save_or_warn(gpu, &model);
+    // The choice is not lost where the times cannot be kept.
+    terminal::warn(costs::save(&gpu.info.name, &model).err().map(|error| format!("{error:#}")));
     let choice = chosen?;
     choice.apply(settings)?;
     let set: Vec<String> = choice.set.iter().map(|(key, value)| format!("{key}={value}")).collect();

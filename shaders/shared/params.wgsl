@@ -9,6 +9,7 @@ struct View {
     point_budget: u32,
     resolution: f32,
     frame_ms: f32,
+    still_ms: f32,
 }
 const VIEW_PROJECTION_PERSPECTIVE: u32 = 0u;
 const VIEW_PROJECTION_ORTHOGRAPHIC: u32 = 1u;

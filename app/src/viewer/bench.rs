@@ -90,6 +90,7 @@ impl Bench {
                         | Command::Measure(_)
                         | Command::Present { .. }
                         | Command::Estimate { .. }
+                        | Command::Choose { .. }
                 );
                 self.thread.send(command);
                 if is_answered {

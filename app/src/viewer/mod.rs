@@ -7,6 +7,7 @@
 //! loop when they have results.
 
 mod action;
+mod auto;
 #[cfg(test)]
 mod bench;
 mod frames;
@@ -77,6 +78,7 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
     interrupt::catch(move || drop(wake.send_event(Wake::Interrupted)));
     let (preferences, problem) = preferences::load();
     let mut session = Session::new(preferences);
+    session.auto.is_kept = true;
     if let Some(problem) = problem {
         session.outside.say(Level::Warning, problem);
     }
@@ -349,6 +351,9 @@ impl Viewer {
         self.session.preferences.remember_settings(&self.session.scene.settings);
         if let Err(error) = preferences::save(&self.session.preferences) {
             self.session.outside.warning(format!("settings are not kept: {error:#}"));
+        }
+        if let Err(error) = self.session.auto.save() {
+            self.session.outside.warning(format!("times are not kept: {error:#}"));
         }
     }
 

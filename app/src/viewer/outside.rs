@@ -1,6 +1,7 @@
 //! What the parts of the session need from outside of it: the clock, the list of effects and the messages. Each
 //! function that needs it gets it as a parameter.
 
+use std::path::Path;
 use std::time::Instant;
 
 use serde_json::json;
@@ -74,6 +75,12 @@ impl Outside {
         let text = text.into();
         self.log(json!({ "event": "message", "level": level.name(), "text": text }));
         self.messages.push(level, text);
+    }
+
+    /// Tells that a picture was written.
+    pub fn saved(&mut self, path: &Path) {
+        self.log(json!({ "event": "saved", "path": path }));
+        self.note(format!("Picture saved: {}", path.display()));
     }
 
     /// Shows a note without logging it: it only confirms what a person asked for.

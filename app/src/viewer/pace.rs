@@ -206,6 +206,7 @@ mod tests {
             gpu_bytes: 0,
             clock: render::Clock::Host,
             virtual_lights: 0,
+            has_compiled: false,
             reflection: None,
         };
         (stats, milliseconds)

@@ -13,6 +13,7 @@ use scene::{Camera, Lighting, MirrorPoints, Settings};
 use serde_json::json;
 
 use crate::viewer::action::{Action, Handles};
+use crate::viewer::auto::Auto;
 use crate::viewer::frames::{Frames, Situation};
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
@@ -56,6 +57,7 @@ pub struct Session {
     /// The name of the adapter that draws; `None` until its shaders are compiled.
     pub adapter: Option<String>,
     pub frames: Frames,
+    pub auto: Auto,
     /// The reason why nothing can be drawn any more.
     pub fatal: Option<String>,
     pub wants_to_quit: bool,
@@ -85,6 +87,7 @@ impl Session {
             is_full_screen: false,
             adapter: None,
             frames: Frames::default(),
+            auto: Auto::default(),
             fatal: None,
             wants_to_quit: false,
             is_recorded: false,
@@ -485,9 +488,12 @@ impl Session {
         self.with_loaded(Loaded::sync_levels);
         self.with_loaded(Loaded::sync_objects);
         let truth = self.sync_truth();
+        let still = self.still_frame().and(self.frames.shown.as_ref()).filter(|_| !self.is_recorded);
+        let still = still.map(|shown| shown.stats.frame_milliseconds);
+        let auto = self.auto.sync(self.picture(), still, &mut self.outside);
         // Once the panel says it, only the next picture changes that.
         let late = self.frames.time_to_late(now).filter(|left| !left.is_zero());
-        [quiet, zoom, frame, truth, late].into_iter().flatten().min()
+        [quiet, zoom, frame, truth, late, auto].into_iter().flatten().min()
     }
 
     /// Requests the frame that is wanted now, unless it is already drawn or shown. Returns the time after which to call
@@ -510,7 +516,7 @@ impl Session {
             milliseconds: f64::from(self.scene.settings.view.frame_ms),
         };
         let under_way = self.frames.under_way;
-        let again = self.frames.request(self.picture(), &situation, &mut self.outside);
+        let again = self.frames.request(self.auto.applied(self.picture()), &situation, &mut self.outside);
         if is_first && self.frames.under_way > under_way {
             self.loaded.jobs.iter().for_each(|job| job.mailbox.draw_first(true));
         }
@@ -518,7 +524,7 @@ impl Session {
     }
 
     /// The request for the current view in full quality.
-    fn picture(&self) -> FrameRequest {
+    pub fn picture(&self) -> FrameRequest {
         let mut settings = self.scene.settings.clone();
         if self.raw_colors {
             settings.edl.strength = 0.0;
@@ -540,11 +546,6 @@ impl Session {
         }
     }
 
-    /// The latest frame that was requested.
-    pub fn wanted_frame(&self) -> Option<&FrameRequest> {
-        self.frames.requested.as_ref()
-    }
-
     /// The frame on the screen, if it is final and no work is under way that would change it.
     pub fn still_frame(&self) -> Option<&FrameRequest> {
         let is_busy = |entry: &CloudEntry| entry.marking.is_some() || entry.figures_under_way;
@@ -561,6 +562,7 @@ impl Session {
         match report {
             Report::Ready { adapter } => {
                 self.outside.log(json!({ "event": "ready", "adapter": adapter }));
+                self.auto.ready(&adapter, &mut self.outside);
                 self.adapter = Some(adapter);
                 // The window is painted before it requests the next frame.
                 let has_points = self.loaded.points() > 0;
@@ -572,20 +574,21 @@ impl Session {
                 self.with_loaded(|loaded, beside| loaded.keep_pace(frame.total_milliseconds, beside));
                 if !frame.request.hurried {
                     self.figure_history.push(&frame.stats);
+                    self.auto.learn(&frame.request, &frame.stats);
                 }
                 self.frames.show(*frame, f64::from(self.scene.settings.view.frame_ms));
             }
             Report::Picked { pixel, purpose, point } => {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
             }
-            Report::Saved(path) => {
-                self.outside.log(json!({ "event": "saved", "path": path }));
-                self.outside.note(format!("Picture saved: {}", path.display()));
-            }
+            Report::Saved(path) => self.outside.saved(&path),
             Report::Captured(captured) => {
                 if let Some(captured) = self.sweeps.on_images(*captured, &self.truth, &mut self.outside) {
                     self.truth.on_captured(captured, self.frames.revision);
                 }
+            }
+            Report::Chosen { request, choice, model } => {
+                self.auto.on_chosen(*request, choice, *model, &mut self.outside)
             }
             Report::Measured { request, stats } => {
                 if !self.sweeps.on_frame(&request, &stats) {

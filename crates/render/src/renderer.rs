@@ -38,6 +38,8 @@ pub struct FrameStats {
     pub points_resident: u64,
     pub gpu_bytes: u64,
     pub clock: Clock,
+    /// Whether passes were compiled for the frame: drivers then compile at their first dispatch, which counts in the times.
+    pub has_compiled: bool,
     /// The number of virtual lights that lit the frame; 0 without indirect light.
     pub virtual_lights: u32,
     /// The statistics of the reflections, if they were asked for.
@@ -198,11 +200,6 @@ impl Renderer {
         self.given_up = flag;
     }
 
-    /// The number of passes compiled so far. A frame after which there are more of them took the time of compiling, too.
-    pub fn compiled_passes(&self) -> usize {
-        self.pipelines.len()
-    }
-
     /// Renders a frame and waits for it.
     ///
     /// # Errors
@@ -228,6 +225,7 @@ impl Renderer {
         size: [u32; 2],
         rehearsal: Option<&mut Rehearsal>,
     ) -> Result<FrameStats> {
+        let compiled = self.pipelines.len();
         self.resize(size, settings.splat.quality)?;
         let atomics64 = self.gpu.has_wide_atomics(&settings.splat);
         let bounds = store.bounds();
@@ -384,6 +382,7 @@ impl Renderer {
             points_resident: store.points(),
             gpu_bytes,
             clock: self.gpu.clock,
+            has_compiled: self.pipelines.len() > compiled,
             virtual_lights,
             reflection,
         })

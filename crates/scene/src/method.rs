@@ -48,7 +48,7 @@ macro_rules! methods {
 }
 
 methods! {
-    Auto = "auto", "sscr_hierarchical, in every scene", Everything, None, [];
+    Auto = "auto", "sscr_hierarchical; what measuring chooses for --budget, --error or view.still_ms", Everything, None, [];
     None = "none", "Mirrors stay plain grey: the scene without reflections", Nothing, None, [];
     EnvironmentMap = "environment_map",
         "A picture of the surroundings from each mirror's middle, looked up by direction alone",

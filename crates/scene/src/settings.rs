@@ -118,6 +118,8 @@ params! {
         resolution: f32 = 1.0, 0.25..=1.0, "share" => affects() not(kept swept);
         /// The time that a frame may take while something moves: fewer pixels and points are drawn to keep it; 0 draws all.
         frame_ms: f32 = 40.0, 0.0..=1000.0, "ms" => affects() not(swept);
+        /// In the window, the time of a picture at rest for which reflection.method = auto chooses settings; at 0 it chooses nothing.
+        still_ms: f32 = 0.0, 0.0..=60_000.0, "ms" => affects() not(swept);
     }
 
     /// Splatting: how points become surfaces.
@@ -254,7 +256,7 @@ params! {
 
     /// Reflections.
     pub struct Reflection = "reflection" in "Reflections" => affects(found) {
-        /// What finds the reflected points; auto takes sscr_hierarchical.
+        /// What finds the reflected points; auto takes sscr_hierarchical, or what measuring chooses for --budget, --error or view.still_ms.
         method: Method = Method::Auto;
         /// Reflections that are followed, one after the other.
         bounces: u32 = 1, 0..=8, "bounces" => affects(found truth);

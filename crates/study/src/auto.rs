@@ -311,10 +311,9 @@ impl Search<'_, '_, '_> {
         let Hands { renderer, draw, model } = &mut *self.hands;
         let mut times: Vec<f64> = Vec::new();
         loop {
-            let compiled = renderer.compiled_passes();
             let stats = draw(renderer, settings, size)?;
             self.frames += 1;
-            if renderer.compiled_passes() > compiled {
+            if stats.has_compiled {
                 continue;
             }
             model.learn(&stats, settings, size);

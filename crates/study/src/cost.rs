@@ -329,9 +329,18 @@ impl CostModel {
         passes.for_each(|sums| sums.fade(share));
     }
 
-    /// Learns from a frame that was drawn from scratch, of `size` pixels. Frames that compile shaders or keep work of
-    /// the one before tell nothing: do not hand them over.
+    /// Learns from a frame that was drawn from scratch, of `size` pixels. A frame for which passes were compiled tells
+    /// nothing: do not hand it over.
     pub fn learn(&mut self, stats: &FrameStats, settings: &Settings, size: [u32; 2]) {
+        self.learn_frame(stats, settings, size, true);
+    }
+
+    /// Learns from the passes of a frame that may have kept work of the one before.
+    pub fn learn_parts(&mut self, stats: &FrameStats, settings: &Settings, size: [u32; 2]) {
+        self.learn_frame(stats, settings, size, false);
+    }
+
+    fn learn_frame(&mut self, stats: &FrameStats, settings: &Settings, size: [u32; 2], is_whole: bool) {
         let work = Workload::of(stats, settings, size);
         let total: f64 = stats.passes.iter().map(|pass| pass.milliseconds).sum();
         if !(total.is_finite() && total > 0.0) {
@@ -342,6 +351,9 @@ impl CostModel {
             for pass in stats.passes.iter().filter(|pass| pass.stage == stage) {
                 *times.entry(pass.name).or_default() += pass.milliseconds;
             }
+            if times.is_empty() && !is_whole {
+                continue;
+            }
             let variants = self.stages.entry(stage.name().to_owned()).or_default();
             let passes = variants.entry(variant(stage, settings, &work)).or_default();
             let amounts: Vec<f64> = drivers(stage).iter().map(|driver| work.amount(*driver)).collect();
@@ -349,6 +361,9 @@ impl CostModel {
                 let sums = passes.entry((*name).to_owned()).or_default();
                 sums.fade(FADING);
                 sums.add(&amounts, *milliseconds, total.powi(-2));
+            }
+            if !is_whole {
+                continue;
             }
             // A pass that other frames of the variant had, and this one had not, took no time.
             for (_, sums) in passes.iter_mut().filter(|(name, _)| !times.contains_key(name.as_str())) {
@@ -473,6 +488,7 @@ mod tests {
             gpu_bytes: 0,
             clock: Clock::Gpu,
             virtual_lights: lights,
+            has_compiled: false,
             reflection: Some(ReflectionStats { mirror_pixels: mirrors as u32, ..ReflectionStats::default() }),
         }
     }

@@ -4,6 +4,7 @@
 use egui::{Align, Layout, RichText, Ui};
 use render::{Clock, ReflectionStats};
 
+use crate::viewer::auto::slowest_text;
 use crate::viewer::reflection_figures::FIGURES;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
@@ -64,6 +65,10 @@ pub fn show(ui: &mut Ui, session: &Session) {
     let [width, height] = shown.request.drawn_size();
     row(ui, "Picture", &format!("{width} × {height}"), None);
     ui.label(RichText::new(clock).small().color(theme::WEAK));
+    let slowest = session.auto.slowest.as_ref().filter(|_| !shown.request.hurried).map(slowest_text);
+    for text in [slowest, session.auto.told(&session.picture())].into_iter().flatten() {
+        ui.label(RichText::new(text).small());
+    }
     if shown.request.hurried {
         let text = match shown.request.spared {
             None => "Nearest point while moving, refined at rest",
@@ -134,6 +139,7 @@ mod tests {
             gpu_bytes: 0,
             clock: Clock::Host,
             virtual_lights: 0,
+            has_compiled: false,
             reflection: Some(ReflectionStats {
                 mirror_pixels: 12_345,
                 coverage,

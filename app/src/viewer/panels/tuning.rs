@@ -115,7 +115,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
 }
 
 fn contents(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    let Some(view) = session.wanted_frame().cloned() else {
+    let Some(view) = session.frames.requested.as_ref().cloned() else {
         ui.label(RichText::new("Open a scene: every setting that stands still becomes a dot.").color(theme::WEAK));
         return;
     };

@@ -17,7 +17,7 @@ use cloud::Progress;
 use glam::DVec3;
 use render::{FrameStats, Gpu, Objects, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
-use study::{Drawn, Judged, View};
+use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
 
 use crate::picture_file;
@@ -73,6 +73,12 @@ pub enum Command {
         request: Box<FrameRequest>,
         origin: DVec3,
     },
+    /// Lets `auto` choose settings for the view of a frame.
+    Choose {
+        request: Box<FrameRequest>,
+        target: Target,
+        model: Box<CostModel>,
+    },
     /// Draws a frame from scratch to measure its times.
     Measure(Box<FrameRequest>),
     /// Judges the frame in the window at some hundred random pixels, which `seed` decides.
@@ -127,6 +133,12 @@ pub enum Report {
     },
     Saved(PathBuf),
     Captured(Box<Captured>),
+    /// What was chosen; nothing if another command came in between.
+    Chosen {
+        request: Box<FrameRequest>,
+        choice: Result<Option<Choice>, String>,
+        model: Box<CostModel>,
+    },
     Measured {
         request: Box<FrameRequest>,
         stats: FrameStats,
@@ -158,6 +170,8 @@ pub struct RenderThread {
     thread: JoinHandle<()>,
     /// Set when a hurried frame waits, so that the thread gives up a frame in full quality for it.
     is_urgent: Arc<AtomicBool>,
+    /// Set when any command waits, so that the thread gives up choosing for it.
+    is_waited_for: Arc<AtomicBool>,
 }
 
 /// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
@@ -180,12 +194,13 @@ impl RenderThread {
         let is_urgent = Arc::new(AtomicBool::new(false));
         let shaders = Arc::<Progress>::default();
         let compiled = shaders.clone();
-        let urgent = is_urgent.clone();
+        let is_waited_for = Arc::new(AtomicBool::new(false));
+        let (urgent, waiting) = (is_urgent.clone(), is_waited_for.clone());
         let work = move || {
             let draw = || match Worker::new(window_gpu, wanted.as_deref(), compiled) {
                 Ok(mut worker) => {
                     report(Report::Ready { adapter: worker.gpu.info.name.clone() });
-                    worker.run(&receiver, &urgent, &report);
+                    worker.run(&receiver, &urgent, &waiting, &report);
                 }
                 Err(error) => report(Report::Lost(error.to_string())),
             };
@@ -195,13 +210,15 @@ impl RenderThread {
             }
         };
         let thread = std::thread::Builder::new().name("render".into()).spawn(work)?;
-        Ok(Self { shaders, commands, thread, is_urgent })
+        Ok(Self { shaders, commands, thread, is_urgent, is_waited_for })
     }
 
     pub fn send(&self, command: Command) {
         let is_urgent = matches!(&command, Command::Frame(request) if request.hurried);
         // A thread that has ended has already reported the reason.
+        let waits = matches!(&command, Command::Estimate { .. } | Command::Choose { .. });
         let _ = self.commands.send(command);
+        self.is_waited_for.fetch_or(!waits, Ordering::Relaxed);
         if is_urgent {
             self.is_urgent.store(true, Ordering::Relaxed);
         }
@@ -211,6 +228,7 @@ impl RenderThread {
     pub fn end(self) {
         drop(self.commands);
         self.is_urgent.store(true, Ordering::Relaxed);
+        self.is_waited_for.store(true, Ordering::Relaxed);
         // The thread catches its own panics.
         let _ = self.thread.join();
     }
@@ -250,24 +268,31 @@ impl Worker {
         })
     }
 
-    fn run(&mut self, commands: &Receiver<Command>, urgent: &Arc<AtomicBool>, report: &impl Fn(Report)) {
+    fn run(
+        &mut self,
+        commands: &Receiver<Command>,
+        urgent: &Arc<AtomicBool>,
+        waiting: &Arc<AtomicBool>,
+        report: &impl Fn(Report),
+    ) {
         // A frame that was given up is drawn after all if no other was requested.
         let mut frame: Option<Box<FrameRequest>> = None;
         // An estimate waits until nothing else is to be done.
         let mut estimate: Option<(Box<FrameRequest>, u64)> = None;
         // Where frames take long, points come in half of the time.
         let mut upload_slice = UPLOAD_SLICE;
+        // Choosing waits, too, and ends once anything else is to be done.
+        let mut choose = None;
         loop {
-            let first = if frame.is_some() || estimate.is_some() {
-                commands.try_recv()
-            } else {
-                commands.recv().map_err(|_| TryRecvError::Disconnected)
-            };
+            let is_idle = frame.is_none() && estimate.is_none() && choose.is_none();
+            let first =
+                if !is_idle { commands.try_recv() } else { commands.recv().map_err(|_| TryRecvError::Disconnected) };
             let mut next = match first {
                 Err(TryRecvError::Disconnected) => return,
                 first => first.ok(),
             };
             urgent.store(false, Ordering::Relaxed);
+            waiting.store(false, Ordering::Relaxed);
             let started = Instant::now();
             while let Some(command) = next {
                 let result = match command {
@@ -277,6 +302,10 @@ impl Worker {
                     }
                     Command::Estimate { request, seed } => {
                         estimate = Some((request, seed));
+                        Ok(())
+                    }
+                    Command::Choose { request, target, model } => {
+                        choose = Some((request, target, model));
                         Ok(())
                     }
                     other => self.obey(other, report),
@@ -315,6 +344,20 @@ impl Worker {
                     answer => answer.map_err(|error| error.to_string()),
                 };
                 report(Report::Estimated { request, answer });
+            } else if let Some((request, target, mut model)) = choose.take() {
+                self.renderer.give_up_when(Some(waiting.clone()));
+                let choice = self.choose(&request, target, &mut model);
+                self.renderer.give_up_when(None);
+                let choice = match choice.map_err(|error| (error.downcast_ref::<render::Error>().map(is_fatal), error))
+                {
+                    Ok(choice) => Ok(Some(choice)),
+                    Err((Some(true), error)) => return report(Report::Lost(error.to_string())),
+                    Err((_, error)) => match error.downcast_ref() {
+                        Some(render::Error::GivenUp) => Ok(None),
+                        _ => Err(format!("{error:#}")),
+                    },
+                };
+                report(Report::Chosen { request, choice, model });
             }
         }
     }
@@ -350,7 +393,7 @@ impl Worker {
                 }
             }
             Command::Arrived(pass) => drop(pass),
-            Command::Frame(_) | Command::Estimate { .. } => {}
+            Command::Frame(_) | Command::Estimate { .. } | Command::Choose { .. } => {}
         }
         Ok(())
     }
@@ -396,6 +439,22 @@ impl Worker {
         self.held = held;
         tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "estimate");
         Ok(Some(judged))
+    }
+
+    /// Lets `auto` choose. Pictures of the window are never enlarged.
+    fn choose(&mut self, request: &FrameRequest, target: Target, model: &mut CostModel) -> anyhow::Result<Choice> {
+        let FrameRequest { mirrors, lights, sky_is_open, camera, settings, size, .. } = request;
+        let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
+        self.held = None;
+        let Self { renderer, resident, .. } = self;
+        renderer.let_light_lag(false);
+        renderer.thin(None);
+        let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
+            renderer.forget();
+            Ok(renderer.render(&resident.store, camera, settings, objects, size)?)
+        };
+        let mut hands = auto::Hands { renderer, draw: &mut draw, model };
+        auto::choose(target, settings, &["view.resolution".to_owned()], (camera, *size), &mut hands)
     }
 
     /// Draws a frame unless the renderer holds it, and also its picture if `with_picture` is set.
