@@ -21,6 +21,8 @@
 @group(1) @binding(7) var diffuse_out: texture_storage_2d<rgba16float, write>;
 // Radiance of highlights, before the tint.
 @group(1) @binding(8) var glossy_out: texture_storage_2d<rgba16float, write>;
+// 1 for tiles of 8 x 8 pixels that need the light of this frame.
+@group(1) @binding(9) var<storage, read> tiles: array<u32>;
 
 override from_camera: bool = true;
 override interleave: u32 = 1u;
@@ -28,6 +30,8 @@ override has_shadows: bool = true;
 override is_glossy: bool = false;
 // Lights are spheres.
 override is_spherical: bool = true;
+// Set if only some tiles are computed, see indirect_reuse.wgsl.
+override by_tiles: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn indirect(@builtin(global_invocation_id) thread: vec3u) {
@@ -37,6 +41,9 @@ fn indirect(@builtin(global_invocation_id) thread: vec3u) {
         id = mirror_pixel(frame, vec3u(id, 0u));
     }
     if id.x >= frame.width || id.y >= frame.height || (!from_camera && textureLoad(from_in, id, 0).w == 0.0) {
+        return;
+    }
+    if by_tiles && tiles[id.y / 8u * ((frame.width + 7u) / 8u) + id.x / 8u] == 0u {
         return;
     }
     let position = textureLoad(position_in, id, 0);

@@ -3,6 +3,7 @@
 #import frame_group
 #import brdf
 #import gloss
+#import kept_light
 
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
@@ -15,6 +16,8 @@
 @group(1) @binding(4) var diffuse_in: texture_2d<f32>;
 @group(1) @binding(5) var glossy_in: texture_2d<f32>;
 @group(1) @binding(6) var radiance_out: texture_storage_2d<rgba16float, write>;
+// See kept_light.wgsl.
+@group(1) @binding(7) var<storage, read_write> kept: array<vec4u>;
 
 override from_camera: bool = true;
 // The edge of the window in pixels; 1 for no average.
@@ -22,6 +25,10 @@ override window: u32 = 1u;
 override is_glossy: bool = false;
 // Set if a reflection is followed from here, which replaces the mirror's own light.
 override is_mixed: bool = false;
+// Set if light is kept for the next frame.
+override keeps: bool = false;
+// Set if pixels take the light that indirect_reuse has found.
+override reuses: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
@@ -33,8 +40,12 @@ fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
         return;
     }
     let position = textureLoad(position_in, id, 0);
+    let index = id.y * frame.width + id.x;
     if position.w == 0.0 {
         textureStore(radiance_out, id, vec4f(0.0));
+        if keeps {
+            kept[index] = vec4u(0u);
+        }
         return;
     }
     let surface = textureLoad(normal_in, id, 0);
@@ -46,7 +57,13 @@ fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
     let range = select(frame.reference_depth, distance(mirror_point, position.xyz), frame.orthographic == 0u || !from_camera);
     var diffuse = vec3f(0.0);
     var glossy = vec3f(0.0);
-    if window == 1u {
+    var found = 0u;
+    if reuses {
+        found = kept[index].w;
+    }
+    if found != 0u {
+        diffuse = unpack_light(found);
+    } else if window == 1u {
         diffuse = textureLoad(diffuse_in, id, 0).rgb;
         if is_glossy {
             glossy = textureLoad(glossy_in, id, 0).rgb;
@@ -80,6 +97,9 @@ fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
         // The pixel itself always counts.
         diffuse /= max(weight, 1.0);
         glossy /= max(weight, 1.0);
+    }
+    if keeps && found == 0u {
+        kept[index] = vec4u(bitcast<vec3u>(position.xyz), pack_light(diffuse));
     }
     let albedo = textureLoad(albedo_in, id, 0);
     let gloss = gloss_of(settings, albedo.a, surface.w);

@@ -147,7 +147,8 @@ impl Frames {
             let settings = render_thread::hurried(&wanted.settings, a_mirror_is_dragged);
             let spared = (is_moving && milliseconds > 0.0).then(|| self.haste.spare(wanted.size, milliseconds));
             wanted.spared = spared.filter(|spared| *spared != Spared::NOTHING);
-            wanted.hurried = settings != wanted.settings || wanted.spared.is_some();
+            // While something moves, light of earlier frames is taken over.
+            wanted.hurried = is_moving || settings != wanted.settings || wanted.spared.is_some();
             wanted.settings = settings;
         }
         match self.want(&wanted, points_come, outside.now) {

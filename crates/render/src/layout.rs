@@ -140,6 +140,7 @@ elements! {
     region_scan.runs: RUN_BYTES = 8;
     mirror_average.nearest: NEAREST_REFLECTION_BYTES = 4;
     shade.shadows: SHADOW_TEXEL_BYTES = 8;
+    indirect_reuse.kept: KEPT_LIGHT_BYTES = 16;
     vpl_aim.hits: AIM_HIT_BYTES = 4;
     vpl_shadow_splat.shadow_maps: VIRTUAL_TEXEL_BYTES = 4;
     probe_pixels.pixels: PROBE_PIXEL_BYTES = 4;

@@ -30,6 +30,7 @@ mod targets;
 
 pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};
 pub use frame::Objects;
+pub use gi::LightReuse;
 pub use gpu::{AdapterReport, Clock, Error, Gpu, Result, adapters, kind_name};
 pub use handed::PictureRows;
 pub use identities::{ChunkId, CloudId};

@@ -248,13 +248,17 @@ passes! {
     }
     vpl_shadow_pull: Light over Pixels { lights: Uniform, shadow_maps: ReadWrite, work: Uniform }
     vpl_shadow_push: Light over Pixels { lights: Uniform, shadow_maps: ReadWrite, work: Uniform }
+    indirect_reuse: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, before: Uniform, kept: Read, light_out: ReadWrite,
+        tiles: ReadWrite,
+    }
     indirect: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Uniform, vpls: Read,
-        shadow_maps: Read, diffuse_out: Write(Rgba16Float), glossy_out: Write(Rgba16Float),
+        shadow_maps: Read, diffuse_out: Write(Rgba16Float), glossy_out: Write(Rgba16Float), tiles: Read,
     }
     indirect_filter: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, diffuse_in: Texture,
-        glossy_in: Texture, radiance_out: Write(Rgba16Float),
+        glossy_in: Texture, radiance_out: Write(Rgba16Float), kept: ReadWrite,
     }
     shade: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, lights: Read, shadows: Read,

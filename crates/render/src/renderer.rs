@@ -7,7 +7,7 @@ use cloud::Progress;
 use scene::{Camera, Curve, LightView, Lighting, Mirror, Quality, Settings, Show};
 
 use crate::frame::{FrameCamera, Objects};
-use crate::gi::{GlobalIllumination, Sky};
+use crate::gi::{GlobalIllumination, LightReuse, Sky};
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::Handed;
 use crate::identities::Identities;
@@ -186,6 +186,11 @@ impl Renderer {
         self.gi.may_lag = may_lag;
     }
 
+    /// What the frames that follow do with the indirect light of earlier frames on the surfaces that the camera sees.
+    pub fn reuse_light(&mut self, reuse: LightReuse) {
+        self.gi.keeper.reuse = reuse;
+    }
+
     /// Lets the frames that follow draw about `most_points` of the points that the camera sees, spread evenly and each larger, or all
     /// for `None`. This is for pictures while something moves: a sun then casts shadows by the map of the whole scene alone, because
     /// its finer map goes with the view. Mirrors reflect all points, and all points cast shadows.
@@ -360,6 +365,7 @@ impl Renderer {
 
         let virtual_lights = self.gi.lights().filter(|_| has_indirect).map_or(0, |lights| lights.count);
         let times = recorder.finish_frame(&mut self.handed, &reflections.counters, &targets.picture)?;
+        self.gi.keeper.finish();
         let gpu_bytes = store.gpu_bytes()
             + targets.bytes()
             + reflections.bytes()

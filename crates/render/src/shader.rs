@@ -14,7 +14,7 @@ macro_rules! embedded {
 }
 
 const SHARED: &[(&str, &str)] = embedded! {
-    beam blocks brdf color counters frame frame_group gloss heat light light_view mirror_formula mirror_places mirror_ray
+    beam blocks brdf color counters frame frame_group gloss heat kept_light light light_view mirror_formula mirror_places mirror_ray
     mirror_space mirror_splat mirror_sums nearest_point packing page_group params point_surface region root_finding scan splat
     surfel_tree tone visibility vpl vpl_of_surface
 };

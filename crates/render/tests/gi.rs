@@ -11,7 +11,7 @@ use std::sync::Arc;
 use cloud::{Chunk, Cloud, pack_normal, pack_radius};
 use glam::{DVec3, Vec3};
 use param::{Kind, Params as _, Value};
-use render::{Aov, ColorPlan, FrameStats, Material, Objects, PointStore};
+use render::{Aov, ColorPlan, FrameStats, LightReuse, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Gi, Settings, SpotLight};
 
@@ -38,6 +38,10 @@ fn read(stage: &Stage, aov: Aov) -> Vec<DVec3> {
 
 fn brightness(color: DVec3) -> f64 {
     color.element_sum() / 3.0
+}
+
+fn bits(colors: &[DVec3]) -> Vec<[u64; 3]> {
+    colors.iter().map(|color| color.to_array().map(f64::to_bits)).collect()
 }
 
 fn mean(colors: &[DVec3]) -> f64 {
@@ -359,6 +363,61 @@ fn light_may_lag_behind_points_that_come_and_is_right_when_it_may_not() {
     render(&mut stage, &store, &camera, &settings, &[lamp]);
     let anew = read(&stage, Aov::Indirect);
     assert!(mean(&late) == mean(&anew));
+}
+
+#[test]
+fn a_moving_camera_takes_its_light_from_the_frame_before() {
+    let mut stage = stage_or_skip!();
+    let store = five_mirrors_store(&stage, Variant::None, 60_000);
+    let lights = [five_mirrors::light()];
+    let settings = settings(&[("gi.vpls", "64"), ("gi.interleave", "1")]);
+    let start = five_mirrors::camera();
+    let at = |step: u32| {
+        let shift = DVec3::new(0.01, 0.004, 0.0) * f64::from(step);
+        Camera { eye: start.eye + shift, pivot: start.pivot + 0.5 * shift, up: start.up }
+    };
+    let still = |stage: &mut Stage, camera: &Camera| {
+        stage.renderer.reuse_light(LightReuse::Keep);
+        render(stage, &store, camera, &settings, &lights);
+        read(stage, Aov::Indirect)
+    };
+    // Sorted, as shares of the mean.
+    let differences = |a: &[DVec3], b: &[DVec3]| {
+        let seen = a.iter().zip(b).filter(|(a, b)| !a.is_nan() && !b.is_nan());
+        let whole = mean(b);
+        let mut shares: Vec<f64> = seen.map(|(a, b)| (*a - *b).length() / whole).collect();
+        shares.sort_by(f64::total_cmp);
+        shares
+    };
+    stage.renderer.forget();
+    let first = still(&mut stage, &at(0));
+    stage.renderer.reuse_light(LightReuse::Reuse);
+    let mut moving = Vec::new();
+    for step in 1..=20 {
+        let stats = render(&mut stage, &store, &at(step), &settings, &lights);
+        assert!(stats.passes.iter().any(|pass| pass.name == "indirect_reuse"));
+        moving = read(&stage, Aov::Indirect);
+    }
+    let fresh = still(&mut stage, &at(20));
+    let errors = differences(&moving, &fresh);
+    let [median, ninth_decile] = [5, 9].map(|tenths| errors[errors.len() * tenths / 10]);
+    // The picture is so coarse that whole pixels lie on the edges of walls.
+    assert!(median < 0.03 && ninth_decile < 0.15, "{median}, {ninth_decile}");
+    let (ratio, before) = (mean(&moving) / mean(&fresh), mean(&first) / mean(&fresh));
+    assert!((ratio - 1.0).abs() < 0.02, "{ratio}, of the first frame {before}");
+    // Moving leaves no trace in still pictures.
+    stage.renderer.forget();
+    assert!(bits(&still(&mut stage, &at(20))) == bits(&fresh));
+    // Where the camera has not moved, all light is taken over but for its rounding.
+    stage.renderer.reuse_light(LightReuse::Reuse);
+    render(&mut stage, &store, &at(20), &settings, &lights);
+    let rounding = differences(&read(&stage, Aov::Indirect), &fresh);
+    assert!(rounding.last().unwrap() < &0.02, "{:?}", rounding.last());
+    // Other lights give other light.
+    let brighter = SpotLight { intensity: [20.0; 3], ..lights[0] };
+    render(&mut stage, &store, &at(20), &settings, &[brighter]);
+    let ratio = mean(&read(&stage, Aov::Indirect)) / mean(&fresh);
+    assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
 }
 
 #[test]

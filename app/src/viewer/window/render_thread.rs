@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Progress;
 use glam::DVec3;
-use render::{FrameStats, Gpu, Objects, Renderer};
+use render::{FrameStats, Gpu, LightReuse, Objects, Renderer};
 use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
@@ -472,6 +472,7 @@ impl Worker {
         self.held = None;
         self.renderer.prepare(&self.resident.store, &request.settings, objects, &self.shaders)?;
         self.renderer.let_light_lag(request.light_may_lag);
+        self.renderer.reuse_light(if request.hurried { LightReuse::Reuse } else { LightReuse::Keep });
         self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
         let size = request.drawn_size();
         let stats = self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, size)?;

@@ -5,6 +5,7 @@
 //! Virtual lights do not depend on the camera: they, their shadow maps, and the light that they give to a place are the
 //! same from every eye. The passes share `shaders/shared/vpl.wgsl`.
 
+mod kept;
 mod occluders;
 mod plan;
 mod sequence;
@@ -28,6 +29,8 @@ use crate::reflection::SurfaceImages;
 use crate::store::PointStore;
 use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
+use kept::Keeper;
+pub use kept::LightReuse;
 use occluders::Occluders;
 use plan::LightPlan;
 pub(crate) use plan::Sky;
@@ -109,6 +112,8 @@ struct Shaded {
     mirror: scene::MirrorSettings,
     is_mixed: bool,
     is_glossy: bool,
+    /// Whether light of earlier frames is taken over.
+    is_reused: bool,
 }
 
 /// The images of the light on one surface.
@@ -116,6 +121,8 @@ struct SurfaceLight {
     diffuse: Image,
     glossy: Image,
     radiance: Image,
+    /// Bound where a pass has nothing to read.
+    nothing: wgpu::Buffer,
     shaded: Option<Shaded>,
 }
 
@@ -127,6 +134,8 @@ pub(crate) struct GlobalIllumination {
     generations: u64,
     /// Whether virtual lights stay unchanged while only the points change.
     pub may_lag: bool,
+    /// The light of earlier frames on the surface that the camera sees.
+    pub keeper: Keeper,
 }
 
 /// A surface on which indirect light falls.
@@ -162,6 +171,7 @@ impl GlobalIllumination {
     /// Forgets everything that is kept from frame to frame.
     pub fn forget(&mut self) {
         (self.ground, self.lights) = (None, None);
+        self.keeper.forget();
     }
 
     /// Places the virtual lights and draws their shadow maps, if their inputs have changed. `shadow_maps` are those of
@@ -342,6 +352,7 @@ impl GlobalIllumination {
         }
         let gi = &settings.gi;
         let is_glossy = receiver.is_glossy && !(receiver.is_mixed && settings.light.gloss == 0.0);
+        let from_camera = receiver.index == 0;
         let shaded = Shaded {
             generation: lights.generation,
             gi: gi.clone(),
@@ -350,6 +361,7 @@ impl GlobalIllumination {
             mirror: settings.mirror.clone(),
             is_mixed: receiver.is_mixed,
             is_glossy,
+            is_reused: from_camera && self.keeper.reuse == LightReuse::Reuse,
         };
         if target.shaded.as_ref() == Some(&shaded) {
             return Ok(());
@@ -358,17 +370,22 @@ impl GlobalIllumination {
         if is_glossy && target.glossy.size() != inputs.size {
             target.glossy = Image::new(device, inputs.size, "indirect highlights", wgpu::TextureFormat::Rgba16Float);
         }
-        let from_camera = receiver.index == 0;
         let SurfaceImages { albedo, normal, position } = receiver.surface;
         let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
         let interleave = gi.interleave;
-        let tiles = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
+        let groups_of_run = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
+        let window = if gi.filtered { interleave } else { 1 };
+        let source = (lights.generation, gi.clone());
+        let taken =
+            if from_camera { self.keeper.take(recorder, inputs, receiver.surface, source, window)? } else { None };
+        let tiles = taken.as_ref().and_then(|taken| taken.tiles.as_ref());
         let switches = [
             ("from_camera", u32::from(from_camera)),
             ("interleave", interleave),
             ("has_shadows", u32::from(gi.shadows)),
             ("is_glossy", u32::from(is_glossy)),
             ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
+            ("by_tiles", u32::from(tiles.is_some())),
         ];
         let bindings = passes::indirect {
             albedo_in: albedo.bind(),
@@ -380,14 +397,17 @@ impl GlobalIllumination {
             shadow_maps: lights.maps.as_entire_binding(),
             diffuse_out: target.diffuse.bind(),
             glossy_out: target.glossy.bind(),
+            tiles: tiles.unwrap_or(&target.nothing).as_entire_binding(),
         };
-        let groups_of_runs = [tiles[0], tiles[1], interleave * interleave];
+        let groups_of_runs = [groups_of_run[0], groups_of_run[1], interleave * interleave];
         recorder.over(&switches, inputs, bindings, groups_of_runs)?;
         let switches = [
             ("from_camera", u32::from(from_camera)),
-            ("window", if gi.filtered { interleave } else { 1 }),
+            ("window", window),
             ("is_glossy", u32::from(is_glossy)),
             ("is_mixed", u32::from(receiver.is_mixed)),
+            ("keeps", u32::from(taken.is_some())),
+            ("reuses", u32::from(tiles.is_some())),
         ];
         let bindings = passes::indirect_filter {
             albedo_in: albedo.bind(),
@@ -397,6 +417,7 @@ impl GlobalIllumination {
             diffuse_in: target.diffuse.bind(),
             glossy_in: target.glossy.bind(),
             radiance_out: target.radiance.bind(),
+            kept: taken.as_ref().map_or(&target.nothing, |taken| &taken.light).as_entire_binding(),
         };
         recorder.over(&switches, inputs, bindings, groups)
     }
@@ -431,7 +452,7 @@ impl GlobalIllumination {
     pub fn bytes(&self) -> u64 {
         let ground = self.ground.as_ref().map_or(0, |ground| ground.chosen.size() + ground.surfaces.size());
         let lights = self.lights.as_ref().map_or(0, |lights| lights.vpls.size() + lights.maps.size());
-        ground + lights + self.surfaces.iter().map(SurfaceLight::bytes).sum::<u64>()
+        ground + lights + self.keeper.bytes() + self.surfaces.iter().map(SurfaceLight::bytes).sum::<u64>()
     }
 }
 
@@ -443,6 +464,7 @@ impl SurfaceLight {
             // The image gets its size when a highlight is first needed.
             glossy: image("indirect highlights", [1, 1]),
             radiance: image("indirect", size),
+            nothing: storage(device, "nothing", 16),
             shaded: None,
         }
     }
