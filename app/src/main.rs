@@ -63,6 +63,9 @@ fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
 /// Runs the command and returns its exit status. That may differ from 0 without an error: `info` returns 2 if one of
 /// several files is unreadable.
 fn run(line: CommandLine) -> anyhow::Result<u8> {
+    if let Some(folder) = world::pipelines_folder() {
+        render::keep_pipelines_in(folder);
+    }
     let command = line.command.unwrap_or(Command::View(line.view));
     // The viewer sets a handler of its own, since its window has to be woken.
     if !matches!(command, Command::View(_)) {

@@ -231,7 +231,7 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
         // Until there is a picture, the place of the picture says what it waits for.
         if let Some(share) = session.frames.compiled().filter(|_| !session.loaded.clouds.is_empty()) {
-            let text = format!("The first start takes longest: {}", compiling(share));
+            let text = format!("{}; the first start takes longest", compiling(share));
             ui.painter().text(
                 rect.center(),
                 Align2::CENTER_CENTER,

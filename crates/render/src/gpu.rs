@@ -1,11 +1,13 @@
 //! Adapters and devices: lists the adapters, chooses one and says why.
 
-use std::sync::{Arc, Mutex};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use scene::{Atomics, Splat};
 
 use crate::handed::tight;
+use crate::kept_pipelines::KeptPipelines;
 
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -59,6 +61,8 @@ pub struct Gpu {
     pub clock: Clock,
     /// Whether storage buffers have a 64-bit atomic maximum.
     pub atomics64: bool,
+    /// The passes that are kept from run to run, if the adapter hands them over and `keep_pipelines_in` named a folder.
+    pub(crate) kept_pipelines: Option<KeptPipelines>,
     /// The first error outside of any error scope (memory that ran out, a lost device): the next wait reports it.
     failure: Arc<Mutex<Option<String>>>,
 }
@@ -69,6 +73,14 @@ const PATIENCE: Duration = Duration::from_secs(300);
 
 /// The backends that glint runs on: the number of storage buffers and 64-bit atomics rule out GL.
 const BACKENDS: wgpu::Backends = wgpu::Backends::PRIMARY;
+
+/// The folder that `keep_pipelines_in` named.
+static KEPT_IN: OnceLock<PathBuf> = OnceLock::new();
+
+/// Keeps what drivers compile in a folder from run to run, for all devices that are opened from now on.
+pub fn keep_pipelines_in(folder: PathBuf) {
+    KEPT_IN.get_or_init(|| folder);
+}
 
 impl Gpu {
     /// Opens an adapter without a window. `wanted` is a part of an adapter's name, or `cpu`; `None` takes the fastest.
@@ -100,9 +112,10 @@ impl Gpu {
         let int64 = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
         let atomics64 = adapter.features().contains(int64);
         let int64 = if atomics64 { int64 } else { wgpu::Features::empty() };
+        let pipeline_cache = adapter.features() & wgpu::Features::PIPELINE_CACHE;
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("glint"),
-            required_features: timestamps | int64,
+            required_features: timestamps | int64 | pipeline_cache,
             required_limits: adapter.limits(),
             ..Default::default()
         });
@@ -116,7 +129,12 @@ impl Gpu {
             let mut first = first.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             first.get_or_insert_with(|| error.to_string());
         }));
-        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64, failure }))
+        let kept_pipelines = KEPT_IN.get().and_then(|folder| KeptPipelines::open(&device, &info, folder));
+        Ok(Arc::new(Self { adapter, device, queue, info, clock, atomics64, kept_pipelines, failure }))
+    }
+
+    pub(crate) fn pipeline_cache(&self) -> Option<&wgpu::PipelineCache> {
+        self.kept_pipelines.as_ref().map(|kept| &kept.cache)
     }
 
     /// Whether points are splatted with 64-bit atomics.

@@ -5,6 +5,8 @@
 use param::choices;
 use wgpu::TextureFormat::{R32Float, Rgba8Unorm, Rgba16Float, Rgba32Float};
 
+use crate::gpu::Gpu;
+
 choices! {
     /// What of a frame a pass works for: the surface that the camera sees, what the reflection method finds, light and shading, or
     /// what is shown of it all.
@@ -303,7 +305,8 @@ impl Compiled {
     ///
     /// # Errors
     /// The shader compiler's message, with file and line.
-    pub fn new(device: &wgpu::Device, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
+    pub fn new(gpu: &Gpu, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Self, String> {
+        let device = &gpu.device;
         let woven = crate::shader::weave(pass)?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -342,7 +345,7 @@ impl Compiled {
             module: &module,
             entry_point: Some(pass.name),
             compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
-            cache: None,
+            cache: gpu.pipeline_cache(),
         });
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));

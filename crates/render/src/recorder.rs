@@ -254,7 +254,7 @@ impl<'a> Recorder<'a> {
         for (switches, ..) in &dispatches {
             let key = (pass.name, switches.clone());
             if !self.pipelines.contains_key(&key) {
-                let compiled = Compiled::new(&self.gpu.device, pass, switches).map_err(Error::Shader)?;
+                let compiled = Compiled::new(self.gpu, pass, switches).map_err(Error::Shader)?;
                 self.pipelines.insert(key, compiled);
             }
         }

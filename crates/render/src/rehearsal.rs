@@ -83,6 +83,9 @@ impl Renderer {
         stage.pipelines = std::mem::take(&mut self.pipelines);
         let outcome = stage.rehearse(&cast, settings, progress);
         self.pipelines = stage.pipelines;
+        if let Some(kept) = self.gpu.kept_pipelines.as_ref().filter(|_| progress.done() > 0) {
+            kept.save();
+        }
         // Whatever went wrong, nobody waits for the rest any more.
         progress.add(progress.total().saturating_sub(progress.done()));
         self.prepared = Some(cast);
@@ -129,7 +132,7 @@ impl Renderer {
         }
         progress.set_total(progress.total() + 2 * missing.len() as u64);
         let compile = |(pass, switches): Variant| {
-            let compiled = Compiled::new(&self.gpu.device, pass, &switches).map_err(Error::Shader);
+            let compiled = Compiled::new(&self.gpu, pass, &switches).map_err(Error::Shader);
             progress.add(1);
             compiled.map(|compiled| ((pass.name, switches), compiled))
         };

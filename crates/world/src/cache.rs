@@ -27,6 +27,12 @@ pub fn cache(settings: &Stream) -> Result<Cache> {
     Ok(Cache::new(folder, settings.cache_bytes.0))
 }
 
+/// The folder of what drivers compile, beside the cache of indexes; `None` if the platform has none.
+pub fn pipelines_folder() -> Option<PathBuf> {
+    let platform = || Some(directories::ProjectDirs::from("", "", "glint")?.cache_dir().to_path_buf());
+    Some(folder_named_by("GLINT_CACHE_DIR").or_else(platform)?.join("pipelines"))
+}
+
 /// Deletes an index of the cache when nobody has it open any more.
 ///
 /// # Errors

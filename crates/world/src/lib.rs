@@ -26,7 +26,7 @@ mod words;
 
 pub use assembly::Assembly;
 pub use budget::{half_of, most_points, most_preview_points};
-pub use cache::{cache, delete, folder_named_by};
+pub use cache::{cache, delete, folder_named_by, pipelines_folder};
 pub use change::Change;
 pub use chunk_key::{ChunkKey, CloudKey, Part};
 pub use error::{Error, Result};
