@@ -100,6 +100,14 @@ impl<'a> Recorder<'a> {
         self.timed_as = name;
     }
 
+    /// Between parts of long work on the CPU.
+    ///
+    /// # Errors
+    /// The frame is given up.
+    pub fn go_on(&self) -> Result<()> {
+        if self.given_up.is_some_and(|flag| flag.load(Ordering::Relaxed)) { Err(Error::GivenUp) } else { Ok(()) }
+    }
+
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
         self.clear_part(buffer, 0..buffer.size());
     }
@@ -239,9 +247,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn dispatch(&mut self, pass: &'static Pass, dispatches: Vec<Dispatch<'_>>) -> Result<()> {
-        if self.given_up.is_some_and(|flag| flag.load(Ordering::Relaxed)) {
-            return Err(Error::GivenUp);
-        }
+        self.go_on()?;
         if let Some(Rehearsal::Collect(missing)) = self.rehearsal.as_deref_mut() {
             for (switches, ..) in dispatches {
                 let is_known = missing.iter().any(|(known, values)| known.name == pass.name && *values == switches);

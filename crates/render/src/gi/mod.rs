@@ -38,6 +38,9 @@ pub(crate) use plan::Sky;
 /// The number of doublings of distance that a shadow map distinguishes, below four scene radii.
 const DOUBLINGS: f32 = 18.0;
 
+/// The number of points that one pass splats into shadow maps: some 50 ms on two busy cores.
+const SPLATS_AT_ONCE: u32 = 1 << 19;
+
 /// The points that block light, and the origin of the lights' positions.
 struct Ground {
     geometry_revision: u64,
@@ -554,19 +557,23 @@ impl Work<'_> {
         if count == 0 {
             return Ok(());
         }
-        let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&Step { first_light, ..Step::default() }));
         let Ground { chosen, surfaces, .. } = self.ground;
-        let bindings = passes::vpl_shadow_splat {
-            lights: self.constants.as_entire_binding(),
-            chosen: chosen.as_entire_binding(),
-            surfaces: surfaces.as_entire_binding(),
-            vpls: self.vpls.as_entire_binding(),
-            shadow_maps: self.maps.as_entire_binding(),
-            work: step.as_entire_binding(),
-        };
-        let per_map = self.uniform.point_count.div_ceil(self.uniform.subsets);
-        let groups = [per_map.div_ceil(64).max(1), count, 1];
-        recorder.over(&[], inputs, bindings, groups)?;
+        let per_map = self.uniform.point_count.div_ceil(self.uniform.subsets).max(1);
+        // Some lights at a time, so that a frame can be given up between them. Each light has a map of its own.
+        let run = (SPLATS_AT_ONCE / per_map).max(1);
+        for first in (0..count).step_by(run as usize) {
+            let step = Step { first_light: first_light + first, ..Step::default() };
+            let step = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&step));
+            let bindings = passes::vpl_shadow_splat {
+                lights: self.constants.as_entire_binding(),
+                chosen: chosen.as_entire_binding(),
+                surfaces: surfaces.as_entire_binding(),
+                vpls: self.vpls.as_entire_binding(),
+                shadow_maps: self.maps.as_entire_binding(),
+                work: step.as_entire_binding(),
+            };
+            recorder.over(&[], inputs, bindings, [per_map.div_ceil(64), run.min(count - first), 1])?;
+        }
         let starts: Vec<u32> = self
             .levels
             .iter()

@@ -10,6 +10,7 @@ use crate::gpu::{Error, Gpu, Result};
 use crate::identities::ChunkId;
 use crate::inputs::Inputs;
 use crate::layout::{Node, ORDER_BYTES, SURFEL_BYTES, TreePlace};
+use crate::recorder::Recorder;
 use crate::store::{PlacedChunk, PointStore};
 use crate::targets::storage;
 
@@ -69,14 +70,15 @@ impl SurfelIndex {
     /// Updates the index for the chunks of `supply`, and places them relative to this frame's eye.
     ///
     /// # Errors
-    /// No memory for the index.
+    /// No memory for the index, or the frame is given up: the trees that are made stay.
     pub fn update(
         &mut self,
-        gpu: &Gpu,
+        recorder: &Recorder<'_>,
         store: &PointStore,
         supply: &Inputs,
         splat_size: f32,
     ) -> Result<Vec<FrameTrees>> {
+        let gpu = recorder.gpu;
         self.make_room(gpu, store)?;
         let place = |(id, class_mask): &(ChunkId, u32)| Some((*id, store.placed(*id)?, *class_mask));
         let placed: Vec<_> = supply.chunks.iter().filter_map(place).collect();
@@ -85,6 +87,7 @@ impl SurfelIndex {
         let stale: Vec<_> = placed.iter().filter(|(id, ..)| !self.chunks.contains_key(id)).collect();
         // In batches: the trees of a whole large cloud would take as much memory as the cloud.
         for batch in stale.chunks(16) {
+            recorder.go_on()?;
             let trees: Vec<SurfelTree> =
                 batch.par_iter().map(|(_, chunk, _)| SurfelTree::new(chunk.points, chunk.provisional_radius)).collect();
             for ((id, chunk, _), tree) in batch.iter().zip(trees) {

@@ -25,7 +25,7 @@ pub(crate) fn run(
     task: &Task<'_>,
     use_beams: bool,
 ) -> Result<()> {
-    let trees = index.update(recorder.gpu, task.store, task.supply, task.settings.splat.size)?;
+    let trees = index.update(recorder, task.store, task.supply, task.settings.splat.size)?;
     recorder.clear(&gather.hits);
     let [width, height] = task.supply.size.map(|edge| edge.div_ceil(8));
     let tiles = width * height;
