@@ -1,6 +1,7 @@
 //! Whether estimates from random pixels hold the figures of all pixels, on the five mirrors.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use cloud::Progress;
@@ -173,4 +174,26 @@ fn indirect_light_is_compared_with_that_of_many_lights() {
     stage.subject.render(renderer, settings, SIZE).unwrap();
     let without = estimate(renderer, store, View { camera, settings, objects, size: SIZE }, RAYS, 5).unwrap();
     assert_eq!(without, None, "nothing to estimate");
+}
+
+#[test]
+fn a_probe_that_is_given_up_leaves_the_frame_and_can_be_made_again() {
+    let Some(mut studio) = studio() else { return };
+    let Studio { gpu, renderer } = &mut *studio;
+    let Stage { subject, .. } = Stage::new(gpu, Variant::Torus);
+    let settings = settings("gi.vpls=16 reflection.method=environment_map");
+    subject.render(renderer, &settings, SIZE).unwrap();
+    let picture = renderer.read_picture().unwrap();
+    let mut probe = |flag: bool| {
+        renderer.give_up_when(Some(Arc::new(AtomicBool::new(flag))));
+        let probe = renderer.probe(&subject.store, &still_settings(&settings), subject.objects(), 64, 1);
+        renderer.give_up_when(None);
+        probe.map(|probe| (probe.mirrors, probe.lights))
+    };
+    assert!(matches!(probe(true), Err(render::Error::GivenUp)));
+    let first = probe(false).unwrap();
+    assert!(first.0.len() == 64 && first.1.len() == 64);
+    assert!(matches!(probe(true), Err(render::Error::GivenUp)));
+    assert_eq!(probe(false).unwrap(), first);
+    assert!(renderer.read_picture().unwrap() == picture);
 }
