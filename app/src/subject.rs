@@ -85,9 +85,10 @@ pub fn open(
     let camera = camera(&outline, up);
     if loads.stream.is_some() && !is_over {
         let (view, stream) = (settings.view.clone(), settings.stream.clone());
-        let hidden = BTreeSet::new();
-        let view_number =
-            job.mailbox.set_view(StreamView { camera, size, view, stream, hidden, share: 1.0, is_alone: false });
+        let placed = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
+        let (hidden, mirrors) = (BTreeSet::new(), placed.map(mirrors::bound).collect());
+        let view = StreamView { camera, size, view, stream, mirrors, hidden, share: 1.0, is_alone: false };
+        let view_number = job.mailbox.set_view(view);
         loads.receive(&job, view_number)?;
     }
     drop(job);

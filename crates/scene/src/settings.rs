@@ -338,7 +338,7 @@ params! {
         cache_bytes: Bytes = Bytes(50 << 30), Bytes(256 << 20)..=Bytes(1 << 50), "";
         /// Distance of neighbouring points on the screen at which a place is fine enough.
         detail: f32 = 1.0, 0.25..=64.0, "pixels";
-        /// How much places outside of the picture count beside those in it: mirrors show them, and light comes from them.
+        /// How much places outside of the picture count beside those in it, where no mirror shows them larger: light comes from them.
         unseen: f32 = 0.25, 0.0..=1.0, "share";
         /// Colour points by the level of their page, and draw the boxes of pages.
         overlay: bool = false => not(kept);

@@ -1,7 +1,7 @@
 //! The cut: the nodes that a view needs, and the number of batches of each, within a budget of points and bytes.
 //!
 //! A *measure* says how far apart, in pixels, the points of a node are on the screen; 0 where the node does not matter.
-//! It can be any function, so that a mirror can ask by reflected size; [`ViewMeasure`] is that of a camera. A node is
+//! It can be any function; [`ViewMeasure`] is that of a camera and of the mirrors in its picture. A node is
 //! wanted where the points of its parent are further apart than the finest distance asked for, and the coarsest places
 //! come first. That order does not depend on the budget: a larger budget only goes further along it, so it never shows
 //! less of any place.
@@ -180,6 +180,29 @@ pub struct ViewMeasure {
     scale: PixelScale,
     /// The weight of nodes outside the picture, 0 to 1.
     unseen: f64,
+    /// The mirrors that may be in the picture.
+    mirrors: Vec<MirrorBound>,
+}
+
+/// A mirror as far as a measure knows it. What it shows of a place is as large as a flat mirror shows it at most; only
+/// hollow parts may show it larger.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MirrorBound {
+    /// A ball around it.
+    pub center: DVec3,
+    pub radius: f64,
+    pub form: MirrorForm,
+}
+
+/// The form of a mirror.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MirrorForm {
+    /// A plane with this unit normal. It shows what a camera at the mirrored eye sees through it.
+    Flat(DVec3),
+    /// The sphere itself: it may show any place, and spreads the rays.
+    Sphere,
+    /// It may show any place.
+    Other,
 }
 
 /// How large things appear.
@@ -205,7 +228,8 @@ impl ViewMeasure {
             (forward * tangents.y - up, 0.0),
         ];
         let per_radian = height / (2.0 * tangents.y.max(f64::MIN_POSITIVE));
-        Self { eye, planes, scale: PixelScale::PerRadian(per_radian), unseen: unseen.clamp(0.0, 1.0) }
+        let (scale, unseen) = (PixelScale::PerRadian(per_radian), unseen.clamp(0.0, 1.0));
+        Self { eye, planes, scale, unseen, mirrors: Vec::new() }
     }
 
     /// A view with parallel rays. `half` is half the picture's width and height in world units. Points behind the eye
@@ -214,34 +238,105 @@ impl ViewMeasure {
         let [right, up, _] = rows(view_from_world);
         let planes = vec![(right, -half.x), (-right, -half.x), (up, -half.y), (-up, -half.y)];
         let per_unit = height / (2.0 * half.y.max(f64::MIN_POSITIVE));
-        Self { eye, planes, scale: PixelScale::PerUnit(per_unit), unseen: unseen.clamp(0.0, 1.0) }
+        let (scale, unseen) = (PixelScale::PerUnit(per_unit), unseen.clamp(0.0, 1.0));
+        Self { eye, planes, scale, unseen, mirrors: Vec::new() }
     }
 
-    /// The distance in pixels between neighbouring points of the node's level, where it is nearest; weighted by
-    /// `unseen` outside the picture.
+    /// The same with those of the mirrors that may be in the picture.
+    pub fn with_mirrors(self, mirrors: impl IntoIterator<Item = MirrorBound>) -> Self {
+        let is_seen = |mirror: &MirrorBound| {
+            let MirrorBound { center, radius, .. } = mirror;
+            self.planes.iter().all(|(normal, offset)| normal.dot(*center - self.eye) + radius >= *offset)
+        };
+        let mirrors = mirrors.into_iter().filter(is_seen).collect();
+        Self { mirrors, ..self }
+    }
+
+    /// The distance in pixels between neighbouring points of the node's level, where it is nearest. Outside the picture
+    /// it is the largest that a mirror may show, and at least that in the direction of the node weighted by `unseen`.
     pub fn pixels(&self, octree: &Octree, node: &Node) -> f64 {
         if node.bounds.is_empty() {
             return 0.0;
         }
         let spacing = octree.spacing_at(node.level);
-        let pixels = match self.scale {
-            PixelScale::PerUnit(scale) => scale * spacing,
-            PixelScale::PerRadian(scale) => {
-                let nearest = self.eye.clamp(node.bounds.min, node.bounds.max);
-                // The eye is never nearer than one spacing, so all levels count the same around it.
-                scale * spacing / nearest.distance(self.eye).max(spacing)
+        let pixels = self.pixels_after(self.eye.distance(nearest(node.bounds, self.eye)), spacing, 1.0);
+        if self.is_seen(node.bounds) {
+            return pixels;
+        }
+        let reflected = self.mirrors.iter().map(|mirror| self.reflected_pixels(mirror, node.bounds, spacing));
+        reflected.fold(pixels * self.unseen, f64::max).min(pixels)
+    }
+
+    /// The length of `spacing` in pixels at the end of a way of this length, along which rays spread this many times as
+    /// much as in front of the eye.
+    fn pixels_after(&self, way: f64, spacing: f64, spread: f64) -> f64 {
+        match self.scale {
+            PixelScale::PerUnit(scale) => scale * spacing / spread,
+            // The eye is never nearer than one spacing, so all levels count the same around it.
+            PixelScale::PerRadian(scale) => scale * spacing / (way * spread).max(spacing),
+        }
+    }
+
+    /// The largest distance in pixels at which a mirror may show neighbouring points, `spacing` apart, of a box; 0 if it
+    /// does not show the box. Rays that were reflected before are not followed.
+    fn reflected_pixels(&self, mirror: &MirrorBound, bounds: Bounds, spacing: f64) -> f64 {
+        let MirrorBound { center, radius, form } = *mirror;
+        match form {
+            MirrorForm::Flat(normal) => {
+                let to_eye = normal.dot(self.eye - center);
+                let toward_eye = if to_eye < 0.0 { -normal } else { normal };
+                if toward_eye.dot(furthest(bounds, toward_eye) - center) <= 0.0 {
+                    return 0.0;
+                }
+                let image = self.eye - 2.0 * to_eye * normal;
+                let is_framed = match self.scale {
+                    PixelScale::PerRadian(_) => is_in_cone(image, center, radius, bounds),
+                    PixelScale::PerUnit(_) => true,
+                };
+                let way = image.distance(nearest(bounds, image));
+                if is_framed { self.pixels_after(way, spacing, 1.0) } else { 0.0 }
             }
-        };
-        if self.is_seen(node.bounds) { pixels } else { pixels * self.unseen }
+            MirrorForm::Sphere | MirrorForm::Other => {
+                let before = (self.eye.distance(center) - radius).max(0.0);
+                let after = (center.distance(nearest(bounds, center)) - radius).max(0.0);
+                let way = before + after;
+                // Where a pixel of angle a meets a sphere, the normal turns by a * before / radius and the ray by twice
+                // that; parallel rays of width w turn by 2 w / radius. Grazing rays spread more.
+                let spread = match (form, self.scale) {
+                    (MirrorForm::Sphere, PixelScale::PerRadian(_)) if way > 0.0 => {
+                        1.0 + 2.0 * before * after / (radius * way)
+                    }
+                    (MirrorForm::Sphere, PixelScale::PerUnit(_)) => 1.0 + 2.0 * after / radius,
+                    _ => 1.0,
+                };
+                self.pixels_after(way, spacing, spread)
+            }
+        }
     }
 
     /// Whether a part of the box may lie in the picture.
     fn is_seen(&self, bounds: Bounds) -> bool {
-        self.planes.iter().all(|(normal, offset)| {
-            let furthest = DVec3::select(normal.cmpge(DVec3::ZERO), bounds.max, bounds.min);
-            normal.dot(furthest - self.eye) >= *offset
-        })
+        self.planes.iter().all(|(normal, offset)| normal.dot(furthest(bounds, *normal) - self.eye) >= *offset)
     }
+}
+
+/// The point of a box that is nearest to a place.
+fn nearest(bounds: Bounds, place: DVec3) -> DVec3 {
+    place.clamp(bounds.min, bounds.max)
+}
+
+/// The corner of a box that is furthest in a direction.
+fn furthest(bounds: Bounds, direction: DVec3) -> DVec3 {
+    DVec3::select(direction.cmpge(DVec3::ZERO), bounds.max, bounds.min)
+}
+
+/// Whether rays from `apex` through a ball may meet a box.
+fn is_in_cone(apex: DVec3, center: DVec3, radius: f64, bounds: Bounds) -> bool {
+    let angle = |reach: f64, distance: f64| if reach < distance { (reach / distance).asin() } else { f64::INFINITY };
+    let (axis, to_box) = (center - apex, bounds.center() - apex);
+    let allowed = angle(radius, axis.length()) + angle(bounds.radius(), to_box.length());
+    // A wider cone contains everything, also where an apex in a ball leaves no angle to compare.
+    allowed >= std::f64::consts::PI || axis.angle_between(to_box) <= allowed
 }
 
 fn rows(matrix: DMat3) -> [DVec3; 3] {

@@ -252,3 +252,101 @@ fn time_of_a_cut() {
         println!("{chosen} of {nodes} nodes chosen in {:.2} ms (median of 21), {:.2} at best", times[10], times[0]);
     }
 }
+
+/// A view from the corner of the world along +z, away from everything else in these tests.
+fn away(eye: DVec3) -> ViewMeasure {
+    let up = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::Z).transpose();
+    ViewMeasure::perspective(eye, up, DVec2::ONE, 1000.0, 0.0)
+}
+
+fn mirror(center: DVec3, radius: f64, form: MirrorForm) -> MirrorBound {
+    MirrorBound { center, radius, form }
+}
+
+#[test]
+fn a_flat_mirror_asks_for_what_it_shows_as_a_camera_behind_it_would() {
+    let octree = filled(3, 1000);
+    let eye = DVec3::new(500.0, 500.0, 2000.0);
+    let flat = mirror(DVec3::new(500.0, 500.0, 3000.0), 800.0, MirrorForm::Flat(DVec3::NEG_Z));
+    let image = view(DVec3::new(500.0, 500.0, 4000.0), 0.0);
+    let (bare, reflected) = (away(eye), away(eye).with_mirrors([flat]));
+    for (_, node) in octree.ids() {
+        assert_eq!(bare.pixels(&octree, node), 0.0);
+        assert_eq!(reflected.pixels(&octree, node), image.pixels(&octree, node));
+    }
+    // Not what lies behind it, nor what lies beside its frame, nor anything once it has left the picture.
+    let behind = MirrorBound { center: DVec3::new(500.0, 500.0, -10.0), ..flat };
+    let aside = MirrorBound { form: MirrorForm::Flat(DVec3::new(0.6, 0.0, -0.8)), radius: 10.0, ..flat };
+    let out = MirrorBound { center: DVec3::new(500.0, 9000.0, 2500.0), ..flat };
+    for useless in [behind, aside, out] {
+        let measure = away(eye).with_mirrors([useless]);
+        assert!(octree.ids().all(|(_, node)| measure.pixels(&octree, node) == 0.0), "{useless:?}");
+    }
+}
+
+#[test]
+fn what_a_mirror_shows_counts_no_less_than_the_share_and_no_more_than_in_the_picture() {
+    let octree = filled(3, 1000);
+    let eye = DVec3::new(500.0, 500.0, 2000.0);
+    let at = DVec3::new(500.0, 500.0, 2600.0);
+    let root = octree.node(NodeId(0));
+    let pixels = |mirrors: &[MirrorBound]| away(eye).with_mirrors(mirrors.iter().copied()).pixels(&octree, root);
+    let [small, large, other] = [(100.0, MirrorForm::Sphere), (400.0, MirrorForm::Sphere), (100.0, MirrorForm::Other)]
+        .map(|(radius, form)| pixels(&[mirror(at, radius, form)]));
+    assert!(0.0 < small && small < large && large < other, "{small} {large} {other}");
+    assert_eq!(pixels(&[mirror(at, 100.0, MirrorForm::Sphere), mirror(at, 100.0, MirrorForm::Other)]), other);
+    assert!(other < view(eye, 0.0).pixels(&octree, root));
+    let shared = ViewMeasure { unseen: 0.25, ..away(eye) };
+    let share = shared.pixels(&octree, root);
+    assert_eq!(shared.with_mirrors([mirror(at, 100.0, MirrorForm::Sphere)]).pixels(&octree, root), share.max(small));
+}
+
+/// Where a ray from `eye` meets a sphere or the plane of a flat mirror, and its direction after that.
+fn reflect(mirror: &MirrorBound, eye: DVec3, direction: DVec3) -> Option<(DVec3, DVec3)> {
+    let offset = eye - mirror.center;
+    let (distance, normal) = match mirror.form {
+        MirrorForm::Flat(normal) => (-normal.dot(offset) / normal.dot(direction), normal),
+        _ => {
+            let half = offset.dot(direction);
+            let root = half * half - offset.length_squared() + mirror.radius * mirror.radius;
+            let distance = -half - (root >= 0.0).then(|| root.sqrt())?;
+            (distance, (offset + distance * direction) / mirror.radius)
+        }
+    };
+    let is_met = distance > 0.0 && (offset + distance * direction).length() <= mirror.radius * (1.0 + 1e-9);
+    is_met.then(|| (eye + distance * direction, direction - 2.0 * normal.dot(direction) * normal))
+}
+
+proptest! {
+    /// The area that a pixel shows in a mirror, by rays: the measure never takes it for larger than it is.
+    #[test]
+    fn nothing_in_a_mirror_is_taken_for_smaller_than_rays_find_it(
+        is_flat: bool, radius in 0.1..5.0, distance in 5.5..30.0, place in prop::array::uniform2(-0.95..0.95),
+        tilt in prop::array::uniform2(-0.9..0.9), way in 0.1..40.0,
+    ) {
+        let eye = DVec3::new(3.0, -2.0, 1.0);
+        let normal = DVec3::new(tilt[0], tilt[1], -1.0).normalize();
+        let form = if is_flat { MirrorForm::Flat(normal) } else { MirrorForm::Sphere };
+        let mirror = mirror(eye + DVec3::Z * distance, radius, form);
+        let toward = |x: f64, y: f64| DVec3::new(x, y, distance / radius).normalize();
+        let ray = |x, y| reflect(&mirror, eye, toward(x, y));
+        let Some((hit, direction)) = ray(place[0], place[1]) else { return Ok(()) };
+        let seen: DVec3 = hit + way * direction;
+        // Where rays a little beside it meet the plane across it, by the angle between them.
+        let mut across = [DVec3::ZERO; 2];
+        for (step, across) in [[1e-5, 0.0], [0.0, 1e-5]].into_iter().zip(&mut across) {
+            let (x, y) = (place[0] + step[0], place[1] + step[1]);
+            let Some((hit, turned)) = ray(x, y) else { return Ok(()) };
+            let along = (seen - hit).dot(direction) / turned.dot(direction);
+            *across = hit + along * turned - seen;
+        }
+        let [a, b] = [[1e-5, 0.0], [0.0, 1e-5]].map(|step| toward(place[0] + step[0], place[1] + step[1]));
+        let angle = (a - toward(place[0], place[1])).cross(b - toward(place[0], place[1])).length();
+        let footprint = (across[0].cross(across[1]).length() / angle).sqrt();
+        let spacing = 1e-6;
+        let measure = away(eye).with_mirrors([mirror]);
+        prop_assert_eq!(measure.mirrors.len(), 1);
+        let pixels = measure.reflected_pixels(&mirror, Bounds { min: seen, max: seen }, spacing);
+        prop_assert!(pixels >= 500.0 * spacing / footprint * 0.999, "{pixels} of {}", 500.0 * spacing / footprint);
+    }
+}

@@ -35,7 +35,7 @@ mod tree;
 pub use batches::{BATCHES, prefix, rank_of_batch};
 pub use build::{BuildOptions, build};
 pub use cache::Cache;
-pub use cut::{Budget, Tree, ViewMeasure, Wanted, choose};
+pub use cut::{Budget, MirrorBound, MirrorForm, Tree, ViewMeasure, Wanted, choose};
 pub use error::{Error, Result};
 pub use kept::{KeptSurfels, SurfelPlace};
 pub use octree::{Node, NodeId, Octree};

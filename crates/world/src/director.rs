@@ -399,12 +399,13 @@ fn measure(viewpoint: &StreamView) -> ViewMeasure {
     let tangent = (f64::from(view.field_of_view).to_radians() * 0.5).tan();
     let (height, unseen) = (f64::from(*height), f64::from(stream.unseen));
     let half = DVec2::new(tangent * f64::from(*width) / height.max(1.0), tangent);
-    match view.projection {
+    let measure = match view.projection {
         Projection::Perspective => ViewMeasure::perspective(camera.eye, camera.view_from_world(), half, height, unseen),
         Projection::Orthographic => {
             ViewMeasure::parallel(camera.eye, camera.view_from_world(), half * camera.distance(), height, unseen)
         }
-    }
+    };
+    measure.with_mirrors(viewpoint.mirrors.iter().copied())
 }
 
 #[cfg(test)]
@@ -482,7 +483,16 @@ mod tests {
             let set_view = |hidden: &[usize], share: f64| {
                 let (view, stream) = (settings.view.clone(), settings.stream.clone());
                 let hidden = hidden.iter().copied().collect();
-                mailbox.set_view(StreamView { camera, size: [800, 600], view, stream, hidden, share, is_alone: false })
+                mailbox.set_view(StreamView {
+                    camera,
+                    size: [800, 600],
+                    view,
+                    stream,
+                    mirrors: Vec::new(),
+                    hidden,
+                    share,
+                    is_alone: false,
+                })
             };
             let mut there = [BTreeMap::new(), BTreeMap::new()];
             let views = [(&[][..], 1.0), (&[0], 1.0), (&[], 1.0), (&[], 1.0 / 3.0)];

@@ -49,7 +49,16 @@ fn settings(pages: scene::Paging, point_budget: u32) -> Settings {
 fn viewpoint(settings: &Settings) -> StreamView {
     let camera = Camera::looking(DVec3::new(1.0, 0.5, 0.0), DVec3::Z, 2.0, DVec3::Y);
     let (view, stream) = (settings.view.clone(), settings.stream.clone());
-    StreamView { camera, size: [400, 300], view, stream, hidden: Default::default(), share: 1.0, is_alone: false }
+    StreamView {
+        camera,
+        size: [400, 300],
+        view,
+        stream,
+        mirrors: Vec::new(),
+        hidden: Default::default(),
+        share: 1.0,
+        is_alone: false,
+    }
 }
 
 /// What a receiver has got: the number of points by cloud and part.

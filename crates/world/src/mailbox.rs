@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use cloud::SurfelOptions;
 use scene::{Camera, Stream, ViewSettings};
-use stream::Pages;
+use stream::{MirrorBound, Pages};
 
 use crate::chunk_key::Part;
 use crate::task::{CloudTask, CloudTasks};
@@ -22,6 +22,8 @@ pub struct StreamView {
     pub size: [u32; 2],
     pub view: ViewSettings,
     pub stream: Stream,
+    /// The mirrors of the scene, as far as the choice of nodes knows them (`mirrors::bound`).
+    pub mirrors: Vec<MirrorBound>,
     /// The clouds that are not shown, by the job's own numbers.
     pub hidden: BTreeSet<usize>,
     /// The share of the job's budgets that may be used, 0 to 1.

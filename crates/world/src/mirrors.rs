@@ -7,7 +7,8 @@ use std::sync::Arc;
 use cloud::{Chunk, Cloud, PointTest, Progress, SPLAT_OVERLAP, unpack_radius};
 use glam::DVec3;
 use render::{ChunkId, CloudId, ColorPlan, Material, PointStore};
-use scene::{ColorBy, Mirror, MirrorNormals, MirrorPoints};
+use scene::{ColorBy, Mirror, MirrorNormals, MirrorPoints, Shape};
+use stream::{MirrorBound, MirrorForm};
 
 use crate::error::{Error, Result};
 use crate::source::read_column;
@@ -72,6 +73,16 @@ pub fn upload(store: &mut PointStore, mirror: &Mirror, samples: &[Chunk]) -> ren
 pub fn outline(mirror: &Mirror) -> [DVec3; 6] {
     let reach = mirror.shape.reach() * mirror.size;
     [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z].map(|axis| mirror.position + axis * reach)
+}
+
+/// What the choice of nodes of streamed clouds knows of a mirror.
+pub fn bound(mirror: &Mirror) -> MirrorBound {
+    let form = match mirror.shape {
+        Shape::Plane { .. } => MirrorForm::Flat(mirror.rotation * DVec3::Z),
+        Shape::Sphere => MirrorForm::Sphere,
+        Shape::Paraboloid { .. } | Shape::Torus { .. } | Shape::Blob | Shape::Coral => MirrorForm::Other,
+    };
+    MirrorBound { center: mirror.position, radius: mirror.shape.reach() * mirror.size, form }
 }
 
 /// The points of a cloud that reflect: a list per chunk, in order.

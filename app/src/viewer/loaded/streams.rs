@@ -128,15 +128,17 @@ impl Loaded {
         }
         let (camera, size, stream) =
             (beside.scene.camera, beside.scene.view_size, beside.scene.settings.stream.clone());
+        let mirrors: Vec<_> = beside.mirrors().map(|(_, mirror)| world::mirrors::bound(mirror)).collect();
         let is_alone = beside.is_recorded;
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
         let hidden: Vec<BTreeSet<usize>> = streaming().map(|job| self.hidden(job)).collect();
         let jobs = self.jobs.iter_mut().filter(|job| job.has_streamed);
         for (job, (hidden, share)) in jobs.zip(hidden.into_iter().zip(shares(&demands))) {
-            let (view, stream) = (view.clone(), stream.clone());
+            let (view, stream, mirrors) = (view.clone(), stream.clone(), mirrors.clone());
             job.share = share;
-            job.look = job.mailbox.set_view(StreamView { camera, size, view, stream, hidden, share, is_alone });
+            job.look =
+                job.mailbox.set_view(StreamView { camera, size, view, stream, mirrors, hidden, share, is_alone });
         }
     }
 
