@@ -64,7 +64,7 @@ fn light_of(position: vec3f, normal: vec3f) -> vec4u {
     let own = view_from_relative(frame, position);
     let apart = 1.0 / min(pixels_per_unit(before, view.z), pixels_per_unit(frame, own.z));
     let slant = max(abs(dot(normal, normalize(place))), 0.25);
-    var nearest = 1.25 * apart / slant;
+    var nearest = 3.0 * apart / slant;
     var found = vec4u(0u);
     for (var i = 0; i < 4; i++) {
         let pixel = clamp(vec2i(floor(at - 0.5)) + vec2i(i & 1, i >> 1u), vec2i(0), vec2i(size) - 1);
@@ -72,7 +72,7 @@ fn light_of(position: vec3f, normal: vec3f) -> vec4u {
         let offset = bitcast<vec3f>(light.xyz) - place;
         let distance = length(offset);
         // Light of another surface is not taken.
-        let is_same = light.w != 0u && abs(dot(offset, normal)) < 0.2 * apart;
+        let is_same = light.w != 0u && abs(dot(offset, normal)) < 1.0 * apart;
         if is_same && distance < nearest {
             nearest = distance;
             found = vec4u(bitcast<vec3u>(bitcast<vec3f>(light.xyz) - before.clip.xyz), light.w);

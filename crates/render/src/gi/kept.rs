@@ -22,7 +22,7 @@ pub enum LightReuse {
     /// They compute their light, and keep it for the frames that follow.
     Keep,
     /// They take the light of the frame before where it is of the same place, compute the rest, and keep both. The light is then
-    /// that of a place within two pixels. Surfaces with highlights are computed.
+    /// that of a place within three pixels. Surfaces with highlights are computed.
     Reuse,
 }
 
