@@ -42,7 +42,10 @@ const LEVERS: [(&str, &[&str]); 7] = [
 const SMALL: f64 = 320.0 * 240.0;
 
 /// The most combinations that are drawn in full.
-const MOST_DRAWN: usize = 6;
+const MOST_DRAWN: usize = 8;
+
+/// After each combination that did not keep to the target, predictions must keep to this share of what they had to before.
+const MARGIN: f64 = 0.87;
 
 /// The weight of what was learned of other scenes beside one frame of this one.
 const OTHER_SCENES: f64 = 0.02;
@@ -117,6 +120,13 @@ struct Candidate {
     milliseconds: f64,
     error: f64,
     is_drawn: bool,
+}
+
+impl Candidate {
+    /// The share of the target to which it must keep.
+    fn share(&self, margin: f64) -> f64 {
+        if self.is_drawn { 1.0 } else { margin }
+    }
 }
 
 /// Chooses settings for a view of `size` pixels. Parameters of `fixed` stay as they are. The cost model learns from all
@@ -236,7 +246,10 @@ impl Explored {
                 Some(Candidate { settings: settings.clone(), milliseconds, error, is_drawn: known.is_some() })
             };
             let candidates: Vec<Candidate> = combinations.iter().filter_map(candidate).collect();
-            let Some(next) = promising(target, &candidates).filter(|next| !next.is_drawn) else { break };
+            let misses =
+                drawn.iter().skip(self.drawn.len()).filter(|drawn| !target.is_kept(drawn.milliseconds, &drawn.error));
+            let margin = MARGIN.powi(misses.count() as i32);
+            let Some(next) = promising(target, margin, &candidates).filter(|next| !next.is_drawn) else { break };
             let (found, _) = search.drawn(&next.settings, &self.still, self.size)?;
             let measured = target.error(&found.error);
             // Where errors turn out larger than their squares told, the other predictions are too small as well.
@@ -455,19 +468,21 @@ fn predicted_error(target: Target, base: StillError, squares: [f64; 2]) -> f64 {
     (base.powi(2) + square).max(0.0).sqrt()
 }
 
-/// The candidate that is expected to meet the target best.
-fn promising(target: Target, candidates: &[Candidate]) -> Option<&Candidate> {
+/// The candidate that is expected to meet the target best. What is only predicted must keep to a share of it, `margin`.
+fn promising(target: Target, margin: f64, candidates: &[Candidate]) -> Option<&Candidate> {
     let by_error =
         |a: &&Candidate, b: &&Candidate| a.error.total_cmp(&b.error).then(a.milliseconds.total_cmp(&b.milliseconds));
     let by_time =
         |a: &&Candidate, b: &&Candidate| a.milliseconds.total_cmp(&b.milliseconds).then(a.error.total_cmp(&b.error));
     match target {
         Target::Milliseconds(most) => {
-            let keeping = candidates.iter().filter(|candidate| candidate.milliseconds <= most).min_by(by_error);
+            let keeps = |candidate: &&Candidate| candidate.milliseconds <= most * candidate.share(margin);
+            let keeping = candidates.iter().filter(keeps).min_by(by_error);
             keeping.or_else(|| candidates.iter().min_by(by_time))
         }
         Target::Pixels(most) | Target::DeltaE(most) => {
-            let keeping = candidates.iter().filter(|candidate| candidate.error <= most).min_by(by_time);
+            let keeps = |candidate: &&Candidate| candidate.error <= most * candidate.share(margin);
+            let keeping = candidates.iter().filter(keeps).min_by(by_time);
             keeping.or_else(|| candidates.iter().min_by(by_error))
         }
     }
@@ -478,16 +493,20 @@ fn best(target: Target, drawn: &[Drawn]) -> (&Drawn, bool) {
     let error = |drawn: &Drawn| target.error(&drawn.error);
     let by_error = |a: &&Drawn, b: &&Drawn| error(a).total_cmp(&error(b));
     let by_time = |a: &&Drawn, b: &&Drawn| a.milliseconds.total_cmp(&b.milliseconds);
-    let (keeping, otherwise) = match target {
-        Target::Milliseconds(most) => {
-            (drawn.iter().filter(|drawn| drawn.milliseconds <= most).min_by(by_error), drawn.iter().min_by(by_time))
+    let mut keeping = drawn.iter().filter(|drawn| target.is_kept(drawn.milliseconds, &drawn.error)).collect::<Vec<_>>();
+    let mut all: Vec<&Drawn> = drawn.iter().collect();
+    match target {
+        Target::Milliseconds(_) => {
+            keeping.sort_by(by_error);
+            all.sort_by(by_time);
         }
-        Target::Pixels(most) | Target::DeltaE(most) => {
-            (drawn.iter().filter(|drawn| error(drawn) <= most).min_by(by_time), drawn.iter().min_by(by_error))
+        Target::Pixels(_) | Target::DeltaE(_) => {
+            keeping.sort_by(by_time);
+            all.sort_by(by_error);
         }
-    };
+    }
     // There is always one: the still picture is drawn first.
-    keeping.map_or_else(|| (otherwise.unwrap_or(&drawn[0]), false), |drawn| (drawn, true))
+    keeping.first().map_or((all[0], false), |drawn| (drawn, true))
 }
 
 #[cfg(test)]
@@ -585,10 +604,12 @@ mod tests {
         let candidate =
             |milliseconds, error| Candidate { settings: Settings::default(), milliseconds, error, is_drawn: false };
         let candidates = [candidate(30.0, 1.0), candidate(20.0, 1.0), candidate(10.0, 5.0)];
-        let promised = |target| promising(target, &candidates).unwrap().milliseconds;
+        let promised = |target| promising(target, 1.0, &candidates).unwrap().milliseconds;
         assert_eq!(promised(Target::Milliseconds(40.0)), 20.0, "of equal errors the faster");
         assert_eq!(promised(Target::Milliseconds(1.0)), 10.0);
         assert_eq!((promised(Target::DeltaE(6.0)), promised(Target::DeltaE(0.1))), (10.0, 20.0));
+        let careful = promising(Target::DeltaE(6.0), 0.8, &candidates).unwrap();
+        assert_eq!(careful.milliseconds, 20.0, "after misses a prediction needs a margin");
     }
 
     #[test]

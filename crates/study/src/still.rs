@@ -224,6 +224,14 @@ impl Target {
         }
     }
 
+    /// Whether a frame keeps to it.
+    pub fn is_kept(self, milliseconds: f64, error: &StillError) -> bool {
+        match self {
+            Self::Milliseconds(most) => milliseconds <= most,
+            Self::Pixels(most) | Self::DeltaE(most) => self.error(error) <= most,
+        }
+    }
+
     /// The unit of that error.
     pub fn error_unit(self) -> &'static str {
         match self {
