@@ -101,12 +101,13 @@ fn settings_of(row: &Row) -> Settings {
     settings
 }
 
-/// Whether a row has the settings as they are: `auto` with the defaults of all that is swept.
+/// Whether a row has the settings as they are: the method that `auto` stands for, with the defaults of all that is swept.
 fn is_unchanged(row: &Row) -> bool {
     let mut settings = Settings::default();
     let mut swept = row.case.swept.iter().filter(|(key, _)| key.contains('.'));
     let is_set = swept.all(|(key, value)| settings.set_text(key, value).is_ok());
-    is_set && settings == Settings::default() && row.case.method == Method::Auto.name()
+    let is_auto = [Method::Auto, Method::Auto.chosen()].iter().any(|method| row.case.method == method.name());
+    is_set && is_auto && settings == Settings::default()
 }
 
 /// A line for people: how many of the targets that a setting keeps to `auto` keeps to, and how many it does well.
