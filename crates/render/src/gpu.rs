@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use scene::{Atomics, Splat};
 
-use crate::handed::tight;
 use crate::kept_pipelines::KeptPipelines;
 
 pub type Result<T> = std::result::Result<T, Error>;
@@ -211,6 +210,16 @@ impl Gpu {
         let view = staging.get_mapped_range(..).map_err(|error| Error::Lost(error.to_string()))?;
         Ok(take(&view))
     }
+}
+
+/// Rows of `row` bytes, from rows of `stride` bytes.
+pub(crate) fn tight(rows: &[u8], row: usize, stride: usize) -> Vec<u8> {
+    if row == stride {
+        return rows.to_vec();
+    }
+    let mut tight = Vec::with_capacity(rows.len() / stride.max(1) * row);
+    rows.chunks_exact(stride).for_each(|line| tight.extend_from_slice(&line[..row]));
+    tight
 }
 
 /// The name and abilities of one adapter.

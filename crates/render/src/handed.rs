@@ -1,7 +1,7 @@
 //! What a frame hands to the CPU: its pass times, its counters and its picture. The frame's own commands copy them into
 //! one buffer, which stays from frame to frame, so that one wait brings them all and nothing is copied twice.
 
-use crate::gpu::{Clock, Error, Gpu, Result};
+use crate::gpu::{Clock, Error, Gpu, Result, tight};
 use crate::layout::COUNTERS;
 use crate::targets::Image;
 
@@ -146,14 +146,4 @@ fn stride(width: u32) -> u32 {
 
 fn mapped(buffer: &wgpu::Buffer, bytes: std::ops::Range<u64>) -> Result<wgpu::BufferView> {
     buffer.get_mapped_range(bytes).map_err(|error| Error::Lost(error.to_string()))
-}
-
-/// Rows of `row` bytes, from rows of `stride` bytes.
-pub(crate) fn tight(rows: &[u8], row: usize, stride: usize) -> Vec<u8> {
-    if row == stride {
-        return rows.to_vec();
-    }
-    let mut tight = Vec::with_capacity(rows.len() / stride.max(1) * row);
-    rows.chunks_exact(stride).for_each(|line| tight.extend_from_slice(&line[..row]));
-    tight
 }

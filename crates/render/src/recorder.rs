@@ -2,14 +2,16 @@
 //! the host's clock around a submit each.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+
+use cloud::Progress;
 
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
-use crate::rehearsal::Rehearsal;
 use crate::targets::Image;
 
 /// The time of one pass.
@@ -27,6 +29,17 @@ pub(crate) type Switches<'a> = &'a [(&'static str, u32)];
 
 /// The passes compiled so far, by name and switches.
 pub(crate) type Pipelines = HashMap<(&'static str, Vec<(&'static str, u32)>), Compiled>;
+
+/// A pass and the values of its switches.
+pub(crate) type Variant = (&'static Pass, Vec<(&'static str, u32)>);
+
+/// What a rehearsal does with the passes of a frame.
+pub(crate) enum Rehearsal {
+    /// Collects the passes that are not compiled, and runs none.
+    Collect(Vec<Variant>),
+    /// Runs them, and counts those that have run.
+    Count(Arc<Progress>),
+}
 
 pub(crate) struct Recorder<'a> {
     pub gpu: &'a Gpu,

@@ -13,20 +13,10 @@ use scene::{Camera, Mirror, Quality, Settings, Shape, SpotLight};
 use crate::frame::Objects;
 use crate::gpu::{Error, Result};
 use crate::lighting::MOST_LIGHTS;
-use crate::passes::{Compiled, Pass};
+use crate::passes::Compiled;
+use crate::recorder::{Rehearsal, Variant};
 use crate::renderer::Renderer;
 use crate::store::{Material, PointStore};
-
-/// A pass and the values of its switches.
-pub(crate) type Variant = (&'static Pass, Vec<(&'static str, u32)>);
-
-/// What a rehearsal does with the passes of a frame.
-pub(crate) enum Rehearsal {
-    /// Collects the passes that are not compiled, and runs none.
-    Collect(Vec<Variant>),
-    /// Runs them, and counts those that have run.
-    Count(Arc<Progress>),
-}
 
 /// What decides which passes a frame has.
 #[derive(Clone, PartialEq)]
