@@ -1,5 +1,5 @@
-// Walks the points of a page in a splatting pass, block by block, one workgroup each. The importing pass defines
-// `splat_point(item, index)`.
+// Walks the points of a page in a splatting pass, block by block, one workgroup each, or several blocks a workgroup where
+// few points of each are drawn. The importing pass defines `splat_point(item, index)`.
 #import page_group
 #import visibility
 
@@ -14,14 +14,18 @@ var<private> identities_from: u32;
 
 // The share of invocation `lane` of a workgroup of 128.
 fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
-    let block_index = group.x + group.y * groups.x;
+    // 1024 / 128 points a block keep one of 128 invocations busy each. Fewer would leave some idle, and a workgroup costs
+    // as much as its points. Powers of two divide 128 (blocks_per_workgroup in crates/render/src/inputs.rs).
+    let together = 1u << min(firstLeadingBit(max(page.step / 8u, 1u)), 7u);
+    let lanes = 128u / together;
+    let block_index = (group.x + group.y * groups.x) * together + lane / lanes;
     if block_index >= page.block_count {
         return;
     }
     let block = blocks[block_index];
     let item = items[block.item];
     identities_from = block.first_identity - block.first;
-    for (var i = lane * page.step; i < block.count; i += 128u * page.step) {
+    for (var i = (lane % lanes) * page.step; i < block.count; i += lanes * page.step) {
         splat_point(item, block.first + i);
     }
 }

@@ -39,8 +39,14 @@ pub(crate) struct PageInputs {
 pub(crate) struct ListInputs {
     pub page: wgpu::Buffer,
     pub blocks: wgpu::Buffer,
-    pub block_count: u32,
+    /// The number of workgroups that draw them.
+    pub workgroups: u32,
     pub pixels_only: bool,
+}
+
+/// The number of blocks that a workgroup draws where one point in `step` is drawn (shaders/shared/blocks.wgsl).
+fn blocks_per_workgroup(step: u32) -> u32 {
+    1 << (step / 8).max(1).ilog2().min(7)
 }
 
 impl Inputs {
@@ -66,7 +72,7 @@ impl Inputs {
             let list = |(kind, blocks): (usize, &Vec<Block>)| ListInputs {
                 page: page(draw.capacity, false, blocks.len()),
                 blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
-                block_count: blocks.len() as u32,
+                workgroups: (blocks.len() as u32).div_ceil(blocks_per_workgroup(step)),
                 pixels_only: kind == 1,
             };
             draw.blocks.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()

@@ -231,10 +231,10 @@ impl<'a> Recorder<'a> {
             switches.push(("pixels_only", u32::from(list.pixels_only)));
             switches.push(("filter_classes", u32::from(inputs.filter_classes)));
             // The limit is 65,535 workgroups per dimension.
-            let x = list.block_count.clamp(1, 32_768);
+            let x = list.workgroups.clamp(1, 32_768);
             let resources = inputs.page_resources(page, &list.page, &list.blocks).to_vec();
             let bound = vec![inputs.frame_resources().to_vec(), resources, bindings(page)?.resources()];
-            Some((switches, bound, [x, list.block_count.div_ceil(x), 1]))
+            Some((switches, bound, [x, list.workgroups.div_ceil(x), 1]))
         });
         let dispatches = dispatches.collect();
         self.dispatch(B::PASS, dispatches)
