@@ -120,17 +120,6 @@ fn build_on_disk(
     }
 }
 
-/// Clears an entry when it is dropped, unless the flag is set.
-pub(crate) struct Unfinished<'a>(pub &'a Path, pub bool);
-
-impl Drop for Unfinished<'_> {
-    fn drop(&mut self) {
-        if !self.1 {
-            entry::clear(self.0);
-        }
-    }
-}
-
 /// Makes an entry whose lock the caller holds.
 fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identity) -> Result<()> {
     let io = |error| Error::not_written(entry, error);
@@ -145,7 +134,7 @@ fn make_entry(build: &Build<'_>, cache: &Cache, entry: &Path, identity: &Identit
     cache.make_room(points.saturating_mul(WORKING_DISK_BYTES));
     // Clears what is left of a damaged entry or of a builder that was killed.
     entry::start(entry, &cache.aside(entry)).map_err(not_written)?;
-    let mut unfinished = Unfinished(entry, false);
+    let mut unfinished = entry::Unfinished(entry, false);
     let building = entry.join(BUILDING);
     let outcome = build.run(&building, identity).and_then(|(summary, nodes)| {
         if let Some(path) = identity.changed() {

@@ -11,12 +11,14 @@ use std::io::{ErrorKind, Read as _, Write as _};
 use std::path::Path;
 
 use crate::regular_file::{is_there, kind, open_regular};
-use crate::{Error, Result, kept, pages, surfels};
+use crate::{Error, Result, pages, surfels};
 
 /// The folder within an entry in which an index is made.
 pub const BUILDING: &str = "building";
 /// The file in `BUILDING` that holds the records of all points while an index is made.
 pub const RECORDS: &str = "records";
+/// The file that holds kept normals and radii.
+pub const KEPT: &str = "kept";
 /// The file that marks a folder as an entry of the cache.
 pub const MARKER: &str = "glint-index";
 const MARKER_TEXT: &[u8] = b"glint makes this folder again from the point clouds; it may be deleted\n";
@@ -40,7 +42,7 @@ pub fn is_own(entry: &Path) -> bool {
 
 /// Whether the entry is complete: an index, or kept normals and radii.
 pub fn is_whole(entry: &Path) -> bool {
-    is_there(&entry.join(pages::NODES)) || is_there(&entry.join(kept::KEPT))
+    is_there(&entry.join(pages::NODES)) || is_there(&entry.join(KEPT))
 }
 
 /// Makes an empty entry; clears what an earlier one left there.
@@ -78,9 +80,9 @@ pub fn start(entry: &Path, aside: &Path) -> Result<()> {
 /// folder comes before the folder.
 fn names() -> impl Iterator<Item = (bool, String)> {
     // `nodes` is deleted first: an entry that cannot be cleared whole must not look like an index.
-    let files = [pages::NODES, pages::UNFINISHED, pages::PAGES, kept::KEPT].into_iter().chain(surfels::NAMES);
+    let files = [pages::NODES, pages::UNFINISHED, pages::PAGES, KEPT].into_iter().chain(surfels::NAMES);
     let files = files.map(String::from);
-    let building = [RECORDS, pages::PAGES, kept::KEPT].map(|name| format!("{BUILDING}/{name}"));
+    let building = [RECORDS, pages::PAGES, KEPT].map(|name| format!("{BUILDING}/{name}"));
     files.chain(building).map(|name| (false, name)).chain([(true, BUILDING.to_owned())])
 }
 
@@ -102,6 +104,17 @@ pub fn clear(entry: &Path) -> bool {
     }
     let _ = std::fs::remove_file(entry.join(MARKER));
     std::fs::remove_dir(entry).is_ok()
+}
+
+/// Clears an entry when it is dropped, unless the flag is set.
+pub(crate) struct Unfinished<'a>(pub &'a Path, pub bool);
+
+impl Drop for Unfinished<'_> {
+    fn drop(&mut self) {
+        if !self.1 {
+            clear(self.0);
+        }
+    }
 }
 
 #[cfg(test)]

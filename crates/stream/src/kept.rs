@@ -13,15 +13,12 @@ use std::sync::Arc;
 use cloud::{Chunk, Surfels};
 use rayon::prelude::*;
 
-use crate::build::Unfinished;
 use crate::cache::{Cache, Identity, is_current, lock_path};
-use crate::entry::{self, BUILDING};
+use crate::entry::{self, BUILDING, KEPT, Unfinished};
 use crate::storage::Storage;
 use crate::surfels::{POINT_BYTES, pack, unpack};
 use crate::{Error, Result, regular_file};
 
-/// The name of the file.
-pub(crate) const KEPT: &str = "kept";
 const MAGIC: [u8; 8] = *b"glintkpt";
 /// It grows with each change of the file's form and of what `cloud` estimates.
 const VERSION: u32 = 1;
