@@ -13,7 +13,16 @@ use crate::viewer::tools::draft::Draft;
 use crate::viewer::tools::inspection::Pose;
 use crate::viewer::truth::sweep_range::SweepRange;
 use crate::viewer::truth::tasks::Measure;
-use crate::viewer::truth::view::Look;
+
+/// What a pinned truth shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Look {
+    #[default]
+    Truth,
+    /// The picture on the left, the truth on the right.
+    Split,
+    Difference,
+}
 
 /// How the mouse moves the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

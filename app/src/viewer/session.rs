@@ -548,10 +548,9 @@ impl Session {
 
     /// The frame on the screen, if it is final and no work is under way that would change it.
     pub fn still_frame(&self) -> Option<&FrameRequest> {
-        let is_busy = |entry: &CloudEntry| entry.marking.is_some() || entry.figures_under_way;
         let may_change =
             self.loaded.points_come() || self.loaded.samples.under_way.is_some() || self.tools.inspection.is_some();
-        self.frames.final_one().filter(|_| !may_change && !self.loaded.clouds.iter().any(is_busy))
+        self.frames.final_one().filter(|_| !may_change && !self.loaded.clouds.iter().any(CloudEntry::is_busy))
     }
 
     /// Handles a report of the render thread. The window has already taken the picture itself.
@@ -635,7 +634,9 @@ impl Session {
     /// Advances the sweep and the truth by one step. Returns the time after which to call again.
     pub fn sync_truth(&mut self) -> Option<Duration> {
         self.with_truth(|around, truth, _, sweeps, outside| sweeps.sync(around, truth, outside));
-        let estimate = self.with_truth(|around, truth, _, _, outside| truth.live.sync(around, outside));
+        // A sweep draws other frames.
+        let still = self.still_frame().filter(|_| self.sweeps.under_way.is_none()).cloned();
+        let estimate = self.truth.live.sync(still.as_ref(), &mut self.outside);
         let truth = self.with_truth(|around, truth, tuning, _, outside| truth.sync(around, tuning, outside));
         estimate.into_iter().chain(truth).min()
     }

@@ -76,6 +76,11 @@ impl DerefMut for CloudEntry {
 }
 
 impl CloudEntry {
+    /// Whether work is under way that changes how the cloud looks.
+    pub fn is_busy(&self) -> bool {
+        self.marking.is_some() || self.figures_under_way
+    }
+
     pub fn new(assembly: Assembly) -> Self {
         Self {
             assembly,

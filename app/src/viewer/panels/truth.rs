@@ -4,7 +4,7 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Sense, Stroke, Ui, pos2, vec2};
 use study::{Accuracy, Estimate};
 
-use crate::viewer::action::Action;
+use crate::viewer::action::{Action, Look};
 use crate::viewer::input::bindings;
 use crate::viewer::panels::parameters::parameters;
 use crate::viewer::session::Session;
@@ -12,7 +12,7 @@ use crate::viewer::theme::{bytes, grouped};
 use crate::viewer::truth::live::Estimated;
 use crate::viewer::truth::tasks::{ASTRAY_COLOR, Measure, RAMP};
 use crate::viewer::truth::traced_points;
-use crate::viewer::truth::view::{Activity, BYTES_PER_POINT, Look, PEAK_BYTES_PER_POINT};
+use crate::viewer::truth::view::{Activity, BYTES_PER_POINT, PEAK_BYTES_PER_POINT};
 use crate::viewer::{panels, theme};
 
 const LOOKS: [(Look, &str, &str); 3] = [

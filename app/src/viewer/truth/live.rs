@@ -7,8 +7,11 @@ use serde_json::json;
 use study::{Estimate, Judged};
 
 use crate::viewer::outside::Outside;
-use crate::viewer::truth::{Around, REST};
 use crate::viewer::window::render_thread::{Command, FrameRequest};
+
+/// A frame that has stood still for this long is worth the work: a slider that is dragged passes many frames that
+/// nobody wants judged.
+pub const REST: Duration = Duration::from_millis(200);
 
 /// The number of answers after which an estimate is as fine as it gets: its intervals are then a share of one in a
 /// hundred wide.
@@ -43,11 +46,10 @@ pub enum Estimated<'a> {
 }
 
 impl LiveEstimate {
-    /// Asks for the next answer for the frame that stands still, if one is wanted. Returns the time after which to call
+    /// Asks for the next answer for `still`, the frame that stands still, if one is wanted. Returns the time after which to call
     /// again.
-    pub fn sync(&mut self, around: &Around<'_>, outside: &mut Outside) -> Option<Duration> {
-        // A sweep draws other frames.
-        let still = around.still.as_ref().filter(|_| self.is_on && !around.is_swept);
+    pub fn sync(&mut self, still: Option<&FrameRequest>, outside: &mut Outside) -> Option<Duration> {
+        let still = still.filter(|_| self.is_on);
         if self.still.as_ref().map(|(request, _)| request) != still {
             self.still = still.map(|request| (request.clone(), outside.now));
         }

@@ -24,21 +24,17 @@ use render::ColorPlan;
 use scene::{Settings, Visibility};
 use serde_json::json;
 
+use crate::viewer::action::Look;
 use crate::viewer::frames::Frames;
 use crate::viewer::loaded::clouds::{CloudEntry, Samples};
 use crate::viewer::messages::Level;
 use crate::viewer::outside::Outside;
+use crate::viewer::truth::live::REST;
 use crate::viewer::truth::tasks::{Answer, Judge, Measure, SceneKey, Source, Task, Trace};
 use crate::viewer::truth::tuning::Tuning;
-use crate::viewer::truth::view::{
-    Label, Look, MOST_POINTS, Picture, Taken, Traced, Tracing, TruthView, too_many_points,
-};
+use crate::viewer::truth::view::{Label, MOST_POINTS, Picture, Taken, Traced, Tracing, TruthView, too_many_points};
 use crate::viewer::window::render_thread::{Captured, Command, FrameRequest};
 use crate::viewer::work::Work;
-
-/// A frame that has stood still for this long is worth the work: a slider that is dragged passes many frames that
-/// nobody wants judged.
-const REST: Duration = Duration::from_millis(200);
 
 /// What the truth reads from the session.
 pub struct Around<'a> {

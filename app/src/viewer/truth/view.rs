@@ -11,20 +11,11 @@ use egui::{ColorImage, TextureHandle, TextureOptions};
 use serde_json::json;
 use study::{Accuracy, Drawn, Refinement, TracedScene};
 
+use crate::viewer::action::Look;
 use crate::viewer::theme::grouped;
 use crate::viewer::truth::live::LiveEstimate;
 use crate::viewer::truth::tasks::{Answer, Kind, Measure, Pass, SceneKey};
 use crate::viewer::window::render_thread::FrameRequest;
-
-/// What a pinned truth shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Look {
-    #[default]
-    Truth,
-    /// The picture on the left, the truth on the right.
-    Split,
-    Difference,
-}
 
 /// The most points that are traced. Building the tree takes 300 bytes for each point, which is 9 GB for this many.
 pub const MOST_POINTS: u64 = 30_000_000;
