@@ -311,7 +311,8 @@ fn every_shader_is_used_by_a_pass() {
             open.extend(imports.map(|name| format!("shaders/shared/{}.wgsl", name.trim())));
         }
     }
-    let shaders = texts.iter().map(|(name, _)| name).filter(|name| name.ends_with(".wgsl"));
+    // The window has a shader of its own, which no pass of the renderer runs.
+    let shaders = texts.iter().map(|(name, _)| name).filter(|name| name.starts_with("shaders/"));
     let unused: Vec<&String> = shaders.filter(|name| !used.contains(*name)).collect();
     assert!(unused.is_empty(), "no pass reaches {unused:?}");
 }
