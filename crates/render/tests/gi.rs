@@ -416,6 +416,8 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     // Other lights give other light.
     let brighter = SpotLight { intensity: [20.0; 3], ..lights[0] };
     render(&mut stage, &store, &at(20), &settings, &[brighter]);
+    // Other tests use the same renderer.
+    stage.renderer.reuse_light(LightReuse::Never);
     let ratio = mean(&read(&stage, Aov::Indirect)) / mean(&fresh);
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
 }
