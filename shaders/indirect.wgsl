@@ -32,6 +32,8 @@ override is_glossy: bool = false;
 override is_spherical: bool = true;
 // Set if only some tiles are computed, see indirect_reuse.wgsl.
 override by_tiles: bool = false;
+// The first one in so many of a run's lights are taken, for all of them: neighbours in the sequence lie far apart.
+override parts: u32 = 1u;
 
 @compute @workgroup_size(8, 8)
 fn indirect(@builtin(global_invocation_id) thread: vec3u) {
@@ -96,9 +98,10 @@ struct Arriving {
 fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, toward_eye: vec3f, gloss: Gloss) -> Arriving {
     let runs = interleave * interleave;
     let begin = first + count * run / runs;
-    let end = first + count * (run + 1u) / runs;
+    let whole = first + count * (run + 1u) / runs - begin;
+    let taken = (whole + parts - 1u) / parts;
     var sum = Arriving(vec3f(0.0), vec3f(0.0));
-    for (var v = begin; v < end; v++) {
+    for (var v = begin; v < begin + taken; v++) {
         let light = vpls[v];
         let is_sky = light.normal.w == VPL_SKY;
         var offset = light.position.xyz - at;
@@ -150,6 +153,11 @@ fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, towa
             let power = 1.0 / (1.0 / gloss.power + spread);
             sum.glossy += arriving * highlight(settings.light.highlight, normal, toward, toward_eye, power);
         }
+    }
+    if taken < whole {
+        let share = f32(whole) / f32(taken);
+        sum.diffuse *= share;
+        sum.glossy *= share;
     }
     return sum;
 }

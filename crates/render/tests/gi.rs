@@ -370,7 +370,7 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     let mut stage = stage_or_skip!();
     let store = five_mirrors_store(&stage, Variant::None, 60_000);
     let lights = [five_mirrors::light()];
-    let settings = settings(&[("gi.vpls", "64"), ("gi.interleave", "1")]);
+    let settings = settings(&[("gi.vpls", "64"), ("gi.interleave", "1"), ("mirror.surface", "exact")]);
     let start = five_mirrors::camera();
     let at = |step: u32| {
         let shift = DVec3::new(0.01, 0.004, 0.0) * f64::from(step);
@@ -416,10 +416,22 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     // Other lights give other light.
     let brighter = SpotLight { intensity: [20.0; 3], ..lights[0] };
     render(&mut stage, &store, &at(20), &settings, &[brighter]);
-    // Other tests use the same renderer.
-    stage.renderer.reuse_light(LightReuse::Never);
     let ratio = mean(&read(&stage, Aov::Indirect)) / mean(&fresh);
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
+    // What a mirror shows is lit by fewer lights, but as brightly.
+    let mirrors = Variant::Sphere.mirrors();
+    let mut shown = |reuse| {
+        stage.renderer.reuse_light(reuse);
+        let objects = Objects { lights: &lights, mirrors: &mirrors, ..Objects::default() };
+        stage.renderer.render(&store, &at(20), &settings, objects, SIZE).unwrap();
+        let [color, mirror] = [Aov::Color, Aov::Mirror].map(|aov| stage.renderer.read_aov(aov).unwrap().data);
+        let of_mirrors = color.as_chunks::<3>().0.iter().zip(mirror).filter(|(_, share)| *share > 0.0);
+        mean(&of_mirrors.map(|(rgb, _)| Vec3::from(*rgb).as_dvec3()).collect::<Vec<_>>())
+    };
+    let [all, fewer] = [LightReuse::Keep, LightReuse::Reuse].map(&mut shown);
+    assert!(all != fewer && (fewer / all - 1.0).abs() < 0.05, "{fewer} instead of {all}");
+    // Other tests use the same renderer.
+    stage.renderer.reuse_light(LightReuse::Never);
 }
 
 #[test]

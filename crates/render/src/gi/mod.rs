@@ -29,8 +29,8 @@ use crate::reflection::SurfaceImages;
 use crate::store::PointStore;
 use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
-use kept::Keeper;
 pub use kept::LightReuse;
+use kept::{Keeper, REFLECTED_PARTS};
 use occluders::Occluders;
 use plan::LightPlan;
 pub(crate) use plan::Sky;
@@ -115,7 +115,7 @@ struct Shaded {
     mirror: scene::MirrorSettings,
     is_mixed: bool,
     is_glossy: bool,
-    /// Whether light of earlier frames is taken over.
+    /// Whether light of earlier frames is taken over, and what mirrors show is lit by fewer lights.
     is_reused: bool,
 }
 
@@ -356,6 +356,7 @@ impl GlobalIllumination {
         let gi = &settings.gi;
         let is_glossy = receiver.is_glossy && !(receiver.is_mixed && settings.light.gloss == 0.0);
         let from_camera = receiver.index == 0;
+        let is_reused = self.keeper.reuse == LightReuse::Reuse;
         let shaded = Shaded {
             generation: lights.generation,
             gi: gi.clone(),
@@ -364,7 +365,7 @@ impl GlobalIllumination {
             mirror: settings.mirror.clone(),
             is_mixed: receiver.is_mixed,
             is_glossy,
-            is_reused: from_camera && self.keeper.reuse == LightReuse::Reuse,
+            is_reused,
         };
         if target.shaded.as_ref() == Some(&shaded) {
             return Ok(());
@@ -389,6 +390,7 @@ impl GlobalIllumination {
             ("is_glossy", u32::from(is_glossy)),
             ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
             ("by_tiles", u32::from(tiles.is_some())),
+            ("parts", if is_reused && !from_camera { REFLECTED_PARTS } else { 1 }),
         ];
         let bindings = passes::indirect {
             albedo_in: albedo.bind(),
