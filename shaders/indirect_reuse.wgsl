@@ -52,7 +52,9 @@ fn indirect_reuse(@builtin(global_invocation_id) thread: vec3u) {
 fn light_of(position: vec3f, normal: vec3f) -> vec4u {
     let place = position + before.clip.xyz;
     let view = view_from_relative(before, place);
-    if !(view.z > before.near) {
+    // The eye was on the same side of the surface: its other side has other light.
+    let sight = select(place, before.forward.xyz, before.orthographic != 0u);
+    if !(view.z > before.near && dot(normal, sight) < 0.0) {
         return vec4u(0u);
     }
     let at = pixel_from_view(before, view);

@@ -418,6 +418,19 @@ fn a_moving_camera_takes_its_light_from_the_frame_before() {
     render(&mut stage, &store, &at(20), &settings, &[brighter]);
     let ratio = mean(&read(&stage, Aov::Indirect)) / mean(&fresh);
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
+    // The other side of a wall has other light.
+    let mut beside = |reuse| {
+        let outside = Camera { eye: DVec3::X * 4.0, pivot: DVec3::ZERO, up: start.up };
+        stage.renderer.reuse_light(LightReuse::Keep);
+        render(&mut stage, &store, &start, &settings, &lights);
+        stage.renderer.reuse_light(reuse);
+        render(&mut stage, &store, &outside, &settings, &lights);
+        read(&stage, Aov::Indirect)
+    };
+    let [taken, fresh] = [LightReuse::Reuse, LightReuse::Keep].map(&mut beside);
+    let other = taken.iter().zip(&fresh).filter(|(a, b)| (**a - **b).length() > 1e-3).count();
+    // Discs seen edge-on are of either side.
+    assert!(other * 50 < fresh.len(), "{other} of {}", fresh.len());
     // What a mirror shows is lit by fewer lights, but as brightly.
     let mirrors = Variant::Sphere.mirrors();
     let mut shown = |reuse| {
