@@ -186,8 +186,8 @@ fn parameter_groups(ui: &mut Ui, session: &Session, section: &str, actions: &mut
             let about = help.split([':', '.', '(']).next().unwrap_or(help).trim();
             ui.label(RichText::new(about).small().color(theme::WEAK)).on_hover_text(help);
         }
-        // The panel of streaming shows the point budget.
-        panels::parameters::parameters(ui, params, &["point_budget"], actions);
+        // The panel of streaming shows the point budget, and the window draws all pixels of a picture at rest.
+        panels::parameters::parameters(ui, params, &["point_budget", "resolution"], actions);
     }
 }
 

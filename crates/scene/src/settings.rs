@@ -114,7 +114,7 @@ params! {
         background: param::Color = param::Color(0x1d20_25ff) => affects(shading truth);
         /// Most points of streamed clouds that are drawn at once.
         point_budget: u32 = 5_000_000, 100_000..=1_000_000_000, "points" => affects(points truth) not(swept);
-        /// Share of the picture's width and height that `glint render` and studies draw; the picture is enlarged from it.
+        /// Share of the picture's width and height that `glint render` and studies draw and then enlarge; no effect in the window.
         resolution: f32 = 1.0, 0.25..=1.0, "share" => affects() not(kept swept);
         /// The time that a frame may take while something moves: fewer pixels and points are drawn to keep it; 0 draws all.
         frame_ms: f32 = 40.0, 0.0..=1000.0, "ms" => affects() not(swept);
