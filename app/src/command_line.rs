@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::builder::{OsStringValueParser, TypedValueParser as _};
 use clap::error::{ContextKind, ContextValue};
 use clap::{Args, Parser, Subcommand};
+use scene::Preset;
 use study::Target;
 
 use crate::terminal::escaped;
@@ -88,6 +89,10 @@ pub struct RenderArguments {
     /// Width and height of the picture, pixels
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "800x600", value_parser = parse_size)]
     pub size: [u32; 2],
+    /// Take the values of screen-space curved reflections that belong together: published (by the shape of the mirror), fast
+    /// or accurate. Other parameters are set after it
+    #[arg(long, value_name = "NAME", value_parser = parse_preset)]
+    pub preset: Option<&'static Preset>,
     /// Reflection method; `glint methods` lists them. Short for --set reflection.method=NAME
     #[arg(long, value_name = "NAME")]
     pub method: Option<String>,
@@ -160,6 +165,10 @@ pub struct RecordArguments {
     /// Frames of the path to record, from A to before B; all if not given
     #[arg(long, value_name = "A..B", value_parser = parse_frames)]
     pub frames: Option<Range<u32>>,
+    /// Take the values of screen-space curved reflections that belong together: published (by the shape of the mirror), fast
+    /// or accurate. Other parameters are set after it
+    #[arg(long, value_name = "NAME", value_parser = parse_preset)]
+    pub preset: Option<&'static Preset>,
     /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
@@ -202,6 +211,9 @@ pub struct StudyArguments {
     /// Timed frames of each setting in place of the plan's
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub repeats: Option<u32>,
+    /// Preset of screen-space curved reflections in place of the plan's: published, fast or accurate
+    #[arg(long, value_name = "NAME", value_parser = parse_preset)]
+    pub preset: Option<&'static Preset>,
     /// Set a parameter of all settings; what a group sweeps stays
     #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
     pub set: Vec<(String, String)>,
@@ -288,6 +300,10 @@ fn parse_truth(text: &str) -> Result<study::Truth, String> {
         "exact" => Ok(study::Truth::Exact),
         _ => Err("expected same_input or exact".into()),
     }
+}
+
+fn parse_preset(name: &str) -> Result<&'static Preset, String> {
+    Preset::named(name)
 }
 
 fn parse_pair(text: &str) -> Result<(String, String), String> {
@@ -425,6 +441,7 @@ mod tests {
             &["glint", "render", "a.laz", "-o", "a.png", "--estimate"],
             &["glint", "render", "a.laz", "-o", "a.png", "--stats", "a.json", "--truth", "no"],
             &["glint", "render", "a.laz", "-o", "a.png", "--set", "splat.size"],
+            &["glint", "render", "a.laz", "-o", "a.png", "--preset", "publshed"],
             &["glint", "info"],
             &["glint", "record", "a.toml"],
             &["glint", "record", "a.toml", "-o", "a", "--frames", "3..3"],

@@ -102,8 +102,12 @@ fn frames(path: &CameraPath, arguments: &RecordArguments) -> anyhow::Result<Rang
 /// the first view, which must not depend on which frames are recorded.
 fn prepare(request: &mut Request, recording: &Recording<'_>, arguments: &RecordArguments) -> anyhow::Result<()> {
     let (settings, warnings) = (Settings::default(), Vec::new());
+    let mirrors = request.all_mirrors();
     let view = request.view.get_or_insert(View { camera: None, settings, warnings });
     view.camera = Some(recording.camera(0)?);
+    if let Some(preset) = arguments.preset {
+        view.settings = preset.applied(&view.settings, mirrors.iter());
+    }
     for (key, value) in &arguments.set {
         view.settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }

@@ -36,6 +36,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     spare_inputs(arguments, &request)?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     let viewpoint = Viewpoint::new(arguments.camera.as_deref(), &mut request, &mut settings)?;
+    if let Some(preset) = arguments.preset {
+        settings = preset.applied(&settings, request.all_mirrors().iter());
+    }
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }

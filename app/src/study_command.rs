@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use render::Gpu;
-use scene::{Camera, Settings, StandardView};
+use scene::{Camera, Preset, Settings, StandardView};
 use study::runner::{self, State};
 use study::{Folder, Plan, Scenes, Shard, Subject, stability};
 
@@ -129,6 +129,9 @@ fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
     }
     plan.add_scenes(&arguments.input.iter().map(|word| scene_word(word)).collect::<Vec<_>>());
     plan.repeats = arguments.repeats.unwrap_or(plan.repeats);
+    if let Some(preset) = arguments.preset {
+        plan.replace_preset(preset);
+    }
     for (key, value) in &arguments.set {
         if key == "reflection.method" {
             return Err(usage("--set reflection.method: the plan's groups name their methods"));
@@ -150,6 +153,7 @@ fn command(name: &OsStr, arguments: &StudyArguments) -> String {
     let mut words = vec!["glint study".to_owned(), quoted(&scene::shown(name)), "-o DIR".to_owned()];
     words.extend(arguments.size.map(|[width, height]| format!("--size {width}x{height}")));
     words.extend(arguments.repeats.map(|repeats| format!("--repeats {repeats}")));
+    words.extend(arguments.preset.map(|preset| format!("--preset {}", preset.name)));
     words.extend(arguments.set.iter().map(|(key, value)| format!("--set {}", quoted(&format!("{key}={value}")))));
     let inputs = arguments.input.iter().map(|word| quoted(&scene::shown(word)));
     words.extend(arguments.input.first().map(|_| "--input".to_owned()).into_iter().chain(inputs));
@@ -176,13 +180,16 @@ const ASPECT: f64 = 4.0 / 3.0;
 const STREAMED_FOR: [u32; 2] = [1600, 1200];
 
 impl Scenes for Inputs {
-    fn settings(&self, scene: &str) -> anyhow::Result<Settings> {
-        if stability::is_case(scene) {
-            return stability::settings(scene);
-        }
-        let request = world::resolve(&[scene.to_owned()]);
-        request.check()?;
-        Ok(request.view.map(|view| view.settings).unwrap_or_default())
+    fn settings(&self, scene: &str, preset: Option<&Preset>) -> anyhow::Result<Settings> {
+        let (settings, mirrors) = if stability::is_case(scene) {
+            (stability::settings(scene)?, stability::mirrors(scene)?)
+        } else {
+            let request = world::resolve(&[scene.to_owned()]);
+            request.check()?;
+            let mirrors = request.all_mirrors();
+            (request.view.map(|view| view.settings).unwrap_or_default(), mirrors)
+        };
+        Ok(preset.map_or(settings.clone(), |preset| preset.applied(&settings, mirrors.iter())))
     }
 
     fn load(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Subject> {
@@ -264,13 +271,14 @@ mod tests {
             |scene: &str| with.groups.iter().filter(|group| group.scenes.iter().any(|known| known == scene)).count();
         assert_eq!([has("five-mirrors/all"), has("stability/fence:0.2")], [with.groups.len(); 2]);
         assert!(with.groups.iter().all(|group| group.scenes.len() == 11), "what a group has is not there twice");
-        let words = ["viewport", "-o", "x", "--size", "64x48", "--repeats", "2", "--set", "scene.points=5000"];
+        let words = ["viewport", "-o", "x", "--size", "64x48", "--preset", "fast", "--set", "scene.points=5000"];
         let arguments = arguments(&words);
         let plan = changed(plan("viewport".as_ref()).unwrap(), &arguments).unwrap();
         let cases = plan.cases();
-        assert_eq!((plan.repeats, cases[0].size), (2, [640, 480]), "a swept size stays");
+        assert_eq!(cases[0].size, [640, 480], "a swept size stays");
+        assert!(cases.iter().all(|case| case.preset.is_some_and(|preset| preset.name == "Fast")));
         assert!(cases.iter().all(|case| case.set.contains(&("scene.points".into(), "5000".into()))));
-        let typed = "glint study viewport -o DIR --size 64x48 --repeats 2 --set scene.points=5000";
+        let typed = "glint study viewport -o DIR --size 64x48 --preset Fast --set scene.points=5000";
         assert_eq!(command("viewport".as_ref(), &arguments), typed);
     }
 
@@ -284,10 +292,18 @@ mod tests {
     }
 
     #[test]
+    fn a_preset_takes_its_values_from_the_mirrors_of_the_scene() {
+        let published = Preset::named("published").ok();
+        let levels = |scene: &str| Inputs.settings(scene, published).unwrap().sscr.pull_levels;
+        assert_eq!(["five-mirrors/sphere", "five-mirrors/torus", "stability/thin-tube"].map(levels), [4, 3, 3]);
+        assert_eq!(Inputs.settings("five-mirrors/torus", None).unwrap(), Settings::default());
+    }
+
+    #[test]
     fn every_built_in_plan_names_scenes_that_there_are() {
         for name in study::plan_names() {
             runner::check_scenes(&plan(name.as_ref()).unwrap(), &Inputs).unwrap();
         }
-        assert!(Inputs.settings("stability/nonsense:1").is_err());
+        assert!(Inputs.settings("stability/nonsense:1", None).is_err());
     }
 }

@@ -137,7 +137,8 @@ fn side_panel(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) -> bool
             let acts_at_once = group.fields.iter().any(|field| !field.affects.points);
             section(ui, group.section, acts_at_once, |ui| {
                 if group.section == scene::Sscr::table().section {
-                    presets::show(ui, &session.scene.settings, actions);
+                    let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
+                    presets::show(ui, &session.scene.settings, mirrors, actions);
                 }
                 parameter_groups(ui, session, group.section, actions)
             });

@@ -11,6 +11,7 @@ mod mirror_points;
 mod object;
 mod path_text;
 mod preferences;
+mod preset;
 mod settings;
 mod surroundings;
 mod visibility;
@@ -26,6 +27,7 @@ pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use object::{Object, ObjectKind};
 pub use path_text::shown;
 pub use preferences::Preferences;
+pub use preset::{PRESETS, Preset};
 pub use settings::{
     Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, KeptPoints, Light, LightView, Lighting,
     MirrorSettings, MirrorSurface, Paging, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show, Solver,

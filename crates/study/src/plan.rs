@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use lines::{at_line, line_at};
 use param::Choice as _;
-use scene::{Method, Settings};
+use scene::{Method, Preset, Settings};
 use serde::{Deserialize, Serialize};
 use sweep::{filled, plain_text, swept_values};
 use toml::de::DeTable;
@@ -163,6 +163,9 @@ pub struct Plan {
     pub figures: Vec<String>,
     #[serde(default)]
     pub time: Time,
+    /// The preset of screen-space curved reflections that all settings start from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preset: Option<String>,
     /// The parameters of all settings.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
@@ -195,6 +198,9 @@ pub struct Group {
     /// Whether to show the worst setting: what was drawn, the truth, and their difference.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub pictures: bool,
+    /// The preset that the group's settings start from, in place of the plan's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preset: Option<String>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
     /// Lists of values, or ranges `{ from, to, count, scale }`. A key without a dot is a variable, `size` the picture's
@@ -256,6 +262,8 @@ pub struct Case {
     pub size: [u32; 2],
     /// The target for which `auto` chooses the settings.
     pub target: Option<PlannedTarget>,
+    /// The preset that its parameters start from.
+    pub preset: Option<&'static Preset>,
     /// The swept keys and variables with their values, sorted by key.
     pub swept: Vec<(String, String)>,
     /// The parameters that plan and group set; one list for all settings of a group.
@@ -263,7 +271,7 @@ pub struct Case {
 }
 
 impl Case {
-    /// The parameters with which it is drawn; `base` are those of its scene. The ray tracer starts from a surface
+    /// The parameters with which it is drawn; `base` are those of its scene with its preset. The ray tracer starts from a surface
     /// without reflections.
     ///
     /// # Errors
@@ -394,6 +402,12 @@ impl Plan {
         Ok(self.groups_sweeping(key))
     }
 
+    /// Replaces the presets of the plan and its groups.
+    pub fn replace_preset(&mut self, preset: &Preset) {
+        self.preset = Some(preset.name.to_owned());
+        self.groups.iter_mut().for_each(|group| group.preset = None);
+    }
+
     /// Names of the groups that sweep a key.
     pub fn groups_sweeping(&self, key: &str) -> Vec<&str> {
         let sweeping = self.groups.iter().filter(|group| group.sweep.contains_key(key));
@@ -417,6 +431,8 @@ impl Plan {
             let set = self.set.iter().filter(|(key, _)| !group.set.contains_key(*key)).chain(&group.set);
             let set = set.filter(|(key, _)| !group.sweep.contains_key(*key));
             let set: Arc<[(String, String)]> = set.map(|(key, value)| (key.clone(), plain_text(value))).collect();
+            let preset = group.preset.as_ref().or(self.preset.as_ref());
+            let preset = preset.and_then(|name| Preset::named(name).ok());
             // Exactly: a list that grows is there twice while it does.
             cases.reserve_exact(group.scenes.len() * group.methods.len() * combinations);
             for scene_pattern in &group.scenes {
@@ -442,6 +458,7 @@ impl Plan {
                             method: method.clone(),
                             size,
                             target,
+                            preset,
                             swept,
                             set: set.clone(),
                         });

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::anyhow;
 use cloud::Progress;
 use render::{FrameStats, Gpu, PassStage, Renderer};
-use scene::{Camera, ColorBy, Settings};
+use scene::{Camera, ColorBy, Preset, Settings};
 
 use crate::chart;
 use crate::cost::CostModel;
@@ -30,11 +30,11 @@ use crate::truth::{Drawn, Tracer, View};
 
 /// The source of a plan's scenes.
 pub trait Scenes {
-    /// The parameters of a scene.
+    /// The parameters of a scene, with a preset for its mirrors if one is given.
     ///
     /// # Errors
     /// There is no such scene.
-    fn settings(&self, scene: &str) -> anyhow::Result<Settings>;
+    fn settings(&self, scene: &str, preset: Option<&Preset>) -> anyhow::Result<Settings>;
 
     /// Reads a scene and puts it on the GPU.
     ///
@@ -116,7 +116,7 @@ pub fn check_scenes(plan: &Plan, scenes: &dyn Scenes) -> Result<(), PlanError> {
         }
         let place = format!("group `{}`", plan.groups[case.group].name);
         let problem = |error: String| PlanError { place: place.clone(), problem: error };
-        let settings = scenes.settings(&case.scene).map_err(|error| problem(format!("{error:#}")))?;
+        let settings = scenes.settings(&case.scene, case.preset).map_err(|error| problem(format!("{error:#}")))?;
         case.settings(&settings).map_err(|error| problem(error.to_string()))?;
     }
     Ok(())
@@ -360,7 +360,7 @@ impl<'a> Runner<'a> {
 
     /// Returns the case's parameters; its scene is then the last of `loaded`.
     fn prepare(&mut self, case: &Case) -> anyhow::Result<Settings> {
-        let settings = case.settings(&self.scenes.settings(&case.scene)?)?;
+        let settings = case.settings(&self.scenes.settings(&case.scene, case.preset)?)?;
         let key = loading_key(case, &settings);
         if let Some(index) = self.loaded.iter().position(|(other, _)| *other == key) {
             let found = self.loaded.remove(index);
@@ -412,7 +412,7 @@ impl<'a> Runner<'a> {
         let Self { plan, renderer, loaded, scenes, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         if plan.still {
-            let base = plan.base(&scenes.settings(&case.scene)?)?;
+            let base = plan.base(&scenes.settings(&case.scene, None)?)?;
             loaded.still(case, &base, renderer)?;
         }
         let size = drawn_size(case.size, &settings);

@@ -135,6 +135,14 @@ pub fn settings(name: &str) -> anyhow::Result<Settings> {
     Ok(settings)
 }
 
+/// The mirrors of a case.
+///
+/// # Errors
+/// Unknown name, no number, or out of range.
+pub fn mirrors(name: &str) -> anyhow::Result<Vec<Mirror>> {
+    Ok(scene(name)?.pieces.into_iter().filter_map(Piece::into_mirror).collect())
+}
+
 /// The subject of a case `stability/NAME:VALUE`, or of `stability/NAME` with its default value.
 ///
 /// # Errors

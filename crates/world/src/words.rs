@@ -83,6 +83,17 @@ impl Request {
         }
     }
 
+    /// All mirrors: those of the scene files, and those that built-in scenes bring.
+    pub fn all_mirrors(&self) -> Vec<Mirror> {
+        let brought = self.inputs.iter().flat_map(|input| match input {
+            Input::BuiltIn { variant, without } => {
+                variant.mirrors().into_iter().filter(|mirror| !without.contains(&mirror.name)).collect()
+            }
+            _ => Vec::new(),
+        });
+        self.mirrors.iter().cloned().chain(brought).collect()
+    }
+
     /// The built-in scene, if there is nothing else and its mirrors are unchanged.
     pub fn built_in(&self) -> Option<five_mirrors::Variant> {
         let is_changed = !self.mirrors.is_empty() || !self.mirror_points.is_empty();

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use param::Choice as _;
-use scene::{Method, Settings};
+use scene::{Method, Preset, Settings};
 use toml::de::DeTable;
 
 use super::lines::{at_line, line_of};
@@ -55,6 +55,7 @@ impl Plan {
             let check = |name| check_figure(name, self, has_flicker);
             names.iter().try_for_each(|name| check(name).map_err(|text| problem(&[list], text)))?;
         }
+        check_preset(self.preset.as_deref(), &["preset"])?;
         check_set(&self.set, &["set"])?;
         if self.groups.is_empty() {
             return Err(problem(&["group"], "no [[group]], expected one or more"));
@@ -113,6 +114,7 @@ impl Group {
         }
         let check = |name: &String| check_figure(name, plan, plan.flicker || self.flicker);
         self.figures.iter().try_for_each(|name| check(name).map_err(|text| at(&["figures"], text)))?;
+        check_preset(self.preset.as_deref(), &[path, &["preset"]].concat())?;
         check_set(&self.set, &[path, &["set"]].concat())?;
         let mut count = self.scenes.len().saturating_mul(self.methods.len());
         if self.sweep.len() > MOST_SWEPT {
@@ -222,6 +224,10 @@ fn check_figure(name: &str, plan: &Plan, has_flicker: bool) -> Result<(), String
     let near = param::nearest(name, results::figures().iter().map(|figure| figure.name.as_str()));
     let hint = near.map_or("docs/study/README.md lists them".to_owned(), |near| format!("did you mean `{near}`?"));
     Err(format!("figure `{name}` is unknown; {hint}"))
+}
+
+fn check_preset(name: Option<&str>, path: &[&str]) -> Result<(), Problem> {
+    name.map_or(Ok(()), |name| Preset::named(name).map(|_| ()).map_err(|text| problem(path, text)))
 }
 
 fn check_set(set: &BTreeMap<String, toml::Value>, path: &[&str]) -> Result<(), Problem> {

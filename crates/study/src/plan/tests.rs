@@ -60,6 +60,25 @@ fn settings_are_all_combinations_in_a_fixed_order() {
 }
 
 #[test]
+fn a_group_starts_from_its_own_preset_else_from_the_plans() {
+    let text = "title = \"a\"\npreset = \"published\"\n[[group]]\nscenes = [\"b\"]\nset = { \"sscr.threshold\" = 5 }\n\
+                [[group]]\nscenes = [\"b\"]\npreset = \"fast\"\n";
+    let mut plan = parse(text).unwrap();
+    let names = |plan: &Plan| plan.cases().iter().map(|case| case.preset.map(|preset| preset.name)).collect::<Vec<_>>();
+    assert_eq!(names(&plan), [Some("Published"), Some("Fast")]);
+    assert_eq!(parse(&plan.to_text()).unwrap(), plan);
+    // What the plan sets comes after the preset, which the scene brings.
+    let case = &plan.cases()[0];
+    let base = case.preset.unwrap().applied(&Settings::default(), std::iter::empty());
+    let settings = case.settings(&base).unwrap();
+    assert_eq!((settings.sscr.threshold, settings.sscr.max_splat_size), (5.0, 2.0));
+    plan.replace_preset(Preset::named("accurate").unwrap());
+    assert_eq!(names(&plan), [Some("Accurate"); 2]);
+    let problem = with_group("preset = \"best\"").unwrap_err();
+    assert_eq!(problem.to_string(), "plan.toml:5: preset `best` is unknown; available: Published, Fast, Accurate");
+}
+
+#[test]
 fn ranges_are_even_or_of_even_ratios_and_whole_where_the_parameter_is() {
     let values = |sweep: &str| -> Vec<String> {
         let plan = with_group(&format!("methods = [\"sscr\"]\nsweep = {{ {sweep} }}")).unwrap();

@@ -54,6 +54,10 @@ impl Piece {
         Self { surface, placement, albedo, mirror: Some(mirror), points: Points::Shared, noise: 0.0 }
     }
 
+    pub fn into_mirror(self) -> Option<Mirror> {
+        self.mirror
+    }
+
     pub fn spaced(self, spacing: f64) -> Self {
         Self { points: Points::Spaced(spacing), ..self }
     }
