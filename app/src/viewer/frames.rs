@@ -11,15 +11,18 @@ use serde_json::{Value, json};
 use crate::viewer::outside::Outside;
 use crate::viewer::pace::{Haste, Spared};
 use crate::viewer::window::render_thread;
-use crate::viewer::window::render_thread::{Command, Frame, FrameRequest};
+use crate::viewer::window::render_thread::{Command, FrameRequest};
 
 /// The shortest time between two frames while points are loaded. Each frame takes time from reading, so a frame is
 /// followed by at least as much time without one.
 const LOADING_FRAME_INTERVAL: Duration = Duration::from_millis(100);
 /// The longest time in milliseconds of frames that follow a turn of the camera smoothly: 20 frames a second.
 const TOO_LONG: f64 = 50.0;
+/// How long the first picture after a movement may take in milliseconds, where full quality takes more than twice that.
+const FIRST_STILL: f64 = 200.0;
 
-/// How long a picture may be that of earlier values before the panel says so: shorter waits would make the notice flicker.
+/// How long a picture may be that of earlier values before the panel says so: shorter waits would make the notice
+/// flicker.
 const LATE: Duration = Duration::from_millis(300);
 
 /// The picture on the screen: its request, its statistics and the time that it took.
@@ -61,6 +64,8 @@ pub struct Frames {
     hurried_milliseconds: f64,
     /// Chooses the quality of frames while something moves.
     haste: Haste,
+    /// The quality of the first picture since the movement ended; `None` while something moves.
+    first_still: Option<Spared>,
     /// The frame of the current values: parameters, mirrors and lights.
     current: Option<FrameRequest>,
     /// The number of the current values; it grows with each change of them.
@@ -143,9 +148,14 @@ impl Frames {
         // full quality would take the processors from the reading, and the next points would replace them.
         let is_moving = !is_recorded && rest.is_some() && self.is_slow();
         let is_passing = soon_changes && self.would_delay();
-        if !is_recorded && (self.shown.is_none() || is_passing) || is_moving {
+        let spared = if is_moving && milliseconds > 0.0 {
+            self.first_still = None;
+            Some(self.haste.spare(wanted.size, milliseconds))
+        } else {
+            self.first_still(wanted.size).filter(|_| !is_recorded)
+        };
+        if !is_recorded && (self.shown.is_none() || is_passing) || is_moving || spared.is_some() {
             let settings = render_thread::hurried(&wanted.settings, a_mirror_is_dragged);
-            let spared = (is_moving && milliseconds > 0.0).then(|| self.haste.spare(wanted.size, milliseconds));
             wanted.spared = spared.filter(|spared| *spared != Spared::NOTHING);
             // While something moves, light of earlier frames is taken over.
             wanted.hurried = is_moving || settings != wanted.settings || wanted.spared.is_some();
@@ -168,6 +178,17 @@ impl Frames {
                 rest
             }
         }
+    }
+
+    /// Returns how coarse the next frame is when nothing moves any more: the picture is refined in two steps if full
+    /// quality takes long. `None` if the first step is done, or not needed.
+    fn first_still(&mut self, size: [u32; 2]) -> Option<Spared> {
+        let shown = self.shown.as_ref().filter(|shown| shown.is_moving && shown.request.hurried)?;
+        if self.first_still.is_none() && self.careful_milliseconds > 2.0 * FIRST_STILL {
+            let before = shown.request.spared.map_or(1, |spared| spared.divisor);
+            self.first_still = Some(self.haste.choose(size, FIRST_STILL)).filter(|still| still.divisor < before);
+        }
+        self.first_still
     }
 
     /// Records when the values change that the panel shows.
@@ -233,16 +254,16 @@ impl Frames {
         (self.requested.as_ref() == Some(shown) && !shown.hurried).then_some(shown)
     }
 
-    /// Records that a frame is on the screen. `milliseconds` has the meaning of the field of `Situation`.
-    pub fn show(&mut self, frame: Frame, milliseconds: f64) {
+    /// Records that a frame is on the screen, which took `total_milliseconds` to draw. `milliseconds` has the meaning
+    /// of the field of `Situation`.
+    pub fn show(&mut self, request: FrameRequest, stats: FrameStats, total_milliseconds: f64, milliseconds: f64) {
         // The render thread draws only the newest request, so at most that one is still under way.
-        self.under_way = u32::from(self.requested.as_ref() != Some(&frame.request));
-        if frame.request.hurried {
-            self.hurried_milliseconds = frame.total_milliseconds;
+        self.under_way = u32::from(self.requested.as_ref() != Some(&request));
+        if request.hurried {
+            self.hurried_milliseconds = total_milliseconds;
         } else {
-            self.careful_milliseconds = frame.total_milliseconds;
+            self.careful_milliseconds = total_milliseconds;
         }
-        let Frame { request, stats, total_milliseconds, .. } = frame;
         self.haste.learn(&stats, &request, total_milliseconds, milliseconds);
         // Older requests are never answered.
         let place = self.asked.iter().position(|asked| asked.request == request);
@@ -315,6 +336,47 @@ mod tests {
         assert!(!is_hurried(&Situation { is_recorded: true, points_come: false, ..situation }));
         situation.soon_changes = false;
         assert!(!is_hurried(&situation), "normals and radii do not hold it up");
+    }
+
+    #[test]
+    fn the_picture_is_refined_in_two_steps_where_full_quality_takes_long() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let shown = bench.session.frames.shown.as_ref().unwrap();
+        let (wanted, stats) = (shown.request.clone(), shown.stats.clone());
+        let mut situation = Situation {
+            points_come: false,
+            light_comes: false,
+            soon_changes: false,
+            rest: Some(Duration::from_millis(100)),
+            a_mirror_is_dragged: false,
+            is_recorded: false,
+            milliseconds: 83.0,
+        };
+        let mut drawn = |situation: &Situation, careful: f64| {
+            let frames = &mut bench.session.frames;
+            frames.careful_milliseconds = careful;
+            frames.requested = None;
+            frames.request(wanted.clone(), situation, &mut bench.session.outside);
+            let request = frames.requested.clone().unwrap();
+            // A machine that takes a quarter of a millisecond for each pixel.
+            let milliseconds = request.drawn_size().iter().map(|side| f64::from(*side)).product::<f64>() * 0.25;
+            let stats = FrameStats { splatting_milliseconds: 1.0, ..stats.clone() };
+            frames.show(request.clone(), stats, milliseconds, situation.milliseconds);
+            request
+        };
+        (0..4).for_each(|_| drop(drawn(&situation, 1000.0)));
+        let moving = drawn(&situation, 1000.0);
+        situation.rest = None;
+        let [first, second] = [0, 1].map(|_| drawn(&situation, 1000.0));
+        let sizes = [&moving, &first, &second].map(FrameRequest::drawn_size);
+        assert!(sizes[0][0] < sizes[1][0] && sizes[1][0] < sizes[2][0], "{sizes:?}");
+        assert!(first.hurried && !second.hurried && second.spared.is_none());
+        // Where full quality comes soon, it is the first step.
+        situation.rest = Some(Duration::from_millis(100));
+        assert!(drawn(&situation, 1000.0).hurried);
+        situation.rest = None;
+        assert!(!drawn(&situation, 300.0).hurried);
     }
 
     #[test]

@@ -91,8 +91,8 @@ pub struct Haste {
 impl Haste {
     /// The largest divisor. Nobody recognises a coarser picture.
     const MOST_DIVISOR: u32 = 4;
-    /// The least number of points per pixel. Fewer, larger points cost a picture less than fewer pixels do: docs/performance.md has the
-    /// differences that a person sees.
+    /// The least number of points per pixel. Fewer, larger points cost a picture less than fewer pixels do:
+    /// docs/performance.md has the differences that a person sees.
     const LEAST_POINTS: f64 = 1.0;
 
     /// Learns from a frame that took `milliseconds` and should have taken `wanted`.
@@ -121,12 +121,16 @@ impl Haste {
         }
     }
 
+    /// Returns how coarse frames of a movement are. The choice stays as long as its frames take about the wanted time.
+    pub fn spare(&mut self, size: [u32; 2], wanted: f64) -> Spared {
+        let spared = self.chosen.unwrap_or_else(|| self.choose(size, wanted));
+        self.chosen = Some(spared);
+        spared
+    }
+
     /// Chooses how coarse a frame of `size` pixels must be to take `wanted` milliseconds. It first reduces the pixels,
     /// until there is time for enough points for those that are left, and then the points.
-    pub fn spare(&mut self, size: [u32; 2], wanted: f64) -> Spared {
-        if let Some(chosen) = self.chosen {
-            return chosen;
-        }
+    pub fn choose(&self, size: [u32; 2], wanted: f64) -> Spared {
         let choice = |divisor: u32| {
             let pixels = Spared { divisor, most_points: None }.size(size).map(f64::from).iter().product::<f64>();
             let affordable = (wanted - self.per_pixel * pixels) / self.per_point.max(1e-9);
@@ -141,9 +145,7 @@ impl Haste {
         let (affordable, least) = choice(divisor);
         // If even the least number of points takes too long, the frame draws it all the same.
         let most = affordable.max(least);
-        let spared = Spared { divisor, most_points: (most < self.points).then_some(most as u64) };
-        self.chosen = Some(spared);
-        spared
+        Spared { divisor, most_points: (most < self.points).then_some(most as u64) }
     }
 }
 

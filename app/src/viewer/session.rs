@@ -33,7 +33,7 @@ use crate::viewer::truth::tasks::Answer;
 use crate::viewer::truth::tuning::Tuning;
 use crate::viewer::truth::view::{Taken, TruthView};
 use crate::viewer::truth::{Around, sweep, tuning};
-use crate::viewer::window::render_thread::{Command, FrameRequest, PickPurpose, Report};
+use crate::viewer::window::render_thread::{Command, Frame, FrameRequest, PickPurpose, Report};
 use crate::viewer::work::{Found, Work};
 
 /// The angle in radians by which one wheel notch tilts the inspection mirror.
@@ -408,8 +408,6 @@ impl Session {
         }
     }
 
-    // ---- mirrors ----
-
     // ---- frames ----
 
     /// Changes what is loaded, together with the parts that depend on it.
@@ -575,7 +573,8 @@ impl Session {
                     self.figure_history.push(&frame.stats);
                     self.auto.learn(&frame.request, &frame.stats);
                 }
-                self.frames.show(*frame, f64::from(self.scene.settings.view.frame_ms));
+                let Frame { request, stats, total_milliseconds, .. } = *frame;
+                self.frames.show(request, stats, total_milliseconds, f64::from(self.scene.settings.view.frame_ms));
             }
             Report::Picked { pixel, purpose, point } => {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);

@@ -42,12 +42,13 @@ impl Navigation {
         self.hovered = None;
     }
 
-    /// Records whether a mouse button is down. What begins to move while it is down counts as moving until it comes up:
-    /// the hand may pause, and on a busy machine its movements come late.
+    /// Records whether a mouse button is down. What begins to move while it is down counts as moving until it comes up,
+    /// and no longer: the hand may pause, and on a busy machine its movements come late.
     pub fn hold(&mut self, is_held: bool, now: Instant) {
+        let has_moved = self.held_since.zip(self.last_move).is_some_and(|(since, moved)| moved >= since);
         self.held_since = self.held_since.or(Some(now)).filter(|_| is_held);
-        if self.held_since.zip(self.last_move).is_some_and(|(since, moved)| moved >= since) {
-            self.last_move = Some(now);
+        if has_moved {
+            self.last_move = Some(now).filter(|_| is_held);
         }
     }
 
