@@ -1,5 +1,6 @@
-// Takes over indirect light from the frame before, for pictures while something moves: light that falls on a surface is the same
-// from every eye. Pixels that find no light of the same place say which tiles of 8 x 8 pixels must be computed. One thread a pixel.
+// Takes over indirect light from the frame before, for pictures while something moves: light that falls on a surface is
+// the same from every eye. Pixels that find no light of the same place say which tiles of 8 x 8 pixels must be
+// computed. One thread a pixel.
 #import frame_group
 #import gloss
 #import kept_light

@@ -13,7 +13,8 @@ fn path(adapter: &str) -> Option<PathBuf> {
     Some(environment::settings_folder()?.join("costs").join(format!("{}.json", file_name(adapter))))
 }
 
-/// The model that was kept for the adapter of this name, and what was wrong with its file; an empty model if there is none.
+/// The model that was kept for the adapter of this name, and what was wrong with its file; an empty model if there is
+/// none.
 pub fn load(adapter: &str) -> (CostModel, Option<String>) {
     let Some(path) = path(adapter) else { return (CostModel::default(), None) };
     let told = |problem: String| (CostModel::default(), Some(format!("{problem}; times are measured anew")));

@@ -1,5 +1,5 @@
-// The indirect light of a frame, kept for the frames after it: an element for each pixel. xyz: f32 bits of the position at which
-// the light was computed, relative to the frame's eye. w: the light by `pack_light`, or 0 if there is none.
+// The indirect light of a frame, kept for the frames after it: an element for each pixel. xyz: f32 bits of the position
+// at which the light was computed, relative to the frame's eye. w: the light by `pack_light`, or 0 if there is none.
 
 // Packs irradiance over pi: 9 bits for each component, and the exponent of 2 that they share. The result is never 0.
 fn pack_light(light: vec3f) -> u32 {

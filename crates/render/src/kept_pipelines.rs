@@ -1,6 +1,6 @@
 //! The passes as the driver has compiled them, kept on disk from run to run where the adapter can hand them over. Most
-//! drivers of desktops keep them on their own; the others compile for seconds at each start without this file. What is read
-//! is not trusted: a checksum finds damage, and wgpu begins anew where adapter or driver are others.
+//! drivers of desktops keep them on their own; the others compile for seconds at each start without this file. What is
+//! read is not trusted: a checksum finds damage, and wgpu begins anew where adapter or driver are others.
 
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -49,7 +49,8 @@ impl Drop for KeptPipelines {
 #[expect(unsafe_code, reason = "wgpu leaves it to the caller that the data are those of an earlier cache")]
 fn create(device: &wgpu::Device, data: Option<&[u8]>) -> wgpu::PipelineCache {
     let descriptor = wgpu::PipelineCacheDescriptor { label: Some("passes"), data, fallback: true };
-    // SAFETY: the data come from a file with the right checksum in the program's own folder, and `save` writes only what
+    // SAFETY: the data come from a file with the right checksum in the program's own folder, and `save` writes only
+    // what
     // `get_data` returned.
     unsafe { device.create_pipeline_cache(&descriptor) }
 }

@@ -1,6 +1,7 @@
 //! Compiles the passes of a frame before it is drawn, on all cores. A rehearsal draws a tiny scene with the frame's
-//! settings: first to learn which passes it names, then to run each of them once, because some drivers compile only then
-//! (software Vulkan for half a second each). A pass that a rehearsal overlooks is compiled when the frame comes to it.
+//! settings: first to learn which passes it names, then to run each of them once, because some drivers compile only
+//! then (software Vulkan for half a second each). A pass that a rehearsal overlooks is compiled when the frame comes to
+//! it.
 
 use std::sync::Arc;
 

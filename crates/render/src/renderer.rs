@@ -38,7 +38,8 @@ pub struct FrameStats {
     pub points_resident: u64,
     pub gpu_bytes: u64,
     pub clock: Clock,
-    /// Whether passes were compiled for the frame: drivers then compile at their first dispatch, which counts in the times.
+    /// Whether passes were compiled for the frame: drivers then compile at their first dispatch, which counts in the
+    /// times.
     pub has_compiled: bool,
     /// The number of virtual lights that lit the frame; 0 without indirect light.
     pub virtual_lights: u32,
@@ -191,16 +192,17 @@ impl Renderer {
         self.gi.keeper.reuse = reuse;
     }
 
-    /// Lets the frames that follow draw about `most_points` of the points that the camera sees, spread evenly and each larger, or all
-    /// for `None`. This is for pictures while something moves: a sun then casts shadows by the map of the whole scene alone, because
-    /// its finer map goes with the view. Mirrors reflect all points, and all points cast shadows.
+    /// Lets the frames that follow draw about `most_points` of the points that the camera sees, spread evenly and each
+    /// larger, or all for `None`. This is for pictures while something moves: a sun then casts shadows by the map of
+    /// the whole scene alone, because its finer map goes with the view. Mirrors reflect all points, and all points cast
+    /// shadows.
     pub fn thin(&mut self, most_points: Option<u64>) {
         self.most_points = most_points;
     }
 
-    /// Lets the frames that follow end with `Error::GivenUp` before their next pass once the flag is set, because another picture is
-    /// wanted. The frame after it is made as if that one had not been begun. Where the GPU times the passes, a frame is submitted
-    /// as a whole, so that it is given up only while it is recorded.
+    /// Lets the frames that follow end with `Error::GivenUp` before their next pass once the flag is set, because
+    /// another picture is wanted. The frame after it is made as if that one had not been begun. Where the GPU times the
+    /// passes, a frame is submitted as a whole, so that it is given up only while it is recorded.
     pub fn give_up_when(&mut self, flag: Option<Arc<AtomicBool>>) {
         self.given_up = flag;
     }

@@ -44,7 +44,8 @@ const SMALL: f64 = 320.0 * 240.0;
 /// The most combinations that are drawn in full.
 const MOST_DRAWN: usize = 8;
 
-/// After each combination that did not keep to the target, predictions must keep to this share of what they had to before.
+/// After each combination that did not keep to the target, predictions must keep to this share of what they had to
+/// before.
 const MARGIN: f64 = 0.87;
 
 /// The weight of what was learned of other scenes beside one frame of this one.

@@ -4,7 +4,8 @@
 //!
 //! The time of a pass is a sum of drivers, each with a coefficient that is not negative. The stage of the pass decides
 //! which drivers there are. The coefficients are those of the weighted least squares over all frames so far; a frame
-//! weighs by the inverse square of its time, so that the relative error counts, and old frames fade. A model is kept as these sums.
+//! weighs by the inverse square of its time, so that the relative error counts, and old frames fade. A model is kept as
+//! these sums.
 
 use std::collections::BTreeMap;
 

@@ -46,8 +46,8 @@ pub enum Estimated<'a> {
 }
 
 impl LiveEstimate {
-    /// Asks for the next answer for `still`, the frame that stands still, if one is wanted. Returns the time after which to call
-    /// again.
+    /// Asks for the next answer for `still`, the frame that stands still, if one is wanted. Returns the time after
+    /// which to call again.
     pub fn sync(&mut self, still: Option<&FrameRequest>, outside: &mut Outside) -> Option<Duration> {
         let still = still.filter(|_| self.is_on);
         if self.still.as_ref().map(|(request, _)| request) != still {

@@ -1,5 +1,5 @@
-//! Indirect light that is kept from frame to frame: the light that falls on a surface is the same from every eye, so a frame while
-//! something moves computes it only where the frame before had none.
+//! Indirect light that is kept from frame to frame: the light that falls on a surface is the same from every eye, so a
+//! frame while something moves computes it only where the frame before had none.
 
 use glam::Vec4;
 use scene::Gi;
@@ -21,8 +21,9 @@ pub enum LightReuse {
     Never,
     /// They compute their light, and keep it for the frames that follow.
     Keep,
-    /// They take the light of the frame before where it is of the same place, compute the rest, and keep both. The light is then
-    /// that of a place within three pixels. Surfaces with highlights are computed. What mirrors show is lit by one virtual light in
+    /// They take the light of the frame before where it is of the same place, compute the rest, and keep both. The
+    /// light is then that of a place within three pixels. Surfaces with highlights are computed. What mirrors show is
+    /// lit by one virtual light in
     /// `REFLECTED_PARTS`, because its places in the frame before are not known.
     Reuse,
 }
@@ -58,8 +59,8 @@ pub(crate) struct Taken {
 }
 
 impl Keeper {
-    /// Prepares a frame that keeps its light, and takes over light for it if it may. `window` is the edge of the window in pixels
-    /// over which light is averaged. Returns `None` if the frame keeps no light.
+    /// Prepares a frame that keeps its light, and takes over light for it if it may. `window` is the edge of the window
+    /// in pixels over which light is averaged. Returns `None` if the frame keeps no light.
     ///
     /// # Errors
     /// A shader is refused.
