@@ -7,11 +7,14 @@ use crate::gi::{GlobalIllumination, Receiver};
 use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::lighting::Lights;
-use crate::passes;
+use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
 use crate::reflection::{Reflections, SurfaceImages};
 use crate::store::PointStore;
 use crate::targets::{Image, Targets};
+
+/// The name under which the shading of what mirrors show is timed, apart from that of what the camera sees.
+const MIRROR_LIGHT: (&str, PassStage) = ("mirror_light", PassStage::Light);
 
 /// The choices that determine how surfaces are shaded, besides the parameters.
 #[derive(Clone, Copy)]
@@ -56,6 +59,7 @@ pub(crate) fn shade(
     let radiance: Vec<&Image> =
         std::iter::once(&targets.direct).chain(bounces.iter().map(|bounce| &bounce.radiance)).collect();
     for (index, (surface, radiance)) in surfaces.iter().zip(&radiance).enumerate() {
+        recorder.time_as((index > 0).then_some(MIRROR_LIGHT));
         // Seen from the camera, or from the mirror point before.
         let from = if index == 0 { &targets.position } else { &bounces[index - 1].mirror.point };
         let switches = [
@@ -115,8 +119,10 @@ pub(crate) fn shade(
             ("has_indirect", u32::from(indirect.is_some())),
         ];
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
+        recorder.time_as((index > 0).then_some(MIRROR_LIGHT));
         recorder.over(&switches, inputs, bindings, groups)?;
         reflected = Some(target);
     }
+    recorder.time_as(None);
     Ok(())
 }
