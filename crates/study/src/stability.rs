@@ -36,7 +36,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 15] = [
+const CASES: [Case; 16] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -97,6 +97,7 @@ const CASES: [Case; 15] = [
     Case { name: "open-box", value: "radius of the sphere", default: 0.43, range: 0.05..=0.9, scene: open_box },
     Case { name: "fence", value: "distance of the fence from the wall", default: 0.1, range: 0.02..=0.9, scene: fence },
     Case { name: "crowd", value: "how many", default: 5.0, range: 1.0..=5.0, scene: crowd },
+    Case { name: "kinds", value: "how many", default: 5.0, range: 1.0..=5.0, scene: kinds },
     Case {
         name: "near-wall",
         value: "gap between sphere and wall",
@@ -384,6 +385,12 @@ fn crowd(mirrors: f64) -> Scene {
     in_room((0..count).map(|index| sphere(at(index), 0.16).spaced(0.006)))
 }
 
+/// Mirrors of different kinds side by side: the first of the five in one picture. Each stays where it is.
+fn kinds(mirrors: f64) -> Scene {
+    let mirrors = five_mirrors::Variant::All.mirrors().into_iter().take(mirrors.round() as usize);
+    in_room(mirrors.map(|mirror| Piece::mirror(mirror).spaced(0.006)))
+}
+
 /// A sphere in front of a wall.
 fn near_wall(gap: f64) -> Scene {
     // Beside the left wall, and seen from the right, so that their gap shows.
@@ -448,6 +455,19 @@ mod tests {
                     assert_eq!(mirror.problem(), None, "{} {value}", case.name);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn mirrors_of_different_kinds_stay_where_they_are_as_others_are_added() {
+        let placed = |count| {
+            let scene = kinds(count);
+            scene.mirrors().map(|mirror| (mirror.name.clone(), mirror.position, mirror.size)).collect::<Vec<_>>()
+        };
+        let all = placed(5.0);
+        assert_eq!(all.iter().map(|(name, ..)| name.as_str()).collect::<std::collections::BTreeSet<_>>().len(), 5);
+        for count in 1..5 {
+            assert_eq!(placed(f64::from(count)), all[..count as usize]);
         }
     }
 
