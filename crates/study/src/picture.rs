@@ -13,6 +13,8 @@ use crate::metrics::lab;
 const MOST_DIFFERENCE: f64 = 25.0;
 /// The least width of one of the three pictures: smaller ones are enlarged by whole pixels.
 const LEAST_WIDTH: usize = 256;
+/// The pixels around the mirrors that are shown with them.
+const MARGIN: usize = 8;
 /// The gap between the pictures.
 const GAP: usize = 8;
 
@@ -39,12 +41,8 @@ pub fn beside(
     truth: &[[f32; 3]],
 ) -> anyhow::Result<Option<Vec<u8>>> {
     let row_length = size[0] as usize;
-    let pixels = || (0..mirror.len()).filter(|pixel| mirror[*pixel] > 0.0);
-    let columns = || pixels().map(|pixel| pixel % row_length);
-    let (Some(left), Some(right)) = (columns().min(), columns().max()) else { return Ok(None) };
-    let (Some(first), Some(last)) = (pixels().next(), pixels().next_back()) else { return Ok(None) };
-    let (top, bottom) = (first / row_length, last / row_length);
-    let (width, height) = (right - left + 1, bottom - top + 1);
+    let Some([[left, top], [right, bottom]]) = around_mirrors(row_length, mirror) else { return Ok(None) };
+    let (width, height) = (right - left, bottom - top);
     let scale = LEAST_WIDTH.div_ceil(width);
     let ramp = render::ramp_colors(scene::Ramp::Magma);
     let finite = |color: [f32; 3]| color.map(|value| if value.is_finite() { f64::from(value) } else { 0.0 });
@@ -72,6 +70,31 @@ pub fn beside(
         }
     }
     png([all_width as u32, all_height as u32], &rgb).map(Some)
+}
+
+/// The least and the largest column and row of the mirrors' pixels, the latter exclusive.
+fn around_mirrors(row_length: usize, mirror: &[f32]) -> Option<[[usize; 2]; 2]> {
+    let pixels = || (0..mirror.len()).filter(|pixel| mirror[*pixel] > 0.0);
+    let columns = || pixels().map(|pixel| pixel % row_length);
+    let (left, right) = (columns().min()?, columns().max()?);
+    let (first, last) = (pixels().next()?, pixels().next_back()?);
+    Some([[left, first / row_length], [right + 1, last / row_length + 1]])
+}
+
+/// A picture of four bytes a pixel, cut to the mirrors and a margin around them, as a PNG file. `None` if there is no
+/// mirror.
+///
+/// # Errors
+/// None that a picture of this size could cause.
+pub fn cut(size: [u32; 2], mirror: &[f32], picture: &[u8]) -> anyhow::Result<Option<Vec<u8>>> {
+    let [row_length, rows] = size.map(|side| side as usize);
+    let Some([[left, top], [right, bottom]]) = around_mirrors(row_length, mirror) else { return Ok(None) };
+    let (left, top) = (left.saturating_sub(MARGIN), top.saturating_sub(MARGIN));
+    let (right, bottom) = ((right + MARGIN).min(row_length), (bottom + MARGIN).min(rows));
+    let row = |row: usize| &picture[(row * row_length + left) * 4..(row * row_length + right) * 4];
+    let rgb = (top..bottom).flat_map(|at| row(at).chunks_exact(4)).flat_map(|pixel| &pixel[..3]).copied();
+    let rgb: Vec<u8> = rgb.collect();
+    png([(right - left) as u32, (bottom - top) as u32], &rgb).map(Some)
 }
 
 /// Enlarges a picture of four bytes a pixel from one size to another, between pixel centres. A pixel takes nothing from
@@ -138,6 +161,21 @@ mod tests {
         let open = [1.0, f32::NAN, f32::NAN, 1.0];
         let levels: Vec<u8> = enlarged(&picture, &open, [4, 1], [8, 1]).into_iter().step_by(4).collect();
         assert_eq!(levels, [0, 0, 100, 125, 175, 200, 200, 200]);
+    }
+
+    #[test]
+    fn a_picture_is_cut_to_its_mirrors_and_a_margin() {
+        let size = [40, 30];
+        let mut mirror = [0.0_f32; 40 * 30];
+        (mirror[12 * 40 + 20], mirror[13 * 40 + 38]) = (1.0, 1.0);
+        let picture: Vec<u8> =
+            (0..40 * 30).flat_map(|pixel| [(pixel % 40) as u8, (pixel / 40) as u8, 7, 255]).collect();
+        let bytes = cut(size, &mirror, &picture).unwrap().unwrap();
+        let image = image::load_from_memory(&bytes).unwrap().to_rgb8();
+        // From the mirror less the margin to the picture's right side.
+        assert_eq!(image.dimensions(), (40 - 12, 14 + 8 - 4));
+        assert_eq!([image.get_pixel(0, 0).0, image.get_pixel(27, 17).0], [[12, 4, 7], [39, 21, 7]]);
+        assert!(cut(size, &[0.0; 40 * 30], &picture).unwrap().is_none());
     }
 
     #[test]

@@ -20,7 +20,7 @@ use sweep::{filled, plain_text, swept_values};
 use toml::de::DeTable;
 
 use crate::metrics::Truth;
-use crate::results;
+use crate::results::{self, Figure};
 use crate::still::Target;
 
 pub use scene::RAY_TRACE;
@@ -30,6 +30,9 @@ pub const SIZE: &str = "size";
 
 /// The key of the target that `auto` is to keep to, as in `50ms`, `2dE` or `0.5x`; it is swept like a parameter.
 pub const TARGET: &str = "target";
+
+/// The key of the camera's distance from its pivot, as a share of the scene's own; it is swept like a parameter.
+pub const DISTANCE: &str = "distance";
 
 /// The most characters of a message about a plan, which may quote it.
 const MOST_TOLD: usize = 400;
@@ -130,6 +133,59 @@ impl Time {
     }
 }
 
+/// Passes whose times are told together, as a figure of the plan.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    /// The figure's name, as `search_ms`.
+    pub name: String,
+    /// The name for people.
+    pub label: String,
+    /// The passes, by the names of `FrameStats`.
+    pub passes: Vec<String>,
+}
+
+/// Which settings of a group are shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "toml::Value", into = "toml::Value")]
+pub enum Pictures {
+    #[default]
+    None,
+    /// The worst of each scene and method: what was drawn, the truth, and their difference.
+    Worst,
+    /// Each one, as it was drawn, cut to the mirrors.
+    Each,
+}
+
+impl Part {
+    pub fn figure(&self) -> Figure {
+        Figure { name: self.name.clone(), label: format!("time of {}", self.label), unit: "ms" }
+    }
+}
+
+impl TryFrom<toml::Value> for Pictures {
+    type Error = &'static str;
+
+    fn try_from(value: toml::Value) -> Result<Self, Self::Error> {
+        match value {
+            toml::Value::Boolean(false) => Ok(Self::None),
+            toml::Value::Boolean(true) => Ok(Self::Worst),
+            toml::Value::String(word) if word == "each" => Ok(Self::Each),
+            _ => Err("expected true, false or \"each\" for pictures"),
+        }
+    }
+}
+
+impl From<Pictures> for toml::Value {
+    fn from(pictures: Pictures) -> Self {
+        match pictures {
+            Pictures::None => Self::Boolean(false),
+            Pictures::Worst => Self::Boolean(true),
+            Pictures::Each => Self::String("each".into()),
+        }
+    }
+}
+
 /// A study to be made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -169,6 +225,12 @@ pub struct Plan {
     /// The parameters of all settings.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
+    /// The parameters of the still picture that differ from those of the picture that it judges.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub still_set: BTreeMap<String, toml::Value>,
+    /// Figures of the plan's own: sums of passes.
+    #[serde(default, rename = "part", skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<Part>,
     #[serde(rename = "group")]
     pub groups: Vec<Group>,
 }
@@ -195,16 +257,22 @@ pub struct Group {
     /// Whether to measure how much mirrors flicker in this group, too.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flicker: bool,
-    /// Whether to show the worst setting: what was drawn, the truth, and their difference.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub pictures: bool,
     /// The preset that the group's settings start from, in place of the plan's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preset: Option<String>,
+    /// The times that are charted on top of one another, a column for each setting; a chart for each list.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stacked: Vec<Vec<String>>,
+    /// How many frames are drawn of each setting before the one that is measured, for what learns from frame to frame.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub frames_before: u32,
+    /// Which settings to show.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub pictures: Pictures,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub set: BTreeMap<String, toml::Value>,
-    /// Lists of values, or ranges `{ from, to, count, scale }`. A key without a dot is a variable, `size` the picture's
-    /// size.
+    /// Lists of values, or ranges `{ from, to, count, scale }`. A key without a dot is a variable, except `size`,
+    /// `target` and `distance`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sweep: BTreeMap<String, toml::Value>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -264,6 +332,8 @@ pub struct Case {
     pub target: Option<PlannedTarget>,
     /// The preset that its parameters start from.
     pub preset: Option<&'static Preset>,
+    /// The camera's distance from its pivot, as a share of the scene's own.
+    pub distance: f64,
     /// The swept keys and variables with their values, sorted by key.
     pub swept: Vec<(String, String)>,
     /// The parameters that plan and group set; one list for all settings of a group.
@@ -294,6 +364,16 @@ impl Case {
     pub fn swept_value(&self, key: &str) -> Option<&str> {
         self.swept.iter().find(|(swept, _)| swept == key).map(|(_, value)| value.as_str())
     }
+}
+
+/// Whether there are no frames before.
+fn is_zero(count: &u32) -> bool {
+    *count == 0
+}
+
+/// Whether nothing is shown.
+fn is_none(pictures: &Pictures) -> bool {
+    *pictures == Pictures::None
 }
 
 fn default_size() -> Size {
@@ -414,6 +494,12 @@ impl Plan {
         sweeping.map(|group| group.name.as_str()).collect()
     }
 
+    /// The figure of this name: one of the plan's own, or one that any plan has.
+    pub fn figure(&self, name: &str) -> Option<Figure> {
+        let own = self.parts.iter().find(|part| part.name == name);
+        own.map(Part::figure).or_else(|| results::figure(name).cloned())
+    }
+
     /// All swept keys and variables, sorted.
     pub fn swept_keys(&self) -> Vec<&str> {
         let keys: BTreeSet<&str> =
@@ -450,6 +536,8 @@ impl Plan {
                         let Size(size) = size.and_then(|(_, value)| value.parse().ok()).unwrap_or(self.size);
                         let target = swept.iter().find(|(key, _)| key == TARGET);
                         let target = target.and_then(|(_, value)| value.parse().ok());
+                        let distance = swept.iter().find(|(key, _)| key == DISTANCE);
+                        let distance = distance.and_then(|(_, value)| value.parse().ok()).unwrap_or(1.0);
                         cases.push(Case {
                             index: cases.len(),
                             group: index,
@@ -459,6 +547,7 @@ impl Plan {
                             size,
                             target,
                             preset,
+                            distance,
                             swept,
                             set: set.clone(),
                         });
@@ -477,6 +566,15 @@ impl Plan {
         let mut settings = scene.clone();
         self.set.iter().try_for_each(|(key, value)| settings.set_text(key, &plain_text(value)))?;
         Ok(settings.drawn())
+    }
+
+    /// A setting as its still picture is loaded and drawn: with the plan's own parameters for it, swept or not.
+    pub fn of_still(&self, case: &Case) -> Case {
+        let is_own = |key: &String| self.still_set.contains_key(key);
+        let set = case.set.iter().filter(|(key, _)| !is_own(key)).cloned();
+        let own = self.still_set.iter().map(|(key, value)| (key.clone(), plain_text(value)));
+        let swept = case.swept.iter().filter(|(key, _)| !is_own(key)).cloned();
+        Case { set: set.chain(own).collect(), swept: swept.collect(), ..case.clone() }
     }
 
     /// Adds scenes to all groups whose scenes have no variables.

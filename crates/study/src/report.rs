@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::chart::{Chart, number};
-use crate::plan::{Bound, Case, Group, Plan, TARGET};
+use crate::plan::{Bound, Case, Group, Pictures, Plan, TARGET};
 use crate::results::{self, Cell, Row};
 
 const STYLE: &str = "
@@ -69,8 +69,11 @@ pub fn html(plan: &Plan, rows: &[Row], charts: &[Chart], pictures: &[(String, &R
         );
     }
     if !pictures.is_empty() {
-        page += "<h2 id=\"pictures\">Pictures</h2>\n<p>Drawn, traced, and their difference: black where there is none, white from a \
-                 colour difference (CIEDE2000) of 25.</p>\n";
+        page += "<h2 id=\"pictures\">Pictures</h2>\n";
+        if plan.groups.iter().any(|group| group.pictures == Pictures::Worst) {
+            page += "<p>Drawn, traced, and their difference: black where there is none, white from a colour difference (CIEDE2000) \
+                     of 25.</p>\n";
+        }
     }
     for (name, row) in pictures {
         let values: Vec<String> = row.case.swept.iter().map(|(key, value)| format!("{key} {value}")).collect();
@@ -221,13 +224,13 @@ fn bounds(plan: &Plan, rows: &[Row]) -> Vec<String> {
                 }
                 Verdict::Fails { worst, at } => (number(worst), at, "<span class=\"fails\">no</span>"),
             };
-            let label = results::figure(&bound.figure).map_or(bound.figure.as_str(), |figure| figure.label.as_str());
+            let label = plan.figure(&bound.figure).map_or(bound.figure.clone(), |figure| figure.label);
             lines.push(format!(
                 "<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"number\">{worst}</td><td>{}</td><td>{}</td><td>{verdict}</td>\
                  <td style=\"white-space: normal\">{}</td></tr>\n",
                 escaped(&group.name),
                 escaped(method),
-                escaped(label),
+                escaped(&label),
                 escaped(&at),
                 escaped(&bound_words(bound)),
                 escaped(&group.mends)
@@ -257,7 +260,9 @@ pub enum Verdict {
 /// could not be measured, breaks it, too: then `worst` is NaN.
 pub fn judge(bound: &Bound, planned: &[&Case], rows: &[&Row]) -> Verdict {
     // Times are measured after the picture was judged.
-    let is_of_time = [results::METHOD_MS, results::FRAME_MS].contains(&bound.figure.as_str());
+    let is_of_passes = [results::METHOD_MS, results::FRAME_MS].contains(&bound.figure.as_str());
+    // The figures of a plan's own are sums of passes.
+    let is_of_time = is_of_passes || results::figure(&bound.figure).is_none();
     let is_measured = |row: &Row| !is_of_time || row.repeats > 0 || row.error.is_some();
     let about: Vec<&&Row> = rows.iter().filter(|row| bound.is_about(&row.case) && is_measured(row)).collect();
     let is_complete = about.len() == planned.iter().filter(|case| bound.is_about(case)).count();

@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::estimate::{Estimate, EstimatedPercentiles};
 use crate::metrics::{Accuracy, Truth};
-use crate::plan::{Case, Plan, RAY_TRACE, SIZE, TARGET};
+use crate::plan::{Case, DISTANCE, Part, Plan, RAY_TRACE, SIZE, TARGET};
 use crate::still::StillError;
 
 /// The time of all passes that find what mirrors show, in milliseconds.
@@ -328,6 +328,8 @@ pub struct Row {
     pub repeats: usize,
     pub frame_ms: Option<Spread>,
     pub method_ms: Option<Spread>,
+    /// The times of the plan's parts, in its order; those of which no pass was run are left out.
+    pub parts: Vec<(String, Spread)>,
     /// The medians of each pass, and of all passes of each stage.
     pub passes: Vec<(String, f64)>,
     pub stages: Vec<(PassStage, f64)>,
@@ -342,8 +344,12 @@ impl Row {
         match figure {
             FRAME_MS => self.frame_ms.map(|spread| spread.median),
             METHOD_MS => self.method_ms.map(|spread| spread.median),
-            _ => self.figures.get(figure).copied(),
+            _ => self.part(figure).map(|spread| spread.median).or(self.figures.get(figure).copied()),
         }
+    }
+
+    fn part(&self, figure: &str) -> Option<Spread> {
+        self.parts.iter().find(|(name, _)| name == figure).map(|(_, spread)| *spread)
     }
 
     /// The quartiles of a time.
@@ -351,7 +357,7 @@ impl Row {
         match figure {
             FRAME_MS => self.frame_ms,
             METHOD_MS => self.method_ms,
-            _ => None,
+            _ => self.part(figure),
         }
     }
 }
@@ -397,6 +403,13 @@ pub fn rows(plan: &Plan, cases: &[Case], runs: &[Run]) -> Vec<Row> {
             };
             Some((name.to_owned(), spread(&of_pass)?.median))
         });
+        let part = |part: &Part| {
+            let of_part = |run: &Run| {
+                let of_part = run.passes.iter().filter(|pass| part.passes.contains(&pass.name));
+                of_part.map(|pass| pass.ms).reduce(|sum, ms| sum + ms)
+            };
+            Some((part.name.clone(), spread(&of_part)?))
+        };
         let stage = |stage: PassStage| Some((stage, spread(&|run| Some(run.stage_ms(stage)))?.median));
         Some(Row {
             case: case.clone(),
@@ -406,6 +419,7 @@ pub fn rows(plan: &Plan, cases: &[Case], runs: &[Run]) -> Vec<Row> {
             repeats: timed.len(),
             frame_ms: spread(&|run| run.frame_ms),
             method_ms: spread(&|run| Some(run.stage_ms(PassStage::Method))),
+            parts: plan.parts.iter().filter_map(part).collect(),
             passes: passes.collect(),
             stages: PassStage::all().filter_map(stage).collect(),
             figures: first.figures.clone(),
@@ -467,7 +481,7 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     put("method", text(&case.method));
     for key in plan.swept_keys() {
         // A variable may have the name of another column, so its name is in braces, as in the pattern.
-        let is_variable = !key.contains('.') && key != SIZE && key != TARGET;
+        let is_variable = !key.contains('.') && ![SIZE, TARGET, DISTANCE].contains(&key);
         let column = if is_variable { format!("{{{key}}}") } else { key.to_owned() };
         put(&column, case.swept_value(key).map_or(Cell::Empty, Cell::of_text));
     }
@@ -476,7 +490,8 @@ pub fn cells(plan: &Plan, row: &Row) -> Vec<(String, Cell)> {
     put("height", Cell::Number(f64::from(case.size[1])));
     put("points", Cell::of(row.points.map(|points| points as f64)));
     put("repeats", Cell::Number(row.repeats as f64));
-    for (name, spread) in [(FRAME_MS, row.frame_ms), (METHOD_MS, row.method_ms)] {
+    let times = [(FRAME_MS, row.frame_ms), (METHOD_MS, row.method_ms)].into_iter();
+    for (name, spread) in times.chain(plan.parts.iter().map(|part| (part.name.as_str(), row.part(&part.name)))) {
         put(name, Cell::of(spread.map(|spread| spread.median)));
         put(&format!("{name}_low"), Cell::of(spread.map(|spread| spread.low)));
         put(&format!("{name}_high"), Cell::of(spread.map(|spread| spread.high)));
@@ -584,6 +599,22 @@ mod tests {
         let stages = PassStage::all().zip([1.0, 22.0, 4.0, 8.0]);
         assert_eq!(row.stages, stages.collect::<Vec<_>>());
         assert_eq!(row.value("same_input_delta_e"), None);
+    }
+
+    #[test]
+    fn a_part_of_a_plan_is_the_sum_of_its_passes() {
+        let part =
+            |name: &str, passes: &str| format!("[[part]]\nname = \"{name}\"\nlabel = \"x\"\npasses = [{passes}]\n");
+        let parts = part("search_ms", "\"sscr_solve\", \"push\", \"unknown\"") + &part("other_ms", "\"unknown\"");
+        let text = format!("title = \"a\"\n{parts}[[group]]\nscenes = [\"a\"]\nmethods = [\"sscr\"]\n");
+        let plan = Plan::parse("test", &text).unwrap();
+        let runs = [judged(0), timed(0, 1, 10.0), timed(0, 2, 20.0), timed(0, 3, 30.0)];
+        let row = rows(&plan, &plan.cases(), &runs).remove(0);
+        assert_eq!(row.spread("search_ms").map(|spread| (spread.low, spread.median)), Some((17.0, 22.0)));
+        assert_eq!((row.value("search_ms"), row.value("other_ms")), (Some(22.0), None), "no pass of the other was run");
+        let cells = cells(&plan, &row);
+        let cell = |name: &str| cells.iter().find(|(known, _)| known == name).map(|(_, cell)| cell.clone());
+        assert_eq!([cell("search_ms_high"), cell("other_ms")], [Some(Cell::Number(27.0)), Some(Cell::Empty)]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use cloud::Progress;
-use render::{FrameStats, Gpu, PassStage, Renderer};
+use render::{Aov, FrameStats, Gpu, PassStage, Renderer};
 use scene::{Camera, ColorBy, Preset, Settings};
 
 use crate::chart;
@@ -21,7 +21,7 @@ use crate::journal::{Folder, FolderError};
 use crate::loaded::{Loaded, drawn, reference, tracer, view};
 use crate::metrics::Truth;
 use crate::picture;
-use crate::plan::{Case, Plan, PlanError, RAY_TRACE};
+use crate::plan::{Case, Pictures, Plan, PlanError, RAY_TRACE};
 use crate::report;
 use crate::results::{self, Figure, Machine, Measured, Row, Run, TimedPass};
 use crate::still::{Target, drawn_size};
@@ -232,7 +232,7 @@ fn running<'a, 'b>(
 fn missing_pictures(folder: &Folder) -> Vec<(String, Case)> {
     let rows = results::rows(&folder.plan, &folder.cases, &folder.runs);
     let shows_mirrors = |row: &Row| row.value("mirror_pixels").is_some_and(|pixels| pixels > 0.0);
-    let missing = worst(&folder.plan, &rows).into_iter();
+    let missing = shown(&folder.plan, &rows).into_iter();
     let missing = missing.filter(|(name, row)| shows_mirrors(row) && !folder.path.join(name).exists());
     missing.map(|(name, row)| (name, row.case.clone())).collect()
 }
@@ -252,7 +252,7 @@ pub fn write(folder: &Folder) -> anyhow::Result<()> {
         folder.write(&format!("{}.png", chart.name), &chart.png()?)?;
     }
     let pictures: Vec<(String, &Row)> =
-        worst(plan, &rows).into_iter().filter(|(name, _)| path.join(name).exists()).collect();
+        shown(plan, &rows).into_iter().filter(|(name, _)| path.join(name).exists()).collect();
     folder.write("index.html", report::html(plan, &rows, &charts, &pictures).as_bytes())?;
     Ok(())
 }
@@ -263,7 +263,7 @@ pub fn write(folder: &Folder) -> anyhow::Result<()> {
 /// A picture that cannot be read or written.
 pub fn copy_pictures(folders: &[impl AsRef<Path>], into: &Folder) -> Result<(), FolderError> {
     let rows = results::rows(&into.plan, &into.cases, &into.runs);
-    for (name, _) in worst(&into.plan, &rows) {
+    for (name, _) in shown(&into.plan, &rows) {
         let found = folders.iter().map(|folder| folder.as_ref().join(&name)).find(|path| path.exists());
         if let Some(path) = found.filter(|path| *path != into.path.join(&name)) {
             let bytes = std::fs::read(&path).map_err(|reason| FolderError::Unread { path, reason })?;
@@ -273,27 +273,30 @@ pub fn copy_pictures(folders: &[impl AsRef<Path>], into: &Folder) -> Result<(), 
     Ok(())
 }
 
-/// The file name of the picture and the row of each setting that is shown: in groups that ask for pictures, for each
-/// scene and method the one whose figure is worst.
-fn worst<'a>(plan: &Plan, rows: &'a [Row]) -> Vec<(String, &'a Row)> {
+/// The file name of the picture and the row of each setting that is shown: in groups that ask for pictures each one, or
+/// for each scene and method the one whose figure is worst.
+fn shown<'a>(plan: &Plan, rows: &'a [Row]) -> Vec<(String, &'a Row)> {
     let mut shown: Vec<(String, &Row)> = Vec::new();
-    for (index, group) in plan.groups.iter().enumerate().filter(|(_, group)| group.pictures) {
+    for (index, group) in plan.groups.iter().enumerate().filter(|(_, group)| group.pictures != Pictures::None) {
         let figure = group.bound.as_ref().map(|bound| &bound.figure).or(plan.errors.first());
-        let more_is_better = || figure.and_then(|figure| results::figure(figure)).is_some_and(Figure::more_is_better);
+        let more_is_better = || figure.and_then(|name| plan.figure(name)).is_some_and(|of| Figure::more_is_better(&of));
         let least_is_worst = group.bound.as_ref().map_or_else(more_is_better, |bound| bound.at_least.is_some());
         let badness = |row: &Row| {
             let value = figure.and_then(|figure| row.value(figure));
             value.map_or(f64::NEG_INFINITY, |value| if least_is_worst { -value } else { value })
         };
         let of_group: Vec<&Row> = rows.iter().filter(|row| row.case.group == index && row.error.is_none()).collect();
+        let named = |row: &'a Row| (format!("pictures/{}-{}.png", file_name(&group.name), row.case.index), row);
+        if group.pictures == Pictures::Each {
+            shown.extend(of_group.into_iter().map(named));
+            continue;
+        }
         for scene in &group.scenes {
             for method in &group.methods {
                 let is_of = |row: &&&Row| row.case.scene_pattern == *scene && row.case.method == *method;
                 let rows = of_group.iter().filter(is_of);
-                if let Some(row) = rows.max_by(|a, b| badness(a).total_cmp(&badness(b))) {
-                    let name = format!("pictures/{}-{}.png", file_name(&group.name), row.case.index);
-                    shown.push((name, row));
-                }
+                let worst = rows.max_by(|a, b| badness(a).total_cmp(&badness(b)));
+                shown.extend(worst.map(|row| named(row)));
             }
         }
     }
@@ -370,7 +373,7 @@ impl<'a> Runner<'a> {
         // The least recently used scenes make room; how much the new one needs is known only when it is loaded. If
         // loading fails, all of them make room: a lack of memory cannot be distinguished from other failures, which
         // then occur again.
-        let subject = match self.scenes.load(self.gpu, &case.scene, &settings) {
+        let mut subject = match self.scenes.load(self.gpu, &case.scene, &settings) {
             Err(_) if !self.loaded.is_empty() => {
                 self.loaded.clear();
                 // Memory is returned when the GPU has finished all work.
@@ -379,6 +382,8 @@ impl<'a> Runner<'a> {
             }
             loaded => loaded,
         }?;
+        let Camera { eye, pivot, .. } = subject.camera;
+        subject.camera.eye = pivot + (eye - pivot) * case.distance;
         let points = subject.parts.iter().map(|part| part.cloud.len()).sum();
         let kept = |loaded: &[(String, Loaded)]| loaded.iter().map(|(_, loaded)| loaded.points).sum::<u64>();
         while !self.loaded.is_empty() && kept(&self.loaded) + points > MOST_POINTS {
@@ -409,14 +414,13 @@ impl<'a> Runner<'a> {
             measured.predicted_ms = Some(choice.predicted_ms);
             measured.target_ms = if let Target::Milliseconds(time) = target { Some(time) } else { None };
         }
-        let Self { plan, renderer, loaded, scenes, .. } = self;
-        let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
-        if plan.still {
-            let base = plan.base(&scenes.settings(&case.scene, None)?)?;
-            loaded.still(case, &base, renderer)?;
+        if self.plan.still {
+            self.still(case)?;
         }
+        let Self { plan, renderer, loaded, .. } = self;
+        let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let size = drawn_size(case.size, &settings);
-        let stats = loaded.subject.render(renderer, &settings, size)?;
+        let stats = draw(loaded, renderer, &settings, size, plan.groups[case.group].frames_before)?;
         if let Some((_, _, still)) = loaded.still.as_ref().filter(|_| plan.still) {
             measured.still = Some(still.error(renderer, &loaded.subject.camera, &settings, size)?);
         }
@@ -462,6 +466,30 @@ impl<'a> Runner<'a> {
         Ok(judged_run(case, &settings, loaded.points, &stats, measured))
     }
 
+    /// Draws the still picture of a setting, unless it is at hand. The setting's own scene is the last of `loaded`
+    /// afterwards, as before.
+    fn still(&mut self, case: &Case) -> anyhow::Result<()> {
+        let base = self.plan.base(&self.scenes.settings(&case.scene, None)?)?;
+        let Self { plan, renderer, loaded, .. } = self;
+        let (_, own) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
+        if plan.still_set.is_empty() {
+            return Ok(own.still(case, &base, renderer)?);
+        }
+        if own.still.is_some() {
+            return Ok(());
+        }
+        let of_still = plan.of_still(case);
+        let settings = self.prepare(&of_still)?;
+        let Self { renderer, loaded, .. } = self;
+        let (_, other) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
+        other.still(&of_still, &settings, renderer)?;
+        let still = other.still.take();
+        self.prepare(case)?;
+        let (_, own) = self.loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
+        own.still = still;
+        Ok(())
+    }
+
     /// Draws a setting once, from scratch.
     fn timed(&mut self, case: &Case, chosen: &[(String, String)]) -> anyhow::Result<Run> {
         let mut settings = self.prepare(case)?;
@@ -470,7 +498,8 @@ impl<'a> Runner<'a> {
         }
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
-        let stats = loaded.subject.render(renderer, &settings, drawn_size(case.size, &settings))?;
+        let before = plan.groups[case.group].frames_before;
+        let stats = draw(loaded, renderer, &settings, drawn_size(case.size, &settings), before)?;
         let FrameStats { passes, frame_milliseconds, .. } = stats;
         let timed = |name: &str, stage, ms| TimedPass { name: name.to_owned(), stage, ms };
         let mut passes: Vec<TimedPass> =
@@ -492,13 +521,21 @@ impl<'a> Runner<'a> {
             let settings = self.prepare(case)?;
             let Self { plan, renderer, loaded, .. } = self;
             let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
-            loaded.subject.render(renderer, &settings, drawn_size(case.size, &settings))?;
-            loaded.traced(plan, settings.splat.size)?;
-            let drawn = drawn(loaded, case, &settings, renderer)?.0;
-            let (_, reference) = reference(loaded, plan, case, &settings, Truth::SameInput, &drawn)?;
-            if let Some(png) =
-                picture::beside(drawn_size(case.size, &settings), &drawn.surface.mirror, &drawn.color, &reference)?
-            {
+            let (group, size) = (&plan.groups[case.group], drawn_size(case.size, &settings));
+            draw(loaded, renderer, &settings, size, group.frames_before)?;
+            let png = match group.pictures {
+                Pictures::Each => {
+                    let mirror = renderer.read_aov(Aov::Mirror)?.data;
+                    picture::cut(size, &mirror, &renderer.read_picture()?)?
+                }
+                _ => {
+                    loaded.traced(plan, settings.splat.size)?;
+                    let drawn = drawn(loaded, case, &settings, renderer)?.0;
+                    let (_, reference) = reference(loaded, plan, case, &settings, Truth::SameInput, &drawn)?;
+                    picture::beside(size, &drawn.surface.mirror, &drawn.color, &reference)?
+                }
+            };
+            if let Some(png) = png {
                 folder.write(&name, &png)?;
             }
         }
@@ -506,13 +543,33 @@ impl<'a> Runner<'a> {
     }
 }
 
+/// Draws a frame that keeps nothing of other settings', after `before` others of the same setting, for methods that
+/// learn from frame to frame.
+fn draw(
+    loaded: &Loaded,
+    renderer: &mut Renderer,
+    settings: &Settings,
+    size: [u32; 2],
+    before: u32,
+) -> render::Result<FrameStats> {
+    let Subject { store, camera, .. } = &loaded.subject;
+    let mut anew = settings.clone();
+    // Each of the frames is drawn, even though nothing moves.
+    anew.reflection.keep &= before == 0;
+    renderer.forget();
+    for _ in 0..before {
+        renderer.render(store, camera, &anew, loaded.subject.objects(), size)?;
+    }
+    renderer.render(store, camera, &anew, loaded.subject.objects(), size)
+}
+
 /// A hash of all that a scene's loading depends on: how it is read, coloured and, without a camera or light of its own,
-/// seen and lit.
+/// seen and lit, and from how far.
 fn loading_key(case: &Case, settings: &Settings) -> String {
     let Settings { scene, surface, color, view, light, .. } = settings;
     let differing =
         [param::differing(scene), param::differing(surface), param::differing(color), param::differing(view)];
-    format!("{} {differing:?} {:?}", case.scene, light.by)
+    format!("{} {} {differing:?} {:?}", case.scene, case.distance, light.by)
 }
 
 /// How much the mirrors' pixels flicker, in grey levels: while the camera stands still, and while it moves sideways by
@@ -610,7 +667,7 @@ mod tests {
         let rows = results::rows(&plan, &plan.cases(), &runs);
         for (figure, expected) in [("same_input_recall", 1), ("same_input_delta_e", 2)] {
             plan.errors = vec![figure.into()];
-            let shown: Vec<usize> = worst(&plan, &rows).iter().map(|(_, row)| row.case.index).collect();
+            let shown: Vec<usize> = shown(&plan, &rows).iter().map(|(_, row)| row.case.index).collect();
             assert_eq!(shown, [expected], "{figure}");
         }
     }

@@ -1,7 +1,7 @@
 //! Computes where everything in a chart is placed.
 
 use super::shapes::{Anchor, Place, Shape, width};
-use super::{Chart, Curve, Limit, Marker, Panel, Style};
+use super::{Chart, Column, Curve, Limit, Marker, Panel, Style};
 
 /// The width at which charts are read.
 const WIDTH: f64 = 900.0;
@@ -78,7 +78,13 @@ fn legend(chart: &Chart, top: f64, shapes: &mut Vec<Shape>) -> f64 {
     for panel in &chart.panels {
         let curves = panel.curves.iter().map(|curve| (curve.name.as_str(), Some(curve.style), curve.style));
         let levels = panel.levels.iter().map(|level| (level.name.as_str(), None, level.style));
-        for entry in curves.chain(levels) {
+        // From the top, as the layers lie.
+        let layers = panel.columns.iter().flat_map(|column| column.layers.iter().rev());
+        let layers = layers.map(|layer| {
+            let style = Style { marker: Marker::Square, ..layer.style };
+            (layer.name.as_str(), Some(style), style)
+        });
+        for entry in curves.chain(levels).chain(layers) {
             if !entries.contains(&entry) {
                 entries.push(entry);
             }
@@ -166,6 +172,9 @@ fn draw_panel(panel: &Panel, area: Rect, shapes: &mut Vec<Shape>) {
         let y = panel.y.share(level.y);
         dashed(plot.at(0.0, y), plot.at(1.0, y), level.style.color, 1, shapes);
     }
+    for column in &panel.columns {
+        draw_column(column, panel, plot, shapes);
+    }
     for curve in &panel.curves {
         draw_curve(curve, panel, plot, shapes);
     }
@@ -218,6 +227,22 @@ fn draw_curve(curve: &Curve, panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>)
             }
         }
         marker_shapes(curve.style, at, panel.y.is_on_floor(mark.y), shapes);
+    }
+}
+
+/// The share of the room of a column that it fills.
+const COLUMN_WIDTH: f64 = 0.6;
+
+fn draw_column(column: &Column, panel: &Panel, plot: Rect, shapes: &mut Vec<Shape>) {
+    let half = COLUMN_WIDTH / 2.0 / panel.columns.len() as f64;
+    let mut low = 0.0;
+    for layer in &column.layers {
+        let high = low + layer.height;
+        let corners =
+            [(column.x - half, low), (column.x + half, low), (column.x + half, high), (column.x - half, high)];
+        let points = corners.iter().map(|(x, y)| place(panel, plot, *x, *y)).collect();
+        shapes.push(Shape::Area { points, color: layer.style.color, opacity: 1.0 });
+        low = high;
     }
 }
 

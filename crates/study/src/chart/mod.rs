@@ -11,7 +11,7 @@ use std::path::Path;
 use scene::{METHODS, RAY_TRACE};
 
 use crate::file_name::file_name;
-use crate::plan::{Case, Group, Plan, SIZE, TARGET};
+use crate::plan::{Case, DISTANCE, Group, Plan, SIZE, TARGET};
 use crate::results::{self, Figure, METHOD_MS, Row};
 use axis::Axis;
 
@@ -37,6 +37,7 @@ struct Panel {
     x_title: String,
     y_title: String,
     curves: Vec<Curve>,
+    columns: Vec<Column>,
     /// Values that are constant over the whole width.
     levels: Vec<Level>,
     /// The corners of the Pareto front, by rising time.
@@ -61,6 +62,21 @@ struct Mark {
     /// The quartiles.
     whisker: Option<(f64, f64)>,
     label: String,
+}
+
+/// Values on top of one another, the first at the bottom.
+#[derive(Clone, Debug, PartialEq)]
+struct Column {
+    x: f64,
+    layers: Vec<Layer>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Layer {
+    /// The name in the legend.
+    name: String,
+    style: Style,
+    height: f64,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -180,9 +196,9 @@ fn front(points: &[(f64, f64)], more_is_better: bool) -> Vec<(f64, f64)> {
 /// All charts of a plan. Settings that failed are left out, and charts that would show nothing.
 pub fn charts(plan: &Plan, rows: &[Row]) -> Vec<Chart> {
     let rows: Vec<&Row> = rows.iter().filter(|row| row.error.is_none()).collect();
-    let figure = |name: &String| results::figure(name);
+    let figure = |name: &String| plan.figure(name);
     let mut charts: Vec<Chart> =
-        plan.errors.iter().filter_map(figure).filter_map(|error| time_chart(plan, &rows, error)).collect();
+        plan.errors.iter().filter_map(figure).filter_map(|error| time_chart(plan, &rows, &error)).collect();
     for (index, group) in plan.groups.iter().enumerate() {
         let of_group: Vec<&Row> = rows.iter().copied().filter(|row| row.case.group == index).collect();
         let own = group.bound.iter().map(|bound| &bound.figure).filter(|_| group.figures.is_empty());
@@ -190,8 +206,10 @@ pub fn charts(plan: &Plan, rows: &[Row]) -> Vec<Chart> {
         let names = if own.is_empty() { plan.figures.iter().collect() } else { own };
         for key in group.sweep.keys() {
             let made = names.iter().filter_map(|name| figure(name));
-            charts.extend(made.filter_map(|figure| sweep_chart(plan, group, key, &rows, &of_group, figure)));
+            charts.extend(made.filter_map(|figure| sweep_chart(plan, group, key, &rows, &of_group, &figure)));
         }
+        let stacked = group.stacked.iter().enumerate();
+        charts.extend(stacked.filter_map(|(number, times)| stacked_chart(plan, group, number, times, &of_group)));
     }
     charts
 }
@@ -221,7 +239,7 @@ fn distinct<Item: PartialEq>(items: impl Iterator<Item = Item>) -> Vec<Item> {
 
 /// The swept keys that are no variables of the scene.
 fn is_of_setting(key: &str) -> bool {
-    key.contains('.') || key == SIZE || key == TARGET
+    key.contains('.') || [SIZE, TARGET, DISTANCE].contains(&key)
 }
 
 /// The text that distinguishes settings of one method on one scene: the swept values, else the group if the method
@@ -292,6 +310,7 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
             front,
             more_is_better,
             curves,
+            columns: Vec::new(),
             levels,
             limit: None,
         });
@@ -389,6 +408,7 @@ fn sweep_chart(
             x_title: key_title(key),
             y_title: figure.title(),
             curves,
+            columns: Vec::new(),
             levels,
             front: Vec::new(),
             more_is_better: figure.more_is_better(),
@@ -402,6 +422,56 @@ fn sweep_chart(
     let title = format!("{about}{} over {}", figure.label, key_words(key));
     let columns = if panels.len() > 4 { 3 } else { 2 };
     (!panels.is_empty()).then_some(Chart { name, title, panels, columns })
+}
+
+/// The times of a group's settings, a column for each setting.
+fn stacked_chart(plan: &Plan, group: &Group, number: usize, times: &[String], of_group: &[&Row]) -> Option<Chart> {
+    let has_scenes = of_group.iter().any(|row| row.case.scene != of_group[0].case.scene);
+    let named = |row: &&&Row| {
+        let Case { scene, method, swept, .. } = &row.case;
+        // A variable is part of the scene.
+        let swept = swept.iter().filter(|(key, _)| is_of_setting(key)).map(|(_, value)| value.as_str());
+        let own = [has_scenes.then_some(last_part(scene)), (group.methods.len() > 1).then_some(method.as_str())];
+        own.into_iter().flatten().chain(swept).collect::<Vec<_>>().join(" ")
+    };
+    let names: Vec<String> = of_group.iter().map(|row| named(&row)).collect();
+    let x = Axis::words(names.clone());
+    let figures: Vec<Figure> = times.iter().filter_map(|time| plan.figure(time)).collect();
+    let column = |(row, name): (&&Row, &String)| {
+        let layer = |(figure, style): (&Figure, &Style)| {
+            let height = row.value(&figure.name)?;
+            let name = figure.label.strip_prefix("time of ").unwrap_or(&figure.label).to_owned();
+            Some(Layer { name, style: *style, height })
+        };
+        let layers: Vec<Layer> = figures.iter().zip(OTHER_STYLES.iter().cycle()).filter_map(layer).collect();
+        Some(Column { x: x.value_of(name)?, layers }).filter(|column| !column.layers.is_empty())
+    };
+    let columns: Vec<Column> = of_group.iter().zip(&names).filter_map(column).collect();
+    let heights = columns.iter().map(|column| column.layers.iter().map(|layer| layer.height).sum::<f64>());
+    let most = heights.fold(0.0, f64::max);
+    let panel = Panel {
+        title: if has_scenes || group.methods.len() > 1 { String::new() } else { group.name.clone() },
+        x,
+        y: Axis::of(&[0.0, most]),
+        x_title: String::new(),
+        y_title: "time [ms]".into(),
+        curves: Vec::new(),
+        columns,
+        levels: Vec::new(),
+        front: Vec::new(),
+        more_is_better: false,
+        limit: None,
+    };
+    let suffix = if number > 0 { format!("-{}", number + 1) } else { String::new() };
+    let name = format!("stacked-{}{suffix}", file_name(&group.name));
+    let title = format!("{}: times of the passes", group.name);
+    (!panel.columns.is_empty()).then_some(Chart { name, title, panels: vec![panel], columns: 2 })
+}
+
+/// The last part of a scene's name or path, without its extension.
+fn last_part(scene: &str) -> &str {
+    let name = scene.rsplit('/').next().unwrap_or(scene);
+    name.strip_suffix(".toml").unwrap_or(name)
 }
 
 fn key_words(key: &str) -> &str {
@@ -419,6 +489,7 @@ fn key_title(key: &str) -> String {
     match unit.filter(|unit| !unit.is_empty()) {
         Some(unit) => format!("{key} [{unit}]"),
         None if key == SIZE => "size of the picture [pixels]".to_owned(),
+        None if key == DISTANCE => "distance of the camera [share of the scene's]".to_owned(),
         None => key.to_owned(),
     }
 }

@@ -27,6 +27,7 @@ fn rows(plan: &Plan, value: impl Fn(&Case, &str) -> Option<f64>) -> Vec<Row> {
             repeats: 3,
             frame_ms: spread("frame_ms"),
             method_ms: spread("method_ms"),
+            parts: Vec::new(),
             passes: Vec::new(),
             stages: Vec::new(),
             figures,
@@ -214,4 +215,29 @@ proptest! {
         }
         prop_assert!(front.is_sorted_by(|a, b| points[*a].0 < points[*b].0 && points[*a].1 > points[*b].1));
     }
+}
+
+#[test]
+fn stacked_times_are_a_column_for_each_setting_as_high_as_their_sum() {
+    let head = "title = \"Test\"\nerrors = []\nfigures = []\n[[part]]\nname = \"search_ms\"\nlabel = \"search\"\n\
+                passes = [\"sscr_solve\"]\n";
+    let group = "[[group]]\nname = \"all\"\nscenes = [\"a/one\", \"a/two\"]\nmethods = [\"sscr\"]\n\
+                 stacked = [[\"search_ms\", \"method_ms\"], [\"frame_ms\"]]\nsweep = { \"sscr.seed_attempts\" = [0, 4] }\n";
+    let plan = Plan::parse("test", &format!("{head}{group}")).unwrap();
+    let mut rows = rows(&plan, value);
+    for row in &mut rows {
+        row.parts = vec![("search_ms".into(), Spread { median: 5.0, low: 4.0, high: 6.0 })];
+    }
+    let charts = charts(&plan, &rows);
+    assert_eq!(charts.iter().map(|chart| chart.name.as_str()).collect::<Vec<_>>(), ["stacked-all", "stacked-all-2"]);
+    let columns = &charts[0].panels[0].columns;
+    let heights: Vec<f64> = columns.iter().map(|column| column.layers.iter().map(|layer| layer.height).sum()).collect();
+    assert_eq!(heights, [15.0, 55.0, 15.0, 55.0]);
+    assert!(columns.is_sorted_by(|a, b| a.x < b.x));
+    let svg = charts[0].svg().unwrap();
+    for text in ["one 0", "two 4", "search", "the method", "time [ms]"] {
+        assert!(svg.contains(text), "{text}");
+    }
+    // The second layer lies on the first: of four rectangles with the colour of each, none overlap.
+    assert_eq!(svg.matches("<polygon").count(), 4 * 2 + 2, "and two in the legend");
 }

@@ -8,7 +8,7 @@ use toml::de::DeTable;
 
 use super::lines::{at_line, line_of};
 use super::sweep::{filled_length, parts, scalar_text, sweep_length, swept_values};
-use super::{Bound, Case, Group, MOST_TOLD, Plan, PlanError, PlannedTarget, RAY_TRACE, SIZE, Size, TARGET};
+use super::{Bound, Case, DISTANCE, Group, MOST_TOLD, Plan, PlanError, PlannedTarget, RAY_TRACE, SIZE, Size, TARGET};
 use crate::file_name::file_name;
 use crate::results;
 
@@ -20,6 +20,9 @@ const MOST_CASE_BYTES: usize = 32 << 20;
 
 /// The most keys that a group sweeps: each at least doubles the number of settings, or sweeps nothing.
 const MOST_SWEPT: usize = 64;
+
+/// The most frames before the one that is measured: what learns from frame to frame has learned by then.
+const MOST_FRAMES_BEFORE: u32 = 1000;
 
 /// A problem, and the keys and indices that lead to its place in the file.
 struct Problem {
@@ -49,6 +52,7 @@ impl Plan {
             let text = format!("truth_samples is {}, expected 1 to 65536 paths", self.truth_samples);
             return Err(problem(&["truth_samples"], text));
         }
+        self.check_parts()?;
         for (list, names) in [("errors", &self.errors), ("figures", &self.figures)] {
             // A group that measures flicker shows it in charts of all.
             let has_flicker = self.flicker || self.groups.iter().any(|group| group.flicker);
@@ -57,6 +61,10 @@ impl Plan {
         }
         check_preset(self.preset.as_deref(), &["preset"])?;
         check_set(&self.set, &["set"])?;
+        check_set(&self.still_set, &["still_set"])?;
+        if !self.still_set.is_empty() && !self.still {
+            return Err(problem(&["still_set"], "still_set has no effect without `still = true`"));
+        }
         if self.groups.is_empty() {
             return Err(problem(&["group"], "no [[group]], expected one or more"));
         }
@@ -95,6 +103,29 @@ impl Plan {
         }
         Ok(())
     }
+
+    /// Names of parts are columns of the table, which no other part and no figure may have.
+    fn check_parts(&self) -> Result<(), Problem> {
+        let mut known = HashSet::new();
+        for (index, part) in self.parts.iter().enumerate() {
+            let at = |key: &str, text: String| problem(&["part", &index.to_string(), key], text);
+            let is_word =
+                |name: &str| name.chars().all(|letter| letter.is_ascii_lowercase() || "_0123456789".contains(letter));
+            if !part.name.ends_with("_ms") || !is_word(&part.name) {
+                return Err(at(
+                    "name",
+                    format!("`{}` is no name of a time, expected one as in `search_ms`", part.name),
+                ));
+            }
+            if results::figure(&part.name).is_some() || !known.insert(part.name.as_str()) {
+                return Err(at("name", format!("`{}` is the name of another figure", part.name)));
+            }
+            if part.passes.is_empty() {
+                return Err(at("passes", "passes is empty, expected one or more".into()));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Group {
@@ -115,6 +146,17 @@ impl Group {
         let check = |name: &String| check_figure(name, plan, plan.flicker || self.flicker);
         self.figures.iter().try_for_each(|name| check(name).map_err(|text| at(&["figures"], text)))?;
         check_preset(self.preset.as_deref(), &[path, &["preset"]].concat())?;
+        for name in self.stacked.iter().flatten() {
+            let time = check(name).and_then(|()| match plan.figure(name).is_some_and(|figure| figure.unit == "ms") {
+                true => Ok(()),
+                false => Err(format!("figure `{name}` is no time, and only times are stacked")),
+            });
+            time.map_err(|text| at(&["stacked"], text))?;
+        }
+        if self.frames_before > MOST_FRAMES_BEFORE {
+            let text = format!("frames_before is {}, expected at most {MOST_FRAMES_BEFORE}", self.frames_before);
+            return Err(at(&["frames_before"], text));
+        }
         check_set(&self.set, &[path, &["set"]].concat())?;
         let mut count = self.scenes.len().saturating_mul(self.methods.len());
         if self.sweep.len() > MOST_SWEPT {
@@ -157,6 +199,11 @@ impl Group {
             values.iter().try_for_each(|value| value.parse::<PlannedTarget>().map(|_| ()))?;
             if let Some(method) = self.methods.iter().find(|method| *method != Method::Auto.name()) {
                 return Err(format!("only `auto` keeps to a target, the group has the method `{method}`"));
+            }
+        } else if key == DISTANCE {
+            let is_share = |value: &&String| value.parse().is_ok_and(|share: f64| share.is_finite() && share > 0.0);
+            if let Some(value) = values.iter().find(|value| !is_share(value)) {
+                return Err(format!("distance `{value}`: expected a share of the camera's distance, above 0"));
             }
         } else if key.contains('.') {
             values.iter().try_for_each(|value| check_parameter(key, value))?;
@@ -207,7 +254,7 @@ fn twice(items: &[String]) -> Option<&String> {
 
 /// Checks that the figure exists and that something measures it.
 fn check_figure(name: &str, plan: &Plan, has_flicker: bool) -> Result<(), String> {
-    if let Some(figure) = results::figure(name) {
+    if let Some(figure) = plan.figure(name) {
         return match figure.truth() {
             Some((truth, known)) if !plan.truths.contains(&truth) => {
                 Err(format!("figure `{name}` is never measured, expected \"{known}\" among the `truths`"))
@@ -221,7 +268,8 @@ fn check_figure(name: &str, plan: &Plan, has_flicker: bool) -> Result<(), String
             _ => Ok(()),
         };
     }
-    let near = param::nearest(name, results::figures().iter().map(|figure| figure.name.as_str()));
+    let own = plan.parts.iter().map(|part| part.name.as_str());
+    let near = param::nearest(name, own.chain(results::figures().iter().map(|figure| figure.name.as_str())));
     let hint = near.map_or("docs/study/README.md lists them".to_owned(), |near| format!("did you mean `{near}`?"));
     Err(format!("figure `{name}` is unknown; {hint}"))
 }

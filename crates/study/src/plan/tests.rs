@@ -195,6 +195,56 @@ fn a_plan_written_and_read_again_is_the_same() {
     assert_eq!(parse(&plan.to_text()), Ok(plan));
 }
 
+const PARTS: &str = "title = \"a\"\nfigures = [\"search_ms\"]\n[[part]]\nname = \"search_ms\"\nlabel = \"search\"\n\
+                     passes = [\"sscr_solve\"]\n";
+
+#[test]
+fn parts_pictures_and_distances_survive_being_written() {
+    let group = "[[group]]\nscenes = [\"b\"]\npictures = \"each\"\nframes_before = 3\nstacked = [[\"search_ms\", \"frame_ms\"]]\n\
+                 sweep = { distance = [0.5, 1] }\n";
+    let plan = parse(&format!("{PARTS}{group}")).unwrap();
+    assert_eq!(parse(&plan.to_text()), Ok(plan.clone()));
+    assert_eq!(plan.cases().iter().map(|case| case.distance).collect::<Vec<_>>(), [0.5, 1.0]);
+    let figure = plan.figure("search_ms").unwrap();
+    assert_eq!((figure.title().as_str(), figure.more_is_better()), ("time of search [ms]", false));
+    assert!(plan.figure("search").is_none() && plan.figure("coverage").is_some());
+}
+
+#[test]
+fn wrong_parts_and_stacks_are_refused() {
+    let refused = |text: &str, expected: &str| {
+        let error = parse(text).unwrap_err();
+        assert!(error.to_string().contains(expected), "{error}");
+    };
+    let group = "[[group]]\nscenes = [\"b\"]\n";
+    let with = |group_line: &str| format!("{PARTS}{group}{group_line}\n");
+    refused(
+        &format!("{}{group}", PARTS.replace("search_ms\"\nlabel", "search\"\nlabel")),
+        "`search` is no name of a time",
+    );
+    refused(&format!("{}{group}", PARTS.replace("search_ms", "frame_ms")), "`frame_ms` is the name of another figure");
+    refused(&format!("{}{group}", PARTS.replace("[\"sscr_solve\"]", "[]")), "passes is empty");
+    refused(&with("stacked = [[\"serch_ms\"]]"), "did you mean `search_ms`?");
+    refused(&with("stacked = [[\"coverage\"]]"), "`coverage` is no time");
+    refused(&with("pictures = \"all\""), "expected true, false or \"each\"");
+    refused(&with("frames_before = 1001"), "frames_before is 1001, expected at most 1000");
+    refused(&with("sweep = { distance = [0] }"), "distance `0`: expected a share");
+    refused(&format!("still_set = {{ \"view.point_budget\" = 1000000 }}\n{PARTS}{group}"), "still_set has no effect");
+}
+
+#[test]
+fn a_still_picture_is_drawn_with_its_own_parameters() {
+    let text = "title = \"a\"\nstill = true\nstill_set = { \"view.point_budget\" = 9000000 }\n[[group]]\nscenes = [\"b\"]\n\
+                methods = [\"sscr\"]\nset = { \"splat.size\" = 2 }\nsweep = { \"view.point_budget\" = [200000, 400000] }";
+    let plan = parse(text).unwrap();
+    for case in plan.cases() {
+        let own = case.settings(&Settings::default()).unwrap();
+        let still = plan.of_still(&case).settings(&Settings::default()).unwrap();
+        assert_eq!((still.view.point_budget, still.splat.size), (9_000_000, 2.0));
+        assert!(own.view.point_budget < 9_000_000);
+    }
+}
+
 #[test]
 fn a_replaced_parameter_counts_everywhere_but_where_it_is_swept() {
     let mut plan = parse(
