@@ -3,14 +3,19 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 10] = [
+const PLANS: [(&str, &str); 15] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
+    ("passes", include_str!("../../../assets/plans/passes.toml")),
     ("seed-attempts", include_str!("../../../assets/plans/seed-attempts.toml")),
     ("step-attempts", include_str!("../../../assets/plans/step-attempts.toml")),
+    ("both-attempts", include_str!("../../../assets/plans/both-attempts.toml")),
     ("initial-step", include_str!("../../../assets/plans/initial-step.toml")),
+    ("close-up", include_str!("../../../assets/plans/close-up.toml")),
     ("pull-levels", include_str!("../../../assets/plans/pull-levels.toml")),
     ("viewport", include_str!("../../../assets/plans/viewport.toml")),
     ("mirrors", include_str!("../../../assets/plans/mirrors.toml")),
+    ("solvers", include_str!("../../../assets/plans/solvers.toml")),
+    ("streamed", include_str!("../../../assets/plans/streamed.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
     ("auto", include_str!("../../../assets/plans/auto.toml")),
     ("stability", include_str!("../../../assets/plans/stability.toml")),

@@ -425,8 +425,9 @@ impl<'a> Runner<'a> {
             measured.still = Some(still.error(renderer, &loaded.subject.camera, &settings, size)?);
         }
         let flickers_count = plan.flicker || plan.groups[case.group].flicker;
-        // Where the still picture judges alone, estimates and the ray tracer's own scene would take long for nothing.
-        if plan.still && plan.truths.is_empty() && case.method != RAY_TRACE && !flickers_count {
+        let is_drawn_alone = plan.truths.is_empty() && case.method != RAY_TRACE && !flickers_count;
+        // Where the still picture judges alone, estimates would take long for nothing.
+        if plan.still && is_drawn_alone {
             let reflected = stats.reflection;
             measured.mirror_pixels = reflected.map_or(0.0, |found| f64::from(found.mirror_pixels));
             return Ok(judged_run(case, &settings, loaded.points, &stats, measured));
@@ -439,6 +440,12 @@ impl<'a> Runner<'a> {
                 estimate(renderer, &loaded.subject.store, view, RAYS, settings.scene.seed.into())?
             }
         };
+        // So would the ray tracer's own scene where no truth judges.
+        if is_drawn_alone {
+            let mirror = renderer.read_aov(Aov::Mirror)?.data;
+            measured.mirror_pixels = mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64;
+            return Ok(judged_run(case, &settings, loaded.points, &stats, measured));
+        }
         loaded.traced(plan, settings.splat.size)?;
         let drawn = drawn(loaded, case, &settings, renderer)?.0;
         let mut judged = Vec::new();
