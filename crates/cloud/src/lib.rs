@@ -1,4 +1,4 @@
-//! Points and their attributes in memory: chunks, bounds, normals, spacing, sampling of analytic surfaces.
+//! Points and their attributes in memory: chunks, bounds, normals, spacing, sampling of analytic surfaces and meshes.
 //!
 //! This crate knows no files, no paths and no GPU. A cloud is a list of chunks; a chunk has an f64 origin of its own
 //! and f32 offsets from it, so that coordinates of seven digits lose no precision on the way to the screen.
@@ -14,6 +14,7 @@ mod robust;
 pub mod sampling;
 mod smoothing;
 mod surfels;
+mod triangle_mesh;
 mod visibility;
 
 pub use bounds::Bounds;
@@ -28,6 +29,7 @@ pub use surfels::{
     MeshNormals, Orientation, RadiusCount, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
     guess_orientation, normals_from_triangles, provisional_radius,
 };
+pub use triangle_mesh::TriangleMesh;
 pub use visibility::PointTest;
 
 /// The most points of a chunk when a reader is free to choose (2.4 MB of 36-byte LAS records).

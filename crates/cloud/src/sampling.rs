@@ -1,19 +1,21 @@
-//! Spreads points evenly by area over analytic surfaces, with exact normals: for the built-in scenes, and for clouds
-//! whose truth is known.
+//! Spreads points evenly by area over analytic surfaces, with exact normals, and over meshes: for the built-in scenes,
+//! and for clouds whose truth is known.
 //!
 //! A surface is cut into as many cells of equal area as points are asked for, and each cell gets one point at a place
 //! drawn by hash (stratified sampling), so a surface has no clumps and no holes and the same seed gives the same
 //! points. Positions and normals are in the surface's own coordinates; `Placement` moves them.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use crate::random::hash;
+use crate::random::{hash, unit};
+use crate::triangle_mesh::TriangleMesh;
 
 /// A surface in its own coordinates. Areas are in squared world units.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum Surface {
     /// `corner + u edges[0] + v edges[1]`, 0 <= u, v <= 1, edges at right angles; the normal is along their cross
     /// product.
@@ -27,6 +29,8 @@ pub enum Surface {
     Torus { ring: f64, tube: f64 },
     /// The points r(d) d for all unit vectors d; normals outwards.
     Star(StarShape),
+    /// Triangles, with the normals of the mesh.
+    Mesh(Arc<TriangleMesh>),
 }
 
 /// A star-shaped surface, given by its radius as a function of the direction. `radius` is any smooth positive function
@@ -96,10 +100,11 @@ impl Surface {
             // Pappus: the tube's circumference times the path of its middle.
             Self::Torus { ring, tube } => TAU * ring * TAU * tube,
             Self::Star(shape) => star_area(&shape),
+            Self::Mesh(ref mesh) => mesh.area(),
         }
     }
 
-    /// `count` points, spread evenly by area.
+    /// `count` points, spread evenly by area; none on a mesh without triangles.
     pub fn sample(&self, count: usize, seed: u64) -> Vec<SurfacePoint> {
         match *self {
             Self::Rectangle { corner, edges: [u, v] } => {
@@ -183,6 +188,7 @@ impl Surface {
                 )
             }
             Self::Star(shape) => sample_star(&shape, count, seed),
+            Self::Mesh(ref mesh) => mesh.sample(count, seed),
         }
     }
 }
@@ -215,8 +221,8 @@ fn sample_rows(
         let (top, bottom) = (first as f64 / count as f64, end as f64 / count as f64);
         let point = &point;
         (first..end).map(move |cell| {
-            let across = (cell - first) as f64 + random(seed, 2 * cell as u64);
-            point(across / (end - first) as f64, top + (bottom - top) * random(seed, 2 * cell as u64 + 1))
+            let across = (cell - first) as f64 + unit(seed, 2 * cell as u64);
+            point(across / (end - first) as f64, top + (bottom - top) * unit(seed, 2 * cell as u64 + 1))
         })
     };
     (0..rows).into_par_iter().flat_map_iter(row_points).collect()
@@ -281,12 +287,6 @@ fn sample_star(shape: &StarShape, count: usize, seed: u64) -> Vec<SurfacePoint> 
         }
     }
     chosen.into_par_iter().map(|direction| shape.point(direction)).collect()
-}
-
-/// A uniform number in 0 .. 1 from a seed and a running number.
-fn random(seed: u64, number: u64) -> f64 {
-    // 53 bits: the digits of an f64.
-    (hash(hash(seed).wrapping_add(number)) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 /// Sorts points along a Morton curve through their bounding cube, so that any run of them lies together.

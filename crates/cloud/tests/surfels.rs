@@ -53,7 +53,7 @@ fn degrees_between(a: Vec3, b: Vec3) -> f32 {
 }
 
 /// Median and 99th percentile of the angle to the true normals, whichever way these point.
-fn normal_errors(surface: Surface, count: usize) -> (f32, f32) {
+fn normal_errors(surface: &Surface, count: usize) -> (f32, f32) {
     let points = surface.sample(count, 7);
     let surfels = run(&chunked(&positions(&points), 10_000), Orientation::AwayFrom(DVec3::ZERO));
     let error = |(&normal, point): (&u32, &SurfacePoint)| {
@@ -74,14 +74,14 @@ const SQUARE: Surface = Surface::Rectangle {
 
 #[test]
 fn normals_of_a_plane_are_exact() {
-    let (median, most) = normal_errors(SQUARE, 50_000);
+    let (median, most) = normal_errors(&SQUARE, 50_000);
     assert!(median < 0.01 && most < 0.01, "{median}, {most}");
 }
 
 #[test]
 fn normals_of_sphere_and_torus_are_off_by_degrees_that_fall_with_density() {
     for surface in [SPHERE, TORUS] {
-        let [coarse, fine, finest] = [2_000, 20_000, 200_000].map(|count| normal_errors(surface, count));
+        let [coarse, fine, finest] = [2_000, 20_000, 200_000].map(|count| normal_errors(&surface, count));
         assert!(coarse.0 < 3.0 && coarse.1 < 8.0, "{surface:?}: {coarse:?}");
         assert!(fine.0 < coarse.0 / 2.0 && fine.1 < coarse.1 / 2.0, "{surface:?}: {coarse:?} to {fine:?}");
         assert!(finest.0 < fine.0 / 2.0 && finest.1 < fine.1 / 2.0, "{surface:?}: {fine:?} to {finest:?}");
