@@ -12,7 +12,7 @@ use anyhow::anyhow;
 use cloud::{Chunk, Cloud, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
-use scene::{Camera, Mirror, MirrorPoints, Settings};
+use scene::{Camera, Mirror, MirrorPoints, MirrorSurface, Settings};
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
 use world::{
@@ -75,6 +75,7 @@ pub fn open(
     if loads.is_empty() && loads.status != 0 {
         return Ok(Err(loads.status));
     }
+    read_meshes(&mut request.mirrors, settings, &mut loads.status);
     let own = loads.mirrors.iter().map(|(mirror, _)| mirror).chain(&request.mirrors);
     let test = request.visibility.test();
     let outline = loads.clouds.iter().flat_map(|loaded| cloud::robust_outline(&loaded.cloud.shown(&test).chunks));
@@ -132,6 +133,30 @@ pub fn open(
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
     Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect() }))
+}
+
+/// Reads the meshes of mirrors. A mirror whose mesh cannot be read is reported and left out.
+fn read_meshes(mirrors: &mut Vec<Mirror>, settings: &Settings, status: &mut u8) {
+    let mut failed = Few::of("mirrors whose mesh cannot be read");
+    mirrors.retain_mut(|mirror| {
+        if settings.mirror.surface == MirrorSurface::Exact && !mirror.shape.has_formula() {
+            terminal::warn([format!(
+                "mirror `{}`: mirror.surface = exact needs a formula, which a mesh lacks, so it is drawn as points",
+                mirror.name
+            )]);
+        }
+        match world::with_mesh(mirror.shape.clone()) {
+            Ok(shape) => mirror.shape = shape,
+            Err(error) => {
+                // Failed work (status 1) outranks unusable inputs (status 2).
+                *status = if *status == FAILED { FAILED } else { UNUSABLE };
+                failed.complain(&format!("mirror `{}`: {error}", mirror.name));
+                return false;
+            }
+        }
+        true
+    });
+    failed.end();
 }
 
 /// How long the receiver waits for an event before it looks at the progress again.

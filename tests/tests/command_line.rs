@@ -465,7 +465,7 @@ fn scenes_lists_the_five_mirrors() {
     assert_done(&outcome);
     assert_done(&text);
     let report = outcome.json();
-    for mirror in ["none", "sphere", "parabolic", "blob", "torus", "coral", "all"] {
+    for mirror in ["none", "sphere", "parabolic", "blob", "torus", "coral", "all", "bunny", "bowl", "open-box"] {
         let name = format!("five-mirrors/{mirror}");
         assert!(strings(&report).contains(&name.as_str()), "{name}: {outcome}");
         assert!(text.text().contains(&name), "{name}: {text}");

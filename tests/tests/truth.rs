@@ -1,6 +1,7 @@
 //! The truth through the real program: the ray tracer's images against closed forms, the figures that come from them, and the
 //! ray tracer as a method.
 
+use std::f64::consts::PI;
 use std::path::Path;
 
 use exr::prelude::read_first_flat_layer_from_file;
@@ -368,6 +369,71 @@ fn the_exact_truth_of_a_mesh_is_its_triangles() {
         assert!(number(&surface["position_error"]["median"]) < 1e-3, "{found}");
         assert!(number(&surface["missing"]) < 0.01 && number(&surface["false_fill"]) == 0.0, "{found}");
     }
+}
+
+/// The sphere of `judge_mesh` as a mesh: rings of corners from pole to pole, two triangles between each four.
+fn write_ball(folder: &Folder) {
+    const RINGS: usize = 24;
+    let mut mesh = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (RINGS + 1) * 2 * RINGS,
+        2 * RINGS * RINGS
+    );
+    for (ring, turn) in (0..=RINGS).flat_map(|ring| (0..2 * RINGS).map(move |turn| (ring, turn))) {
+        let (down, around) = (PI * ring as f64 / RINGS as f64, PI * turn as f64 / RINGS as f64);
+        let [x, y, z] = [down.sin() * around.cos(), down.sin() * around.sin(), down.cos()].map(|value| 7.0 * value);
+        mesh.push_str(&format!("{} {} {}\n", 90.0 + x, y, z));
+    }
+    for (ring, turn) in (0..RINGS).flat_map(|ring| (0..2 * RINGS).map(move |turn| (ring, turn))) {
+        let corner = |ring: usize, turn: usize| ring * 2 * RINGS + turn % (2 * RINGS);
+        let [a, b] = [turn, turn + 1].map(|turn| corner(ring, turn));
+        let [c, d] = [turn + 1, turn].map(|turn| corner(ring + 1, turn));
+        mesh.push_str(&format!("4 {d} {c} {b} {a}\n"));
+    }
+    folder.write("ball.ply", mesh);
+}
+
+#[test]
+fn a_mesh_as_a_mirror_reflects_by_its_points_as_its_triangles_do() {
+    let folder = Folder::new();
+    write_mesh(&folder, &walls(ROWS), &cells(ROWS, 0), false);
+    write_ball(&folder);
+    folder.write(
+        "scene.toml",
+        "clouds = [\"room.ply\"]\n[camera]\neye = [0, 0, 1.9]\npivot = [0, 0, 0]\nup = [0, 1, 0]\n\
+         [[mirrors]]\nshape = { mesh = \"ball.ply\" }\nposition = [0, 0, 0]\nsize = 0.43\n",
+    );
+    for method in ["sscr_hierarchical", "surfel_trace"] {
+        let words = format!("scene.toml --method {method} --truth exact --stats stats.json --set light.by=colors");
+        let Some(_) = render(&folder, words.split_whitespace()) else { return };
+        let found = accuracy(&folder);
+        assert!(number(&found["mirror_pixels"]) > 1700.0, "{found}");
+        assert!(number(&found["closed_coverage"]) > 0.98, "{found}");
+        assert!(number(&found["pixel_error"]["median"]) < 1.0, "{found}");
+        assert!(number(&found["surface"]["position_error"]["median"]) < 2e-3, "{found}");
+    }
+}
+
+#[test]
+fn a_mesh_that_is_missing_is_told_and_the_rest_is_shown() {
+    let folder = Folder::new();
+    let mirror = |name: &str| {
+        format!(
+            "[[mirrors]]\nname = \"{name}\"\nshape = {{ mesh = \"{name}.ply\" }}\nposition = [0, 0, 0]\nsize = 0.4\n"
+        )
+    };
+    folder.write("points.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n");
+    folder.write("scene.toml", format!("clouds = [\"five-mirrors/none\"]\n{}{}", mirror("gone"), mirror("points")));
+    let outcome = folder.glint(["render", "scene.toml", "-o", "picture.png", "--size", "160x120", "--set", POINTS]);
+    if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+        return println!("skipped: no adapter: {}", outcome.messages.trim());
+    }
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    for told in ["mirror `gone`: ", "gone.ply", "mirror `points`: ", "has no faces"] {
+        assert!(outcome.messages.contains(told), "{told}: {outcome}");
+    }
+    assert!(folder.path("picture.png").exists());
 }
 
 #[test]

@@ -108,7 +108,6 @@ pub enum Action {
     OpenDialog,
     OpenPrompt,
     /// Asks for a file whose points will be a mirror.
-    PromptForMirror,
     ChangePrompt(Box<PathPrompt>),
     /// Opens the path that was typed. The prompt stays open if nothing has that name.
     OpenPrompted(String),

@@ -3,7 +3,7 @@
 //! `Loaded::sync_visibility` send them to the render thread; lights go with each frame request.
 
 use glam::DVec3;
-use scene::{Mirror, MirrorPoints, Object, ObjectKind, SceneFile, SpotLight, Visibility, five_mirrors};
+use scene::{Mirror, MirrorPoints, Object, ObjectKind, SceneFile, Shape, SpotLight, Visibility, five_mirrors};
 use world::{CloudKey, built_in_name};
 
 /// Identifies a mirror or a light. An object that comes back by undo has its old number; no other object ever gets it.
@@ -124,6 +124,13 @@ impl Objects {
                 self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
             }
         }
+    }
+
+    /// Gives the mirrors of this mesh its triangles.
+    pub fn learn_mesh(&mut self, shape: &Shape) {
+        self.mirrors.iter_mut().filter(|placed| placed.mirror.shape == *shape).for_each(|placed| {
+            placed.mirror.shape = shape.clone();
+        });
     }
 
     pub fn remove(&mut self, id: ObjectId) {

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{Camera, Lighting, MirrorPoints, Settings};
+use scene::{Camera, Lighting, MirrorPoints, Settings, Shape};
 use serde_json::json;
 
 use crate::viewer::action::{Action, Handles};
@@ -20,7 +20,7 @@ use crate::viewer::loaded::{Beside, Loaded, all_mirrors};
 use crate::viewer::messages::{Level, Messages};
 use crate::viewer::objects::Origin;
 use crate::viewer::outside::{Effect, News, Outside};
-use crate::viewer::panels::path_prompt::PathPrompt;
+use crate::viewer::panels::path_prompt::{PathPrompt, Purpose};
 use crate::viewer::preferences::Preferences;
 use crate::viewer::reflection_figures::FigureHistory;
 use crate::viewer::scene::{STEP, Scene};
@@ -116,7 +116,6 @@ impl Session {
             Action::Open(path) => drop(self.open(&[path])),
             Action::OpenDialog => self.outside.push(Effect::OpenDialog),
             Action::OpenPrompt => self.path_prompt = Some(PathPrompt::default()),
-            Action::PromptForMirror => self.path_prompt = Some(PathPrompt::for_mirror()),
             Action::ChangePrompt(prompt) => self.path_prompt = Some(*prompt),
             Action::OpenPrompted(path) => self.open_prompted(path),
             Action::ClosePrompt => self.path_prompt = None,
@@ -259,10 +258,13 @@ impl Session {
 
     /// If the typed text names nothing, the prompt stays open.
     fn open_prompted(&mut self, path: String) {
-        let is_for_mirror = self.path_prompt.as_ref().is_some_and(|prompt| prompt.is_for_mirror);
-        if self.open(std::slice::from_ref(&path)) {
+        let purpose = self.path_prompt.as_ref().map_or(Purpose::Open, |prompt| prompt.purpose);
+        if purpose == Purpose::Mesh {
             self.path_prompt = None;
-            if is_for_mirror {
+            self.outside.work(Work::ReadMesh(Shape::Mesh(path.into())));
+        } else if self.open(std::slice::from_ref(&path)) {
+            self.path_prompt = None;
+            if purpose == Purpose::MirrorPoints {
                 self.loaded.await_marking(MirrorPoints::whole(path));
             }
         }
@@ -367,15 +369,11 @@ impl Session {
                     result.unwrap_or_default().into_iter().map(|(name, value)| (name, value.into())).collect();
                 self.outside.log(json!({ "event": "record", "point": record, "attributes": attributes }));
             }
-            Found::Samples { id, mirror, area_per_point, samples } => {
-                self.loaded.samples.under_way = None;
-                // If the mirror has been deleted meanwhile, its points are dropped.
-                if all_mirrors(&self.scene.objects, self.tools.inspection.as_ref()).any(|(known, _)| known == id) {
-                    self.with_loaded(|loaded, beside| {
-                        loaded.put_samples(id, mirror, Some(area_per_point), samples, beside)
-                    });
-                }
+            Found::Samples { id, mirror, area_per_point, result } => {
+                self.with_loaded(|loaded, beside| loaded.on_samples(id, mirror, area_per_point, result, beside))
             }
+            Found::Mesh(Ok(shape)) => self.act(Action::AddMirror(shape)),
+            Found::Mesh(Err(error)) => self.outside.say(Level::Error, error),
             Found::Marked { key, wanted, result } => {
                 self.with_loaded(|loaded, beside| loaded.on_marked(key, wanted, result, beside))
             }

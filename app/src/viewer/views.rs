@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use scene::{Object, SceneFile, Settings};
+use scene::{Object, SceneFile, Settings, Shape};
 use serde_json::json;
 
 use crate::command_line::quoted;
@@ -87,9 +87,13 @@ impl Scene {
     fn movable_scene(&self, settings: &Settings, loaded: &Loaded) -> SceneFile {
         let mut file = self.scene_file(settings, loaded);
         let clouds = file.clouds.iter_mut().chain(file.mirror_points.iter_mut().map(|points| &mut points.cloud));
-        for cloud in clouds.filter(|cloud| Path::new(cloud).is_file()) {
-            if let Ok(path) = std::path::absolute(&*cloud) {
-                *cloud = path.display().to_string();
+        let meshes = file.mirrors.iter_mut().filter_map(|mirror| match &mut mirror.shape {
+            Shape::Mesh(mesh) if mesh.is_file() => Some(&mut mesh.name),
+            _ => None,
+        });
+        for name in clouds.chain(meshes).filter(|name| Path::new(name).is_file()) {
+            if let Ok(path) = std::path::absolute(&*name) {
+                *name = path.display().to_string();
             }
         }
         file

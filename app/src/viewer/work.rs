@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, Cloud, Column, PointTest, Progress};
 use glam::DVec3;
-use scene::{Mirror, MirrorNormals, MirrorPoints, Stream};
+use scene::{Mirror, MirrorNormals, MirrorPoints, Shape, Stream};
 use world::mirrors::{self, Marked};
 use world::{AutoLight, CloudKey, IndexEntry};
 
@@ -49,6 +49,8 @@ pub enum Work {
         /// The area that each sample covers, in squared world units. It matches the points around the mirror.
         area_per_point: f64,
     },
+    /// Reads the mesh of a mirror that is to be added.
+    ReadMesh(Shape),
     /// Finds the points of a cloud that will reflect.
     MarkPoints {
         key: CloudKey,
@@ -114,8 +116,10 @@ pub enum Found {
         id: ObjectId,
         mirror: Mirror,
         area_per_point: f64,
-        samples: Vec<Chunk>,
+        /// The mirror's shape with the triangles of its mesh, and its points.
+        result: Result<(Shape, Vec<Chunk>), String>,
     },
+    Mesh(Result<Shape, String>),
     /// `result` holds `None` if the work was cancelled.
     Marked {
         key: CloudKey,
@@ -159,6 +163,7 @@ impl Work {
             Self::ReadColumn { .. } => "column",
             Self::ReadRecord { .. } => "record",
             Self::SampleMirror { .. } => "mirror",
+            Self::ReadMesh(_) => "mesh",
             Self::MarkPoints { .. } => "mirror points",
             Self::CountPoints { .. } => "count",
             Self::FindSurroundings { .. } => "surroundings",
@@ -192,8 +197,15 @@ impl Work {
                 found(Found::Record { picked, record, result });
             }
             Self::SampleMirror { id, mirror, area_per_point } => {
-                let samples = mirrors::sample(&mirror, area_per_point);
-                found(Found::Samples { id, mirror, area_per_point, samples });
+                let sample = |shape: Shape| {
+                    let samples = mirrors::sample(&Mirror { shape: shape.clone(), ..mirror.clone() }, area_per_point);
+                    (shape, samples)
+                };
+                let result = world::with_mesh(mirror.shape.clone()).map(sample).map_err(|error| error.to_string());
+                found(Found::Samples { id, mirror, area_per_point, result });
+            }
+            Self::ReadMesh(shape) => {
+                found(Found::Mesh(world::with_mesh(shape).map_err(|error| error.to_string())));
             }
             Self::MarkPoints { key, cloud, source, wanted, progress } => {
                 let mark = |wanted| mirrors::mark(&cloud, source.as_deref(), wanted, &progress);

@@ -377,8 +377,10 @@ fn scene() -> String {
     settings.set_text("splat.size", "0.3").unwrap();
     settings.set_text("splat.quality", "nearest").unwrap();
     let mut file = SceneFile::new(vec!["office.laz".into(), "five-mirrors/sphere".into()], level(), &settings);
-    file.mirrors =
-        Shape::ALL.iter().map(|shape| Mirror::standing(*shape, DVec3::ONE, DVec3::Z, DVec3::Z, 0.5)).collect();
+    file.mirrors = Shape::WITH_FORMULA
+        .into_iter()
+        .map(|shape| Mirror::standing(shape, DVec3::ONE, DVec3::Z, DVec3::Z, 0.5))
+        .collect();
     file.lights = vec![SpotLight {
         position: DVec3::new(0.0, 0.0, 3.0),
         target: DVec3::ZERO,

@@ -36,7 +36,7 @@ pub(crate) struct Cast {
 
 impl Cast {
     fn new(store: &PointStore, settings: &Settings, objects: Objects<'_>) -> Self {
-        let is_exact = |mirror: &Mirror| settings.mirror.surface.is_exact(mirror.as_points);
+        let is_exact = |mirror: &Mirror| mirror.is_exact(settings.mirror.surface);
         let shows_highlights = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
         Self {
             settings: settings.only(|field| !matches!(field.kind, Kind::F32 { .. } | Kind::Color { .. })),
@@ -44,8 +44,9 @@ impl Cast {
             sky_is_open: objects.sky_is_open,
             mirrors: [
                 objects.mirrors.iter().any(is_exact),
-                !objects.mirrors.iter().all(is_exact),
-                objects.mirrors.is_empty() && store.mirror_spheres(settings).next().is_some(),
+                objects.mirrors.iter().any(|mirror| mirror.shape.has_formula() && !is_exact(mirror)),
+                objects.mirrors.iter().all(|mirror| !mirror.shape.has_formula())
+                    && store.mirror_spheres(settings).next().is_some(),
             ],
             has_highlights: store.has_highlights() || objects.mirrors.iter().any(shows_highlights),
             filters: store.hides_points(),

@@ -12,7 +12,7 @@
 //! hidden_classes = [7, 18]
 //! [[mirrors]]
 //! name = "ball"
-//! shape = "sphere"                     # or { plane = { height = 0.75 } }, { paraboloid = { focal_length = 0.6 } }, ...
+//! shape = "sphere"                     # or { plane = { height = 0.75 } }, { mesh = "statue.ply" }, ...
 //! position = [1.0, 0.0, 0.5]
 //! size = 0.5
 //! [[lights]]
@@ -44,7 +44,7 @@ use serde::{Deserialize, Serialize};
 use toml::de::DeTable;
 
 use crate::camera_path::PathProblem;
-use crate::{Camera, CameraPath, Mirror, MirrorPoints, Settings, SpotLight, Visibility, shown, whole_file};
+use crate::{Camera, CameraPath, Mirror, MirrorPoints, Settings, Shape, SpotLight, Visibility, shown, whole_file};
 
 /// The most mirrors of a scene. Each brings at least 20,000 points, and the reflection of each in each is searched for.
 pub const MOST_MIRRORS: usize = 64;
@@ -188,8 +188,8 @@ impl SceneFile {
         mirrors.next().or_else(|| lights.next()).or_else(|| points.next())
     }
 
-    /// Reads the scene, and resolves its clouds: a name is a path beside the scene file if something is there. The
-    /// scene's folder may have a name that is not valid text.
+    /// Reads the scene, and resolves its clouds and meshes: a name is a path beside the scene file if something is
+    /// there. The scene's folder may have a name that is not valid text. Meshes are not read.
     ///
     /// # Errors
     /// Not readable, or not a scene; names the file.
@@ -209,6 +209,13 @@ impl SceneFile {
         file.clouds = clouds.iter().map(shown).collect();
         for points in &mut file.mirror_points {
             points.cloud = shown(named(&points.cloud));
+        }
+        for mirror in &mut file.mirrors {
+            if let Shape::Mesh(mesh) = &mut mirror.shape
+                && mesh.is_file()
+            {
+                mesh.name = shown(named(&mesh.name));
+            }
         }
         Ok((file, clouds))
     }
@@ -282,7 +289,7 @@ mod tests {
     use glam::{DQuat, DVec3};
 
     use super::*;
-    use crate::{Keyframe, MirrorNormals, PointChoice, Shape};
+    use crate::{Keyframe, MirrorMesh, MirrorNormals, PointChoice};
 
     #[test]
     fn a_view_survives_its_text_to_the_last_digit() {
@@ -309,8 +316,9 @@ mod tests {
     #[test]
     fn mirrors_lights_marked_points_and_paths_survive_the_text_to_the_last_digit() {
         let rotation = DQuat::from_euler(glam::EulerRot::ZXY, 0.1, 1.2, -2.3);
-        let mirrors: Vec<Mirror> = Shape::ALL
+        let mirrors: Vec<Mirror> = Shape::WITH_FORMULA
             .into_iter()
+            .chain([Shape::Mesh(MirrorMesh::hare()), Shape::Mesh("a.ply".to_owned().into())])
             .map(|shape| Mirror {
                 rotation,
                 specular_intensity: 0.9,

@@ -2,9 +2,10 @@
 //! the definition on which an independent ray tracer is run.
 //!
 //! The box is x, y in [-1, 1] and z in [-2, 2], seen from inside; the mirror is at the origin, its hollow or outer side
-//! towards the camera at z = 1.9. All surfaces of a scene together share the points evenly by area.
+//! towards the camera at z = 1.9. All surfaces of a scene together share the points evenly by area. The box also holds
+//! a mesh as a mirror and two scenes of several mirrors, after figures of Preiner's thesis (2010).
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
 use cloud::sampling::{Surface, SurfacePoint, sort_along_curve};
@@ -12,7 +13,7 @@ use cloud::{CHUNK_POINTS, Chunk, pack_normal, pack_radius};
 use glam::{DQuat, DVec3};
 
 use crate::mirror::MIRROR_GREY;
-use crate::{Camera, Mirror, Shape, SpotLight};
+use crate::{Camera, Mirror, MirrorMesh, Shape, SpotLight};
 
 /// The objects in the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,11 +25,24 @@ pub enum Variant {
     Torus,
     Coral,
     All,
+    Bunny,
+    Bowl,
+    OpenBox,
 }
 
 impl Variant {
-    pub const ALL: [Self; 7] =
-        [Self::None, Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral, Self::All];
+    pub const ALL: [Self; 10] = [
+        Self::None,
+        Self::Sphere,
+        Self::Parabolic,
+        Self::Blob,
+        Self::Torus,
+        Self::Coral,
+        Self::All,
+        Self::Bunny,
+        Self::Bowl,
+        Self::OpenBox,
+    ];
     /// The mirrors that `All` shows, from left to right.
     const SINGLE: [Self; 5] = [Self::Sphere, Self::Parabolic, Self::Blob, Self::Torus, Self::Coral];
 
@@ -42,6 +56,9 @@ impl Variant {
             Self::Torus => "torus",
             Self::Coral => "coral",
             Self::All => "all",
+            Self::Bunny => "bunny",
+            Self::Bowl => "bowl",
+            Self::OpenBox => "open-box",
         }
     }
 
@@ -54,6 +71,9 @@ impl Variant {
             Self::Torus => "a ring that sees itself",
             Self::Coral => "hundreds of small bumps",
             Self::All => "the five side by side",
+            Self::Bunny => "a hare as a mesh, in place of the Stanford bunny",
+            Self::Bowl => "a sphere that is partly diffuse, and a bowl",
+            Self::OpenBox => "a hare, and a sphere on a torus, in a box that is open behind the camera",
         }
     }
 
@@ -61,6 +81,9 @@ impl Variant {
     pub fn mirrors(self) -> Vec<Mirror> {
         let (shape, size) = match self {
             Self::None => return Vec::new(),
+            Self::Bunny => return vec![hare(DVec3::ZERO)],
+            Self::Bowl => return bowl(),
+            Self::OpenBox => return open_box(),
             Self::All => {
                 let place = |(index, variant): (usize, Self)| {
                     let aside = DVec3::X * 0.36 * (index as f64 - 2.0);
@@ -79,8 +102,6 @@ impl Variant {
             Self::Coral => (Shape::Coral, 0.36),
         };
         vec![Mirror {
-            name: self.name().to_string(),
-            shape,
             position: if self == Self::Parabolic { DVec3::Z * -0.2 } else { DVec3::ZERO },
             // The torus' axis z turned to (0, sin 55, cos 55 degrees).
             rotation: if self == Self::Torus {
@@ -88,13 +109,78 @@ impl Variant {
             } else {
                 DQuat::IDENTITY
             },
-            size,
-            color: [MIRROR_GREY; 3],
-            specular_intensity: 1.0,
-            specular_power: 0.0,
-            as_points: true,
+            ..perfect(self.name(), shape, size)
         }]
     }
+
+    /// The walls of the box.
+    pub fn walls(self) -> Vec<(Surface, Albedo)> {
+        let mut walls = walls().to_vec();
+        if self == Self::OpenBox {
+            walls.pop();
+        }
+        walls
+    }
+}
+
+/// A perfect mirror in the middle of the box.
+fn perfect(name: &str, shape: Shape, size: f64) -> Mirror {
+    Mirror {
+        name: name.to_owned(),
+        shape,
+        position: DVec3::ZERO,
+        rotation: DQuat::IDENTITY,
+        size,
+        color: [MIRROR_GREY; 3],
+        specular_intensity: 1.0,
+        specular_power: 0.0,
+        as_points: true,
+    }
+}
+
+/// The rotation that turns a shape's z to the box's y, and its -y to the camera.
+fn upright() -> DQuat {
+    DQuat::from_rotation_x(-FRAC_PI_2)
+}
+
+/// The hare, 0.8 high like the definition's bunny, with its middle at `position`.
+fn hare(position: DVec3) -> Mirror {
+    let mesh = MirrorMesh::hare();
+    let [low, high] = mesh.surface.heights();
+    let size = 0.8 / (high - low);
+    Mirror { position, rotation: upright(), ..perfect("bunny", Shape::Mesh(mesh), size) }
+}
+
+/// The first demo scene of Preiner's thesis (2010, figure 3.8), in spirit: a mirroring sphere with a diffuse part on the
+/// left, on the floor, and a hollow mirror without one on the right, turned a little towards the sphere.
+fn bowl() -> Vec<Mirror> {
+    let sphere = Mirror {
+        position: DVec3::new(-0.48, -0.6, -0.3),
+        color: [0.2, 0.35, 0.6],
+        specular_intensity: 0.7,
+        ..perfect("sphere", Shape::Sphere, 0.4)
+    };
+    let bowl = Mirror {
+        position: DVec3::new(0.45, -0.15, -0.7),
+        rotation: DQuat::from_rotation_y(-0.3),
+        ..perfect("bowl", Shape::Paraboloid { focal_length: 0.25 / 0.45 }, 0.45)
+    };
+    vec![sphere, bowl]
+}
+
+/// The second demo scene of the thesis (figure 3.25), in spirit: mirrors of different complexity on the floor, of which
+/// the sphere rests in the ring of the torus.
+fn open_box() -> Vec<Mirror> {
+    const RING: f64 = 0.34;
+    const TUBE: f64 = 0.14;
+    const BALL: f64 = 0.3;
+    let middle = DVec3::new(0.42, TUBE - 1.0, -0.3);
+    let torus =
+        Mirror { position: middle, rotation: upright(), ..perfect("torus", Shape::Torus { tube: TUBE / RING }, RING) };
+    // The ball touches the tube all around.
+    let height = ((TUBE + BALL).powi(2) - RING * RING).sqrt();
+    let sphere = Mirror { position: middle + DVec3::Y * height, ..perfect("sphere", Shape::Sphere, BALL) };
+    vec![hare(DVec3::new(-0.45, -0.6, -0.4)), torus, sphere]
 }
 
 /// The size of a mirror among five relative to that of one alone.
@@ -112,7 +198,7 @@ const CHECK: f64 = 0.25;
 /// The linear red, green and blue at a world position.
 pub type Albedo = fn(DVec3) -> [f64; 3];
 
-/// The walls, with their normals towards the inside, and their albedo.
+/// The walls of the closed box, with their normals towards the inside, and their albedo; the last is behind the camera.
 pub fn walls() -> [(Surface, Albedo); 6] {
     let (x, y, z) = (DVec3::X * 2.0, DVec3::Y * 2.0, DVec3::Z * 4.0);
     let near = DVec3::new(-1.0, -1.0, -2.0);
@@ -145,7 +231,7 @@ pub struct SampledPart {
 /// Colours are albedos as 8-bit sRGB, as in all chunks: they differ from the linear values by at most 0.004, and the
 /// darkest (0.05) by at most 3 %.
 pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<SampledPart> {
-    let (walls, mirrors) = (walls(), variant.mirrors());
+    let (walls, mirrors) = (variant.walls(), variant.mirrors());
     let areas: Vec<f64> = walls
         .iter()
         .map(|(surface, _)| surface.area())
@@ -174,7 +260,7 @@ pub fn sample(variant: Variant, points: u64, seed: u64) -> Vec<SampledPart> {
         let mut points = surface.sample(counts[index], seed.wrapping_add(index as u64));
         points.iter_mut().for_each(|point| *point = at.place(*point));
         let mut chunks = Vec::new();
-        append(&mut chunks, points, radius, |_| [f64::from(MIRROR_GREY); 3]);
+        append(&mut chunks, points, radius, |_| mirror.color.map(f64::from));
         parts.push(SampledPart { chunks, mirror: Some(mirror) });
     }
     parts
@@ -265,7 +351,7 @@ mod tests {
                 let bumps = 0.08 * (19.0 * d.x).sin() * (17.0 * d.y).sin() * (23.0 * d.z).sin();
                 p.length() - 0.36 * (1.0 + bumps + 0.03 * (41.0 * d.x + 3.0 * d.y).sin())
             }
-            Variant::None | Variant::All => unreachable!("no single surface"),
+            _ => unreachable!("no single surface"),
         }
     }
 
@@ -309,6 +395,30 @@ mod tests {
                 assert_on_surface(mirror, (position - DVec3::X * x) / 0.38, normal);
             }
         }
+    }
+
+    #[test]
+    fn mirrors_of_the_demo_scenes_stand_in_the_box_and_apart() {
+        for variant in [Variant::Bunny, Variant::Bowl, Variant::OpenBox] {
+            let parts = sample(variant, FEW, 1);
+            assert!(parts.len() == 1 + variant.mirrors().len() && parts[1..].iter().all(|part| count(part) > 500));
+            for (position, _) in parts[1..].iter().flat_map(points) {
+                let is_inside = (position / DVec3::new(1.0, 1.0, 2.0)).abs().max_element() <= 1.0 + 1e-6;
+                assert!(is_inside, "{variant:?}: {position}");
+            }
+        }
+        let hare = sample(Variant::Bunny, FEW, 1).remove(1);
+        let heights = points(&hare).map(|(position, _)| position.y);
+        let (low, high) = heights.fold((f64::MAX, f64::MIN), |(low, high), y| (y.min(low), y.max(high)));
+        assert!((high - low - 0.8).abs() < 0.02, "{low} to {high}");
+        // The sphere of the open box touches the torus and does not cut it.
+        let [_, torus, sphere] = &Variant::OpenBox.mirrors()[..] else { panic!("not three mirrors") };
+        let tube = torus.surface().0.sample(10_000, 1);
+        let gap =
+            |point: &SurfacePoint| torus.surface().1.place(*point).position.distance(sphere.position) - sphere.size;
+        let nearest = tube.iter().map(gap).fold(f64::INFINITY, f64::min);
+        assert!((-1e-9..0.01).contains(&nearest), "{nearest}");
+        assert!(Variant::Bowl.mirrors()[0].specular_intensity < 1.0, "no diffuse part");
     }
 
     #[test]

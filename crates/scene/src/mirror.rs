@@ -1,14 +1,14 @@
-//! Mirrors with a formula: their material, their place, and the points that represent them.
+//! Mirrors with a formula or of a mesh: their material, their place, and the points that represent them.
 
 use cloud::Chunk;
 use cloud::sampling::{Placement, StarShape, Surface};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{MirrorSurface, five_mirrors};
+use crate::{MirrorMesh, MirrorSurface, five_mirrors};
 
 impl MirrorSurface {
-    /// Whether a mirror is drawn by its formula. `as_points` is the mirror's own preference.
+    /// Whether a mirror with a formula is drawn by it. `as_points` is the mirror's own preference.
     pub fn is_exact(self, as_points: bool) -> bool {
         match self {
             Self::Exact => true,
@@ -19,7 +19,7 @@ impl MirrorSurface {
 }
 
 /// The shape of a mirror whose size is 1, in its own coordinates. Lengths are relative to the mirror's size.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Shape {
     /// In z = 0, x from -1 to 1 and y from -height to height.
@@ -34,11 +34,13 @@ pub enum Shape {
     Blob,
     /// Star-shaped, with hundreds of small bumps.
     Coral,
+    /// Triangles: the middle of their bounds is the origin, and they reach to a distance of 1.
+    Mesh(MirrorMesh),
 }
 
 impl Shape {
-    /// One of each, in typical proportions.
-    pub const ALL: [Self; 6] = [
+    /// One of each that has a formula, in typical proportions.
+    pub const WITH_FORMULA: [Self; 6] = [
         Self::Plane { height: 0.75 },
         Self::Sphere,
         Self::Paraboloid { focal_length: 0.6 },
@@ -48,7 +50,7 @@ impl Shape {
     ];
 
     /// The name in a scene file.
-    pub fn name(self) -> &'static str {
+    pub fn name(&self) -> &'static str {
         match self {
             Self::Plane { .. } => "plane",
             Self::Sphere => "sphere",
@@ -56,12 +58,18 @@ impl Shape {
             Self::Torus { .. } => "torus",
             Self::Blob => "blob",
             Self::Coral => "coral",
+            Self::Mesh(_) => "mesh",
         }
     }
 
+    /// Whether a formula tells where a ray meets it. Without one, it is drawn as points.
+    pub fn has_formula(&self) -> bool {
+        !matches!(self, Self::Mesh(_))
+    }
+
     /// How far its surface reaches from the origin in the direction of -z, where it stands on something.
-    fn foot(self) -> f64 {
-        match self {
+    fn foot(&self) -> f64 {
+        match *self {
             // Two hundredths off, so that it does not fight for pixels with the surface under it.
             Self::Plane { .. } => 0.02,
             Self::Sphere => 1.0,
@@ -69,14 +77,15 @@ impl Shape {
             Self::Torus { tube } => tube,
             Self::Blob => blob_radius(-DVec3::Z),
             Self::Coral => coral_radius(-DVec3::Z),
+            Self::Mesh(ref mesh) => -mesh.surface.heights()[0],
         }
     }
 
     /// The radius of a ball about the origin that contains the surface.
-    pub fn reach(self) -> f64 {
-        match self {
+    pub fn reach(&self) -> f64 {
+        match *self {
             Self::Plane { height } => 1.0_f64.hypot(height),
-            Self::Sphere => 1.0,
+            Self::Sphere | Self::Mesh(_) => 1.0,
             Self::Paraboloid { focal_length } => 1.0_f64.hypot(1.0 / (4.0 * focal_length)),
             Self::Torus { tube } => 1.0 + tube,
             // The sums of the amplitudes below.
@@ -85,12 +94,13 @@ impl Shape {
         }
     }
 
-    fn problem(self) -> Option<String> {
-        let (name, value, most) = match self {
+    fn problem(&self) -> Option<String> {
+        let (name, value, most) = match *self {
             Self::Plane { height } => ("height", height, 1e3),
             Self::Paraboloid { focal_length } => ("focal_length", focal_length, 1e6),
             Self::Torus { tube } => ("tube", tube, 1.0),
             Self::Sphere | Self::Blob | Self::Coral => return None,
+            Self::Mesh(ref mesh) => return mesh.name.is_empty().then(|| "the mesh has no name".to_owned()),
         };
         let is_fine = value > 0.0 && value < most;
         (!is_fine).then(|| format!("{name} is {value}, expected more than 0 and less than {most}"))
@@ -156,8 +166,8 @@ impl Mirror {
         let x = up.cross(z).normalize_or(z.any_orthonormal_vector());
         Self {
             name: shape.name().to_string(),
-            shape,
             position: point + z * (shape.foot() * size),
+            shape,
             rotation: DQuat::from_mat3(&DMat3::from_cols(x, z.cross(x), z)),
             size,
             color: grey(),
@@ -165,6 +175,11 @@ impl Mirror {
             specular_power: 0.0,
             as_points: false,
         }
+    }
+
+    /// Whether it is drawn by its formula.
+    pub fn is_exact(&self, surface: MirrorSurface) -> bool {
+        self.shape.has_formula() && surface.is_exact(self.as_points)
     }
 
     /// Why it is not a valid mirror, in words.
@@ -200,7 +215,8 @@ impl Mirror {
         wanted.clamp(*SAMPLES.start(), *SAMPLES.end()) as usize
     }
 
-    /// `count` points on it, evenly by area, with normals, radii and colour. The same seed gives the same points.
+    /// `count` points on it, evenly by area, with normals, radii and colour; none on a mesh whose file is not read. The
+    /// same seed gives the same points.
     pub fn sample(&self, count: usize, seed: u64) -> Vec<Chunk> {
         let (surface, at) = self.surface();
         // Relative to the mirror's own position, so that coordinates of seven digits lose no precision.
@@ -227,6 +243,7 @@ impl Mirror {
             Shape::Torus { tube } => Surface::Torus { ring: 1.0, tube },
             Shape::Blob => Surface::Star(StarShape { radius: blob_radius, gradient: blob_gradient }),
             Shape::Coral => Surface::Star(StarShape { radius: coral_radius, gradient: coral_gradient }),
+            Shape::Mesh(ref mesh) => Surface::Mesh(mesh.surface.clone()),
         };
         let rotation = DMat3::from_quat(self.rotation.normalize());
         (surface, Placement { rotation, scale: self.size, translation: self.position })
@@ -266,10 +283,14 @@ mod tests {
         (Mirror::standing(shape, point, normal, DVec3::Z, 2.5), point, normal)
     }
 
+    fn all() -> impl Iterator<Item = Shape> {
+        Shape::WITH_FORMULA.into_iter().chain([Shape::Mesh(MirrorMesh::hare())])
+    }
+
     #[test]
     fn a_mirror_that_is_added_stands_on_the_surface_and_not_in_it() {
-        for shape in Shape::ALL {
-            let (mirror, point, normal) = standing(shape);
+        for shape in all() {
+            let (mirror, point, normal) = standing(shape.clone());
             assert_eq!(mirror.problem(), None, "{shape:?}");
             let heights = mirror
                 .sample(20_000, 1)
@@ -285,8 +306,8 @@ mod tests {
 
     #[test]
     fn samples_keep_the_precision_of_the_mirror_and_lie_within_its_reach() {
-        for shape in Shape::ALL {
-            let (mirror, _, _) = standing(shape);
+        for shape in all() {
+            let (mirror, _, _) = standing(shape.clone());
             let chunks = mirror.sample(5000, 3);
             assert_eq!(chunks.iter().map(Chunk::len).sum::<usize>(), 5000);
             let mut farthest: f64 = 0.0;
@@ -338,5 +359,6 @@ mod tests {
         assert!(problem(|mirror| mirror.color[1] = -0.1).contains("color is -0.1"));
         assert!(problem(|mirror| mirror.shape = Shape::Torus { tube: 1.0 }).contains("tube is 1"));
         assert!(problem(|mirror| mirror.shape = Shape::Plane { height: 0.0 }).contains("height"));
+        assert!(problem(|mirror| mirror.shape = Shape::Mesh(String::new().into())).contains("has no name"));
     }
 }

@@ -7,7 +7,6 @@ use glam::{DVec3, Vec3};
 use render::{ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, ColorBy, Mirror, Settings, SpotLight};
-use trace::exact::Object;
 use trace::{Exact, Mesh, Vertex, linear_from_srgb};
 
 /// A loaded scene.
@@ -74,7 +73,7 @@ impl Subject {
             let material = mirror.as_ref().map_or(Material::default(), |mirror| Material {
                 specular_intensity: mirror.specular_intensity,
                 specular_power: mirror.specular_power,
-                has_formula: true,
+                has_formula: mirror.shape.has_formula(),
                 as_points: mirror.as_points,
             });
             let id = store.add_cloud(material);
@@ -106,7 +105,7 @@ impl Subject {
         }
         let meshes: Vec<Mesh> = self.parts.iter().zip(faces).map(|(part, faces)| part.mesh(faces)).collect();
         let is_seen = meshes.iter().any(|mesh| !mesh.is_empty());
-        is_seen.then(|| Exact::new(self.mirrors.iter().map(Object::of_mirror).collect()).with_meshes(meshes))
+        is_seen.then(|| Exact::of_mirrors(&self.mirrors).with_meshes(meshes))
     }
 
     pub fn objects(&self) -> Objects<'_> {

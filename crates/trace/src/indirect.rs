@@ -231,7 +231,8 @@ mod tests {
     #[test]
     fn a_closed_white_box_keeps_the_light_of_its_lamp() {
         let (walls, albedo) = (walls(), 0.8);
-        let objects = walls.map(|(surface, _)| Object::new(surface, Placement::ORIGIN, Albedo::Even([albedo; 3]), 0.0));
+        let objects =
+            walls.clone().map(|(surface, _)| Object::new(surface, Placement::ORIGIN, Albedo::Even([albedo; 3]), 0.0));
         let (geometry, settings) = (Exact::new(objects.into()), MirrorSettings::default());
         let lights = [lamp(DVec3::new(0.2, 0.1, -0.3), DVec3::new(0.5, -1.0, 2.0), 60.0)];
         let flux = 10.0 * TAU * (1.0 - 60.0_f64.to_radians().cos());

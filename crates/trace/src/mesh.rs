@@ -5,11 +5,13 @@
 //! the first triangle of the mesh wins. So the hits do not depend on the shape of the tree.
 
 use cloud::Bounds;
+use cloud::sampling::{Surface, SurfacePoint};
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
 use obvhs::ray::RayHit;
 use rayon::prelude::*;
+use scene::Mirror;
 
 use crate::Ray;
 use crate::tree::{self, BOX_MARGIN, round_up};
@@ -54,6 +56,8 @@ pub struct Mesh {
     triangles: Vec<Triangle>,
     tree: CwBvh,
     left_out: usize,
+    /// The share of the light that is reflected, and the exponent of highlights of lights, of all triangles.
+    specular: [f64; 2],
 }
 
 /// Where a ray ends.
@@ -105,7 +109,23 @@ impl Mesh {
         let tree = tree::build(&boxes);
         let left_out = triangles.len() - kept.len();
         let triangles = tree.primitive_indices.iter().map(|&index| kept[index as usize]).collect();
-        Self { center, radius, corners, triangles, tree, left_out }
+        Self { center, radius, corners, triangles, tree, left_out, specular: [0.0; 2] }
+    }
+
+    /// The triangles of a mirror that is a mesh, with the normals of its corners; `None` if it has a formula.
+    pub fn of_mirror(mirror: &Mirror) -> Option<Self> {
+        let (Surface::Mesh(mesh), placement) = mirror.surface() else { return None };
+        let corners = mesh.positions().iter().zip(mesh.normals()).map(|(position, normal)| {
+            let placed = placement.place(SurfacePoint { position: *position, normal: normal.as_dvec3() });
+            Vertex { position: placed.position, albedo: Vec3::from(mirror.color), normal: placed.normal.as_vec3() }
+        });
+        let specular = [mirror.specular_intensity, mirror.specular_power].map(f64::from);
+        Some(Self { specular, ..Self::new(&corners.collect::<Vec<_>>(), mesh.triangles()) })
+    }
+
+    /// The share of the light that is reflected, 0 to 1, and the exponent of highlights of lights.
+    pub(crate) fn specular(&self) -> [f64; 2] {
+        self.specular
     }
 
     /// The number of triangles that rays can hit.

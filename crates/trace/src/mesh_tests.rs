@@ -275,7 +275,7 @@ fn formulas_stand_among_triangles_anywhere_in_the_world() {
     let center = DVec3::new(500_000.0, 5_000_000.0, 300.0);
     let (corners, triangles) = cuboid(center, DVec3::splat(3.0));
     let sphere = Mirror::standing(Shape::Sphere, center, DVec3::Z, DVec3::Z, 1.0);
-    let scene = Exact::new(vec![Object::of_mirror(&sphere)]).with_meshes(vec![mesh(&corners, &triangles)]);
+    let scene = Exact::of_mirrors(std::slice::from_ref(&sphere)).with_meshes(vec![mesh(&corners, &triangles)]);
     let scene = scene.seen_from(center);
     for index in 0..2000 {
         let direction = random_vector(index).normalize();

@@ -12,6 +12,9 @@ pub enum Error {
     /// Points are to be chosen by an attribute that their cloud does not have.
     #[error("{cloud}: has no attribute `{attribute}`")]
     NoAttribute { cloud: String, attribute: String },
+    /// A mirror is to be made of a file that holds no mesh.
+    #[error("{path}: {problem}")]
+    NoMesh { path: String, problem: &'static str },
     #[error("no home folder for pages; GLINT_CACHE_DIR can name one")]
     NoCacheFolder,
     #[error("{folder}: in use elsewhere, so the index is kept")]
@@ -26,7 +29,7 @@ impl Error {
     /// Whether the person named something wrong or a file cannot be read, so that the program is not at fault.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::NothingNamed(_) | Self::NoAttribute { .. } => true,
+            Self::NothingNamed(_) | Self::NoAttribute { .. } | Self::NoMesh { .. } => true,
             Self::File(error) => is_of_input(error),
             Self::Pages(error) => is_of_inputs(error),
             Self::NoCacheFolder | Self::IndexInUse { .. } => false,

@@ -58,7 +58,7 @@ pub fn upload(store: &mut PointStore, mirror: &Mirror, samples: &[Chunk]) -> ren
     let id = store.add_cloud(Material {
         specular_intensity: mirror.specular_intensity,
         specular_power: mirror.specular_power,
-        has_formula: true,
+        has_formula: mirror.shape.has_formula(),
         as_points: mirror.as_points,
     });
     let ids = samples.iter().map(|chunk| store.add_chunk(id, chunk, None)).collect::<render::Result<Vec<_>>>()?;
@@ -80,7 +80,9 @@ pub fn bound(mirror: &Mirror) -> MirrorBound {
     let form = match mirror.shape {
         Shape::Plane { .. } => MirrorForm::Flat(mirror.rotation * DVec3::Z),
         Shape::Sphere => MirrorForm::Sphere,
-        Shape::Paraboloid { .. } | Shape::Torus { .. } | Shape::Blob | Shape::Coral => MirrorForm::Other,
+        Shape::Paraboloid { .. } | Shape::Torus { .. } | Shape::Blob | Shape::Coral | Shape::Mesh(_) => {
+            MirrorForm::Other
+        }
     };
     MirrorBound { center: mirror.position, radius: mirror.shape.reach() * mirror.size, form }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use cloud::{Chunk, Progress};
-use scene::{Mirror, MirrorPoints, MirrorSurface};
+use scene::{Mirror, MirrorPoints, MirrorSurface, Shape};
 use serde_json::json;
 use world::mirrors::{self, Marked};
 use world::{Change, CloudKey};
@@ -15,6 +15,35 @@ use crate::viewer::objects::{Marking, ObjectId, unnamed};
 use crate::viewer::work::Work;
 
 impl Loaded {
+    /// Takes in the points of a mirror, and the triangles of its mesh. The mirror is taken away if its mesh cannot be
+    /// read. The points are dropped if the mirror has been deleted meanwhile.
+    pub fn on_samples(
+        &mut self,
+        id: ObjectId,
+        mirror: Mirror,
+        area_per_point: f64,
+        result: Result<(Shape, Vec<Chunk>), String>,
+        beside: &mut Beside<'_>,
+    ) {
+        self.samples.under_way = None;
+        if !beside.mirrors().any(|(known, _)| known == id) {
+            return;
+        }
+        match result {
+            Ok((shape, chunks)) => {
+                let is_unread = |mirror: &Mirror| matches!(&mirror.shape, Shape::Mesh(mesh) if mesh.surface.is_empty());
+                if is_unread(&mirror) {
+                    beside.scene.rewrite_objects(|objects| objects.learn_mesh(&shape));
+                }
+                self.put_samples(id, Mirror { shape, ..mirror }, Some(area_per_point), chunks, beside);
+            }
+            Err(error) => {
+                beside.scene.rewrite_objects(|objects| objects.remove(id));
+                beside.outside.say(Level::Error, format!("mirror `{}`: {error}", mirror.name));
+            }
+        }
+    }
+
     pub fn put_samples(
         &mut self,
         id: ObjectId,
@@ -68,12 +97,13 @@ impl Loaded {
                 })
             };
             // A moving mirror that is drawn by its formula needs its points only when it stands still.
-            let is_held = |id: ObjectId| {
-                let by_formula = beside.scene.settings.mirror.surface != MirrorSurface::Points;
+            let is_held = |id: ObjectId, mirror: &Mirror| {
+                let surface = beside.scene.settings.mirror.surface;
+                let by_formula = mirror.shape.has_formula() && surface != MirrorSurface::Points;
                 beside.inspection.as_ref().is_some_and(|held| held.id == id && by_formula)
                     || beside.scene.selected == Some(id) && beside.handle_is_grabbed && beside.frames.is_slow()
             };
-            let stale = beside.mirrors().find(|(id, mirror)| !is_held(*id) && !is_current(*id, mirror));
+            let stale = beside.mirrors().find(|(id, mirror)| !is_held(*id, mirror) && !is_current(*id, mirror));
             if let Some((id, mirror)) = stale.map(|(id, mirror)| (id, mirror.clone())) {
                 self.samples.under_way = Some(id);
                 beside.outside.work(Work::SampleMirror { id, mirror, area_per_point });

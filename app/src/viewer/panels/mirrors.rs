@@ -8,6 +8,7 @@ use crate::viewer::action::Action;
 use crate::viewer::input::bindings;
 use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::marking;
+use crate::viewer::panels::path_prompt::PathPrompt;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::widgets::{name_label, slider, three};
@@ -47,15 +48,18 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 fn add_menu(ui: &mut Ui, actions: &mut Vec<Action>) {
     ui.menu_button("Add", |ui| {
-        for shape in Shape::ALL {
+        for shape in Shape::WITH_FORMULA {
             let help = "At the picked point, or at the pivot";
             if ui.button(capitalized(shape.name())).on_hover_text(help).clicked() {
                 actions.push(Action::AddMirror(shape));
             }
         }
         ui.separator();
+        if ui.button("Mesh file…").on_hover_text("The faces of a PLY file as a mirror").clicked() {
+            actions.push(Action::ChangePrompt(Box::new(PathPrompt::for_mesh())));
+        }
         if ui.button("Cloud file…").on_hover_text("Opens a cloud whose points are the mirror").clicked() {
-            actions.push(Action::PromptForMirror);
+            actions.push(Action::ChangePrompt(Box::new(PathPrompt::for_mirror_points())));
         }
     });
 }
@@ -151,6 +155,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
             slider(ui, "Focal length", egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
         }
         Shape::Torus { tube } => drop(slider(ui, "Tube", egui::Slider::new(tube, 0.01..=0.99))),
+        Shape::Mesh(mesh) => drop(ui.label(RichText::new(&mesh.name).color(theme::WEAK))),
         Shape::Sphere | Shape::Blob | Shape::Coral => {}
     }
     slider(ui, "Intensity", egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
@@ -207,6 +212,7 @@ mod tests {
 
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use scene::MirrorMesh;
 
     use super::*;
     use crate::viewer::loaded::Loaded;
@@ -287,12 +293,42 @@ mod tests {
         let (id, mirror, area_per_point) = wanted(&mut harness).expect("its points");
         assert!(wanted(&mut harness).is_none(), "asked for twice");
         let samples = world::mirrors::sample(&mirror, area_per_point);
-        harness.state_mut().on_found(Found::Samples { id, mirror, area_per_point, samples });
+        let result = Ok((mirror.shape.clone(), samples));
+        harness.state_mut().on_found(Found::Samples { id, mirror, area_per_point, result });
         assert!(wanted(&mut harness).is_none(), "asked for again");
         harness.state_mut().scene.objects.mirrors[0].mirror.name = "ball".into();
         assert!(wanted(&mut harness).is_none(), "a name is no change");
         harness.state_mut().scene.objects.mirrors[0].mirror.size *= 2.0;
         assert!(wanted(&mut harness).is_some(), "a new size is one");
+    }
+
+    #[test]
+    fn a_mesh_is_read_before_it_is_added_and_one_that_cannot_be_read_is_told_and_taken_away() {
+        let mut harness = harness();
+        harness.run_ok();
+        let session = harness.state_mut();
+        session.act(Action::ChangePrompt(Box::new(PathPrompt::for_mesh())));
+        session.act(Action::OpenPrompted("gone.ply".into()));
+        let is_asked = |effect: &Effect| matches!(effect, Effect::Work(Work::ReadMesh(Shape::Mesh(_))));
+        assert!(session.outside.effects.iter().any(is_asked) && session.path_prompt.is_none());
+        let count = session.scene.objects.mirrors.len();
+        session.on_found(Found::Mesh(Ok(Shape::Mesh(MirrorMesh::hare()))));
+        assert_eq!(session.scene.objects.mirrors.len(), count + 1);
+        // A scene file names its mesh, which is read when the mirror's points are made.
+        let shape = Shape::Mesh("gone.ply".to_owned().into());
+        let mirror = Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0);
+        let id = session.scene.bring_mirror(mirror.clone(), None, &mut session.outside);
+        let result = Err("gone.ply: no such file".to_owned());
+        session.on_found(Found::Samples { id, mirror: mirror.clone(), area_per_point: 1.0, result });
+        assert!(session.scene.objects.mirror(id).is_none());
+        let id = session.scene.bring_mirror(mirror.clone(), None, &mut session.outside);
+        let read = MirrorMesh { name: "gone.ply".into(), ..MirrorMesh::hare() };
+        let result = Ok((Shape::Mesh(read), Vec::new()));
+        session.on_found(Found::Samples { id, mirror, area_per_point: 1.0, result });
+        let Some(Shape::Mesh(mesh)) = session.scene.objects.mirror(id).map(|mirror| &mirror.shape) else {
+            panic!("the mirror is gone");
+        };
+        assert!(!mesh.surface.is_empty(), "the triangles would be read again for each place");
     }
 
     #[test]

@@ -15,9 +15,19 @@ pub struct PathPrompt {
     listed: Option<String>,
     /// The reason to show, if the prompt came up by itself.
     reason: Option<&'static str>,
-    /// Whether the points of the opened file will be a mirror.
-    pub is_for_mirror: bool,
+    pub purpose: Purpose,
     is_shown: bool,
+}
+
+/// What happens with the file.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Purpose {
+    #[default]
+    Open,
+    /// It is opened, and its points will be a mirror.
+    MirrorPoints,
+    /// Its faces will be a mirror.
+    Mesh,
 }
 
 /// How the prompt ended.
@@ -38,8 +48,13 @@ impl PathPrompt {
     }
 
     /// A prompt for a file whose points will be a mirror.
-    pub fn for_mirror() -> Self {
-        Self { is_for_mirror: true, ..Self::because("The points of this file will be a mirror.") }
+    pub fn for_mirror_points() -> Self {
+        Self { purpose: Purpose::MirrorPoints, ..Self::because("The points of this file will be a mirror.") }
+    }
+
+    /// A prompt for a mesh that will be a mirror.
+    pub fn for_mesh() -> Self {
+        Self { purpose: Purpose::Mesh, ..Self::because("The faces of this PLY file will be a mirror.") }
     }
 
     /// Draws the prompt. Returns how it ended, if it has.

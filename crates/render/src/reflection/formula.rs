@@ -9,12 +9,12 @@ use crate::targets::storage;
 
 /// The mirrors that are drawn by their formula.
 pub(crate) fn exact<'a>(settings: &Settings, mirrors: &'a [Mirror]) -> impl Iterator<Item = &'a Mirror> {
-    mirrors.iter().filter(|mirror| settings.mirror.surface.is_exact(mirror.as_points))
+    mirrors.iter().filter(|mirror| mirror.is_exact(settings.mirror.surface))
 }
 
 /// Uploads the mirrors that are drawn by their formula; `None` if there are none.
 pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DVec3) -> Option<wgpu::Buffer> {
-    let mirrors: Vec<FormulaMirror> = exact(settings, mirrors).map(|mirror| formula(mirror, eye)).collect();
+    let mirrors: Vec<FormulaMirror> = exact(settings, mirrors).filter_map(|mirror| formula(mirror, eye)).collect();
     if mirrors.is_empty() {
         return None;
     }
@@ -26,11 +26,16 @@ pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DV
 
 /// The bounding spheres of the mirrors that are drawn by their formula.
 pub(crate) fn mirror_spheres(settings: &Settings, mirrors: &[Mirror]) -> impl Iterator<Item = (DVec3, f64)> {
-    exact(settings, mirrors)
-        .map(|mirror| (mirror.position, f64::from(formula(mirror, mirror.position).position_reach.w)))
+    exact(settings, mirrors).map(|mirror| (mirror.position, f64::from(reach(mirror))))
 }
 
-fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
+/// The radius of a ball that contains the mirror: a little more, for rays that touch the rim.
+fn reach(mirror: &Mirror) -> f32 {
+    (mirror.shape.reach() * mirror.size * 1.001) as f32
+}
+
+/// `None` for a mesh.
+fn formula(mirror: &Mirror, eye: DVec3) -> Option<FormulaMirror> {
     let (kind, parameter) = match mirror.shape {
         Shape::Plane { height } => (PLANE, height),
         Shape::Sphere => (SPHERE, 0.0),
@@ -38,18 +43,18 @@ fn formula(mirror: &Mirror, eye: DVec3) -> FormulaMirror {
         Shape::Torus { tube } => (TORUS, tube),
         Shape::Blob => (BLOB, 0.0),
         Shape::Coral => (CORAL, 0.0),
+        Shape::Mesh(_) => return None,
     };
     let rows = DMat3::from_quat(mirror.rotation.normalize()).transpose();
     let row = |index| rows.row(index).as_vec3();
     let [red, green, blue] = mirror.color;
-    FormulaMirror {
+    Some(FormulaMirror {
         x_kind: row(0).extend(kind),
         y_parameter: row(1).extend(parameter as f32),
         z_size: row(2).extend(mirror.size as f32),
-        // A little more, for rays that touch the rim.
-        position_reach: (mirror.position - eye).as_vec3().extend((mirror.shape.reach() * mirror.size * 1.001) as f32),
+        position_reach: (mirror.position - eye).as_vec3().extend(reach(mirror)),
         color_intensity: Vec4::new(red, green, blue, mirror.specular_intensity),
         specular_power: mirror.specular_power,
         ..Default::default()
-    }
+    })
 }

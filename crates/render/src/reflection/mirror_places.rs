@@ -38,7 +38,7 @@ pub(crate) fn mirror_places(task: &Task<'_>) -> Vec<MirrorPlace> {
         MirrorPlace { cloud: Some(cloud), bounds, samples: samples(&chunks) }
     };
     let mut places: Vec<MirrorPlace> = task.store.mirror_clouds(task.settings).into_iter().map(of_cloud).collect();
-    let exact = task.mirrors.iter().filter(|mirror| task.settings.mirror.surface.is_exact(mirror.as_points));
+    let exact = task.mirrors.iter().filter(|mirror| mirror.is_exact(task.settings.mirror.surface));
     places.extend(exact.filter(|mirror| mirror.specular_intensity > 0.0).map(|mirror| {
         let sampled = mirror.sample(MOST_SAMPLES, 1);
         let bounds = sampled.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));

@@ -121,7 +121,7 @@ impl Scene {
     fn exact(&self) -> Exact {
         let object = |piece: &Piece| {
             let intensity = piece.mirror.as_ref().map_or(0.0, |mirror| f64::from(mirror.specular_intensity));
-            Object::new(piece.surface, piece.placement, piece.albedo, intensity)
+            Object::new(piece.surface.clone(), piece.placement, piece.albedo, intensity)
         };
         Exact::new(self.pieces.iter().map(object).collect())
     }
