@@ -36,7 +36,8 @@ override by_tiles: bool = false;
 override parts: u32 = 1u;
 
 @compute @workgroup_size(8, 8)
-fn indirect(@builtin(global_invocation_id) thread: vec3u) {
+fn indirect(@builtin(global_invocation_id) invocation: vec3u) {
+    let thread = whole_thread(frame, invocation);
     let place = vec2u(thread.z % interleave, thread.z / interleave);
     var id = thread.xy * interleave + place;
     if !from_camera {

@@ -31,7 +31,8 @@ override keeps: bool = false;
 override reuses: bool = false;
 
 @compute @workgroup_size(8, 8)
-fn indirect_filter(@builtin(global_invocation_id) thread: vec3u) {
+fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
+    let thread = whole_thread(frame, invocation);
     var id = thread.xy;
     if !from_camera {
         id = mirror_pixel(frame, thread);

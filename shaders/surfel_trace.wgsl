@@ -46,7 +46,7 @@ const NONE: u32 = 0xffffffffu;
 
 @compute @workgroup_size(8, 8)
 fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
-    let id = mirror_pixel(frame, thread);
+    let id = mirror_pixel(frame, whole_thread(frame, thread));
     let tile = id / 8u;
     if id.x >= frame.width || id.y >= frame.height {
         return;

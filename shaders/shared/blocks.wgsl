@@ -19,7 +19,8 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     let together = 1u << min(firstLeadingBit(max(page.step / 8u, 1u)), 7u);
     let lanes = 128u / together;
     let block_index = (group.x + group.y * groups.x) * together + lane / lanes;
-    if block_index >= page.block_count {
+    // The list may be a part of the page's.
+    if block_index >= min(page.block_count, arrayLength(&blocks)) {
         return;
     }
     let block = blocks[block_index];

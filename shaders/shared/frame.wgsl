@@ -22,6 +22,16 @@ struct Frame {
     scene_radius: f32,
     // The tiles of 8 x 8 pixels: column | row << 16 of the first one in which a mirror may be seen.
     mirror_tile: u32,
+    // The first row of workgroups that this dispatch runs, where a pass is cut into several.
+    first_row: u32,
+    unused_1: u32,
+    unused_2: u32,
+    unused_3: u32,
+}
+
+// The thread of the whole pass that a thread of a dispatch is, in passes with workgroups of 8 x 8 that are cut by rows.
+fn whole_thread(frame: Frame, thread: vec3u) -> vec3u {
+    return thread + vec3u(0u, 8u * frame.first_row, 0u);
 }
 
 // The pixel of a thread of a pass that runs over the tiles where mirrors may be seen.

@@ -209,6 +209,7 @@ mod tests {
             clock: render::Clock::Host,
             virtual_lights: 0,
             has_compiled: false,
+            dispatches: 0,
             reflection: None,
         };
         (stats, milliseconds)

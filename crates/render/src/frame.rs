@@ -159,6 +159,7 @@ impl FrameCamera {
             reference_depth: self.reference_depth as f32,
             scene_radius: self.scene_radius as f32,
             mirror_tile: self.mirror_tiles.first[0] | self.mirror_tiles.first[1] << 16,
+            ..Frame::default()
         }
     }
 

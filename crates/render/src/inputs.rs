@@ -5,9 +5,10 @@ use scene::Settings;
 use crate::frame::FrameCamera;
 use crate::gpu::Gpu;
 use crate::identities::ChunkId;
-use crate::layout::{Block, Page};
+use crate::layout::{Block, Frame, Page};
 use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, PageDraw};
+use crate::targets::uniform_buffer;
 
 /// The data that a frame uploads.
 pub(crate) struct Inputs {
@@ -39,8 +40,10 @@ pub(crate) struct PageInputs {
 pub(crate) struct ListInputs {
     pub page: wgpu::Buffer,
     pub blocks: wgpu::Buffer,
+    pub block_count: u32,
     /// The number of workgroups that draw them.
     pub workgroups: u32,
+    pub blocks_per_workgroup: u32,
     pub pixels_only: bool,
 }
 
@@ -72,7 +75,9 @@ impl Inputs {
             let list = |(kind, blocks): (usize, &Vec<Block>)| ListInputs {
                 page: page(draw.capacity, false, blocks.len()),
                 blocks: upload("blocks", storage, bytemuck::cast_slice(blocks)),
+                block_count: blocks.len() as u32,
                 workgroups: (blocks.len() as u32).div_ceil(blocks_per_workgroup(step)),
+                blocks_per_workgroup: blocks_per_workgroup(step),
                 pixels_only: kind == 1,
             };
             draw.blocks.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(list).collect()
@@ -118,6 +123,11 @@ impl Inputs {
         }
     }
 
+    /// Group 0 of a dispatch that begins at this row of workgroups, where a pass is cut by rows.
+    pub fn frame_from_row(&self, gpu: &Gpu, first_row: u32) -> wgpu::Buffer {
+        uniform_buffer(gpu, bytemuck::bytes_of(&Frame { first_row, ..self.camera.to_gpu() }))
+    }
+
     pub fn frame_resources(&self) -> [wgpu::BindingResource<'_>; 2] {
         [self.frame.as_entire_binding(), self.settings.as_entire_binding()]
     }
@@ -127,10 +137,12 @@ impl Inputs {
         &'a self,
         page: &'a PageInputs,
         uniform: &'a wgpu::Buffer,
-        runs: &'a wgpu::Buffer,
+        runs: wgpu::BindingResource<'a>,
     ) -> [wgpu::BindingResource<'a>; 8] {
-        [uniform, &page.points, &page.attributes, &page.scalars, &self.items, runs, &self.class_masks, &self.palette]
-            .map(|buffer| buffer.as_entire_binding())
+        let [uniform, points, attributes, scalars, items, class_masks, palette] =
+            [uniform, &page.points, &page.attributes, &page.scalars, &self.items, &self.class_masks, &self.palette]
+                .map(|buffer| buffer.as_entire_binding());
+        [uniform, points, attributes, scalars, items, runs, class_masks, palette]
     }
 
     /// The number of workgroups of a pass over the pixels where mirrors may be seen.

@@ -36,6 +36,7 @@ structs! {
         right: Vec4, up: Vec4, forward: Vec4, clip: Vec4,
         focal_pixels: f32, orthographic: u32, width: u32, height: u32,
         near: f32, reference_depth: f32, scene_radius: f32, mirror_tile: u32,
+        first_row: u32, unused_1: u32, unused_2: u32, unused_3: u32,
     }
     /// A run of points with one origin and one material, of shaders/shared/splat.wgsl.
     Item {

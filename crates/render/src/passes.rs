@@ -298,6 +298,11 @@ pub struct Compiled {
     name: &'static str,
     pub pipeline: wgpu::ComputePipeline,
     layouts: Vec<wgpu::BindGroupLayout>,
+    /// How long a workgroup took in the last dispatch, where the host's clock timed it; `None` before the second one,
+    /// because drivers compile at the first.
+    pub group_milliseconds: Option<f64>,
+    /// Whether the pass has run.
+    pub has_run: bool,
 }
 
 impl Compiled {
@@ -350,7 +355,7 @@ impl Compiled {
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(format!("shader {}: {}", pass.name, woven.explain(&error.to_string())));
         }
-        Ok(Self { name: pass.name, pipeline, layouts })
+        Ok(Self { name: pass.name, pipeline, layouts, group_milliseconds: None, has_run: false })
     }
 
     /// Makes a bind group for group `group` of this pass from resources in slot order.

@@ -165,7 +165,16 @@ impl Renderer {
         count: usize,
         seed: u64,
     ) -> Result<Vec<MirrorProbe>> {
-        let Self { gpu, pipelines, targets: Some(targets), reflections: Some(reflections), given_up, .. } = self else {
+        let Self {
+            gpu,
+            pipelines,
+            targets: Some(targets),
+            reflections: Some(reflections),
+            given_up,
+            longest_piece,
+            ..
+        } = self
+        else {
             return Err(nothing_rendered());
         };
         let counters = self.handed.counters()?.ok_or_else(nothing_rendered)?;
@@ -227,7 +236,7 @@ impl Renderer {
             counters: &counters,
         };
         let mut recorder = Recorder::new(gpu, pipelines);
-        recorder.give_up_when(given_up.as_deref());
+        recorder.give_up_when(given_up.as_deref(), *longest_piece);
         reflections.methods.trace(&mut recorder, &gather, &task)?;
         recorder.finish()?;
         let ends: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&gpu.read_texture(&seen.position.texture)?);
@@ -248,7 +257,16 @@ impl Renderer {
         count: usize,
         seed: u64,
     ) -> Result<Vec<LightProbe>> {
-        let Self { gpu, pipelines, targets: Some(targets), reflections: Some(reflections), given_up, .. } = self else {
+        let Self {
+            gpu,
+            pipelines,
+            targets: Some(targets),
+            reflections: Some(reflections),
+            given_up,
+            longest_piece,
+            ..
+        } = self
+        else {
             return Err(nothing_rendered());
         };
         let Some(Lit { lights, sky, has_highlights }) = &self.lit else { return Ok(Vec::new()) };
@@ -266,7 +284,7 @@ impl Renderer {
             [0, 1, 2].map(|index| small_image(gpu, size, values.iter().map(|values| values[index])));
         let many: &mut GlobalIllumination = &mut self.many_lights;
         let mut recorder = Recorder::new(gpu, pipelines);
-        recorder.give_up_when(given_up.as_deref());
+        recorder.give_up_when(given_up.as_deref(), *longest_piece);
         many.place(&mut recorder, camera, store, settings, lights, *sky, &self.lights.shadows)?;
         many.surfaces_changed(0);
         let receiver = Receiver {

@@ -2,6 +2,7 @@
 //! the host's clock around a submit each.
 
 use std::collections::HashMap;
+use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -11,6 +12,7 @@ use cloud::Progress;
 use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::{Handed, MOST_PASSES};
 use crate::inputs::{Inputs, PageInputs};
+use crate::layout::Block;
 use crate::passes::{self, Bindings, Blocks, Compiled, Pages, Pass, PassStage, Pixels};
 use crate::targets::Image;
 
@@ -57,6 +59,10 @@ pub(crate) struct Recorder<'a> {
     failure: Option<Error>,
     /// Once set, the frame is given up before its next pass.
     given_up: Option<&'a AtomicBool>,
+    /// The most milliseconds that a dispatch is meant to take where a frame may be given up.
+    longest_piece: f64,
+    /// The number of dispatches so far.
+    dispatches: u32,
     rehearsal: Option<&'a mut Rehearsal>,
     /// The name and stage under which passes are timed; `None` for their own.
     timed_as: Option<Name>,
@@ -67,6 +73,10 @@ type Name = (&'static str, PassStage);
 
 /// The name and stage for clearing buffers, where the host's clock times it.
 const CLEAR: Name = ("clear", PassStage::Surface);
+
+/// The most pieces of a pass: each is submitted and waited for.
+const MOST_PIECES: f64 = 64.0;
+const BLOCK_BYTES: u32 = size_of::<Block>() as u32;
 
 /// One dispatch: the switches of the pass, its bind groups in order, and the workgroups.
 type Dispatch<'r> = (Vec<(&'static str, u32)>, Vec<Vec<wgpu::BindingResource<'r>>>, [u32; 3]);
@@ -85,6 +95,8 @@ impl<'a> Recorder<'a> {
             host_times: Vec::new(),
             failure: None,
             given_up: None,
+            longest_piece: f64::INFINITY,
+            dispatches: 0,
             rehearsal: None,
             timed_as: None,
         }
@@ -95,9 +107,11 @@ impl<'a> Recorder<'a> {
         self.queries = handed.queries().cloned();
     }
 
-    /// Ends the frame with `Error::GivenUp` before the next pass once the flag is set.
-    pub fn give_up_when(&mut self, flag: Option<&'a AtomicBool>) {
+    /// Ends the frame with `Error::GivenUp` before the next pass once the flag is set. Passes that took longer than
+    /// `longest_piece` milliseconds are cut into several.
+    pub fn give_up_when(&mut self, flag: Option<&'a AtomicBool>, longest_piece: f64) {
         self.given_up = flag;
+        self.longest_piece = longest_piece;
     }
 
     /// Makes the frame a rehearsal.
@@ -183,6 +197,45 @@ impl<'a> Recorder<'a> {
         self.dispatch(B::PASS, vec![(switches.to_vec(), bound, groups)])
     }
 
+    /// Runs a pass with workgroups of 8 x 8 threads by rows of workgroups, so that a frame can be given up between them.
+    /// Its shader takes its thread from `whole_thread` (shaders/shared/frame.wgsl).
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn by_rows<'r, B: Bindings<'r, Over = Pixels>>(
+        &mut self,
+        switches: Switches<'_>,
+        inputs: &Inputs,
+        bindings: B,
+        [x, y, z]: [u32; 3],
+    ) -> Result<()> {
+        let rows = y.div_ceil(self.pieces(B::PASS, switches, [x, y, z])).max(1);
+        let firsts: Vec<u32> = (0..y.max(1)).step_by(rows as usize).collect();
+        let frames: Vec<wgpu::Buffer> = firsts.iter().map(|first| inputs.frame_from_row(self.gpu, *first)).collect();
+        let [_, settings] = inputs.frame_resources();
+        let resources: Vec<wgpu::BindingResource<'_>> = bindings.resources();
+        let mut dispatches: Vec<Dispatch<'_>> = Vec::new();
+        for (first, frame) in firsts.iter().zip(&frames) {
+            let bound = vec![vec![frame.as_entire_binding(), settings.clone()], resources.clone()];
+            dispatches.push((switches.to_vec(), bound, [x, rows.min(y - first), z]));
+        }
+        self.dispatch(B::PASS, dispatches)
+    }
+
+    /// Returns into how many pieces to cut a pass, so that none takes long and the frame can be given up between them.
+    /// What a pass does must not depend on it.
+    fn pieces(&self, pass: &Pass, switches: Switches<'_>, groups: [u32; 3]) -> u32 {
+        let compiled = self.pipelines.get(&(pass.name, switches.to_vec())).filter(|_| self.is_cut());
+        let each = compiled.and_then(|compiled| compiled.group_milliseconds).unwrap_or(0.0);
+        let groups = groups.map(f64::from).iter().product::<f64>();
+        (each * groups / self.longest_piece).ceil().clamp(1.0, MOST_PIECES) as u32
+    }
+
+    /// Whether long passes are cut into pieces.
+    fn is_cut(&self) -> bool {
+        self.submits_each && self.given_up.is_some() && self.rehearsal.is_none()
+    }
+
     /// Finds the nearest point of each pixel, with atomics of the adapter's width.
     ///
     /// # Errors
@@ -225,18 +278,32 @@ impl<'a> Recorder<'a> {
         inputs: &Inputs,
         bindings: impl Fn(&PageInputs) -> Option<B>,
     ) -> Result<()> {
-        let lists = inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list)));
-        let dispatches = lists.filter_map(|(page, list)| {
+        let mut dispatches = Vec::new();
+        for (page, list) in inputs.pages.iter().flat_map(|page| page.lists.iter().map(move |list| (page, list))) {
+            let Some(bindings) = bindings(page) else { continue };
             let mut switches = switches.to_vec();
             switches.push(("pixels_only", u32::from(list.pixels_only)));
             switches.push(("filter_classes", u32::from(inputs.filter_classes)));
-            // The limit is 65,535 workgroups per dimension.
-            let x = list.workgroups.clamp(1, 32_768);
-            let resources = inputs.page_resources(page, &list.page, &list.blocks).to_vec();
-            let bound = vec![inputs.frame_resources().to_vec(), resources, bindings(page)?.resources()];
-            Some((switches, bound, [x, list.workgroups.div_ceil(x), 1]))
-        });
-        let dispatches = dispatches.collect();
+            // A part of the list begins where bindings may.
+            let together = list.blocks_per_workgroup;
+            let alignment = self.gpu.device.limits().min_storage_buffer_offset_alignment.div_ceil(BLOCK_BYTES);
+            let pieces = self.pieces(B::PASS, &switches, [list.workgroups, 1, 1]);
+            let blocks = (list.workgroups.div_ceil(pieces) * together).next_multiple_of(alignment.max(together));
+            for first in (0..list.block_count).step_by(blocks as usize) {
+                let count = blocks.min(list.block_count - first);
+                let part = wgpu::BufferBinding {
+                    buffer: &list.blocks,
+                    offset: u64::from(first) * u64::from(BLOCK_BYTES),
+                    size: NonZeroU64::new(u64::from(count) * u64::from(BLOCK_BYTES)),
+                };
+                let workgroups = count.div_ceil(together);
+                // The limit is 65,535 workgroups per dimension.
+                let x = workgroups.clamp(1, 32_768);
+                let resources = inputs.page_resources(page, &list.page, wgpu::BindingResource::Buffer(part)).to_vec();
+                let bound = vec![inputs.frame_resources().to_vec(), resources, bindings.clone().resources()];
+                dispatches.push((switches.clone(), bound, [x, workgroups.div_ceil(x), 1]));
+            }
+        }
         self.dispatch(B::PASS, dispatches)
     }
 
@@ -252,14 +319,18 @@ impl<'a> Recorder<'a> {
     ) -> Result<()> {
         let resources = bindings.resources();
         let dispatches = inputs.pages.iter().map(|page| {
-            let page = inputs.page_resources(page, &page.page, &page.items_of_runs).to_vec();
+            let page = inputs.page_resources(page, &page.page, page.items_of_runs.as_entire_binding()).to_vec();
             (Vec::new(), vec![inputs.frame_resources().to_vec(), page, resources.clone()], groups)
         });
         let dispatches = dispatches.collect();
         self.dispatch(B::PASS, dispatches)
     }
 
+    /// Runs the dispatches of a pass, or one after the other if long passes are cut.
     fn dispatch(&mut self, pass: &'static Pass, dispatches: Vec<Dispatch<'_>>) -> Result<()> {
+        if self.is_cut() && dispatches.len() > 1 {
+            return dispatches.into_iter().try_for_each(|dispatch| self.dispatch(pass, vec![dispatch]));
+        }
         self.go_on()?;
         if let Some(Rehearsal::Collect(missing)) = self.rehearsal.as_deref_mut() {
             for (switches, ..) in dispatches {
@@ -277,6 +348,7 @@ impl<'a> Recorder<'a> {
                 self.pipelines.insert(key, compiled);
             }
         }
+        let variant = dispatches.first().map(|(switches, ..)| (pass.name, switches.clone()));
         let pipelines = &*self.pipelines;
         let bind = |(switches, bound, groups): Dispatch<'_>| {
             let compiled = &pipelines[&(pass.name, switches)];
@@ -301,6 +373,7 @@ impl<'a> Recorder<'a> {
             }
             compute.dispatch_workgroups(*x, *y, *z);
         }
+        self.dispatches += bound.len() as u32;
         drop(compute);
         if first < MOST_PASSES * 2 {
             self.names.push((self.timed_as.unwrap_or((pass.name, pass.stage)), splats));
@@ -308,6 +381,14 @@ impl<'a> Recorder<'a> {
         if self.submits_each {
             let milliseconds = self.submit((pass.name, pass.stage));
             self.splatting += if splats { milliseconds } else { 0.0 };
+            let groups: f64 = bound.iter().map(|(.., groups)| groups.map(f64::from).iter().product::<f64>()).sum();
+            if let Some(compiled) = variant.and_then(|variant| self.pipelines.get_mut(&variant)) {
+                let is_known = compiled.has_run && self.rehearsal.is_none() && groups > 0.0;
+                // Parts of a picture differ. The slowest of the last ones counts.
+                let slowest = compiled.group_milliseconds.map_or(0.0, |known| 0.97 * known).max(milliseconds / groups);
+                compiled.group_milliseconds = is_known.then_some(slowest);
+                compiled.has_run = true;
+            }
         }
         if let Some(Rehearsal::Count(progress)) = self.rehearsal.as_deref() {
             progress.add(1);
@@ -357,7 +438,8 @@ impl<'a> Recorder<'a> {
         let ticks = handed.take(self.gpu, self.encoder, timed, counters, picture)?;
         if self.submits_each {
             let total = self.host_times.iter().map(|time| time.milliseconds).sum();
-            return Ok(Times { passes: summed(self.host_times), total, splatting: self.splatting });
+            let (splatting, dispatches) = (self.splatting, self.dispatches);
+            return Ok(Times { passes: summed(self.host_times), total, splatting, dispatches });
         }
         let to_milliseconds = f64::from(self.gpu.queue.get_timestamp_period()) * 1e-6;
         let span = |from: u64, to: u64| to.saturating_sub(from) as f64 * to_milliseconds;
@@ -370,7 +452,7 @@ impl<'a> Recorder<'a> {
         };
         let passes = summed(pairs.map(time).collect());
         let total = ticks.first().zip(ticks.last()).map_or(0.0, |(first, last)| span(*first, *last));
-        Ok(Times { passes, total, splatting })
+        Ok(Times { passes, total, splatting, dispatches: self.dispatches })
     }
 }
 
@@ -382,6 +464,7 @@ pub(crate) struct Times {
     pub total: f64,
     /// The part that splats the points that the camera sees.
     pub splatting: f64,
+    pub dispatches: u32,
 }
 
 fn summed(times: Vec<PassTime>) -> Vec<PassTime> {

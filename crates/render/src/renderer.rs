@@ -41,6 +41,8 @@ pub struct FrameStats {
     /// Whether passes were compiled for the frame: drivers then compile at their first dispatch, which counts in the
     /// times.
     pub has_compiled: bool,
+    /// The number of dispatches: more than passes where long ones were cut (`Renderer::give_up_when`).
+    pub dispatches: u32,
     /// The number of virtual lights that lit the frame; 0 without indirect light.
     pub virtual_lights: u32,
     /// The statistics of the reflections, if they were asked for.
@@ -74,6 +76,8 @@ pub struct Renderer {
     /// How many points that the camera sees a frame may draw.
     most_points: Option<u64>,
     pub(crate) given_up: Option<Arc<AtomicBool>>,
+    /// See `cut_passes`.
+    pub(crate) longest_piece: f64,
     /// What the last `prepare` compiled for.
     pub(crate) prepared: Option<Cast>,
 }
@@ -168,6 +172,7 @@ impl Renderer {
             drawn: Arc::default(),
             most_points: None,
             given_up: None,
+            longest_piece: 25.0,
             prepared: None,
         }
     }
@@ -202,9 +207,16 @@ impl Renderer {
 
     /// Lets the frames that follow end with `Error::GivenUp` before their next pass once the flag is set, because
     /// another picture is wanted. The frame after it is made as if that one had not been begun. Where the GPU times the
-    /// passes, a frame is submitted as a whole, so that it is given up only while it is recorded.
+    /// passes, a frame is submitted as a whole, so that it is given up only while it is recorded. Elsewhere long passes
+    /// are cut into several (`cut_passes`), which changes no picture.
     pub fn give_up_when(&mut self, flag: Option<Arc<AtomicBool>>) {
         self.given_up = flag;
+    }
+
+    /// Sets how many milliseconds a pass over points, of indirect light or of rays is meant to take at most where a
+    /// frame can be given up; 25 unless set.
+    pub fn cut_passes(&mut self, longest_piece: f64) {
+        self.longest_piece = longest_piece;
     }
 
     /// Renders a frame and waits for it.
@@ -277,7 +289,7 @@ impl Renderer {
         let mut recorder = Recorder::new(gpu, &mut self.pipelines);
         recorder.time_into(&self.handed);
         recorder.rehearse(rehearsal);
-        recorder.give_up_when(self.given_up.as_deref());
+        recorder.give_up_when(self.given_up.as_deref(), self.longest_piece);
         let nothing = DrawList::default();
         let list = if points_are_kept { &nothing } else { &points_drawn };
         let inputs = Inputs::new(gpu, frame_camera, &larger, store, list);
@@ -391,6 +403,7 @@ impl Renderer {
             gpu_bytes,
             clock: self.gpu.clock,
             has_compiled: self.pipelines.len() > compiled,
+            dispatches: times.dispatches,
             virtual_lights,
             reflection,
         })

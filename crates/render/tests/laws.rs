@@ -436,6 +436,33 @@ fn a_frame_that_was_given_up_leaves_no_trace() {
 }
 
 #[test]
+fn a_picture_of_passes_cut_into_pieces_is_the_same_to_the_bit() {
+    let mut stage = stage_or_skip!();
+    for method in METHODS {
+        let mut scene = scene(&stage, DMat3::IDENTITY);
+        // The parts of a list of points have at least 16 blocks of 1024 points.
+        let floor = wall(DVec3::new(-20.0, -20.0, -1.3), [DVec3::X * 40.0, DVec3::Y * 40.0], GREY);
+        let cloud = scene.store.add_cloud(Material::default());
+        scene.store.add_chunk(cloud, &floor, None).unwrap();
+        let mut settings = by(method);
+        settings.gi.bounces = 1;
+        let whole = scene.render_anew(&mut stage, &settings, SIZE);
+        let picture = bits(&stage);
+        stage.renderer.give_up_when(Some(Arc::new(AtomicBool::new(false))));
+        stage.renderer.cut_passes(0.01);
+        // The first one learns how long the passes take.
+        let [_, cut] = [0, 1].map(|_| scene.render_anew(&mut stage, &settings, SIZE));
+        stage.renderer.give_up_when(None);
+        stage.renderer.cut_passes(25.0);
+        assert!(picture == bits(&stage), "{}", method.name);
+        assert_eq!(cut.reflection, whole.reflection, "{}", method.name);
+        let dispatches = [&whole, &cut].map(|stats| stats.dispatches);
+        let are_cut = dispatches[1] >= dispatches[0] + 9 || stage.gpu.clock == render::Clock::Gpu;
+        assert!(are_cut, "{}: {dispatches:?}", method.name);
+    }
+}
+
+#[test]
 fn mirrors_see_something_and_stated_coverage_is_what_can_be_counted() {
     let mut stage = stage_or_skip!();
     let scene = scene(&stage, DMat3::IDENTITY);

@@ -140,6 +140,7 @@ mod tests {
             clock: Clock::Host,
             virtual_lights: 0,
             has_compiled: false,
+            dispatches: 0,
             reflection: Some(ReflectionStats {
                 mirror_pixels: 12_345,
                 coverage,

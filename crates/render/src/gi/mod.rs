@@ -405,7 +405,7 @@ impl GlobalIllumination {
             tiles: tiles.unwrap_or(&target.nothing).as_entire_binding(),
         };
         let groups_of_runs = [groups_of_run[0], groups_of_run[1], interleave * interleave];
-        recorder.over(&switches, inputs, bindings, groups_of_runs)?;
+        recorder.by_rows(&switches, inputs, bindings, groups_of_runs)?;
         let switches = [
             ("from_camera", u32::from(from_camera)),
             ("window", window),
@@ -424,7 +424,7 @@ impl GlobalIllumination {
             radiance_out: target.radiance.bind(),
             kept: taken.as_ref().map_or(&target.nothing, |taken| &taken.light).as_entire_binding(),
         };
-        recorder.over(&switches, inputs, bindings, groups)
+        recorder.by_rows(&switches, inputs, bindings, groups)
     }
 
     /// The virtual lights that currently light frames, on the GPU.

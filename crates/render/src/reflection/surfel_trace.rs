@@ -67,7 +67,7 @@ pub(crate) fn run(
             ("filter_classes", u32::from(task.supply.filter_classes)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];
-        recorder.over_mirrors(&switches, task.supply, bindings)?;
+        recorder.by_rows(&switches, task.supply, bindings, task.supply.mirror_groups())?;
     }
     gather.resolve(recorder, task)
 }
