@@ -68,6 +68,7 @@ fn shade(@builtin(global_invocation_id) thread: vec3u) {
         if has_highlights && !is_mirror {
             share -= gloss.share;
         }
+        share *= settings.light.diffuse;
         var diffuse = vec3f(0.0);
         var specular = vec3f(0.0);
         let is_sun = lighting == LIGHT_BY_SUN;

@@ -1,6 +1,7 @@
 // Imperfect shadow maps (Ritschel et al. 2008): each virtual light's subset of the points, as discs, into its map of distances.
 // A disc covers the texels whose middle looks through it, and is as far there as its plane: points that cover less than a
-// texel do not grow to one, and the surface that a light stands on does not rise into its sky.
+// texel do not grow to one, and the surface that a light stands on does not rise into its sky. As published, points are
+// squares instead: at least a texel wide, and as far everywhere as the point.
 // One thread a point and light.
 #import frame_group
 #import vpl
@@ -33,22 +34,30 @@ fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
     let center = bitcast<vec3f>(chosen[p].xyz);
     let radius = lights.disc_radius;
     let at = point_in_map(lights, light, center);
+    let is_square = settings.gi.occluders == GI_OCCLUDERS_SQUARES;
     if light.normal.w == VPL_LOCAL {
         let offset = center - light.position.xyz;
         // Behind the light; or of the surface that it stands on, whose noise would shut it in.
         let is_alike = abs(dot(surface.xyz, light.normal.xyz)) > 0.5 || all(surface.xyz == vec3f(0.0));
         let is_same = at.distance < 2.0 * radius && is_alike;
-        if dot(light.normal.xyz, offset) < -radius || is_same {
+        let least = select(-radius, 0.0, is_square);
+        if dot(light.normal.xyz, offset) < least || is_same {
             return;
         }
     }
     let size = f32(lights.map_size);
     let middle = (at.map * 0.5 + 0.5) * size;
-    let reach = min(radius * at.scale * 0.5 * size, MOST_TEXELS);
+    var reach = min(radius * at.scale * 0.5 * size, MOST_TEXELS);
+    reach = select(reach, max(reach, 0.5), is_square);
     let first = vec2i(max(ceil(middle - reach - 0.5), vec2f(0.0)));
     let last = vec2i(min(floor(middle + reach - 0.5), vec2f(size - 1.0)));
     for (var y = first.y; y <= last.y; y++) {
         for (var x = first.x; x <= last.x; x++) {
+            let texel = v * lights.map_stride + u32(y) * lights.map_size + u32(x);
+            if is_square {
+                atomicMax(&shadow_maps[texel], code_of_distance(lights, light.normal.w, at.distance) << 16u | slot);
+                continue;
+            }
             let map = (vec2f(vec2i(x, y)) + 0.5) / size * 2.0 - 1.0;
             let ray = ray_of_map(lights, light, map);
             let offset = center - ray.origin;
@@ -59,8 +68,7 @@ fn vpl_shadow_splat(@builtin(global_invocation_id) id: vec3u) {
             // Written so that NaN (a plane through the light) is not drawn.
             if distance > 0.0 && dot(beside, beside) <= radius * radius {
                 let code = code_of_distance(lights, light.normal.w, distance);
-                let texel = u32(y) * lights.map_size + u32(x);
-                atomicMax(&shadow_maps[v * lights.map_stride + texel], code << 16u | slot);
+                atomicMax(&shadow_maps[texel], code << 16u | slot);
             }
         }
     }

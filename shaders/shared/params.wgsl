@@ -68,6 +68,7 @@ struct Light {
     by: u32,
     headlight: f32,
     shadow_bias: f32,
+    diffuse: f32,
     gloss: f32,
     gloss_power: f32,
     highlight: u32,
@@ -108,6 +109,7 @@ struct Gi {
     shadows: u32,
     shadow_size: u32,
     shadow_points: u32,
+    occluders: u32,
     shadow_bias: f32,
     pull_levels: u32,
     interleave: u32,
@@ -117,6 +119,8 @@ struct Gi {
 }
 const GI_VPL_SPHERICAL: u32 = 0u;
 const GI_VPL_POINT: u32 = 1u;
+const GI_OCCLUDERS_DISCS: u32 = 0u;
+const GI_OCCLUDERS_SQUARES: u32 = 1u;
 
 // Tone mapping.
 struct Tone {

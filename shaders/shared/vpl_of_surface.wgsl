@@ -16,7 +16,8 @@ fn vpl_of_surface(
 ) -> Vpl {
     // Mirrors give only their diffuse part: their reflections are not followed to other surfaces.
     let gloss = gloss_of(settings, albedo.a, 0.0);
-    let diffuse = albedo.rgb * flux * (1.0 - max(gloss.share, albedo.a)) / 3.14159265;
+    let share = (1.0 - max(gloss.share, albedo.a)) * settings.light.diffuse;
+    let diffuse = albedo.rgb * flux * share / 3.14159265;
     let tint = mirror_tint(settings, albedo.rgb, 0.0);
     // A surface that reflects nothing has its place and shadow map all the same: its colour may change.
     let shines = select(VPL_NONE, VPL_LOCAL, any(normal != vec3f(0.0)));

@@ -91,12 +91,18 @@ fn each_bounce_in_a_white_ball_adds_what_the_integrating_sphere_says() {
     let flux = 10.0 * 2.0 * PI * (1.0 - 40_f64.to_radians().cos());
     let camera = Camera::looking(DVec3::new(0.0, 0.5, 0.0), -DVec3::Y, 1.0, DVec3::Z);
     let irradiance = flux / (4.0 * PI * 4.0);
-    for bounces in 1..=3_u32 {
-        let settings = settings(&[("gi.bounces", &bounces.to_string()), ("gi.interleave", "1"), ("gi.vpls", "512")]);
+    for (bounces, factor) in [(1_u32, 1.0), (2, 1.0), (3, 1.0), (3, 0.5)] {
+        let settings = settings(&[
+            ("gi.bounces", &bounces.to_string()),
+            ("gi.interleave", "1"),
+            ("gi.vpls", "512"),
+            ("light.diffuse", &factor.to_string()),
+        ]);
+        let albedo = ALBEDO * factor;
         render(&mut stage, &store, &camera, &settings, &[lamp]);
-        let expected: f64 = (1..=bounces).map(|k| ALBEDO.powi(k as i32) * irradiance).sum::<f64>() * ALBEDO * FRAC_1_PI;
+        let expected: f64 = (1..=bounces).map(|k| albedo.powi(k as i32) * irradiance).sum::<f64>() * albedo * FRAC_1_PI;
         let found = mean(&read(&stage, Aov::Indirect));
-        assert!((found / expected - 1.0).abs() < 0.07, "{bounces} bounces: {found} instead of {expected}");
+        assert!((found / expected - 1.0).abs() < 0.07, "{bounces} bounces, {factor}: {found} instead of {expected}");
     }
 }
 

@@ -78,8 +78,9 @@ fn a_lamp_on_a_glossy_wall_is_the_closed_form() {
     let mut stage = stage_or_skip!();
     let store = store_of(&stage, vec![square(0.0, 2.5)], Material::default());
     let (camera, lamp) = (camera(), lamp());
-    for kind in ["phong", "blinn"] {
+    for (kind, diffuse) in [("phong", 1.0), ("blinn", 1.0), ("phong", 2.5)] {
         let settings = settings(&[
+            ("light.diffuse", &diffuse.to_string()),
             ("light.gloss", "0.4"),
             ("light.gloss_power", "30"),
             ("light.highlight", kind),
@@ -93,7 +94,7 @@ fn a_lamp_on_a_glossy_wall_is_the_closed_form() {
             let at = on_floor(&camera, pixel);
             let [to_light, to_eye] = [lamp.position, camera.eye].map(|place| (place - at).normalize());
             let shape = highlight(kind, DVec3::Z, to_light, to_eye, 30.0);
-            let expected = irradiance(&lamp, at) * (0.6 * ALBEDO * FRAC_1_PI + 0.4 * shape);
+            let expected = irradiance(&lamp, at) * (0.6 * diffuse * ALBEDO * FRAC_1_PI + 0.4 * shape);
             let error = ((direct - expected) / expected).abs().max_element();
             assert!(error < 0.01, "{kind} at {at}: {direct}, expected {expected}");
         }

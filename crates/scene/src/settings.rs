@@ -54,6 +54,10 @@ choices! {
     pub enum VirtualLight { Spherical = "spherical", Point = "point" }
 }
 choices! {
+    /// What the points are that shadow maps of virtual lights are splatted from.
+    pub enum Occluder { Discs = "discs", Squares = "squares" }
+}
+choices! {
     /// How linear light becomes the colours of the screen.
     pub enum Curve { Auto = "auto", Filmic = "filmic", Srgb = "srgb" }
 }
@@ -174,6 +178,8 @@ params! {
         headlight: f32 = 0.5, 0.0..=1.0, "share";
         /// Depth by which a surface may lie behind what the light sees before it is in shadow, in texels of the shadow map.
         shadow_bias: f32 = 3.0, 0.0..=64.0, "texels";
+        /// Factor of the diffuse light that surfaces send back; above 1 they may send back more than arrives.
+        diffuse: f32 = 1.0, 0.0..=100.0, "times";
         /// Share of the light that surfaces which are no mirrors reflect as a highlight.
         gloss: f32 = 0.0, 0.0..=1.0, "share";
         /// Specular power of these highlights: the larger, the smaller they are.
@@ -214,6 +220,8 @@ params! {
         shadow_size: u32 = 64, 16..=256, "texels";
         /// Points that each shadow map is splatted from.
         shadow_points: u32 = 8192, 256..=65_535, "points";
+        /// What these points are in a map: discs that cover the texels that look through them, at the depth of their planes, or squares of at least a texel, at the points' own depth, as published.
+        occluders: Occluder = Occluder::Discs;
         /// Distance that shadows keep from what casts them, in radii of the splats they are made of.
         shadow_bias: f32 = 1.0, 0.0..=8.0, "radii";
         /// Levels of the pull-push pyramid that closes holes of shadow maps.

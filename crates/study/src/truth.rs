@@ -314,6 +314,7 @@ impl<'a> Tracer<'a> {
         let (share, power) = (f64::from(light.gloss), f64::from(light.gloss_power));
         Illumination {
             gloss: Gloss { share, power, shape: light.highlight },
+            diffuse: f64::from(light.diffuse),
             bounces: reflection.bounces,
             background: DVec3::new(red, green, blue),
             indirect: Indirect { bounces: gi.bounces, samples: trace.samples, seed: trace.seed },

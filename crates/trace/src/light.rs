@@ -56,6 +56,8 @@ impl Sunlight {
 pub struct Illumination<'a> {
     pub source: Illuminant<'a>,
     pub gloss: Gloss,
+    /// The factor of the diffuse light that surfaces send back; a lamp at the eye shows the data's own colours.
+    pub diffuse: f64,
     /// The number of mirrors over which a ray is followed, whether of the eye or of a path of light.
     pub bounces: u32,
     /// The number of mirrors over which the eye's ray has been followed already; light takes its own way to the
@@ -71,7 +73,8 @@ impl<'a> Illumination<'a> {
     /// Direct light on diffuse surfaces, mirrors included, in front of black.
     pub fn new(source: Illuminant<'a>, mirror: &'a MirrorSettings) -> Self {
         let indirect = Indirect { bounces: 0, samples: 0, seed: 0 };
-        Self { source, gloss: Gloss::NONE, bounces: 0, passed: 0, mirror, background: DVec3::ZERO, indirect }
+        let background = DVec3::ZERO;
+        Self { source, gloss: Gloss::NONE, diffuse: 1.0, bounces: 0, passed: 0, mirror, background, indirect }
     }
 
     /// The number of mirrors over which the eye's ray may still be followed.
@@ -345,16 +348,21 @@ mod tests {
         let wall_of = |specular_intensity| {
             Exact::new(vec![wall(-5.0, 0.0, [0.5; 3], specular_intensity).with_specular_power(40.0)])
         };
-        let seen = |specular_intensity, tint, gloss, bounces| {
+        let seen_by = |factor, specular_intensity, tint, gloss, bounces| {
             let geometry = wall_of(specular_intensity);
             let (hit, direction) = seen_at(&geometry, 0.1);
             let mirror = &MirrorSettings { tint, ..MirrorSettings::default() };
             let gloss = Gloss { share: gloss, power: 40.0, shape: Highlight::Phong };
             let lights = [light];
-            let illumination =
-                Illumination { gloss, bounces, ..Illumination::new(Illuminant::Lights(&lights), mirror) };
+            let illumination = Illumination {
+                gloss,
+                diffuse: factor,
+                bounces,
+                ..Illumination::new(Illuminant::Lights(&lights), mirror)
+            };
             radiance(&geometry, &hit, direction, 0, &illumination)
         };
+        let seen = |specular_intensity, tint, gloss, bounces| seen_by(1.0, specular_intensity, tint, gloss, bounces);
         let (at, to_light) = (DVec3::X * 0.1, light.position - DVec3::X * 0.1);
         let to_eye = (DVec3::new(0.5, 0.0, 1.0) - at).normalize();
         let irradiance = DVec3::new(10.0, 20.0, 30.0) * to_light.normalize().z / to_light.length_squared();
@@ -366,6 +374,8 @@ mod tests {
             (seen(0.0, 0.0, 0.0, 1), diffuse, "no gloss"),
             (seen(0.0, 0.0, 0.3, 1), 0.7 * diffuse + 0.3 * lobe, "gloss"),
             (seen(0.0, 1.0, 0.3, 1), 0.7 * diffuse + 0.15 * lobe, "tinted gloss"),
+            (seen_by(2.0, 0.0, 0.0, 0.3, 1), 1.4 * diffuse + 0.3 * lobe, "gloss and a factor of diffuse light"),
+            (seen_by(2.0, 0.6, 0.0, 0.3, 1), 0.8 * diffuse + 0.6 * lobe, "a mirror with a factor of diffuse light"),
             (seen(0.6, 0.0, 0.3, 1), 0.4 * diffuse + 0.6 * lobe, "a mirror of nothing"),
             (seen(0.6, 1.0, 0.3, 0), diffuse + 0.3 * lobe, "a mirror that is not followed, tinted"),
         ] {

@@ -8,7 +8,7 @@
 //! Surfaces that are no mirrors split their light between the two by [`Gloss`]. A mirror shows its share (the specular
 //! intensity, and more by Fresnel's law as far as `scene::MirrorSettings` asks for it) of what arrives along the reflected ray,
 //! tinted by its albedo as far as asked for, for the rest its diffuse part, and a highlight of lights on top. After the last
-//! reflection that is followed a mirror is a diffuse surface with a highlight.
+//! reflection that is followed a mirror is a diffuse surface with a highlight. A factor of all diffuse light is 1 unless asked for.
 
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
@@ -72,7 +72,10 @@ impl Reflectance {
                 diffuse = 1.0 - share;
                 mirror = share * tint(grazing);
             }
-        } else if matches!(illumination.source, Illuminant::Headlight(_)) {
+        }
+        if !matches!(illumination.source, Illuminant::Headlight(_)) {
+            diffuse *= illumination.diffuse;
+        } else if hit.specular_intensity == 0.0 {
             // A lamp at the eye shows the data's own colours.
             (diffuse, gloss) = (1.0, 0.0);
         }

@@ -14,7 +14,7 @@ mod twin;
 
 use bytemuck::Zeroable as _;
 use glam::{DVec3, Vec4};
-use scene::{Gi, Highlight, Settings, Splat, VirtualLight};
+use scene::{Gi, Highlight, Light, Occluder, Settings, Splat, VirtualLight};
 
 use crate::frame::FrameCamera;
 use crate::gpu::{Error, Gpu, Result};
@@ -77,6 +77,7 @@ struct Places {
     shadow_size: u32,
     shadow_points: u32,
     pull_levels: u32,
+    occluders: Occluder,
     shadows: bool,
 }
 
@@ -89,7 +90,7 @@ struct Asked {
     gi: Gi,
     lights: Vec<MappedLight>,
     sky: Option<Sky>,
-    gloss: [f32; 2],
+    scattering: [f32; 3],
     tint: f32,
 }
 
@@ -110,7 +111,7 @@ struct LightBuffers {
 struct Shaded {
     generation: u64,
     gi: Gi,
-    gloss: [f32; 2],
+    scattering: [f32; 3],
     highlight: Highlight,
     mirror: scene::MirrorSettings,
     is_mixed: bool,
@@ -214,7 +215,7 @@ impl GlobalIllumination {
             gi,
             lights: lights.to_vec(),
             sky,
-            gloss: [settings.light.gloss, settings.light.gloss_power],
+            scattering: scattering(settings),
             tint: settings.mirror.tint,
         };
         let is_same = |lights: &LightBuffers| {
@@ -246,6 +247,7 @@ impl GlobalIllumination {
             shadow_size: gi.shadow_size,
             shadow_points: gi.shadow_points,
             pull_levels: gi.pull_levels,
+            occluders: gi.occluders,
             shadows: gi.shadows,
         };
         let everywhere_list = store.draw_list(&camera, settings, Selection::EverywhereWithMirrors);
@@ -360,7 +362,7 @@ impl GlobalIllumination {
         let shaded = Shaded {
             generation: lights.generation,
             gi: gi.clone(),
-            gloss: [settings.light.gloss, settings.light.gloss_power],
+            scattering: scattering(settings),
             highlight: settings.light.highlight,
             mirror: settings.mirror.clone(),
             is_mixed: receiver.is_mixed,
@@ -610,6 +612,12 @@ impl Work<'_> {
         }
         Ok(())
     }
+}
+
+/// The factor of diffuse light, and the share and the power of highlights, of surfaces that are no mirrors.
+fn scattering(settings: &Settings) -> [f32; 3] {
+    let Light { diffuse, gloss, gloss_power, .. } = settings.light;
+    [diffuse, gloss, gloss_power]
 }
 
 /// The edges of the levels of a shadow map in texels, finest first.
