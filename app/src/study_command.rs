@@ -247,7 +247,7 @@ mod tests {
         let output = folder.path().join("study").display().to_string();
         let refused = |words: &[&str]| refusal(&[words, &["-o", &output]].concat());
         assert!(refused(&["seed-attempt"]).contains("did you mean `seed-attempts`?"));
-        assert!(refused(&["nonsense"]).contains("built-in plans: methods, passes"));
+        assert!(refused(&["nonsense"]).contains("built-in plans: methods, published"));
         assert!(refused(&["nowhere.toml"]).contains("nowhere.toml: No such file"));
         assert!(refused(&["methods", "--set", "sscr.sead=1"]).contains("--set sscr.sead=1"));
         assert!(refused(&["methods", "--set", "reflection.method=sscr"]).contains("groups name their methods"));

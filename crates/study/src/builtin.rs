@@ -3,8 +3,9 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 15] = [
+const PLANS: [(&str, &str); 16] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
+    ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
     ("seed-attempts", include_str!("../../../assets/plans/seed-attempts.toml")),
     ("step-attempts", include_str!("../../../assets/plans/step-attempts.toml")),
