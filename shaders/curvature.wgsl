@@ -1,6 +1,7 @@
 // Curvature map (Preiner 2010, sections 3.5.1 and 4.3): whether the mirror bends outwards, inwards or not from the left and
 // from the upper pixel to each pixel, and whether its depth steps there. One thread a pixel.
 #import frame_group
+#import depth_step
 #import region
 
 // w: specular intensity, 0 where there is no mirror.
@@ -9,9 +10,6 @@
 // w: linear depth.
 @group(1) @binding(2) var eye_in: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read_write> curvature_map: array<u32>;
-
-// Whether the surface is the camera's, not one seen in a mirror.
-override from_camera: bool = true;
 
 @compute @workgroup_size(8, 8)
 fn curvature(@builtin(global_invocation_id) id: vec3u) {
@@ -34,10 +32,7 @@ fn change_from(pixel: vec2u, direction: vec2u, axis: vec3f) -> u32 {
         return 0u;
     }
     let depth = textureLoad(eye_in, pixel, 0).w;
-    let before = textureLoad(eye_in, pixel - direction, 0).w;
-    // In parallel views the eye's distance is meaningless; rays from a mirror start on it in every view.
-    let compared = select(before, frame.reference_depth, from_camera && frame.orthographic != 0u);
-    if abs(depth - before) > settings.sscr.depth_step_threshold * compared {
+    if is_depth_step(textureLoad(eye_in, pixel - direction, 0).w, depth) {
         // A change of the normal from one surface to another is no curvature.
         return DEPTH_STEP << direction.y;
     }

@@ -194,6 +194,7 @@ struct Sscr {
     mirror_depth_offset: f32,
     pull_levels: u32,
     planar_normal_threshold: f32,
+    normal_filter: u32,
     depth_step_threshold: f32,
     distribution: u32,
     visibility: u32,

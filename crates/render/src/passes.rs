@@ -198,6 +198,9 @@ passes! {
         point_in: Texture, maps: Read, mirrors: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
         position_out: Write(Rgba32Float), views_out: Write(Rgba32Float),
     }
+    normal_filter: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, normal_out: Write(Rgba32Float),
+    }
     curvature: Method over Pixels { point_in: Texture, normal_in: Texture, eye_in: Texture, curvature_map: ReadWrite }
     curvature_smooth: Method over Pixels { curvature_map: ReadWrite }
     label_start: Method over Pixels { curvature_map: Read, parents: ReadWrite, sizes: ReadWrite }

@@ -306,6 +306,8 @@ params! {
         pull_levels: u32 = 4, 0..=4, "levels";
         /// Change of the normal from pixel to pixel below which the mirror counts as planar.
         planar_normal_threshold: f32 = 0.004, 0.0..=0.1, "";
+        /// Radius over which the mirror's normals are averaged before their changes count, against the noise of splats; 0, as published, takes them as they are. The search keeps to the mirror's own normals.
+        normal_filter: u32 = 0, 0..=16, "pixels";
         /// Change of linear depth from pixel to pixel that parts regions, relative to the depth.
         depth_step_threshold: f32 = 0.05, 0.001..=1.0, "share";
         /// Share the points out by the regions' pixels, or equally.

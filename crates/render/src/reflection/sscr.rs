@@ -31,6 +31,8 @@ const SOLVE_AGAIN: (&str, PassStage) = ("sscr_solve_again", PassStage::Method);
 /// The state of the method that is kept from frame to frame.
 pub(crate) struct Sscr {
     size: [u32; 2],
+    /// The averaged normals, along rows and then along columns, if the curvature map is made from them.
+    filtered: Option<[Image; 2]>,
     curvature: wgpu::Buffer,
     /// Labelling: each pixel's parent in its tree; the number of pixels of the roots' trees, then their labels.
     parents: wgpu::Buffer,
@@ -52,7 +54,8 @@ impl Sscr {
     pub fn bytes(&self) -> u64 {
         let Self { curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings, views, .. } = self;
         let buffers = [curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings];
-        buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + views.bytes()
+        let images = self.filtered.iter().flatten().chain([views]);
+        buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + images.map(Image::bytes).sum::<u64>()
     }
 
     /// Makes the buffers for pictures of `size`.
@@ -68,6 +71,7 @@ impl Sscr {
         check_size(gpu, "runs of pixels", runs, most_runs * RUN_BYTES)?;
         Ok(Self {
             size,
+            filtered: None,
             curvature: buffer("curvature map", pixels * CURVATURE_BYTES)?,
             parents: buffer("parents", pixels * PARENT_BYTES)?,
             sizes: buffer("sizes", pixels * LABEL_BYTES)?,
@@ -103,6 +107,7 @@ impl Sscr {
             forward.forget();
         }
         forward.reserve(recorder.gpu, task, rounds, bounce, bounces)?;
+        self.filter(recorder, task)?;
         self.label(recorder, task)?;
         forward.clear(recorder);
         recorder.clear(&self.endings);
@@ -133,6 +138,28 @@ impl Sscr {
         Ok(())
     }
 
+    /// Averages the mirror's normals, if the curvature map is to be made from them.
+    fn filter(&mut self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
+        if task.settings.sscr.normal_filter == 0 {
+            self.filtered = None;
+            return Ok(());
+        }
+        let (device, size) = (&recorder.gpu.device, self.size);
+        let image = |label| Image::new(device, size, label, wgpu::TextureFormat::Rgba32Float);
+        let [rows, columns] = self.filtered.get_or_insert_with(|| ["filtered rows", "filtered normal"].map(image));
+        for (along_columns, from, to) in [(0, task.normal, &*rows), (1, &*rows, &*columns)] {
+            let bindings = passes::normal_filter {
+                point_in: task.mirror.point.bind(),
+                normal_in: from.bind(),
+                eye_in: task.mirror.eye.bind(),
+                normal_out: to.bind(),
+            };
+            let switches = [("along_columns", along_columns), ("from_camera", u32::from(task.bounce == 0))];
+            recorder.over_pixels(&switches, task.supply, bindings)?;
+        }
+        Ok(())
+    }
+
     /// Makes the curvature map, the labels and the regions.
     fn label(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
         let inputs = task.supply;
@@ -142,7 +169,7 @@ impl Sscr {
                 .map(wgpu::Buffer::as_entire_binding);
         let bindings = passes::curvature {
             point_in: point_in.clone(),
-            normal_in: normal_in.clone(),
+            normal_in: self.filtered.as_ref().map_or_else(|| normal_in.clone(), |[_, columns]| columns.bind()),
             eye_in: eye_in.clone(),
             curvature_map: curvature_map.clone(),
         };

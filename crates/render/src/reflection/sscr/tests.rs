@@ -343,13 +343,13 @@ fn share(of: impl Iterator<Item = bool>) -> f32 {
 #[test]
 fn the_gpu_finds_the_regions_and_the_pixels_that_its_twin_finds() {
     let Some(mut stage) = stage() else { return };
-    for (mirror, solver) in [
-        (Variant::Sphere, Solver::Interleaved),
-        (Variant::Blob, Solver::Interleaved),
-        (Variant::Coral, Solver::Interleaved),
-        (Variant::Torus, Solver::Newton),
+    for (mirror, solver, normal_filter) in [
+        (Variant::Sphere, Solver::Interleaved, 0),
+        (Variant::Blob, Solver::Interleaved, 0),
+        (Variant::Coral, Solver::Interleaved, 3),
+        (Variant::Torus, Solver::Newton, 5),
     ] {
-        let parameters = Parameters { solver, ..Parameters::default() };
+        let parameters = Parameters { solver, normal_filter, ..Parameters::default() };
         let mut scene = Scene::new(&stage.gpu, mirror, SMALL, 20_000);
         let made = scene.make(&mut stage, &parameters);
         // Where the normal hardly changes, the last bit decides.
@@ -419,6 +419,25 @@ fn every_solver_finds_roots_and_newton_nearly_all() {
     }
     // 77 % of the points have a root (docs/methods/sscr.md).
     assert!(rates[1] > 0.7 && rates[1] > 2.0 * rates[0], "{rates:?}");
+}
+
+#[test]
+fn the_filter_of_normals_gives_noisy_mirrors_about_the_regions_of_smooth_ones() {
+    let mut random = Random(13);
+    for mirror in [Variant::Blob, Variant::Torus] {
+        let smooth = picture(mirror, SMALL);
+        let mut noisy = clone(&smooth);
+        for pixel in noisy.pixels.iter_mut().flatten() {
+            // A third of a degree, about the turn of these mirrors from pixel to pixel.
+            pixel.normal = (pixel.normal + random_vector(&mut random) * 0.01).normalize();
+        }
+        let count = |picture: &MirrorPicture, normal_filter| {
+            let parameters = Parameters { normal_filter, planar_normal_threshold: 0.006, ..Parameters::default() };
+            Regions::new(picture, &parameters).regions.len()
+        };
+        let [exact, open, filtered] = [count(&smooth, 0), count(&noisy, 0), count(&noisy, 4)];
+        assert!(open > 5 * exact && filtered <= 2 * exact, "{mirror:?}: {exact} {open} {filtered}");
+    }
 }
 
 #[test]

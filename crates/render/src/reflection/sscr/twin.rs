@@ -50,21 +50,70 @@ fn previous(width: usize, index: usize, direction: usize) -> Option<usize> {
 }
 
 impl MirrorPicture {
+    /// Whether the depth steps between two neighbouring pixels, of which `before` is the left or the upper one.
+    fn is_depth_step(before: &MirrorPixel, pixel: &MirrorPixel, settings: &Sscr) -> bool {
+        let change = pixel.linear_depth - before.linear_depth;
+        change.abs() > settings.depth_step_threshold * before.linear_depth
+    }
+
+    /// The normals that the curvature map is made from: averages over neighbours with weights that fall linearly to
+    /// both sides, along the rows, then along the columns, up to the mirror's rim and to depth steps.
+    fn filtered_normals(&self, settings: &Sscr) -> Vec<Vec3> {
+        let mut normals: Vec<Vec3> =
+            self.pixels.iter().map(|pixel| pixel.map_or(Vec3::ZERO, |pixel| pixel.normal)).collect();
+        let (width, radius) = (self.size.x as usize, settings.normal_filter as usize);
+        if radius == 0 {
+            return normals;
+        }
+        for direction in 0..2 {
+            let sum = |index: usize| {
+                if self.pixels[index].is_none() {
+                    return Vec3::ZERO;
+                }
+                let mut sum = normals[index] * (radius + 1) as f32;
+                for is_forward in [false, true] {
+                    let mut here = index;
+                    for distance in 1..=radius {
+                        let next = if is_forward {
+                            let next = here + if direction == 0 { 1 } else { width };
+                            (next < self.pixels.len() && previous(width, next, direction) == Some(here)).then_some(next)
+                        } else {
+                            previous(width, here, direction)
+                        };
+                        let Some(next) = next.filter(|next| self.pixels[*next].is_some()) else { break };
+                        let (before, after) = if is_forward { (here, next) } else { (next, here) };
+                        let pair = self.pixels[before].as_ref().zip(self.pixels[after].as_ref());
+                        if pair.is_some_and(|(before, after)| Self::is_depth_step(before, after, settings)) {
+                            break;
+                        }
+                        sum += normals[next] * (radius + 1 - distance) as f32;
+                        here = next;
+                    }
+                }
+                sum
+            };
+            normals = (0..normals.len()).map(sum).collect();
+        }
+        normals.into_iter().map(Vec3::normalize_or_zero).collect()
+    }
+
     /// The curvature map (section 3.5.1), before it is smoothed.
     pub fn curvature(&self, settings: &Sscr) -> Vec<u32> {
+        let normals = self.filtered_normals(settings);
         let of_pixel = |index: usize| {
             let Some(pixel) = self.pixels[index] else { return 0 };
             let mut flags = MIRROR;
             for direction in 0..2 {
-                let previous =
-                    previous(self.size.x as usize, index, direction).and_then(|previous| self.pixels[previous]);
-                let Some(previous) = previous else { continue };
+                let previous = previous(self.size.x as usize, index, direction);
+                let Some((index_before, before)) =
+                    previous.and_then(|previous| Some((previous, self.pixels[previous]?)))
+                else {
+                    continue;
+                };
                 // Rows run downwards, so along a column the normal of a convex surface turns against the view's up.
                 let axis = [self.right, -self.up][direction];
-                let turn = (pixel.normal - previous.normal).dot(axis);
-                let depth_step = (pixel.linear_depth - previous.linear_depth).abs()
-                    > settings.depth_step_threshold * previous.linear_depth;
-                if depth_step {
+                let turn = (normals[index] - normals[index_before]).dot(axis);
+                if Self::is_depth_step(&before, &pixel, settings) {
                     // A change of the normal from one surface to another is no curvature.
                     flags |= STEP[direction];
                 } else if turn.abs() > settings.planar_normal_threshold {
