@@ -22,6 +22,7 @@ fn curvature(@builtin(global_invocation_id) id: vec3u) {
         flags = MIRROR
             | change_from(id.xy, vec2u(1u, 0u), frame.right.xyz)
             | change_from(id.xy, vec2u(0u, 1u), -frame.up.xyz);
+        flags |= (flags & (BENT | (BENT << DIRECTION_BITS))) << OPEN_BITS;
     }
     curvature_map[id.y * frame.width + id.x] = flags;
 }

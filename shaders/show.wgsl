@@ -4,6 +4,7 @@
 #import packing
 #import tone
 #import heat
+#import region
 
 @group(1) @binding(0) var color_in: texture_2d<f32>;
 // xyz: mirror point, w: specular intensity.
@@ -36,6 +37,13 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
             case REFLECTION_SHOW_CURVATURE: {
                 let flags = u32(views.x);
                 color = vec3f(f32(flags & 3u), f32((flags >> 2u) & 3u), f32(min((flags >> 4u) & 3u, 1u)) * 2.0) * 0.5;
+            }
+            // The same before planar pixels take over the bend beside them; white: between two regions.
+            case REFLECTION_SHOW_BORDERS: {
+                let flags = u32(views.x);
+                let open = flags >> OPEN_BITS;
+                color = vec3f(f32(open & BENT), f32((open >> DIRECTION_BITS) & BENT), 0.0) * 0.5;
+                color = select(color, vec3f(1.0), (flags & SUPPRESSED) != 0u);
             }
             case REFLECTION_SHOW_REGIONS: { color = color_of_number(u32(views.y)); }
             case REFLECTION_SHOW_STEPS: { color = heat(views.z / f32(most_steps)); }

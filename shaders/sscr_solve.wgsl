@@ -79,9 +79,10 @@ fn splat_point(item: Item, index: u32) {
         for (var turn = 0u; turn < 1u && may_reflect(region, q); turn++) {
             var state = hash(identity ^ round.seed);
             outcome = find_root(search, start_of(search, last_at), &state);
+            outcome.state = select(outcome.state, FOUND, shows_search && outcome.state == UNCONVERGED);
         }
         if outcome.state == FOUND {
-            solution = solution_at(item, point, q, label, outcome.at);
+            solution = solution_at(item, index, q, label, outcome.at);
         }
         if record_endings && outcome.steps > 0u {
             let size = vec2u(frame.width, frame.height);
@@ -150,18 +151,23 @@ fn probe(search: Search, at: vec2f) -> Probe {
     return Probe(at, mapped_error(reflected), is_inside);
 }
 
-// The root to keep: none if the point is behind the mirror, or belongs to the mirror itself beside it. The paper also
-// leaves out points that turn their back; clouds are drawn from both sides here, and so they are reflected.
-fn solution_at(item: Item, point: vec4u, q: vec3f, label: u32, at: vec2f) -> Solution {
+// The root to keep: none if the point is behind the mirror, or belongs to the mirror itself beside it. The listing also
+// leaves out points that turn their back; clouds are drawn from both sides, and so the text's points are reflected.
+fn solution_at(item: Item, index: u32, q: vec3f, label: u32, at: vec2f) -> Solution {
     if any(at < vec2f(0.0)) || label_at(at) != label {
         return Solution(0u, 0.0);
     }
     let pixel = mirror_pixels[u32(at.y) * frame.width + u32(at.x)];
     let offset = q - bitcast<vec3f>(pixel.point_label.xyz);
     let reach = length(offset);
-    let own_radius = unpack_radius(point.w & 0xffffu);
+    let own_radius = unpack_radius(points[index].w & 0xffffu);
     let radius = select(own_radius, item.origin_radius.w, own_radius == 0.0) * settings.splat.size;
     if dot(offset, bitcast<vec3f>(pixel.normal_eye.xyz)) <= 0.0 || reach <= OWN_SURFACE_RADII * radius {
+        return Solution(0u, 0.0);
+    }
+    // A point without a normal has no back.
+    let turns_back = dot(unpack_normal(attributes[index].y), offset) > 0.0;
+    if settings.sscr.reading == SSCR_READING_LISTING && solver == SSCR_SOLVER_INTERLEAVED && turns_back {
         return Solution(0u, 0.0);
     }
     return Solution(pack_place(at), reach);

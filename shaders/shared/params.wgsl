@@ -163,15 +163,17 @@ const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 5u;
 const REFLECTION_METHOD_SURFEL_TRACE: u32 = 6u;
 const REFLECTION_SHOW_PICTURE: u32 = 0u;
 const REFLECTION_SHOW_UNCERTAIN: u32 = 1u;
-const REFLECTION_SHOW_CURVATURE: u32 = 2u;
-const REFLECTION_SHOW_REGIONS: u32 = 3u;
-const REFLECTION_SHOW_STEPS: u32 = 4u;
-const REFLECTION_SHOW_UNCONVERGED: u32 = 5u;
-const REFLECTION_SHOW_COVERAGE: u32 = 6u;
-const REFLECTION_SHOW_DISTANCE: u32 = 7u;
-const REFLECTION_SHOW_ALBEDO: u32 = 8u;
-const REFLECTION_SHOW_NORMAL: u32 = 9u;
-const REFLECTION_SHOW_POSITION: u32 = 10u;
+const REFLECTION_SHOW_BORDERS: u32 = 2u;
+const REFLECTION_SHOW_CURVATURE: u32 = 3u;
+const REFLECTION_SHOW_REGIONS: u32 = 4u;
+const REFLECTION_SHOW_SEARCH: u32 = 5u;
+const REFLECTION_SHOW_STEPS: u32 = 6u;
+const REFLECTION_SHOW_UNCONVERGED: u32 = 7u;
+const REFLECTION_SHOW_COVERAGE: u32 = 8u;
+const REFLECTION_SHOW_DISTANCE: u32 = 9u;
+const REFLECTION_SHOW_ALBEDO: u32 = 10u;
+const REFLECTION_SHOW_NORMAL: u32 = 11u;
+const REFLECTION_SHOW_POSITION: u32 = 12u;
 
 // Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
 struct EnvironmentMap {
@@ -187,8 +189,9 @@ struct Sscr {
     step_attempts: u32,
     initial_step: f32,
     max_steps: u32,
+    search_steps: u32,
     threshold: f32,
-    stop: u32,
+    reading: u32,
     max_splat_size: f32,
     mirror_z_far: f32,
     mirror_depth_offset: f32,
@@ -205,8 +208,8 @@ struct Sscr {
     cull_points: u32,
     per_region: u32,
 }
-const SSCR_STOP_STEP: u32 = 0u;
-const SSCR_STOP_PAIR: u32 = 1u;
+const SSCR_READING_TEXT: u32 = 0u;
+const SSCR_READING_LISTING: u32 = 1u;
 const SSCR_DISTRIBUTION_WEIGHTED: u32 = 0u;
 const SSCR_DISTRIBUTION_EQUAL: u32 = 1u;
 const SSCR_VISIBILITY_NEAREST: u32 = 0u;

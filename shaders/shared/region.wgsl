@@ -9,7 +9,11 @@ const BENT: u32 = 3u;
 const DIRECTION_BITS: u32 = 2u;
 // Depth step from the left pixel; from the upper one a bit further left.
 const DEPTH_STEP: u32 = 16u;
+// At a border between regions; only in the views.
+const SUPPRESSED: u32 = 64u;
 const MIRROR: u32 = 128u;
+// How the surface bends before planar pixels take over the bend of their predecessors, by how many bits further left.
+const OPEN_BITS: u32 = 8u;
 
 // The label of a pixel that belongs to no region: outside the mirror, or on a border.
 const OUTSIDE: u32 = 0xffffffffu;

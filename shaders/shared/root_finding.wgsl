@@ -8,6 +8,8 @@
 override solver: u32 = SSCR_SOLVER_INTERLEAVED;
 override seeds: u32 = SSCR_SEEDS_RANDOM;
 override per_region: bool = false;
+// Whether points are shown where their search stands after some steps.
+override shows_search: bool = false;
 
 struct Search {
     // The bounds of the region.
@@ -76,6 +78,11 @@ fn random_place(search: Search, state: ptr<function, u32>) -> vec2f {
     let x = random(state);
     let y = random(state);
     return search.first + search.extent * vec2f(x, y);
+}
+
+// The number of steps after which a search ends.
+fn most_steps() -> u32 {
+    return select(settings.sscr.max_steps, min(settings.sscr.max_steps, settings.sscr.search_steps), shows_search);
 }
 
 // How often a start pixel outside the region is drawn again.
@@ -196,7 +203,9 @@ fn interleaved(search: Search, start: Start, state: ptr<function, u32>) -> Outco
                 p1 = p2;
                 steps++;
             } else {
-                dir = select(vec2f(1.0), vec2f(-1.0), found.at < p1.at);
+                // The text begins towards the second pixel, the listing towards (1, 1).
+                let begins_left = found.at < p1.at & vec2<bool>(settings.sscr.reading == SSCR_READING_TEXT);
+                dir = select(vec2f(1.0), vec2f(-1.0), begins_left);
             }
             p2 = found;
             attempts = 0u;
@@ -206,14 +215,14 @@ fn interleaved(search: Search, start: Start, state: ptr<function, u32>) -> Outco
             dir = select(dir, -dir, turned);
             step = select(step, step * 0.5, crossed);
             shortened = dir * step;
-            if steps >= settings.sscr.max_steps {
-                is_over = true;
-            } else if is_near && all(crossed) {
+            if is_near && all(crossed) {
                 let share = abs(p1.error) / (abs(p1.error) + abs(p2.error));
                 p2.at = p1.at + (p2.at - p1.at) * share;
                 outcome = FOUND;
                 is_over = true;
-            } else if (is_near && settings.sscr.stop == SSCR_STOP_PAIR) || max(step.x, step.y) < LEAST_STEP {
+            } else if steps >= most_steps() {
+                is_over = true;
+            } else if (is_near && settings.sscr.reading == SSCR_READING_LISTING) || max(step.x, step.y) < LEAST_STEP {
                 outcome = LOST;
                 is_over = true;
             }
@@ -268,7 +277,7 @@ fn descent(search: Search, start: Probe, first_step: vec2f, state: ptr<function,
     var restarts = 0u;
     let longest = max(first_step, vec2f(1.0));
     var outcome = Outcome(here.at, UNCONVERGED, 0u);
-    while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
+    while outcome.state == UNCONVERGED && outcome.steps < most_steps() {
         var step = newton_step(slope, here.error);
         if solver == SSCR_SOLVER_BROYDEN && all(abs(step) <= vec2f(ROOT_REACH)) {
             // The slope learned on the way may be wrong here.
@@ -336,7 +345,7 @@ fn nelder_mead(search: Search, start: Probe, first_step: vec2f) -> Outcome {
     var middle = probe_after(search, best.at, vec2f(first_step.x, 0.0));
     var worst = probe_after(search, best.at, vec2f(0.0, first_step.y));
     var outcome = Outcome(best.at, UNCONVERGED, 0u);
-    while outcome.state == UNCONVERGED && outcome.steps < settings.sscr.max_steps {
+    while outcome.state == UNCONVERGED && outcome.steps < most_steps() {
         // In order of their errors.
         if squared_error(middle) < squared_error(best) {
             let swapped = best;

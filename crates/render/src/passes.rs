@@ -218,7 +218,7 @@ passes! {
         endings: ReadWrite,
     }
     sscr_views: Method over Pixels {
-        curvature_map: Read, mirror_pixels: Read, endings: Read, views_out: Write(Rgba32Float),
+        curvature_map: Read, mirror_pixels: Read, endings: Read, parents: Read, views_out: Write(Rgba32Float),
     }
     mirror_depth: Method over Blocks { solutions: Read, point_in: Texture, nearest: ReadWrite }
     mirror_visibility: Method over Blocks {

@@ -120,8 +120,8 @@ impl Renderer {
                     let [x, y, z] = [0, 1, 2].map(|axis| (f64::from(four()[axis]) + from[axis]) as f32);
                     data.extend([x, y, z, four()[3]]);
                 }
-                // The highest bit only says that there is a mirror.
-                Aov::Curvature => data.push(four()[0] - 128.0),
+                // Without the bits of views, and the one that only says that there is a mirror.
+                Aov::Curvature => data.push((four()[0] as u32 & 63) as f32),
                 Aov::Regions => data.push(four()[1]),
                 Aov::Uncertain => data.push(four()[0]),
                 _ => data.extend(&four()[..3]),

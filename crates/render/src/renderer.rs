@@ -115,6 +115,8 @@ struct SurfaceInputs {
     settings: Settings,
     /// Whether steps are counted because they are shown.
     counts_steps: bool,
+    /// Whether points are placed where their search stands.
+    shows_search: bool,
 }
 
 impl SurfaceInputs {
@@ -126,6 +128,7 @@ impl SurfaceInputs {
             mirrors: objects.mirrors.to_vec(),
             settings: settings.only(|field| field.affects.found),
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
+            shows_search: settings.reflection.show == Show::Search,
         }
     }
 }
@@ -580,8 +583,9 @@ fn lay_mirrors(
 /// Whether something is shown instead of the picture. Not all methods have views of their work.
 fn shows_more(settings: &Settings, views: Option<&Views<'_>>) -> bool {
     match settings.reflection.show {
-        Show::Picture => false,
-        Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),
+        // A search is shown by the picture that its points make.
+        Show::Picture | Show::Search => false,
+        Show::Borders | Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),
         Show::Uncertain | Show::Coverage | Show::Distance | Show::Albedo | Show::Normal | Show::Position => true,
     }
 }

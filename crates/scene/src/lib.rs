@@ -32,8 +32,8 @@ pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
 pub use settings::{
     Atomics, Color, ColorBy, Curve, Distribution, Edl, Gi, Highlight, KeptPoints, Light, LightView, Lighting,
-    MirrorSettings, MirrorSurface, Occluder, Paging, Quality, Ramp, Reflection, SceneSettings, Seeds, Settings, Show,
-    Solver, Splat, Sscr, Stop, Stream, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings,
+    MirrorSettings, MirrorSurface, Occluder, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, Seeds,
+    Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings,
     VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};

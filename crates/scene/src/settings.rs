@@ -68,7 +68,7 @@ choices! {
 choices! {
     /// What is shown instead of the picture.
     pub enum Show {
-        Picture = "picture", Uncertain = "uncertain", Curvature = "curvature", Regions = "regions", Steps = "steps",
+        Picture = "picture", Uncertain = "uncertain", Borders = "borders", Curvature = "curvature", Regions = "regions", Search = "search", Steps = "steps",
         Unconverged = "unconverged", Coverage = "coverage", Distance = "distance", Albedo = "albedo", Normal = "normal", Position = "position",
     }
 }
@@ -85,8 +85,8 @@ choices! {
     pub enum KeptPoints { Nearest = "nearest", Accumulated = "accumulated" }
 }
 choices! {
-    /// What gives up the search for a point's mirror pixel.
-    pub enum Stop { Step = "step", Pair = "pair" }
+    /// Which of the thesis' two descriptions of the search is followed where they differ.
+    pub enum Reading { Text = "text", Listing = "listing" }
 }
 choices! {
     /// What finds the mirror pixel of a point.
@@ -292,13 +292,15 @@ params! {
         initial_step: f32 = 0.2, 0.005..=0.5, "share";
         /// Steps after which a point is given up.
         max_steps: u32 = 30, 1..=100, "steps";
+        /// Steps after which reflection.show = search shows each point where its search stands.
+        search_steps: u32 = 0, 0..=100, "steps";
         /// Distance of the two pixels of a bracket at which its root is interpolated.
         threshold: f32 = 2.0, 1.0..=16.0, "pixels";
-        /// What gives a point up before that: steps under half a pixel (the paper's text), or also a pair of pixels within the threshold that is no bracket (its listing).
-        stop: Stop = Stop::Step;
+        /// Which description of interleaved is followed: the thesis' text, or its algorithm 3.1 to the letter, which begins towards +x and +y, gives up at the first two pixels within the threshold that are no bracket, and leaves out points that turn their back to the mirror.
+        reading: Reading = Reading::Text;
         /// Diameter of a point's splat on the mirror when it touches it.
         max_splat_size: f32 = 3.0, 1.0..=32.0, "pixels";
-        /// Distance from the mirror at which splats have shrunk to one pixel, in scene radii.
+        /// Distance from the mirror at which splats have shrunk to one pixel, in scene radii; points beyond it are shown, too.
         mirror_z_far: f32 = 1.0, 0.01..=10.0, "radii";
         /// How far behind the nearest reflected point of a pixel others still count, in scene radii.
         mirror_depth_offset: f32 = 0.02, 0.0..=1.0, "radii";
@@ -312,7 +314,7 @@ params! {
         depth_step_threshold: f32 = 0.05, 0.001..=1.0, "share";
         /// Share the points out by the regions' pixels, or equally.
         distribution: Distribution = Distribution::Weighted;
-        /// Keep the nearest point of a mirror pixel, or the mean of all within the depth offset.
+        /// Keep the nearest point of a mirror pixel, for which points are searched for once, or the mean of all within the depth offset.
         visibility: KeptPoints = KeptPoints::Accumulated;
         /// Keep each point's pixel from the depth pass instead of searching for it twice.
         solve_once: bool = false;
@@ -386,7 +388,7 @@ settings! {
 }
 
 /// Parameters that older versions kept in files under another name: the old key and the new one.
-const RENAMED: [(&str, &str); 1] = [("stream.frame_ms", "view.frame_ms")];
+const RENAMED: [(&str, &str); 2] = [("stream.frame_ms", "view.frame_ms"), ("sscr.stop", "sscr.reading")];
 
 impl Settings {
     /// What a picture is drawn with: the data's own colours are shown as they are, whatever exposure and curve are for light.

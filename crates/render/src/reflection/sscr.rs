@@ -12,7 +12,7 @@ mod tests;
 #[cfg(test)]
 mod twin;
 
-use scene::{Distribution, Seeds, Show};
+use scene::{Distribution, KeptPoints, Seeds, Show};
 
 use super::forward::{Forward, check_size, picture_buffer};
 use super::task::Task;
@@ -101,8 +101,9 @@ impl Sscr {
         // If they are not kept, one buffer serves all bounces in turn.
         let (bounce, bounces) =
             if keeps_solutions { (task.bounce, task.settings.reflection.bounces as usize) } else { (0, 1) };
-        // Solutions that are the next seeds must not be searched twice.
-        let solve_once = settings.solve_once || keeps_solutions;
+        // Solutions that are the next seeds must not be searched twice, and the nearest point needs no second search: in
+        // the thesis it is what its depth buffer keeps.
+        let solve_once = settings.solve_once || keeps_solutions || settings.visibility == KeptPoints::Nearest;
         if keeps_solutions && self.frames == 0 && task.bounce == 0 {
             forward.forget();
         }
@@ -130,6 +131,7 @@ impl Sscr {
                 curvature_map: self.curvature.as_entire_binding(),
                 mirror_pixels: self.mirror_pixels.as_entire_binding(),
                 endings: self.endings.as_entire_binding(),
+                parents: self.parents.as_entire_binding(),
                 views_out: self.views.bind(),
             };
             recorder.over_pixels(&[], task.supply, bindings)?;
@@ -219,6 +221,7 @@ impl Sscr {
             ("cull", u32::from(settings.cull_points)),
             ("count_points", u32::from(is_counted)),
             ("record_endings", u32::from(is_counted && records)),
+            ("shows_search", u32::from(task.settings.reflection.show == Show::Search)),
         ];
         // Points that were not found are tried elsewhere in the next frame, if it starts from this one's pixels.
         let frame = if settings.seeds == Seeds::LastFrame { self.frames } else { 0 };

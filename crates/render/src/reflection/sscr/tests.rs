@@ -2,11 +2,11 @@
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
 
-use cloud::{Chunk, pack_radius};
+use cloud::{Chunk, pack_normal, pack_radius};
 use glam::{UVec2, Vec2, Vec3};
 use param::{Kind, Params as _};
 use scene::five_mirrors::{Variant, camera};
-use scene::{Seeds, Settings, Solver, Sscr as Parameters, Stop};
+use scene::{Reading, Seeds, Settings, Show, Solver, Sscr as Parameters};
 
 use super::exact_mirrors::{picture, wall_points};
 use super::twin::{
@@ -151,7 +151,8 @@ fn hit_rate(picture: &MirrorPicture, settings: &Parameters, points: &[Vec3]) -> 
     use rayon::prelude::*;
     let regions = Regions::new(picture, settings);
     let search = Search { picture, regions: &regions, settings };
-    let is_found = |(index, q): (usize, &Vec3)| matches!(search.solve(index as u32, *q, 0.0), (Outcome::Found(_), _));
+    let is_found =
+        |(index, q): (usize, &Vec3)| matches!(search.solve(index as u32, *q, Vec3::ZERO, 0.0), (Outcome::Found(_), _));
     points.par_iter().enumerate().filter(|point| is_found(*point)).count() as f32 / points.len() as f32
 }
 
@@ -167,8 +168,8 @@ fn the_text_of_the_paper_gives_its_hit_rates_and_its_listing_a_third_of_them() {
     ];
     for (mirror, rate, threshold) in published {
         let picture = picture(mirror, SMALL);
-        let with = |stop| hit_rate(&picture, &Parameters { stop, threshold, ..Parameters::default() }, &points);
-        let (text, listing) = (with(Stop::Step), with(Stop::Pair));
+        let with = |reading| hit_rate(&picture, &Parameters { reading, threshold, ..Parameters::default() }, &points);
+        let (text, listing) = (with(Reading::Text), with(Reading::Listing));
         // Neither the objects nor the camera are the paper's.
         assert!((0.5..2.0).contains(&(text / rate)), "{mirror:?}: {text}, published {rate}");
         assert!(listing < 0.45 * text, "{mirror:?}: {listing} by the listing, {text} by the text");
@@ -185,8 +186,9 @@ fn on_the_twin_root_lines_at_45_degrees_lose_interleaved_a_quarter_and_newton_no
         let regions = Regions::new(&MirrorPicture { right: Vec3::X, ..clone(&picture) }, &Parameters::default());
         let settings = Parameters { solver, ..Parameters::default() };
         let search = Search { picture: &picture, regions: &regions, settings: &settings };
-        let found = (0..points.len())
-            .filter(|&index| matches!(search.solve(index as u32, points[index], 0.0), (Outcome::Found(_), _)));
+        let found = (0..points.len()).filter(|&index| {
+            matches!(search.solve(index as u32, points[index], Vec3::ZERO, 0.0), (Outcome::Found(_), _))
+        });
         found.count() as f32
     };
     let interleaved = [0.0, 45.0].map(|degrees| rate(Solver::Interleaved, degrees));
@@ -245,6 +247,8 @@ struct Made {
 }
 
 const RADIUS: f32 = 0.002;
+/// The normal of all points: many turn their back to the mirror, and only algorithm 3.1 leaves those out.
+const NORMAL: Vec3 = Vec3::Z;
 
 impl Scene {
     fn new(gpu: &Arc<Gpu>, mirror: Variant, size: UVec2, count: u32) -> Self {
@@ -256,6 +260,7 @@ impl Scene {
         let mut store = PointStore::new(gpu.clone());
         let cloud = store.add_cloud(Material::default());
         let mut chunk = Chunk::new(0, camera().eye, points.iter().map(Vec3::to_array).collect());
+        chunk.normals = Some(Arc::new(vec![pack_normal(NORMAL); points.len()]));
         chunk.radii = Some(Arc::new(vec![pack_radius(RADIUS); points.len()]));
         let _: ChunkId = store.add_chunk(cloud, &chunk, None).unwrap();
         let size = size.to_array();
@@ -343,22 +348,28 @@ fn share(of: impl Iterator<Item = bool>) -> f32 {
 #[test]
 fn the_gpu_finds_the_regions_and_the_pixels_that_its_twin_finds() {
     let Some(mut stage) = stage() else { return };
-    for (mirror, solver, normal_filter) in [
-        (Variant::Sphere, Solver::Interleaved, 0),
-        (Variant::Blob, Solver::Interleaved, 0),
-        (Variant::Coral, Solver::Interleaved, 3),
-        (Variant::Torus, Solver::Newton, 5),
+    for (mirror, solver, normal_filter, reading) in [
+        (Variant::Sphere, Solver::Interleaved, 0, Reading::Text),
+        (Variant::Sphere, Solver::Interleaved, 0, Reading::Listing),
+        (Variant::Blob, Solver::Interleaved, 0, Reading::Text),
+        (Variant::Coral, Solver::Interleaved, 3, Reading::Text),
+        (Variant::Torus, Solver::Interleaved, 5, Reading::Listing),
+        (Variant::Torus, Solver::Newton, 5, Reading::Listing),
     ] {
-        let parameters = Parameters { solver, normal_filter, ..Parameters::default() };
+        let parameters = Parameters { solver, normal_filter, reading, ..Parameters::default() };
         let mut scene = Scene::new(&stage.gpu, mirror, SMALL, 20_000);
         let made = scene.make(&mut stage, &parameters);
         // Where the normal hardly changes, the last bit decides.
         let mut curvature = scene.picture.curvature(&parameters);
         twin::smooth(&mut curvature, SMALL);
-        let agreeing = share(curvature.iter().zip(&made.curvature).map(|(twin, gpu)| twin == gpu));
+        // Before planar pixels were smoothed, and then the map itself.
+        let open = scene.picture.curvature(&parameters);
+        let flags = curvature.iter().zip(&open).map(|(flags, open)| flags | (open & 15) << 8);
+        let agreeing = share(flags.zip(&made.curvature).map(|(twin, gpu)| twin == *gpu));
         assert!(agreeing > 0.999, "{mirror:?}: {agreeing} of the curvature map");
         // Everything else is integers: equal for equal maps.
-        let regions = Regions::of_curvature(&made.curvature, SMALL);
+        let flags: Vec<u32> = made.curvature.iter().map(|flags| flags & 0xff).collect();
+        let regions = Regions::of_curvature(&flags, SMALL);
         assert_eq!(regions.labels, made.labels, "{mirror:?}");
         let expected: Vec<[u32; 6]> = regions
             .regions
@@ -372,7 +383,7 @@ fn the_gpu_finds_the_regions_and_the_pixels_that_its_twin_finds() {
         assert_eq!(made.counters[5] as usize, expected.len());
         let search = Search { picture: &scene.picture, regions: &regions, settings: &parameters };
         let twin: Vec<(Outcome, f32)> =
-            (0..scene.points.len()).map(|index| search.solve(index as u32, scene.points[index], RADIUS)).collect();
+            scene.points.iter().enumerate().map(|(index, q)| search.solve(index as u32, *q, NORMAL, RADIUS)).collect();
         // A walk with a tie, or with a turn that its last bit decides, goes another way.
         let agreeing = share(twin.iter().zip(&made.solutions).map(|(twin, gpu)| match (twin, gpu) {
             ((Outcome::Found(at), distance), Some((place, reach))) => {
@@ -428,15 +439,15 @@ fn the_filter_of_normals_gives_noisy_mirrors_about_the_regions_of_smooth_ones() 
         let smooth = picture(mirror, SMALL);
         let mut noisy = clone(&smooth);
         for pixel in noisy.pixels.iter_mut().flatten() {
-            // A third of a degree, about the turn of these mirrors from pixel to pixel.
-            pixel.normal = (pixel.normal + random_vector(&mut random) * 0.01).normalize();
+            // About the turn of these mirrors from pixel to pixel.
+            pixel.normal = (pixel.normal + random_vector(&mut random) * 0.03).normalize();
         }
         let count = |picture: &MirrorPicture, normal_filter| {
             let parameters = Parameters { normal_filter, planar_normal_threshold: 0.006, ..Parameters::default() };
             Regions::new(picture, &parameters).regions.len()
         };
         let [exact, open, filtered] = [count(&smooth, 0), count(&noisy, 0), count(&noisy, 4)];
-        assert!(open > 5 * exact && filtered <= 2 * exact, "{mirror:?}: {exact} {open} {filtered}");
+        assert!(open > 3 * exact && filtered <= 2 * exact.max(4), "{mirror:?}: {exact} {open} {filtered}");
     }
 }
 
@@ -455,6 +466,54 @@ fn solving_once_gives_the_same_picture_to_the_bit() {
         assert_eq!(pictures[0].albedo, pictures[1].albedo);
         assert_eq!(pictures[0].counters, pictures[1].counters);
     }
+}
+
+#[test]
+fn the_last_step_that_is_allowed_may_end_in_a_bracket() {
+    let Some(mut stage) = stage() else { return };
+    let mut scene = Scene::new(&stage.gpu, Variant::Sphere, SMALL, 20_000);
+    // Steps of two and a half pixels at most: every pair is near.
+    let parameters = Parameters { threshold: 16.0, max_steps: 1, ..Parameters::default() };
+    let made = scene.make(&mut stage, &parameters);
+    let regions = Regions::new(&scene.picture, &parameters);
+    let search = Search { picture: &scene.picture, regions: &regions, settings: &parameters };
+    let count = |max_steps: u32| {
+        let search = Search { settings: &Parameters { max_steps, ..parameters.clone() }, ..search };
+        let is_found = |(index, q): (usize, &Vec3)| {
+            matches!(search.solve(index as u32, *q, Vec3::ZERO, RADIUS).0, Outcome::Found(_))
+        };
+        scene.points.iter().enumerate().filter(|point| is_found(*point)).count()
+    };
+    let (start, first_step) = (count(0), count(1));
+    assert!(first_step > start + 20, "{start} {first_step}");
+    assert!(made.counters[4].abs_diff(first_step as u32) < 10, "{} {first_step}", made.counters[4]);
+}
+
+#[test]
+fn a_search_is_shown_where_it_stands_and_ends_in_the_picture() {
+    let Some(mut stage) = stage() else { return };
+    let mut scene = Scene::new(&stage.gpu, Variant::Sphere, SMALL, 20_000);
+    let mut settings = Settings::default();
+    let end = scene.make_with(&mut stage, &settings).solutions;
+    settings.reflection.show = Show::Search;
+    let mut standing = |steps: u32| {
+        settings.sscr.search_steps = steps;
+        scene.make_with(&mut stage, &settings).solutions
+    };
+    // The median distance in pixels to where the search ends, of the points that it finds.
+    let apart = |standing: &[Option<(Vec2, f32)>]| {
+        let pairs = end.iter().zip(standing).filter_map(|(end, standing)| end.zip(*standing));
+        let mut apart: Vec<f32> = pairs.map(|(end, standing)| end.0.distance(standing.0)).collect();
+        apart.sort_by(f32::total_cmp);
+        apart[apart.len() / 2]
+    };
+    let distances = [0, 4, 8, 16].map(|steps| apart(&standing(steps)));
+    assert!(distances.is_sorted_by(|a, b| a > b || *b == 0.0), "{distances:?}");
+    assert!(distances[0] > 20.0 && distances[3] < 1.0, "{distances:?}");
+    // Where it cannot take a step more, all are found that were found.
+    let all = standing(100);
+    let lost = end.iter().zip(&all).filter(|(end, all)| end.is_some() && end != all).count();
+    assert_eq!(lost, 0);
 }
 
 #[test]

@@ -7,7 +7,7 @@
 //! trees instead.
 
 use glam::{UVec2, Vec2, Vec3};
-use scene::{Solver, Sscr, Stop};
+use scene::{Reading, Solver, Sscr};
 
 /// One pixel of a mirror.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -419,8 +419,9 @@ impl Search<'_> {
         })
     }
 
-    /// The pixel that reflects a point, in the region drawn for it, and its distance from the mirror.
-    pub fn solve(&self, identity: u32, q: Vec3, radius: f32) -> (Outcome, f32) {
+    /// The pixel that reflects a point, in the region drawn for it, and its distance from the mirror. A `normal` of zero
+    /// is none.
+    pub fn solve(&self, identity: u32, q: Vec3, normal: Vec3, radius: f32) -> (Outcome, f32) {
         let Some(region) = self.regions.draw(halton(identity)) else { return (Outcome::Lost, 0.0) };
         let mut random = Random(hash(identity));
         let outcome = match self.settings.solver {
@@ -433,7 +434,10 @@ impl Search<'_> {
         let Outcome::Found(at) = outcome else { return (outcome, 0.0) };
         let Some(pixel) = self.pixel(region, at) else { return (Outcome::Lost, 0.0) };
         let offset = q - pixel.point;
-        let is_seen = offset.dot(pixel.normal) > 0.0 && offset.length() > OWN_SURFACE_RADII * radius;
+        let settings = self.settings;
+        let has_back = settings.reading == Reading::Listing && settings.solver == Solver::Interleaved;
+        let turns_back = has_back && offset.dot(normal) > 0.0;
+        let is_seen = offset.dot(pixel.normal) > 0.0 && offset.length() > OWN_SURFACE_RADII * radius && !turns_back;
         if is_seen { (outcome, offset.length()) } else { (Outcome::Lost, 0.0) }
     }
 
@@ -446,18 +450,22 @@ impl Search<'_> {
         let Some((mut p1, mut delta1)) = self.seed(region, q, random) else { return Outcome::Lost };
         let Some((mut p2, mut delta2)) = self.seed(region, q, random) else { return Outcome::Lost };
         let mut step = extent * settings.initial_step;
-        let mut dir = Vec2::select(p2.cmplt(p1), Vec2::NEG_ONE, Vec2::ONE);
-        for _ in 0..settings.max_steps {
+        let is_listing = settings.reading == Reading::Listing;
+        let mut dir = if is_listing { Vec2::ONE } else { Vec2::select(p2.cmplt(p1), Vec2::NEG_ONE, Vec2::ONE) };
+        for steps in 0..=settings.max_steps {
             let crossed = (delta1 * delta2).cmplt(Vec2::ZERO);
             let is_near = p1.distance(p2) < settings.threshold;
             if is_near && crossed.all() {
                 let share = delta1.abs() / (delta1.abs() + delta2.abs());
                 return Outcome::Found(p1 + (p2 - p1) * share);
             }
+            if steps == settings.max_steps {
+                break;
+            }
             let turned = crossed | delta2.abs().cmpge(delta1.abs());
             dir = Vec2::select(turned, -dir, dir);
             step = Vec2::select(crossed, step * 0.5, step);
-            if (is_near && settings.stop == Stop::Pair) || step.max_element() < LEAST_STEP {
+            if (is_near && is_listing) || step.max_element() < LEAST_STEP {
                 return Outcome::Lost;
             }
             let Some((at, error)) = self.after(region, p2, dir * step, q) else { return Outcome::Lost };
