@@ -51,14 +51,16 @@ fn sscr_solve(
     }
 }
 
-fn splat_point(item: Item, index: u32) {
+fn splat_point(item: Item, walked: u32) {
+    let pick = pick_of(walked);
+    let index = pick.index;
     let point = points[index];
     let last = solutions[index];
     var solution = Solution(0u, 0.0);
     let q = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     // The comparison is false for NaN, a point without a place, which is not searched for.
     let is_point = dot(q, q) < 3e38;
-    if totals.regions > 0u && is_point && is_shown(item.class_mask, point) {
+    if totals.regions > 0u && pick.is_searched && is_point && is_shown(item.class_mask, point) {
         let identity = identities_from + index;
         var last_at = vec2f(-1.0);
         var label = drawn_label(identity);
@@ -104,6 +106,41 @@ fn splat_point(item: Item, index: u32) {
     }
     solutions[index] = solution;
 }
+
+struct Pick {
+    index: u32,
+    is_searched: bool,
+}
+
+// Each block searches for the first points of one order, in which any number of them lies evenly over the block
+// (multiples of the golden ratio; a van der Corput sequence would agree with the regions that are drawn for the points):
+// so more points add to fewer, as from a later bounce to the one before. The points of a whole block are walked in
+// this order, so that those that are searched for keep whole rounds of the workgroup busy.
+fn pick_of(walked: u32) -> Pick {
+    let share = share_of_points();
+    let most = u32(ceil(min(share, 1.0) * f32(BLOCK_POINTS)));
+    let place = walked % BLOCK_POINTS;
+    let is_turned = share < 1.0 && points_of_block == BLOCK_POINTS;
+    let other = select(place, (place * BACK) % BLOCK_POINTS, is_turned);
+    let rank = select((place * ORDER) % BLOCK_POINTS, place, is_turned);
+    return Pick(walked - place + other, rank < most);
+}
+
+// BLOCK_POINTS over the golden ratio, and its inverse: their product is 1 modulo BLOCK_POINTS.
+const ORDER: u32 = 633u;
+const BACK: u32 = 969u;
+
+// As many points a mirror pixel, however large the mirror is.
+fn share_of_points() -> f32 {
+    if settings.sscr.point_share >= 1.0 {
+        return 1.0;
+    }
+    let covered = f32(totals.pixels) / f32(frame.width * frame.height);
+    return settings.sscr.point_share * covered / USUAL_COVER;
+}
+
+// The share of the picture that mirrors cover in the published scenes.
+const USUAL_COVER: f32 = 0.1;
 
 // The label of the region in which a point is tried: drawn in proportion to the regions' pixels with a Halton number
 // (section 4.5.1), or in turn. The paper sorts the regions by size first; drawing from the running sum is the same in

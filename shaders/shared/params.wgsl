@@ -205,6 +205,7 @@ struct Sscr {
     solver: u32,
     seeds: u32,
     regions_per_point: u32,
+    point_share: f32,
     cull_points: u32,
     per_region: u32,
 }

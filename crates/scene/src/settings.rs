@@ -324,6 +324,8 @@ params! {
         seeds: Seeds = Seeds::Random;
         /// Regions that each point is tried in.
         regions_per_point: u32 = 1, 1..=16, "regions";
+        /// Share of the points that are searched for where mirrors cover a tenth of the picture. Fewer pixels, as in later bounces, take fewer points, and more take more; 1 takes all.
+        point_share: f32 = 1.0, 0.001..=1.0, "share";
         /// Do not search for points outside of the cone of their region's reflected rays; each point is tested, not whole blocks.
         cull_points: bool = false;
         /// Choose the first step and the number of start pixels by each region's size and shape.

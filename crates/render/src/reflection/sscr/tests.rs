@@ -547,6 +547,40 @@ fn culling_loses_next_to_no_point_and_regions_of_their_own_parameters_gain_some(
 }
 
 #[test]
+fn a_share_of_the_points_goes_by_the_pixels_of_the_mirror_and_lies_evenly() {
+    let Some(mut stage) = stage() else { return };
+    // Seven whole blocks and a part of one.
+    let mut scene = Scene::new(&stage.gpu, Variant::Sphere, SMALL, 8000);
+    let mut of = |point_share| scene.make(&mut stage, &Parameters { point_share, ..Parameters::default() });
+    let (all, half, quarter) = (of(1.0), of(0.4), of(0.2));
+    let tried = |made: &Made| made.counters[3] as f32;
+    let covered = all.labels.iter().filter(|label| **label != 0).count() as f32 / all.labels.len() as f32;
+    assert!((0.05..0.25).contains(&covered), "{covered}");
+    for (made, share) in [(&half, 0.4), (&quarter, 0.2)] {
+        let expected = tried(&all) * share * covered / 0.1;
+        assert!((tried(made) / expected - 1.0).abs() < 0.05, "{} tried, expected {expected}", tried(made));
+        // A point that is searched for is found where it was found among all.
+        let kept = made.solutions.iter().zip(&all.solutions).filter(|(few, _)| few.is_some());
+        assert!(kept.clone().count() > 100 && kept.clone().all(|(few, all)| few == all));
+        // Each eighth of a block has its part of those that are found.
+        let eighths = made.solutions[..7 * 1024].chunks(128).zip(all.solutions.chunks(128));
+        let found = |run: &[Option<(Vec2, f32)>]| run.iter().flatten().count() as f32;
+        let off = eighths.map(|(few, all)| (found(few) - found(all) * share * covered / 0.1).abs());
+        assert!(off.fold(0.0, f32::max) < 15.0);
+    }
+    let is_more = half.solutions.iter().zip(&quarter.solutions).all(|(more, fewer)| fewer.is_none() || more == fewer);
+    assert!(is_more, "fewer points are not among more");
+    // Regions are drawn for fewer points as for all.
+    let mut scene = Scene::new(&stage.gpu, Variant::Coral, SMALL, 60_000);
+    let mut rate = |point_share| {
+        let made = scene.make(&mut stage, &Parameters { point_share, ..Parameters::default() });
+        made.counters[4] as f32 / made.counters[3] as f32
+    };
+    let rates = [1.0, 0.5, 0.2, 0.1].map(&mut rate);
+    assert!(rates.iter().all(|few| (few / rates[0] - 1.0).abs() < 0.15), "{rates:?}");
+}
+
+#[test]
 fn what_lies_far_behind_the_nearest_point_counts_where_it_is() {
     let Some(mut stage) = stage() else { return };
     // A patch close to the mirror and one behind it, at many times the distance.
