@@ -107,7 +107,7 @@ fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
     let grazing = grazing_share(settings, dot(surface.xyz, toward_eye));
     let highlight = glossy * mirror_tint(settings, albedo.rgb, 0.0);
     var radiance = albedo.rgb * diffuse * settings.light.diffuse;
-    if albedo.a == 0.0 {
+    if albedo.a <= 0.0 {
         radiance = radiance * (1.0 - gloss.share) + highlight;
     } else if is_mixed {
         // A mirror's highlight is already part of its reflection.

@@ -23,7 +23,7 @@ fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
     let position = textureLoad(position_in, id.xy, 0);
     // Beyond the first bounce there is a surface only where the mirror before it saw something.
     let is_seen = position.w > 0.0 && (from_camera || textureLoad(from_in, id.xy, 0).w > 0.0);
-    let intensity = select(0.0, textureLoad(albedo_in, id.xy, 0).a, is_seen);
+    let intensity = select(0.0, max(textureLoad(albedo_in, id.xy, 0).a, 0.0), is_seen);
     var eye = vec4f(0.0);
     if from_camera {
         eye.w = dot(position.xyz, frame.forward.xyz);

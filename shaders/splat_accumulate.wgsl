@@ -104,8 +104,13 @@ fn add(pixel: u32, item: Item, surface: PointSurface, fragment: Fragment, front:
     let behind = u32(clamp(((fragment.depth - front) / front - LEAST_BEHIND) / BEHIND_RANGE, 0.0, 1.0) * 65535.0 + 0.5);
     add_surface(pixel, 3u, behind * weight);
     // Most points are no mirrors and skip this.
-    if item.specular_intensity > 0.0 {
-        add_specular(pixel, 0u, u32(item.specular_intensity * 1023.0 + 0.5) * weight);
+    if item.specular_intensity != 0.0 {
+        if item.specular_intensity > 0.0 {
+            add_specular(pixel, 0u, u32(item.specular_intensity * 1023.0 + 0.5) * weight);
+        } else {
+            // Gloss. Its sum is too small to wrap: that takes a quarter of a million points in a pixel.
+            atomicAdd(&specular_sums[pixel * SPECULAR_WORDS + 3u], u32(-item.specular_intensity * 255.0 + 0.5) * weight);
+        }
         add_specular(pixel, 1u, u32(item.specular_power + 0.5) * weight);
     }
 }

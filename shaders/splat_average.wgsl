@@ -7,7 +7,7 @@
 @group(1) @binding(2) var<storage, read> surface_sums: array<vec4u>;
 @group(1) @binding(3) var<storage, read> specular_sums: array<u32>;
 @group(1) @binding(4) var<storage, read> carries: array<vec4u>;
-// rgb: linear albedo, a: specular intensity.
+// rgb: linear albedo, a: specular intensity; below 0 the share of a highlight of a surface that is no mirror.
 @group(1) @binding(5) var albedo_out: texture_storage_2d<rgba16float, write>;
 // xyz: world normal towards the eye, w: specular power.
 @group(1) @binding(6) var normal_out: texture_storage_2d<rgba32float, write>;
@@ -31,6 +31,8 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     let specular_sum = vec2f(vec2u(specular_sums[pixel * SPECULAR_WORDS], specular_sums[pixel * SPECULAR_WORDS + 1u]))
         + vec2f(vec2u(specular_carry & 0xffffu, specular_carry >> 16u)) * 4294967296.0;
     let specular = specular_sum / weight;
+    let gloss = f32(specular_sums[pixel * SPECULAR_WORDS + 3u]) / (weight * 255.0);
+    let is_glossy = specular.x == 0.0 && gloss > 0.0;
     let front = depth_from_nearness(nearest[pixel].y);
     let depth = front * (1.0 + LEAST_BEHIND + BEHIND_RANGE * (surface_sum.w / weight / 65535.0));
     let sum = surface_sum.xyz - f32(NORMAL_BIAS) * weight;
@@ -38,7 +40,7 @@ fn splat_average(@builtin(global_invocation_id) id: vec3u) {
     // If no point had a normal, or they cancelled, the surface is assumed to face the eye.
     let facing = -world_direction(frame, select(normalize(ray), vec3f(0.0, 0.0, 1.0), frame.orthographic != 0u));
     let normal = select(facing, normalize(sum), dot(sum, sum) > weight * weight);
-    let albedo = vec4f(color_sum.yzw / (weight * ALBEDO_MOST), specular.x / 1023.0);
+    let albedo = vec4f(color_sum.yzw / (weight * ALBEDO_MOST), select(specular.x / 1023.0, -gloss, is_glossy));
     textureStore(albedo_out, id.xy, select(albedo, vec4f(0.0), is_empty));
     textureStore(normal_out, id.xy, select(vec4f(normal, specular.y), vec4f(0.0), is_empty));
     textureStore(depth_out, id.xy, vec4f(select(depth, 0.0, is_empty)));

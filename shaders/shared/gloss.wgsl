@@ -1,5 +1,5 @@
-// The gloss of a surface: mirrors have their own specular intensity and power, all other surfaces those of the
-// parameters.
+// The gloss of a surface: mirrors, and points that a scene makes glossy (a negative specular intensity), have their own
+// specular intensity and power, all other surfaces those of the parameters.
 #import params
 
 struct Gloss {
@@ -8,9 +8,9 @@ struct Gloss {
 }
 
 fn gloss_of(settings: Settings, specular_intensity: f32, specular_power: f32) -> Gloss {
-    if specular_intensity > 0.0 {
+    if specular_intensity != 0.0 {
         // A power of 0 means a perfect mirror, which shows no light without size.
-        return Gloss(select(0.0, specular_intensity, specular_power > 0.0), specular_power);
+        return Gloss(select(0.0, abs(specular_intensity), specular_power > 0.0), specular_power);
     }
     return Gloss(settings.light.gloss, settings.light.gloss_power);
 }

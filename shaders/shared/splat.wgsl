@@ -188,7 +188,7 @@ const NORMAL_BIAS: i32 = 2048;
 const ALBEDO_MOST: f32 = 65535.0;
 
 // The words per pixel of the sums of the highlights: two sums, and their carries.
-const SPECULAR_WORDS: u32 = 3u;
+const SPECULAR_WORDS: u32 = 4u;
 
 // Depth as an integer that is larger for nearer points: 0 means "empty", and a cleared buffer is all zero.
 fn nearness(depth: f32) -> u32 {

@@ -15,7 +15,8 @@ fn vpl_of_surface(
     squared: f32,
 ) -> Vpl {
     // Mirrors give only their diffuse part: their reflections are not followed to other surfaces.
-    let gloss = gloss_of(settings, albedo.a, 0.0);
+    // Their power is not known here, nor is that of glossy points, which are as sharp as the parameters say.
+    let gloss = gloss_of(settings, albedo.a, select(0.0, settings.light.gloss_power, albedo.a < 0.0));
     let share = (1.0 - max(gloss.share, albedo.a)) * settings.light.diffuse;
     let diffuse = albedo.rgb * flux * share / 3.14159265;
     let tint = mirror_tint(settings, albedo.rgb, 0.0);

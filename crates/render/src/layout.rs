@@ -161,7 +161,7 @@ constants! {
     /// The number of points that one workgroup of 128 splats: eight rounds, which hides the cost of starting it.
     BLOCK_POINTS: u32 = 1024;
     /// The number of words per pixel for the sums of the highlights of a splatted surface.
-    SPECULAR_WORDS: u64 = 3;
+    SPECULAR_WORDS: u64 = 4;
     /// Depths belong to one surface if they differ by this share or less.
     SAME_SURFACE: f32 = 0.02;
     /// The number of texels along an edge of a shadow map: two to a pixel of a usual picture, so that a texel is about

@@ -269,7 +269,7 @@ impl Renderer {
         else {
             return Err(nothing_rendered());
         };
-        let Some(Lit { lights, sky, has_highlights }) = &self.lit else { return Ok(Vec::new()) };
+        let Some(Lit { lights, sky, has_highlights, has_gloss }) = &self.lit else { return Ok(Vec::new()) };
         let surface = targets.surface();
         let images = [&targets.position, &surface.albedo, &surface.normal, &targets.position];
         let mut draws = Draws::new(Tiles::of(camera.size), camera.size, seed);
@@ -293,6 +293,7 @@ impl Renderer {
             from: &position,
             is_mixed: reflections.count > 0,
             is_glossy: *has_highlights,
+            has_gloss: *has_gloss,
         };
         let inputs = Inputs::new(gpu, small, settings, store, &DrawList::default());
         many.shade(&mut recorder, &inputs, settings, &receiver)?;

@@ -87,6 +87,7 @@ pub(crate) struct Lit {
     pub lights: Vec<MappedLight>,
     pub sky: Option<Sky>,
     pub has_highlights: bool,
+    pub has_gloss: bool,
 }
 
 /// A thinned picture draws at least one point in so many: fewer would be specks.
@@ -392,8 +393,8 @@ impl Renderer {
             + self.handed.bytes();
         let counters = self.handed.counters()?.filter(|_| Reflections::asked(settings) > 0);
         let reflection = counters.map(|counters| reflections.stats(settings, &counters));
-        let has_highlights = shading.has_highlights;
-        self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights });
+        let Shading { has_highlights, has_gloss, .. } = shading;
+        self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights, has_gloss });
         self.splatted_from = Some(asks.points.clone());
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
         self.is_filmic = is_filmic;

@@ -24,6 +24,8 @@ pub(crate) struct Shading {
     /// The number of lights with shadow maps; for a sun, the number of its maps.
     light_count: u32,
     pub(crate) has_highlights: bool,
+    /// Whether surfaces that are no mirrors show highlights, too.
+    pub(crate) has_gloss: bool,
 }
 
 impl Shading {
@@ -33,7 +35,8 @@ impl Shading {
         let shows_highlights = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
         let is_glossy =
             settings.light.gloss > 0.0 || store.has_highlights() || objects.mirrors.iter().any(shows_highlights);
-        Self { lighting, light_count: light_count as u32, has_highlights: is_lit && is_glossy }
+        let has_gloss = settings.light.gloss > 0.0 || store.has_gloss();
+        Self { lighting, light_count: light_count as u32, has_highlights: is_lit && is_glossy, has_gloss }
     }
 }
 
@@ -87,6 +90,7 @@ pub(crate) fn shade(
                 from,
                 is_mixed: index < bounces.len(),
                 is_glossy: shading.has_highlights,
+                has_gloss: shading.has_gloss,
             };
             gi.shade(recorder, inputs, settings, &receiver)?;
         }

@@ -23,10 +23,11 @@ use crate::layout::{ATTRIBUTE_BYTES, POINT_BYTES, SCALAR_BYTES};
 /// The largest count in a leaf of a chunk's tree (reflection/surfel_tree.rs); loaded chunks are far smaller.
 const MOST_CHUNK_POINTS: usize = 1 << 24;
 
-/// How a cloud reflects: a specular intensity above 0 makes it a mirror.
+/// How a cloud reflects: a specular intensity above 0 makes it a mirror, one below 0 makes it glossy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Material {
-    /// The specular intensity, 0 to 1.
+    /// The share of the light that a mirror reflects, 0 to 1; or, with a minus, that a highlight of lights takes from
+    /// the diffuse light.
     pub specular_intensity: f32,
     pub specular_power: f32,
     /// Whether the points are samples of a mirror that the renderer may also draw by its formula.
@@ -528,8 +529,14 @@ impl PointStore {
 
     /// Whether a visible cloud shows highlights of lights, whatever `light.gloss` is.
     pub(crate) fn has_highlights(&self) -> bool {
-        let shows_them = |material: &Material| material.specular_intensity > 0.0 && material.specular_power > 0.0;
+        let shows_them = |material: &Material| material.specular_intensity != 0.0 && material.specular_power > 0.0;
         self.clouds.values().any(|cloud| cloud.visible && shows_them(&cloud.material))
+    }
+
+    /// Whether points of a visible cloud are glossy and no mirror, whatever `light.gloss` is.
+    pub(crate) fn has_gloss(&self) -> bool {
+        let is_glossy = |material: &Material| material.specular_intensity < 0.0 && material.specular_power > 0.0;
+        self.clouds.values().any(|cloud| cloud.visible && is_glossy(&cloud.material))
     }
 
     /// A chunk, for an index over its points.

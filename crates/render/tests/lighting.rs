@@ -102,6 +102,30 @@ fn a_lamp_on_a_glossy_wall_is_the_closed_form() {
 }
 
 #[test]
+fn points_with_a_gloss_of_their_own_are_no_mirror_and_show_it() {
+    let mut stage = stage_or_skip!();
+    let material = Material { specular_intensity: -0.4, specular_power: 30.0, ..Default::default() };
+    let store = store_of(&stage, vec![square(0.0, 2.5)], material);
+    let (camera, lamp) = (camera(), lamp());
+    for (quality, method) in [("high", "surfel_trace"), ("nearest", "surfel_trace"), ("high", "sscr"), ("high", "none")]
+    {
+        let settings = settings(&[("light.gloss", "0.9"), ("splat.quality", quality), ("reflection.method", method)]);
+        let objects = Objects { lights: &[lamp], ..Objects::default() };
+        stage.renderer.render(&store, &camera, &settings, objects, SIZE).unwrap();
+        let (direct, mirror) = (read(&stage, Aov::Direct), stage.renderer.read_aov(Aov::Mirror).unwrap().data);
+        assert!(mirror.iter().all(|mirror| *mirror == 0.0), "{quality}, {method}: a mirror");
+        for (pixel, direct) in direct.into_iter().enumerate() {
+            let at = on_floor(&camera, pixel);
+            let [to_light, to_eye] = [lamp.position, camera.eye].map(|place| (place - at).normalize());
+            let shape = highlight("phong", DVec3::Z, to_light, to_eye, 30.0);
+            let expected = irradiance(&lamp, at) * (0.6 * ALBEDO * FRAC_1_PI + 0.4 * shape);
+            let error = ((direct - expected) / expected).abs().max_element();
+            assert!(error < 0.01, "{quality}, {method} at {at}: {direct}, expected {expected}");
+        }
+    }
+}
+
+#[test]
 fn a_mirror_with_a_power_shows_the_lamp_and_one_without_does_not() {
     let mut stage = stage_or_skip!();
     let (camera, lamp) = (camera(), lamp());

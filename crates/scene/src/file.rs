@@ -332,6 +332,7 @@ mod tests {
             points,
             specular_intensity: 0.5,
             specular_power: 300.0,
+            gloss: normals == MirrorNormals::Own,
             normals,
         };
         let (min, max) = (DVec3::new(1e6 + 0.1, 0.0, 0.0), DVec3::new(1e6 + 0.3, 1.0, 2.0));
@@ -394,6 +395,7 @@ mod tests {
         let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n";
         assert!(refusal(&format!("{light}inner_degrees = 30\nouter_degrees = 20\n")).contains("light 1: it opens"));
         let points = "[[mirror_points]]\ncloud = \"a.laz\"\n";
+        assert!(refusal(&format!("{points}gloss = true")).contains("specular_power is 0"));
         assert!(refusal(&format!("{points}specular_intensity = -1")).contains("mirror points 1 (`a.laz`)"));
         assert!(refusal(&format!("{points}normals = {{ smooth = {{ radius = 0 }} }}")).contains("radius"));
         assert!(refusal(&format!("{points}normals = {{ fit = {{ neighbours = 2 }} }}")).contains("3 to 64"));

@@ -51,6 +51,9 @@ pub struct MirrorPoints {
     /// The same as in `Mirror`.
     #[serde(default)]
     pub specular_power: f32,
+    /// Whether they are no mirror: their specular intensity is the share of a highlight of lights.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub gloss: bool,
     #[serde(default)]
     pub normals: MirrorNormals,
 }
@@ -104,7 +107,7 @@ impl MirrorPoints {
     /// All points of a cloud, as a perfect mirror.
     pub fn whole(cloud: String) -> Self {
         let (points, normals) = (PointChoice::All, MirrorNormals::Own);
-        Self { cloud, points, specular_intensity: one(), specular_power: 0.0, normals }
+        Self { cloud, points, specular_intensity: one(), specular_power: 0.0, gloss: false, normals }
     }
 
     /// Whether it applies to the cloud that came from `input` (a path or a built-in name) and has the name `name`.
@@ -119,6 +122,9 @@ impl MirrorPoints {
         }
         if !(self.specular_power >= 0.0 && self.specular_power.is_finite()) {
             return Some(format!("specular_power is {}, expected 0 or more", self.specular_power));
+        }
+        if self.gloss && self.specular_power == 0.0 {
+            return Some("specular_power is 0, expected more where points are glossy".into());
         }
         match self.normals {
             MirrorNormals::Smooth { radius } if !(radius > 0.0 && radius.is_finite()) => {

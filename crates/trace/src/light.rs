@@ -376,6 +376,7 @@ mod tests {
             (seen(0.0, 1.0, 0.3, 1), 0.7 * diffuse + 0.15 * lobe, "tinted gloss"),
             (seen_by(2.0, 0.0, 0.0, 0.3, 1), 1.4 * diffuse + 0.3 * lobe, "gloss and a factor of diffuse light"),
             (seen_by(2.0, 0.6, 0.0, 0.3, 1), 0.8 * diffuse + 0.6 * lobe, "a mirror with a factor of diffuse light"),
+            (seen(-0.2, 0.0, 0.3, 1), 0.8 * diffuse + 0.2 * lobe, "a gloss of its own"),
             (seen(0.6, 0.0, 0.3, 1), 0.4 * diffuse + 0.6 * lobe, "a mirror of nothing"),
             (seen(0.6, 1.0, 0.3, 0), diffuse + 0.3 * lobe, "a mirror that is not followed, tinted"),
         ] {

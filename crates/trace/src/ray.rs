@@ -41,9 +41,10 @@ pub struct Hit {
     pub normal: DVec3,
     /// The linear red, green and blue.
     pub albedo: DVec3,
-    /// The share of the light that is reflected; above 0 for a mirror.
+    /// The share of the light that is reflected; above 0 for a mirror. Below 0, the share that a highlight of a surface
+    /// that is no mirror takes from its diffuse light.
     pub specular_intensity: f64,
-    /// The exponent of a mirror's highlights of lights; 0 for none, and for other surfaces.
+    /// The exponent of these highlights of lights; 0 for none.
     pub specular_power: f64,
     /// The index of the chunk (`Surfels`); or of the object, or after these of the mesh (`Exact`).
     pub surface: u32,

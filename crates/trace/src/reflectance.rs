@@ -5,7 +5,7 @@
 //! Lafortune and Willems 1994), or (p + 2)(p + 4) / (8 pi (2^(-p/2) + p)) cos^p of the angle between the normal and the
 //! direction halfway (Blinn 1977, scaled by its integral for light along the normal). Neither sends out more than arrives.
 //!
-//! Surfaces that are no mirrors split their light between the two by [`Gloss`]. A mirror shows its share (the specular
+//! Surfaces that are no mirrors split their light between the two by [`Gloss`], or by a share and a power of their own. A mirror shows its share (the specular
 //! intensity, and more by Fresnel's law as far as `scene::MirrorSettings` asks for it) of what arrives along the reflected ray,
 //! tinted by its albedo as far as asked for, for the rest its diffuse part, and a highlight of lights on top. After the last
 //! reflection that is followed a mirror is a diffuse surface with a highlight. A factor of all diffuse light is 1 unless asked for.
@@ -72,10 +72,12 @@ impl Reflectance {
                 diffuse = 1.0 - share;
                 mirror = share * tint(grazing);
             }
+        } else if hit.specular_intensity < 0.0 && hit.specular_power > 0.0 {
+            (diffuse, gloss, power) = (1.0 + hit.specular_intensity, -hit.specular_intensity, hit.specular_power);
         }
         if !matches!(illumination.source, Illuminant::Headlight(_)) {
             diffuse *= illumination.diffuse;
-        } else if hit.specular_intensity == 0.0 {
+        } else if hit.specular_intensity <= 0.0 {
             // A lamp at the eye shows the data's own colours.
             (diffuse, gloss) = (1.0, 0.0);
         }

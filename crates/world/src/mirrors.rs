@@ -171,7 +171,7 @@ pub fn mark(
     let marks: Vec<Vec<bool>> = cloud.chunks.iter().map(|chunk| wanted.points.marks(&cloud, chunk)).collect();
     let count = marks.iter().flatten().filter(|marked| **marked).count() as u64;
     let material = Material {
-        specular_intensity: wanted.specular_intensity,
+        specular_intensity: if wanted.gloss { -wanted.specular_intensity } else { wanted.specular_intensity },
         specular_power: wanted.specular_power,
         ..Material::default()
     };
@@ -238,7 +238,8 @@ mod tests {
     }
 
     fn wanted(points: PointChoice, normals: MirrorNormals) -> MirrorPoints {
-        MirrorPoints { cloud: "lake.laz".into(), points, specular_intensity: 1.0, specular_power: 100.0, normals }
+        let whole = MirrorPoints::whole("lake.laz".into());
+        MirrorPoints { points, specular_power: 100.0, normals, ..whole }
     }
 
     #[test]
@@ -247,7 +248,10 @@ mod tests {
         let of = |normals| mark(&cloud, None, &wanted(PointChoice::Class(9), normals), &progress).unwrap().unwrap();
         let own = of(MirrorNormals::Own);
         assert_eq!((own.marks, own.count), (vec![vec![false, true, true, false]], 2));
-        assert!(own.normals.is_none());
+        assert!(own.normals.is_none() && own.material.specular_intensity == 1.0);
+        let glossy = MirrorPoints { gloss: true, ..wanted(PointChoice::Class(9), MirrorNormals::Own) };
+        let glossy = mark(&cloud, None, &glossy, &progress).unwrap().unwrap();
+        assert_eq!((glossy.material.specular_intensity, glossy.material.specular_power), (-1.0, 100.0));
         for normals in [MirrorNormals::Smooth { radius: 5.0 }, MirrorNormals::Flatten] {
             let normals = of(normals).normals.unwrap();
             let before = cloud.chunks[0].normals.as_ref().unwrap();

@@ -53,6 +53,8 @@ pub struct Draft {
     pub neighbours: u32,
     pub specular_intensity: f32,
     pub specular_power: f32,
+    /// Whether the points show highlights of lights and reflect nothing else.
+    pub gloss: bool,
     /// The choice that was counted last, and how many points it has.
     pub counted: Option<(MirrorPoints, Result<u64, String>)>,
     pub is_counting: bool,
@@ -75,6 +77,7 @@ impl Default for Draft {
             // Reflections are clear, and what lies below still shines through.
             specular_intensity: 0.8,
             specular_power: 0.0,
+            gloss: false,
             counted: None,
             is_counting: false,
         }
@@ -111,6 +114,7 @@ impl Draft {
             points,
             specular_intensity: self.specular_intensity,
             specular_power: self.specular_power,
+            gloss: self.gloss && self.specular_power > 0.0,
             normals,
         })
     }

@@ -153,6 +153,8 @@ pub(crate) struct Receiver<'a> {
     pub is_mixed: bool,
     /// Whether something here may have a highlight.
     pub is_glossy: bool,
+    /// Whether something here that is no mirror may.
+    pub has_gloss: bool,
 }
 
 /// The virtual lights in the layout of shaders/shared/vpl.wgsl.
@@ -356,7 +358,7 @@ impl GlobalIllumination {
             *target = SurfaceLight::new(device, inputs.size);
         }
         let gi = &settings.gi;
-        let is_glossy = receiver.is_glossy && !(receiver.is_mixed && settings.light.gloss == 0.0);
+        let is_glossy = receiver.is_glossy && (receiver.has_gloss || !receiver.is_mixed);
         let from_camera = receiver.index == 0;
         let is_reused = self.keeper.reuse == LightReuse::Reuse;
         let shaded = Shaded {
