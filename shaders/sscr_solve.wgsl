@@ -63,7 +63,7 @@ fn splat_point(item: Item, walked: u32) {
     if totals.regions > 0u && pick.is_searched && is_point && is_shown(item.class_mask, point) {
         let identity = identities_from + index;
         var last_at = vec2f(-1.0);
-        var label = drawn_label(identity);
+        var label = drawn_label(identity, round.draw);
         if seeds == SSCR_SEEDS_LAST_FRAME && last.place != 0u {
             let at = unpack_place(last.place);
             let last_label = label_at(at);
@@ -72,13 +72,19 @@ fn splat_point(item: Item, walked: u32) {
                 label = last_label;
             }
         }
-        let region = regions[label - 1u];
+        var region = regions[label - 1u];
+        var is_searched = may_reflect(region, q);
+        for (var draws = 1u; draws <= REDRAWS && !is_searched; draws++) {
+            label = drawn_label(identity, round.draw + draws * REDRAW);
+            region = regions[label - 1u];
+            is_searched = may_reflect(region, q);
+        }
         let extent = vec2f(vec2u(region.last_x - region.first_x, region.last_y - region.first_y) + 1u);
         let fill = f32(region.pixels) / (extent.x * extent.y);
         let search = Search(label, vec2f(vec2u(region.first_x, region.first_y)), extent, fill, q);
         var outcome = Outcome(vec2f(0.0), LOST, 0u);
         // A loop of at most one turn: software rasterisers run both sides of a branch.
-        for (var turn = 0u; turn < 1u && may_reflect(region, q); turn++) {
+        for (var turn = 0u; turn < 1u && is_searched; turn++) {
             var state = hash(identity ^ round.seed);
             outcome = find_root(search, start_of(search, last_at), &state);
             outcome.state = select(outcome.state, FOUND, shows_search && outcome.state == UNCONVERGED);
@@ -142,16 +148,21 @@ fn share_of_points() -> f32 {
 // The share of the picture that mirrors cover in the published scenes.
 const USUAL_COVER: f32 = 0.1;
 
+// How often a region is drawn anew for a point that no ray of its region can meet: on the five mirrors, more find nothing.
+const REDRAWS: u32 = 4u;
+// From one of these draws to the next: more than there are rounds, so that no round draws what another has drawn.
+const REDRAW: u32 = 4099u;
+
 // The label of the region in which a point is tried: drawn in proportion to the regions' pixels with a Halton number
 // (section 4.5.1), or in turn. The paper sorts the regions by size first; drawing from the running sum is the same in
 // any order.
-fn drawn_label(identity: u32) -> u32 {
+fn drawn_label(identity: u32, draw: u32) -> u32 {
     if !weighted {
-        return (identity + round.draw) % totals.regions + 1u;
+        return (identity + draw) % totals.regions + 1u;
     }
     // Draws differ by the golden ratio, which spreads any number of them evenly: a product of integers wraps where one
     // of floats would run out of digits.
-    let apart = f32((round.draw * 2654435769u) >> 8u) / 16777216.0;
+    let apart = f32((draw * 2654435769u) >> 8u) / 16777216.0;
     let number = fract(halton(identity) + apart);
     let place = min(u32(number * f32(totals.pixels)), totals.pixels - 1u);
     var low = 0u;

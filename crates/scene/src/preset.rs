@@ -23,7 +23,7 @@ pub const PRESETS: [Preset; 3] = [
     },
     Preset {
         name: "Fast",
-        help: "Solves each point once with two further attempts, and leaves out the points that no ray of their region can meet",
+        help: "Solves each point once with two further attempts, and only in regions whose rays can meet it",
         values: &[
             ("sscr.solve_once", "true"),
             ("sscr.cull_points", "true"),

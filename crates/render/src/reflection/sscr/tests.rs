@@ -542,6 +542,8 @@ fn culling_loses_next_to_no_point_and_regions_of_their_own_parameters_gain_some(
     let lost: Vec<usize> = (0..scene.points.len()).filter(lost).collect();
     // A search ends within pixels of its root, and the coral's pixels turn the ray by half a radian.
     assert!(lost.len() * 200 < all.counters[4] as usize, "{} lost of {}", lost.len(), all.counters[4]);
+    // Points that the drawn region cannot reflect are tried in another one.
+    assert!(culled.counters[4] * 100 > all.counters[4] * 103, "{} {}", culled.counters[4], all.counters[4]);
     let own = scene.make(&mut stage, &Parameters { per_region: true, ..Parameters::default() });
     assert!(own.counters[4] > all.counters[4], "{} {}", own.counters[4], all.counters[4]);
 }
