@@ -169,11 +169,12 @@ const REFLECTION_SHOW_REGIONS: u32 = 4u;
 const REFLECTION_SHOW_SEARCH: u32 = 5u;
 const REFLECTION_SHOW_STEPS: u32 = 6u;
 const REFLECTION_SHOW_UNCONVERGED: u32 = 7u;
-const REFLECTION_SHOW_COVERAGE: u32 = 8u;
-const REFLECTION_SHOW_DISTANCE: u32 = 9u;
-const REFLECTION_SHOW_ALBEDO: u32 = 10u;
-const REFLECTION_SHOW_NORMAL: u32 = 11u;
-const REFLECTION_SHOW_POSITION: u32 = 12u;
+const REFLECTION_SHOW_ERROR: u32 = 8u;
+const REFLECTION_SHOW_COVERAGE: u32 = 9u;
+const REFLECTION_SHOW_DISTANCE: u32 = 10u;
+const REFLECTION_SHOW_ALBEDO: u32 = 11u;
+const REFLECTION_SHOW_NORMAL: u32 = 12u;
+const REFLECTION_SHOW_POSITION: u32 = 13u;
 
 // Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
 struct EnvironmentMap {

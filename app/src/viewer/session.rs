@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{Camera, Lighting, MirrorPoints, Settings, Shape};
+use scene::{Camera, Lighting, MirrorPoints, Settings, Shape, Show};
 use serde_json::json;
 
 use crate::viewer::action::{Action, Handles};
@@ -525,6 +525,9 @@ impl Session {
         if self.raw_colors {
             settings.edl.strength = 0.0;
             settings.light.by = Lighting::Colors;
+        }
+        if let Some(pick) = self.tools.picks.last().filter(|_| settings.reflection.show == Show::Error) {
+            settings.reflection.point = pick.world.to_array().map(|value| value.to_string()).join(", ");
         }
         FrameRequest {
             camera: self.scene.camera,

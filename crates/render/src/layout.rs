@@ -51,6 +51,8 @@ structs! {
     Page { block_count: u32, point_count: u32, is_first: u32, step: u32 }
     /// A light with a shadow map, of shaders/shared/light.wgsl.
     LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
+    /// The point whose error is shown, of shaders/show_error.wgsl.
+    ShownPoint { position: Vec4 }
     /// The layout of the views of the light, of shaders/shared/light_view.wgsl.
     LightViews { columns: u32, edge: u32, count: u32, unused: u32, nearest: Vec4, farthest: Vec4 }
     /// The values that all virtual lights share, of shaders/shared/vpl.wgsl.

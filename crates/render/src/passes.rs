@@ -277,6 +277,10 @@ passes! {
         color_in: Texture, point_in: Texture, albedo_in: Texture, normal_in: Texture, position_in: Texture,
         views_in: Texture, doubt_in: Texture, picture_out: Write(Rgba8Unorm),
     }
+    show_error: View over Pixels {
+        shown: Uniform, color_in: Texture, point_in: Texture, normal_in: Texture, eye_in: Texture,
+        picture_out: Write(Rgba8Unorm),
+    }
     show_light: View over Pixels {
         views: Uniform, image_in: Texture, depth_in: Texture, picture_out: Write(Rgba8Unorm),
     }

@@ -12,7 +12,7 @@ use crate::gpu::{Clock, Error, Gpu, Result};
 use crate::handed::Handed;
 use crate::identities::Identities;
 use crate::inputs::Inputs;
-use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SPECULAR_WORDS, SURFACE_SUM_BYTES};
+use crate::layout::{CARRY_BYTES, COLOR_SUM_BYTES, SPECULAR_WORDS, SURFACE_SUM_BYTES, ShownPoint};
 use crate::light_views;
 use crate::lighting::{DrawnMap, Lights, MappedLight};
 use crate::method::{self, Views};
@@ -23,7 +23,7 @@ use crate::rehearsal::Cast;
 use crate::shading::{Shading, shade};
 use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, Selection};
-use crate::targets::{Image, Targets, storage};
+use crate::targets::{Image, Targets, storage, uniform_buffer};
 
 /// The cost and the content of a frame.
 #[derive(Clone, Debug)]
@@ -358,6 +358,20 @@ impl Renderer {
                 };
                 light_views::show(&mut recorder, &inputs, settings, &shown)?;
             }
+            (_, Some(bounce)) if settings.reflection.show == Show::Error => {
+                let point = settings.reflection.shown_point().unwrap_or(camera.pivot);
+                let shown = ShownPoint { position: (point - frame_camera.eye).as_vec3().extend(0.0) };
+                let shown = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&shown));
+                let bindings = passes::show_error {
+                    shown: shown.as_entire_binding(),
+                    color_in: targets.color.bind(),
+                    point_in: bounce.mirror.point.bind(),
+                    normal_in: targets.surface().normal.bind(),
+                    eye_in: bounce.mirror.eye.bind(),
+                    picture_out: targets.picture.bind(),
+                };
+                recorder.over_pixels(&[("is_filmic", u32::from(is_filmic))], &inputs, bindings)?;
+            }
             (views, Some(bounce)) if shows_more(settings, views.as_ref()) => {
                 let [albedo_in, normal_in, position_in] = bounce.seen.bind();
                 let bindings = passes::show {
@@ -585,7 +599,7 @@ fn lay_mirrors(
 fn shows_more(settings: &Settings, views: Option<&Views<'_>>) -> bool {
     match settings.reflection.show {
         // A search is shown by the picture that its points make.
-        Show::Picture | Show::Search => false,
+        Show::Picture | Show::Search | Show::Error => false,
         Show::Borders | Show::Curvature | Show::Regions | Show::Steps | Show::Unconverged => views.is_some(),
         Show::Uncertain | Show::Coverage | Show::Distance | Show::Albedo | Show::Normal | Show::Position => true,
     }

@@ -195,6 +195,41 @@ fn sphere_over_floor(stage: &Stage) -> Scene {
     scene
 }
 
+#[test]
+fn root_lines_of_a_point_cross_where_the_mirror_shows_it() {
+    let mut stage = stage_or_skip!();
+    let scene = sphere_over_floor(&stage);
+    scene.render(&mut stage, &by_method("surfel_trace"));
+    let shown: Vec<(usize, DVec3)> =
+        seen(&stage).into_iter().enumerate().filter_map(|(pixel, seen)| Some((pixel, seen?.0))).collect();
+    let place = |pixel: usize| DVec3::new((pixel % SIZE[0] as usize) as f64, (pixel / SIZE[0] as usize) as f64, 0.0);
+    let (mut asked, mut crossed, mut long) = (0, 0, 0);
+    for (pixel, point) in shown.iter().step_by(shown.len() / 12) {
+        let text = point.to_array().map(|value| value.to_string()).join(", ");
+        let settings = settings(&[
+            ("reflection.method", "surfel_trace"),
+            ("reflection.show", "error"),
+            ("reflection.point", &text),
+        ]);
+        scene.render(&mut stage, &settings);
+        let picture = stage.renderer.read_picture().unwrap();
+        let colors = picture.as_chunks::<4>().0;
+        let lines = |line: [u8; 3]| colors.iter().filter(|color| color[..3] == line).count();
+        let (red, blue) = (lines([255, 38, 26]), lines([26, 230, 255]));
+        long += usize::from(red > 5 && blue > 5);
+        let roots: Vec<usize> = (0..colors.len()).filter(|pixel| colors[*pixel][..3] == [255; 3]).collect();
+        for root in &roots {
+            // Near the rim, the lines run close together.
+            assert!(place(*root).distance(place(*pixel)) < 4.0, "{point} has a root at {}", place(*root));
+        }
+        asked += 1;
+        crossed += usize::from(!roots.is_empty());
+    }
+    assert!(asked >= 12 && crossed * 3 > asked * 2, "{crossed} of {asked} points have a root");
+    // Near the rim, a root's lines are short.
+    assert!(long * 2 > asked, "{long} of {asked} points have two lines");
+}
+
 /// Compares a frame of `sphere_over_floor` with the closed form, pixel by pixel. Returns the distances between the
 /// positions found and the true ones, where the floor must be seen.
 fn errors_over_floor(stage: &Stage, scene: &Scene, size: [u32; 2], method: &str) -> Vec<f64> {

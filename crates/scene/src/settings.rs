@@ -1,5 +1,6 @@
 //! Every parameter of the program, in groups. One line here is a flag, a slider, a line of the session file and of the docs.
 
+use glam::DVec3;
 use param::{Bytes, Field, Value, choices, params, settings};
 
 use crate::{Method, Projection};
@@ -69,7 +70,7 @@ choices! {
     /// What is shown instead of the picture.
     pub enum Show {
         Picture = "picture", Uncertain = "uncertain", Borders = "borders", Curvature = "curvature", Regions = "regions", Search = "search", Steps = "steps",
-        Unconverged = "unconverged", Coverage = "coverage", Distance = "distance", Albedo = "albedo", Normal = "normal", Position = "position",
+        Unconverged = "unconverged", Error = "error", Coverage = "coverage", Distance = "distance", Albedo = "albedo", Normal = "normal", Position = "position",
     }
 }
 choices! {
@@ -272,6 +273,8 @@ params! {
         keep: bool = true => affects() not(swept);
         /// What is shown instead of the picture: uncertain marks reflections that are not to be trusted, the others tell how a method comes to its result; light.show comes first.
         show: Show = Show::Picture => affects(view);
+        /// World position of the point whose error reflection.show = error shows, as in 0.5, -1, 2; the window takes the point picked last. Without one it is the point that the camera turns around.
+        point: String = String::new() => affects(view) not(kept);
     }
 
     /// Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
@@ -389,6 +392,19 @@ settings! {
     }
 }
 
+impl Reflection {
+    /// The point of `reflection.point`; `None` if that is not three numbers.
+    pub fn shown_point(&self) -> Option<DVec3> {
+        let numbers: Vec<f64> = self
+            .point
+            .split(|sign: char| sign == ',' || sign.is_whitespace())
+            .filter(|part| !part.is_empty())
+            .map(|part| part.parse().ok().filter(|number: &f64| number.is_finite()))
+            .collect::<Option<_>>()?;
+        <[f64; 3]>::try_from(numbers).ok().map(DVec3::from)
+    }
+}
+
 /// Parameters that older versions kept in files under another name: the old key and the new one.
 const RENAMED: [(&str, &str); 2] = [("stream.frame_ms", "view.frame_ms"), ("sscr.stop", "sscr.reading")];
 
@@ -470,6 +486,19 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_shown_point_is_three_numbers() {
+        let shown = |text: &str| {
+            let mut settings = Settings::default();
+            settings.set_text("reflection.point", text).unwrap();
+            settings.reflection.shown_point()
+        };
+        assert_eq!(shown("635619.123456, -1 2e3"), Some(DVec3::new(635_619.123_456, -1.0, 2e3)));
+        for odd in ["", "1, 2", "1, 2, 3, 4", "a, b, c", "nan, 0, 0"] {
+            assert_eq!(shown(odd), None, "{odd}");
+        }
+    }
 
     #[test]
     fn differing_values_rebuild_the_settings() {
