@@ -1,6 +1,6 @@
 //! Screen-space curved reflections (Preiner 2010): the mirror's pixels are divided into regions that bend one way, each
 //! point is assigned to one of them, and a search on its pixels finds the one that reflects the point.
-//! docs/methods/sscr.md says which reading of the paper was taken where its text and its listing differ, and what
+//! docs/methods/sscr.md says which reading of the paper was taken where its text and its algorithm 3.1 differ, and what
 //! follows from it.
 //!
 //! The labels that the paper finds on the CPU are made on the GPU; nothing is read back while a frame is made.

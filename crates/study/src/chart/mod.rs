@@ -206,8 +206,8 @@ pub fn charts(plan: &Plan, rows: &[Row]) -> Vec<Chart> {
         let names = if own.is_empty() { plan.figures.iter().collect() } else { own };
         for key in group.sweep.keys() {
             let value = |row: &&Row| row.case.swept_value(key).map(str::to_owned);
-            // What stays the same is no axis, beside what changes.
-            if group.sweep.len() > 1 && distinct(of_group.iter().map(value)).len() == 1 {
+            // What stays the same is no axis.
+            if distinct(of_group.iter().map(value)).len() == 1 {
                 continue;
             }
             let made = names.iter().filter_map(|name| figure(name));
