@@ -144,7 +144,7 @@ mod tests {
         assert_eq!(values(Variant::Parabolic), (3.0, 4.0, 4));
         assert_eq!(values(Variant::Blob), (3.0, 4.0, 4));
         assert_eq!(values(Variant::Torus), (2.0, 3.0, 3));
-        // Coral stands in for the bunny.
+        assert_eq!(values(Variant::Bunny), (2.0, 2.0, 4));
         assert_eq!(values(Variant::Coral), (2.0, 2.0, 4));
         assert_eq!(values(Variant::All), (2.0, 2.0, 4));
         assert_eq!(values(Variant::None), (2.0, 2.0, 4));
