@@ -2,6 +2,7 @@
 // mirror. Runs once for each page of the point store and takes the pixels whose point lies in it; the first page also
 // writes the pixels that see nothing. One thread a pixel.
 #import mirror_places
+#import point_surface
 #import mirror_ray
 
 @group(2) @binding(0) var point_in: texture_2d<f32>;

@@ -27,11 +27,15 @@
 // z: number of nodes and discs against which the ray was tested.
 @group(1) @binding(12) var views_out: texture_storage_2d<rgba32float, write>;
 @group(1) @binding(13) var<storage, read_write> counters: array<atomic<u32>>;
+// The rays that another method has left, if only they are traced; see cubemap_trace.wgsl.
+@group(1) @binding(14) var<storage, read> rest: array<u32>;
 
 // Set while the tests are shown.
 override count_tests: bool = false;
 // Set if rays start from the tile's list instead of the top of the tree.
 override use_lists: bool = false;
+// Set if only the listed rays are traced, from where they are known to be free.
+override use_rest: bool = false;
 
 struct Nearest {
     key: f32,
@@ -45,8 +49,19 @@ struct Nearest {
 const NONE: u32 = 0xffffffffu;
 
 @compute @workgroup_size(8, 8)
-fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
-    let id = mirror_pixel(frame, whole_thread(frame, thread));
+fn surfel_trace(@builtin(global_invocation_id) invocation: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let thread = whole_thread(frame, invocation);
+    var id = mirror_pixel(frame, thread);
+    var start = 0.0;
+    if use_rest {
+        let entry = (thread.y / 8u * groups.x + thread.x / 8u) * 64u + thread.y % 8u * 8u + thread.x % 8u;
+        if entry >= rest[0] {
+            return;
+        }
+        let pixel = rest[1u + 2u * entry];
+        id = vec2u(pixel % frame.width, pixel / frame.width);
+        start = bitcast<f32>(rest[2u + 2u * entry]);
+    }
     let tile = id / 8u;
     if id.x >= frame.width || id.y >= frame.height {
         return;
@@ -72,7 +87,7 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
             let place = places[lists[list + 1u + i * 2u]];
             let first = lists[list + 2u + i * 2u];
             let end = nodes[place.first_node + first].low_skip.w;
-            nearest = through_tree(ray, place, first, end, nearest);
+            nearest = through_tree(ray, start, place, first, end, nearest);
         }
     } else {
         let top_count = tops[0].low_skip.w;
@@ -81,11 +96,11 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
             let top = tops[i];
             let low = bitcast<vec3f>(top.low_skip.xyz);
             let high = bitcast<vec3f>(top.high_leaf.xyz);
-            let entry = box_entry(low, high, 0.0, ray.origin, ray.inverse, nearest.key);
+            let entry = box_entry(low, high, 0.0, ray.origin, ray.inverse, start, nearest.key);
             i = select(top.low_skip.w, i + 1u, entry < nearest.key);
             if entry < nearest.key && top.high_leaf.w != INNER {
                 let place = places[top.high_leaf.w];
-                nearest = through_tree(ray, place, 0u, place.end_node, nearest);
+                nearest = through_tree(ray, start, place, 0u, place.end_node, nearest);
             }
         }
     }
@@ -106,7 +121,14 @@ fn surfel_trace(@builtin(global_invocation_id) thread: vec3u) {
 // decide.
 const CENTER_SHARE: f32 = 0.05;
 
-fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: Nearest) -> Nearest {
+fn through_tree(
+    ray: MirrorRay,
+    start: f32,
+    place: TreePlace,
+    first: u32,
+    end: u32,
+    so_far: Nearest,
+) -> Nearest {
     var nearest = so_far;
     let origin = ray.origin - place.origin_margin.xyz;
     let margin = place.origin_margin.w;
@@ -116,7 +138,7 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         let node = nodes[place.first_node + i];
         let low = bitcast<vec3f>(node.low_skip.xyz);
         let high = bitcast<vec3f>(node.high_leaf.xyz);
-        let is_met = box_entry(low, high, margin, origin, ray.inverse, nearest.key) < nearest.key;
+        let is_met = box_entry(low, high, margin, origin, ray.inverse, start, nearest.key) < nearest.key;
         i = select(node.low_skip.w, i + 1u, is_met);
         let count = select(0u, node.high_leaf.w & 255u, is_met && node.high_leaf.w != INNER);
         let first_surfel = place.first_surfel + (node.high_leaf.w >> 8u);
@@ -127,7 +149,7 @@ fn through_tree(ray: MirrorRay, place: TreePlace, first: u32, end: u32, so_far: 
         for (var k = 0u; k < count; k++) {
             let hit = disc_hit(surfels[first_surfel + k], low, high, scale, origin, ray.direction);
             let key = hit.distance + hit.outside * hit.radius * CENTER_SHARE;
-            var is_nearer = hit.distance > 0.0 && key <= nearest.key;
+            var is_nearer = hit.distance > start && key <= nearest.key;
             var identity = 0u;
             if is_nearer {
                 // Among discs at equal distances the first in order wins, not the first that is met.

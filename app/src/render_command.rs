@@ -340,6 +340,8 @@ struct Stats {
     closed_coverage: Option<f64>,
     hit_rate: Option<f64>,
     regions: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unresolved: Option<f64>,
     uncertain: Option<f64>,
     bounces: u32,
     memory: MemoryStats,
@@ -426,6 +428,7 @@ impl Stats {
             closed_coverage: reflection.map(|stats| stats.closed_coverage),
             hit_rate: reflection.and_then(|stats| stats.hit_rate),
             regions: reflection.and_then(|stats| stats.regions),
+            unresolved: reflection.and_then(|stats| stats.unresolved),
             uncertain: reflection.map(|stats| stats.uncertain),
             bounces: reflection.map_or(0, |stats| stats.bounces),
             memory: MemoryStats {

@@ -1,6 +1,5 @@
 // The mirrors of the scene, each with a picture of its surroundings (a map). Filled by
 // crates/render/src/reflection/mirror_places.rs. The importing pass binds them as `mirrors`.
-#import point_surface
 
 struct MappedMirror {
     // xyz: lower corner of its box, relative to the eye. w: number of its map; below 0 if nothing is seen in it.
@@ -36,14 +35,4 @@ fn mirror_at(place: vec3f) -> MappedMirror {
         }
     }
     return best;
-}
-
-// The distance along a line to the plane of a point of the page; or `depth`, which the map has for the texel's middle,
-// if the point has no normal or is seen edge-on. A texel is `width` world units wide there. The map's depth alone does
-// not tell how distant surfaces slant.
-fn distance_to_point(index: u32, origin: vec3f, direction: vec3f, depth: f32, width: f32) -> f32 {
-    let item = items[items_of_runs[index / BLOCK_POINTS]];
-    let offset = bitcast<vec3f>(points[index].xyz) + item.origin_radius.xyz - origin;
-    let normal = unpack_normal(attributes[index].y);
-    return depth_beside(depth, dot(normal, offset) / dot(normal, direction), width);
 }

@@ -157,10 +157,11 @@ struct Reflection {
 const REFLECTION_METHOD_AUTO: u32 = 0u;
 const REFLECTION_METHOD_NONE: u32 = 1u;
 const REFLECTION_METHOD_ENVIRONMENT_MAP: u32 = 2u;
-const REFLECTION_METHOD_MIRRORED_VIEWPOINT: u32 = 3u;
-const REFLECTION_METHOD_SSCR: u32 = 4u;
-const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 5u;
-const REFLECTION_METHOD_SURFEL_TRACE: u32 = 6u;
+const REFLECTION_METHOD_CUBEMAP_TRACE: u32 = 3u;
+const REFLECTION_METHOD_MIRRORED_VIEWPOINT: u32 = 4u;
+const REFLECTION_METHOD_SSCR: u32 = 5u;
+const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 6u;
+const REFLECTION_METHOD_SURFEL_TRACE: u32 = 7u;
 const REFLECTION_SHOW_PICTURE: u32 = 0u;
 const REFLECTION_SHOW_UNCERTAIN: u32 = 1u;
 const REFLECTION_SHOW_BORDERS: u32 = 2u;
@@ -183,6 +184,27 @@ struct EnvironmentMap {
 }
 const ENVIRONMENT_MAP_PROXY_INFINITY: u32 = 0u;
 const ENVIRONMENT_MAP_PROXY_BOX: u32 = 1u;
+
+// Cubemap tracing: rays walk through pictures of the points around each mirror.
+struct CubemapTrace {
+    maps: u32,
+    tries: u32,
+    size: u32,
+    placement: u32,
+    offset: f32,
+    skip: u32,
+    jump: f32,
+    disc_slack: f32,
+    own: u32,
+    rest: u32,
+}
+const CUBEMAP_TRACE_PLACEMENT_MIDDLE: u32 = 0u;
+const CUBEMAP_TRACE_PLACEMENT_SURFACE: u32 = 1u;
+const CUBEMAP_TRACE_OWN_AUTO: u32 = 0u;
+const CUBEMAP_TRACE_OWN_LEFT_OUT: u32 = 1u;
+const CUBEMAP_TRACE_OWN_TRACE: u32 = 2u;
+const CUBEMAP_TRACE_REST_NONE: u32 = 0u;
+const CUBEMAP_TRACE_REST_SURFEL_TRACE: u32 = 1u;
 
 // Screen-space curved reflections (Preiner 2010).
 struct Sscr {
@@ -266,6 +288,7 @@ struct Settings {
     mirror: Mirror,
     reflection: Reflection,
     environment_map: EnvironmentMap,
+    cubemap_trace: CubemapTrace,
     sscr: Sscr,
     surface: Surface,
     stream: Stream,

@@ -63,13 +63,13 @@ fn disc_hit(packed: vec2u, low: vec3f, high: vec3f, scale: f32, origin: vec3f, d
     return DiscHit(select(0.0, distance, is_hit), outside, radius);
 }
 
-// The distance at which a ray enters a box widened by `margin`; at or beyond `limit` for a miss.
-fn box_entry(low: vec3f, high: vec3f, margin: f32, origin: vec3f, inverse: vec3f, limit: f32) -> f32 {
+// The distance at which a ray that begins at `start` enters a box widened by `margin`; at or beyond `limit` for a miss.
+fn box_entry(low: vec3f, high: vec3f, margin: f32, origin: vec3f, inverse: vec3f, start: f32, limit: f32) -> f32 {
     let a = (low - margin - origin) * inverse;
     let b = (high + margin - origin) * inverse;
     let near = min(a, b);
     let far = max(a, b);
-    let entry = max(max(near.x, near.y), max(near.z, 0.0));
+    let entry = max(max(near.x, near.y), max(near.z, start));
     let exit = min(min(far.x, far.y), far.z);
     return select(limit, entry, entry <= exit && entry < limit);
 }

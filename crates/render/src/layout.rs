@@ -97,6 +97,12 @@ structs! {
         origin_margin: Vec4, first_node: u32, end_node: u32, first_surfel: u32, class_mask: u32,
         first_identity: u32, unused_0: u32, unused_1: u32, unused_2: u32,
     }
+    /// The maps of `cubemap_trace`; their middles follow. Of shaders/shared/cubemaps.wgsl.
+    Cubes {
+        size: u32, padded_size: u32, texels_of_face: u32, levels: u32, near: f32, maps: u32, unused_1: u32, unused_2: u32,
+    }
+    /// The level of bounds that a pass makes, of shaders/cube_bounds.wgsl.
+    CubeLevel { level: u32, unused_1: u32, unused_2: u32, unused_3: u32 }
     /// The draw of a region that a search is for, of shaders/sscr_solve.wgsl.
     Round { draw: u32, seed: u32 }
 }
@@ -137,6 +143,8 @@ elements! {
     surfel_trace.surfels: SURFEL_BYTES = 8;
     surfel_trace.order: ORDER_BYTES = 4;
     surfel_trace.hits: HIT_BYTES = 16;
+    cubemap_trace.records: CUBE_TEXEL_BYTES = 16;
+    cubemap_trace.bounds: CUBE_CELL_BYTES = 8;
     label_start.curvature_map: CURVATURE_BYTES = 4;
     label_start.parents: PARENT_BYTES = 4;
     label_start.sizes: LABEL_BYTES = 4;
@@ -206,6 +214,7 @@ constants! {
     NODES_TESTED: usize = 7;
     DISCS_TESTED: usize = 8;
     DOUBTED_PIXELS: usize = 9;
+    RAYS_LEFT: usize = 10;
     /// The sources of a point's colour.
     COLOR_PLAIN: u32 = 0;
     COLOR_RGB: u32 = 1;
@@ -224,7 +233,7 @@ constants! {
 
 /// The number of counters that the buffer has room for.
 pub const COUNTERS: usize = 16;
-const _: () = assert!(DOUBTED_PIXELS < COUNTERS);
+const _: () = assert!(RAYS_LEFT < COUNTERS);
 
 /// The name, the size and the fields of a struct.
 #[cfg(test)]

@@ -5,6 +5,7 @@ use scene::{Method, Settings, Supply};
 
 use crate::gpu::Result;
 use crate::recorder::Recorder;
+use crate::reflection::cubemap_trace::CubemapTrace;
 use crate::reflection::environment_map::EnvironmentMap;
 use crate::reflection::forward::Forward;
 use crate::reflection::gather::Gather;
@@ -22,8 +23,9 @@ pub(crate) struct Methods {
     size: [u32; 2],
     index: SurfelIndex,
     environment: EnvironmentMap,
+    pub(crate) cubemaps: CubemapTrace,
     mirrored: MirroredViewpoint,
-    gather: Option<Gather>,
+    pub(crate) gather: Option<Gather>,
     forward: Option<Forward>,
     sscr: Option<Sscr>,
     /// The views of the method that ran last.
@@ -85,6 +87,11 @@ impl Methods {
                 self.mirrored.run(recorder, gather, task)?;
                 Some(Origin::Gather)
             }
+            Method::CubemapTrace => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.cubemaps.run(recorder, &mut self.index, gather, task)?;
+                Some(Origin::Gather)
+            }
             Method::SurfelTrace | Method::SscrHierarchical => {
                 let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
                 let use_beams = method == Method::SscrHierarchical;
@@ -116,13 +123,15 @@ impl Methods {
     /// Forgets what methods keep from frame to frame.
     pub fn forget(&mut self) {
         self.environment.forget();
+        self.cubemaps.forget();
         self.sscr.iter_mut().for_each(Sscr::forget);
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { size: _, index, environment, mirrored, gather, forward, sscr, views: _ } = self;
+        let Self { size: _, index, environment, cubemaps, mirrored, gather, forward, sscr, views: _ } = self;
         index.bytes()
             + environment.bytes()
+            + cubemaps.bytes()
             + mirrored.bytes()
             + gather.as_ref().map_or(0, Gather::bytes)
             + forward.as_ref().map_or(0, Forward::bytes)

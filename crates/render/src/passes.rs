@@ -183,7 +183,7 @@ passes! {
     surfel_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, tops: Read, places: Read, nodes: Read, surfels: Read,
         order: Read, lists: Read, hits: ReadWrite, points: Read, class_masks: Read, views_out: Write(Rgba32Float),
-        counters: ReadWrite,
+        counters: ReadWrite, rest: Read,
     }
     gather_resolve: Method over Pages {
         point_in: Texture, normal_in: Texture, eye_in: Texture, hits: Read, albedo_out: Write(Rgba16Float),
@@ -193,6 +193,12 @@ passes! {
         point_in: Texture, normal_in: Texture, eye_in: Texture, maps: Read, mirrors: Read,
         albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float),
         views_out: Write(Rgba32Float),
+    }
+    cube_planes: Method over Pages { nearest: Read, records: ReadWrite }
+    cube_bounds: Method over Pixels { cubes: Read, records: Read, bounds: ReadWrite, work: Read }
+    cubemap_trace: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, cubes: Read, records: Read, bounds: Read,
+        hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
     }
     mirrored_look_up: Method over Pages {
         point_in: Texture, maps: Read, mirrors: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),

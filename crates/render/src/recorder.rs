@@ -411,6 +411,19 @@ impl<'a> Recorder<'a> {
         milliseconds
     }
 
+    /// Waits for what is recorded so far, and reads a buffer; `None` in a rehearsal that runs nothing.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn read(&mut self, buffer: &wgpu::Buffer) -> Result<Option<Vec<u8>>> {
+        if matches!(self.rehearsal, Some(Rehearsal::Collect(_))) {
+            return Ok(None);
+        }
+        let encoder = std::mem::replace(&mut self.encoder, self.gpu.device.create_command_encoder(&Default::default()));
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.read_buffer(buffer, 0, buffer.size()).map(Some)
+    }
+
     /// Waits for what is recorded.
     ///
     /// # Errors

@@ -101,6 +101,7 @@ impl Renderer {
         let gi = &mut settings.gi;
         (gi.vpls, gi.sky_lights, gi.shadow_points, gi.shadow_size) = (16, 4, 256, 16);
         settings.environment_map.size = 16;
+        (settings.cubemap_trace.size, settings.cubemap_trace.maps) = (16, 1);
         let (store, mirrors) = self.tiny_scene(cast)?;
         let lamp = SpotLight {
             position: DVec3::X * 0.9,

@@ -53,6 +53,10 @@ methods! {
     EnvironmentMap = "environment_map",
         "A picture of the surroundings from each mirror's middle, looked up by direction alone",
         Everything, Some("environment_map"), [("environment_map.size", "64"), ("environment_map.proxy", "box")];
+    CubemapTrace = "cubemap_trace",
+        "Reflected rays walk through pictures of depths around each mirror; what they cannot tell is traced",
+        Everything, Some("cubemap_trace"),
+        [("cubemap_trace.size", "128"), ("cubemap_trace.maps", "1"), ("cubemap_trace.rest", "none")];
     MirroredViewpoint = "mirrored_viewpoint",
         "The scene from an eye behind each mirror's plane: exact for flat mirrors; four of them, one reflection",
         Everything, None, [];
@@ -69,7 +73,7 @@ methods! {
 pub const RAY_TRACE: &str = "ray_trace";
 
 /// Names that are reserved for methods of later versions, so that asking for one is not taken for a spelling mistake.
-pub const LATER_METHODS: [&str; 4] = ["cubemap_trace", "screen_trace", "sample_cameras", "light_field"];
+pub const LATER_METHODS: [&str; 3] = ["screen_trace", "sample_cameras", "light_field"];
 
 impl Method {
     pub fn row(self) -> &'static MethodRow {

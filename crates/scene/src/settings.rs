@@ -67,6 +67,18 @@ choices! {
     pub enum Proxy { Infinity = "infinity", Box = "box" }
 }
 choices! {
+    /// Where the maps of a mirror stand.
+    pub enum CubePlacement { Middle = "middle", Surface = "surface" }
+}
+choices! {
+    /// What the points of a mirror do in its own reflections.
+    pub enum OwnPoints { Auto = "auto", LeftOut = "left_out", Trace = "trace" }
+}
+choices! {
+    /// What finds the rays that no map resolves.
+    pub enum CubeRest { None = "none", SurfelTrace = "surfel_trace" }
+}
+choices! {
     /// What is shown instead of the picture.
     pub enum Show {
         Picture = "picture", Uncertain = "uncertain", Borders = "borders", Curvature = "curvature", Regions = "regions", Search = "search", Steps = "steps",
@@ -285,6 +297,30 @@ params! {
         proxy: Proxy = Proxy::Infinity;
     }
 
+    /// Cubemap tracing: rays walk through pictures of the points around each mirror.
+    pub struct CubemapTrace = "cubemap_trace" in "Reflections" => affects(found) {
+        /// Maps of a mirror: where one cannot see behind something, another may.
+        maps: u32 = 2, 1..=16, "maps";
+        /// Most maps that a ray may use.
+        tries: u32 = 2, 1..=16, "maps";
+        /// Texels along the edge of a map's face; a map has six. Outlines are as fine as a texel.
+        size: u32 = 256, 16..=1024, "texels";
+        /// Where maps stand: one in the mirror's middle, or all spread over its surface.
+        placement: CubePlacement = CubePlacement::Surface;
+        /// How far from the surface a map stands, along its normal; on the other side if more of the mirror is seen from there.
+        offset: f32 = -0.25, -1.0..=2.0, "mirror radii";
+        /// Pass many texels at once where bounds of their depths say that a ray is before all of them; the picture is the same.
+        skip: bool = true;
+        /// Depth steps up to this size are within one surface: more closes cracks, and invents walls.
+        jump: f32 = 1.0, 0.0..=8.0, "texels";
+        /// How far beside its disc a texel's plane still counts: 0 leaves edges open, more widens things.
+        disc_slack: f32 = 0.5, 0.0..=4.0, "texels";
+        /// What a mirror's own points do, which its maps leave out: nothing, as on convex mirrors, or rays are traced through them first.
+        own: OwnPoints = OwnPoints::Auto;
+        /// What rays show that no map resolves: nothing, or what surfel_trace finds from where they are known to be free.
+        rest: CubeRest = CubeRest::SurfelTrace;
+    }
+
     /// Screen-space curved reflections (Preiner 2010).
     pub struct Sscr = "sscr" in "Reflections" => affects(found) {
         /// Further random start pixels that are tried where one lies outside of its region; newton and its like also start anew from them.
@@ -385,6 +421,7 @@ settings! {
         mirror: MirrorSettings,
         reflection: Reflection,
         environment_map: EnvironmentMap,
+        cubemap_trace: CubemapTrace,
         sscr: Sscr,
         surface: Surface,
         stream: Stream,

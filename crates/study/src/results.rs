@@ -82,6 +82,8 @@ pub struct Measured {
     pub hit_rate: Option<f64>,
     pub unconverged: Option<f64>,
     pub regions: Option<f64>,
+    /// The share of the mirror pixels whose ray no map resolves.
+    pub unresolved: Option<f64>,
     /// The share of the mirror pixels that the renderer itself does not trust.
     pub uncertain: Option<f64>,
     /// The errors as the renderer estimates them from random pixels.
@@ -101,13 +103,14 @@ pub struct Measured {
 /// The name, the label, the unit, and the source of a figure.
 type Reading<From> = (&'static str, &'static str, &'static str, fn(&From) -> Option<f64>);
 
-const FRAME_FIGURES: [Reading<Measured>; 13] = [
+const FRAME_FIGURES: [Reading<Measured>; 14] = [
     ("mirror_pixels", "mirror pixels", "", |measured| Some(measured.mirror_pixels)),
     ("coverage", "coverage", "share of mirror pixels", |measured| measured.coverage),
     ("closed_coverage", "closed coverage", "share of mirror pixels", |measured| measured.closed_coverage),
     ("hit_rate", "hit rate", "share of points", |measured| measured.hit_rate),
     ("unconverged", "unconverged", "share of points", |measured| measured.unconverged),
     ("regions", "regions", "", |measured| measured.regions),
+    ("unresolved", "unresolved rays", "share of mirror pixels", |measured| measured.unresolved),
     ("uncertain", "uncertain", "share of mirror pixels", |measured| measured.uncertain),
     ("estimated_pixel_error_median", "estimated pixel error, median", "pixels", |measured| {
         Some(measured.estimated_error()?.median)

@@ -327,6 +327,7 @@ fn judged_run(case: &Case, settings: &Settings, points: u64, stats: &FrameStats,
         hit_rate: found.and_then(|found| found.hit_rate),
         unconverged: found.and_then(|found| found.unconverged),
         regions: found.and_then(|found| found.regions).map(f64::from),
+        unresolved: found.and_then(|found| found.unresolved),
         uncertain: found.map(|found| found.uncertain),
         ..measured
     };

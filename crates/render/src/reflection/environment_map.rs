@@ -142,7 +142,7 @@ fn draw(
 
 /// The camera of a face of a map, at the map's middle: faces 0 to 2 look along an axis, 3 to 5 against it; the two axes
 /// after it point right and up.
-fn face_camera(center: DVec3, mirror_radius: f64, face: usize, size: u32) -> FrameCamera {
+pub(super) fn face_camera(center: DVec3, mirror_radius: f64, face: usize, size: u32) -> FrameCamera {
     let axis = |index: usize| DVec3::AXES[(face + index) % 3];
     let forward = if face < 3 { axis(0) } else { -axis(0) };
     FrameCamera {

@@ -7,6 +7,9 @@
 
 #[cfg(test)]
 mod beam;
+pub(crate) mod cubemap_trace;
+#[cfg(test)]
+mod depth_walk;
 pub(crate) mod environment_map;
 mod formula;
 pub(crate) mod forward;
@@ -19,7 +22,7 @@ pub(crate) mod surfel_trace;
 mod surfel_tree;
 pub(crate) mod task;
 
-use scene::{Mirror, Settings, Supply};
+use scene::{Method, Mirror, Settings, Supply};
 
 pub(crate) use formula::{exact, mirror_spheres, upload};
 use task::{MirrorGBuffer, MirrorSurface, Task};
@@ -28,7 +31,7 @@ use crate::gpu::Result;
 use crate::inputs::Inputs;
 use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, MIRROR_PIXELS, NODES_TESTED, POINTS_FOUND,
-    POINTS_TRIED, POINTS_UNCONVERGED, REGIONS,
+    POINTS_TRIED, POINTS_UNCONVERGED, RAYS_LEFT, REGIONS,
 };
 use crate::method::{Methods, Views};
 use crate::passes;
@@ -91,6 +94,8 @@ pub struct ReflectionStats {
     pub unconverged: Option<f64>,
     /// The number of regions of the mirror pixels (SSCR).
     pub regions: Option<u32>,
+    /// The share of the mirror pixels whose ray no map resolves (`cubemap_trace`).
+    pub unresolved: Option<f64>,
     /// The average numbers of nodes and of discs against which a ray was tested; known while steps are shown.
     pub tests_per_ray: Option<[f64; 2]>,
     /// The share of the mirror pixels whose content is doubtful: closed from neighbours, more than a pixel beside the
@@ -226,6 +231,8 @@ impl Reflections {
                 .then(|| [counters[NODES_TESTED], counters[DISCS_TESTED]].map(|tests| share(tests, pixels))),
             uncertain: share(counters[DOUBTED_PIXELS], pixels),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
+            unresolved: (settings.reflection.method == Method::CubemapTrace)
+                .then(|| share(counters[RAYS_LEFT], pixels)),
             bounces,
         }
     }

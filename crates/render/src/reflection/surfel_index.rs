@@ -67,7 +67,7 @@ impl SurfelIndex {
         self.pages.get(number)
     }
 
-    /// Updates the index for the chunks of `supply`, and places them relative to this frame's eye.
+    /// Updates the index for `chunks` of `supply` (with their class masks), and places them relative to this frame's eye.
     ///
     /// # Errors
     /// No memory for the index, or the frame is given up: the trees that are made stay.
@@ -76,12 +76,13 @@ impl SurfelIndex {
         recorder: &Recorder<'_>,
         store: &PointStore,
         supply: &Inputs,
+        chunks: &[(ChunkId, u32)],
         splat_size: f32,
     ) -> Result<Vec<FrameTrees>> {
         let gpu = recorder.gpu;
         self.make_room(gpu, store)?;
         let place = |(id, class_mask): &(ChunkId, u32)| Some((*id, store.placed(*id)?, *class_mask));
-        let placed: Vec<_> = supply.chunks.iter().filter_map(place).collect();
+        let placed: Vec<_> = chunks.iter().filter_map(place).collect();
         // Chunks that have changed, have gone or belong to another store: their room may already belong to others.
         self.chunks.retain(|id, indexed| store.placed(*id).is_some_and(|chunk| Basis::of(&chunk) == indexed.basis));
         let stale: Vec<_> = placed.iter().filter(|(id, ..)| !self.chunks.contains_key(id)).collect();

@@ -9,6 +9,7 @@ use super::gather::Gather;
 use super::surfel_index::SurfelIndex;
 use super::task::Task;
 use crate::gpu::Result;
+use crate::identities::ChunkId;
 use crate::layout::LIST_WORDS;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -25,8 +26,26 @@ pub(crate) fn run(
     task: &Task<'_>,
     use_beams: bool,
 ) -> Result<()> {
-    let trees = index.update(recorder, task.store, task.supply, task.settings.splat.size)?;
     recorder.clear(&gather.hits);
+    trace(recorder, index, gather, task, &task.supply.chunks, use_beams, None)?;
+    gather.resolve(recorder, task)
+}
+
+/// Finds the nearest hits on the discs of `chunks` (with their class masks), nearer than those in `gather.hits`. `rest` lists the
+/// only rays to trace, as in shaders/cubemap_trace.wgsl.
+///
+/// # Errors
+/// A shader is refused, or there is no memory for the index.
+pub(super) fn trace(
+    recorder: &mut Recorder<'_>,
+    index: &mut SurfelIndex,
+    gather: &Gather,
+    task: &Task<'_>,
+    chunks: &[(ChunkId, u32)],
+    use_beams: bool,
+    rest: Option<&wgpu::Buffer>,
+) -> Result<()> {
+    let trees = index.update(recorder, task.store, task.supply, chunks, task.settings.splat.size)?;
     let [width, height] = task.supply.size.map(|edge| edge.div_ceil(8));
     let tiles = width * height;
     let list_bytes = if use_beams { u64::from(tiles) * LIST_WORDS * 4 } else { 16 };
@@ -61,13 +80,15 @@ pub(crate) fn run(
             class_masks: task.supply.class_masks.as_entire_binding(),
             views_out: gather.views.bind(),
             counters: task.counters.as_entire_binding(),
+            rest: rest.unwrap_or(&lists).as_entire_binding(),
         };
         let switches = [
             ("use_lists", u32::from(use_beams)),
+            ("use_rest", u32::from(rest.is_some())),
             ("filter_classes", u32::from(task.supply.filter_classes)),
             ("count_tests", u32::from(task.bounce == 0 && task.settings.reflection.show == Show::Steps)),
         ];
         recorder.by_rows(&switches, task.supply, bindings, task.supply.mirror_groups())?;
     }
-    gather.resolve(recorder, task)
+    Ok(())
 }

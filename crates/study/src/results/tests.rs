@@ -133,7 +133,7 @@ fn columns_of_csv_and_json_are_fixed() {
     let expected = format!(
         "plan group scene method splat.size {{width}} set width height points repeats frame_ms frame_ms_low \
          frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
-         unconverged regions uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
+         unconverged regions unresolved uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
          estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim {} exact_rmse \
          exact_delta_e exact_flip exact_ssim still_delta_e still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
         truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),

@@ -1,0 +1,575 @@
+//! Cubemap tracing (after a thesis of 2017 on accurate reflections by searching depth in cubemaps): reflected rays walk through
+//! pictures of the points around each mirror. A ray that one map loses behind something goes on in another one, and what no map
+//! resolves is left to `surfel_trace`, from where it is known to be free. docs/methods/cubemap_trace.md has the rules.
+//!
+//! The maps do not depend on the camera and are kept until points, mirrors or splats change. A texel is the disc of its nearest
+//! point, by its identity, so colours may change.
+
+use std::num::NonZeroU64;
+
+use cloud::Bounds;
+use glam::DVec3;
+use scene::{CubePlacement, CubeRest, MirrorSurface, OwnPoints, Quality, Settings, Splat};
+
+use super::environment_map::face_camera;
+use super::gather::Gather;
+use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
+use super::surfel_index::SurfelIndex;
+use super::surfel_trace;
+use super::task::Task;
+use crate::gpu::Result;
+use crate::identities::{ChunkId, CloudId};
+use crate::inputs::Inputs;
+use crate::layout::{CUBE_CELL_BYTES, CUBE_TEXEL_BYTES, CubeLevel, Cubes, NEAREST_BYTES};
+use crate::passes::{self, PassStage};
+use crate::recorder::Recorder;
+use crate::store::draw_list::Selection;
+use crate::targets::storage;
+
+/// The maps, with the inputs from which they were drawn.
+#[derive(Default)]
+pub(crate) struct CubemapTrace {
+    maps: Option<Maps>,
+    /// The rays that no map resolves, see shaders/cubemap_trace.wgsl.
+    rest: Option<wgpu::Buffer>,
+}
+
+struct Maps {
+    drawn: Drawn,
+    /// The middle of each map.
+    places: Vec<DVec3>,
+    records: wgpu::Buffer,
+    bounds: wgpu::Buffer,
+}
+
+/// The inputs of the maps.
+#[derive(Clone, PartialEq)]
+struct Drawn {
+    revision: u64,
+    splat: Splat,
+    surface: MirrorSurface,
+    size: u32,
+    /// For each map, the cloud that it does not show, and the two places where it may stand.
+    wanted: Vec<(Option<CloudId>, [DVec3; 2])>,
+}
+
+/// The sizes of the parts of a map, in elements.
+struct Layout {
+    size: u32,
+    padded_size: u32,
+    texels_of_face: u32,
+    cells_of_face: u32,
+    levels: u32,
+}
+
+impl Layout {
+    fn new(size: u32) -> Self {
+        let padded_size = size.next_power_of_two();
+        Self {
+            size,
+            padded_size,
+            // Bindings must start at a multiple of 256 bytes.
+            texels_of_face: (size * size).next_multiple_of(256 / CUBE_TEXEL_BYTES as u32),
+            cells_of_face: (padded_size * padded_size - 1) / 3,
+            levels: padded_size.ilog2(),
+        }
+    }
+
+    fn record_bytes(&self) -> u64 {
+        6 * u64::from(self.texels_of_face) * CUBE_TEXEL_BYTES
+    }
+
+    fn bounds_bytes(&self) -> u64 {
+        6 * u64::from(self.cells_of_face) * CUBE_CELL_BYTES
+    }
+}
+
+impl CubemapTrace {
+    pub fn bytes(&self) -> u64 {
+        let maps = self.maps.iter().flat_map(|maps| [&maps.records, &maps.bounds]);
+        maps.chain(&self.rest).map(wgpu::Buffer::size).sum()
+    }
+
+    /// Makes the next frame draw the maps anew.
+    pub fn forget(&mut self) {
+        self.maps = None;
+    }
+
+    /// Fills the Mirror G-Buffer of one bounce.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn run(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        index: &mut SurfelIndex,
+        gather: &Gather,
+        task: &Task<'_>,
+    ) -> Result<()> {
+        let settings = &task.settings.cubemap_trace;
+        let mirrors = mirror_places(task);
+        let layout = Layout::new(settings.size);
+        let limit = recorder.gpu.device.limits().max_storage_buffer_binding_size;
+        let most = limit / layout.record_bytes();
+        let wanted: Vec<Vec<[DVec3; 2]>> = mirrors.iter().map(|mirror| wanted_places(mirror, task.settings)).collect();
+        // Mirrors beyond what a binding holds use the maps of the one nearest to them.
+        let mut room = most as usize;
+        let has_maps: Vec<bool> = wanted
+            .iter()
+            .map(|places| {
+                let fits = places.len() <= room && !places.is_empty();
+                room -= if fits { places.len() } else { 0 };
+                fits
+            })
+            .collect();
+        let mapped = || (0..mirrors.len()).filter(|mirror| has_maps[*mirror]);
+        let drawn = Drawn {
+            revision: task.store.geometry_revision(),
+            // The maps do not depend on the picture's quality, which changes whenever the camera begins to move.
+            splat: Splat { quality: Quality::Nearest, step: 1, ..task.settings.splat.clone() },
+            surface: task.settings.mirror.surface,
+            size: settings.size,
+            wanted: mapped()
+                .flat_map(|mirror| wanted[mirror].iter().map(move |places| (mirror, *places)))
+                .map(|(mirror, places)| (mirrors[mirror].cloud, places))
+                .collect(),
+        };
+        let kept = self.maps.take().filter(|maps| maps.drawn == drawn);
+        let maps = match kept {
+            Some(maps) => maps,
+            None => {
+                let radii: Vec<f64> = mapped()
+                    .flat_map(|mirror| vec![radius_of(&mirrors[mirror].bounds); wanted[mirror].len()])
+                    .collect();
+                let samples: Vec<&MirrorPlace> =
+                    mapped().flat_map(|mirror| vec![&mirrors[mirror]; wanted[mirror].len()]).collect();
+                draw(recorder, task, &layout, drawn, &samples, &radii)?
+            }
+        };
+        let maps = self.maps.insert(maps);
+
+        let eye = task.supply.camera.eye;
+        let cubes = upload_cubes(recorder, &layout, &maps.places, eye);
+        let first_of =
+            |mirror: usize| (0..mirror).filter(|before| has_maps[*before]).map(|before| wanted[before].len()).sum();
+        let middle = |mirror: usize| mirrors[mirror].bounds.center();
+        let map_of = |mirror: usize| {
+            let distance = |other: &usize| middle(*other).distance_squared(middle(mirror));
+            let with_maps = if has_maps[mirror] {
+                Some(mirror)
+            } else {
+                mapped().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            }?;
+            let view = glam::Vec4::new(wanted[with_maps].len() as f32, 0.0, 0.0, 0.0);
+            Some(MirrorMap { map: first_of(with_maps), view })
+        };
+        let places = upload(recorder.gpu, &mirrors, task.store.bounds(), eye, map_of);
+
+        recorder.clear(&gather.hits);
+        let own = own_chunks(task, &mirrors, settings.own, eye);
+        if !own.is_empty() {
+            surfel_trace::trace(recorder, index, gather, task, &own, false, None)?;
+        }
+        let pixels = u64::from(task.supply.size[0]) * u64::from(task.supply.size[1]);
+        let rest_bytes = 4 + 8 * pixels;
+        let rest = self.rest.take().filter(|rest| rest.size() == rest_bytes);
+        let rest = rest.unwrap_or_else(|| storage(&recorder.gpu.device, "rays that are left", rest_bytes));
+        let rest = &*self.rest.insert(rest);
+        recorder.clear_part(rest, 0..4);
+        let bindings = passes::cubemap_trace {
+            point_in: task.mirror.point.bind(),
+            normal_in: task.normal.bind(),
+            eye_in: task.mirror.eye.bind(),
+            mirrors: places.as_entire_binding(),
+            cubes: cubes.as_entire_binding(),
+            records: maps.records.as_entire_binding(),
+            bounds: maps.bounds.as_entire_binding(),
+            hits: gather.hits.as_entire_binding(),
+            rest: rest.as_entire_binding(),
+            views_out: gather.views.bind(),
+            counters: task.counters.as_entire_binding(),
+        };
+        let counts = [("counts", u32::from(task.bounce == 0))];
+        recorder.by_rows(&counts, task.supply, bindings, task.supply.mirror_groups())?;
+        if settings.rest == CubeRest::SurfelTrace {
+            surfel_trace::trace(recorder, index, gather, task, &task.supply.chunks, false, Some(rest))?;
+        }
+        gather.resolve(recorder, task)
+    }
+}
+
+/// The size by which distances from a mirror are measured: half of its longest edge.
+fn radius_of(bounds: &Bounds) -> f64 {
+    0.5 * bounds.size().max_element()
+}
+
+/// The places of a mirror's maps, each with the one on the other side of the surface.
+fn wanted_places(mirror: &MirrorPlace, settings: &Settings) -> Vec<[DVec3; 2]> {
+    let settings = &settings.cubemap_trace;
+    if settings.placement == CubePlacement::Middle || mirror.samples.is_empty() {
+        return vec![[mirror.bounds.center(); 2]];
+    }
+    let offset = f64::from(settings.offset) * radius_of(&mirror.bounds);
+    let beside = |(place, normal): &(DVec3, DVec3)| [*place + *normal * offset, *place - *normal * offset];
+    farthest(&mirror.samples, settings.maps as usize).iter().map(|sample| beside(&mirror.samples[*sample])).collect()
+}
+
+/// Chooses samples that lie far from one another: each is the farthest from those before (Gonzalez 1985).
+fn farthest(samples: &[(DVec3, DVec3)], count: usize) -> Vec<usize> {
+    let mut chosen = vec![0];
+    let mut distances = vec![f64::INFINITY; samples.len()];
+    while chosen.len() < count.min(samples.len()) {
+        let last = samples[chosen[chosen.len() - 1]].0;
+        for (distance, (place, _)) in distances.iter_mut().zip(samples) {
+            *distance = distance.min(place.distance_squared(last));
+        }
+        let next = (0..samples.len()).reduce(|a, b| if distances[b] > distances[a] { b } else { a });
+        chosen.extend(next);
+    }
+    chosen
+}
+
+/// The chunks of the mirrors that may see themselves, with their class masks: they are left out of their own maps, so rays are
+/// traced through their points.
+fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVec3) -> Vec<(ChunkId, u32)> {
+    let sees_itself = |mirror: &MirrorPlace| match own {
+        OwnPoints::Auto => !is_convex(&mirror.samples, eye),
+        OwnPoints::LeftOut => false,
+        OwnPoints::Trace => true,
+    };
+    let clouds: Vec<CloudId> = mirrors.iter().filter(|mirror| sees_itself(mirror)).filter_map(|m| m.cloud).collect();
+    let chunks: Vec<ChunkId> = task
+        .store
+        .mirror_clouds(task.settings)
+        .into_iter()
+        .filter(|(cloud, _)| clouds.contains(cloud))
+        .flat_map(|(_, chunks)| chunks)
+        .collect();
+    task.supply.chunks.iter().filter(|(chunk, _)| chunks.contains(chunk)).copied().collect()
+}
+
+/// Whether no ray that a mirror reflects meets the mirror again: its surface curves away from the eye's side everywhere. A closed
+/// surface hides its inner side.
+fn is_convex(samples: &[(DVec3, DVec3)], eye: DVec3) -> bool {
+    let step = samples.len().div_ceil(128).max(1);
+    let some: Vec<&(DVec3, DVec3)> = samples.iter().step_by(step).collect();
+    let mut bounds = Bounds::EMPTY;
+    some.iter().for_each(|(place, _)| bounds.include(*place));
+    let extent = bounds.size().length();
+    let mean = some.iter().map(|(_, normal)| *normal).sum::<DVec3>() / some.len().max(1) as f64;
+    let is_closed = mean.length() < 0.1;
+    some.iter().all(|(place, normal)| {
+        // Points are seen from both sides.
+        let facing = if is_closed || normal.dot(eye - *place) >= 0.0 { *normal } else { -*normal };
+        some.iter().all(|(other, _)| facing.dot(*other - *place) <= 0.01 * extent)
+    })
+}
+
+/// Uploads where the maps are.
+fn upload_cubes(recorder: &Recorder<'_>, layout: &Layout, places: &[DVec3], eye: DVec3) -> wgpu::Buffer {
+    let head = Cubes {
+        size: layout.size,
+        padded_size: layout.padded_size,
+        texels_of_face: layout.texels_of_face,
+        levels: layout.levels,
+        near: f32::MIN_POSITIVE,
+        maps: places.len() as u32,
+        ..Cubes::default()
+    };
+    // The buffer must not be empty.
+    let first = if places.is_empty() { vec![eye] } else { places.to_vec() };
+    let relative: Vec<glam::Vec4> = first.iter().map(|place| (*place - eye).as_vec3().extend(0.0)).collect();
+    let bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&relative)].concat();
+    let buffer = storage(&recorder.gpu.device, "cubemaps", bytes.len() as u64);
+    recorder.gpu.queue.write_buffer(&buffer, 0, &bytes);
+    buffer
+}
+
+/// Draws the maps: the nearest point of each texel, then the records and the bounds. A map from which less than half of its mirror
+/// is seen is tried on the other side, because it may stand in a wall.
+fn draw(
+    recorder: &mut Recorder<'_>,
+    task: &Task<'_>,
+    layout: &Layout,
+    drawn: Drawn,
+    mirrors: &[&MirrorPlace],
+    radii: &[f64],
+) -> Result<Maps> {
+    recorder.time_as(Some(("cubemaps", PassStage::Method)));
+    let device = &recorder.gpu.device;
+    let count = drawn.wanted.len().max(1) as u64;
+    let records = storage(device, "cubemap records", layout.record_bytes() * count);
+    let bounds = storage(device, "cubemap bounds", layout.bounds_bytes() * count);
+    let nearest = storage(device, "nearest of a cubemap", 6 * map_bytes([layout.size; 2]));
+    let settings = Settings { splat: drawn.splat.clone(), ..task.settings.clone() };
+    let mut places = Vec::new();
+    for (map, (cloud, wanted)) in drawn.wanted.iter().enumerate() {
+        let selection = cloud.map_or(Selection::Seen, Selection::SeenBesides);
+        let records_of_map = layout.record_bytes() * map as u64;
+        let draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
+            recorder.clear(&nearest);
+            for face in 0..6 {
+                let camera = face_camera(place, radii[map], face, layout.size);
+                let list = task.store.draw_list(&camera, &settings, selection);
+                let inputs = Inputs::new(recorder.gpu, camera, &settings, task.store, &list);
+                let part = |buffer, offset, bytes| {
+                    let size = NonZeroU64::new(bytes);
+                    wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size })
+                };
+                let face_bytes = map_bytes([layout.size; 2]);
+                let nearest = part(&nearest, face_bytes * face as u64, face_bytes);
+                let atomics64 = recorder.gpu.has_wide_atomics(&settings.splat);
+                recorder.nearest_points(&[], &inputs, nearest.clone(), atomics64)?;
+                let record_bytes = layout.record_bytes() / 6;
+                let records = part(&records, records_of_map + record_bytes * face as u64, record_bytes);
+                let bindings = passes::cube_planes { nearest, records };
+                recorder.over_page_pixels(&inputs, bindings, inputs.pixel_groups())?;
+            }
+            Ok(())
+        };
+        draw_at(recorder, wanted[0])?;
+        let mut place = wanted[0];
+        if wanted[0] != wanted[1] {
+            let seen = |recorder: &mut Recorder<'_>, place| -> Result<f64> {
+                let Some(bytes) = recorder.read(&nearest)? else { return Ok(1.0) };
+                Ok(share_seen(&mirrors[map].samples, place, layout.size, &bytes))
+            };
+            let here = seen(recorder, wanted[0])?;
+            if here < 0.5 {
+                draw_at(recorder, wanted[1])?;
+                place = wanted[1];
+                if seen(recorder, wanted[1])? <= here {
+                    draw_at(recorder, wanted[0])?;
+                    place = wanted[0];
+                }
+            }
+        }
+        places.push(place);
+    }
+    // The directions of the faces do not depend on the places.
+    let cubes = upload_cubes(recorder, layout, &places, DVec3::ZERO);
+    for level in 1..=layout.levels {
+        let work = CubeLevel { level, ..CubeLevel::default() };
+        let buffer = storage(&recorder.gpu.device, "level of cubemaps", size_of::<CubeLevel>() as u64);
+        recorder.gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&work));
+        let bindings = passes::cube_bounds {
+            cubes: cubes.as_entire_binding(),
+            records: records.as_entire_binding(),
+            bounds: bounds.as_entire_binding(),
+            work: buffer.as_entire_binding(),
+        };
+        let groups = layout.size.div_ceil(1 << level).div_ceil(8);
+        let switches = [("from_texels", u32::from(level == 1))];
+        recorder.over(&switches, task.supply, bindings, [groups, groups, 6 * places.len() as u32])?;
+    }
+    recorder.time_as(None);
+    Ok(Maps { drawn, places, records, bounds })
+}
+
+/// The share of a mirror's samples that a map at `place` sees; `nearest` holds the nearest points of its texels.
+fn share_seen(samples: &[(DVec3, DVec3)], place: DVec3, size: u32, nearest: &[u8]) -> f64 {
+    let words: &[[u32; 2]] = bytemuck::cast_slice(nearest);
+    let face_texels = map_bytes([size; 2]) / NEAREST_BYTES;
+    let is_seen = |(sample, _): &&(DVec3, DVec3)| {
+        let offset = *sample - place;
+        let largest = (0..3).fold(0, |a, b| if offset[b].abs() > offset[a].abs() { b } else { a });
+        let face = largest + if offset[largest] > 0.0 { 0 } else { 3 };
+        let depth = offset[largest].abs();
+        let slopes = [1, 2].map(|after| offset[(largest + after) % 3] / depth);
+        let texel = |slope: f64| ((0.5 * f64::from(size) * (1.0 + slope)) as u32).min(size - 1);
+        let [x, y] = [texel(slopes[0]), texel(-slopes[1])];
+        let [_, nearness] = words[(face_texels * face as u64) as usize + (y * size + x) as usize];
+        nearness == 0 || f64::from(f32::from_bits(u32::MAX - nearness)) > 0.95 * depth
+    };
+    samples.iter().filter(is_seen).count() as f64 / samples.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+    use std::sync::Arc;
+
+    use cloud::{Chunk, pack_normal, pack_radius};
+    use glam::{DQuat, Vec2, Vec3};
+    use scene::{Camera, Method, Mirror, Shape};
+
+    use super::super::depth_walk::{Answer, Choices, Picture, Ray, Texel, View, relay};
+    use super::*;
+    use crate::Material;
+    use crate::frame::Objects;
+    use crate::gpu::Gpu;
+    use crate::renderer::Renderer;
+    use crate::store::PointStore;
+
+    /// A record of a texel, as shaders/shared/depth_texel.wgsl reads it.
+    fn texel_of([identity, depth, normal_radius, middle]: [u32; 4]) -> Texel {
+        let part = |word: u32| (word & 2047) as f32 / 2047.0 * 2.0 - 1.0;
+        let folded = Vec2::new(part(normal_radius), part(normal_radius >> 11));
+        let z = 1.0 - folded.x.abs() - folded.y.abs();
+        let turned = (1.0 - Vec2::new(folded.y, folded.x).abs()) * Vec2::ONE.copysign(folded);
+        let flat = if z >= 0.0 { folded } else { turned };
+        Texel {
+            identity,
+            depth: f32::from_bits(depth),
+            normal: flat.extend(z).normalize(),
+            radius: ((normal_radius >> 22) as f32 / 64.0 - 8.0).exp2(),
+            middle: Vec2::new(f32::from(middle as u16 as i16), f32::from((middle >> 16) as u16 as i16)) / 32.0,
+        }
+    }
+
+    /// A room with two boxes of points, and a mirror of points in it.
+    fn furnished(gpu: &Arc<Gpu>) -> PointStore {
+        let mut store = PointStore::new(gpu.clone());
+        let mut add = |material, chunk: &Chunk| {
+            let cloud = store.add_cloud(material);
+            store.add_chunk(cloud, chunk, None).unwrap();
+        };
+        for (middle, half) in [(DVec3::ZERO, 2.0), (DVec3::new(0.9, 0.9, -0.8), 0.3), (DVec3::new(-0.8, 0.7, 0.5), 0.2)]
+        {
+            let steps = 40;
+            let (mut points, mut normals) = (Vec::new(), Vec::new());
+            for i in 0..6 * steps * steps {
+                let (side, row, column) = (i / (steps * steps), i / steps % steps, i % steps);
+                let along = |step: i32| (f64::from(step) + 0.5) / f64::from(steps) * 2.0 - 1.0;
+                let axis = |turn: i32| DVec3::AXES[((side + turn) % 3) as usize];
+                let outward = axis(0) * if side < 3 { 1.0 } else { -1.0 };
+                let place = outward + axis(1) * along(row) + axis(2) * along(column);
+                points.push((middle + place * half).as_vec3().to_array());
+                normals.push(pack_normal(outward.as_vec3()));
+            }
+            let radius = 1.5 * half / f64::from(steps);
+            let mut chunk = Chunk::new(0, DVec3::ZERO, points);
+            chunk.radii = Some(Arc::new(vec![pack_radius(radius as f32); chunk.len()]));
+            chunk.normals = Some(Arc::new(normals));
+            add(Material::default(), &chunk);
+        }
+        let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.4);
+        let mirror = Mirror { position: DVec3::new(0.1, 0.0, 0.1), rotation: DQuat::IDENTITY, ..mirror };
+        let reflecting = Material { specular_intensity: 1.0, specular_power: 1000.0, ..Material::default() };
+        mirror.sample(3000, 1).iter().for_each(|chunk| add(reflecting, chunk));
+        store
+    }
+
+    fn vectors(gpu: &Gpu, image: &crate::targets::Image) -> Vec<[f32; 4]> {
+        bytemuck::pod_collect_to_vec(&gpu.read_texture(&image.texture).unwrap())
+    }
+
+    #[test]
+    fn the_gpu_walks_as_its_twin_does() {
+        let gpu = match Gpu::headless(None) {
+            Ok(gpu) => gpu,
+            Err(error) if std::env::var_os("GLINT_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => {
+                println!("skipped: {error}");
+                return;
+            }
+        };
+        let mut renderer = Renderer::new(gpu.clone()).unwrap();
+        let store = furnished(&gpu);
+        let camera = Camera::looking(DVec3::new(0.1, 0.0, 0.1), DVec3::new(0.3, -1.0, 0.2), 1.4, DVec3::Z);
+        for (size, maps, skip) in [(64, 2, true), (50, 3, true), (33, 1, false)] {
+            let mut settings = Settings::default();
+            settings.reflection.method = Method::CubemapTrace;
+            settings.gi.bounces = 0;
+            let chosen = &mut settings.cubemap_trace;
+            (chosen.size, chosen.maps, chosen.tries, chosen.skip, chosen.rest) =
+                (size, maps, maps, skip, CubeRest::None);
+            let picture = [96, 80];
+            let stats = renderer.render(&store, &camera, &settings, Objects::default(), picture).unwrap();
+            let reflections = renderer.reflections.as_ref().unwrap();
+            let cubes = &reflections.methods.cubemaps;
+            let drawn = cubes.maps.as_ref().unwrap();
+            let eye = renderer.camera.unwrap().eye;
+            let layout = Layout::new(size);
+            let records: Vec<[u32; 4]> =
+                bytemuck::pod_collect_to_vec(&gpu.read_buffer(&drawn.records, 0, drawn.records.size()).unwrap());
+            let face = |map: usize, face: usize| {
+                let axis = |turn: usize| Vec3::AXES[(face + turn) % 3];
+                let view = View {
+                    center: (drawn.places[map] - eye).as_vec3(),
+                    right: axis(1),
+                    up: axis(2),
+                    forward: if face < 3 { axis(0) } else { -axis(0) },
+                    size,
+                    focal: 0.5 * size as f32,
+                    near: f32::MIN_POSITIVE,
+                };
+                let first = (map * 6 + face) * layout.texels_of_face as usize;
+                Picture::new(view, records[first..][..(size * size) as usize].iter().map(|r| texel_of(*r)).collect())
+            };
+            let pictures: Vec<[Picture; 6]> =
+                (0..drawn.places.len()).map(|map| [0, 1, 2, 3, 4, 5].map(|index| face(map, index))).collect();
+            let choices = Choices { skip, jump: 1.0, disc_slack: 0.5 };
+
+            let bounce = reflections.first().unwrap();
+            let targets = renderer.targets.as_ref().unwrap();
+            let normals = vectors(&gpu, &targets.surfaces[targets.shown].normal);
+            let [points, eyes] = [&bounce.mirror.point, &bounce.mirror.eye].map(|image| vectors(&gpu, image));
+            let hits = &reflections.methods.gather.as_ref().unwrap().hits;
+            let hits: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&gpu.read_buffer(hits, 0, hits.size()).unwrap());
+            let rest = cubes.rest.as_ref().unwrap();
+            let rest: Vec<u32> = bytemuck::pod_collect_to_vec(&gpu.read_buffer(rest, 0, rest.size()).unwrap());
+            let left: HashMap<u32, f32> =
+                rest[1..][..2 * rest[0] as usize].chunks(2).map(|pair| (pair[0], f32::from_bits(pair[1]))).collect();
+            let share = stats.reflection.unwrap().unresolved.unwrap();
+
+            let vector = |part: &[f32; 4]| Vec3::new(part[0], part[1], part[2]);
+            let (mut rays, mut apart, mut kinds) = (0_u32, 0_u32, [0; 3]);
+            for pixel in (0..points.len()).filter(|pixel| points[*pixel][3] > 0.0) {
+                let origin = vector(&points[pixel]);
+                let direction = (origin - vector(&eyes[pixel])).reflect(vector(&normals[pixel])).normalize();
+                let ray = Ray { origin, direction, from: 0.0, to: 1e30 };
+                let (expected, cells) = relay(&pictures, &ray, maps as usize, choices);
+                let [_, found, distance, walked] = hits[pixel];
+                let near = |t: f32, other: f32| (t - other).abs() <= 1e-4 * (1.0 + other);
+                let is_same = match expected {
+                    Answer::Hit { t, identity } => found == identity + 1 && near(f32::from_bits(distance), t),
+                    Answer::Open => found == 0 && !left.contains_key(&(pixel as u32)),
+                    Answer::Hidden(t) => left.get(&(pixel as u32)).is_some_and(|from| near(*from, t)),
+                };
+                kinds[match expected {
+                    Answer::Hit { .. } => 0,
+                    Answer::Open => 1,
+                    Answer::Hidden(_) => 2,
+                }] += 1;
+                rays += 1;
+                apart += u32::from(!is_same || walked.abs_diff(cells) > 1);
+            }
+            // Rounding decides for a ray that passes through the corner of a texel.
+            assert!(rays > 500 && apart * 200 <= rays, "{size}: {apart} of {rays} differ");
+            assert!(kinds[0] > 10 * kinds[2] && kinds[2] > 0, "{kinds:?}");
+            assert!((share - f64::from(kinds[2]) / f64::from(rays)).abs() < 0.01, "{share} {kinds:?}");
+        }
+    }
+
+    #[test]
+    fn maps_are_spread_over_the_mirror_and_the_better_side_is_known() {
+        let line: Vec<(DVec3, DVec3)> = (0..11).map(|i| (DVec3::X * f64::from(i), DVec3::Z)).collect();
+        assert_eq!(farthest(&line, 4), [0, 10, 5, 2]);
+        assert_eq!(farthest(&line[..2], 4).len(), 2);
+        let size = 16;
+        let empty = vec![0_u8; (6 * map_bytes([size; 2])) as usize];
+        assert_eq!(share_seen(&line[1..], DVec3::ZERO, size, &empty), 1.0);
+        // Something stands halfway in each direction.
+        let half = (u32::MAX - 0.5_f32.to_bits()).to_le_bytes();
+        let texels = empty.len() / 8;
+        let full: Vec<u8> = (0..texels).flat_map(|_| [[0; 4], half].concat()).collect();
+        assert_eq!(share_seen(&line[1..], DVec3::ZERO, size, &full), 0.0);
+    }
+
+    #[test]
+    fn convex_mirrors_do_not_see_themselves() {
+        let of = |shape: Shape, size| {
+            let mirror = Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Y, size);
+            let sampled = mirror.sample(2000, 1);
+            super::super::mirror_places::samples(&super::super::mirror_places::whole(&sampled))
+        };
+        let eye = DVec3::new(0.0, -5.0, 1.0);
+        assert!(is_convex(&of(Shape::Sphere, 1.0), eye));
+        assert!(is_convex(&of(Shape::Plane { height: 1.0 }, 1.0), eye));
+        assert!(is_convex(&of(Shape::Plane { height: 1.0 }, 1.0), -eye));
+        assert!(is_convex(&of(Shape::Paraboloid { focal_length: 0.5 }, 1.0), DVec3::new(0.0, -0.5, -5.0)));
+        let seeing = [Shape::Coral, Shape::Torus { tube: 0.3 }, Shape::Paraboloid { focal_length: 0.5 }];
+        assert!(seeing.into_iter().all(|shape| !is_convex(&of(shape, 1.0), DVec3::Z * 5.0)));
+    }
+}

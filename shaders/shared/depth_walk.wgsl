@@ -1,0 +1,264 @@
+// Rays through a picture of depths. A ray crosses the texels of a picture in order. Each texel is the plane of the disc that it
+// shows, and the ray either stays in front of it, meets it, or is hidden behind it, which the picture cannot tell more
+// about. Bounds of cells of 2 x 2, 4 x 4, ... texels let a ray pass all of them at once. CPU twin:
+// crates/render/src/reflection/depth_walk.rs.
+//
+// The importing pass defines `texel_record(picture, texel)` and `cell_bounds(picture, level, cell)`.
+#import depth_texel
+
+// From where, and how, a picture shows the scene.
+struct DepthView {
+    center: vec3f,
+    right: vec3f,
+    up: vec3f,
+    forward: vec3f,
+    // In texels.
+    size: vec2i,
+    // Texels per unit of tangent.
+    focal: f32,
+    near: f32,
+    // The number by which the importing pass knows the picture.
+    picture: u32,
+    // The number of levels of bounds.
+    levels: i32,
+}
+
+struct WalkRay {
+    origin: vec3f,
+    // Unit length.
+    direction: vec3f,
+    // Up to here it is known to be free.
+    start: f32,
+    // Beyond it nothing is asked for.
+    end: f32,
+}
+
+struct WalkChoices {
+    skip: bool,
+    // Depth steps up to this many texels are within one surface.
+    jump: f32,
+    // How far beside its disc a plane counts, in texels.
+    disc_slack: f32,
+}
+
+// The ray is free as far as it was asked for.
+const WALK_OPEN: u32 = 0u;
+const WALK_HIT: u32 = 1u;
+// The ray is free up to `t`, and what comes after is not known.
+const WALK_HIDDEN: u32 = 2u;
+// What a texel says when the ray goes on.
+const WALK_ON: u32 = 3u;
+
+struct Walk {
+    kind: u32,
+    t: f32,
+    identity: u32,
+    // The cells that were looked at.
+    cells: u32,
+}
+
+// By how much bounds are widened, so that rounding never skips what a texel would have decided.
+const BOUNDS_MARGIN: f32 = 1e-5;
+// More cells than a ray can cross in the largest picture.
+const MOST_CELLS: u32 = 8192u;
+const NEVER: f32 = 3.4028235e38;
+
+// The line of sight at a place of the picture, in texels, with a linear depth of 1.
+fn sight_of(view: DepthView, place: vec2f) -> vec3f {
+    let slope = (place - 0.5 * vec2f(view.size)) / view.focal;
+    return view.forward + view.right * slope.x - view.up * slope.y;
+}
+
+// The linear depths between which the plane of a texel lies.
+fn bounds_of_texel(view: DepthView, texel: vec2i, record: vec4u) -> vec2f {
+    let disc = unpack_texel(record);
+    if disc.depth == 0.0 {
+        return vec2f(NEVER);
+    }
+    let plane = dot(disc.normal, sight_of(view, vec2f(texel) + 0.5)) * disc.depth;
+    var bounds = vec2f(NEVER, 0.0);
+    for (var i = 0; i < 4; i++) {
+        let cosine = dot(disc.normal, sight_of(view, vec2f(texel + vec2i(i & 1, i >> 1u))));
+        let depth = select(NEVER, plane / cosine, cosine < 0.0);
+        bounds = vec2f(min(bounds.x, depth), max(bounds.y, depth));
+    }
+    return vec2f(bounds.x * (1.0 - BOUNDS_MARGIN), select(bounds.y, bounds.y * (1.0 + BOUNDS_MARGIN), bounds.y < 3e38));
+}
+
+// The ray's coordinates along it: the place in texels across and down, each times the linear depth; the depth. x: at zero,
+// y: slope.
+struct WalkCoordinates {
+    across: vec2f,
+    down: vec2f,
+    depth: vec2f,
+}
+
+fn coordinates_of(view: DepthView, ray: WalkRay) -> WalkCoordinates {
+    let offset = ray.origin - view.center;
+    let p = vec2f(dot(view.right, offset), dot(view.right, ray.direction));
+    let q = vec2f(dot(view.up, offset), dot(view.up, ray.direction));
+    let w = vec2f(dot(view.forward, offset), dot(view.forward, ray.direction));
+    let half_size = 0.5 * vec2f(view.size);
+    return WalkCoordinates(half_size.x * w + view.focal * p, half_size.y * w - view.focal * q, w);
+}
+
+fn linear_at(value: vec2f, t: f32) -> f32 {
+    return value.x + value.y * t;
+}
+
+// The part of a ray on one side of where a linear function is zero.
+fn clipped(part: vec2f, side: vec2f) -> vec2f {
+    let root = -side.x / side.y;
+    if side.y > 0.0 {
+        return vec2f(max(part.x, root), part.y);
+    }
+    if side.y < 0.0 {
+        return vec2f(part.x, min(part.y, root));
+    }
+    return select(part, vec2f(part.x, -1.0), side.x < 0.0);
+}
+
+// The part of a ray that a picture shows; empty if the first number is not below the second.
+fn part_in_view(view: DepthView, ray: WalkRay) -> vec2f {
+    let along = coordinates_of(view, ray);
+    let size = vec2f(view.size);
+    var part = clipped(vec2f(ray.start, ray.end), along.across);
+    part = clipped(part, size.x * along.depth - along.across);
+    part = clipped(part, along.down);
+    part = clipped(part, size.y * along.depth - along.down);
+    return clipped(part, along.depth - vec2f(view.near, 0.0));
+}
+
+// One axis of a picture. x: the coordinate. y: its slope. z: the step at borders: 1, -1, or 0 for a ray that stays.
+fn axis_of(value: vec2f, depth: vec2f) -> vec3f {
+    return vec3f(value, sign(value.y * depth.x - value.x * depth.y));
+}
+
+// When the ray crosses an integer border.
+fn crossing_of(axis: vec3f, depth: vec2f, border: i32) -> f32 {
+    let slope = axis.y - f32(border) * depth.y;
+    // A ray may come ever nearer to a border without reaching it.
+    return select(NEVER, (f32(border) * depth.x - axis.x) / slope, slope * axis.z > 0.0);
+}
+
+fn is_past(axis: vec3f, depth: vec2f, border: i32, t: f32, is_first: bool) -> bool {
+    let crossing = crossing_of(axis, depth, border);
+    return crossing < t || (is_first && crossing == t);
+}
+
+// The texel that contains the ray at `t`, from `low` to `high`: the same that stepping texel by texel finds. `is_first` says that
+// this axis steps first where both borders are crossed at once.
+fn texel_at(axis: vec3f, depth: vec2f, t: f32, low: i32, high: i32, is_first: bool) -> i32 {
+    var texel = clamp(i32(floor(linear_at(axis.xy, t) / linear_at(depth, t))), low, high);
+    if axis.z > 0.0 {
+        if texel > low && !is_past(axis, depth, texel, t, is_first) {
+            texel -= 1;
+        }
+        if texel < high && is_past(axis, depth, texel + 1, t, is_first) {
+            texel += 1;
+        }
+    } else if axis.z < 0.0 {
+        if texel < high && !is_past(axis, depth, texel + 1, t, is_first) {
+            texel += 1;
+        }
+        if texel > low && is_past(axis, depth, texel, t, is_first) {
+            texel -= 1;
+        }
+    }
+    return texel;
+}
+
+// Walks the part `part` of a ray through a picture. `starts` says that the ray begins there, so that the picture may say
+// nothing about it.
+fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choices: WalkChoices) -> Walk {
+    let along = coordinates_of(view, ray);
+    let depth = along.depth;
+    let across = axis_of(along.across, depth);
+    let down = axis_of(along.down, depth);
+    var t = part.x;
+    var is_start = starts;
+    let first_place = vec2f(linear_at(across.xy, t), linear_at(down.xy, t)) / linear_at(depth, t);
+    var at = clamp(vec2i(floor(first_place)), vec2i(0), view.size - 1);
+    var level = 0;
+    var walk = Walk(WALK_ON, 0.0, 0u, 0u);
+    while walk.kind == WALK_ON {
+        walk.cells += 1u;
+        let edge = 1 << u32(level);
+        let cell = at >> vec2u(u32(level));
+        let border = select(cell * edge, min((cell + 1) * edge, view.size), vec2<bool>(across.z > 0.0, down.z > 0.0));
+        let exits = vec2f(crossing_of(across, depth, border.x), crossing_of(down, depth, border.y));
+        let out = max(min(min(exits.x, exits.y), part.y), t);
+        var is_passed = true;
+        if level > 0 {
+            let nearest = cell_bounds(view.picture, level, cell).x;
+            is_passed = max(linear_at(depth, t), linear_at(depth, out)) < nearest;
+        } else {
+            let said = said_by_texel(view, ray, at, t, out, is_start, choices);
+            walk = Walk(said.kind, said.t, said.identity, walk.cells);
+        }
+        if !is_passed {
+            level -= 1;
+        } else if walk.kind == WALK_ON {
+            is_start = false;
+            if out >= part.y {
+                walk.kind = WALK_OPEN;
+            } else if walk.cells > MOST_CELLS {
+                walk.kind = WALK_HIDDEN;
+                walk.t = t;
+            }
+            let low = cell * edge;
+            let high = min(low + edge, view.size) - 1;
+            if exits.y < exits.x {
+                at = vec2i(texel_at(across, depth, out, low.x, high.x, true), select(border.y - 1, border.y, down.z > 0.0));
+            } else {
+                at = vec2i(select(border.x - 1, border.x, across.z > 0.0), texel_at(down, depth, out, low.y, high.y, false));
+            }
+            t = out;
+            if choices.skip {
+                level = min(level + 1, view.levels);
+            }
+        }
+    }
+    return walk;
+}
+
+// What a texel says about the ray between two distances.
+fn said_by_texel(
+    view: DepthView,
+    ray: WalkRay,
+    at: vec2i,
+    enters: f32,
+    leaves: f32,
+    starts: bool,
+    choices: WalkChoices,
+) -> Walk {
+    let record = texel_record(view.picture, at);
+    if record.y == 0u {
+        return Walk(WALK_ON, 0.0, 0u, 0u);
+    }
+    let texel = unpack_texel(record);
+    let plane = dot(texel.normal, sight_of(view, vec2f(at) + 0.5)) * texel.depth;
+    let height = vec2f(dot(texel.normal, ray.origin - view.center) - plane, dot(texel.normal, ray.direction));
+    let width = texel.depth / view.focal;
+    let radius = texel.radius * width;
+    let before = linear_at(height, enters);
+    let after = linear_at(height, leaves);
+    let is_before = before >= 0.0;
+    // Behind a plane, but not far: a step within one surface.
+    let is_crack = !is_before && -before <= choices.jump * width + 0.02 * radius;
+    if (starts && before <= -0.5 * choices.jump * width) || !(is_before || is_crack) {
+        return Walk(WALK_HIDDEN, enters, 0u, 0u);
+    }
+    if after > 0.0 {
+        return Walk(WALK_ON, 0.0, 0u, 0u);
+    }
+    let t = select(enters, enters + (leaves - enters) * before / max(before - after, 1e-30), is_before);
+    let sight = sight_of(view, vec2f(at) + 0.5 + texel.middle);
+    let middle = view.center + sight * (plane / dot(texel.normal, sight));
+    let beside = distance(ray.origin + ray.direction * t, middle);
+    // The surface on which the ray begins does not stop it.
+    if t > 4.0 * radius && beside <= radius + choices.disc_slack * width {
+        return Walk(WALK_HIT, t, texel.identity, 0u);
+    }
+    return Walk(WALK_HIDDEN, enters, 0u, 0u);
+}
