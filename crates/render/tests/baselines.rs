@@ -230,37 +230,66 @@ fn more_mirrors_than_maps_take_the_nearest_map() {
 }
 
 fn draws_maps(stats: &FrameStats) -> bool {
-    stats.passes.iter().any(|pass| pass.name == "environment_map")
+    stats.passes.iter().any(|pass| ["environment_map", "cubemaps"].contains(&pass.name))
 }
 
 #[test]
 fn maps_are_kept_while_the_camera_moves_and_drawn_anew_when_points_or_mirrors_change() {
     let mut stage = stage_or_skip!();
-    let mut scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
-    let mut settings = by_map(&[("environment_map.size", "64")]);
-    assert!(draws_maps(&scene.render(&mut stage, &settings)));
+    for method in ["environment_map", "cubemap_trace"] {
+        let mut scene = Scene::new(&stage, room(&[2]), vec![sphere(DVec3::ZERO, RADIUS)]);
+        let mut settings =
+            by_map(&[("reflection.method", method), ("environment_map.size", "64"), ("cubemap_trace.size", "64")]);
+        assert!(draws_maps(&scene.render(&mut stage, &settings)));
 
-    type Change = fn(&mut Scene, &mut Settings);
-    let changes: [(&str, bool, Change); 8] = [
-        ("nothing", false, |_, _| ()),
-        ("the camera", false, |scene, _| scene.camera.orbit(0.1, 0.05)),
-        ("the quality", false, |_, settings| settings.set_text("splat.quality", "nearest").unwrap()),
-        ("the proxy", false, |_, settings| settings.set_text("environment_map.proxy", "box").unwrap()),
-        ("the mirror's place", true, |scene, _| scene.mirrors[0].position.x += 0.05),
-        ("the texels", true, |_, settings| settings.environment_map.size = 50),
-        ("the splats", true, |_, settings| settings.splat.size = 1.2),
-        ("more points", true, |scene, _| {
-            let screen = wall(DVec3::new(-0.9, -0.5, -0.9), [DVec3::X * 0.5, DVec3::Y * 0.6]);
-            add_points(&mut scene.store, vec![screen], Material::default());
-        }),
-    ];
-    for (name, is_anew, change) in changes {
-        change(&mut scene, &mut settings);
-        assert_eq!(draws_maps(&scene.render(&mut stage, &settings)), is_anew, "{name}");
-        let kept = stage.renderer.read_picture().unwrap();
-        stage.renderer.forget();
-        assert!(draws_maps(&scene.render(&mut stage, &settings)), "{name}, forgotten");
-        assert!(stage.renderer.read_picture().unwrap() == kept, "{name}: a kept map fits one made anew");
+        type Change = fn(&mut Scene, &mut Settings);
+        let changes: [(&str, bool, Change); 9] = [
+            ("nothing", false, |_, _| ()),
+            ("the camera", false, |scene, _| scene.camera.orbit(0.1, 0.05)),
+            ("the quality", false, |_, settings| settings.set_text("splat.quality", "nearest").unwrap()),
+            ("the proxy", false, |_, settings| settings.set_text("environment_map.proxy", "box").unwrap()),
+            ("the walk", false, |_, settings| settings.set_text("cubemap_trace.jump", "2").unwrap()),
+            ("the mirror's place", true, |scene, _| scene.mirrors[0].position.x += 0.05),
+            ("the texels", true, |_, settings| {
+                (settings.environment_map.size, settings.cubemap_trace.size) = (50, 50);
+            }),
+            ("the splats", true, |_, settings| settings.splat.size = 1.2),
+            ("more points", true, |scene, _| {
+                let screen = wall(DVec3::new(-0.9, -0.5, -0.9), [DVec3::X * 0.5, DVec3::Y * 0.6]);
+                add_points(&mut scene.store, vec![screen], Material::default());
+            }),
+        ];
+        for (name, is_anew, change) in changes {
+            change(&mut scene, &mut settings);
+            assert_eq!(draws_maps(&scene.render(&mut stage, &settings)), is_anew, "{method}: {name}");
+            let kept = stage.renderer.read_picture().unwrap();
+            stage.renderer.forget();
+            assert!(draws_maps(&scene.render(&mut stage, &settings)), "{method}: {name}, forgotten");
+            assert!(stage.renderer.read_picture().unwrap() == kept, "{method}: {name}: a kept map fits one made anew");
+        }
+    }
+}
+
+#[test]
+fn rays_through_cubemaps_end_where_rays_through_the_points_end() {
+    let mut stage = stage_or_skip!();
+    let mirrors = vec![sphere(DVec3::new(0.3, 0.0, -0.2), RADIUS), sphere(DVec3::new(-0.5, 0.3, 0.1), RADIUS)];
+    let scene = Scene::new(&stage, room(&[]), mirrors);
+    let mut found = |method: &str, rest: &str| {
+        scene.render(&mut stage, &by_map(&[("reflection.method", method), ("cubemap_trace.rest", rest)]));
+        pixels(&stage, &scene.camera)
+    };
+    let truth = found("surfel_trace", "none");
+    let filled = truth.iter().filter(|seen| seen.found.is_some()).count();
+    for (rest, least) in [("none", 95), ("surfel_trace", 99)] {
+        let traced = found("cubemap_trace", rest);
+        assert_eq!(traced.len(), truth.len());
+        let is_alike = |(a, b): &(&Seen, &Seen)| match (a.found, b.found) {
+            (Some(a), Some(b)) => a.distance(b) < 0.02,
+            (a, b) => a.is_some() == b.is_some(),
+        };
+        let alike = traced.iter().zip(&truth).filter(is_alike).count();
+        assert!(filled > 1000 && alike * 100 >= truth.len() * least, "{rest}: {alike} of {}", truth.len());
     }
 }
 
