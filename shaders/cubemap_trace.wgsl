@@ -27,6 +27,8 @@ override counts: bool = false;
 
 // How often a ray may change to another map.
 const MOST_ROUNDS: u32 = 8u;
+// The faces that a ray crosses are at most four; it may touch others at their corners.
+const MOST_FACES: i32 = 6;
 // Farther than any scene.
 const FARTHEST: f32 = 1e30;
 
@@ -108,32 +110,50 @@ fn relay(whole: WalkRay, mirror: MappedMirror) -> Walk {
 
 // Walks a ray through the faces of a map, of which it crosses at most four.
 fn walk_cube(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
-    var parts: array<vec2f, 6>;
-    for (var face = 0u; face < 6u; face++) {
-        parts[face] = part_in_view(face_of(map, face), ray);
-    }
     var walk = Walk(WALK_OPEN, 0.0, 0u, 0u);
     var cells = 0u;
+    var t = ray.start;
+    var face = face_toward(ray.origin + ray.direction * t - cubes.places[map].xyz);
     var starts = true;
-    for (var i = 0; i < 6 && walk.kind == WALK_OPEN; i++) {
-        var next = 6u;
-        var first = NEVER;
-        for (var face = 0u; face < 6u; face++) {
-            if parts[face].x < parts[face].y && parts[face].x < first {
-                first = parts[face].x;
-                next = face;
-            }
-        }
-        if next < 6u {
-            walk = walk_picture(face_of(map, next), ray, parts[next], starts, choices);
+    var goes_on = true;
+    for (var i = 0; i < MOST_FACES && goes_on; i++) {
+        let view = face_of(map, face);
+        let exit = exit_of_view(view, ray);
+        if exit.t > t {
+            walk = walk_picture(view, ray, vec2f(t, exit.t), starts, choices);
             cells += walk.cells;
             starts = false;
-            // The face is done.
-            parts[next] = vec2f(0.0);
+            t = exit.t;
         }
+        goes_on = walk.kind == WALK_OPEN && exit.side != 0u;
+        face = face_beside(face, exit.side);
     }
     walk.cells = cells;
+    // A ray right through a corner of the cube or its middle.
+    if goes_on {
+        walk.kind = WALK_HIDDEN;
+        walk.t = t;
+    }
     return walk;
+}
+
+// The face that sees a direction: that of its largest part.
+fn face_toward(direction: vec3f) -> u32 {
+    let parts = abs(direction);
+    var axis = 0u;
+    if parts.y > parts.x && parts.y >= parts.z {
+        axis = 1u;
+    } else if parts.z > parts.x {
+        axis = 2u;
+    }
+    return axis + select(0u, 3u, direction[axis] < 0.0);
+}
+
+// The face into which a ray goes through a side of a face, see `exit_of_view`: those to the left and right look along the axis
+// after its own, those above and below along the next one.
+fn face_beside(face: u32, side: u32) -> u32 {
+    let axis = (face + select(1u, 2u, side >= SIDE_BELOW)) % 3u;
+    return axis + select(3u, 0u, side == SIDE_RIGHT || side == SIDE_ABOVE);
 }
 
 fn texel_record(picture: u32, texel: vec2i) -> vec4u {

@@ -12,9 +12,9 @@ struct Cubes {
     texels_of_face: u32,
     // The number of levels of bounds.
     levels: u32,
-    near: f32,
     // The number of maps.
     maps: u32,
+    unused_0: u32,
     unused_1: u32,
     unused_2: u32,
     places: array<vec4f>,
@@ -28,7 +28,7 @@ fn face_of(map: u32, face: u32) -> DepthView {
     let size = i32(cubes.size);
     return DepthView(
         cubes.places[map].xyz, axes[(face + 1u) % 3u], axes[(face + 2u) % 3u], forward, vec2i(size), 0.5 * f32(size),
-        cubes.near, map * 6u + face, i32(cubes.levels),
+        map * 6u + face, i32(cubes.levels),
     );
 }
 

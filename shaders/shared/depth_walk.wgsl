@@ -16,7 +16,6 @@ struct DepthView {
     size: vec2i,
     // Texels per unit of tangent.
     focal: f32,
-    near: f32,
     // The number by which the importing pass knows the picture.
     picture: u32,
     // The number of levels of bounds.
@@ -106,27 +105,31 @@ fn linear_at(value: vec2f, t: f32) -> f32 {
     return value.x + value.y * t;
 }
 
-// The part of a ray on one side of where a linear function is zero.
-fn clipped(part: vec2f, side: vec2f) -> vec2f {
-    let root = -side.x / side.y;
-    if side.y > 0.0 {
-        return vec2f(max(part.x, root), part.y);
-    }
-    if side.y < 0.0 {
-        return vec2f(part.x, min(part.y, root));
-    }
-    return select(part, vec2f(part.x, -1.0), side.x < 0.0);
+const SIDE_LEFT: u32 = 1u;
+const SIDE_RIGHT: u32 = 2u;
+const SIDE_BELOW: u32 = 3u;
+const SIDE_ABOVE: u32 = 4u;
+
+// Where a ray leaves what a picture shows, and through which side; 0 if it ends within.
+struct WalkExit {
+    t: f32,
+    side: u32,
 }
 
-// The part of a ray that a picture shows; empty if the first number is not below the second.
-fn part_in_view(view: DepthView, ray: WalkRay) -> vec2f {
+// The earlier of an exit and the one through a side: where a linear function that is not negative within becomes so.
+fn earlier_exit(exit: WalkExit, within: vec2f, side: u32) -> WalkExit {
+    let root = -within.x / within.y;
+    let is_earlier = within.y < 0.0 && root < exit.t;
+    return WalkExit(select(exit.t, root, is_earlier), select(exit.side, side, is_earlier));
+}
+
+fn exit_of_view(view: DepthView, ray: WalkRay) -> WalkExit {
     let along = coordinates_of(view, ray);
     let size = vec2f(view.size);
-    var part = clipped(vec2f(ray.start, ray.end), along.across);
-    part = clipped(part, size.x * along.depth - along.across);
-    part = clipped(part, along.down);
-    part = clipped(part, size.y * along.depth - along.down);
-    return clipped(part, along.depth - vec2f(view.near, 0.0));
+    var exit = earlier_exit(WalkExit(ray.end, 0u), along.across, SIDE_LEFT);
+    exit = earlier_exit(exit, size.x * along.depth - along.across, SIDE_RIGHT);
+    exit = earlier_exit(exit, along.down, SIDE_ABOVE);
+    return earlier_exit(exit, size.y * along.depth - along.down, SIDE_BELOW);
 }
 
 // One axis of a picture. x: the coordinate. y: its slope. z: the step at borders: 1, -1, or 0 for a ray that stays.

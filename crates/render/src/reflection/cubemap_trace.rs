@@ -272,7 +272,6 @@ fn upload_cubes(recorder: &Recorder<'_>, layout: &Layout, places: &[DVec3], eye:
         padded_size: layout.padded_size,
         texels_of_face: layout.texels_of_face,
         levels: layout.levels,
-        near: f32::MIN_POSITIVE,
         maps: places.len() as u32,
         ..Cubes::default()
     };
@@ -492,7 +491,6 @@ mod tests {
                     forward: if face < 3 { axis(0) } else { -axis(0) },
                     size,
                     focal: 0.5 * size as f32,
-                    near: f32::MIN_POSITIVE,
                 };
                 let first = (map * 6 + face) * layout.texels_of_face as usize;
                 Picture::new(view, records[first..][..(size * size) as usize].iter().map(|r| texel_of(*r)).collect())

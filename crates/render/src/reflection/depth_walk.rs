@@ -16,7 +16,6 @@ pub(super) struct View {
     pub size: u32,
     /// Texels per unit of tangent.
     pub focal: f32,
-    pub near: f32,
 }
 
 /// A texel: the disc that it shows.
@@ -73,6 +72,8 @@ const MARGIN: f32 = 1e-5;
 
 /// More cells than a ray can cross in the largest picture.
 const MOST_CELLS: u32 = 8192;
+/// The faces that a ray crosses are at most four; it may touch others at their corners.
+const MOST_FACES: usize = 6;
 /// How often a ray may change to another cube.
 const MOST_ROUNDS: u32 = 8;
 
@@ -170,26 +171,52 @@ struct Walk {
     cells: u32,
 }
 
-/// The part of a ray that a picture shows; empty if the first number is not below the second.
-fn clip(view: &View, ray: &Ray) -> [f32; 2] {
+/// The sides of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Side {
+    Left,
+    Right,
+    Above,
+    Below,
+}
+
+/// Where a ray leaves what a picture shows, and through which side; no side if it ends within.
+fn exit_of(view: &View, ray: &Ray) -> (f32, Option<Side>) {
     let [across, down, depth] = coordinates(view, ray);
     let size = view.size as f32;
     let over = |value: Linear| Linear {
         at_zero: size * depth.at_zero - value.at_zero,
         slope: size * depth.slope - value.slope,
     };
-    let beyond_near = Linear { at_zero: depth.at_zero - view.near, slope: depth.slope };
-    let mut part = [ray.from, ray.to];
-    for side in [across, over(across), down, over(down), beyond_near] {
-        if side.slope > 0.0 {
-            part[0] = part[0].max(side.root());
-        } else if side.slope < 0.0 {
-            part[1] = part[1].min(side.root());
-        } else if side.at_zero < 0.0 {
-            part[1] = -1.0;
+    // Each is not negative within the picture.
+    let sides = [(across, Side::Left), (over(across), Side::Right), (down, Side::Above), (over(down), Side::Below)];
+    let mut exit = (ray.to, None);
+    for (within, side) in sides {
+        if within.slope < 0.0 && within.root() < exit.0 {
+            exit = (within.root(), Some(side));
         }
     }
-    part
+    exit
+}
+
+/// The face that sees a direction: that of its largest part.
+fn face_toward(direction: Vec3) -> usize {
+    let parts = direction.abs();
+    let axis = if parts.y > parts.x && parts.y >= parts.z {
+        1
+    } else if parts.z > parts.x {
+        2
+    } else {
+        0
+    };
+    axis + if direction[axis] < 0.0 { 3 } else { 0 }
+}
+
+/// The face into which a ray goes through a side of a face: those to the left and right look along the axis after its own,
+/// those above and below along the next one.
+fn face_beside(face: usize, side: Side) -> usize {
+    let axis = (face + if matches!(side, Side::Left | Side::Right) { 1 } else { 2 }) % 3;
+    axis + if matches!(side, Side::Right | Side::Above) { 0 } else { 3 }
 }
 
 /// The ray's place in texels across and down, each times its linear depth; and that depth.
@@ -360,26 +387,28 @@ fn leaf(
     Some(if counts { Answer::Hit { t, identity: texel.identity } } else { Answer::Hidden(t_in) })
 }
 
-/// Walks a ray through the six faces of a cube. Returns the answer and the number of cells.
+/// Walks a ray through the six faces of a cube, of which it crosses at most four. Returns the answer and the number of cells.
 pub(super) fn walk_cube(faces: &[Picture; 6], ray: &Ray, choices: Choices) -> (Answer, u32) {
-    let parts = faces.each_ref().map(|face| clip(&face.view, ray));
-    let mut done = [false; 6];
+    let mut t = ray.from;
+    let mut face = face_toward(ray.origin + ray.direction * t - faces[0].view.center);
     let mut cells = 0;
     let mut starts = true;
-    loop {
-        // The face that the ray enters next; it crosses at most four.
-        let open = (0..6).filter(|face| !done[*face] && parts[*face][0] < parts[*face][1]);
-        let Some(next) = open.min_by(|a, b| parts[*a][0].total_cmp(&parts[*b][0])) else {
-            return (Answer::Open, cells);
-        };
-        done[next] = true;
-        let walked = walk(&faces[next], ray, parts[next], starts, choices);
-        cells += walked.cells;
-        starts = false;
-        if walked.answer != Answer::Open {
-            return (walked.answer, cells);
+    for _ in 0..MOST_FACES {
+        let (exit, side) = exit_of(&faces[face].view, ray);
+        if exit > t {
+            let walked = walk(&faces[face], ray, [t, exit], starts, choices);
+            cells += walked.cells;
+            starts = false;
+            t = exit;
+            if walked.answer != Answer::Open {
+                return (walked.answer, cells);
+            }
         }
+        let Some(side) = side else { return (Answer::Open, cells) };
+        face = face_beside(face, side);
     }
+    // A ray right through a corner of the cube or its middle.
+    (Answer::Hidden(t), cells)
 }
 
 /// Walks a ray through several cubes, the nearest to its origin first: where one cannot see on, the others may.
@@ -440,7 +469,7 @@ mod tests {
     fn face(center: Vec3, face: usize, size: u32) -> View {
         let axis = |index: usize| Vec3::AXES[(face + index) % 3];
         let forward = if face < 3 { axis(0) } else { -axis(0) };
-        View { center, right: axis(1), up: axis(2), forward, size, focal: 0.5 * size as f32, near: 1e-4 }
+        View { center, right: axis(1), up: axis(2), forward, size, focal: 0.5 * size as f32 }
     }
 
     /// A face as the GPU draws it: `seen` returns what a line of sight meets: identity, distance along it, normal,
