@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 16] = [
+const PLANS: [(&str, &str); 17] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -17,6 +17,7 @@ const PLANS: [(&str, &str); 16] = [
     ("mirrors", include_str!("../../../assets/plans/mirrors.toml")),
     ("solvers", include_str!("../../../assets/plans/solvers.toml")),
     ("streamed", include_str!("../../../assets/plans/streamed.toml")),
+    ("cubemap", include_str!("../../../assets/plans/cubemap.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
     ("auto", include_str!("../../../assets/plans/auto.toml")),
     ("stability", include_str!("../../../assets/plans/stability.toml")),
