@@ -166,3 +166,68 @@ fn a_scene_that_cannot_be_read_is_a_row_and_the_others_go_on() {
     let flicker = ["flicker_still", "flicker_moving"].map(|name| whole[name].as_f64().unwrap_or(f64::NAN));
     assert!(flicker[0] < 1e-9 && (0.01..100.0).contains(&flicker[1]), "{flicker:?}");
 }
+
+/// What the thesis's experiments need of a plan.
+const PARTS: &str = r#"
+title = "Parts"
+size = "64x48"
+repeats = 1
+truths = []
+errors = []
+figures = ["search_ms"]
+still = true
+still_set = { "scene.points" = 20000 }
+[set]
+"gi.bounces" = 0
+[[part]]
+name = "search_ms"
+label = "searches"
+passes = ["sscr_solve", "sscr_solve_again"]
+[[group]]
+name = "distances"
+scenes = ["five-mirrors/sphere"]
+methods = ["sscr"]
+sweep = { distance = [1, 0.6], "scene.points" = [2000, 20000] }
+pictures = "each"
+stacked = [["search_ms", "method_ms"]]
+[[group]]
+name = "learned"
+scenes = ["five-mirrors/sphere"]
+methods = ["sscr"]
+set = { "sscr.seeds" = "last-frame", "scene.points" = 2000 }
+frames_before = 4
+[[group]]
+name = "first"
+scenes = ["five-mirrors/sphere"]
+methods = ["sscr"]
+set = { "sscr.seeds" = "last-frame", "scene.points" = 2000 }
+"#;
+
+#[test]
+fn a_plan_moves_the_camera_sums_passes_shows_each_picture_and_judges_by_all_points() {
+    let folder = with_plan(PARTS);
+    let Some(outcome) = study(&folder, &["plan.toml", "-o", "parts"]) else { return };
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let rows = rows(&folder, "parts");
+    let of = |group: &str| rows.iter().filter(|row| row["group"] == group).collect::<Vec<_>>();
+    let number = |row: &Value, name: &str| row[name].as_f64().unwrap_or_else(|| panic!("{name} of {row}"));
+    // Distances of 1 and 0.6, each with few points and many.
+    let distances = of("distances");
+    let pixels: Vec<f64> = distances.iter().map(|row| number(row, "mirror_pixels")).collect();
+    assert!(pixels[2] > 2.0 * pixels[0] && pixels[3] > 2.0 * pixels[1], "{pixels:?}");
+    for pair in distances.chunks(2) {
+        // Against the picture of many points, few are farther off.
+        assert!(number(pair[0], "still_delta_e") > number(pair[1], "still_delta_e"), "{pair:#?}");
+    }
+    for row in &distances {
+        let passes = &row["passes"];
+        let sum = number(passes, "sscr_solve") + number(passes, "sscr_solve_again");
+        assert!((number(row, "search_ms") / sum - 1.0).abs() < 1e-9 && sum < number(row, "method_ms"), "{row}");
+    }
+    // From frame to frame, more points are found.
+    let hits = ["first", "learned"].map(|group| number(of(group)[0], "hit_rate"));
+    assert!(hits[1] > 1.1 * hits[0], "{hits:?}");
+    let pictures = std::fs::read_dir(folder.path("parts/pictures")).expect("pictures").count();
+    assert_eq!(pictures, 4, "one a setting");
+    assert!(read(&folder, "parts/stacked-distances.svg").contains("<svg"));
+}
