@@ -1,5 +1,5 @@
-// The bounds of a level of the faces of cubemaps: the linear depths between which the planes of a cell's texels lie. Empty texels
-// are infinitely far. One thread a cell; x and y in the face, z the face.
+// The bounds of a level of the faces of cubemaps: the linear depths between which the planes of a cell's texels lie.
+// Empty texels are infinitely far. One thread a cell; x and y in the face, z the face.
 #import frame_group
 #import cubemaps
 

@@ -1,6 +1,6 @@
-// The records of a face of a cubemap: the disc of the nearest point of each texel, so that rays need no page of the store. Runs
-// once for each page and takes the texels whose point lies in it; the first page also writes the empty ones. The frame is
-// that of the face. One thread a texel.
+// The records of a face of a cubemap: the disc of the nearest point of each texel, so that rays need no page of the
+// store. Runs once for each page and takes the texels whose point lies in it; the first page also writes the empty
+// ones. The frame is that of the face. One thread a texel.
 #import point_surface
 #import depth_texel
 

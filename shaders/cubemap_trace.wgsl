@@ -1,6 +1,6 @@
-// Cubemap tracing: the reflected ray of each mirror pixel walks through the maps of its mirror, the nearest first; where one is
-// hidden from a map, another may see on. What no map resolves is listed, with how far the ray is known to be free. One thread
-// a pixel.
+// Cubemap tracing: the reflected ray of each mirror pixel walks through the maps of its mirror, the nearest first;
+// where one is hidden from a map, another may see on. What no map resolves is listed, with how far the ray is known to
+// be free. One thread a pixel.
 #import frame_group
 #import mirror_places
 #import mirror_ray
@@ -16,7 +16,8 @@
 @group(1) @binding(6) var<storage, read> bounds: array<vec2f>;
 // See surfel_trace.wgsl. Before: what the ray meets on mirrors, if that was traced.
 @group(1) @binding(7) var<storage, read_write> hits: array<vec4u>;
-// The number of rays that are not resolved; then two words each: pixel, and f32 bits of the distance up to which it is free.
+// The number of rays that are not resolved; then two words each: pixel, and f32 bits of the distance up to which it is
+// free.
 @group(1) @binding(8) var<storage, read_write> rest: array<atomic<u32>>;
 // z: number of cells that the ray was tested against.
 @group(1) @binding(9) var views_out: texture_storage_2d<rgba32float, write>;
@@ -149,8 +150,8 @@ fn face_toward(direction: vec3f) -> u32 {
     return axis + select(0u, 3u, direction[axis] < 0.0);
 }
 
-// The face into which a ray goes through a side of a face, see `exit_of_view`: those to the left and right look along the axis
-// after its own, those above and below along the next one.
+// The face into which a ray goes through a side of a face, see `exit_of_view`: those to the left and right look along
+// the axis after its own, those above and below along the next one.
 fn face_beside(face: u32, side: u32) -> u32 {
     let axis = (face + select(1u, 2u, side >= SIDE_BELOW)) % 3u;
     return axis + select(3u, 0u, side == SIDE_RIGHT || side == SIDE_ABOVE);

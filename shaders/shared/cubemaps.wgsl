@@ -1,5 +1,5 @@
-// Maps of six faces around mirrors, in which rays are walked. Filled by crates/render/src/reflection/cubemap_trace.rs. The
-// importing pass binds them as `cubes`, `records` and `bounds`.
+// Maps of six faces around mirrors, in which rays are walked. Filled by crates/render/src/reflection/cubemap_trace.rs.
+// The importing pass binds them as `cubes`, `records` and `bounds`.
 #import depth_walk
 
 // The maps. xyz of `places`: the middle of each, relative to the eye.
@@ -20,8 +20,8 @@ struct Cubes {
     places: array<vec4f>,
 }
 
-// A face of a map as a picture: faces 0 to 2 look along an axis, 3 to 5 against it; the two axes after it point right and up,
-// see face_camera of crates/render/src/reflection/environment_map.rs.
+// A face of a map as a picture: faces 0 to 2 look along an axis, 3 to 5 against it; the two axes after it point right
+// and up, see face_camera of crates/render/src/reflection/environment_map.rs.
 fn face_of(map: u32, face: u32) -> DepthView {
     var axes = array<vec3f, 3>(vec3f(1.0, 0.0, 0.0), vec3f(0.0, 1.0, 0.0), vec3f(0.0, 0.0, 1.0));
     let forward = select(-1.0, 1.0, face < 3u) * axes[face % 3u];

@@ -1,6 +1,6 @@
-// Rays through a picture of depths. A ray crosses the texels of a picture in order. Each texel is the plane of the disc that it
-// shows, and the ray either stays in front of it, meets it, or is hidden behind it, which the picture cannot tell more
-// about. Bounds of cells of 2 x 2, 4 x 4, ... texels let a ray pass all of them at once. CPU twin:
+// Rays through a picture of depths. A ray crosses the texels of a picture in order. Each texel is the plane of the disc
+// that it shows, and the ray either stays in front of it, meets it, or is hidden behind it, which the picture cannot
+// tell more about. Bounds of cells of 2 x 2, 4 x 4, ... texels let a ray pass all of them at once. CPU twin:
 // crates/render/src/reflection/depth_walk.rs.
 //
 // The importing pass defines `texel_record(picture, texel)` and `cell_bounds(picture, level, cell)`.
@@ -84,8 +84,8 @@ fn bounds_of_texel(view: DepthView, texel: vec2i, record: vec4u) -> vec2f {
     return vec2f(bounds.x * (1.0 - BOUNDS_MARGIN), select(bounds.y, bounds.y * (1.0 + BOUNDS_MARGIN), bounds.y < 3e38));
 }
 
-// The ray's coordinates along it: the place in texels across and down, each times the linear depth; the depth. x: at zero,
-// y: slope.
+// The ray's coordinates along it: the place in texels across and down, each times the linear depth; the depth. x: at
+// zero, y: slope.
 struct WalkCoordinates {
     across: vec2f,
     down: vec2f,
@@ -149,8 +149,8 @@ fn is_past(axis: vec3f, depth: vec2f, border: i32, t: f32, is_first: bool) -> bo
     return crossing < t || (is_first && crossing == t);
 }
 
-// The texel that contains the ray at `t`, from `low` to `high`: the same that stepping texel by texel finds. `is_first` says that
-// this axis steps first where both borders are crossed at once.
+// The texel that contains the ray at `t`, from `low` to `high`: the same that stepping texel by texel finds. `is_first`
+// says that this axis steps first where both borders are crossed at once.
 fn texel_at(axis: vec3f, depth: vec2f, t: f32, low: i32, high: i32, is_first: bool) -> i32 {
     var texel = clamp(i32(floor(linear_at(axis.xy, t) / linear_at(depth, t))), low, high);
     if axis.z > 0.0 {
@@ -171,8 +171,8 @@ fn texel_at(axis: vec3f, depth: vec2f, t: f32, low: i32, high: i32, is_first: bo
     return texel;
 }
 
-// Walks the part `part` of a ray through a picture. `starts` says that the ray begins there, so that the picture may say
-// nothing about it.
+// Walks the part `part` of a ray through a picture. `starts` says that the ray begins there, so that the picture may
+// say nothing about it.
 fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choices: WalkChoices) -> Walk {
     let along = coordinates_of(view, ray);
     let depth = along.depth;

@@ -1,9 +1,10 @@
-//! Cubemap tracing (after a thesis of 2017 on accurate reflections by searching depth in cubemaps): reflected rays walk through
-//! pictures of the points around each mirror. A ray that one map loses behind something goes on in another one, and what no map
-//! resolves is left to `surfel_trace`, from where it is known to be free. docs/methods/cubemap_trace.md has the rules.
+//! Cubemap tracing (after a thesis of 2017 on accurate reflections by searching depth in cubemaps): reflected rays walk
+//! through pictures of the points around each mirror. A ray that one map loses behind something goes on in another one,
+//! and what no map resolves is left to `surfel_trace`, from where it is known to be free. docs/methods/cubemap_trace.md
+//! has the rules.
 //!
-//! The maps do not depend on the camera and are kept until points, mirrors or splats change. A texel is the disc of its nearest
-//! point, by its identity, so colours may change.
+//! The maps do not depend on the camera and are kept until points, mirrors or splats change. A texel is the disc of its
+//! nearest point, by its identity, so colours may change.
 
 use std::num::NonZeroU64;
 
@@ -138,12 +139,9 @@ impl CubemapTrace {
         let maps = match kept {
             Some(maps) => maps,
             None => {
-                let radii: Vec<f64> = mapped()
-                    .flat_map(|mirror| vec![radius_of(&mirrors[mirror].bounds); wanted[mirror].len()])
-                    .collect();
-                let samples: Vec<&MirrorPlace> =
+                let of_maps: Vec<&MirrorPlace> =
                     mapped().flat_map(|mirror| vec![&mirrors[mirror]; wanted[mirror].len()]).collect();
-                draw(recorder, task, &layout, drawn, &samples, &radii)?
+                draw(recorder, task, &layout, drawn, &of_maps)?
             }
         };
         let maps = self.maps.insert(maps);
@@ -229,8 +227,8 @@ fn farthest(samples: &[(DVec3, DVec3)], count: usize) -> Vec<usize> {
     chosen
 }
 
-/// The chunks of the mirrors that may see themselves, with their class masks: they are left out of their own maps, so rays are
-/// traced through their points.
+/// The chunks of the mirrors that may see themselves, with their class masks: they are left out of their own maps, so
+/// rays are traced through their points.
 fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVec3) -> Vec<(ChunkId, u32)> {
     let sees_itself = |mirror: &MirrorPlace| match own {
         OwnPoints::Auto => !is_convex(&mirror.samples, eye),
@@ -248,8 +246,8 @@ fn own_chunks(task: &Task<'_>, mirrors: &[MirrorPlace], own: OwnPoints, eye: DVe
     task.supply.chunks.iter().filter(|(chunk, _)| chunks.contains(chunk)).copied().collect()
 }
 
-/// Whether no ray that a mirror reflects meets the mirror again: its surface curves away from the eye's side everywhere. A closed
-/// surface hides its inner side.
+/// Whether no ray that a mirror reflects meets the mirror again: its surface curves away from the eye's side
+/// everywhere. A closed surface hides its inner side.
 fn is_convex(samples: &[(DVec3, DVec3)], eye: DVec3) -> bool {
     let step = samples.len().div_ceil(128).max(1);
     let some: Vec<&(DVec3, DVec3)> = samples.iter().step_by(step).collect();
@@ -284,15 +282,14 @@ fn upload_cubes(recorder: &Recorder<'_>, layout: &Layout, places: &[DVec3], eye:
     buffer
 }
 
-/// Draws the maps: the nearest point of each texel, then the records and the bounds. A map from which less than half of its mirror
-/// is seen is tried on the other side, because it may stand in a wall.
+/// Draws the maps: the nearest point of each texel, then the records and the bounds. A map from which less than half of
+/// its mirror is seen is tried on the other side, because it may stand in a wall. `mirrors` has the mirror of each map.
 fn draw(
     recorder: &mut Recorder<'_>,
     task: &Task<'_>,
     layout: &Layout,
     drawn: Drawn,
     mirrors: &[&MirrorPlace],
-    radii: &[f64],
 ) -> Result<Maps> {
     recorder.time_as(Some(("cubemaps", PassStage::Method)));
     let device = &recorder.gpu.device;
@@ -308,7 +305,7 @@ fn draw(
         let draw_at = |recorder: &mut Recorder<'_>, place: DVec3| -> Result<()> {
             recorder.clear(&nearest);
             for face in 0..6 {
-                let camera = face_camera(place, radii[map], face, layout.size);
+                let camera = face_camera(place, radius_of(&mirrors[map].bounds), face, layout.size);
                 let list = task.store.draw_list(&camera, &settings, selection);
                 let inputs = Inputs::new(recorder.gpu, camera, &settings, task.store, &list);
                 let part = |buffer, offset, bytes| {

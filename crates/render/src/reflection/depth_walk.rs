@@ -1,7 +1,7 @@
 //! The CPU twin of shaders/shared/depth_walk.wgsl: rays through a picture of depths.
 //!
-//! A ray crosses the texels of a picture in order. Each texel is the plane of the disc that it shows, and the ray either
-//! stays in front of it, meets it, or is hidden behind it, which the picture cannot tell more about.
+//! A ray crosses the texels of a picture in order. Each texel is the plane of the disc that it shows, and the ray
+//! either stays in front of it, meets it, or is hidden behind it, which the picture cannot tell more about.
 
 use glam::{Vec2, Vec3};
 
@@ -212,8 +212,8 @@ fn face_toward(direction: Vec3) -> usize {
     axis + if direction[axis] < 0.0 { 3 } else { 0 }
 }
 
-/// The face into which a ray goes through a side of a face: those to the left and right look along the axis after its own,
-/// those above and below along the next one.
+/// The face into which a ray goes through a side of a face: those to the left and right look along the axis after its
+/// own, those above and below along the next one.
 fn face_beside(face: usize, side: Side) -> usize {
     let axis = (face + if matches!(side, Side::Left | Side::Right) { 1 } else { 2 }) % 3;
     axis + if matches!(side, Side::Right | Side::Above) { 0 } else { 3 }
@@ -387,7 +387,8 @@ fn leaf(
     Some(if counts { Answer::Hit { t, identity: texel.identity } } else { Answer::Hidden(t_in) })
 }
 
-/// Walks a ray through the six faces of a cube, of which it crosses at most four. Returns the answer and the number of cells.
+/// Walks a ray through the six faces of a cube, of which it crosses at most four. Returns the answer and the number of
+/// cells.
 pub(super) fn walk_cube(faces: &[Picture; 6], ray: &Ray, choices: Choices) -> (Answer, u32) {
     let mut t = ray.from;
     let mut face = face_toward(ray.origin + ray.direction * t - faces[0].view.center);
