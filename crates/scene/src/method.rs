@@ -53,10 +53,6 @@ methods! {
     EnvironmentMap = "environment_map",
         "A picture of the surroundings from each mirror's middle, looked up by direction alone",
         Everything, Some("environment_map"), [("environment_map.size", "64"), ("environment_map.proxy", "box")];
-    CubemapTrace = "cubemap_trace",
-        "Reflected rays walk through pictures of depths around each mirror; what they cannot tell is traced",
-        Everything, Some("cubemap_trace"),
-        [("cubemap_trace.size", "128"), ("cubemap_trace.maps", "1"), ("cubemap_trace.rest", "none")];
     MirroredViewpoint = "mirrored_viewpoint",
         "The scene from an eye behind each mirror's plane: exact for flat mirrors; four of them, one reflection",
         Everything, None, [];
@@ -67,6 +63,10 @@ methods! {
         "Nodes of points descend into beams of reflected rays; each ray ends at the disc it meets",
         Everything, None, [];
     SurfelTrace = "surfel_trace", "Reflected rays traced through the points as discs, on the GPU", Everything, None, [];
+    CubemapTrace = "cubemap_trace",
+        "Reflected rays walk through pictures of depths around each mirror; what they cannot tell is traced",
+        Everything, Some("cubemap_trace"),
+        [("cubemap_trace.size", "128"), ("cubemap_trace.maps", "1"), ("cubemap_trace.rest", "none")];
 }
 
 /// The ray tracer as a method; the renderer does not have it.
