@@ -299,7 +299,7 @@ params! {
 
     /// Cubemap tracing: rays walk through pictures of the points around each mirror.
     pub struct CubemapTrace = "cubemap_trace" in "Reflections" => affects(found) {
-        /// Maps of a mirror: where one cannot see behind something, another may.
+        /// Maps of a mirror: where one cannot see behind something, another may. Fewer where they do not fit into a buffer of the adapter.
         maps: u32 = 2, 1..=16, "maps";
         /// Most maps that a ray may use.
         tries: u32 = 2, 1..=16, "maps";

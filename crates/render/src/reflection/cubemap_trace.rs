@@ -18,7 +18,7 @@ use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upl
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace;
 use super::task::Task;
-use crate::gpu::Result;
+use crate::gpu::{Error, Result};
 use crate::identities::{ChunkId, CloudId};
 use crate::inputs::Inputs;
 use crate::layout::{CUBE_CELL_BYTES, CUBE_TEXEL_BYTES, CubeLevel, Cubes, NEAREST_BYTES};
@@ -111,18 +111,17 @@ impl CubemapTrace {
         let mirrors = mirror_places(task);
         let layout = Layout::new(settings.size);
         let limit = recorder.gpu.device.limits().max_storage_buffer_binding_size;
-        let most = limit / layout.record_bytes();
-        let wanted: Vec<Vec<[DVec3; 2]>> = mirrors.iter().map(|mirror| wanted_places(mirror, task.settings)).collect();
-        // Mirrors beyond what a binding holds use the maps of the one nearest to them.
-        let mut room = most as usize;
-        let has_maps: Vec<bool> = wanted
+        if layout.record_bytes() > limit {
+            let adapter = recorder.gpu.info.name.clone();
+            let advice = "; lower cubemap_trace.size";
+            return Err(Error::TooLarge { what: "cubemap", bytes: layout.record_bytes(), limit, adapter, advice });
+        }
+        let wanted: Vec<Vec<[DVec3; 2]>> = mirrors
             .iter()
-            .map(|places| {
-                let fits = places.len() <= room && !places.is_empty();
-                room -= if fits { places.len() } else { 0 };
-                fits
-            })
+            .zip(maps_of_mirrors(mirrors.len(), settings.maps as usize, (limit / layout.record_bytes()) as usize))
+            .map(|(mirror, count)| wanted_places(mirror, task.settings, count))
             .collect();
+        let has_maps: Vec<bool> = wanted.iter().map(|places| !places.is_empty()).collect();
         let mapped = || (0..mirrors.len()).filter(|mirror| has_maps[*mirror]);
         let drawn = Drawn {
             revision: task.store.geometry_revision(),
@@ -201,20 +200,27 @@ fn radius_of(bounds: &Bounds) -> f64 {
     0.5 * bounds.size().max_element()
 }
 
-/// The places of a mirror's maps, each with the one on the other side of the surface.
-fn wanted_places(mirror: &MirrorPlace, settings: &Settings) -> Vec<[DVec3; 2]> {
+/// How many maps each mirror has, where `wanted` of each are asked for and `room` fit into a binding: the same for all
+/// mirrors; if not even one of each fits, the last mirrors have none and use those of the one nearest to them.
+fn maps_of_mirrors(mirrors: usize, wanted: usize, room: usize) -> impl Iterator<Item = usize> {
+    let each = wanted.min((room / mirrors.max(1)).max(1));
+    (0..mirrors).map(move |mirror| if mirror < room { each } else { 0 })
+}
+
+/// The places of a mirror's maps, at most `count`, each with the one on the other side of the surface.
+fn wanted_places(mirror: &MirrorPlace, settings: &Settings, count: usize) -> Vec<[DVec3; 2]> {
     let settings = &settings.cubemap_trace;
-    if settings.placement == CubePlacement::Middle || mirror.samples.is_empty() {
+    if count > 0 && (settings.placement == CubePlacement::Middle || mirror.samples.is_empty()) {
         return vec![[mirror.bounds.center(); 2]];
     }
     let offset = f64::from(settings.offset) * radius_of(&mirror.bounds);
     let beside = |(place, normal): &(DVec3, DVec3)| [*place + *normal * offset, *place - *normal * offset];
-    farthest(&mirror.samples, settings.maps as usize).iter().map(|sample| beside(&mirror.samples[*sample])).collect()
+    farthest(&mirror.samples, count).iter().map(|sample| beside(&mirror.samples[*sample])).collect()
 }
 
 /// Chooses samples that lie far from one another: each is the farthest from those before (Gonzalez 1985).
 fn farthest(samples: &[(DVec3, DVec3)], count: usize) -> Vec<usize> {
-    let mut chosen = vec![0];
+    let mut chosen: Vec<usize> = (0..count.min(1)).collect();
     let mut distances = vec![f64::INFINITY; samples.len()];
     while chosen.len() < count.min(samples.len()) {
         let last = samples[chosen[chosen.len() - 1]].0;
@@ -542,6 +548,10 @@ mod tests {
         let line: Vec<(DVec3, DVec3)> = (0..11).map(|i| (DVec3::X * f64::from(i), DVec3::Z)).collect();
         assert_eq!(farthest(&line, 4), [0, 10, 5, 2]);
         assert_eq!(farthest(&line[..2], 4).len(), 2);
+        assert!(farthest(&line, 0).is_empty());
+        let maps = |mirrors, wanted, room| maps_of_mirrors(mirrors, wanted, room).collect::<Vec<_>>();
+        assert_eq!((maps(2, 2, 9), maps(3, 4, 7)), (vec![2, 2], vec![2, 2, 2]));
+        assert_eq!((maps(1, 2, 1), maps(3, 2, 2), maps(0, 2, 2)), (vec![1], vec![1, 1, 0], vec![]));
         let size = 16;
         let empty = vec![0_u8; (6 * map_bytes([size; 2])) as usize];
         assert_eq!(share_seen(&line[1..], DVec3::ZERO, size, &empty), 1.0);
