@@ -255,7 +255,13 @@ mod tests {
             .iter()
             .map(|part| {
                 let specular_intensity = part.mirror.as_ref().map_or(0.0, |mirror| mirror.specular_intensity);
-                MaterialPoints { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
+                MaterialPoints {
+                    chunks: &part.chunks,
+                    specular_intensity,
+                    specular_power: 0.0,
+                    clear: None,
+                    plain: [0.5; 3],
+                }
             })
             .collect();
         Surfels::new(&parts, 1.0, &Progress::default()).unwrap()
@@ -423,7 +429,13 @@ mod tests {
             radii: Some(vec![cloud::pack_radius(radius); positions.len()].into()),
             ..cloud::Chunk::new(0, DVec3::ZERO, positions.clone())
         };
-        let part = MaterialPoints { chunks: &[chunk], specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+        let part = MaterialPoints {
+            chunks: &[chunk],
+            specular_intensity: 0.0,
+            specular_power: 0.0,
+            clear: None,
+            plain: [0.5; 3],
+        };
         let surfels = Surfels::new(&[part], 1.0, &Progress::default()).unwrap();
         let mirror = |index: usize| [(index % 200) as f32 * 0.01 - 0.995, (index / 200) as f32 * 0.01 - 0.995, 0.0];
         let position: Vec<f32> = (0..40_000).flat_map(mirror).collect();

@@ -45,7 +45,7 @@ impl TracedScene {
         let parts = parts.iter().zip(&painted).map(|(part, chunks)| {
             let [red, green, blue, _] = part.plain().map(|value| linear_from_srgb(value) as f32);
             let SubjectPart { specular_intensity, specular_power, .. } = *part;
-            trace::MaterialPoints { chunks, specular_intensity, specular_power, plain: [red, green, blue] }
+            trace::MaterialPoints { chunks, specular_intensity, specular_power, clear: None, plain: [red, green, blue] }
         });
         let surfels = Surfels::new(&parts.collect::<Vec<_>>(), splat_size, progress).ok_or(Error::Cancelled)?;
         Ok(Self { surfels, exact: exact.map(|exact| exact.seen_from(origin)), origin, bounds })
@@ -177,6 +177,7 @@ impl Surface {
             albedo,
             specular_intensity: f64::from(self.specular_intensity[pixel]),
             specular_power: f64::from(self.specular_power[pixel]),
+            medium: None,
             surface: 0,
             point: 0,
         })

@@ -26,7 +26,13 @@ fn unit(seed: u64) -> f64 {
 
 fn surfels(variant: Variant) -> Surfels {
     let parts = sample(variant, DISCS, 1);
-    let part = |part| MaterialPoints { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+    let part = |part| MaterialPoints {
+        chunks: part,
+        specular_intensity: 0.0,
+        specular_power: 0.0,
+        clear: None,
+        plain: [0.5; 3],
+    };
     let parts: Vec<MaterialPoints> = parts.iter().map(|points| part(&points.chunks)).collect();
     Surfels::new(&parts, 1.0, &Progress::default()).expect("not cancelled")
 }
@@ -78,8 +84,13 @@ fn paths(bencher: Bencher) {
 fn build(bencher: Bencher) {
     bencher.counter(ItemsCount::new(DISCS)).with_inputs(|| sample(Variant::Sphere, DISCS, 1)).bench_local_values(
         |parts| {
-            let part =
-                |part| MaterialPoints { chunks: part, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+            let part = |part| MaterialPoints {
+                chunks: part,
+                specular_intensity: 0.0,
+                specular_power: 0.0,
+                clear: None,
+                plain: [0.5; 3],
+            };
             let parts: Vec<MaterialPoints> = parts.iter().map(|points| part(&points.chunks)).collect();
             Surfels::new(&parts, 1.0, &Progress::default())
         },

@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3};
 use scene::Mirror;
 use scene::five_mirrors::Variant;
 
-use crate::{Geometry, Hit, Mesh, Ray};
+use crate::{Clear, Geometry, Hit, Medium, Mesh, Ray};
 
 /// A surface in the world and its material.
 #[derive(Clone, Debug)]
@@ -23,6 +23,8 @@ pub struct Object {
     albedo: Albedo,
     specular_intensity: f64,
     specular_power: f64,
+    /// Set if light goes through the surface.
+    clear: Option<Clear>,
     /// The bounds of a star-shaped surface; unused for others.
     reach: Reach,
 }
@@ -51,7 +53,7 @@ impl Object {
             Surface::Star(shape) => Reach::of(shape),
             _ => Reach { largest_radius: 0.0, slope: 1.0 },
         };
-        Self { surface, placement, albedo, specular_intensity, specular_power: 0.0, reach }
+        Self { surface, placement, albedo, specular_intensity, specular_power: 0.0, clear: None, reach }
     }
 
     /// The object of a mirror that has a formula.
@@ -65,6 +67,18 @@ impl Object {
     /// The object with highlights of this exponent, if it is a mirror.
     pub fn with_specular_power(self, specular_power: f64) -> Self {
         Self { specular_power, ..self }
+    }
+
+    /// The object through whose surface light goes, if it is a mirror, into a medium of this index of refraction: into a
+    /// solid if the surface is closed.
+    pub fn with_refraction(self, index: f64) -> Self {
+        let is_solid = matches!(self.surface, Surface::Sphere { .. } | Surface::Torus { .. } | Surface::Star(_));
+        Self { clear: (self.specular_intensity > 0.0).then_some(Clear { index, is_solid }), ..self }
+    }
+
+    /// What lies behind the surface for a ray in this direction; `normal` is the surface's own.
+    fn medium(&self, direction: DVec3, normal: DVec3) -> Option<Medium> {
+        self.clear.map(|clear| clear.medium(direction, normal))
     }
 
     /// The first hit and the surface's own normal there.
@@ -133,7 +147,10 @@ impl Exact {
 
     fn nearest_object(&self, ray: &Ray) -> Option<Hit> {
         let hits = self.objects.iter().enumerate().filter_map(|(index, object)| {
-            object.nearest(ray).map(|(distance, normal)| (distance, normal, index, object))
+            object
+                .nearest(ray)
+                .filter(|(_, normal)| !ray.passes(object.medium(ray.direction, *normal)))
+                .map(|(distance, normal)| (distance, normal, index, object))
         });
         let (distance, normal, index, object) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let position = ray.at(distance);
@@ -148,6 +165,7 @@ impl Exact {
             albedo: DVec3::from(albedo),
             specular_intensity: object.specular_intensity,
             specular_power: object.specular_power,
+            medium: object.medium(ray.direction, normal),
             surface: index as u32,
             point: 0,
         })
@@ -165,6 +183,7 @@ impl Exact {
             albedo: hit.albedo,
             specular_intensity,
             specular_power,
+            medium: None,
             surface: (self.objects.len() + index) as u32,
             point: hit.triangle,
         })
@@ -181,7 +200,7 @@ impl Geometry for Exact {
 
     fn is_blocked(&self, ray: &Ray, distance: f64) -> bool {
         let is_in_front = |object: &Object| object.nearest(ray).is_some_and(|(hit, _)| hit < distance);
-        self.objects.iter().any(is_in_front)
+        self.objects.iter().filter(|object| object.clear.is_none()).any(is_in_front)
             || self.meshes.iter().any(|mesh| mesh.is_blocked(ray, self.origin, distance))
     }
 }

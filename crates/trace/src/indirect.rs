@@ -18,7 +18,8 @@ use glam::DVec3;
 use crate::light::{Illuminant, Illumination, scattered};
 use crate::reflectance::Reflectance;
 use crate::reflection::{BATCH, in_parallel};
-use crate::{Geometry, Hit, Ray, mirrored};
+use crate::refraction::stronger;
+use crate::{Geometry, Hit, Ray};
 
 /// How indirect light is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,19 +89,20 @@ impl<G: Geometry> PathTracer<'_, G> {
     }
 
     /// The light of one path from a surface.
-    fn path(&self, mut position: DVec3, surface: &Reflectance, first: [f64; 2], numbers: &mut Random) -> DVec3 {
+    fn path(&self, position: DVec3, surface: &Reflectance, first: [f64; 2], numbers: &mut Random) -> DVec3 {
         let mut light = DVec3::ZERO;
-        let Some(mut next) = surface.sample(first) else {
+        let Some(next) = surface.sample(first) else {
             return light;
         };
         let (mut bounces, mut reflections) = (self.illumination.indirect.bounces, self.illumination.bounces);
         let mut throughput = next.weight;
+        let mut ray = Ray::from_surface(position, next.direction);
         loop {
-            let Some(hit) = self.geometry.nearest(&Ray::from_surface(position, next.direction)) else {
-                let radiance = self.illumination.sky().map_or(0.0, |sky| sky.sky_radiance(next.direction));
+            let Some(hit) = self.geometry.nearest(&ray) else {
+                let radiance = self.illumination.sky().map_or(0.0, |sky| sky.sky_radiance(ray.direction));
                 return light + throughput * radiance;
             };
-            let mut surface = Reflectance::new(&hit, next.direction, reflections, self.illumination);
+            let mut surface = Reflectance::new(&hit, ray.direction, reflections, self.illumination);
             if hit.specular_intensity > 0.0 {
                 surface = surface.without_highlight();
             }
@@ -117,16 +119,18 @@ impl<G: Geometry> PathTracer<'_, G> {
             if numbers.next() * either < mirror {
                 throughput *= surface.mirror * (either / mirror);
                 reflections -= 1;
-                next.direction = mirrored(next.direction, hit.normal).normalize_or_zero();
+                let Some(onward) = stronger(self.geometry, &hit, ray.direction) else {
+                    return light;
+                };
+                ray = onward;
             } else {
                 let Some(sample) = surface.sample([numbers.next(), numbers.next()]) else {
                     return light;
                 };
                 throughput *= sample.weight * (either / scatter);
                 bounces -= 1;
-                next = sample;
+                ray = Ray::from_surface(hit.position, sample.direction);
             }
-            position = hit.position;
         }
     }
 }
@@ -169,7 +173,7 @@ mod tests {
 
     use super::*;
     use crate::exact::{Albedo, Object};
-    use crate::{Exact, Gloss, MaterialPoints, PixelRays, Sunlight, Surfels, picture, primary, radiance};
+    use crate::{Exact, Gloss, MaterialPoints, PixelRays, Sunlight, Surfels, mirrored, picture, primary, radiance};
     use cloud::sampling::{Placement, Surface};
     use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{Highlight, MirrorSettings, SpotLight, ViewSettings};
@@ -424,7 +428,13 @@ mod tests {
             .iter()
             .map(|part| {
                 let specular_intensity = part.mirror.as_ref().map_or(0.0, |_| 0.8);
-                MaterialPoints { chunks: &part.chunks, specular_intensity, specular_power: 0.0, plain: [0.5; 3] }
+                MaterialPoints {
+                    chunks: &part.chunks,
+                    specular_intensity,
+                    specular_power: 0.0,
+                    clear: None,
+                    plain: [0.5; 3],
+                }
             })
             .collect();
         let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
@@ -479,6 +489,7 @@ mod tests {
                 chunks: &part.chunks,
                 specular_intensity: 0.0,
                 specular_power: 0.0,
+                clear: None,
                 plain: [0.5; 3],
             })
             .collect();

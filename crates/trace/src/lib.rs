@@ -16,6 +16,7 @@ mod mesh;
 mod ray;
 mod reflectance;
 mod reflection;
+mod refraction;
 mod surfels;
 mod tree;
 
@@ -24,7 +25,8 @@ pub use exact::Exact;
 pub use indirect::{Indirect, indirect, indirect_picture};
 pub use light::{Illuminant, Illumination, Sunlight, direct, picture, radiance, reflected_picture};
 pub use mesh::{Mesh, Vertex};
-pub use ray::{Geometry, Hit, Ray, SELF_DISTANCE};
+pub use ray::{Clear, Geometry, Hit, Medium, Ray, SELF_DISTANCE, Side};
 pub use reflectance::Gloss;
 pub use reflection::{MirrorPoint, Reflection, mirrored, primary, reflected};
+pub use refraction::{INNER_REFLECTIONS, reflected_share, refracted, through};
 pub use surfels::{MaterialPoints, Surfels, linear_from_srgb};

@@ -13,6 +13,7 @@ use scene::{MirrorSettings, SpotLight, Sun};
 use crate::indirect::{Indirect, indirect};
 use crate::reflectance::{Gloss, Reflectance};
 use crate::reflection::in_parallel;
+use crate::refraction::{met, stronger, through};
 use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
 /// The source of the light.
@@ -119,8 +120,21 @@ pub fn radiance(
     if surface.mirror == DVec3::ZERO {
         return own;
     }
+    let beyond = Illumination { passed: illumination.passed + 1, ..*illumination };
+    let light = |ray: Option<Ray>| {
+        let seen = ray.and_then(|ray| Some((met(geometry, hit, &ray)?, ray.direction)));
+        seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, &beyond))
+    };
+    if illumination.passed > 0 {
+        return own + surface.mirror * light(stronger(geometry, hit, direction));
+    }
     let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
-    own + surface.mirror * reflected_light(geometry, &point, pixel, illumination)
+    let mut arriving = light(point.reflected());
+    if let Some(ray) = through(geometry, hit, direction) {
+        let reflected = hit.reflected_part(direction);
+        arriving = arriving * reflected + light(Some(ray)) * (1.0 - reflected);
+    }
+    own + surface.mirror * arriving
 }
 
 /// The light that reaches a mirror point along the reflected ray.

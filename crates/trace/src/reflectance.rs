@@ -198,6 +198,7 @@ mod tests {
             albedo: DVec3::ONE,
             specular_intensity: 0.0,
             specular_power: 0.0,
+            medium: None,
             surface: 0,
             point: 0,
         };

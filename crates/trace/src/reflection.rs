@@ -6,6 +6,7 @@ use cloud::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::refraction::{met, stronger};
 use crate::{Geometry, Hit, PixelRays, Ray};
 
 /// A point of a mirror and the ray that sees it.
@@ -52,20 +53,20 @@ pub fn reflected(
     progress: &Progress,
 ) -> Option<Vec<Reflection>> {
     in_parallel(points.len(), BATCH, progress, |index| {
-        let Some(mut ray) = points[index].reflected() else {
+        let Some(ray) = points[index].reflected() else {
             return Reflection { direction: DVec3::ZERO, first: None, last: None };
         };
         let direction = ray.direction;
         let first = geometry.nearest(&ray);
-        let mut last = first;
+        let mut last = first.map(|hit| (hit, direction));
         for _ in 1..bounces {
-            let Some(mirror) = last.filter(|hit| hit.specular_intensity > 0.0) else {
+            let Some((mirror, arriving)) = last.filter(|(hit, _)| hit.specular_intensity > 0.0) else {
                 break;
             };
-            ray = Ray::from_surface(mirror.position, mirrored(ray.direction, mirror.normal).normalize());
-            last = geometry.nearest(&ray);
+            let ray = stronger(geometry, &mirror, arriving);
+            last = ray.and_then(|ray| Some((met(geometry, &mirror, &ray)?, ray.direction)));
         }
-        Reflection { direction, first, last }
+        Reflection { direction, first, last: last.map(|(hit, _)| hit) }
     })
 }
 
@@ -160,6 +161,7 @@ mod tests {
                             chunks: &part.chunks,
                             specular_intensity,
                             specular_power: 0.0,
+                            clear: None,
                             plain: [0.5; 3],
                         }
                     })

@@ -13,7 +13,7 @@ use obvhs::ray::RayHit;
 use rayon::prelude::*;
 
 use crate::tree::{self, BOX_MARGIN, round_up};
-use crate::{Geometry, Hit, Ray, SELF_DISTANCE};
+use crate::{Clear, Geometry, Hit, Medium, Ray, SELF_DISTANCE};
 
 /// Points of one material.
 #[derive(Clone, Copy, Debug)]
@@ -23,6 +23,8 @@ pub struct MaterialPoints<'a> {
     pub specular_intensity: f32,
     /// The exponent of highlights of a mirror; 0 for none.
     pub specular_power: f32,
+    /// Set if they are a mirror through which light goes.
+    pub clear: Option<Clear>,
     /// The linear albedo of points without a colour.
     pub plain: [f32; 3],
 }
@@ -50,6 +52,7 @@ pub struct Surfels {
     surfaces: Vec<Surface>,
     median_radius: f64,
     splat_size: f32,
+    has_clear: bool,
 }
 
 /// A chunk, and the material of its points.
@@ -61,6 +64,7 @@ struct Surface {
     unknown_radius: f32,
     specular_intensity: f64,
     specular_power: f64,
+    clear: Option<Clear>,
     plain: DVec3,
 }
 
@@ -100,6 +104,7 @@ impl Surfels {
                     unknown_radius,
                     specular_intensity: f64::from(part.specular_intensity),
                     specular_power: f64::from(part.specular_power),
+                    clear: part.clear.filter(|_| part.specular_intensity > 0.0),
                     plain: Vec3::from(part.plain).as_dvec3(),
                 });
                 first = end;
@@ -115,7 +120,16 @@ impl Surfels {
         let mut radii: Vec<f32> = discs.iter().map(|disc| disc.radius).collect();
         radii.sort_unstable_by(f32::total_cmp);
         let median_radius = radii.get(radii.len() / 2).copied().map_or(0.0, f64::from);
-        (!progress.is_cancelled()).then_some(Self { center, discs, tree, surfaces, median_radius, splat_size })
+        let has_clear = surfaces.iter().any(|surface| surface.clear.is_some());
+        (!progress.is_cancelled()).then_some(Self {
+            center,
+            discs,
+            tree,
+            surfaces,
+            median_radius,
+            splat_size,
+            has_clear,
+        })
     }
 
     /// The number of discs.
@@ -144,6 +158,9 @@ impl Surfels {
             let Some(distance) = disc.distance(origin, ray) else {
                 return f32::INFINITY;
             };
+            if ray.is_beneath && self.has_clear && ray.passes(self.surface_of(disc).medium(ray, disc)) {
+                return f32::INFINITY;
+            }
             let is_first = best
                 .is_none_or(|(nearest, first)| distance < nearest || distance == nearest && disc.point < first.point);
             if is_first {
@@ -172,9 +189,16 @@ impl Surfels {
         Some((disc.plane_distance(self.centered_origin(ray), ray).max(nearest).min(farthest), disc))
     }
 
+    fn index_of_surface(&self, disc: &Disc) -> usize {
+        self.surfaces.partition_point(|surface| surface.first <= disc.point) - 1
+    }
+
+    fn surface_of(&self, disc: &Disc) -> &Surface {
+        &self.surfaces[self.index_of_surface(disc)]
+    }
+
     fn hit(&self, ray: &Ray, disc: &Disc, distance: f64) -> Hit {
-        let next = self.surfaces.partition_point(|surface| surface.first <= disc.point);
-        let surface = &self.surfaces[next - 1];
+        let surface = self.surface_of(disc);
         let point = disc.point - surface.first;
         let normal = disc.normal.as_dvec3().normalize_or(-ray.direction);
         let albedo = surface.chunk.colors.as_ref().map(|colors| {
@@ -188,7 +212,8 @@ impl Surfels {
             albedo: albedo.unwrap_or(surface.plain),
             specular_intensity: surface.specular_intensity,
             specular_power: surface.specular_power,
-            surface: (next - 1) as u32,
+            medium: surface.medium(ray, disc),
+            surface: self.index_of_surface(disc) as u32,
             point,
         }
     }
@@ -217,10 +242,20 @@ impl Geometry for Surfels {
             return false;
         };
         let origin = self.centered_origin(ray);
-        !self.tree.ray_traverse_miss(tree_ray, |_, index| match self.discs[index].distance(origin, ray) {
-            Some(hit) if hit < distance => 0.0,
-            _ => f32::INFINITY,
+        !self.tree.ray_traverse_miss(tree_ray, |_, index| {
+            let disc = &self.discs[index];
+            match disc.distance(origin, ray) {
+                Some(hit) if hit < distance && !(self.has_clear && self.surface_of(disc).clear.is_some()) => 0.0,
+                _ => f32::INFINITY,
+            }
         })
+    }
+}
+
+impl Surface {
+    /// What lies behind a disc for a ray.
+    fn medium(&self, ray: &Ray, disc: &Disc) -> Option<Medium> {
+        self.clear.map(|clear| clear.medium(ray.direction, disc.normal.as_dvec3()))
     }
 }
 
@@ -281,7 +316,8 @@ mod tests {
     }
 
     fn surfels(chunks: &[Chunk]) -> Surfels {
-        let part = MaterialPoints { chunks, specular_intensity: 0.0, specular_power: 0.0, plain: [0.5; 3] };
+        let part =
+            MaterialPoints { chunks, specular_intensity: 0.0, specular_power: 0.0, clear: None, plain: [0.5; 3] };
         Surfels::new(&[part], 1.0, &Progress::default()).unwrap()
     }
 
@@ -295,7 +331,7 @@ mod tests {
         let random = |n: u64| 2.0 * unit(8 * index + n) - 1.0;
         let direction = DVec3::new(random(0), random(1), random(2)).normalize_or(DVec3::X);
         let origin = center + DVec3::new(random(3), random(4), 2.0 * random(5)) * 0.99;
-        Ray { origin, direction, leaves_surface }
+        Ray { origin, direction, leaves_surface, is_beneath: false }
     }
 
     #[test]
@@ -349,7 +385,7 @@ mod tests {
     fn rays_that_leave_a_surface_pass_its_own_discs() {
         let points = [(DVec3::Z * 0.3, Some(Vec3::Z)), (DVec3::Z * 0.5, Some(-Vec3::Z))];
         let surfels = surfels(&[chunk(DVec3::ZERO, &points, 0.1)]);
-        let from = |leaves_surface| surfels.nearest(&Ray { origin: DVec3::ZERO, direction: DVec3::Z, leaves_surface });
+        let from = |leaves_surface| surfels.nearest(&Ray { leaves_surface, ..Ray::from_eye(DVec3::ZERO, DVec3::Z) });
         assert_eq!(from(false).unwrap().point, 0);
         assert_eq!(from(true).unwrap().point, 1, "0.3 is less than {SELF_DISTANCE} radii of 0.1");
     }
@@ -382,10 +418,21 @@ mod tests {
             colors: Some(Arc::new(vec![[0, 0, 0, 255], [255, 188, 10, 255]])),
             ..chunk(DVec3::ZERO, &[(DVec3::X, Some(Vec3::Z)), (DVec3::X * 2.0, Some(Vec3::Z))], 0.1)
         };
-        let mirror =
-            MaterialPoints { chunks: &[colored], specular_intensity: 0.8, specular_power: 70.0, plain: [0.0; 3] };
+        let mirror = MaterialPoints {
+            chunks: &[colored],
+            specular_intensity: 0.8,
+            specular_power: 70.0,
+            clear: None,
+            plain: [0.0; 3],
+        };
         let parts = [
-            MaterialPoints { chunks: &[plain], specular_intensity: 0.0, specular_power: 0.0, plain: [0.1, 0.2, 0.3] },
+            MaterialPoints {
+                chunks: &[plain],
+                specular_intensity: 0.0,
+                specular_power: 0.0,
+                clear: None,
+                plain: [0.1, 0.2, 0.3],
+            },
             mirror,
         ];
         let surfels = Surfels::new(&parts, 1.0, &Progress::default()).unwrap();
