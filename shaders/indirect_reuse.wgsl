@@ -21,6 +21,9 @@
 // The edge of the window that indirect_filter averages, in pixels; at most 8.
 override window: u32 = 1u;
 
+// Light is taken over from places at most so many pixels away.
+const REACH: f32 = 8.0;
+
 @compute @workgroup_size(8, 8)
 fn indirect_reuse(@builtin(global_invocation_id) thread: vec3u) {
     let id = thread.xy;
@@ -67,10 +70,18 @@ fn light_of(position: vec3f, normal: vec3f) -> vec4u {
     let own = view_from_relative(frame, position);
     let apart = 1.0 / min(pixels_per_unit(before, view.z), pixels_per_unit(frame, own.z));
     let slant = max(abs(dot(normal, normalize(place))), 0.25);
-    var nearest = 3.0 * apart / slant;
+    var nearest = REACH * apart / slant;
+    let near_enough = 3.0 * apart / slant;
     var found = vec4u(0u);
-    for (var i = 0; i < 4; i++) {
-        let pixel = clamp(vec2i(floor(at - 0.5)) + vec2i(i & 1, i >> 1u), vec2i(0), vec2i(size) - 1);
+    let corner = vec2i(floor(at - 0.5));
+    // First the four pixels around the place. Where they show other surfaces, which points of a coarse picture do here
+    // and there, those farther away.
+    for (var i = 0; i < 4 + 16; i++) {
+        if i == 4 && nearest < near_enough {
+            break;
+        }
+        let farther = vec2i((i - 4) & 3, (i - 4) >> 2u) * 3 - 4;
+        let pixel = clamp(corner + select(farther, vec2i(i & 1, i >> 1u), i < 4), vec2i(0), vec2i(size) - 1);
         let light = kept[u32(pixel.y) * before.width + u32(pixel.x)];
         let offset = bitcast<vec3f>(light.xyz) - place;
         let distance = length(offset);

@@ -142,6 +142,12 @@ impl Window<'_> {
         self.hands(&["mouseup"], &[&button.to_string()]);
     }
 
+    /// Takes the window off the screen and puts it back: the X server does not keep what it showed.
+    pub fn hide_and_show(&self) {
+        self.hands(&["windowunmap", "--sync"], &[&self.id]);
+        self.hands(&["windowmap", "--sync"], &[&self.id]);
+    }
+
     pub fn screenshot(&self) -> RgbaImage {
         self.wait_for("a screenshot", |window| window.session.screenshot(&window.id))
     }

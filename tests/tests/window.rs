@@ -92,6 +92,9 @@ fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
     let seen = window.events().len();
     window.press("ctrl+z Home 6");
     window.wait_for_event("colored", seen, |event| event["by"] == "normal");
+    let colored = view(&settled(&window, seen));
+    window.hide_and_show();
+    window.wait_for_picture("the picture of a window that was hidden", |picture| view(picture) == colored);
     assert!(window.is_open(), "{}", window.messages());
 }
 

@@ -33,6 +33,7 @@ mod widgets;
 mod window;
 mod work;
 
+use std::cell::Cell;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -93,6 +94,8 @@ pub fn run(request: Request, gpu: Option<String>) -> anyhow::Result<()> {
         effects: Effects::new(world::start, Arc::new(tell)),
         log: EventLog::from_environment()?,
         next_paint: None,
+        is_asked: Cell::new(false),
+        idle_paint: None,
         title: String::new(),
         modifiers: egui::Modifiers::NONE,
         device_lost: Arc::default(),
@@ -129,6 +132,10 @@ struct Viewer {
     effects: Effects,
     log: EventLog,
     next_paint: Option<Instant>,
+    /// Whether the program itself asked the window for a paint, and the system did not.
+    is_asked: Cell<bool>,
+    /// When the window was painted last, if nothing had changed.
+    idle_paint: Option<Instant>,
     title: String,
     /// The modifier keys that are held down now.
     modifiers: egui::Modifiers,
@@ -140,6 +147,9 @@ struct Viewer {
 
 /// The window is painted at most this often while chunks are loaded.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
+/// After a paint that changed nothing, moves of the mouse cause the next one no sooner than this: no screen holds back
+/// such paints. While a frame is drawn, which needs the processors, they can wait longer.
+const IDLE_PAINT_INTERVALS: [Duration; 2] = [Duration::from_millis(12), Duration::from_millis(30)];
 /// A dialog that ends sooner than this was never shown: the system has no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);
 
@@ -202,14 +212,23 @@ impl ApplicationHandler<Wake> for Viewer {
                 self.keep_preferences();
                 return event_loop.exit();
             }
-            WindowEvent::Resized(size) => screen.resize(*size),
+            WindowEvent::Resized(size) => {
+                screen.resize(*size);
+                screen.show_again();
+            }
             WindowEvent::ModifiersChanged(modifiers) => {
                 let keys = modifiers.state();
                 let command = if cfg!(target_os = "macos") { keys.super_key() } else { keys.control_key() };
                 let (alt, shift) = (keys.alt_key(), keys.shift_key());
                 self.modifiers = egui::Modifiers { alt, shift, command, ..egui::Modifiers::NONE };
             }
-            WindowEvent::RedrawRequested => return self.paint(event_loop),
+            WindowEvent::RedrawRequested => {
+                if !self.is_asked.replace(false) {
+                    screen.show_again();
+                }
+                return self.paint(event_loop);
+            }
+            WindowEvent::Occluded(_) | WindowEvent::Focused(_) | WindowEvent::Moved(_) => screen.show_again(),
             WindowEvent::KeyboardInput { event: key, .. } if !screen.context.text_edit_focused() => {
                 if let Some(trigger) = own_key(key, self.modifiers) {
                     let action = input::bindings::action(trigger, self.session.scene.mode);
@@ -223,7 +242,12 @@ impl ApplicationHandler<Wake> for Viewer {
             _ => {}
         }
         if screen.input.on_window_event(&screen.window, &event).repaint {
-            self.request_paint();
+            let idle = self.idle_paint.filter(|_| matches!(event, WindowEvent::CursorMoved { .. }));
+            let since = idle.map(|at| self.session.outside.now.saturating_duration_since(at));
+            match since.map_or(Duration::ZERO, |since| self.idle_interval().saturating_sub(since)) {
+                Duration::ZERO => self.request_paint(),
+                wait => self.paint_within(wait),
+            }
         }
     }
 
@@ -284,8 +308,14 @@ impl Viewer {
 
     fn request_paint(&self) {
         if let Some(screen) = &self.screen {
+            self.is_asked.set(true);
             screen.window.request_redraw();
         }
+    }
+
+    /// The shortest time between a paint that changed nothing and the next one.
+    fn idle_interval(&self) -> Duration {
+        IDLE_PAINT_INTERVALS[usize::from(self.session.frames.under_way > 0)]
     }
 
     fn paint_within(&mut self, delay: Duration) {
@@ -308,16 +338,21 @@ impl Viewer {
         session.act_all(actions);
         let is_held = screen.context.input(|input| input.pointer.any_down()) || screen.context.text_edit_focused();
         let again = session.step(Instant::now(), is_held);
+        let must_follow;
         match painted {
-            Painted::Next { delay, .. } => {
+            Painted::Next { delay, is_new, .. } => {
                 self.log.on_painted();
+                self.idle_paint = (!is_new).then(Instant::now);
                 let delay = again.map_or(delay, |again| delay.min(again));
+                let delay = if is_new { delay } else { delay.max(IDLE_PAINT_INTERVALS[0]) };
                 self.next_paint = Instant::now().checked_add(delay);
-                if delay.is_zero() || is_changed {
-                    screen.window.request_redraw();
-                }
+                must_follow = delay.is_zero() || is_changed;
             }
-            Painted::Again => screen.window.request_redraw(),
+            Painted::Again => must_follow = true,
+        }
+        if must_follow {
+            self.is_asked.set(true);
+            screen.window.request_redraw();
         }
         let title = self.session.loaded.title();
         if title != self.title {

@@ -140,6 +140,11 @@ impl Canvas {
         textures.into_iter().for_each(|id| self.painter.free_texture(&id));
     }
 
+    /// Whether `paint` would change the canvas.
+    pub fn would_change(&self, shapes: &[ClippedShape], pixels_per_point: f32) -> bool {
+        self.is_stale || self.pixels_per_point != pixels_per_point || self.shapes != shapes
+    }
+
     /// Draws shapes, and copies the result to a texture of the same size and format. Returns the commands to submit, in
     /// order.
     pub fn paint(
@@ -378,7 +383,10 @@ mod tests {
                 gpu.read_texture(frame).unwrap()
             };
             let is_whole = canvas.is_stale;
+            // Only the last state is the one before it.
+            assert_eq!(canvas.would_change(&output.shapes, 1.0), is_whole || number != 6, "state {number}");
             let in_parts = show(&mut canvas, &copied);
+            assert!(!canvas.would_change(&output.shapes, 1.0) && canvas.would_change(&output.shapes, 2.0));
             assert!(show(&mut canvas, &drawn) == in_parts, "state {number}: a copy that is drawn");
             canvas.is_stale = true;
             assert!(show(&mut canvas, &copied) == in_parts, "state {number}");

@@ -19,12 +19,15 @@ pub struct Screen {
     configuration: wgpu::SurfaceConfiguration,
     canvas: Canvas,
     picture: Option<Picture>,
+    /// True if the window may show something else than the canvas.
+    is_stale: bool,
 }
 
 /// The result of painting a frame of the window.
 pub enum Painted {
-    /// egui wants the next frame after `delay`. `is_shown` is false where the window is hidden.
-    Next { delay: Duration, is_shown: bool },
+    /// egui wants the next frame after `delay`. `is_shown` is false where the window is hidden; `is_new` is false where
+    /// the window showed it already.
+    Next { delay: Duration, is_shown: bool, is_new: bool },
     /// The frame was not shown (the surface was resized or lost) and must be painted again at once.
     Again,
 }
@@ -63,7 +66,7 @@ impl Screen {
         let scale = Some(window.scale_factor() as f32);
         let input = egui_winit::State::new(context.clone(), ViewportId::ROOT, &window, scale, None, Some(side));
         let canvas = Canvas::new(gpu.clone(), configuration.format, [width, height]);
-        Ok(Self { window, gpu, context, input, surface, configuration, canvas, picture: None })
+        Ok(Self { window, gpu, context, input, surface, configuration, canvas, picture: None, is_stale: true })
     }
 
     pub fn resize(&mut self, size: winit::dpi::PhysicalSize<u32>) {
@@ -72,6 +75,11 @@ impl Screen {
             self.surface.configure(&self.gpu.device, &self.configuration);
             self.canvas.resize([size.width, size.height]);
         }
+    }
+
+    /// Must be called when the system may have lost what the window showed: the next paint then shows all of it.
+    pub fn show_again(&mut self) {
+        self.is_stale = true;
     }
 
     /// The size of the window in logical pixels.
@@ -104,9 +112,13 @@ impl Screen {
         let freed = std::mem::take(&mut output.textures_delta.free);
         let delay =
             output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |viewport| viewport.repaint_delay);
-        let painted = self.present(output.shapes, output.pixels_per_point);
+        // Handing over a window of 1400 x 900 takes software Vulkan and the X server some 10 ms, and most moves of the
+        // mouse change nothing.
+        let is_new = self.is_stale || self.canvas.would_change(&output.shapes, output.pixels_per_point);
+        let painted = if is_new { self.present(output.shapes, output.pixels_per_point) } else { Some(true) };
         self.canvas.free(freed);
-        painted.map_or(Painted::Again, |is_shown| Painted::Next { delay, is_shown })
+        self.is_stale = painted != Some(true);
+        painted.map_or(Painted::Again, |is_shown| Painted::Next { delay, is_shown, is_new })
     }
 
     /// Returns whether the shapes are shown now; `None` if the surface has changed and they must be painted again.

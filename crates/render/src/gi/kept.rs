@@ -22,14 +22,14 @@ pub enum LightReuse {
     /// They compute their light, and keep it for the frames that follow.
     Keep,
     /// They take the light of the frame before where it is of the same place, compute the rest, and keep both. The
-    /// light is then that of a place within three pixels. Surfaces with highlights are computed. What mirrors show is
-    /// lit by one virtual light in
-    /// `REFLECTED_PARTS`, because its places in the frame before are not known.
+    /// light is then that of a place within a few pixels. Surfaces with highlights are computed. What is computed is
+    /// lit by one virtual light in `HURRIED_PARTS`, and so is what mirrors show, because its places in the frame before
+    /// are not known.
     Reuse,
 }
 
-/// The first one in so many of the virtual lights lights what mirrors show while light is taken over.
-pub(super) const REFLECTED_PARTS: u32 = 4;
+/// The first one in so many of the virtual lights lights what is computed while light is taken over.
+pub(super) const HURRIED_PARTS: u32 = 4;
 
 /// The light of a frame.
 struct Kept {

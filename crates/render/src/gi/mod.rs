@@ -30,7 +30,7 @@ use crate::store::PointStore;
 use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
 pub use kept::LightReuse;
-use kept::{Keeper, REFLECTED_PARTS};
+use kept::{Keeper, HURRIED_PARTS};
 use occluders::Occluders;
 use plan::LightPlan;
 pub(crate) use plan::Sky;
@@ -394,7 +394,7 @@ impl GlobalIllumination {
             ("is_glossy", u32::from(is_glossy)),
             ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
             ("by_tiles", u32::from(tiles.is_some())),
-            ("parts", if is_reused && !from_camera { REFLECTED_PARTS } else { 1 }),
+            ("parts", if is_reused && (tiles.is_some() || !from_camera) { HURRIED_PARTS } else { 1 }),
         ];
         let bindings = passes::indirect {
             albedo_in: albedo.bind(),
