@@ -30,7 +30,7 @@ use crate::store::PointStore;
 use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
 pub use kept::LightReuse;
-use kept::{Keeper, HURRIED_PARTS};
+use kept::{HURRIED_PARTS, Keeper};
 use occluders::Occluders;
 use plan::LightPlan;
 pub(crate) use plan::Sky;
