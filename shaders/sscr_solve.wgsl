@@ -17,6 +17,8 @@
 @group(2) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 // ENDING_WORDS words a pixel.
 @group(2) @binding(6) var<storage, read_write> endings: array<atomic<u32>>;
+// For each item, whether its chunk is searched for, see sscr_cull.wgsl.
+@group(2) @binding(7) var<storage, read> chunks_reached: array<u32>;
 
 struct Round {
     // The number of this draw among a point's draws of a region.
@@ -27,6 +29,7 @@ struct Round {
 
 override weighted: bool = true;
 override cull: bool = false;
+override cull_chunks: bool = false;
 override count_points: bool = true;
 override record_endings: bool = false;
 
@@ -73,11 +76,12 @@ fn splat_point(item: Item, walked: u32) {
             }
         }
         var region = regions[label - 1u];
-        var is_searched = may_reflect(region, q);
-        for (var draws = 1u; draws <= REDRAWS && !is_searched; draws++) {
+        let is_reached = !cull_chunks || chunks_reached[item_of_block] != 0u;
+        var is_searched = is_reached && (!cull || may_reflect(region, q, 0.0));
+        for (var draws = 1u; draws <= REDRAWS && is_reached && !is_searched; draws++) {
             label = drawn_label(identity, round.draw + draws * REDRAW);
             region = regions[label - 1u];
-            is_searched = may_reflect(region, q);
+            is_searched = may_reflect(region, q, 0.0);
         }
         let extent = vec2f(vec2u(region.last_x - region.first_x, region.last_y - region.first_y) + 1u);
         let fill = f32(region.pixels) / (extent.x * extent.y);
@@ -219,36 +223,4 @@ fn solution_at(item: Item, index: u32, q: vec3f, label: u32, at: vec2f) -> Solut
         return Solution(0u, 0.0);
     }
     return Solution(pack_place(at), reach);
-}
-
-// Whether any ray reflected in the region may meet the point: its mirror points lie in a sphere, its reflected rays in
-// a cone.
-fn may_reflect(region: Region, q: vec3f) -> bool {
-    if !cull {
-        return true;
-    }
-    let point_low = from_ordered3(region.point_low);
-    let point_high = from_ordered3(region.point_high);
-    let direction_low = from_ordered3(region.direction_low);
-    let direction_high = from_ordered3(region.direction_high);
-    let radius = length(point_high - point_low) * 0.5;
-    let axis = (direction_low + direction_high) * 0.5;
-    // Unit directions within this distance of the axis' tip; half a sphere of them or more excludes nothing.
-    let spread = length(direction_high - direction_low) * 0.5;
-    let offset = q - (point_low + point_high) * 0.5;
-    let reach = length(offset);
-    let sine = spread / max(length(axis), 1e-6);
-    if sine >= 1.0 || reach <= radius {
-        return true;
-    }
-    // The angle to the axis, less the angle that the sphere of mirror points may add.
-    let angle = acos(clamp(dot(offset, axis) / (reach * length(axis)), -1.0, 1.0));
-    return angle <= asin(sine) + asin(min(radius / reach, 1.0)) + CULL_SLACK;
-}
-
-// In radians: a search ends within a few pixels of the root, and the ray of a pixel is not the last of its region.
-const CULL_SLACK: f32 = 0.05;
-
-fn from_ordered3(bits: array<u32, 3>) -> vec3f {
-    return vec3f(from_ordered(bits[0]), from_ordered(bits[1]), from_ordered(bits[2]));
 }

@@ -11,7 +11,8 @@ override pixels_only: bool = false;
 // A point's identity is this plus its index in the page. Identities follow the order of clouds, chunks and files, never that of
 // places in the store (crates/render/src/identities.rs).
 var<private> identities_from: u32;
-// The number of points of the block at hand.
+// The item of the block at hand, and the number of its points.
+var<private> item_of_block: u32;
 var<private> points_of_block: u32;
 
 // The share of invocation `lane` of a workgroup of 128.
@@ -28,6 +29,7 @@ fn splat_block(group: vec3u, groups: vec3u, lane: u32) {
     let block = blocks[block_index];
     let item = items[block.item];
     identities_from = block.first_identity - block.first;
+    item_of_block = block.item;
     points_of_block = block.count;
     for (var i = (lane % lanes) * page.step; i < block.count; i += lanes * page.step) {
         splat_point(item, block.first + i);

@@ -230,6 +230,7 @@ struct Sscr {
     regions_per_point: u32,
     point_share: f32,
     cull_points: u32,
+    cull_chunks: u32,
     per_region: u32,
 }
 const SSCR_READING_TEXT: u32 = 0u;

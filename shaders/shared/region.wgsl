@@ -67,6 +67,35 @@ fn from_ordered(bits: u32) -> f32 {
     return bitcast<f32>(select(~bits, bits & 0x7fffffffu, bits >= 0x80000000u));
 }
 
+fn from_ordered3(bits: array<u32, 3>) -> vec3f {
+    return vec3f(from_ordered(bits[0]), from_ordered(bits[1]), from_ordered(bits[2]));
+}
+
+// Whether any ray reflected in the region may meet a sphere (or a point, with a radius of 0): its mirror points lie in a
+// sphere, its reflected rays in a cone.
+fn may_reflect(region: Region, middle: vec3f, radius: f32) -> bool {
+    let point_low = from_ordered3(region.point_low);
+    let point_high = from_ordered3(region.point_high);
+    let direction_low = from_ordered3(region.direction_low);
+    let direction_high = from_ordered3(region.direction_high);
+    let both_radii = length(point_high - point_low) * 0.5 + radius;
+    let axis = (direction_low + direction_high) * 0.5;
+    // Unit directions within this distance of the axis' tip; half a sphere of them or more excludes nothing.
+    let spread = length(direction_high - direction_low) * 0.5;
+    let offset = middle - (point_low + point_high) * 0.5;
+    let reach = length(offset);
+    let sine = spread / max(length(axis), 1e-6);
+    if sine >= 1.0 || reach <= both_radii {
+        return true;
+    }
+    // The angle to the axis, less the angle that the spheres may add.
+    let angle = acos(clamp(dot(offset, axis) / (reach * length(axis)), -1.0, 1.0));
+    return angle <= asin(sine) + asin(min(both_radii / reach, 1.0)) + CULL_SLACK;
+}
+
+// In radians: a search ends within a few pixels of the root, and the ray of a pixel is not the last of its region.
+const CULL_SLACK: f32 = 0.05;
+
 // Whether two neighbours bend opposite ways along x or along y.
 fn is_border(flags: u32, before: u32) -> bool {
     return ((flags | before) & BENT) == BENT || (((flags | before) >> DIRECTION_BITS) & BENT) == BENT;

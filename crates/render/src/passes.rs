@@ -219,9 +219,10 @@ passes! {
         point_in: Texture, normal_in: Texture, eye_in: Texture, parents: Read, sizes: Read, regions: ReadWrite,
         mirror_pixels: ReadWrite,
     }
+    sscr_cull: Method over Pixels { regions: Read, totals: Read, spheres: Read, chunks_reached: ReadWrite }
     sscr_solve: Method over Blocks {
         round: Uniform, mirror_pixels: Read, regions: Read, totals: Read, solutions: ReadWrite, counters: ReadWrite,
-        endings: ReadWrite,
+        endings: ReadWrite, chunks_reached: Read,
     }
     sscr_views: Method over Pixels {
         curvature_map: Read, mirror_pixels: Read, endings: Read, parents: Read, views_out: Write(Rgba32Float),

@@ -365,8 +365,10 @@ params! {
         regions_per_point: u32 = 1, 1..=16, "regions";
         /// Share of the points that are searched for where mirrors cover a tenth of the picture. Fewer pixels, as in later bounces, take fewer points, and more take more; 1 takes all.
         point_share: f32 = 1.0, 0.001..=1.0, "share";
-        /// Draw another region for points outside of the cone of their region's reflected rays, and do not search for those that no drawn region can reflect; each point is tested, not whole blocks.
+        /// Draw another region for points outside of the cone of their region's reflected rays, and do not search for those that no drawn region can reflect; each point is tested, not whole chunks.
         cull_points: bool = false;
+        /// Do not search for the points of chunks that lie outside of the cones of all regions' reflected rays.
+        cull_chunks: bool = false;
         /// Choose the first step and the number of start pixels by each region's size and shape.
         per_region: bool = false;
     }

@@ -12,11 +12,14 @@ mod tests;
 #[cfg(test)]
 mod twin;
 
+use cloud::Bounds;
+use glam::Vec4;
 use scene::{Distribution, KeptPoints, Seeds, Show};
 
 use super::forward::{Forward, check_size, picture_buffer};
 use super::task::Task;
 use crate::gpu::{Gpu, Result};
+use crate::identities::ChunkId;
 use crate::layout::{
     CURVATURE_BYTES, ENDING_WORDS, LABEL_BYTES, LEAST_REGION, MIRROR_PIXEL_BYTES, PARENT_BYTES, REGION_BYTES,
     REGION_TOTALS_BYTES, RUN_BYTES, RUN_PIXELS, Round,
@@ -42,6 +45,8 @@ pub(crate) struct Sscr {
     regions: wgpu::Buffer,
     mirror_pixels: wgpu::Buffer,
     endings: wgpu::Buffer,
+    /// For each chunk of the frame, whether its points are searched for.
+    chunks_reached: wgpu::Buffer,
     /// For the first bounce: the flags of the curvature map, the label, the mean number of steps of the searches that
     /// ended in the pixel, the share of them that ran out of steps. Steps are known while they are shown.
     pub views: Image,
@@ -53,7 +58,8 @@ pub(crate) struct Sscr {
 impl Sscr {
     pub fn bytes(&self) -> u64 {
         let Self { curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings, views, .. } = self;
-        let buffers = [curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings];
+        let Self { chunks_reached, .. } = self;
+        let buffers = [curvature, parents, sizes, runs, totals, regions, mirror_pixels, endings, chunks_reached];
         let images = self.filtered.iter().flatten().chain([views]);
         buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + images.map(Image::bytes).sum::<u64>()
     }
@@ -80,6 +86,7 @@ impl Sscr {
             regions: buffer("regions", pixels.div_ceil(LEAST_REGION) * REGION_BYTES)?,
             mirror_pixels: buffer("mirror pixels", pixels * MIRROR_PIXEL_BYTES)?,
             endings: buffer("ends of searches", pixels * ENDING_WORDS * 4)?,
+            chunks_reached: storage(&gpu.device, "chunks that are searched for", 4),
             views: Image::new(&gpu.device, size, "views", wgpu::TextureFormat::Rgba32Float),
             frames: 0,
         })
@@ -110,6 +117,7 @@ impl Sscr {
         forward.reserve(recorder.gpu, task, rounds, bounce, bounces)?;
         self.filter(recorder, task)?;
         self.label(recorder, task)?;
+        self.cull(recorder, task)?;
         forward.clear(recorder);
         recorder.clear(&self.endings);
         for round in 0..rounds {
@@ -196,9 +204,37 @@ impl Sscr {
         let bindings =
             passes::region_number { parents: parents.clone(), sizes: sizes.clone(), runs, regions: regions.clone() };
         recorder.over(&[], inputs, bindings, groups)?;
-        let switches = [("bound_rays", u32::from(task.settings.sscr.cull_points))];
+        let switches = [("bound_rays", u32::from(task.settings.sscr.cull_points || task.settings.sscr.cull_chunks))];
         let bindings = passes::region_assign { point_in, normal_in, eye_in, parents, sizes, regions, mirror_pixels };
         recorder.over_pixels(&switches, inputs, bindings)
+    }
+
+    /// Finds the chunks that some region may reflect, if only their points are to be searched for.
+    fn cull(&mut self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
+        if !task.settings.sscr.cull_chunks {
+            return Ok(());
+        }
+        let eye = task.supply.camera.eye;
+        let sphere = |(chunk, _): &(ChunkId, u32)| {
+            let bounds = task.store.placed(*chunk).map_or(Bounds::EMPTY, |placed| placed.bounds);
+            // Rounding must not leave a point outside.
+            let radius = bounds.radius() * 1.0001 + bounds.center().distance(eye) * 1e-6;
+            (bounds.center() - eye).as_vec3().extend(radius as f32)
+        };
+        let mut spheres: Vec<Vec4> = task.supply.chunks.iter().map(sphere).collect();
+        // The buffer must not be empty.
+        spheres.resize(spheres.len().max(1), Vec4::ZERO);
+        let device = &recorder.gpu.device;
+        let uploaded = storage(device, "spheres about chunks", size_of_val(&spheres[..]) as u64);
+        recorder.gpu.queue.write_buffer(&uploaded, 0, bytemuck::cast_slice(&spheres));
+        self.chunks_reached = storage(device, "chunks that are searched for", 4 * spheres.len() as u64);
+        let bindings = passes::sscr_cull {
+            regions: self.regions.as_entire_binding(),
+            totals: self.totals.as_entire_binding(),
+            spheres: uploaded.as_entire_binding(),
+            chunks_reached: self.chunks_reached.as_entire_binding(),
+        };
+        recorder.over(&[], task.supply, bindings, [(spheres.len() as u32).div_ceil(64), 1, 1])
     }
 
     /// Searches the pixel of each point, in the region that is drawn for it in this round.
@@ -219,6 +255,7 @@ impl Sscr {
             ("per_region", u32::from(settings.per_region)),
             ("weighted", u32::from(settings.distribution == Distribution::Weighted)),
             ("cull", u32::from(settings.cull_points)),
+            ("cull_chunks", u32::from(settings.cull_chunks)),
             ("count_points", u32::from(is_counted)),
             ("record_endings", u32::from(is_counted && records)),
             ("shows_search", u32::from(task.settings.reflection.show == Show::Search)),
@@ -238,6 +275,7 @@ impl Sscr {
                 solutions: forward.bind_solutions(page, round, bounce)?,
                 counters: task.counters.as_entire_binding(),
                 endings: self.endings.as_entire_binding(),
+                chunks_reached: self.chunks_reached.as_entire_binding(),
             })
         })
     }

@@ -256,14 +256,21 @@ impl Scene {
     }
 
     fn of_points(gpu: &Arc<Gpu>, mirror: Variant, size: UVec2, points: Vec<Vec3>) -> Self {
-        let picture = picture(mirror, size);
+        let count = points.len();
+        Self::of_chunks(gpu, picture(mirror, size), points, count)
+    }
+
+    /// Chunks of so many points each.
+    fn of_chunks(gpu: &Arc<Gpu>, picture: MirrorPicture, points: Vec<Vec3>, count: usize) -> Self {
         let mut store = PointStore::new(gpu.clone());
         let cloud = store.add_cloud(Material::default());
-        let mut chunk = Chunk::new(0, camera().eye, points.iter().map(Vec3::to_array).collect());
-        chunk.normals = Some(Arc::new(vec![pack_normal(NORMAL); points.len()]));
-        chunk.radii = Some(Arc::new(vec![pack_radius(RADIUS); points.len()]));
-        let _: ChunkId = store.add_chunk(cloud, &chunk, None).unwrap();
-        let size = size.to_array();
+        for points in points.chunks(count) {
+            let mut chunk = Chunk::new(0, camera().eye, points.iter().map(Vec3::to_array).collect());
+            chunk.normals = Some(Arc::new(vec![pack_normal(NORMAL); points.len()]));
+            chunk.radii = Some(Arc::new(vec![pack_radius(RADIUS); points.len()]));
+            let _: ChunkId = store.add_chunk(cloud, &chunk, None).unwrap();
+        }
+        let size = picture.size.to_array();
         let bounce = Bounce::new(&gpu.device, size);
         let normal = Image::new(&gpu.device, size, "normal", wgpu::TextureFormat::Rgba32Float);
         fill(gpu, &picture, &bounce.mirror.point, |pixel| pixel.point.extend(1.0).to_array());
@@ -546,6 +553,57 @@ fn culling_loses_next_to_no_point_and_regions_of_their_own_parameters_gain_some(
     assert!(culled.counters[4] * 100 > all.counters[4] * 103, "{} {}", culled.counters[4], all.counters[4]);
     let own = scene.make(&mut stage, &Parameters { per_region: true, ..Parameters::default() });
     assert!(own.counters[4] > all.counters[4], "{} {}", own.counters[4], all.counters[4]);
+}
+
+#[test]
+fn chunks_that_no_region_reflects_are_not_searched_and_hold_next_to_no_point_that_is_found() {
+    let Some(mut stage) = stage() else { return };
+    // A block of points for each of the cells of the box that hold so many.
+    let mut cells = std::collections::BTreeMap::<[i32; 3], Vec<Vec3>>::new();
+    for point in wall_points(400_000) {
+        cells.entry((point / 0.5).floor().as_ivec3().to_array()).or_default().push(point);
+    }
+    let block = 1024;
+    let points: Vec<Vec3> =
+        cells.into_values().filter(|cell| cell.len() >= block).flat_map(|cell| cell[..block].to_vec()).collect();
+    for (mirror, is_flat) in [(Variant::Sphere, false), (Variant::Sphere, true), (Variant::Coral, false)] {
+        let mut picture = picture(mirror, SMALL);
+        if is_flat {
+            // Where the lines of sight meet a plane through the sphere's middle.
+            let middle = (Variant::Sphere.mirrors()[0].position - camera().eye).as_vec3();
+            let normal = (Vec3::new(0.3, 0.2, 0.0) - middle.normalize()).normalize();
+            for pixel in picture.pixels.iter_mut().flatten() {
+                let scale = normal.dot(middle) / normal.dot(pixel.point);
+                pixel.point *= scale;
+                pixel.linear_depth *= scale;
+                pixel.normal = normal;
+            }
+        }
+        let mut scene = Scene::of_chunks(&stage.gpu, picture, points.clone(), block);
+        let all = scene.make(&mut stage, &Parameters::default());
+        let culled = scene.make(&mut stage, &Parameters { cull_chunks: true, ..Parameters::default() });
+        let reached = &scene.sscr.chunks_reached;
+        let reached: Vec<u32> =
+            bytemuck::pod_collect_to_vec(&stage.gpu.read_buffer(reached, 0, reached.size()).unwrap());
+        assert_eq!(reached.len() * block, points.len());
+        let mut lost = 0;
+        for (chunk, is_reached) in reached.iter().enumerate() {
+            let of = |made: &Made| made.solutions[chunk * block..][..block].to_vec();
+            if *is_reached == 1 {
+                assert_eq!(of(&all), of(&culled), "{mirror:?}");
+            } else {
+                assert!(of(&culled).iter().all(Option::is_none), "{mirror:?}");
+                lost += of(&all).iter().flatten().count();
+            }
+        }
+        let left_out = reached.iter().filter(|is_reached| **is_reached == 0).count();
+        println!("{mirror:?}: {left_out} of {} chunks, {lost} of {} points", reached.len(), all.counters[4]);
+        // Only rays that leave a flat mirror all go one way.
+        assert_eq!(left_out * 2 > reached.len(), is_flat, "{mirror:?}: {left_out} of {}", reached.len());
+        // What a search finds outside of all cones is no root.
+        assert!(lost * 500 < all.counters[4] as usize, "{mirror:?}: {lost} of {}", all.counters[4]);
+        assert_eq!(all.counters[3], culled.counters[3], "{mirror:?}");
+    }
 }
 
 #[test]
