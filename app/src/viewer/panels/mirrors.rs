@@ -2,7 +2,7 @@
 
 use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
-use scene::{Mirror, Object, Shape};
+use scene::{Mirror, MirrorSurface, Object, Shape};
 
 use crate::viewer::action::Action;
 use crate::viewer::input::bindings;
@@ -155,7 +155,13 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
             slider(ui, "Focal length", egui::Slider::new(focal_length, 0.05..=50.0).logarithmic(true));
         }
         Shape::Torus { tube } => drop(slider(ui, "Tube", egui::Slider::new(tube, 0.01..=0.99))),
-        Shape::Mesh(mesh) => drop(ui.label(RichText::new(&mesh.name).color(theme::WEAK))),
+        Shape::Mesh(mesh) => {
+            ui.label(RichText::new(&mesh.name).color(theme::WEAK));
+            if session.scene.settings.mirror.surface == MirrorSurface::Exact {
+                let told = "Drawn as points: mirror.surface = exact needs a formula, which a mesh lacks.";
+                ui.label(RichText::new(told).small().color(theme::WEAK));
+            }
+        }
         Shape::Sphere | Shape::Blob | Shape::Coral => {}
     }
     slider(ui, "Intensity", egui::Slider::new(&mut mirror.specular_intensity, 0.0..=1.0))
@@ -329,6 +335,20 @@ mod tests {
             panic!("the mirror is gone");
         };
         assert!(!mesh.surface.is_empty(), "the triangles would be read again for each place");
+    }
+
+    #[test]
+    fn a_mesh_says_that_it_is_not_drawn_by_a_formula_where_formulas_are_asked_for() {
+        let mut harness = harness();
+        let session = harness.state_mut();
+        let mirror = Mirror::standing(Shape::Mesh(MirrorMesh::hare()), DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0);
+        let id = session.scene.bring_mirror(mirror, None, &mut session.outside);
+        session.scene.selected = Some(id);
+        for (surface, is_told) in [(MirrorSurface::Exact, true), (MirrorSurface::Points, false)] {
+            harness.state_mut().scene.settings.mirror.surface = surface;
+            harness.run_ok();
+            assert_eq!(harness.query_by_label_contains("needs a formula").is_some(), is_told, "{surface:?}");
+        }
     }
 
     #[test]
