@@ -21,30 +21,12 @@ override from_texels: bool = false;
 @compute @workgroup_size(8, 8)
 fn cube_bounds(@builtin(global_invocation_id) id: vec3u) {
     let level = i32(work.level);
-    let cells = cells_along(level);
-    let finer = cells_along(level - 1);
-    if i32(id.x) >= cells || i32(id.y) >= cells || id.z >= 6u * cubes.maps {
+    let cells = cells_of(vec2i(i32(cubes.size)), level);
+    if any(vec2i(id.xy) >= cells) || id.z >= 6u * cubes.maps {
         return;
     }
-    let view = face_of(id.z / 6u, id.z % 6u);
-    var both = vec2f(NEVER, 0.0);
-    for (var i = 0; i < 4; i++) {
-        let at = vec2i(id.xy) * 2 + vec2i(i & 1, i >> 1u);
-        if all(at < vec2i(finer)) {
-            var part = vec2f(0.0);
-            if from_texels {
-                part = bounds_of_texel(view, at, texel_record(id.z, at));
-            } else {
-                part = cell_bounds(id.z, level - 1, at);
-            }
-            both = vec2f(min(both.x, part.x), max(both.y, part.y));
-        }
-    }
+    let both = bounds_of_cell(face_of(id.z / 6u, id.z % 6u), level, vec2i(id.xy), from_texels);
     bounds[index_of_cell(id.z, level, vec2i(id.xy))] = both;
-}
-
-fn cells_along(level: i32) -> i32 {
-    return (i32(cubes.size) + (1 << u32(level)) - 1) >> u32(level);
 }
 
 fn texel_record(picture: u32, texel: vec2i) -> vec4u {

@@ -14,7 +14,7 @@
 @group(1) @binding(4) var<storage, read> cubes: Cubes;
 @group(1) @binding(5) var<storage, read> records: array<vec4u>;
 @group(1) @binding(6) var<storage, read> bounds: array<vec2f>;
-// See surfel_trace.wgsl. Before: what the ray meets on mirrors, if that was traced.
+// See hit.wgsl. Before: what the ray meets on mirrors, if that was traced.
 @group(1) @binding(7) var<storage, read_write> hits: array<vec4u>;
 // The number of rays that are not resolved; then two words each: pixel, and f32 bits of the distance up to which it is
 // free.
@@ -70,6 +70,7 @@ fn cubemap_trace(@builtin(global_invocation_id) thread: vec3u) {
 fn relay(whole: WalkRay, mirror: MappedMirror) -> Walk {
     let choices = WalkChoices(
         settings.cubemap_trace.skip != 0u, settings.cubemap_trace.jump, settings.cubemap_trace.disc_slack,
+        MOST_CELLS,
     );
     var ray = whole;
     var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);

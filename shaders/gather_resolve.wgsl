@@ -2,11 +2,12 @@
 // the pixels whose point lies in it; the first page also writes the pixels that see nothing. One thread a pixel.
 #import point_surface
 #import mirror_ray
+#import hit
 
 @group(2) @binding(0) var point_in: texture_2d<f32>;
 @group(2) @binding(1) var normal_in: texture_2d<f32>;
 @group(2) @binding(2) var eye_in: texture_2d<f32>;
-// y: identity + 1, 0: nothing. z: f32 bits of the distance.
+// See hit.wgsl.
 @group(2) @binding(3) var<storage, read> hits: array<vec4u>;
 @group(2) @binding(4) var albedo_out: texture_storage_2d<rgba16float, write>;
 @group(2) @binding(5) var normal_out: texture_storage_2d<rgba32float, write>;
@@ -25,8 +26,10 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
     var position = vec4f(0.0);
     let point = textureLoad(point_in, id, 0);
     let hit = hits[id.y * frame.width + id.x];
-    var is_ours = page.is_first == 1u;
-    if hit.y != 0u {
+    // Of a ray that ends in the camera's picture, the surface is already there.
+    let is_point = hit.x != HIT_IN_PICTURE;
+    var is_ours = page.is_first == 1u && is_point;
+    if hit.y != 0u && is_point {
         let index = index_of_identity(hit.y - 1u);
         is_ours = index < page.point_count;
         if is_ours {

@@ -6,6 +6,7 @@
 #import mirror_ray
 #import counters
 #import visibility
+#import hit
 
 @group(1) @binding(0) var point_in: texture_2d<f32>;
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
@@ -19,8 +20,7 @@
 @group(1) @binding(7) var<storage, read> order: array<u32>;
 // The runs of the trees that the pixel's tile may see, `LIST_WORDS` words a tile (see beam_lists.wgsl).
 @group(1) @binding(8) var<storage, read> lists: array<u32>;
-// x: f32 bits of the key by which the nearest is chosen. y: identity of the point + 1, 0: nothing yet. z: f32 bits of
-// the distance. w: tests so far, while they are counted.
+// See hit.wgsl.
 @group(1) @binding(9) var<storage, read_write> hits: array<vec4u>;
 @group(1) @binding(10) var<storage, read> points: array<vec4u>;
 @group(1) @binding(11) var<storage, read> class_masks: array<u32>;

@@ -501,9 +501,9 @@ mod tests {
     #[test]
     fn bad_words_are_refused_by_name_before_any_work() {
         let scene = "five-mirrors/sphere";
-        let later = refusal(&[scene, "-o", "a.png", "--method", "screen_trace"]);
+        let later = refusal(&[scene, "-o", "a.png", "--method", "light_field"]);
         assert!(
-            later.contains("`screen_trace` is not in this version yet; available: auto, none, environment_map"),
+            later.contains("`light_field` is not in this version yet; available: auto, none, environment_map"),
             "{later}"
         );
         assert!(refusal(&[scene, "-o", "a.png", "--method", "ssrc"]).contains("is unknown; available: auto, none"));

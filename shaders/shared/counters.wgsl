@@ -12,5 +12,5 @@ const NODES_TESTED: u32 = 7u;
 const DISCS_TESTED: u32 = 8u;
 // The doubtful mirror pixels.
 const DOUBTED_PIXELS: u32 = 9u;
-// The rays that no cubemap resolves.
+// The rays that no picture of depths resolves.
 const RAYS_LEFT: u32 = 10u;

@@ -28,8 +28,12 @@ fn face_of(map: u32, face: u32) -> DepthView {
     let size = i32(cubes.size);
     return DepthView(
         cubes.places[map].xyz, axes[(face + 1u) % 3u], axes[(face + 2u) % 3u], forward, vec2i(size), 0.5 * f32(size),
-        map * 6u + face, i32(cubes.levels),
+        false, map * 6u + face, i32(cubes.levels),
     );
+}
+
+fn said_at(view: DepthView, ray: WalkRay, at: vec2i, part: vec2f, starts: bool, choices: WalkChoices) -> Walk {
+    return said_by_texel(view, ray, at, part, starts, choices);
 }
 
 fn index_of_texel(picture: u32, texel: vec2i) -> u32 {

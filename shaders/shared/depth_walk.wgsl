@@ -3,7 +3,8 @@
 // tell more about. Bounds of cells of 2 x 2, 4 x 4, ... texels let a ray pass all of them at once. CPU twin:
 // crates/render/src/reflection/depth_walk.rs.
 //
-// The importing pass defines `texel_record(picture, texel)` and `cell_bounds(picture, level, cell)`.
+// The importing pass defines `texel_record(picture, texel)`, `cell_bounds(picture, level, cell)`, and `said_at`, which is
+// `said_by_texel` where nothing else decides what a ray meets.
 #import depth_texel
 
 // From where, and how, a picture shows the scene.
@@ -14,8 +15,9 @@ struct DepthView {
     forward: vec3f,
     // In texels.
     size: vec2i,
-    // Texels per unit of tangent.
+    // Texels per unit of tangent; of a parallel picture, per world unit.
     focal: f32,
+    is_parallel: bool,
     // The number by which the importing pass knows the picture.
     picture: u32,
     // The number of levels of bounds.
@@ -38,6 +40,8 @@ struct WalkChoices {
     jump: f32,
     // How far beside its disc a plane counts, in texels.
     disc_slack: f32,
+    // After so many the ray is given up.
+    most_cells: u32,
 }
 
 // The ray is free as far as it was asked for.
@@ -62,10 +66,33 @@ const BOUNDS_MARGIN: f32 = 1e-5;
 const MOST_CELLS: u32 = 8192u;
 const NEVER: f32 = 3.4028235e38;
 
-// The line of sight at a place of the picture, in texels, with a linear depth of 1.
-fn sight_of(view: DepthView, place: vec2f) -> vec3f {
+// A line of sight: its place at a linear depth of 0, relative to the centre, and its way to a depth of 1 more.
+struct Sight {
+    origin: vec3f,
+    direction: vec3f,
+}
+
+// The line of sight at a place of the picture, in texels.
+fn sight_of(view: DepthView, place: vec2f) -> Sight {
     let slope = (place - 0.5 * vec2f(view.size)) / view.focal;
-    return view.forward + view.right * slope.x - view.up * slope.y;
+    let beside = view.right * slope.x - view.up * slope.y;
+    let turned = view.forward + view.right * slope.x - view.up * slope.y;
+    return Sight(select(vec3f(0.0), beside, view.is_parallel), select(turned, view.forward, view.is_parallel));
+}
+
+// The product of a plane's normal with its places less the centre.
+fn plane_of(sight: Sight, normal: vec3f, depth: f32) -> f32 {
+    return dot(normal, sight.origin) + dot(normal, sight.direction) * depth;
+}
+
+// The linear depth at which a line of sight meets a plane.
+fn depth_of_plane(sight: Sight, normal: vec3f, plane: f32) -> f32 {
+    return (plane - dot(normal, sight.origin)) / dot(normal, sight.direction);
+}
+
+// The width of a texel at a depth.
+fn width_at(view: DepthView, depth: f32) -> f32 {
+    return select(depth, 1.0, view.is_parallel) / view.focal;
 }
 
 // The linear depths between which the plane of a texel lies.
@@ -74,21 +101,46 @@ fn bounds_of_texel(view: DepthView, texel: vec2i, record: vec4u) -> vec2f {
     if disc.depth == 0.0 {
         return vec2f(NEVER);
     }
-    let plane = dot(disc.normal, sight_of(view, vec2f(texel) + 0.5)) * disc.depth;
+    let plane = plane_of(sight_of(view, vec2f(texel) + 0.5), disc.normal, disc.depth);
     var bounds = vec2f(NEVER, 0.0);
     for (var i = 0; i < 4; i++) {
-        let cosine = dot(disc.normal, sight_of(view, vec2f(texel + vec2i(i & 1, i >> 1u))));
-        let depth = select(NEVER, plane / cosine, cosine < 0.0);
+        let sight = sight_of(view, vec2f(texel + vec2i(i & 1, i >> 1u)));
+        // Beyond the plane's horizon it has no depth.
+        let depth = select(NEVER, depth_of_plane(sight, disc.normal, plane), dot(disc.normal, sight.direction) < 0.0);
         bounds = vec2f(min(bounds.x, depth), max(bounds.y, depth));
     }
     return vec2f(bounds.x * (1.0 - BOUNDS_MARGIN), select(bounds.y, bounds.y * (1.0 + BOUNDS_MARGIN), bounds.y < 3e38));
 }
 
-// The ray's coordinates along it: the place in texels across and down, each times the linear depth; the depth. x: at
-// zero, y: slope.
+// The number of cells of a level across and down.
+fn cells_of(size: vec2i, level: i32) -> vec2i {
+    return (size + (1 << u32(level)) - 1) >> vec2u(u32(level));
+}
+
+// The bounds of a cell: those of its parts in the level before, or of its texels.
+fn bounds_of_cell(view: DepthView, level: i32, cell: vec2i, from_texels: bool) -> vec2f {
+    var both = vec2f(NEVER, 0.0);
+    for (var i = 0; i < 4; i++) {
+        let at = cell * 2 + vec2i(i & 1, i >> 1u);
+        if all(at < cells_of(view.size, level - 1)) {
+            var part = vec2f(0.0);
+            if from_texels {
+                part = bounds_of_texel(view, at, texel_record(view.picture, at));
+            } else {
+                part = cell_bounds(view.picture, level - 1, at);
+            }
+            both = vec2f(min(both.x, part.x), max(both.y, part.y));
+        }
+    }
+    return both;
+}
+
+// The ray's coordinates along it: the place in texels across and down, each times the divisor, which is the linear depth
+// or, in a parallel picture, 1; the depth. x: at zero, y: slope.
 struct WalkCoordinates {
     across: vec2f,
     down: vec2f,
+    divisor: vec2f,
     depth: vec2f,
 }
 
@@ -98,7 +150,8 @@ fn coordinates_of(view: DepthView, ray: WalkRay) -> WalkCoordinates {
     let q = vec2f(dot(view.up, offset), dot(view.up, ray.direction));
     let w = vec2f(dot(view.forward, offset), dot(view.forward, ray.direction));
     let half_size = 0.5 * vec2f(view.size);
-    return WalkCoordinates(half_size.x * w + view.focal * p, half_size.y * w - view.focal * q, w);
+    let divisor = select(w, vec2f(1.0, 0.0), view.is_parallel);
+    return WalkCoordinates(half_size.x * divisor + view.focal * p, half_size.y * divisor - view.focal * q, divisor, w);
 }
 
 fn linear_at(value: vec2f, t: f32) -> f32 {
@@ -127,44 +180,44 @@ fn exit_of_view(view: DepthView, ray: WalkRay) -> WalkExit {
     let along = coordinates_of(view, ray);
     let size = vec2f(view.size);
     var exit = earlier_exit(WalkExit(ray.end, 0u), along.across, SIDE_LEFT);
-    exit = earlier_exit(exit, size.x * along.depth - along.across, SIDE_RIGHT);
+    exit = earlier_exit(exit, size.x * along.divisor - along.across, SIDE_RIGHT);
     exit = earlier_exit(exit, along.down, SIDE_ABOVE);
-    return earlier_exit(exit, size.y * along.depth - along.down, SIDE_BELOW);
+    return earlier_exit(exit, size.y * along.divisor - along.down, SIDE_BELOW);
 }
 
 // One axis of a picture. x: the coordinate. y: its slope. z: the step at borders: 1, -1, or 0 for a ray that stays.
-fn axis_of(value: vec2f, depth: vec2f) -> vec3f {
-    return vec3f(value, sign(value.y * depth.x - value.x * depth.y));
+fn axis_of(value: vec2f, divisor: vec2f) -> vec3f {
+    return vec3f(value, sign(value.y * divisor.x - value.x * divisor.y));
 }
 
 // When the ray crosses an integer border.
-fn crossing_of(axis: vec3f, depth: vec2f, border: i32) -> f32 {
-    let slope = axis.y - f32(border) * depth.y;
+fn crossing_of(axis: vec3f, divisor: vec2f, border: i32) -> f32 {
+    let slope = axis.y - f32(border) * divisor.y;
     // A ray may come ever nearer to a border without reaching it.
-    return select(NEVER, (f32(border) * depth.x - axis.x) / slope, slope * axis.z > 0.0);
+    return select(NEVER, (f32(border) * divisor.x - axis.x) / slope, slope * axis.z > 0.0);
 }
 
-fn is_past(axis: vec3f, depth: vec2f, border: i32, t: f32, is_first: bool) -> bool {
-    let crossing = crossing_of(axis, depth, border);
+fn is_past(axis: vec3f, divisor: vec2f, border: i32, t: f32, is_first: bool) -> bool {
+    let crossing = crossing_of(axis, divisor, border);
     return crossing < t || (is_first && crossing == t);
 }
 
 // The texel that contains the ray at `t`, from `low` to `high`: the same that stepping texel by texel finds. `is_first`
 // says that this axis steps first where both borders are crossed at once.
-fn texel_at(axis: vec3f, depth: vec2f, t: f32, low: i32, high: i32, is_first: bool) -> i32 {
-    var texel = clamp(i32(floor(linear_at(axis.xy, t) / linear_at(depth, t))), low, high);
+fn texel_at(axis: vec3f, divisor: vec2f, t: f32, low: i32, high: i32, is_first: bool) -> i32 {
+    var texel = clamp(i32(floor(linear_at(axis.xy, t) / linear_at(divisor, t))), low, high);
     if axis.z > 0.0 {
-        if texel > low && !is_past(axis, depth, texel, t, is_first) {
+        if texel > low && !is_past(axis, divisor, texel, t, is_first) {
             texel -= 1;
         }
-        if texel < high && is_past(axis, depth, texel + 1, t, is_first) {
+        if texel < high && is_past(axis, divisor, texel + 1, t, is_first) {
             texel += 1;
         }
     } else if axis.z < 0.0 {
-        if texel < high && !is_past(axis, depth, texel + 1, t, is_first) {
+        if texel < high && !is_past(axis, divisor, texel + 1, t, is_first) {
             texel += 1;
         }
-        if texel > low && is_past(axis, depth, texel, t, is_first) {
+        if texel > low && is_past(axis, divisor, texel, t, is_first) {
             texel -= 1;
         }
     }
@@ -175,12 +228,12 @@ fn texel_at(axis: vec3f, depth: vec2f, t: f32, low: i32, high: i32, is_first: bo
 // say nothing about it.
 fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choices: WalkChoices) -> Walk {
     let along = coordinates_of(view, ray);
-    let depth = along.depth;
-    let across = axis_of(along.across, depth);
-    let down = axis_of(along.down, depth);
+    let divisor = along.divisor;
+    let across = axis_of(along.across, divisor);
+    let down = axis_of(along.down, divisor);
     var t = part.x;
     var is_start = starts;
-    let first_place = vec2f(linear_at(across.xy, t), linear_at(down.xy, t)) / linear_at(depth, t);
+    let first_place = vec2f(linear_at(across.xy, t), linear_at(down.xy, t)) / linear_at(divisor, t);
     var at = clamp(vec2i(floor(first_place)), vec2i(0), view.size - 1);
     var level = 0;
     var walk = Walk(WALK_ON, 0.0, 0u, 0u);
@@ -189,14 +242,14 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
         let edge = 1 << u32(level);
         let cell = at >> vec2u(u32(level));
         let border = select(cell * edge, min((cell + 1) * edge, view.size), vec2<bool>(across.z > 0.0, down.z > 0.0));
-        let exits = vec2f(crossing_of(across, depth, border.x), crossing_of(down, depth, border.y));
+        let exits = vec2f(crossing_of(across, divisor, border.x), crossing_of(down, divisor, border.y));
         let out = max(min(min(exits.x, exits.y), part.y), t);
         var is_passed = true;
         if level > 0 {
             let nearest = cell_bounds(view.picture, level, cell).x;
-            is_passed = max(linear_at(depth, t), linear_at(depth, out)) < nearest;
+            is_passed = max(linear_at(along.depth, t), linear_at(along.depth, out)) < nearest;
         } else {
-            let said = said_by_texel(view, ray, at, t, out, is_start, choices);
+            let said = said_at(view, ray, at, vec2f(t, out), is_start, choices);
             walk = Walk(said.kind, said.t, said.identity, walk.cells);
         }
         if !is_passed {
@@ -205,16 +258,16 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
             is_start = false;
             if out >= part.y {
                 walk.kind = WALK_OPEN;
-            } else if walk.cells > MOST_CELLS {
+            } else if walk.cells > choices.most_cells {
                 walk.kind = WALK_HIDDEN;
                 walk.t = t;
             }
             let low = cell * edge;
             let high = min(low + edge, view.size) - 1;
             if exits.y < exits.x {
-                at = vec2i(texel_at(across, depth, out, low.x, high.x, true), select(border.y - 1, border.y, down.z > 0.0));
+                at = vec2i(texel_at(across, divisor, out, low.x, high.x, true), select(border.y - 1, border.y, down.z > 0.0));
             } else {
-                at = vec2i(select(border.x - 1, border.x, across.z > 0.0), texel_at(down, depth, out, low.y, high.y, false));
+                at = vec2i(select(border.x - 1, border.x, across.z > 0.0), texel_at(down, divisor, out, low.y, high.y, false));
             }
             t = out;
             if choices.skip {
@@ -225,13 +278,12 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
     return walk;
 }
 
-// What a texel says about the ray between two distances.
+// What a texel says about the part `part` of the ray, which crosses it.
 fn said_by_texel(
     view: DepthView,
     ray: WalkRay,
     at: vec2i,
-    enters: f32,
-    leaves: f32,
+    part: vec2f,
     starts: bool,
     choices: WalkChoices,
 ) -> Walk {
@@ -240,28 +292,28 @@ fn said_by_texel(
         return Walk(WALK_ON, 0.0, 0u, 0u);
     }
     let texel = unpack_texel(record);
-    let plane = dot(texel.normal, sight_of(view, vec2f(at) + 0.5)) * texel.depth;
+    let plane = plane_of(sight_of(view, vec2f(at) + 0.5), texel.normal, texel.depth);
     let height = vec2f(dot(texel.normal, ray.origin - view.center) - plane, dot(texel.normal, ray.direction));
-    let width = texel.depth / view.focal;
+    let width = width_at(view, texel.depth);
     let radius = texel.radius * width;
-    let before = linear_at(height, enters);
-    let after = linear_at(height, leaves);
+    let before = linear_at(height, part.x);
+    let after = linear_at(height, part.y);
     let is_before = before >= 0.0;
     // Behind a plane, but not far: a step within one surface.
     let is_crack = !is_before && -before <= choices.jump * width + 0.02 * radius;
     if (starts && before <= -0.5 * choices.jump * width) || !(is_before || is_crack) {
-        return Walk(WALK_HIDDEN, enters, 0u, 0u);
+        return Walk(WALK_HIDDEN, part.x, 0u, 0u);
     }
     if after > 0.0 {
         return Walk(WALK_ON, 0.0, 0u, 0u);
     }
-    let t = select(enters, enters + (leaves - enters) * before / max(before - after, 1e-30), is_before);
+    let t = select(part.x, part.x + (part.y - part.x) * before / max(before - after, 1e-30), is_before);
     let sight = sight_of(view, vec2f(at) + 0.5 + texel.middle);
-    let middle = view.center + sight * (plane / dot(texel.normal, sight));
+    let middle = view.center + sight.origin + sight.direction * depth_of_plane(sight, texel.normal, plane);
     let beside = distance(ray.origin + ray.direction * t, middle);
     // The surface on which the ray begins does not stop it.
     if t > 4.0 * radius && beside <= radius + choices.disc_slack * width {
         return Walk(WALK_HIT, t, texel.identity, 0u);
     }
-    return Walk(WALK_HIDDEN, enters, 0u, 0u);
+    return Walk(WALK_HIDDEN, part.x, 0u, 0u);
 }

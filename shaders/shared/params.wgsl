@@ -162,6 +162,7 @@ const REFLECTION_METHOD_SSCR: u32 = 4u;
 const REFLECTION_METHOD_SSCR_HIERARCHICAL: u32 = 5u;
 const REFLECTION_METHOD_SURFEL_TRACE: u32 = 6u;
 const REFLECTION_METHOD_CUBEMAP_TRACE: u32 = 7u;
+const REFLECTION_METHOD_SCREEN_TRACE: u32 = 8u;
 const REFLECTION_SHOW_PICTURE: u32 = 0u;
 const REFLECTION_SHOW_UNCERTAIN: u32 = 1u;
 const REFLECTION_SHOW_BORDERS: u32 = 2u;
@@ -205,6 +206,16 @@ const CUBEMAP_TRACE_OWN_LEFT_OUT: u32 = 1u;
 const CUBEMAP_TRACE_OWN_TRACE: u32 = 2u;
 const CUBEMAP_TRACE_REST_NONE: u32 = 0u;
 const CUBEMAP_TRACE_REST_SURFEL_TRACE: u32 = 1u;
+
+// Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).
+struct ScreenTrace {
+    skip: u32,
+    jump: f32,
+    max_steps: u32,
+    rest: u32,
+}
+const SCREEN_TRACE_REST_NONE: u32 = 0u;
+const SCREEN_TRACE_REST_SURFEL_TRACE: u32 = 1u;
 
 // Screen-space curved reflections (Preiner 2010).
 struct Sscr {
@@ -290,6 +301,7 @@ struct Settings {
     reflection: Reflection,
     environment_map: EnvironmentMap,
     cubemap_trace: CubemapTrace,
+    screen_trace: ScreenTrace,
     sscr: Sscr,
     surface: Surface,
     stream: Stream,

@@ -103,6 +103,8 @@ structs! {
     }
     /// The level of bounds that a pass makes, of shaders/cube_bounds.wgsl.
     CubeLevel { level: u32, unused_1: u32, unused_2: u32, unused_3: u32 }
+    /// The camera's picture in `screen_trace`; the first cells of its levels follow. Of shaders/shared/screen.wgsl.
+    Screen { levels: u32, level: u32, mirror_radius: f32, unused: u32 }
     /// The draw of a region that a search is for, of shaders/sscr_solve.wgsl.
     Round { draw: u32, seed: u32 }
 }
@@ -145,6 +147,9 @@ elements! {
     surfel_trace.hits: HIT_BYTES = 16;
     cubemap_trace.records: CUBE_TEXEL_BYTES = 16;
     cubemap_trace.bounds: CUBE_CELL_BYTES = 8;
+    screen_trace.records: SCREEN_TEXEL_BYTES = 16;
+    screen_trace.bounds: SCREEN_CELL_BYTES = 8;
+    screen_trace.rest: REST_WORD_BYTES = 4;
     label_start.curvature_map: CURVATURE_BYTES = 4;
     label_start.parents: PARENT_BYTES = 4;
     label_start.sizes: LABEL_BYTES = 4;

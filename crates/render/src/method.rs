@@ -10,6 +10,7 @@ use crate::reflection::environment_map::EnvironmentMap;
 use crate::reflection::forward::Forward;
 use crate::reflection::gather::Gather;
 use crate::reflection::mirrored_viewpoint::MirroredViewpoint;
+use crate::reflection::screen_trace::ScreenTrace;
 use crate::reflection::sscr::Sscr;
 use crate::reflection::surfel_index::SurfelIndex;
 use crate::reflection::surfel_trace;
@@ -24,6 +25,7 @@ pub(crate) struct Methods {
     index: SurfelIndex,
     environment: EnvironmentMap,
     pub(crate) cubemaps: CubemapTrace,
+    pub(crate) screen: ScreenTrace,
     mirrored: MirroredViewpoint,
     pub(crate) gather: Option<Gather>,
     forward: Option<Forward>,
@@ -33,9 +35,11 @@ pub(crate) struct Methods {
 }
 
 /// The method that made the views.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 enum Origin {
     Gather,
+    /// A gather method that walks rays through pictures of depths, and counts those that it leaves.
+    Walk,
     Sscr,
 }
 
@@ -90,7 +94,12 @@ impl Methods {
             Method::CubemapTrace => {
                 let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
                 self.cubemaps.run(recorder, &mut self.index, gather, task)?;
-                Some(Origin::Gather)
+                Some(Origin::Walk)
+            }
+            Method::ScreenTrace => {
+                let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
+                self.screen.run(recorder, &mut self.index, gather, task)?;
+                Some(Origin::Walk)
             }
             Method::SurfelTrace | Method::SscrHierarchical => {
                 let gather = self.gather.get_or_insert_with(|| Gather::new(&recorder.gpu.device, self.size));
@@ -111,13 +120,18 @@ impl Methods {
     /// The views of the method that ran last.
     pub fn views(&self) -> Option<Views<'_>> {
         match self.views? {
-            Origin::Gather => {
+            Origin::Gather | Origin::Walk => {
                 let image = &self.gather.as_ref()?.views;
                 Some(Views { image, most_steps: 400, has_regions: false })
             }
             // Twice the steps after which a search gives up by default; rays are tested against more nodes and discs.
             Origin::Sscr => Some(Views { image: &self.sscr.as_ref()?.views, most_steps: 60, has_regions: true }),
         }
+    }
+
+    /// Whether the method that ran last counts rays that it does not resolve.
+    pub fn leaves_rays(&self) -> bool {
+        self.views == Some(Origin::Walk)
     }
 
     /// Forgets what methods keep from frame to frame.
@@ -128,10 +142,11 @@ impl Methods {
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { size: _, index, environment, cubemaps, mirrored, gather, forward, sscr, views: _ } = self;
+        let Self { size: _, index, environment, cubemaps, screen, mirrored, gather, forward, sscr, views: _ } = self;
         index.bytes()
             + environment.bytes()
             + cubemaps.bytes()
+            + screen.bytes()
             + mirrored.bytes()
             + gather.as_ref().map_or(0, Gather::bytes)
             + forward.as_ref().map_or(0, Forward::bytes)

@@ -200,6 +200,17 @@ passes! {
         point_in: Texture, normal_in: Texture, eye_in: Texture, mirrors: Read, cubes: Read, records: Read, bounds: Read,
         hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
     }
+    screen_planes: Method over Pixels { normal_in: Texture, position_in: Texture, records: ReadWrite }
+    screen_bounds: Method over Pixels { screen: Read, records: Read, bounds: ReadWrite }
+    screen_trace: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, screen: Read, records: Read, bounds: Read,
+        hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
+    }
+    screen_resolve: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, hits: Read, picture_albedo_in: Texture,
+        picture_normal_in: Texture, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
+        position_out: Write(Rgba32Float),
+    }
     mirrored_look_up: Method over Pages {
         point_in: Texture, maps: Read, mirrors: Read, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
         position_out: Write(Rgba32Float), views_out: Write(Rgba32Float),

@@ -229,6 +229,11 @@ impl Renderer {
             store,
             mirrors: objects.mirrors,
             bounce: 0,
+            camera: SurfaceImages {
+                albedo: &targets.surface().albedo,
+                normal: &targets.surface().normal,
+                position: &targets.position,
+            },
             mirror: &mirror,
             normal: &normal,
             seen: &seen,

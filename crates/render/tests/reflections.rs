@@ -20,7 +20,7 @@ use stage::Stage;
 const SIZE: [u32; 2] = [160, 120];
 /// The share of pixels at structures as narrow as a pixel: outlines and bumps.
 const LARGE: [u32; 2] = [320, 240];
-const TRACING: [&str; 2] = ["sscr_hierarchical", "surfel_trace"];
+const TRACING: [&str; 3] = ["sscr_hierarchical", "surfel_trace", "screen_trace"];
 
 /// Points of one colour, with normals and radii.
 fn chunk(points: &[(DVec3, DVec3)], color: [u8; 3], radius: f64) -> Chunk {
@@ -484,8 +484,10 @@ fn an_exact_planar_mirror_shows_what_a_mirrored_camera_sees() {
         }
         let median = percentile(errors.clone(), 0.5);
         assert!(errors.len() > 1500 && pixels - errors.len() > 50, "{} of {pixels} see something", errors.len());
-        // At outlines one picture draws a splat's rim over the pixel's centre and the other does not.
-        assert!(differing * 50 < pixels && median < WALL_DISC / 50.0, "{method}: {differing} of {pixels}, {median}");
+        // At outlines one picture draws a splat's rim over the pixel's centre and the other does not. In the camera's
+        // picture, outlines are as wide as its pixels.
+        let share = if method == "screen_trace" { 20 } else { 50 };
+        assert!(differing * share < pixels && median < WALL_DISC / 50.0, "{method}: {differing} of {pixels}, {median}");
     }
 }
 
@@ -765,7 +767,8 @@ fn points_of_unknown_spacing_are_reflected_as_discs_that_face_the_ray() {
     let bare = Chunk { normals: None, radii: None, ..full.clone() };
     let cloud = scene.store.add_cloud(Material::default());
     let id = scene.store.add_chunk(cloud, &bare, None).unwrap();
-    for method in TRACING {
+    // The camera's picture has discs that face the camera.
+    for method in &TRACING[..2] {
         scene.store.update_chunk(id, &bare, None).unwrap();
         scene.store.set_provisional_radius(cloud, 0.1);
         // The share of the mirror that sees the wall, the largest distance from the closed form's hit, and the share of

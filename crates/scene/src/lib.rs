@@ -33,8 +33,8 @@ pub use preset::{PRESETS, Preset};
 pub use settings::{
     Atomics, Color, ColorBy, CubePlacement, CubeRest, Curve, Distribution, Edl, Gi, Highlight, KeptPoints, Light,
     LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints, Paging, Quality, Ramp, Reading,
-    Reflection, SceneSettings, Seeds, Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface, SurfaceOrientation,
-    Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    Reflection, SceneSettings, ScreenRest, Seeds, Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface,
+    SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::Visibility;

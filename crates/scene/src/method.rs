@@ -67,13 +67,16 @@ methods! {
         "Reflected rays walk through pictures of depths around each mirror; what they cannot tell is traced",
         Everything, Some("cubemap_trace"),
         [("cubemap_trace.size", "128"), ("cubemap_trace.maps", "1"), ("cubemap_trace.rest", "none")];
+    ScreenTrace = "screen_trace",
+        "Reflected rays walk through the depths of the camera's picture; what it cannot tell is traced",
+        Everything, Some("screen_trace"), [("screen_trace.rest", "none")];
 }
 
 /// The ray tracer as a method; the renderer does not have it.
 pub const RAY_TRACE: &str = "ray_trace";
 
 /// Names that are reserved for methods of later versions, so that asking for one is not taken for a spelling mistake.
-pub const LATER_METHODS: [&str; 3] = ["screen_trace", "sample_cameras", "light_field"];
+pub const LATER_METHODS: [&str; 2] = ["sample_cameras", "light_field"];
 
 impl Method {
     pub fn row(self) -> &'static MethodRow {

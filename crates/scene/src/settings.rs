@@ -79,6 +79,10 @@ choices! {
     pub enum CubeRest { None = "none", SurfelTrace = "surfel_trace" }
 }
 choices! {
+    /// What finds the rays that the camera's picture does not resolve.
+    pub enum ScreenRest { None = "none", SurfelTrace = "surfel_trace" }
+}
+choices! {
     /// What is shown instead of the picture.
     pub enum Show {
         Picture = "picture", Uncertain = "uncertain", Borders = "borders", Curvature = "curvature", Regions = "regions", Search = "search", Steps = "steps",
@@ -321,6 +325,18 @@ params! {
         rest: CubeRest = CubeRest::SurfelTrace;
     }
 
+    /// Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).
+    pub struct ScreenTrace = "screen_trace" in "Reflections" => affects(found) {
+        /// Pass many pixels at once where bounds of their depths say that a ray is before all of them; the picture is the same.
+        skip: bool = true;
+        /// Depth steps up to this size are within one surface: more closes cracks, and invents walls.
+        jump: f32 = 1.0, 0.0..=8.0, "pixels";
+        /// Steps through the picture after which a ray is given up.
+        max_steps: u32 = 8192, 16..=8192, "steps";
+        /// What rays show that leave the picture or pass behind something: nothing, or what surfel_trace finds from where they are known to be free.
+        rest: ScreenRest = ScreenRest::SurfelTrace;
+    }
+
     /// Screen-space curved reflections (Preiner 2010).
     pub struct Sscr = "sscr" in "Reflections" => affects(found) {
         /// Further random start pixels that are tried where one lies outside of its region; newton and its like also start anew from them.
@@ -424,6 +440,7 @@ settings! {
         reflection: Reflection,
         environment_map: EnvironmentMap,
         cubemap_trace: CubemapTrace,
+        screen_trace: ScreenTrace,
         sscr: Sscr,
         surface: Surface,
         stream: Stream,

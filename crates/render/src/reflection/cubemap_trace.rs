@@ -13,7 +13,7 @@ use glam::DVec3;
 use scene::{CubePlacement, CubeRest, MirrorSurface, OwnPoints, Quality, Settings, Splat};
 
 use super::environment_map::face_camera;
-use super::gather::Gather;
+use super::gather::{Gather, rest_list};
 use super::mirror_places::{MirrorMap, MirrorPlace, map_bytes, mirror_places, upload};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace;
@@ -31,7 +31,7 @@ use crate::targets::storage;
 #[derive(Default)]
 pub(crate) struct CubemapTrace {
     maps: Option<Maps>,
-    /// The rays that no map resolves, see shaders/cubemap_trace.wgsl.
+    /// The rays that no map resolves.
     rest: Option<wgpu::Buffer>,
 }
 
@@ -167,12 +167,7 @@ impl CubemapTrace {
         if !own.is_empty() {
             surfel_trace::trace(recorder, index, gather, task, &own, false, None)?;
         }
-        let pixels = u64::from(task.supply.size[0]) * u64::from(task.supply.size[1]);
-        let rest_bytes = 4 + 8 * pixels;
-        let rest = self.rest.take().filter(|rest| rest.size() == rest_bytes);
-        let rest = rest.unwrap_or_else(|| storage(&recorder.gpu.device, "rays that are left", rest_bytes));
-        let rest = &*self.rest.insert(rest);
-        recorder.clear_part(rest, 0..4);
+        let rest = rest_list(recorder, &mut self.rest, task.supply.size);
         let bindings = passes::cubemap_trace {
             point_in: task.mirror.point.bind(),
             normal_in: task.normal.bind(),
@@ -387,15 +382,15 @@ fn share_seen(samples: &[(DVec3, DVec3)], place: DVec3, size: u32, nearest: &[u8
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::collections::HashMap;
     use std::sync::Arc;
 
     use cloud::{Chunk, pack_normal, pack_radius};
-    use glam::{DQuat, Vec2, Vec3};
+    use glam::{DQuat, Vec3};
     use scene::{Camera, Method, Mirror, Shape};
 
-    use super::super::depth_walk::{Answer, Choices, Picture, Ray, Texel, View, relay};
+    use super::super::depth_walk::{Answer, Choices, MOST_CELLS, Picture, Ray, View, relay, texel_of};
     use super::*;
     use crate::Material;
     use crate::frame::Objects;
@@ -403,31 +398,15 @@ mod tests {
     use crate::renderer::Renderer;
     use crate::store::PointStore;
 
-    /// A record of a texel, as shaders/shared/depth_texel.wgsl reads it.
-    fn texel_of([identity, depth, normal_radius, middle]: [u32; 4]) -> Texel {
-        let part = |word: u32| (word & 2047) as f32 / 2047.0 * 2.0 - 1.0;
-        let folded = Vec2::new(part(normal_radius), part(normal_radius >> 11));
-        let z = 1.0 - folded.x.abs() - folded.y.abs();
-        let turned = (1.0 - Vec2::new(folded.y, folded.x).abs()) * Vec2::ONE.copysign(folded);
-        let flat = if z >= 0.0 { folded } else { turned };
-        Texel {
-            identity,
-            depth: f32::from_bits(depth),
-            normal: flat.extend(z).normalize(),
-            radius: ((normal_radius >> 22) as f32 / 64.0 - 8.0).exp2(),
-            middle: Vec2::new(f32::from(middle as u16 as i16), f32::from((middle >> 16) as u16 as i16)) / 32.0,
-        }
-    }
-
-    /// A room with two boxes of points, and a mirror of points in it.
-    fn furnished(gpu: &Arc<Gpu>) -> PointStore {
+    /// Two boxes of points and a mirror of points, in a room or without its walls.
+    pub fn furnished(gpu: &Arc<Gpu>, has_walls: bool) -> PointStore {
         let mut store = PointStore::new(gpu.clone());
         let mut add = |material, chunk: &Chunk| {
             let cloud = store.add_cloud(material);
             store.add_chunk(cloud, chunk, None).unwrap();
         };
-        for (middle, half) in [(DVec3::ZERO, 2.0), (DVec3::new(0.9, 0.9, -0.8), 0.3), (DVec3::new(-0.8, 0.7, 0.5), 0.2)]
-        {
+        let boxes = [(DVec3::ZERO, 2.0), (DVec3::new(0.9, 0.9, -0.8), 0.3), (DVec3::new(-0.8, 0.7, 0.5), 0.2)];
+        for (middle, half) in boxes.into_iter().skip(usize::from(!has_walls)) {
             let steps = 40;
             let (mut points, mut normals) = (Vec::new(), Vec::new());
             for i in 0..6 * steps * steps {
@@ -452,7 +431,7 @@ mod tests {
         store
     }
 
-    fn vectors(gpu: &Gpu, image: &crate::targets::Image) -> Vec<[f32; 4]> {
+    pub fn vectors(gpu: &Gpu, image: &crate::targets::Image) -> Vec<[f32; 4]> {
         bytemuck::pod_collect_to_vec(&gpu.read_texture(&image.texture).unwrap())
     }
 
@@ -467,7 +446,7 @@ mod tests {
             }
         };
         let mut renderer = Renderer::new(gpu.clone()).unwrap();
-        let store = furnished(&gpu);
+        let store = furnished(&gpu, true);
         let camera = Camera::looking(DVec3::new(0.1, 0.0, 0.1), DVec3::new(0.3, -1.0, 0.2), 1.4, DVec3::Z);
         for (size, maps, skip) in [(64, 2, true), (50, 3, true), (33, 1, false)] {
             let mut settings = Settings::default();
@@ -492,15 +471,16 @@ mod tests {
                     right: axis(1),
                     up: axis(2),
                     forward: if face < 3 { axis(0) } else { -axis(0) },
-                    size,
+                    size: [size; 2],
                     focal: 0.5 * size as f32,
+                    is_parallel: false,
                 };
                 let first = (map * 6 + face) * layout.texels_of_face as usize;
                 Picture::new(view, records[first..][..(size * size) as usize].iter().map(|r| texel_of(*r)).collect())
             };
             let pictures: Vec<[Picture; 6]> =
                 (0..drawn.places.len()).map(|map| [0, 1, 2, 3, 4, 5].map(|index| face(map, index))).collect();
-            let choices = Choices { skip, jump: 1.0, disc_slack: 0.5 };
+            let choices = Choices { skip, jump: 1.0, disc_slack: 0.5, most_cells: MOST_CELLS };
 
             let bounce = reflections.first().unwrap();
             let targets = renderer.targets.as_ref().unwrap();

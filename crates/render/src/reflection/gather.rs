@@ -3,19 +3,33 @@
 
 use super::task::{MirrorGBuffer, Task};
 use crate::gpu::Result;
-use crate::layout::HIT_BYTES;
+use crate::layout::{HIT_BYTES, REST_WORD_BYTES};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, storage};
 
 /// The nearest hit of each mirror pixel.
 pub(crate) struct Gather {
-    /// Four words a pixel; see shaders/surfel_trace.wgsl.
+    /// Four words a pixel; see shaders/shared/hit.wgsl.
     pub hits: wgpu::Buffer,
     /// z: the number of nodes and discs against which each ray was tested, while that is shown.
     pub views: Image,
     /// The Mirror G-Buffer as found, and half closed.
     found: [MirrorGBuffer; 2],
+}
+
+/// An empty list of rays that a method leaves to another one, for the pixels of `size`: their number; then two words
+/// each: pixel, and f32 bits of the distance up to which it is free. `kept` keeps its room.
+pub(super) fn rest_list<'a>(
+    recorder: &mut Recorder<'_>,
+    kept: &'a mut Option<wgpu::Buffer>,
+    size: [u32; 2],
+) -> &'a wgpu::Buffer {
+    let bytes = REST_WORD_BYTES * (1 + 2 * u64::from(size[0]) * u64::from(size[1]));
+    let list = kept.take().filter(|list| list.size() == bytes);
+    let list = &*kept.insert(list.unwrap_or_else(|| storage(&recorder.gpu.device, "rays that are left", bytes)));
+    recorder.clear_part(list, 0..REST_WORD_BYTES);
+    list
 }
 
 impl Gather {
@@ -34,19 +48,26 @@ impl Gather {
     /// # Errors
     /// A shader is refused.
     pub fn resolve(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
-        self.complete(recorder, task, |recorder, found| {
-            let [albedo_out, normal_out, position_out] = found.bind();
-            let bindings = passes::gather_resolve {
-                point_in: task.mirror.point.bind(),
-                normal_in: task.normal.bind(),
-                eye_in: task.mirror.eye.bind(),
-                hits: self.hits.as_entire_binding(),
-                albedo_out,
-                normal_out,
-                position_out,
-            };
-            recorder.over_page_pixels(task.supply, bindings, task.supply.mirror_groups())
-        })
+        self.complete(recorder, task, |recorder, found| self.resolve_points(recorder, task, found))
+    }
+
+    /// Writes the points that rays meet, and the pixels whose ray meets nothing. Rays that end in the camera's picture
+    /// keep what is there.
+    ///
+    /// # Errors
+    /// A shader is refused.
+    pub fn resolve_points(&self, recorder: &mut Recorder<'_>, task: &Task<'_>, found: &MirrorGBuffer) -> Result<()> {
+        let [albedo_out, normal_out, position_out] = found.bind();
+        let bindings = passes::gather_resolve {
+            point_in: task.mirror.point.bind(),
+            normal_in: task.normal.bind(),
+            eye_in: task.mirror.eye.bind(),
+            hits: self.hits.as_entire_binding(),
+            albedo_out,
+            normal_out,
+            position_out,
+        };
+        recorder.over_page_pixels(task.supply, bindings, task.supply.mirror_groups())
     }
 
     /// Takes what `fill` writes for the points found, closes pixels beside them, and puts mirrors with a formula in

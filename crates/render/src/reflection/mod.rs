@@ -16,15 +16,19 @@ pub(crate) mod forward;
 pub(crate) mod gather;
 mod mirror_places;
 pub(crate) mod mirrored_viewpoint;
+pub(crate) mod screen_trace;
+#[cfg(test)]
+mod screen_walk;
 pub(crate) mod sscr;
 pub(crate) mod surfel_index;
 pub(crate) mod surfel_trace;
 mod surfel_tree;
 pub(crate) mod task;
 
-use scene::{Method, Mirror, Settings, Supply};
+use scene::{Mirror, Settings, Supply};
 
 pub(crate) use formula::{exact, mirror_spheres, upload};
+pub(crate) use task::SurfaceImages;
 use task::{MirrorGBuffer, MirrorSurface, Task};
 
 use crate::gpu::Result;
@@ -46,14 +50,6 @@ pub(crate) struct Bounce {
     /// The radiance of the reflected surfaces, before and after further reflections are added.
     pub radiance: Image,
     pub blended: Image,
-}
-
-/// A surface that light bounces off: the camera's G-buffer, or the Mirror G-Buffer of the bounce before.
-#[derive(Clone, Copy)]
-pub(crate) struct SurfaceImages<'a> {
-    pub albedo: &'a Image,
-    pub normal: &'a Image,
-    pub position: &'a Image,
 }
 
 impl Bounce {
@@ -94,7 +90,7 @@ pub struct ReflectionStats {
     pub unconverged: Option<f64>,
     /// The number of regions of the mirror pixels (SSCR).
     pub regions: Option<u32>,
-    /// The share of the mirror pixels whose ray no map resolves (`cubemap_trace`).
+    /// The share of the mirror pixels whose ray no picture of depths resolves (`cubemap_trace`, `screen_trace`).
     pub unresolved: Option<f64>,
     /// The average numbers of nodes and of discs against which a ray was tested; known while steps are shown.
     pub tests_per_ray: Option<[f64; 2]>,
@@ -189,6 +185,7 @@ impl Reflections {
                 store,
                 mirrors,
                 bounce: index,
+                camera,
                 mirror: &bounce.mirror,
                 normal: surface.normal,
                 seen: &bounce.seen,
@@ -231,8 +228,7 @@ impl Reflections {
                 .then(|| [counters[NODES_TESTED], counters[DISCS_TESTED]].map(|tests| share(tests, pixels))),
             uncertain: share(counters[DOUBTED_PIXELS], pixels),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
-            unresolved: (settings.reflection.method == Method::CubemapTrace)
-                .then(|| share(counters[RAYS_LEFT], pixels)),
+            unresolved: self.methods.leaves_rays().then(|| share(counters[RAYS_LEFT], pixels)),
             bounces,
         }
     }

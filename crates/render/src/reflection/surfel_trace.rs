@@ -32,7 +32,7 @@ pub(crate) fn run(
 }
 
 /// Finds the nearest hits on the discs of `chunks` (with their class masks), nearer than those in `gather.hits`. `rest` lists the
-/// only rays to trace, as in shaders/cubemap_trace.wgsl.
+/// only rays to trace (see `rest_list`).
 ///
 /// # Errors
 /// A shader is refused, or there is no memory for the index.

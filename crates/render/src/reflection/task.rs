@@ -6,6 +6,14 @@ use crate::inputs::Inputs;
 use crate::store::PointStore;
 use crate::targets::Image;
 
+/// A surface that light bounces off: the camera's G-buffer, or the Mirror G-Buffer of the bounce before.
+#[derive(Clone, Copy)]
+pub(crate) struct SurfaceImages<'a> {
+    pub albedo: &'a Image,
+    pub normal: &'a Image,
+    pub position: &'a Image,
+}
+
 /// The mirror pixels of one bounce, as the methods see them. All images are picture-sized.
 pub(crate) struct MirrorSurface {
     /// xyz: P relative to the camera's eye, world axes. w: specular intensity; 0 where there is no mirror.
@@ -52,6 +60,8 @@ pub(crate) struct Task<'a> {
     pub mirrors: &'a [Mirror],
     /// The number of the bounce; 0 for what the camera sees by one reflection.
     pub bounce: usize,
+    /// What the camera sees.
+    pub camera: SurfaceImages<'a>,
     pub mirror: &'a MirrorSurface,
     /// xyz: unit normal towards the origin of the ray. w: specular power.
     pub normal: &'a Image,

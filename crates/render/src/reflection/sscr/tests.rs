@@ -305,6 +305,7 @@ impl Scene {
             store: &self.store,
             mirrors: &[],
             bounce: 0,
+            camera: self.bounce.surface(),
             mirror: &self.bounce.mirror,
             normal: &self.normal,
             seen: &self.bounce.seen,

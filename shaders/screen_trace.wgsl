@@ -1,0 +1,94 @@
+// Screen-space tracing: the reflected ray of each mirror pixel walks through the camera's picture. Rays that leave it, or
+// that pass behind something, are listed with how far they are known to be free. One thread a pixel.
+#import screen
+#import hit
+#import mirror_ray
+#import counters
+
+@group(1) @binding(0) var point_in: texture_2d<f32>;
+@group(1) @binding(1) var normal_in: texture_2d<f32>;
+@group(1) @binding(2) var eye_in: texture_2d<f32>;
+@group(1) @binding(3) var<storage, read> screen: Screen;
+@group(1) @binding(4) var<storage, read> records: array<vec4u>;
+@group(1) @binding(5) var<storage, read> bounds: array<vec2f>;
+// See hit.wgsl.
+@group(1) @binding(6) var<storage, read_write> hits: array<vec4u>;
+// The rays that are not resolved, see cubemap_trace.wgsl.
+@group(1) @binding(7) var<storage, read_write> rest: array<atomic<u32>>;
+// z: number of cells that the ray was tested against.
+@group(1) @binding(8) var views_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(9) var<storage, read_write> counters: array<atomic<u32>>;
+
+// Set for the first bounce, whose figures are told.
+override counts: bool = false;
+
+// Farther than any scene.
+const FARTHEST: f32 = 1e30;
+// The mirror's own surface does not stop a ray within so many radii of its largest splat, and so many pixels.
+const OWN_RADII: f32 = 4.0;
+const OWN_PIXELS: f32 = 2.0;
+// Discs are not known: planes count all over their pixels.
+const ANY_SLACK: f32 = 1e9;
+
+@compute @workgroup_size(8, 8)
+fn screen_trace(@builtin(global_invocation_id) thread: vec3u) {
+    let id = mirror_pixel(frame, whole_thread(frame, thread));
+    if id.x >= frame.width || id.y >= frame.height {
+        return;
+    }
+    let point = textureLoad(point_in, id, 0);
+    if point.w == 0.0 {
+        return;
+    }
+    let reflected = mirror_ray(point.xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
+    let pixel = id.y * frame.width + id.x;
+    let walk = through_screen(WalkRay(reflected.origin, reflected.direction, 0.0, FARTHEST));
+    if walk.kind == WALK_HIT {
+        hits[pixel] = vec4u(HIT_IN_PICTURE, walk.identity + 1u, bitcast<u32>(walk.t), walk.cells);
+    } else {
+        hits[pixel].w = walk.cells;
+    }
+    if walk.kind == WALK_HIDDEN {
+        let place = atomicAdd(&rest[0], 1u);
+        atomicStore(&rest[1u + 2u * place], pixel);
+        atomicStore(&rest[2u + 2u * place], bitcast<u32>(walk.t));
+    }
+    if counts {
+        textureStore(views_out, id, vec4f(0.0, 0.0, f32(walk.cells), 0.0));
+        atomicAdd(&counters[NODES_TESTED], walk.cells);
+        atomicAdd(&counters[RAYS_LEFT], select(0u, 1u, walk.kind == WALK_HIDDEN));
+    }
+}
+
+fn through_screen(ray: WalkRay) -> Walk {
+    let choices = WalkChoices(
+        settings.screen_trace.skip != 0u, settings.screen_trace.jump, ANY_SLACK, settings.screen_trace.max_steps,
+    );
+    let view = screen_view();
+    let along = coordinates_of(view, ray);
+    // By the width of a pixel at the mirror, which may be behind the eye.
+    let own = max(OWN_RADII * screen.mirror_radius, OWN_PIXELS * width_at(view, abs(along.depth.x)));
+    let size = vec2f(view.size);
+    let depth = linear_at(along.depth, own) - frame.near;
+    let place = vec2f(linear_at(along.across, own), linear_at(along.down, own));
+    let is_within = all(place >= vec2f(0.0)) && all(place <= size * linear_at(along.divisor, own)) && depth > 0.0;
+    var exit = exit_of_view(view, ray);
+    // Nothing nearer is in the picture.
+    exit = earlier_exit(exit, vec2f(along.depth.x - frame.near, along.depth.y), SIDE_NEAR);
+    var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);
+    if is_within && exit.t > own {
+        walk = walk_picture(view, ray, vec2f(own, exit.t), true, choices);
+        if walk.kind == WALK_OPEN && exit.side != 0u {
+            walk.kind = WALK_HIDDEN;
+            walk.t = exit.t;
+        } else if walk.kind == WALK_HIT && (walk.identity & EDGE_ON) != 0u {
+            walk.kind = WALK_HIDDEN;
+        } else if walk.kind == WALK_HIDDEN && walk.t <= own {
+            // The picture says nothing about the ray's beginning.
+            walk.t = 0.0;
+        }
+    }
+    return walk;
+}
+
+const SIDE_NEAR: u32 = 5u;
