@@ -21,6 +21,8 @@
 override from_camera: bool = true;
 override has_reflection: bool = false;
 override has_indirect: bool = false;
+// Set if `reflected_in` has what arrives at each mirror pixel, the background included (gloss_sum.wgsl).
+override is_received: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn blend(@builtin(global_invocation_id) thread: vec3u) {
@@ -44,7 +46,7 @@ fn blend(@builtin(global_invocation_id) thread: vec3u) {
         let to_eye = toward_viewer(frame, textureLoad(position_in, id, 0).xyz, from_camera, mirror_point);
         let grazing = grazing_share(settings, dot(textureLoad(normal_in, id, 0).xyz, to_eye));
         let background = linear_from_srgb(unpack4x8unorm(settings.view.background).wzy);
-        let found = textureLoad(seen_in, id, 0).w > 0.0;
+        let found = is_received || textureLoad(seen_in, id, 0).w > 0.0;
         let reflected = select(background, textureLoad(reflected_in, id, 0).rgb, found);
         color += mirror_share(albedo.a, grazing) * mirror_tint(settings, albedo.rgb, grazing) * reflected;
     }

@@ -60,7 +60,7 @@ fn indirect(@builtin(global_invocation_id) invocation: vec3u) {
         mirror_point = textureLoad(from_in, id, 0).xyz;
     }
     let toward_eye = toward_viewer(frame, position.xyz, from_camera, mirror_point);
-    var gloss = Gloss(0.0, 0.0);
+    var gloss = SurfaceGloss(0.0, 0.0);
     if is_glossy {
         gloss = gloss_of(settings, textureLoad(albedo_in, id, 0).a, surface.w);
     }
@@ -96,7 +96,7 @@ struct Arriving {
 }
 
 // The light of run `run` of `count` lights.
-fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, toward_eye: vec3f, gloss: Gloss) -> Arriving {
+fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, toward_eye: vec3f, gloss: SurfaceGloss) -> Arriving {
     let runs = interleave * interleave;
     let begin = first + count * run / runs;
     let whole = first + count * (run + 1u) / runs - begin;

@@ -3,14 +3,16 @@
 
 // a: specular intensity.
 @group(1) @binding(0) var albedo_in: texture_2d<f32>;
+// w: specular power.
+@group(1) @binding(1) var normal_in: texture_2d<f32>;
 // xyz: relative to the eye, w: coverage.
-@group(1) @binding(1) var position_in: texture_2d<f32>;
+@group(1) @binding(2) var position_in: texture_2d<f32>;
 // xyz: mirror points of the bounce before, w: 0 where there is no mirror.
-@group(1) @binding(2) var from_in: texture_2d<f32>;
+@group(1) @binding(3) var from_in: texture_2d<f32>;
 // xyz: mirror point, w: specular intensity, 0 where there is no mirror.
-@group(1) @binding(3) var point_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(4) var point_out: texture_storage_2d<rgba32float, write>;
 // xyz: origin of the ray, w: linear depth of the mirror point seen from there.
-@group(1) @binding(4) var eye_out: texture_storage_2d<rgba32float, write>;
+@group(1) @binding(5) var eye_out: texture_storage_2d<rgba32float, write>;
 
 // Whether the surface is the camera's, not one seen in a mirror.
 override from_camera: bool = true;
@@ -23,7 +25,11 @@ fn mirror_surface(@builtin(global_invocation_id) id: vec3u) {
     let position = textureLoad(position_in, id.xy, 0);
     // Beyond the first bounce there is a surface only where the mirror before it saw something.
     let is_seen = position.w > 0.0 && (from_camera || textureLoad(from_in, id.xy, 0).w > 0.0);
-    let intensity = select(0.0, max(textureLoad(albedo_in, id.xy, 0).a, 0.0), is_seen);
+    var intensity = select(0.0, max(textureLoad(albedo_in, id.xy, 0).a, 0.0), is_seen);
+    // All samples of a perfect mirror are the same: the first one stands for them.
+    if from_camera && frame.sample > 0u && textureLoad(normal_in, id.xy, 0).w <= 0.0 {
+        intensity = 0.0;
+    }
     var eye = vec4f(0.0);
     if from_camera {
         eye.w = dot(position.xyz, frame.forward.xyz);

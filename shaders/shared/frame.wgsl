@@ -24,9 +24,10 @@ struct Frame {
     mirror_tile: u32,
     // The first row of workgroups that this dispatch runs, where a pass is cut into several.
     first_row: u32,
-    unused_1: u32,
-    unused_2: u32,
-    unused_3: u32,
+    // The number of the glossy sample that the pass works for, and that of all samples; 0 of 0 for perfect mirrors.
+    sample: u32,
+    samples: u32,
+    unused: u32,
 }
 
 // The thread of the whole pass that a thread of a dispatch is, in passes with workgroups of 8 x 8 that are cut by rows.

@@ -2,15 +2,15 @@
 // specular intensity and power, all other surfaces those of the parameters.
 #import params
 
-struct Gloss {
+struct SurfaceGloss {
     share: f32,
     power: f32,
 }
 
-fn gloss_of(settings: Settings, specular_intensity: f32, specular_power: f32) -> Gloss {
+fn gloss_of(settings: Settings, specular_intensity: f32, specular_power: f32) -> SurfaceGloss {
     if specular_intensity != 0.0 {
         // A power of 0 means a perfect mirror, which shows no light without size.
-        return Gloss(select(0.0, abs(specular_intensity), specular_power > 0.0), specular_power);
+        return SurfaceGloss(select(0.0, abs(specular_intensity), specular_power > 0.0), specular_power);
     }
-    return Gloss(settings.light.gloss, settings.light.gloss_power);
+    return SurfaceGloss(settings.light.gloss, settings.light.gloss_power);
 }

@@ -178,6 +178,18 @@ const REFLECTION_SHOW_ALBEDO: u32 = 11u;
 const REFLECTION_SHOW_NORMAL: u32 = 12u;
 const REFLECTION_SHOW_POSITION: u32 = 13u;
 
+// Glossy mirrors: mirrors with a specular power show the mean of what many rays meet (docs/methods/gloss.md).
+struct Gloss {
+    samples: u32,
+    lobe: u32,
+    pattern: u32,
+    seed: u32,
+}
+const GLOSS_LOBE_PHONG: u32 = 0u;
+const GLOSS_LOBE_BLINN: u32 = 1u;
+const GLOSS_PATTERN_SHARED: u32 = 0u;
+const GLOSS_PATTERN_PIXEL: u32 = 1u;
+
 // Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
 struct EnvironmentMap {
     size: u32,
@@ -299,6 +311,7 @@ struct Settings {
     trace: Trace,
     mirror: Mirror,
     reflection: Reflection,
+    gloss: Gloss,
     environment_map: EnvironmentMap,
     cubemap_trace: CubemapTrace,
     screen_trace: ScreenTrace,

@@ -208,6 +208,7 @@ mod tests {
             gpu_bytes: 0,
             clock: render::Clock::Host,
             virtual_lights: 0,
+            glossy_samples: [0; 2],
             has_compiled: false,
             dispatches: 0,
             reflection: None,

@@ -20,6 +20,8 @@ pub enum Error {
     Device { adapter: String, problem: String },
     #[error("{0}")]
     Shader(String),
+    #[error("{method} shows perfect mirrors only; set gloss.samples to 0, or take another method")]
+    PerfectMirrorsOnly { method: &'static str },
     /// A caller asked for an image that the frame does not have.
     #[error("{0}")]
     NotRendered(String),

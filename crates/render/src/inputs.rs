@@ -14,6 +14,8 @@ use crate::targets::uniform_buffer;
 pub(crate) struct Inputs {
     pub camera: FrameCamera,
     pub size: [u32; 2],
+    /// The number of the glossy sample that passes work for, and that of all samples.
+    sample: Option<[u32; 2]>,
     frame: wgpu::Buffer,
     settings: wgpu::Buffer,
     items: wgpu::Buffer,
@@ -113,6 +115,7 @@ impl Inputs {
             camera,
             chunks: list.chunks.iter().copied().zip(list.items.iter().map(|item| item.class_mask)).collect(),
             size: camera.size,
+            sample: None,
             frame: upload("frame", uniform, bytemuck::bytes_of(&camera.to_gpu())),
             settings: upload("settings", storage, bytemuck::cast_slice(&words)),
             items: upload("items", storage, bytemuck::cast_slice(&list.items)),
@@ -123,9 +126,19 @@ impl Inputs {
         }
     }
 
+    /// Lets the passes that are recorded from now on work for a glossy sample, given by its number and that of all, or for
+    /// perfect mirrors.
+    pub fn set_sample(&mut self, gpu: &Gpu, sample: Option<[u32; 2]>) {
+        if self.sample != sample {
+            self.sample = sample;
+            self.frame = self.frame_from_row(gpu, 0);
+        }
+    }
+
     /// Group 0 of a dispatch that begins at this row of workgroups, where a pass is cut by rows.
     pub fn frame_from_row(&self, gpu: &Gpu, first_row: u32) -> wgpu::Buffer {
-        uniform_buffer(gpu, bytemuck::bytes_of(&Frame { first_row, ..self.camera.to_gpu() }))
+        let [sample, samples] = self.sample.unwrap_or_default();
+        uniform_buffer(gpu, bytemuck::bytes_of(&Frame { first_row, sample, samples, ..self.camera.to_gpu() }))
     }
 
     pub fn frame_resources(&self) -> [wgpu::BindingResource<'_>; 2] {

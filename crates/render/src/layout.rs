@@ -36,7 +36,7 @@ structs! {
         right: Vec4, up: Vec4, forward: Vec4, clip: Vec4,
         focal_pixels: f32, orthographic: u32, width: u32, height: u32,
         near: f32, reference_depth: f32, scene_radius: f32, mirror_tile: u32,
-        first_row: u32, unused_1: u32, unused_2: u32, unused_3: u32,
+        first_row: u32, sample: u32, samples: u32, unused: u32,
     }
     /// A run of points with one origin and one material, of shaders/shared/splat.wgsl.
     Item {
@@ -154,6 +154,7 @@ elements! {
     label_start.parents: PARENT_BYTES = 4;
     label_start.sizes: LABEL_BYTES = 4;
     region_scan.runs: RUN_BYTES = 8;
+    gloss_sum.sums: GLOSS_SUM_BYTES = 16;
     mirror_average.nearest: NEAREST_REFLECTION_BYTES = 4;
     shade.shadows: SHADOW_TEXEL_BYTES = 8;
     indirect_reuse.kept: KEPT_LIGHT_BYTES = 16;

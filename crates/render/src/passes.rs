@@ -169,8 +169,14 @@ passes! {
     }
     camera_position: Surface over Pixels { depth_in: Texture, position_out: Write(Rgba32Float) }
     mirror_surface: Method over Pixels {
-        albedo_in: Texture, position_in: Texture, from_in: Texture, point_out: Write(Rgba32Float),
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, point_out: Write(Rgba32Float),
         eye_out: Write(Rgba32Float),
+    }
+    gloss_normals: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, normal_out: Write(Rgba32Float),
+    }
+    gloss_sum: Light over Pixels {
+        point_in: Texture, seen_in: Texture, reflected_in: Texture, sums: ReadWrite, received_out: Write(Rgba16Float),
     }
     mirror_doubt: View over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, seen_in: Texture, seen_normal_in: Texture,

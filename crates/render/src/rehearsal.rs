@@ -16,6 +16,7 @@ use crate::gpu::{Error, Result};
 use crate::lighting::MOST_LIGHTS;
 use crate::passes::Compiled;
 use crate::recorder::{Rehearsal, Variant};
+use crate::reflection::gloss;
 use crate::renderer::Renderer;
 use crate::store::{Material, PointStore};
 
@@ -100,6 +101,12 @@ impl Renderer {
         let mut settings = settings.clone();
         let gi = &mut settings.gi;
         (gi.vpls, gi.sky_lights, gi.shadow_points, gi.shadow_size) = (16, 4, 256, 16);
+        // The second sample adds to the first.
+        settings.gloss.samples = settings.gloss.samples.min(2);
+        if gloss::is_refused_by(settings.reflection.method) {
+            // It draws no frame with glossy mirrors.
+            settings.gloss.samples = 0;
+        }
         settings.environment_map.size = 16;
         (settings.cubemap_trace.size, settings.cubemap_trace.maps) = (16, 1);
         let (store, mirrors) = self.tiny_scene(cast)?;

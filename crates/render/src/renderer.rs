@@ -18,9 +18,10 @@ use crate::lighting::{DrawnMap, Lights, MappedLight};
 use crate::method::{self, Views};
 use crate::passes;
 use crate::recorder::{PassTime, Pipelines, Recorder, Rehearsal};
-use crate::reflection::{self, ReflectionStats, Reflections, SurfaceImages};
+use crate::reflection::gloss::RaySet;
+use crate::reflection::{self, ReflectionStats, Reflections, Search, SurfaceImages};
 use crate::rehearsal::Cast;
-use crate::shading::{Shading, shade};
+use crate::shading::{FrameLight, Reflected, Shading};
 use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, Selection};
 use crate::targets::{Image, Targets, storage, uniform_buffer};
@@ -45,6 +46,9 @@ pub struct FrameStats {
     pub dispatches: u32,
     /// The number of virtual lights that lit the frame; 0 without indirect light.
     pub virtual_lights: u32,
+    /// The number of samples of glossy mirrors that the picture shows, and the number asked for; 0 of 0 if mirrors are
+    /// perfect.
+    pub glossy_samples: [u32; 2],
     /// The statistics of the reflections, if they were asked for.
     pub reflection: Option<ReflectionStats>,
 }
@@ -62,6 +66,10 @@ pub struct Renderer {
     /// The inputs from which the surfaces of the points were made. They stay when a frame is given up after them.
     splatted_from: Option<PointInputs>,
     kept_shadows: Vec<DrawnMap>,
+    /// What the last frame has summed of its glossy samples.
+    summed: Option<Summed>,
+    /// How many glossy samples a frame may add.
+    samples_at_once: Option<u32>,
     pub(crate) gi: GlobalIllumination,
     /// What the indirect light of the last frame came from; `None` if it had none.
     pub(crate) lit: Option<Lit>,
@@ -118,19 +126,48 @@ struct SurfaceInputs {
     counts_steps: bool,
     /// Whether points are placed where their search stands.
     shows_search: bool,
+    /// The number of samples of glossy mirrors; 0 if mirrors are perfect.
+    samples: u32,
+}
+
+/// The light of the glossy samples that are summed so far.
+#[derive(Clone, PartialEq)]
+struct SummedLight {
+    /// The settings that affect shading; the others are at their defaults.
+    settings: Settings,
+    lights: Vec<MappedLight>,
+    sky: Option<Sky>,
+    /// The generation of the virtual lights, if there are any.
+    virtual_lights: Option<u64>,
+    reuse: LightReuse,
+}
+
+/// The glossy samples that are summed so far for the surfaces of the last frame.
+struct Summed {
+    light: SummedLight,
+    samples: u32,
 }
 
 impl SurfaceInputs {
-    fn new(camera: FrameCamera, settings: &Settings, step: u32, store: &PointStore, objects: Objects<'_>) -> Self {
+    /// # Errors
+    /// The method does not know glossy mirrors.
+    fn new(
+        camera: FrameCamera,
+        settings: &Settings,
+        step: u32,
+        store: &PointStore,
+        objects: Objects<'_>,
+    ) -> Result<Self> {
         let seen = settings.only(|field| field.affects.surface);
-        Self {
+        Ok(Self {
             points: PointInputs { camera, settings: seen, step, revision: store.revision() },
             formulas: reflection::exact(settings, objects.mirrors).cloned().collect(),
             mirrors: objects.mirrors.to_vec(),
             settings: settings.only(|field| field.affects.found),
             counts_steps: matches!(settings.reflection.show, Show::Steps | Show::Unconverged),
             shows_search: settings.reflection.show == Show::Search,
-        }
+            samples: reflection::gloss::samples(settings, store, objects.mirrors)?,
+        })
     }
 }
 
@@ -168,6 +205,8 @@ impl Renderer {
             made_from: None,
             splatted_from: None,
             kept_shadows: Vec::new(),
+            summed: None,
+            samples_at_once: None,
             gi: GlobalIllumination::default(),
             lit: None,
             many_lights: GlobalIllumination::default(),
@@ -207,6 +246,12 @@ impl Renderer {
     /// shadows.
     pub fn thin(&mut self, most_points: Option<u64>) {
         self.most_points = most_points;
+    }
+
+    /// Lets the frames that follow add at most `samples` of the samples of glossy mirrors to those of the frames before, as
+    /// long as nothing else changes, or all for `None`. The picture with all samples is the same either way.
+    pub fn sum_at_once(&mut self, samples: Option<u32>) {
+        self.samples_at_once = samples.map(|samples| samples.max(1));
     }
 
     /// Lets the frames that follow end with `Error::GivenUp` before their next pass once the flag is set, because
@@ -272,7 +317,7 @@ impl Renderer {
             points_drawn = store.draw_list(&frame_camera, &larger, Selection::Seen);
             points_drawn.thin(step);
         }
-        let asks = SurfaceInputs::new(without_mirrors, settings, step, store, objects);
+        let asks = SurfaceInputs::new(without_mirrors, settings, step, store, objects)?;
         let made_from = self.made_from.as_ref().filter(|_| settings.reflection.keep);
         let is_kept = made_from == Some(&asks);
         let is_surface = |made: &SurfaceInputs| made.points == asks.points && made.formulas == asks.formulas;
@@ -283,6 +328,7 @@ impl Renderer {
             reflections.forget();
         }
         self.made_from = None;
+        let summed_before = self.summed.take();
         if !points_are_kept {
             self.splatted_from = None;
         }
@@ -296,37 +342,35 @@ impl Renderer {
         recorder.give_up_when(self.given_up.as_deref(), self.longest_piece);
         let nothing = DrawList::default();
         let list = if points_are_kept { &nothing } else { &points_drawn };
-        let inputs = Inputs::new(gpu, frame_camera, &larger, store, list);
+        let mut inputs = Inputs::new(gpu, frame_camera, &larger, store, list);
+        // Data that no mirror on the screen needs is not prepared.
+        let has_mirrors = Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty();
+        let is_glossy = has_mirrors && asks.samples > 0;
+        let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
         if !is_kept {
             self.gi.surfaces_changed(usize::from(surface_is_kept));
-            let formulas = reflection::upload(gpu, settings, objects.mirrors, frame_camera.eye);
             if !points_are_kept {
                 splat_surface(&mut recorder, &inputs, settings, targets, atomics64)?;
             }
             if !surface_is_kept {
                 lay_mirrors(&mut recorder, &inputs, targets, formulas.as_ref())?;
             }
-            let camera_surface = SurfaceImages {
-                albedo: &targets.surfaces[targets.shown].albedo,
-                normal: &targets.surfaces[targets.shown].normal,
-                position: &targets.position,
-            };
-            // Data that no mirror on the screen needs is not prepared.
-            if Reflections::asked(settings) > 0 && !frame_camera.mirror_tiles.is_empty() {
-                let everywhere = store.draw_list(&frame_camera, settings, method::supply(settings));
-                let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
-                reflections.find(
-                    &mut recorder,
-                    &supply,
-                    settings,
-                    store,
-                    objects.mirrors,
-                    formulas.as_ref(),
-                    camera_surface,
-                )?;
-            } else {
-                reflections.none();
-            }
+        }
+        let camera_surface = SurfaceImages {
+            albedo: &targets.surface().albedo,
+            normal: &targets.surface().normal,
+            position: &targets.position,
+        };
+        let search = || {
+            let everywhere = store.draw_list(&frame_camera, settings, method::supply(settings));
+            let supply = Inputs::new(gpu, frame_camera, settings, store, &everywhere);
+            Search { supply, settings, store, mirrors: objects.mirrors, formulas, camera: camera_surface }
+        };
+        let mut search = (is_glossy || has_mirrors && !is_kept).then(search);
+        if !has_mirrors {
+            reflections.none();
+        } else if let Some(search) = search.as_mut().filter(|_| !is_glossy) {
+            reflections.find(&mut recorder, search, RaySet { sample: None })?;
         }
         self.lights.upload(gpu, &lights, frame_camera.eye);
         let at_hand = std::mem::take(&mut self.kept_shadows);
@@ -338,8 +382,51 @@ impl Renderer {
             let shadows = &self.lights.shadows;
             self.gi.place(&mut recorder, frame_camera, store, settings, &lights, sky, shadows)?;
         }
-        let gi = has_indirect.then_some(&mut self.gi);
-        shade(&mut recorder, &inputs, settings, targets, reflections, &self.lights, gi, shading)?;
+        let lit_by = SummedLight {
+            settings: settings.only(|field| field.affects.shading),
+            lights: lights.clone(),
+            sky,
+            virtual_lights: self.gi.generation().filter(|_| has_indirect),
+            reuse: self.gi.keeper.reuse,
+        };
+        let mut light = FrameLight {
+            settings,
+            lights: &self.lights,
+            gi: has_indirect.then_some(&mut self.gi),
+            shading,
+            camera: camera_surface,
+            bounces: if has_mirrors { Reflections::asked(settings) } else { 0 },
+            direct: &targets.direct,
+            color: &targets.color,
+        };
+        light.shade(&mut recorder, &inputs, reflections.found(), 0)?;
+        let mut summed = None;
+        let reflected = if let Some(search) = search.as_mut().filter(|_| is_glossy) {
+            // A change of the light alone needs all samples anew, whose hits are not kept.
+            let known = summed_before.filter(|summed| is_kept && summed.light == lit_by);
+            let first = known.map_or(0, |summed| summed.samples);
+            let at_once = self.samples_at_once.filter(|_| settings.reflection.keep).unwrap_or(asks.samples);
+            let end = asks.samples.min(first.saturating_add(at_once));
+            for sample in first..end {
+                let rays = RaySet { sample: Some([sample, asks.samples]) };
+                reflections.find(&mut recorder, search, rays)?;
+                inputs.set_sample(gpu, rays.sample);
+                light.surfaces_changed();
+                light.shade_bounces(&mut recorder, &inputs, reflections.found())?;
+                reflections.sum(&mut recorder, &inputs)?;
+            }
+            if first < end && end == asks.samples {
+                // Statistics, images of what mirrors see, and probes are those of perfect mirrors.
+                reflections.find(&mut recorder, search, RaySet { sample: None })?;
+            }
+            summed = Some(Summed { light: lit_by, samples: end });
+            reflections.received().map_or(Reflected::Nothing, Reflected::Received)
+        } else {
+            light.shade_bounces(&mut recorder, &inputs, reflections.found())?;
+            if has_mirrors { Reflected::Found } else { Reflected::Nothing }
+        };
+        light.blend(&mut recorder, &inputs, reflections.found(), 0, reflected)?;
+        let samples = [summed.as_ref().map_or(0, |summed| summed.samples), if is_glossy { asks.samples } else { 0 }];
         let is_filmic = match settings.tone.curve {
             // The colours of the data are not mapped.
             Curve::Auto => matches!(shading.lighting, Lighting::Lights | Lighting::Sun),
@@ -411,6 +498,7 @@ impl Renderer {
         self.lit = has_indirect.then_some(Lit { lights, sky, has_highlights, has_gloss });
         self.splatted_from = Some(asks.points.clone());
         (self.camera, self.made_from, self.kept_shadows) = (Some(frame_camera), Some(asks), kept_shadows);
+        self.summed = summed;
         self.is_filmic = is_filmic;
         Ok(FrameStats {
             passes: times.passes,
@@ -423,6 +511,7 @@ impl Renderer {
             has_compiled: self.pipelines.len() > compiled,
             dispatches: times.dispatches,
             virtual_lights,
+            glossy_samples: samples,
             reflection,
         })
     }

@@ -9,9 +9,9 @@ use crate::inputs::Inputs;
 use crate::lighting::Lights;
 use crate::passes::{self, PassStage};
 use crate::recorder::Recorder;
-use crate::reflection::{Reflections, SurfaceImages};
+use crate::reflection::{Bounce, SurfaceImages};
 use crate::store::PointStore;
-use crate::targets::{Image, Targets};
+use crate::targets::Image;
 
 /// The name under which the shading of what mirrors show is timed, apart from that of what the camera sees.
 const MIRROR_LIGHT: (&str, PassStage) = ("mirror_light", PassStage::Light);
@@ -40,36 +40,55 @@ impl Shading {
     }
 }
 
-/// Shades the surfaces that the camera and each bounce see, and blends them from the last bounce to the camera.
-pub(crate) fn shade(
-    recorder: &mut Recorder<'_>,
-    inputs: &Inputs,
-    settings: &Settings,
-    targets: &Targets,
-    reflections: &Reflections,
-    lights: &Lights,
-    mut gi: Option<&mut GlobalIllumination>,
-    shading: Shading,
-) -> Result<()> {
-    let camera = SurfaceImages {
-        albedo: &targets.surface().albedo,
-        normal: &targets.surface().normal,
-        position: &targets.position,
-    };
-    let bounces = &reflections.bounces[..reflections.count];
-    let surfaces: Vec<SurfaceImages<'_>> =
-        std::iter::once(camera).chain(bounces.iter().map(|bounce| bounce.surface())).collect();
-    let radiance: Vec<&Image> =
-        std::iter::once(&targets.direct).chain(bounces.iter().map(|bounce| &bounce.radiance)).collect();
-    for (index, (surface, radiance)) in surfaces.iter().zip(&radiance).enumerate() {
+/// The light of a frame, and the camera's surface that it falls on.
+pub(crate) struct FrameLight<'a> {
+    pub settings: &'a Settings,
+    pub lights: &'a Lights,
+    pub gi: Option<&'a mut GlobalIllumination>,
+    pub shading: Shading,
+    pub camera: SurfaceImages<'a>,
+    /// The number of reflections that are followed, whether or not they have been found yet.
+    pub bounces: usize,
+    /// Gets the direct light of the camera's surface.
+    pub direct: &'a Image,
+    /// Gets the colours with reflections.
+    pub color: &'a Image,
+}
+
+/// What the mirrors show that the camera sees.
+#[derive(Clone, Copy)]
+pub(crate) enum Reflected<'a> {
+    Nothing,
+    /// The light of what a ray of each mirror pixel found; one that found nothing shows the background.
+    Found,
+    /// What arrives at each mirror pixel.
+    Received(&'a Image),
+}
+
+impl FrameLight<'_> {
+    /// Shades a surface: the camera's for index 0, or what the bounce before `index` has found.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn shade(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        bounces: &[Bounce],
+        index: usize,
+    ) -> Result<()> {
         recorder.time_as((index > 0).then_some(MIRROR_LIGHT));
         // Seen from the camera, or from the mirror point before.
-        let from = if index == 0 { &targets.position } else { &bounces[index - 1].mirror.point };
+        let (surface, from, radiance) = match index.checked_sub(1).map(|before| &bounces[before]) {
+            None => (self.camera, self.camera.position, self.direct),
+            Some(before) => (before.surface(), &before.mirror.point, &before.radiance),
+        };
+        let shading = self.shading;
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("lighting", shading.lighting as u32),
             ("light_count", shading.light_count),
-            ("is_mixed", u32::from(index < bounces.len())),
+            ("is_mixed", u32::from(index < self.bounces)),
             ("has_highlights", u32::from(shading.has_highlights)),
         ];
         let bindings = passes::shade {
@@ -77,56 +96,94 @@ pub(crate) fn shade(
             normal_in: surface.normal.bind(),
             position_in: surface.position.bind(),
             from_in: from.bind(),
-            lights: lights.lights.as_entire_binding(),
-            shadows: lights.shadows.as_entire_binding(),
+            lights: self.lights.lights.as_entire_binding(),
+            shadows: self.lights.shadows.as_entire_binding(),
             radiance_out: radiance.bind(),
         };
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.over(&switches, inputs, bindings, groups)?;
-        if let Some(gi) = &mut gi {
+        if let Some(gi) = &mut self.gi {
             let receiver = Receiver {
                 index,
-                surface: *surface,
+                surface,
                 from,
-                is_mixed: index < bounces.len(),
+                is_mixed: index < self.bounces,
                 is_glossy: shading.has_highlights,
                 has_gloss: shading.has_gloss,
             };
-            gi.shade(recorder, inputs, settings, &receiver)?;
+            gi.shade(recorder, inputs, self.settings, &receiver)?;
+        }
+        recorder.time_as(None);
+        Ok(())
+    }
+
+    /// Records that the bounces have found other surfaces.
+    pub fn surfaces_changed(&mut self) {
+        if let Some(gi) = &mut self.gi {
+            gi.surfaces_changed(1);
         }
     }
-    // From the last bounce on, each reflection is added to the surface that reflects it.
-    let mut reflected: Option<&Image> = None;
-    for index in (0..surfaces.len()).rev() {
-        let surface = surfaces[index];
-        let from = if index == 0 { &targets.position } else { &bounces[index - 1].mirror.point };
-        let target = match index {
-            0 => &targets.color,
-            _ => &bounces[index - 1].blended,
+
+    /// Shades what each bounce has found, and blends it from the last bounce to the first: what the camera's mirrors
+    /// show.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn shade_bounces(&mut self, recorder: &mut Recorder<'_>, inputs: &Inputs, bounces: &[Bounce]) -> Result<()> {
+        for index in 1..=bounces.len() {
+            self.shade(recorder, inputs, bounces, index)?;
+        }
+        for index in (1..=bounces.len()).rev() {
+            let reflected = if index < bounces.len() { Reflected::Found } else { Reflected::Nothing };
+            self.blend(recorder, inputs, bounces, index, reflected)?;
+        }
+        Ok(())
+    }
+
+    /// Adds what its mirrors show to a surface, with the index of `shade`.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn blend(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        bounces: &[Bounce],
+        index: usize,
+        reflected: Reflected<'_>,
+    ) -> Result<()> {
+        let (surface, from, radiance, target) = match index.checked_sub(1).map(|before| &bounces[before]) {
+            None => (self.camera, self.camera.position, self.direct, self.color),
+            Some(before) => (before.surface(), &before.mirror.point, &before.radiance, &before.blended),
         };
-        let indirect = gi.as_ref().and_then(|gi| gi.radiance(index));
+        let indirect = self.gi.as_ref().and_then(|gi| gi.radiance(index));
         let seen = bounces.get(index).map_or(surface.position, |bounce| &bounce.seen.position);
+        let shown = match reflected {
+            Reflected::Nothing => None,
+            Reflected::Found => bounces.get(index).map(|bounce| &bounce.blended),
+            Reflected::Received(image) => Some(image),
+        };
         let bindings = passes::blend {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),
             position_in: surface.position.bind(),
             from_in: from.bind(),
-            radiance_in: radiance[index].bind(),
+            radiance_in: radiance.bind(),
             seen_in: seen.bind(),
-            reflected_in: reflected.unwrap_or(radiance[index]).bind(),
-            indirect_in: indirect.unwrap_or(radiance[index]).bind(),
+            reflected_in: shown.unwrap_or(radiance).bind(),
+            indirect_in: indirect.unwrap_or(radiance).bind(),
             color_out: target.bind(),
         };
         let switches = [
             ("from_camera", u32::from(index == 0)),
-            ("has_reflection", u32::from(reflected.is_some())),
+            ("has_reflection", u32::from(shown.is_some())),
             ("has_indirect", u32::from(indirect.is_some())),
+            ("is_received", u32::from(matches!(reflected, Reflected::Received(_)))),
         ];
         let groups = if index == 0 { inputs.pixel_groups() } else { inputs.mirror_groups() };
         recorder.time_as((index > 0).then_some(MIRROR_LIGHT));
         recorder.over(&switches, inputs, bindings, groups)?;
-        reflected = Some(target);
+        recorder.time_as(None);
+        Ok(())
     }
-    recorder.time_as(None);
-    Ok(())
 }

@@ -533,6 +533,12 @@ impl PointStore {
         self.clouds.values().any(|cloud| cloud.visible && shows_them(&cloud.material))
     }
 
+    /// Whether a visible cloud is a mirror that is not perfect.
+    pub(crate) fn has_glossy_mirrors(&self) -> bool {
+        let is_glossy = |material: &Material| material.specular_intensity > 0.0 && material.specular_power > 0.0;
+        self.clouds.values().any(|cloud| cloud.visible && is_glossy(&cloud.material))
+    }
+
     /// Whether points of a visible cloud are glossy and no mirror, whatever `light.gloss` is.
     pub(crate) fn has_gloss(&self) -> bool {
         let is_glossy = |material: &Material| material.specular_intensity < 0.0 && material.specular_power > 0.0;

@@ -63,6 +63,10 @@ choices! {
     pub enum Curve { Auto = "auto", Filmic = "filmic", Srgb = "srgb" }
 }
 choices! {
+    /// Whether all pixels of a glossy mirror draw the same directions.
+    pub enum GlossPattern { Shared = "shared", Pixel = "pixel" }
+}
+choices! {
     /// Where an environment map is taken to be.
     pub enum Proxy { Infinity = "infinity", Box = "box" }
 }
@@ -263,7 +267,7 @@ params! {
 
     /// The ray-traced truth.
     pub struct Trace = "trace" in "Truth" => affects(truth) {
-        /// Paths per pixel that indirect light is averaged over.
+        /// Paths per pixel that indirect light and glossy mirrors are averaged over.
         samples: u32 = 16, 1..=65_536, "paths";
         /// Seed of the paths; the same seed gives the same picture.
         seed: u32 = 1;
@@ -291,6 +295,18 @@ params! {
         show: Show = Show::Picture => affects(view);
         /// World position of the point whose error reflection.show = error shows, as in 0.5, -1, 2; the window takes the point picked last. Without one it is the point that the camera turns around.
         point: String = String::new() => affects(view) not(kept);
+    }
+
+    /// Glossy mirrors: mirrors with a specular power show the mean of what many rays meet (docs/methods/gloss.md).
+    pub struct GlossSettings = "gloss" in "Reflections" => affects(found) {
+        /// Rays of a mirror pixel whose surface has a specular power; at 0 all mirrors are perfect. Noise falls with the root of their number.
+        samples: u32 = 0, 0..=256, "rays" => affects(found truth);
+        /// Lobe of the directions: about the reflected ray (Phong 1975), or mirrored at normals about the mirror's own (Blinn 1977).
+        lobe: Highlight = Highlight::Phong => affects(found truth);
+        /// Shared takes the same directions for all pixels: smooth, few show as several pictures over each other; pixel draws them anew for each, which is noise. Forward methods always share them.
+        pattern: GlossPattern = GlossPattern::Shared;
+        /// Seed of the directions; the same seed gives the same picture.
+        seed: u32 = 1;
     }
 
     /// Environment maps: what the points around each mirror look like from its middle (Blinn, Newell 1976; Greene 1986).
@@ -438,6 +454,7 @@ settings! {
         trace: Trace,
         mirror: MirrorSettings,
         reflection: Reflection,
+        gloss: GlossSettings,
         environment_map: EnvironmentMap,
         cubemap_trace: CubemapTrace,
         screen_trace: ScreenTrace,

@@ -489,6 +489,7 @@ mod tests {
             gpu_bytes: 0,
             clock: Clock::Gpu,
             virtual_lights: lights,
+            glossy_samples: [0; 2],
             has_compiled: false,
             dispatches: 0,
             reflection: Some(ReflectionStats { mirror_pixels: mirrors as u32, ..ReflectionStats::default() }),

@@ -139,6 +139,7 @@ mod tests {
             gpu_bytes: 0,
             clock: Clock::Host,
             virtual_lights: 0,
+            glossy_samples: [0; 2],
             has_compiled: false,
             dispatches: 0,
             reflection: Some(ReflectionStats {

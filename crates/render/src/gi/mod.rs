@@ -431,6 +431,11 @@ impl GlobalIllumination {
         recorder.by_rows(&switches, inputs, bindings, groups)
     }
 
+    /// A number that is different after each change of the virtual lights.
+    pub fn generation(&self) -> Option<u64> {
+        self.lights.as_ref().map(|lights| lights.generation)
+    }
+
     /// The virtual lights that currently light frames, on the GPU.
     pub fn lights(&self) -> Option<VirtualLights<'_>> {
         let LightBuffers { uniform, constants, vpls, maps, .. } = self.lights.as_ref()?;

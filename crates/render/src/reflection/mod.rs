@@ -14,6 +14,9 @@ pub(crate) mod environment_map;
 mod formula;
 pub(crate) mod forward;
 pub(crate) mod gather;
+pub(crate) mod gloss;
+#[cfg(test)]
+mod lobe;
 mod mirror_places;
 pub(crate) mod mirrored_viewpoint;
 pub(crate) mod screen_trace;
@@ -28,6 +31,7 @@ pub(crate) mod task;
 use scene::{Mirror, Settings, Supply};
 
 pub(crate) use formula::{exact, mirror_spheres, upload};
+use gloss::{Gloss, RaySet};
 pub(crate) use task::SurfaceImages;
 use task::{MirrorGBuffer, MirrorSurface, Task};
 
@@ -110,13 +114,29 @@ pub(crate) struct Reflections {
     pub counters: wgpu::Buffer,
     /// The doubtful pixels of the first bounce; see shaders/mirror_doubt.wgsl.
     pub doubt: Image,
+    /// Glossy mirrors, from the first frame on that has some.
+    pub gloss: Option<Gloss>,
+}
+
+/// What a frame's mirror rays are searched in, and the surface that they leave.
+pub(crate) struct Search<'a> {
+    /// All visible points, whether or not the camera sees them.
+    pub supply: Inputs,
+    pub settings: &'a Settings,
+    pub store: &'a PointStore,
+    /// All mirrors that have a formula.
+    pub mirrors: &'a [Mirror],
+    /// The mirrors that are drawn by their formula.
+    pub formulas: Option<wgpu::Buffer>,
+    pub camera: SurfaceImages<'a>,
 }
 
 impl Reflections {
     pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
         let doubt = Image::new(device, size, "doubt", wgpu::TextureFormat::R32Float);
-        Self { size, bounces: Vec::new(), count: 0, methods: Methods::new(size), counters, doubt }
+        let methods = Methods::new(size);
+        Self { size, bounces: Vec::new(), count: 0, methods, counters, doubt, gloss: None }
     }
 
     /// The same for pictures of another size.
@@ -143,35 +163,34 @@ impl Reflections {
         self.count = 0;
     }
 
-    /// Fills the Mirror G-Buffer of each bounce.
+    /// Fills the Mirror G-Buffer of each bounce with what a set of rays meets.
     ///
     /// # Errors
     /// A shader is refused, or there is no memory.
-    pub fn find(
-        &mut self,
-        recorder: &mut Recorder<'_>,
-        supply: &Inputs,
-        settings: &Settings,
-        store: &PointStore,
-        mirrors: &[Mirror],
-        formulas: Option<&wgpu::Buffer>,
-        camera: SurfaceImages<'_>,
-    ) -> Result<()> {
+    pub fn find(&mut self, recorder: &mut Recorder<'_>, search: &mut Search<'_>, rays: RaySet) -> Result<()> {
+        let gpu = recorder.gpu;
+        search.supply.set_sample(gpu, rays.sample);
+        let Search { supply, settings, store, mirrors, formulas, camera } = &*search;
         let method = settings.reflection.method.chosen();
         self.count = Self::asked(settings);
         while self.bounces.len() < self.count {
-            self.bounces.push(Bounce::new(&recorder.gpu.device, self.size));
+            self.bounces.push(Bounce::new(&gpu.device, self.size));
         }
         self.bounces.truncate(self.count);
+        let gloss = match rays.sample {
+            Some(_) => Some(&*self.gloss.get_or_insert_with(|| Gloss::new(gpu, self.size))),
+            None => None,
+        };
         recorder.clear(&self.counters);
         for index in 0..self.count {
             let (before, rest) = self.bounces.split_at(index);
             let bounce = &rest[0];
-            let surface = before.last().map_or(camera, Bounce::surface);
+            let surface = before.last().map_or(*camera, Bounce::surface);
             // The origin of the rays: the camera, or the mirror points of the bounce before.
             let from = before.last().map_or(camera.position, |before| &before.mirror.point);
             let bindings = passes::mirror_surface {
                 albedo_in: surface.albedo.bind(),
+                normal_in: surface.normal.bind(),
                 position_in: surface.position.bind(),
                 from_in: from.bind(),
                 point_out: bounce.mirror.point.bind(),
@@ -179,24 +198,31 @@ impl Reflections {
             };
             let first = [("from_camera", u32::from(index == 0))];
             recorder.over_pixels(&first, supply, bindings)?;
+            let normal = match gloss {
+                Some(gloss) => {
+                    gloss.draw_normals(recorder, supply, settings, index, &bounce.mirror, surface.normal)?;
+                    &gloss.normal
+                }
+                None => surface.normal,
+            };
             let task = Task {
                 supply,
                 settings,
                 store,
                 mirrors,
                 bounce: index,
-                camera,
+                camera: *camera,
                 mirror: &bounce.mirror,
-                normal: surface.normal,
+                normal,
                 seen: &bounce.seen,
-                formulas,
+                formulas: formulas.as_ref(),
                 counters: &self.counters,
             };
             self.methods.run(recorder, method, &task)?;
-            if index == 0 {
+            if index == 0 && rays.sample.is_none() {
                 let bindings = passes::mirror_doubt {
                     point_in: bounce.mirror.point.bind(),
-                    normal_in: surface.normal.bind(),
+                    normal_in: normal.bind(),
                     eye_in: bounce.mirror.eye.bind(),
                     seen_in: bounce.seen.position.bind(),
                     seen_normal_in: bounce.seen.normal.bind(),
@@ -207,6 +233,27 @@ impl Reflections {
             }
         }
         Ok(())
+    }
+
+    /// Adds what the camera's mirrors show by the glossy sample of `inputs`, whose bounces are shaded.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn sum(&self, recorder: &mut Recorder<'_>, inputs: &Inputs) -> Result<()> {
+        match (&self.gloss, self.first()) {
+            (Some(gloss), Some(first)) => gloss.add(recorder, inputs, first),
+            _ => Ok(()),
+        }
+    }
+
+    /// What the camera's mirrors show by the glossy samples summed so far.
+    pub fn received(&self) -> Option<&Image> {
+        self.gloss.as_ref().map(|gloss| &gloss.received)
+    }
+
+    /// The bounces of the last set of rays.
+    pub fn found(&self) -> &[Bounce] {
+        &self.bounces[..self.count]
     }
 
     /// The statistics of the last frame, whose counters are these.
@@ -234,7 +281,8 @@ impl Reflections {
     }
 
     pub fn bytes(&self) -> u64 {
-        self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes()
+        let gloss = self.gloss.as_ref().map_or(0, Gloss::bytes);
+        self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes() + gloss
     }
 
     /// Images of how the last frame's method came to its result; `None` if no mirror could be seen.
@@ -244,6 +292,6 @@ impl Reflections {
 
     /// The first bounce of the last frame; `None` if no mirror could be seen.
     pub fn first(&self) -> Option<&Bounce> {
-        self.bounces[..self.count].first()
+        self.found().first()
     }
 }

@@ -1,0 +1,112 @@
+//! Glossy mirrors: a mirror with a specular power shows the mean of what many rays meet, drawn by its lobe. A sample is
+//! another mirror normal for each pixel, so that every method that traces a mirror pixel's ray finds it as it finds that of
+//! a perfect mirror. Samples are found, shaded and summed one after the other (docs/methods/gloss.md).
+
+use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show, Supply};
+
+use super::Bounce;
+use super::task::MirrorSurface;
+use crate::gpu::{Error, Gpu, Result};
+use crate::inputs::Inputs;
+use crate::layout::GLOSS_SUM_BYTES;
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::store::PointStore;
+use crate::targets::{Image, storage};
+
+/// One set of rays from the mirror pixels that the camera sees, and how much what they receive counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct RaySet {
+    /// The number of the glossy sample and that of all samples, which count alike; `None` for perfect mirrors.
+    pub sample: Option<[u32; 2]>,
+}
+
+/// The images and the sums of glossy mirrors.
+pub(crate) struct Gloss {
+    /// The drawn normals of the bounce that is being found; w: specular power.
+    pub normal: Image,
+    /// For each pixel the sum of what its rays receive, and their number.
+    sums: wgpu::Buffer,
+    /// The mean so far of what each mirror pixel receives.
+    pub received: Image,
+}
+
+/// Returns the number of glossy samples of a frame; 0 if mirrors are perfect: because none has a specular power, or
+/// something else than the picture is shown, which tells of perfect mirrors.
+///
+/// # Errors
+/// The method knows only perfect mirrors.
+pub(crate) fn samples(settings: &Settings, store: &PointStore, mirrors: &[Mirror]) -> Result<u32> {
+    let is_picture = settings.reflection.show == Show::Picture && settings.light.show == LightView::Picture;
+    let is_glossy = |mirror: &Mirror| mirror.specular_intensity > 0.0 && mirror.specular_power > 0.0;
+    let has_gloss = || mirrors.iter().any(is_glossy) || store.has_glossy_mirrors();
+    if settings.gloss.samples == 0 || !is_picture || !has_gloss() {
+        return Ok(0);
+    }
+    let method = settings.reflection.method;
+    if is_refused_by(method) {
+        return Err(Error::PerfectMirrorsOnly { method: method.row().name });
+    }
+    Ok(settings.gloss.samples)
+}
+
+/// Whether a method shows one direction for each mirror point, so that it cannot show glossy mirrors.
+pub(crate) fn is_refused_by(method: Method) -> bool {
+    method == Method::MirroredViewpoint
+}
+
+impl Gloss {
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
+        let [width, height] = size.map(u64::from);
+        Self {
+            normal: Image::new(&gpu.device, size, "drawn normals", wgpu::TextureFormat::Rgba32Float),
+            sums: storage(&gpu.device, "sums of glossy samples", width * height * GLOSS_SUM_BYTES),
+            received: Image::new(&gpu.device, size, "received", wgpu::TextureFormat::Rgba16Float),
+        }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.normal.bytes() + self.sums.size() + self.received.bytes()
+    }
+
+    /// Draws the normals of a bounce's mirror pixels for the sample of `inputs`.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn draw_normals(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        settings: &Settings,
+        bounce: usize,
+        mirror: &MirrorSurface,
+        normal: &Image,
+    ) -> Result<()> {
+        // Forward methods, which alone search points of mirrors, take neighbouring mirror pixels for one surface.
+        let is_forward = settings.reflection.method.row().supply == Supply::WithMirrors;
+        let is_shared = is_forward || settings.gloss.pattern == GlossPattern::Shared;
+        let bindings = passes::gloss_normals {
+            point_in: mirror.point.bind(),
+            normal_in: normal.bind(),
+            eye_in: mirror.eye.bind(),
+            normal_out: self.normal.bind(),
+        };
+        let switches = [("bounce", bounce as u32), ("is_shared", u32::from(is_shared))];
+        recorder.over_mirrors(&switches, inputs, bindings)
+    }
+
+    /// Adds what the sample of `inputs` receives; the first sample starts the sums anew.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn add(&self, recorder: &mut Recorder<'_>, inputs: &Inputs, first: &Bounce) -> Result<()> {
+        let bindings = passes::gloss_sum {
+            point_in: first.mirror.point.bind(),
+            seen_in: first.seen.position.bind(),
+            reflected_in: first.blended.bind(),
+            sums: self.sums.as_entire_binding(),
+            received_out: self.received.bind(),
+        };
+        recorder.over_mirrors(&[], inputs, bindings)
+    }
+}

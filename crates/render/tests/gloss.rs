@@ -1,0 +1,264 @@
+//! Glossy mirrors: what the mean over their rays is in closed form, and the laws that it obeys for every method.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[macro_use]
+mod stage;
+
+use std::sync::Arc;
+
+use cloud::{Chunk, Cloud, pack_normal, pack_radius};
+use glam::DVec3;
+use render::{Aov, ColorPlan, Error, FrameStats, Material, Objects, PointStore};
+use scene::{Camera, METHODS, Method, Mirror, Settings, Shape, SpotLight, Supply};
+
+use stage::Stage;
+
+const SIZE: [u32; 2] = [64, 48];
+const WHITE: [u8; 3] = [255; 3];
+const BLACK: [u8; 3] = [0; 3];
+
+/// The points of a box of edge 4 about the origin, seen from within; those at positive x have the second colour.
+fn room(colors: [[u8; 3]; 2]) -> Chunk {
+    const STEP: f64 = 0.1;
+    let (mut points, mut normals) = (Vec::new(), Vec::new());
+    for axis in 0..3 {
+        for side in [-1.0, 1.0] {
+            for cell in 0..1600 {
+                let across = [cell % 40, cell / 40].map(|step| (f64::from(step) + 0.5) * STEP - 2.0);
+                let at = [side * 2.0, across[0], across[1]];
+                points.push([0, 1, 2].map(|part| at[(part + 3 - axis) % 3] as f32));
+                let inward = [-side, 0.0, 0.0];
+                normals.push(pack_normal(DVec3::from([0, 1, 2].map(|part| inward[(part + 3 - axis) % 3])).as_vec3()));
+            }
+        }
+    }
+    let color = |at: &[f32; 3]| {
+        let [red, green, blue] = colors[usize::from(at[0] > 0.0)];
+        [red, green, blue, 255]
+    };
+    let mut chunk = Chunk::new(0, DVec3::ZERO, points);
+    chunk.colors = Some(Arc::new(chunk.positions.iter().map(color).collect()));
+    chunk.radii = Some(Arc::new(vec![pack_radius(STEP as f32); chunk.len()]));
+    chunk.normals = Some(Arc::new(normals));
+    chunk
+}
+
+struct Scene {
+    store: PointStore,
+    mirrors: Vec<Mirror>,
+    lights: Vec<SpotLight>,
+    camera: Camera,
+}
+
+impl Scene {
+    /// A sphere in the middle of a room, of this specular power.
+    fn new(stage: &Stage, colors: [[u8; 3]; 2], power: f32) -> Self {
+        let mut store = PointStore::new(stage.gpu.clone());
+        let mut add = |chunks: Vec<Chunk>, material| {
+            let id = store.add_cloud(material);
+            let ids: Vec<_> = chunks.iter().map(|chunk| store.add_chunk(id, chunk, None).unwrap()).collect();
+            let cloud = Cloud { chunks, ..Cloud::default() };
+            let (plan, _) = ColorPlan::new(&cloud, &Settings::default().color, DVec3::Z);
+            store.set_color(id, &cloud, &ids, &plan, DVec3::Z).unwrap();
+        };
+        add(vec![room(colors)], Material::default());
+        let sphere = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.7);
+        let sphere = Mirror { position: DVec3::ZERO, specular_intensity: 1.0, specular_power: power, ..sphere };
+        let material =
+            Material { specular_intensity: 1.0, specular_power: power, has_formula: true, ..Material::default() };
+        add(sphere.sample(2000, 1), material);
+        let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.0, -1.0, 0.1), 1.7, DVec3::Z);
+        Self { store, mirrors: vec![sphere], lights: Vec::new(), camera }
+    }
+
+    fn render(&self, stage: &mut Stage, settings: &Settings) -> FrameStats {
+        self.try_render(stage, settings).unwrap()
+    }
+
+    fn try_render(&self, stage: &mut Stage, settings: &Settings) -> render::Result<FrameStats> {
+        let objects = Objects { mirrors: &self.mirrors, lights: &self.lights, ..Objects::default() };
+        stage.renderer.render(&self.store, &self.camera, settings, objects, SIZE)
+    }
+}
+
+fn settings(method: Method, samples: u32, pairs: &[(&str, &str)]) -> Settings {
+    let mut settings = Settings::default();
+    settings.reflection.method = method;
+    settings.gloss.samples = samples;
+    settings.set_text("light.by", "colors").unwrap();
+    settings.set_text("view.background", "#ffffff").unwrap();
+    for (key, value) in pairs {
+        settings.set_text(key, value).unwrap();
+    }
+    settings
+}
+
+/// The methods that know glossy mirrors.
+fn methods() -> impl Iterator<Item = Method> {
+    let known = METHODS.iter().filter(|row| row.supply != Supply::Nothing && row.method.chosen() == row.method);
+    known.map(|row| row.method).filter(|method| *method != Method::MirroredViewpoint)
+}
+
+fn colors(stage: &Stage) -> Vec<[f32; 3]> {
+    stage.renderer.read_aov(Aov::Color).unwrap().data.as_chunks::<3>().0.to_vec()
+}
+
+fn mirror_pixels(stage: &Stage) -> Vec<usize> {
+    let mirror = stage.renderer.read_aov(Aov::Mirror).unwrap().data;
+    (0..mirror.len()).filter(|pixel| mirror[*pixel] > 0.0).collect()
+}
+
+#[test]
+fn an_even_surrounding_is_reflected_evenly() {
+    let mut stage = stage_or_skip!();
+    for power in [1.0, 100.0, 1e5] {
+        let scene = Scene::new(&stage, [WHITE, WHITE], power);
+        for method in methods() {
+            for (samples, lobe, pattern) in [(1, "phong", "shared"), (3, "blinn", "pixel"), (8, "phong", "pixel")] {
+                let settings = settings(
+                    method,
+                    samples,
+                    &[("gloss.lobe", lobe), ("gloss.pattern", pattern), ("reflection.bounces", "2")],
+                );
+                let stats = scene.render(&mut stage, &settings);
+                assert_eq!(stats.glossy_samples, [samples, samples]);
+                let shown = colors(&stage);
+                let mirrors = mirror_pixels(&stage);
+                assert!(mirrors.len() > 500);
+                let what = format!("{}, power {power}, {samples} samples {lobe} {pattern}", method.row().name);
+                if method == Method::Sscr {
+                    // It may find the mirror's own points, which are grey.
+                    let mean = mirrors.iter().map(|pixel| f64::from(shown[*pixel][0])).sum::<f64>();
+                    let mean = mean / mirrors.len() as f64;
+                    assert!((mean - 1.0).abs() < 0.02, "{what}: {mean}");
+                    continue;
+                }
+                for pixel in mirrors {
+                    assert!(shown[pixel].iter().all(|part| (part - 1.0).abs() < 1e-3), "{what}: {:?}", shown[pixel]);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn half_of_the_rays_see_the_bright_half() {
+    let mut stage = stage_or_skip!();
+    let [width, height] = SIZE.map(|edge| edge as usize);
+    for power in [10.0, 100.0] {
+        let scene = Scene::new(&stage, [WHITE, BLACK], power);
+        for method in methods() {
+            for (lobe, pattern) in [("phong", "shared"), ("blinn", "pixel")] {
+                let settings = settings(method, 64, &[("gloss.lobe", lobe), ("gloss.pattern", pattern)]);
+                scene.render(&mut stage, &settings);
+                let shown = colors(&stage);
+                // The columns beside the plane between the halves, in the middle of the sphere.
+                let column = |x: usize| {
+                    let rows = height / 2 - 4..height / 2 + 4;
+                    rows.map(|y| f64::from(shown[y * width + x][0])).sum::<f64>() / 8.0
+                };
+                let (left, right) = (column(width / 2 - 1), column(width / 2));
+                let what = format!("{}, power {power}, {lobe} {pattern}: {left} {right}", method.row().name);
+                assert!(((left + right) / 2.0 - 0.5).abs() < 0.06, "{what}");
+                // A perfect mirror shows white beside black.
+                assert!(left > right && left - right < 0.5, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_very_high_power_is_a_perfect_mirror() {
+    let mut stage = stage_or_skip!();
+    for lobe in ["phong", "blinn"] {
+        let changed = |stage: &mut Stage, power| {
+            let scene = Scene::new(stage, [WHITE, BLACK], power);
+            let by =
+                |samples| settings(Method::SurfelTrace, samples, &[("gloss.lobe", lobe), ("gloss.pattern", "pixel")]);
+            scene.render(stage, &by(0));
+            let perfect = colors(stage);
+            scene.render(stage, &by(4));
+            let (glossy, mirrors) = (colors(stage), mirror_pixels(stage));
+            let differs = |pixel: &&usize| (glossy[**pixel][0] - perfect[**pixel][0]).abs() > 0.02;
+            mirrors.iter().filter(differs).count() as f64 / mirrors.len() as f64
+        };
+        // Half of a pixel beside the edge between the halves may change.
+        let (high, low) = (changed(&mut stage, 1e6), changed(&mut stage, 30.0));
+        assert!(high < 0.02 && low > 0.1, "{lobe}: {high} and {low} of the pixels change");
+    }
+}
+
+#[test]
+fn pictures_without_gloss_are_those_of_perfect_mirrors() {
+    let mut stage = stage_or_skip!();
+    let names = |stats: &FrameStats| stats.passes.iter().map(|pass| pass.name).collect::<Vec<_>>();
+    for method in METHODS.iter().map(|row| row.method) {
+        // No power, or no samples.
+        let perfect = Scene::new(&stage, [WHITE, BLACK], 0.0);
+        let glossy = Scene::new(&stage, [WHITE, BLACK], 50.0);
+        let mut drawn = Vec::new();
+        for (scene, samples) in [(&perfect, 0), (&perfect, 64), (&glossy, 0)] {
+            stage.renderer.forget();
+            let stats = scene.render(&mut stage, &settings(method, samples, &[]));
+            assert_eq!(stats.glossy_samples, [0, 0]);
+            drawn.push((stage.renderer.read_picture().unwrap(), names(&stats), stats.reflection));
+        }
+        assert!(drawn[0] == drawn[1] && drawn[0] == drawn[2], "{}", method.row().name);
+    }
+}
+
+#[test]
+fn samples_may_be_summed_over_frames_and_begin_anew_after_a_change() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, [WHITE, BLACK], 50.0);
+    scene.lights = vec![SpotLight {
+        position: DVec3::new(-1.5, -1.0, 1.0),
+        target: DVec3::new(2.0, 1.0, 0.0),
+        intensity: [10.0; 3],
+        inner_degrees: 50.0,
+        outer_degrees: 60.0,
+    }];
+    for method in methods() {
+        let few_lights = [("light.by", "lights"), ("gi.vpls", "16"), ("gi.shadow_points", "256")];
+        let settings = settings(method, 7, &few_lights);
+        stage.renderer.forget();
+        stage.renderer.sum_at_once(None);
+        scene.render(&mut stage, &settings);
+        let whole = stage.renderer.read_picture().unwrap();
+        // Nothing is left to sum.
+        assert_eq!(scene.render(&mut stage, &settings).glossy_samples, [7, 7]);
+        assert!(stage.renderer.read_picture().unwrap() == whole, "{}: drawn again", method.row().name);
+        stage.renderer.forget();
+        stage.renderer.sum_at_once(Some(3));
+        let mut sums = Vec::new();
+        for _ in 0..3 {
+            sums.push(scene.render(&mut stage, &settings).glossy_samples[0]);
+        }
+        let in_steps = stage.renderer.read_picture().unwrap();
+        assert_eq!(sums, [3, 6, 7]);
+        assert!(in_steps == whole, "{}: other pixels by steps", method.row().name);
+        // Another light begins anew, and so does another camera.
+        let mut brighter = settings.clone();
+        brighter.light.diffuse = 1.5;
+        assert_eq!(scene.render(&mut stage, &brighter).glossy_samples, [3, 7]);
+        scene.camera.eye.x += 0.01;
+        assert_eq!(scene.render(&mut stage, &brighter).glossy_samples, [3, 7]);
+        scene.camera.eye.x -= 0.01;
+        // The curve of the screen changes no light.
+        scene.render(&mut stage, &settings);
+        let mut darker = settings.clone();
+        darker.tone.exposure = -1.0;
+        assert_eq!(scene.render(&mut stage, &darker).glossy_samples, [6, 7]);
+        stage.renderer.sum_at_once(None);
+    }
+}
+
+#[test]
+fn a_method_of_perfect_mirrors_refuses_by_name() {
+    let mut stage = stage_or_skip!();
+    let scene = Scene::new(&stage, [WHITE, BLACK], 50.0);
+    let error = scene.try_render(&mut stage, &settings(Method::MirroredViewpoint, 2, &[])).unwrap_err();
+    assert!(matches!(error, Error::PerfectMirrorsOnly { method: "mirrored_viewpoint" }), "{error}");
+    // Views of its work are of perfect mirrors.
+    scene.render(&mut stage, &settings(Method::MirroredViewpoint, 2, &[("reflection.show", "coverage")]));
+}

@@ -1,0 +1,67 @@
+// The directions of a glossy mirror's rays, drawn by its lobe. CPU twin: crates/render/src/reflection/lobe.rs.
+
+// PCG's output permutation as a hash (Jarzynski, Olano 2020).
+fn lobe_hash(value: u32) -> u32 {
+    let state = value * 747796405u + 2891336453u;
+    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+    return (word >> 22u) ^ word;
+}
+
+// Swaps the halves of the unit interval at random, those of each half, and so on (Owen 1995, by Laine and Karras 2011).
+fn scrambled(bits: u32, seed: u32) -> u32 {
+    var x = reverseBits(bits) + seed;
+    x ^= x * 0x6c50b47cu;
+    x ^= x * 0xb82f1e52u;
+    x ^= x * 0xc7afe638u;
+    x ^= x * 0x8d22f6e6u;
+    return reverseBits(x);
+}
+
+// Point `index` of Sobol's sequence in two dimensions, shuffled and scrambled (Burley 2020), inside of the unit square. Any
+// number of points from the first on, and any power of two of them more so, are spread evenly.
+fn lobe_numbers(index: u32, seed: u32) -> vec2f {
+    let shuffled = scrambled(index, lobe_hash(seed));
+    var second = 0u;
+    var column = 0x80000000u;
+    for (var rest = shuffled; rest != 0u; rest >>= 1u) {
+        second ^= select(0u, column, (rest & 1u) == 1u);
+        column ^= column >> 1u;
+    }
+    let bits = vec2u(
+        scrambled(reverseBits(shuffled), lobe_hash(seed ^ 0x9e3779b9u)),
+        scrambled(second, lobe_hash(seed ^ 0x3c6ef372u)),
+    );
+    return (vec2f(bits >> vec2u(8u)) + 0.5) / 16777216.0;
+}
+
+// One minus the cosine of the angle from the lobe's middle: the cosine is u^(1 / (power + 1)).
+fn lobe_height(u: f32, power: f32) -> f32 {
+    let x = -log(u) / (power + 1.0);
+    // The series keeps the digits of small angles.
+    return select(1.0 - exp(-x), x * (1.0 - x * (0.5 - x / 6.0)), x < 0.01);
+}
+
+// The axes across a unit vector: those across `reference`, turned with it by the smallest turn. They change smoothly from
+// pixel to pixel, except about the vector opposite to the reference.
+fn axes_across(axis: vec3f, reference: vec3f, right: vec3f, up: vec3f) -> mat2x3f {
+    let sum = reference + axis;
+    let scale = 1.0 / max(1.0 + dot(reference, axis), 1e-6);
+    return mat2x3f(right - sum * (dot(axis, right) * scale), up - sum * (dot(axis, up) * scale));
+}
+
+// The unit vector at the drawn angle from `axis`.
+fn lobe_direction(axis: vec3f, across: mat2x3f, numbers: vec2f, power: f32) -> vec3f {
+    let height = lobe_height(numbers.x, power);
+    let turn = 6.2831853 * numbers.y;
+    let sideways = across * vec2f(cos(turn), sin(turn));
+    return normalize(axis * (1.0 - height) + sideways * sqrt(height * (2.0 - height)));
+}
+
+// The normal that mirrors `incoming` into a direction drawn by the lobe; `across` has the axes across `incoming` (Phong)
+// or across the normal (Blinn). Phong's lobe about the reflected ray is that about the incoming one, mirrored.
+fn lobe_normal(is_blinn: bool, incoming: vec3f, normal: vec3f, across: mat2x3f, numbers: vec2f, power: f32) -> vec3f {
+    if is_blinn {
+        return lobe_direction(normal, across, numbers, power);
+    }
+    return normalize(reflect(lobe_direction(incoming, across, numbers, power), normal) - incoming);
+}
