@@ -304,7 +304,7 @@ impl<'a> Tracer<'a> {
 
     /// The frame's lighting, in the form for the ray tracer.
     pub fn illumination(&self) -> Illumination<'_> {
-        let Settings { light, sun, gi, trace, mirror, reflection, view, .. } = self.view.settings;
+        let Settings { light, sun, gi, trace, mirror, reflection, gloss, view, .. } = self.view.settings;
         let source = match light.lighting(!self.lights.is_empty(), self.view.objects.sky_is_open) {
             Lighting::Lights => Illuminant::Lights(&self.lights),
             Lighting::Sun => Illuminant::Sun(Sunlight::new(sun, self.view.camera.up)),
@@ -317,6 +317,7 @@ impl<'a> Tracer<'a> {
             gloss: Gloss { share, power, shape: light.highlight },
             diffuse: f64::from(light.diffuse),
             bounces: reflection.bounces,
+            lobe: (gloss.samples > 0).then_some(gloss.lobe),
             background: DVec3::new(red, green, blue),
             indirect: Indirect { bounces: gi.bounces, samples: trace.samples, seed: trace.seed },
             ..Illumination::new(source, mirror)
@@ -352,15 +353,16 @@ impl<'a> Tracer<'a> {
         colors_in(&self.scene.surfels, seen, &Illumination { indirect, ..illumination }, progress)
     }
 
-    /// The number of paths of indirect light that the settings ask for; 0 if there is no such light.
+    /// The number of paths of indirect light, and of rays of glossy mirrors, that the settings ask for; 0 if there is
+    /// neither.
     pub(crate) fn samples(&self) -> u32 {
-        let Illumination { source, indirect, .. } = self.illumination();
+        let Illumination { source, indirect, lobe, .. } = self.illumination();
         let has_light = match source {
             Illuminant::Lights(_) => indirect.bounces > 0,
             Illuminant::Sun(sun) => sun.sky > 0.0 || indirect.bounces > 0,
             Illuminant::Headlight(_) => false,
         };
-        if has_light { indirect.samples } else { 0 }
+        if has_light || lobe.is_some() { indirect.samples } else { 0 }
     }
 
     pub(crate) fn seed(&self) -> u32 {

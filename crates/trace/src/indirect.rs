@@ -14,12 +14,13 @@
 
 use cloud::Progress;
 use glam::DVec3;
+use scene::Highlight;
 
 use crate::light::{Illuminant, Illumination, scattered};
-use crate::reflectance::Reflectance;
+use crate::reflectance::{Reflectance, lobe_direction};
 use crate::reflection::{BATCH, in_parallel};
 use crate::refraction::stronger;
-use crate::{Geometry, Hit, Ray};
+use crate::{Geometry, Hit, Ray, mirrored};
 
 /// How indirect light is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,7 +120,7 @@ impl<G: Geometry> PathTracer<'_, G> {
             if numbers.next() * either < mirror {
                 throughput *= surface.mirror * (either / mirror);
                 reflections -= 1;
-                let Some(onward) = stronger(self.geometry, &hit, ray.direction) else {
+                let Some(onward) = onward(self.geometry, &hit, ray.direction, self.illumination.lobe, numbers) else {
                     return light;
                 };
                 ray = onward;
@@ -135,27 +136,63 @@ impl<G: Geometry> PathTracer<'_, G> {
     }
 }
 
+/// The ray that goes on after one that arrives in `direction` at a mirror or a clear surface which is not the first; a
+/// glossy mirror draws it. `None` if the surface has no normal.
+pub(crate) fn onward(
+    geometry: &impl Geometry,
+    hit: &Hit,
+    direction: DVec3,
+    lobe: Option<Highlight>,
+    numbers: &mut Random,
+) -> Option<Ray> {
+    let Some(lobe) = lobe.filter(|_| hit.specular_power > 0.0 && hit.reflected_part(direction) >= 0.5) else {
+        return stronger(geometry, hit, direction);
+    };
+    let pair = [numbers.next(), numbers.next()];
+    Some(Ray::from_surface(hit.position, glossy_direction(lobe, hit, direction, pair, numbers)))
+}
+
+/// A direction that the lobe of a glossy mirror sends to the eye's ray, which arrives in `incoming`: drawn until it leads
+/// out of the surface. The perfect reflection stands in after many tries, which only a ray along the surface needs.
+pub(crate) fn glossy_direction(
+    lobe: Highlight,
+    hit: &Hit,
+    incoming: DVec3,
+    first: [f64; 2],
+    numbers: &mut Random,
+) -> DVec3 {
+    let mut pair = first;
+    for _ in 0..64 {
+        let drawn = lobe_direction(lobe, hit.specular_power, hit.normal, -incoming, pair);
+        if let Some(direction) = drawn.filter(|direction| direction.dot(hit.normal) > 0.0) {
+            return direction;
+        }
+        pair = [numbers.next(), numbers.next()];
+    }
+    mirrored(incoming, hit.normal).normalize_or_zero()
+}
+
 /// Point `index` of the R2 sequence in [0, 1) in both dimensions, shifted.
-fn spread(shift: [f64; 2], index: u32) -> [f64; 2] {
+pub(crate) fn spread(shift: [f64; 2], index: u32) -> [f64; 2] {
     // Powers of 1 over the root of x^3 = x + 1.
     const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
     [0, 1].map(|axis| (shift[axis] + f64::from(index) * STEPS[axis]).fract())
 }
 
 /// A stream of random numbers, different for each name (SplitMix64; Steele et al. 2014).
-struct Random {
+pub(crate) struct Random {
     state: u64,
 }
 
 impl Random {
     const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-    fn new(name: [u64; 3]) -> Self {
+    pub fn new(name: [u64; 3]) -> Self {
         Self { state: name.into_iter().fold(0, |state, part| Self::mixed((state ^ part).wrapping_add(Self::STEP))) }
     }
 
     /// A number in [0, 1).
-    fn next(&mut self) -> f64 {
+    pub fn next(&mut self) -> f64 {
         self.state = self.state.wrapping_add(Self::STEP);
         (Self::mixed(self.state) >> 11) as f64 / (1_u64 << 53) as f64
     }
@@ -173,7 +210,7 @@ mod tests {
 
     use super::*;
     use crate::exact::{Albedo, Object};
-    use crate::{Exact, Gloss, MaterialPoints, PixelRays, Sunlight, Surfels, mirrored, picture, primary, radiance};
+    use crate::{Exact, Gloss, MaterialPoints, PixelRays, Sunlight, Surfels, picture, primary, radiance};
     use cloud::sampling::{Placement, Surface};
     use scene::five_mirrors::{Variant, camera, light, sample, walls};
     use scene::{Highlight, MirrorSettings, SpotLight, ViewSettings};

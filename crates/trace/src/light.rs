@@ -8,12 +8,12 @@ use std::f64::consts::FRAC_1_PI;
 
 use cloud::Progress;
 use glam::DVec3;
-use scene::{MirrorSettings, SpotLight, Sun};
+use scene::{Highlight, MirrorSettings, SpotLight, Sun};
 
-use crate::indirect::{Indirect, indirect};
+use crate::indirect::{Indirect, Random, glossy_direction, indirect, onward, spread};
 use crate::reflectance::{Gloss, Reflectance};
 use crate::reflection::in_parallel;
-use crate::refraction::{met, stronger, through};
+use crate::refraction::{met, through};
 use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
 /// The source of the light.
@@ -65,6 +65,8 @@ pub struct Illumination<'a> {
     /// surfaces that they show.
     pub passed: u32,
     pub mirror: &'a MirrorSettings,
+    /// The lobe of the light that mirrors with a specular power reflect; `None` if all mirrors are perfect.
+    pub lobe: Option<Highlight>,
     /// The linear colour that mirrors show where their ray hits nothing.
     pub background: DVec3,
     pub indirect: Indirect,
@@ -74,8 +76,8 @@ impl<'a> Illumination<'a> {
     /// Direct light on diffuse surfaces, mirrors included, in front of black.
     pub fn new(source: Illuminant<'a>, mirror: &'a MirrorSettings) -> Self {
         let indirect = Indirect { bounces: 0, samples: 0, seed: 0 };
-        let background = DVec3::ZERO;
-        Self { source, gloss: Gloss::NONE, diffuse: 1.0, bounces: 0, passed: 0, mirror, background, indirect }
+        let (lobe, background) = (None, DVec3::ZERO);
+        Self { source, gloss: Gloss::NONE, diffuse: 1.0, bounces: 0, passed: 0, mirror, lobe, background, indirect }
     }
 
     /// The number of mirrors over which the eye's ray may still be followed.
@@ -121,21 +123,43 @@ pub fn radiance(
         return own;
     }
     let beyond = Illumination { passed: illumination.passed + 1, ..*illumination };
-    let light = |ray: Option<Ray>| {
+    let arriving_by = |ray: Option<Ray>, beyond: &Illumination| {
         let seen = ray.and_then(|ray| Some((met(geometry, hit, &ray)?, ray.direction)));
-        seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, &beyond))
+        seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, beyond))
     };
+    let Indirect { samples, seed, .. } = illumination.indirect;
     if illumination.passed > 0 {
-        return own + surface.mirror * light(stronger(geometry, hit, direction));
+        let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY]);
+        let ray = onward(geometry, hit, direction, illumination.lobe, &mut numbers);
+        return own + surface.mirror * arriving_by(ray, &beyond);
     }
-    let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
-    let mut arriving = light(point.reflected());
+    // The mean over the lobe of a glossy mirror: as many directions as there are paths of indirect light, and one path,
+    // and one direction of each further glossy mirror, for each of them.
+    let mut arriving = if let Some(lobe) = illumination.lobe.filter(|_| hit.specular_power > 0.0) {
+        let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY]);
+        let shift = [numbers.next(), numbers.next()];
+        let count = samples.max(1);
+        let light = |sample: u32| {
+            let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY + 1 + u64::from(sample)]);
+            let drawn = glossy_direction(lobe, hit, direction, spread(shift, sample), &mut numbers);
+            let seed = (numbers.next() * f64::from(u32::MAX)) as u32;
+            let indirect = Indirect { samples: samples.min(1), seed, ..illumination.indirect };
+            arriving_by(Some(Ray::from_surface(hit.position, drawn)), &Illumination { indirect, ..beyond })
+        };
+        (0..count).map(light).sum::<DVec3>() / f64::from(count)
+    } else {
+        let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
+        arriving_by(point.reflected(), &beyond)
+    };
     if let Some(ray) = through(geometry, hit, direction) {
         let reflected = hit.reflected_part(direction);
-        arriving = arriving * reflected + light(Some(ray)) * (1.0 - reflected);
+        arriving = arriving * reflected + arriving_by(Some(ray), &beyond) * (1.0 - reflected);
     }
     own + surface.mirror * arriving
 }
+
+/// The name of the random numbers of glossy mirrors, which are not those of paths.
+const GLOSSY: u64 = 1 << 40;
 
 /// The light that reaches a mirror point along the reflected ray.
 fn reflected_light(geometry: &impl Geometry, point: &MirrorPoint, pixel: usize, illumination: &Illumination) -> DVec3 {
@@ -396,6 +420,56 @@ mod tests {
         ] {
             assert!(found.distance(expected) < 1e-12, "{what}: {found} instead of {expected}");
         }
+    }
+
+    #[test]
+    fn a_glossy_mirror_shows_the_mean_over_its_lobe() {
+        // A floor that mirrors, below a far ceiling that is bright on one side of x = 0 and dark on the other.
+        let ceiling = |x: f64, albedo: f64| {
+            let corner = DVec3::new(x, -1e5, 1.0);
+            let surface = Surface::Rectangle { corner, edges: [DVec3::X * 1e5, DVec3::Y * 2e5] };
+            Object::new(surface, Placement::ORIGIN, Albedo::Even([albedo; 3]), 0.0)
+        };
+        let mirror = |power| wall(-5.0, 0.0, [0.5; 3], 1.0).with_specular_power(power);
+        let settings = MirrorSettings::default();
+        let seen = |power: f64, x: f64, lobe, samples, left: f64| {
+            let geometry = Exact::new(vec![mirror(power), ceiling(-1e5, left), ceiling(0.0, 1.0)]);
+            let (eye, at) = (DVec3::new(x, -0.5, 0.7), DVec3::new(x, 0.0, 0.0));
+            let direction = (at - eye).normalize();
+            let hit = geometry.nearest(&Ray::from_eye(eye, direction)).unwrap();
+            let indirect = Indirect { bounces: 0, samples, seed: 3 };
+            let illumination =
+                Illumination { bounces: 1, lobe, indirect, ..Illumination::new(Illuminant::Headlight(0.0), &settings) };
+            radiance(&geometry, &hit, direction, 5, &illumination).x
+        };
+        for shape in [Highlight::Phong, Highlight::Blinn] {
+            let lobe = Some(shape);
+            for power in [5.0, 50.0, 1000.0] {
+                // An even surrounding is reflected evenly; half of the rays see the bright half.
+                assert!((seen(power, 0.3, lobe, 9, 1.0) - 1.0).abs() < 1e-12);
+                let half = seen(power, 0.0, lobe, 4096, 0.0);
+                assert!((half - 0.5).abs() < 0.01, "{shape:?} {power}: {half}");
+            }
+            // A perfect mirror sees one of them, and so does one of a very high power, or one without a lobe.
+            for (power, lobe) in [(0.0, lobe), (1e9, lobe), (50.0, None)] {
+                assert_eq!([-0.3, 0.3].map(|x| seen(power, x, lobe, 64, 0.0)), [0.0, 1.0]);
+            }
+        }
+        // Phong's lobe of a power of 1 has a density of cos / pi about the reflected ray: of a bright ceiling from `edge`
+        // on, which a ray straight up sees, the share (1 + sin) / 2 of the angle to the edge.
+        let geometry = Exact::new(vec![mirror(1.0), ceiling(0.0, 1.0)]);
+        let at = DVec3::new(-0.8, 0.0, 0.0);
+        let hit = geometry.nearest(&Ray::from_eye(at + DVec3::Z * 0.5, -DVec3::Z)).unwrap();
+        let indirect = Indirect { bounces: 0, samples: 1 << 14, seed: 3 };
+        let illumination = Illumination {
+            bounces: 1,
+            lobe: Some(Highlight::Phong),
+            indirect,
+            ..Illumination::new(Illuminant::Headlight(0.0), &settings)
+        };
+        let found = radiance(&geometry, &hit, -DVec3::Z, 5, &illumination).x;
+        let expected = 0.5 * (1.0 - 0.8 / 0.8_f64.hypot(1.0));
+        assert!((found - expected).abs() < 3e-3, "{found} instead of {expected}");
     }
 
     #[test]

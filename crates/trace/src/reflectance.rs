@@ -148,15 +148,7 @@ impl Reflectance {
     }
 
     fn sample_lobe(&self, u: f64, v: f64) -> Option<DVec3> {
-        // The density is (p + 1) / (2 pi) cos^p about the axis.
-        let cosine = (1.0 - u).powf(1.0 / (self.power + 1.0));
-        match self.shape {
-            Highlight::Phong => Some(around(mirrored(-self.to_eye, self.normal), cosine, v)),
-            Highlight::Blinn => {
-                let middle = around(self.normal, cosine, v);
-                (middle.dot(self.to_eye) > 0.0).then(|| mirrored(-self.to_eye, middle))
-            }
-        }
+        lobe_direction(self.shape, self.power, self.normal, self.to_eye, [u, v])
     }
 
     /// The density of directions drawn for the highlight, per steradian.
@@ -169,6 +161,25 @@ impl Reflectance {
                 // Mirrored directions are four times as sparse as the halfway directions, over the cosine.
                 density(middle.dot(self.normal)) / (4.0 * middle.dot(self.to_eye))
             }
+        }
+    }
+}
+
+/// The direction of a lobe by two numbers in [0, 1): the density is (p + 1) / (2 pi) cos^p about the reflected direction
+/// (Phong) or, for the normal halfway, about the normal (Blinn). `None` if that normal turns away from the eye.
+pub(crate) fn lobe_direction(
+    shape: Highlight,
+    power: f64,
+    normal: DVec3,
+    to_eye: DVec3,
+    [u, v]: [f64; 2],
+) -> Option<DVec3> {
+    let cosine = (1.0 - u).powf(1.0 / (power + 1.0));
+    match shape {
+        Highlight::Phong => Some(around(mirrored(-to_eye, normal), cosine, v)),
+        Highlight::Blinn => {
+            let middle = around(normal, cosine, v);
+            (middle.dot(to_eye) > 0.0).then(|| mirrored(-to_eye, middle))
         }
     }
 }
