@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::builder::{OsStringValueParser, TypedValueParser as _};
 use clap::error::{ContextKind, ContextValue};
 use clap::{Args, Parser, Subcommand};
+use glam::DVec3;
 use scene::Preset;
 use study::Target;
 
@@ -46,6 +47,8 @@ pub enum Command {
     Scenes(ListingArguments),
     /// Measure settings of a plan against one another: time, error, charts
     Study(StudyArguments),
+    /// Measure how far the surface that is drawn is from the scan that it is made of
+    Surfaces(SurfacesArguments),
     /// Tell which adapter and display will be used, and why
     Doctor(DoctorArguments),
 }
@@ -244,6 +247,30 @@ pub struct MergeArguments {
 }
 
 #[derive(Debug, Args)]
+pub struct SurfacesArguments {
+    /// `.las`, `.laz` and `.ply` files, folders of them, a scene file (`.toml`) for its clouds, names of built-in scenes
+    #[arg(required = true)]
+    pub inputs: Vec<OsString>,
+    /// A place of the scanner, in the coordinates of the file; of several places, each point was seen from one at least
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_place, allow_hyphen_values = true)]
+    pub scanner: Vec<DVec3>,
+    /// Share of the points that is held out, to judge the surface of the others by
+    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = parse_share, allow_hyphen_values = true)]
+    pub holdout: f64,
+    /// Seed by which points are held out
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub seed: u64,
+    /// Write JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Set a parameter, as in `--set splat.size=2`; `glint methods` lists them
+    #[arg(long, value_name = "KEY=VALUE", value_parser = parse_pair)]
+    pub set: Vec<(String, String)>,
+    #[command(flatten)]
+    pub gpu: GpuArgument,
+}
+
+#[derive(Debug, Args)]
 pub struct ListingArguments {
     /// Write JSON
     #[arg(long)]
@@ -292,6 +319,17 @@ fn parse_error(text: &str) -> Result<Target, String> {
         Ok(target @ (Target::Pixels(_) | Target::DeltaE(_))) => Ok(target),
         _ => Err("expected an error above 0, as in 1px or 2dE".into()),
     }
+}
+
+fn parse_place(text: &str) -> Result<DVec3, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let place = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from);
+    place.filter(|place| place.is_finite()).ok_or_else(|| "expected X,Y,Z, as in 1.5,-2,0.75".into())
+}
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share| *share > 0.0 && *share < 1.0);
+    share.ok_or_else(|| "expected a share above 0 and below 1".into())
 }
 
 fn parse_truth(text: &str) -> Result<study::Truth, String> {
@@ -452,6 +490,13 @@ mod tests {
             &["glint", "study", "methods", "-o", "a", "--shard", "3/2"],
             &["glint", "study", "methods", "-o", "a", "--repeats", "0"],
             &["glint", "study", "merge", "-o", "a"],
+            &["glint", "surfaces"],
+            &["glint", "surfaces", "a.laz", "--holdout", "0"],
+            &["glint", "surfaces", "a.laz", "--holdout", "1"],
+            &["glint", "surfaces", "a.laz", "--holdout", "-0.5"],
+            &["glint", "surfaces", "a.laz", "--holdout", "NaN"],
+            &["glint", "surfaces", "a.laz", "--scanner", "1,2"],
+            &["glint", "surfaces", "a.laz", "--scanner", "-1,nan,2"],
             &["glint", "--nonsense"],
         ] {
             let message = message(words);

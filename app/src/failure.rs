@@ -80,6 +80,14 @@ fn status_of(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
             _ => FAILED,
         });
     }
+    if let Some(error) = cause.downcast_ref::<study::SightlineError>() {
+        return match error {
+            study::SightlineError::Cancelled => Some(INTERRUPTED),
+            // What caused it follows in the chain.
+            study::SightlineError::Render(_) => None,
+            _ => Some(UNUSABLE),
+        };
+    }
     if let Some(error) = cause.downcast_ref::<study::FolderError>() {
         return Some(of_study(error));
     }

@@ -14,8 +14,10 @@ mod picture_file;
 mod progress_bar;
 mod record_command;
 mod render_command;
+mod scans;
 mod study_command;
 mod subject;
+mod surfaces_command;
 mod terminal;
 mod truth;
 mod viewer;
@@ -95,6 +97,7 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
         Command::Methods(arguments) => listing::methods(arguments.json).map(|()| 0),
         Command::Scenes(arguments) => listing::scenes(arguments.json).map(|()| 0),
         Command::Study(arguments) => study_command::run(&arguments),
+        Command::Surfaces(arguments) => surfaces_command::run(&arguments),
         Command::Doctor(arguments) => listing::doctor(arguments.json, arguments.gpu.gpu.as_deref()).map(|()| 0),
     }
 }

@@ -458,7 +458,7 @@ impl Stats {
     }
 }
 
-fn set_values(settings: &Settings, said: &[&str]) -> BTreeMap<String, serde_json::Value> {
+pub fn set_values(settings: &Settings, said: &[&str]) -> BTreeMap<String, serde_json::Value> {
     let mut set = BTreeMap::new();
     for params in settings.groups() {
         let group = params.group();

@@ -7,17 +7,18 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::anyhow;
+use cloud::Progress;
 use render::Gpu;
 use scene::{Camera, Preset, Settings, StandardView};
 use study::runner::{self, State};
-use study::{Folder, Plan, Scenes, Shard, Subject, stability};
+use study::{Folder, HoldOut, Plan, Ruler, Scenes, Shard, Subject, stability};
 
 use crate::command_line::{MergeArguments, StudyArguments, StudyCommand, quoted};
 use crate::failure::usage;
 use crate::progress_bar::Bar;
 use crate::subject::{self, LoadedSubject};
 use crate::terminal::{complain, print, warn};
-use crate::{interrupt, truth};
+use crate::{interrupt, scans, truth};
 
 /// Runs what the command line asks for. Returns exit status 1 if settings failed; the table of results names them.
 ///
@@ -212,6 +213,21 @@ impl Scenes for Inputs {
                 Ok(subject)
             }
             _ => Err(anyhow!("{scene}: cannot be read in full")),
+        }
+    }
+
+    fn ruler(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Ruler> {
+        let request = world::resolve(&[scene.to_owned()]);
+        request.check()?;
+        let read = |input| scans::of_input(input, &request.visibility.test(), settings);
+        let mut scans: Vec<_> = request.inputs.iter().flat_map(read).collect();
+        match (scans.pop(), scans.is_empty()) {
+            (Some((_, scan)), true) => {
+                let (scan, progress) = (scan?, Progress::default());
+                let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, settings);
+                Ruler::new(&scan, HoldOut::default(), &[], options, settings, gpu, &progress)
+            }
+            _ => Err(anyhow!("{scene}: sightlines judge the surface of one cloud, not of several")),
         }
     }
 }

@@ -89,7 +89,7 @@ fn help_and_version_are_results() {
     let folder = Folder::new();
     let help = folder.glint(["--help"]);
     assert_done(&help);
-    for command in ["info", "render", "record", "methods", "scenes", "doctor"] {
+    for command in ["info", "render", "record", "methods", "scenes", "surfaces", "doctor"] {
         assert!(help.text().contains(command), "{help}");
         assert_done(&folder.glint([command, "--help"]));
     }
@@ -690,4 +690,49 @@ fn odd_objects_of_a_scene_file_are_refused_by_name() {
     refused("outer_degrees = 70", "outer_degrees = 7", &["room.toml", "light 1"]);
     refused("normals = 'flatten'", "specular_intensity = 2", &["room.toml", "mirror points 1", "specular_intensity"]);
     assert!(!folder.path("picture.png").exists());
+}
+
+#[test]
+fn surfaces_judges_a_depth_image_by_the_half_of_it_that_is_held_out() {
+    let folder = Folder::new();
+    // A wall of 120 x 90 pixels at a distance of 4 along the axis, seen from the origin, with a box before it at 2.
+    let pixel = |at: i32| {
+        let (x, y) = (f64::from(at % 120) / 60.0 - 1.0, f64::from(at / 120) / 60.0 - 0.75);
+        let depth = if x.abs() < 0.3 && y.abs() < 0.3 { 2.0 } else { 4.0 };
+        format!("{} {} {depth} 200 100 50\n", x * 0.5 * depth, y * 0.5 * depth)
+    };
+    let header = "ply\nformat ascii 1.0\nelement vertex 10800\nproperty float x\nproperty float y\nproperty float z\n\
+                  property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
+    folder.write("image.ply", format!("{header}{}", (0..10_800).map(pixel).collect::<String>()));
+    let outcome = folder.glint(["surfaces", "image.ply", "--json", "--seed", "3", "--set", "splat.size=1"]);
+    if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
+        return println!("skipped: no adapter: {}", outcome.messages.trim());
+    }
+    assert_done(&outcome);
+    let report = outcome.json();
+    let entry = &report["inputs"][0];
+    assert_eq!((&entry["scanner_from"], &entry["scanners"]), (&json!("origin"), &json!([[0.0, 0.0, 0.0]])));
+    assert_eq!((&entry["path"], &entry["set"]), (&json!("image.ply"), &json!({ "splat.size": 1.0 })));
+    let figure = |name: &str| entry[name].as_f64().unwrap_or_else(|| panic!("{name}: {entry}"));
+    let shares = ["within", "in_front", "behind", "open"].map(figure);
+    assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-9, "{entry}");
+    // The splats at the border of the box stand before the wall by their radius.
+    assert!(shares[0] > 0.93 && shares[1] < 0.06 && shares[3] < 0.01, "{entry}");
+    assert!((5200.0..5600.0).contains(&figure("rays")), "{entry}");
+    assert!(entry["depth_error"]["median"].as_f64().is_some_and(|error| error < 1e-4), "{entry}");
+    assert!(entry["colour_error"]["median"].as_f64().is_some_and(|error| error < 0.5), "{entry}");
+    assert!(entry["traced"]["within"].as_f64().is_some_and(|within| within > 0.93), "{entry}");
+    // Of the same seed, to the digit; from elsewhere the box hides the wall.
+    let again = folder.glint(["surfaces", "image.ply", "--json", "--seed", "3", "--set", "splat.size=1"]);
+    assert_eq!(again.text(), outcome.text());
+    let aside = folder.glint(["surfaces", "image.ply", "--json", "--scanner", "-6,0,0", "--scanner", "0,0,0.5"]);
+    let report = aside.json();
+    assert_eq!(report["inputs"][0]["scanner_from"], "flag");
+    assert_eq!(report["inputs"][0]["scanners"], json!([[-6.0, 0.0, 0.0], [0.0, 0.0, 0.5]]));
+    // What cannot be judged is told, and the others are judged all the same.
+    folder.write("few.ply", header.replace("10800", "2") + "0 0 1 9 9 9\n0 1 1 9 9 9\n");
+    let few = folder.glint(["surfaces", "few.ply", "image.ply", "--json"]);
+    assert_refused(&few, 2, &["few.ply", "2 points", "too few"]);
+    let report = few.json();
+    assert!(report["inputs"][0]["error"].is_string() && report["inputs"][1]["within"].is_f64(), "{few}");
 }

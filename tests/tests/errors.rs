@@ -103,6 +103,7 @@ fn readers(input: &str) -> Vec<Vec<&str>> {
     commands.push([&["record", input, "-o", "pictures"][..], &SMALL].concat());
     commands.push(vec!["index", input]);
     commands.push(vec!["index", input, "-o", "out.copc.laz"]);
+    commands.push(vec!["surfaces", input]);
     commands.push(vec!["view", input]);
     commands
 }
@@ -199,6 +200,7 @@ fn bad_words_are_bad_usage_in_every_command() {
             vec!["record", "tour.toml", "-o", "pictures"],
             vec!["index", "cloud.las"],
             vec!["study", "plan.toml", "-o", "results"],
+            vec!["surfaces", "cloud.las"],
         ];
         commands.map(|command| [command, vec!["--set", value]].concat())
     };
@@ -208,7 +210,7 @@ fn bad_words_are_bad_usage_in_every_command() {
     for command in set("splat.size=99") {
         assert_failed(&folder.glint(&command), 2, &["expected 0.05 to 20"]);
     }
-    for command in ["info", "render", "record", "index", "methods", "scenes", "study", "doctor", "view"] {
+    for command in ["info", "render", "record", "index", "methods", "scenes", "study", "surfaces", "doctor", "view"] {
         assert_failed(&folder.glint([command, "--nonsense"]), 2, &["unexpected argument '--nonsense' found"]);
     }
     let record = ["record", "tour.toml", "-o", "pictures"];

@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 17] = [
+const PLANS: [(&str, &str); 18] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -20,6 +20,7 @@ const PLANS: [(&str, &str); 17] = [
     ("cubemap", include_str!("../../../assets/plans/cubemap.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
     ("auto", include_str!("../../../assets/plans/auto.toml")),
+    ("surfaces", include_str!("../../../assets/plans/surfaces.toml")),
     ("stability", include_str!("../../../assets/plans/stability.toml")),
 ];
 

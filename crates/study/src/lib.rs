@@ -4,6 +4,8 @@
 //! [`light`] the figures of indirect light. A [`Subject`] is a scene of which pictures are made; a [`Tracer`] compares
 //! one of them with the truth of `trace`.
 //!
+//! A [`Ruler`] says how far the surface of a scan is from the scan itself.
+//!
 //! A [`Plan`] lists the settings to measure, [`runner`] measures them and journals each run in a [`Folder`],
 //! [`results`] makes a table of the runs, and [`chart`] and [`report`] present it.
 
@@ -27,6 +29,8 @@ mod refine;
 pub mod report;
 pub mod results;
 pub mod runner;
+mod scanner;
+pub mod sightlines;
 pub mod ssim;
 pub mod stability;
 mod still;
@@ -51,6 +55,8 @@ pub use plan::{Bound, Case, Group, Plan, PlanError, RAY_TRACE};
 pub use refine::Refinement;
 pub use results::{Figure, Row};
 pub use runner::{Scenes, Shard};
+pub use scanner::{Scanner, ScannerFrom};
+pub use sightlines::{HoldOut, Ruler, Scan, SightlineError, Sightlines};
 pub use still::{STILL_LIGHTS, Still, StillError, Target, drawn_size, still_settings};
 pub use subject::{Faces, Subject, SubjectPart};
 pub use trace::Exact;

@@ -208,6 +208,9 @@ pub struct Plan {
     /// Whether to measure how much mirrors flicker, too.
     #[serde(default)]
     pub flicker: bool,
+    /// Whether to measure how far the surface of each scene is from its points, by those that are held out, too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub sightlines: bool,
     /// Whether to measure errors against the still picture, which `auto` keeps to, too.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub still: bool,

@@ -1,7 +1,7 @@
 //! The results of a study: runs as they are journalled, the figures of tables and charts, and a row for each setting.
 //!
 //! `results.csv` and `results.json` hold the same rows. A new figure is one line in `FRAME_FIGURES`,
-//! `TRUTH_FIGURES`, `STILL_FIGURES` or `FLICKER_FIGURES`.
+//! `TRUTH_FIGURES`, `SIGHTLINE_FIGURES`, `STILL_FIGURES` or `FLICKER_FIGURES`.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
@@ -13,6 +13,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::estimate::{Estimate, EstimatedPercentiles};
 use crate::metrics::{Accuracy, Truth};
 use crate::plan::{Case, DISTANCE, Part, Plan, RAY_TRACE, SIZE, TARGET};
+use crate::sightlines::Sightlines;
 use crate::still::StillError;
 
 /// The time of all passes that find what mirrors show, in milliseconds.
@@ -65,6 +66,11 @@ impl Figure {
         STILL_FIGURES.iter().any(|(name, ..)| *name == self.name)
     }
 
+    /// Whether it is measured only if `sightlines` are asked for.
+    pub fn is_of_sightlines(&self) -> bool {
+        SIGHTLINE_FIGURES.iter().any(|(name, ..)| *name == self.name)
+    }
+
     /// Whether it is measured only if `flicker` is asked for.
     pub fn is_of_flicker(&self) -> bool {
         FLICKER_FIGURES.iter().any(|(name, ..)| *name == self.name)
@@ -89,6 +95,9 @@ pub struct Measured {
     /// The errors as the renderer estimates them from random pixels.
     pub estimate: Option<Estimate>,
     pub judged: Vec<Accuracy>,
+    /// How far the surface is from the scan, by the pictures and by the ray tracer.
+    pub drawn_sightlines: Option<Sightlines>,
+    pub traced_sightlines: Option<Sightlines>,
     /// The error against the still picture.
     pub still: Option<StillError>,
     /// The time that `auto` was to keep to, in milliseconds.
@@ -149,6 +158,25 @@ const TRUTH_FIGURES: [Reading<Accuracy>; 14] = [
     ("ssim", "SSIM", "-1 to 1", |accuracy| accuracy.image.map(|image| image.ssim)),
 ];
 
+/// The figures of the pictures, or of the ray tracer where there are no pictures.
+const SIGHTLINE_FIGURES: [Reading<Measured>; 9] = [
+    ("within", "surface within 1 %", "share of sightlines", |measured| Some(measured.sightlines()?.within)),
+    ("in_front", "surface in front of the point", "share of sightlines", |measured| {
+        Some(measured.sightlines()?.in_front)
+    }),
+    ("behind", "surface behind the point", "share of sightlines", |measured| Some(measured.sightlines()?.behind)),
+    ("open", "no surface", "share of sightlines", |measured| Some(measured.sightlines()?.open)),
+    ("depth_error_median", "depth error, median", "m per m", |measured| measured.sightlines()?.depth_error.median),
+    ("depth_error_p95", "depth error, 95th percentile", "m per m", |measured| measured.sightlines()?.depth_error.p95),
+    ("colour_error_median", "colour error, median", "CIEDE2000", |measured| measured.sightlines()?.colour_error.median),
+    ("traced_within", "surface within 1 %, ray tracer", "share of sightlines", |measured| {
+        Some(measured.traced_sightlines.as_ref()?.within)
+    }),
+    ("traced_in_front", "surface in front of the point, ray tracer", "share of sightlines", |measured| {
+        Some(measured.traced_sightlines.as_ref()?.in_front)
+    }),
+];
+
 const STILL_FIGURES: [Reading<Measured>; 4] = [
     (STILL_DELTA_E, "colour difference to the still picture", "CIEDE2000", |measured| {
         measured.still.map(|still| still.delta_e)
@@ -165,8 +193,9 @@ const FLICKER_FIGURES: [Reading<Measured>; 2] = [
     ("flicker_moving", "flicker, camera moving", "grey levels", |measured| measured.flicker_moving),
 ];
 
-/// The figures of a truth of which a larger value is better.
-const MORE_IS_BETTER: [&str; 5] = ["coverage", "closed_coverage", "hit_rate", "recall", "ssim"];
+/// The figures of which a larger value is better.
+const MORE_IS_BETTER: [&str; 7] =
+    ["within", "traced_within", "coverage", "closed_coverage", "hit_rate", "recall", "ssim"];
 
 /// The truths in the order of the columns, with their names.
 const TRUTHS: [(Truth, &str, &str); 2] =
@@ -178,13 +207,17 @@ fn is_given(truth: Truth, figure: &str) -> bool {
 }
 
 impl Measured {
+    fn sightlines(&self) -> Option<&Sightlines> {
+        self.drawn_sightlines.as_ref().or(self.traced_sightlines.as_ref())
+    }
+
     fn estimated_error(&self) -> Option<EstimatedPercentiles> {
         self.estimate.as_ref()?.pixel_error
     }
 
     /// The values by name; those that could not be measured are left out.
     pub fn figures(&self) -> BTreeMap<String, f64> {
-        let own = FRAME_FIGURES.iter().chain(&STILL_FIGURES).chain(&FLICKER_FIGURES);
+        let own = FRAME_FIGURES.iter().chain(&SIGHTLINE_FIGURES).chain(&STILL_FIGURES).chain(&FLICKER_FIGURES);
         let own = own.map(|(name, _, _, read)| ((*name).to_owned(), read(self)));
         let judged = self.judged.iter().flat_map(|accuracy| {
             let truth = truth_name(accuracy.truth);
@@ -214,7 +247,7 @@ pub fn figures() -> &'static [Figure] {
                 unit,
             }));
         }
-        all.extend(STILL_FIGURES.iter().chain(&FLICKER_FIGURES).map(plain));
+        all.extend(SIGHTLINE_FIGURES.iter().chain(&STILL_FIGURES).chain(&FLICKER_FIGURES).map(plain));
         all
     });
     &FIGURES

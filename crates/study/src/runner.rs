@@ -24,6 +24,7 @@ use crate::picture;
 use crate::plan::{Case, Pictures, Plan, PlanError, RAY_TRACE};
 use crate::report;
 use crate::results::{self, Figure, Machine, Measured, Row, Run, TimedPass};
+use crate::sightlines::Ruler;
 use crate::still::{Target, drawn_size};
 use crate::subject::Subject;
 use crate::truth::{Drawn, Tracer, View};
@@ -41,6 +42,12 @@ pub trait Scenes {
     /// # Errors
     /// It cannot be read, or there is no memory for it.
     fn load(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Subject>;
+
+    /// The ruler for the surface of a scene's points.
+    ///
+    /// # Errors
+    /// It cannot be read, or has not one cloud.
+    fn ruler(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Ruler>;
 }
 
 /// Every N-th setting, from the K-th.
@@ -418,6 +425,11 @@ impl<'a> Runner<'a> {
         if self.plan.still {
             self.still(case)?;
         }
+        if self.plan.sightlines {
+            let mut ruler = self.scenes.ruler(self.gpu, &case.scene, &settings)?;
+            measured.drawn_sightlines = ruler.drawn(&mut self.renderer, &settings)?;
+            measured.traced_sightlines = Some(ruler.traced()?);
+        }
         let Self { plan, renderer, loaded, .. } = self;
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let size = drawn_size(case.size, &settings);
@@ -427,8 +439,8 @@ impl<'a> Runner<'a> {
         }
         let flickers_count = plan.flicker || plan.groups[case.group].flicker;
         let is_drawn_alone = plan.truths.is_empty() && case.method != RAY_TRACE && !flickers_count;
-        // Where the still picture judges alone, estimates would take long for nothing.
-        if plan.still && is_drawn_alone {
+        // Where the still picture or sightlines judge alone, estimates would take long for nothing.
+        if (plan.still || plan.sightlines) && is_drawn_alone {
             let reflected = stats.reflection;
             measured.mirror_pixels = reflected.map_or(0.0, |found| f64::from(found.mirror_pixels));
             return Ok(judged_run(case, &settings, loaded.points, &stats, measured));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Chunk, Column, Orientation, Progress, SurfelOptions};
+use cloud::{Chunk, Cloud, Column, Orientation, Progress, SurfelOptions};
 use glam::DVec3;
 use scene::{ColorBy, Settings, SurfaceOrientation, UpAxis};
 use stream::Pages;
@@ -35,6 +35,31 @@ pub fn parts(sources: Vec<Arc<codec::Source>>) -> Vec<(Vec<Arc<codec::Source>>, 
         Some(native) => sources.into_iter().zip(native).map(|(source, pages)| (vec![source], Some(pages))).collect(),
         None => vec![(sources, None)],
     }
+}
+
+/// Reads all points of a file at once, with what most pictures need and these attributes, and the file's warnings.
+/// Chunks are in file order.
+///
+/// # Errors
+/// If nothing can be read.
+pub fn read_cloud(
+    source: &codec::Source,
+    also: &[&str],
+    settings: &Settings,
+    progress: &Progress,
+) -> codec::Result<(Cloud, Vec<String>)> {
+    let info = source.info();
+    let mut selection = selection(info, settings);
+    for (attribute, is_read) in info.attributes.iter().zip(&mut selection.attributes) {
+        *is_read |= also.contains(&attribute.name.as_str());
+    }
+    let chunks = Mutex::new(Vec::new());
+    let emit = |chunk: Chunk| chunks.lock().unwrap_or_else(PoisonError::into_inner).push(chunk);
+    let summary = source.read(&selection, progress, &emit)?;
+    let mut chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
+    chunks.sort_by_key(|chunk| chunk.first_point);
+    let (name, attributes) = (file_name(&info.path), info.attributes.clone());
+    Ok((Cloud { name, attributes, grid: info.grid, chunks }, summary.warnings))
 }
 
 /// Reads one column of a file whose points are loaded, by `first_point` of the chunks to which the values belong.
@@ -75,7 +100,7 @@ pub fn up_of(info: &codec::Info, settings: &Settings) -> DVec3 {
 }
 
 /// The options for estimating the normals of these points.
-pub(crate) fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
+pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOptions {
     let center = || cloud::robust_bounds(chunks).center();
     let orientation = match settings.surface.orientation {
         SurfaceOrientation::Auto => cloud::guess_orientation(chunks, up.as_vec3()),

@@ -262,6 +262,9 @@ fn check_figure(name: &str, plan: &Plan, has_flicker: bool) -> Result<(), String
             _ if figure.is_of_flicker() && !has_flicker => {
                 Err(format!("figure `{name}` is never measured, expected `flicker = true` in the plan or its group"))
             }
+            _ if figure.is_of_sightlines() && !plan.sightlines => {
+                Err(format!("figure `{name}` is never measured, expected `sightlines = true` in the plan"))
+            }
             _ if figure.is_of_still() && !plan.still => {
                 Err(format!("figure `{name}` is never measured, expected `still = true` in the plan"))
             }

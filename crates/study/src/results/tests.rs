@@ -115,9 +115,19 @@ fn the_ray_tracers_clock_is_also_the_hosts() {
 fn figures_know_their_direction_and_what_they_need() {
     let better: Vec<&str> =
         figures().iter().filter(|figure| figure.more_is_better()).map(|figure| figure.name.as_str()).collect();
-    let expected = ["coverage", "closed_coverage", "hit_rate", "same_input_recall", "same_input_ssim", "exact_ssim"];
+    let expected = [
+        "coverage",
+        "closed_coverage",
+        "hit_rate",
+        "same_input_recall",
+        "same_input_ssim",
+        "exact_ssim",
+        "within",
+        "traced_within",
+    ];
     assert_eq!(better, expected);
     assert_eq!(figure("exact_flip").unwrap().truth(), Some((Truth::Exact, "exact")));
+    assert!(figure("in_front").unwrap().is_of_sightlines() && !figure("coverage").unwrap().is_of_sightlines());
     assert!(figure("flicker_still").unwrap().is_of_flicker() && !figure("coverage").unwrap().is_of_flicker());
 }
 
@@ -135,7 +145,8 @@ fn columns_of_csv_and_json_are_fixed() {
          frame_ms_high method_ms method_ms_low method_ms_high mirror_pixels coverage closed_coverage hit_rate \
          unconverged regions unresolved uncertain estimated_pixel_error_median estimated_pixel_error_p95 estimated_wrong \
          estimated_wrong_low estimated_wrong_high estimated_light_error {} same_input_recall same_input_rmse same_input_delta_e same_input_flip same_input_ssim {} exact_rmse \
-         exact_delta_e exact_flip exact_ssim still_delta_e still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
+         exact_delta_e exact_flip exact_ssim within in_front behind open depth_error_median depth_error_p95 colour_error_median \
+         traced_within traced_in_front still_delta_e still_pixel_error_p95 target_ms predicted_ms flicker_still flicker_moving adapter adapter_kind clock commit error",
         truth.split_whitespace().map(|name| format!("same_input_{name}")).collect::<Vec<_>>().join(" "),
         truth.split_whitespace().map(|name| format!("exact_{name}")).collect::<Vec<_>>().join(" ")
     );
