@@ -109,7 +109,7 @@ pub struct RenderArguments {
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, indirect, color, mirror_position,
-    /// mirror_albedo, mirror_normal, specular_intensity, specular_power, regions, curvature, uncertain; reference_position,
+    /// mirror_albedo, mirror_normal, specular_intensity, specular_power, refraction, regions, curvature, uncertain; reference_position,
     /// reference_color and reference_indirect are traced on the CPU
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = OsStringValueParser::new().try_map(parse_image))]
     pub aov: Vec<(String, PathBuf)>,

@@ -343,6 +343,9 @@ struct Stats {
     #[serde(skip_serializing_if = "Option::is_none")]
     unresolved: Option<f64>,
     uncertain: Option<f64>,
+    /// The method that found what is seen through glass and water, where there is some.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seen_through_by: Option<&'static str>,
     bounces: u32,
     memory: MemoryStats,
     /// Null if all clouds are held in memory.
@@ -430,6 +433,7 @@ impl Stats {
             regions: reflection.and_then(|stats| stats.regions),
             unresolved: reflection.and_then(|stats| stats.unresolved),
             uncertain: reflection.map(|stats| stats.uncertain),
+            seen_through_by: reflection.and_then(|stats| stats.seen_through_by).map(|method| method.row().name),
             bounces: reflection.map_or(0, |stats| stats.bounces),
             memory: MemoryStats {
                 gpu_bytes: last.map_or(0, |frame| frame.gpu_bytes),

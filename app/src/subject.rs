@@ -313,6 +313,7 @@ fn upload(
         cloud: Cloud { chunks, ..loaded.cloud.clone() },
         specular_intensity: material.specular_intensity,
         specular_power: material.specular_power,
+        clear: study::clear_points(&material),
         plan: plan.clone(),
         up,
     };

@@ -12,9 +12,11 @@ struct FormulaMirror {
     // rgb: linear albedo. a: specular intensity.
     color_intensity: vec4f,
     specular_power: f32,
-    unused_1: f32,
-    unused_2: f32,
-    unused_3: f32,
+    // The index of refraction; 0 where no light goes through.
+    refraction: f32,
+    // 1 for a mirror that is drawn as points: only its inside follows the formula.
+    as_points: u32,
+    unused: u32,
 }
 const PLANE: f32 = 0.0;
 const SPHERE: f32 = 1.0;

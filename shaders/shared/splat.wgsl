@@ -21,6 +21,7 @@ struct Item {
     class_mask: u32,
     // Height of the origin above the reference height, along the up axis `height_axis`.
     height: f32,
+    // w: index of refraction; 0 where no light goes through.
     height_axis: vec4f,
 }
 

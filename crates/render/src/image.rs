@@ -15,6 +15,9 @@ pub enum Aov {
     SpecularIntensity,
     /// Exponent of the highlights of mirrors.
     SpecularPower,
+    /// The index of refraction of what is behind a surface through which light goes: above 0 for a solid, below 0 for a
+    /// surface that bounds none; 0 for opaque surfaces, and where no reflections are followed.
+    Refraction,
     /// World position.
     Position,
     /// Shaded colour before tone mapping, linear RGB.
@@ -40,13 +43,14 @@ pub enum Aov {
 }
 
 impl Aov {
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Depth,
         Self::Normal,
         Self::Albedo,
         Self::Mirror,
         Self::SpecularIntensity,
         Self::SpecularPower,
+        Self::Refraction,
         Self::Position,
         Self::Color,
         Self::Direct,
@@ -67,6 +71,7 @@ impl Aov {
             Self::Mirror => "mirror",
             Self::SpecularIntensity => "specular_intensity",
             Self::SpecularPower => "specular_power",
+            Self::Refraction => "refraction",
             Self::Position => "position",
             Self::Color => "color",
             Self::Direct => "direct",
@@ -93,6 +98,7 @@ impl Aov {
             Self::Mirror
             | Self::SpecularIntensity
             | Self::SpecularPower
+            | Self::Refraction
             | Self::Curvature
             | Self::Regions
             | Self::Uncertain => &["Y"],

@@ -27,6 +27,7 @@ mod renderer;
 mod shader;
 mod shading;
 mod store;
+mod surface;
 mod targets;
 
 pub use coloring::{ColorPlan, ColorSource, class_color, class_name, ramp_colors};

@@ -109,7 +109,7 @@ impl Lights {
             if at_hand.get(index) != Some(&map) {
                 let texels = SHADOW_BYTES * index as u64..SHADOW_BYTES * (index as u64 + 1);
                 recorder.clear_part(&self.shadows, texels.clone());
-                let list = store.draw_list(&light.camera, &wide, Selection::SeenWithMirrors);
+                let list = store.draw_list(&light.camera, &wide, Selection::Casting);
                 let inputs = Inputs::new(recorder.gpu, light.camera, &wide, store, &list);
                 let binding = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                     buffer: &self.shadows,

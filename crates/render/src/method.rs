@@ -32,6 +32,8 @@ pub(crate) struct Methods {
     sscr: Option<Sscr>,
     /// The views of the method that ran last.
     views: Option<Origin>,
+    /// Whether the method that ran last keeps the hits of its rays.
+    keeps_hits: bool,
 }
 
 /// The method that made the views.
@@ -78,6 +80,7 @@ impl Methods {
     /// # Errors
     /// A shader is refused, or there is no memory.
     pub fn run(&mut self, recorder: &mut Recorder<'_>, method: Method, task: &Task<'_>) -> Result<()> {
+        self.keeps_hits = matches!(method, Method::CubemapTrace | Method::SurfelTrace | Method::SscrHierarchical);
         self.views = match method {
             // The method that `auto` resolves to runs in its place.
             Method::Auto | Method::None => None,
@@ -117,6 +120,11 @@ impl Methods {
         Ok(())
     }
 
+    /// The hits of the method that ran last, see shaders/surfel_trace.wgsl; `None` if it keeps none.
+    pub fn hits(&self) -> Option<&wgpu::Buffer> {
+        self.gather.as_ref().filter(|_| self.keeps_hits).map(|gather| &gather.hits)
+    }
+
     /// The views of the method that ran last.
     pub fn views(&self) -> Option<Views<'_>> {
         match self.views? {
@@ -142,7 +150,7 @@ impl Methods {
     }
 
     pub fn bytes(&self) -> u64 {
-        let Self { size: _, index, environment, cubemaps, screen, mirrored, gather, forward, sscr, views: _ } = self;
+        let Self { index, environment, cubemaps, screen, mirrored, gather, forward, sscr, .. } = self;
         index.bytes()
             + environment.bytes()
             + cubemaps.bytes()
@@ -165,8 +173,22 @@ fn made<T>(place: &mut Option<T>, make: impl FnOnce() -> Result<T>) -> Result<&m
 
 /// The points that a frame's method needs.
 pub(crate) fn supply(settings: &Settings) -> Selection {
-    match settings.reflection.method.row().supply {
+    supply_of(settings.reflection.method)
+}
+
+/// The points that a method needs.
+pub(crate) fn supply_of(method: Method) -> Selection {
+    match method.row().supply {
         Supply::Nothing | Supply::Everything => Selection::Everywhere,
         Supply::WithMirrors => Selection::EverywhereWithMirrors,
+    }
+}
+
+/// The method that finds what is seen through clear surfaces: the frame's, unless that traces no rays of any kind, or
+/// traces them through the camera's picture, which shows clear surfaces and not what is behind them.
+pub(crate) fn behind_clear(settings: &Settings) -> Method {
+    match settings.reflection.method.chosen() {
+        Method::Sscr | Method::MirroredViewpoint | Method::ScreenTrace => Method::SurfelTrace,
+        method => method,
     }
 }

@@ -167,6 +167,7 @@ passes! {
         normal_in: Texture, position_in: Texture, albedo_out: Write(Rgba16Float), normal_out: Write(Rgba32Float),
         position_out: Write(Rgba32Float),
     }
+    clear_points: Surface over Pages { nearest: Read, index_out: Write(R32Float) }
     camera_position: Surface over Pixels { depth_in: Texture, position_out: Write(Rgba32Float) }
     mirror_surface: Method over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, point_out: Write(Rgba32Float),
@@ -177,6 +178,17 @@ passes! {
     }
     gloss_sum: Light over Pixels {
         point_in: Texture, seen_in: Texture, reflected_in: Texture, sums: ReadWrite, received_out: Write(Rgba16Float),
+    }
+    clear_surface: Method over Pixels {
+        point_in: Texture, normal_in: Texture, eye_in: Texture, points_in: Texture, mirrors: Read,
+        point_out: Write(Rgba32Float), eye_out: Write(Rgba32Float), normal_out: Write(Rgba32Float),
+        index_out: Write(R32Float),
+    }
+    clear_hits: Method over Pages { hits: Read, index_out: Write(R32Float) }
+    clear_depth: Method over Pixels {
+        point_in: Texture, direction_in: Texture, index_in: Texture, own_albedo_in: Texture, own_normal_in: Texture,
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, albedo_out: Write(Rgba16Float),
+        normal_out: Write(Rgba32Float), position_out: Write(Rgba32Float), from_out: Write(Rgba32Float),
     }
     mirror_doubt: View over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, seen_in: Texture, seen_normal_in: Texture,
@@ -296,6 +308,10 @@ passes! {
     blend: Light over Pixels {
         albedo_in: Texture, normal_in: Texture, position_in: Texture, from_in: Texture, radiance_in: Texture,
         seen_in: Texture, reflected_in: Texture, indirect_in: Texture, color_out: Write(Rgba16Float),
+    }
+    clear_blend: Light over Pixels {
+        seen_in: Texture, reflected_in: Texture, point_in: Texture, direction_in: Texture, beyond_in: Texture,
+        transmitted_in: Texture, received_out: Write(Rgba16Float),
     }
     show: View over Pixels {
         color_in: Texture, point_in: Texture, albedo_in: Texture, normal_in: Texture, position_in: Texture,

@@ -81,10 +81,11 @@ impl Renderer {
             Aov::MirrorAlbedo => floats16(&read(&first()?.seen.albedo)?),
             Aov::MirrorNormal => floats32(&read(&first()?.seen.normal)?),
             Aov::Curvature | Aov::Regions => floats32(&read(self.regions()?)?),
-            // Four values a pixel, like the others.
-            Aov::Uncertain => {
-                floats32(&read(self.doubt()?)?).into_iter().flat_map(|doubt| [doubt, 0.0, 0.0, 0.0]).collect()
-            }
+            Aov::Uncertain => in_fours(floats32(&read(self.doubt()?)?)),
+            Aov::Refraction => match self.reflections.as_ref().and_then(Reflections::refraction) {
+                Some(index) => in_fours(floats32(&read(index)?)),
+                None => vec![0.0; depth.len() * 4],
+            },
         };
         let coverage = match aov {
             Aov::MirrorAlbedo | Aov::MirrorNormal => floats32(&read(&first()?.seen.position)?),
@@ -123,7 +124,7 @@ impl Renderer {
                 // Without the bits of views, and the one that only says that there is a mirror.
                 Aov::Curvature => data.push((four()[0] as u32 & 63) as f32),
                 Aov::Regions => data.push(four()[1]),
-                Aov::Uncertain => data.push(four()[0]),
+                Aov::Uncertain | Aov::Refraction => data.push(four()[0]),
                 _ => data.extend(&four()[..3]),
             }
         }
@@ -189,6 +190,11 @@ impl Renderer {
     fn rendered(&self) -> Result<&Targets> {
         self.targets.as_ref().ok_or_else(nothing_rendered)
     }
+}
+
+/// One value a pixel as four, which the other images have.
+fn in_fours(values: Vec<f32>) -> Vec<f32> {
+    values.into_iter().flat_map(|value| [value, 0.0, 0.0, 0.0]).collect()
 }
 
 fn floats32(bytes: &[u8]) -> Vec<f32> {

@@ -16,7 +16,7 @@ use crate::gpu::{Error, Result};
 use crate::lighting::MOST_LIGHTS;
 use crate::passes::Compiled;
 use crate::recorder::{Rehearsal, Variant};
-use crate::reflection::gloss;
+use crate::reflection::{gloss, is_clear};
 use crate::renderer::Renderer;
 use crate::store::{Material, PointStore};
 
@@ -31,6 +31,8 @@ pub(crate) struct Cast {
     /// points without a formula that reflect.
     mirrors: [bool; 3],
     has_highlights: bool,
+    /// Whether light goes through mirrors with a formula, and through points.
+    clear: [bool; 2],
     /// Whether some classes are hidden.
     filters: bool,
 }
@@ -50,6 +52,7 @@ impl Cast {
                     && store.mirror_spheres(settings).next().is_some(),
             ],
             has_highlights: store.has_highlights() || objects.mirrors.iter().any(shows_highlights),
+            clear: [objects.mirrors.iter().any(is_clear), store.has_clear_points(settings)],
             filters: store.hides_points(),
         }
     }
@@ -148,7 +151,8 @@ impl Renderer {
         let mut store = PointStore::new(self.gpu.clone());
         let [exact, as_points, of_points] = cast.mirrors;
         let specular_power = if cast.has_highlights { 10.0 } else { 0.0 };
-        let reflecting = Material { specular_intensity: 1.0, specular_power, ..Material::default() };
+        let refraction = if cast.clear[1] { 1.5 } else { 0.0 };
+        let reflecting = Material { specular_intensity: 1.0, specular_power, refraction, ..Material::default() };
         // Single pixels and discs have kernels of their own.
         let pixel = Chunk::new(0, DVec3::ZERO, vec![[0.0, 0.4, 0.0]]);
         let disc = |place| {
@@ -168,6 +172,7 @@ impl Renderer {
         let mirror = |as_points| Mirror {
             as_points,
             specular_power,
+            refraction: cast.clear[0].then_some(1.5),
             ..Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Y, 0.3)
         };
         let mirrors = [(exact, false), (as_points, true)].into_iter().filter(|(is_there, _)| *is_there);
@@ -215,11 +220,13 @@ mod tests {
         for (method, lights, as_points) in [(Method::SscrHierarchical, 1, false), (Method::Sscr, 0, true)] {
             let samples = store.add_cloud(Material {
                 specular_intensity: 1.0,
+                // Points of glass, then a formula of it.
+                refraction: 1.5,
                 has_formula: true,
                 as_points,
                 ..Material::default()
             });
-            mirror.as_points = as_points;
+            (mirror.as_points, mirror.refraction) = (as_points, Some(1.5));
             for chunk in mirror.sample(200, 1) {
                 store.add_chunk(samples, &chunk, None).unwrap();
             }

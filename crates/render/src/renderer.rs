@@ -24,6 +24,7 @@ use crate::rehearsal::Cast;
 use crate::shading::{FrameLight, Reflected, Shading};
 use crate::store::PointStore;
 use crate::store::draw_list::{DrawList, Selection};
+use crate::surface::{lay_mirrors, see_clear_points, splat_surface};
 use crate::targets::{Image, Targets, storage, uniform_buffer};
 
 /// The cost and the content of a frame.
@@ -351,6 +352,9 @@ impl Renderer {
             self.gi.surfaces_changed(usize::from(surface_is_kept));
             if !points_are_kept {
                 splat_surface(&mut recorder, &inputs, settings, targets, atomics64)?;
+                if store.has_clear_points(settings) {
+                    see_clear_points(&mut recorder, &inputs, targets)?;
+                }
             }
             if !surface_is_kept {
                 lay_mirrors(&mut recorder, &inputs, targets, formulas.as_ref())?;
@@ -367,6 +371,12 @@ impl Renderer {
             Search { supply, settings, store, mirrors: objects.mirrors, formulas, camera: camera_surface }
         };
         let mut search = (is_glossy || has_mirrors && !is_kept).then(search);
+        let has_clear = has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors);
+        reflections.set_clear(has_clear);
+        if let Some(search) = search.as_ref().filter(|_| has_clear && !is_kept) {
+            let points = targets.clear_points.as_ref().filter(|_| store.has_clear_points(settings));
+            reflections.look_through(&mut recorder, search, points)?;
+        }
         if !has_mirrors {
             reflections.none();
         } else if let Some(search) = search.as_mut().filter(|_| !is_glossy) {
@@ -398,10 +408,17 @@ impl Renderer {
             bounces: if has_mirrors { Reflections::asked(settings) } else { 0 },
             direct: &targets.direct,
             color: &targets.color,
+            first_receiver: 0,
         };
         light.shade(&mut recorder, &inputs, reflections.found(), 0)?;
+        if has_clear {
+            // Receivers of their own, after those of the reflections.
+            light.first_receiver = Reflections::asked(settings);
+            light.shade_bounces(&mut recorder, &inputs, reflections.beyond())?;
+            light.first_receiver = 0;
+        }
         let mut summed = None;
-        let reflected = if let Some(search) = search.as_mut().filter(|_| is_glossy) {
+        let mut reflected = if let Some(search) = search.as_mut().filter(|_| is_glossy) {
             // A change of the light alone needs all samples anew, whose hits are not kept.
             let known = summed_before.filter(|summed| is_kept && summed.light == lit_by);
             let first = known.map_or(0, |summed| summed.samples);
@@ -425,6 +442,11 @@ impl Renderer {
             light.shade_bounces(&mut recorder, &inputs, reflections.found())?;
             if has_mirrors { Reflected::Found } else { Reflected::Nothing }
         };
+        if let Some(clear) = reflections.clear() {
+            let received = if let Reflected::Received(image) = reflected { Some(image) } else { None };
+            clear.blend(&mut recorder, &inputs, reflections.found(), received)?;
+            reflected = Reflected::Received(&clear.received);
+        }
         light.blend(&mut recorder, &inputs, reflections.found(), 0, reflected)?;
         let samples = [summed.as_ref().map_or(0, |summed| summed.samples), if is_glossy { asks.samples } else { 0 }];
         let is_filmic = match settings.tone.curve {
@@ -586,102 +608,6 @@ impl Renderer {
         }
         Ok(())
     }
-}
-
-/// Splats the points as the camera sees them, and closes gaps.
-fn splat_surface(
-    recorder: &mut Recorder<'_>,
-    inputs: &Inputs,
-    settings: &Settings,
-    targets: &mut Targets,
-    atomics64: bool,
-) -> Result<()> {
-    recorder.clear(&targets.nearest);
-    let nearest = targets.nearest.as_entire_binding();
-    recorder.nearest_points(&[], inputs, nearest.clone(), atomics64)?;
-    let [albedo, normal, depth] = targets.surfaces[0].bind();
-    match (settings.splat.quality, &targets.sums) {
-        (Quality::High, Some(sums)) => {
-            for buffer in sums {
-                recorder.clear(buffer);
-            }
-            let [color_sums, surface_sums, specular_sums, carries] =
-                sums.each_ref().map(|sums| sums.as_entire_binding());
-            let bindings = passes::splat_accumulate {
-                nearest: nearest.clone(),
-                color_sums: color_sums.clone(),
-                surface_sums: surface_sums.clone(),
-                specular_sums: specular_sums.clone(),
-                carries: carries.clone(),
-            };
-            recorder.over_points(&[], inputs, bindings)?;
-            let bindings = passes::splat_average {
-                nearest,
-                color_sums,
-                surface_sums,
-                specular_sums,
-                carries,
-                albedo_out: albedo.clone(),
-                normal_out: normal.clone(),
-                depth_out: depth.clone(),
-            };
-            recorder.over_pixels(&[], inputs, bindings)?;
-        }
-        _ => {
-            let bindings = passes::splat_resolve {
-                nearest,
-                albedo_out: albedo.clone(),
-                normal_out: normal.clone(),
-                depth_out: depth.clone(),
-            };
-            recorder.over_page_pixels(inputs, bindings, inputs.pixel_groups())?;
-        }
-    }
-    targets.splatted = 0;
-    if settings.splat.close_gaps {
-        let [albedo_out, normal_out, depth_out] = targets.surfaces[1].bind();
-        let bindings = passes::close_gaps {
-            albedo_in: albedo,
-            normal_in: normal,
-            depth_in: depth,
-            albedo_out,
-            normal_out,
-            depth_out,
-        };
-        recorder.over_pixels(&[], inputs, bindings)?;
-        targets.splatted = 1;
-    }
-    Ok(())
-}
-
-/// Lays the mirrors that are drawn by their formula over the surface of the points, and computes the world position of
-/// each pixel.
-fn lay_mirrors(
-    recorder: &mut Recorder<'_>,
-    inputs: &Inputs,
-    targets: &mut Targets,
-    formulas: Option<&wgpu::Buffer>,
-) -> Result<()> {
-    targets.shown = targets.splatted;
-    if let Some(formulas) = formulas {
-        let (from, to) = (targets.surface(), &targets.surfaces[1 - targets.splatted]);
-        for (from, to) in [(&from.albedo, &to.albedo), (&from.normal, &to.normal), (&from.depth, &to.depth)] {
-            recorder.copy(from, to);
-        }
-        let [albedo_out, normal_out, depth_out] = to.bind();
-        let bindings = passes::mirror_exact {
-            depth_in: from.depth.bind(),
-            mirrors: formulas.as_entire_binding(),
-            albedo_out,
-            normal_out,
-            depth_out,
-        };
-        recorder.over_mirrors(&[], inputs, bindings)?;
-        targets.shown = 1 - targets.splatted;
-    }
-    let bindings =
-        passes::camera_position { depth_in: targets.surface().depth.bind(), position_out: targets.position.bind() };
-    recorder.over_pixels(&[], inputs, bindings)
 }
 
 /// Whether something is shown instead of the picture. Not all methods have views of their work.

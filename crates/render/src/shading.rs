@@ -53,6 +53,8 @@ pub(crate) struct FrameLight<'a> {
     pub direct: &'a Image,
     /// Gets the colours with reflections.
     pub color: &'a Image,
+    /// Added to the index of a surface beyond the camera's, which names it to the indirect light.
+    pub first_receiver: usize,
 }
 
 /// What the mirrors show that the camera sees.
@@ -83,7 +85,7 @@ impl FrameLight<'_> {
             None => (self.camera, self.camera.position, self.direct),
             Some(before) => (before.surface(), &before.mirror.point, &before.radiance),
         };
-        let shading = self.shading;
+        let (shading, receiver) = (self.shading, self.receiver(index));
         let switches = [
             ("from_camera", u32::from(index == 0)),
             ("lighting", shading.lighting as u32),
@@ -104,7 +106,7 @@ impl FrameLight<'_> {
         recorder.over(&switches, inputs, bindings, groups)?;
         if let Some(gi) = &mut self.gi {
             let receiver = Receiver {
-                index,
+                index: receiver,
                 surface,
                 from,
                 is_mixed: index < self.bounces,
@@ -115,6 +117,10 @@ impl FrameLight<'_> {
         }
         recorder.time_as(None);
         Ok(())
+    }
+
+    fn receiver(&self, index: usize) -> usize {
+        if index == 0 { 0 } else { index + self.first_receiver }
     }
 
     /// Records that the bounces have found other surfaces.
@@ -156,7 +162,7 @@ impl FrameLight<'_> {
             None => (self.camera, self.camera.position, self.direct, self.color),
             Some(before) => (before.surface(), &before.mirror.point, &before.radiance, &before.blended),
         };
-        let indirect = self.gi.as_ref().and_then(|gi| gi.radiance(index));
+        let indirect = self.gi.as_ref().and_then(|gi| gi.radiance(self.receiver(index)));
         let seen = bounces.get(index).map_or(surface.position, |bounce| &bounce.seen.position);
         let shown = match reflected {
             Reflected::Nothing => None,

@@ -13,7 +13,7 @@ use cloud::{Bounds, Chunk, Cloud, Column, NO_NORMAL, NO_RADIUS, PointTest, unpac
 use glam::DVec3;
 use pages::{PageBuffers, buffer, room_of};
 use rayon::prelude::*;
-use scene::{Ramp, Settings, Splat, Visibility};
+use scene::{Mirror, Ramp, Settings, Splat, Visibility};
 
 use crate::coloring::{ColorPlan, ColorSource, class_color, ramp_colors, up_axis};
 use crate::gpu::{Error, Gpu, Result};
@@ -30,10 +30,30 @@ pub struct Material {
     /// the diffuse light.
     pub specular_intensity: f32,
     pub specular_power: f32,
+    /// The index of refraction of a mirror through which light goes; 0 for an opaque one.
+    pub refraction: f32,
     /// Whether the points are samples of a mirror that the renderer may also draw by its formula.
     pub has_formula: bool,
     /// Whether the mirror is drawn as these samples unless `mirror.surface` asks for the formula.
     pub as_points: bool,
+}
+
+impl Material {
+    /// The material of the points that represent a mirror with a formula or a mesh.
+    pub fn of_mirror(mirror: &Mirror) -> Self {
+        Self {
+            specular_intensity: mirror.specular_intensity,
+            specular_power: mirror.specular_power,
+            refraction: mirror.refraction.unwrap_or(0.0),
+            has_formula: mirror.shape.has_formula(),
+            as_points: mirror.as_points,
+        }
+    }
+
+    /// Whether light goes through.
+    pub fn is_clear(&self) -> bool {
+        self.specular_intensity > 0.0 && self.refraction > 0.0
+    }
 }
 
 struct StoredCloud {
@@ -581,10 +601,25 @@ impl PointStore {
         self.geometry_revision
     }
 
-    /// The chunks of all clouds that are shown, in the order of their identities.
-    pub(crate) fn visible_chunks(&self) -> Vec<VisibleChunk<'_>> {
+    /// Whether points through which light goes are shown, besides mirrors that are drawn by their formula.
+    pub(crate) fn has_clear_points(&self, settings: &Settings) -> bool {
+        self.clouds.values().any(|cloud| {
+            let Material { has_formula, as_points, .. } = cloud.material;
+            cloud.visible && cloud.material.is_clear() && !(has_formula && settings.mirror.surface.is_exact(as_points))
+        })
+    }
+
+    /// Whether light goes through the points of a chunk.
+    pub(crate) fn is_clear(&self, chunk: ChunkId) -> bool {
+        let cloud = self.chunks.get(&chunk).and_then(|chunk| self.clouds.get(&chunk.cloud));
+        cloud.is_some_and(|cloud| cloud.material.is_clear())
+    }
+
+    /// The chunks of all clouds that are shown and cast shadows, in the order of their identities.
+    pub(crate) fn casting_chunks(&self) -> Vec<VisibleChunk<'_>> {
         let visible = self.chunks.iter().filter_map(|(id, chunk)| {
-            let cloud = self.clouds.get(&chunk.cloud).filter(|cloud| cloud.visible)?;
+            let casts = |cloud: &&StoredCloud| cloud.visible && !cloud.material.is_clear();
+            let cloud = self.clouds.get(&chunk.cloud).filter(casts)?;
             let first_identity = self.identities().first_of(*id);
             Some(VisibleChunk {
                 points: &chunk.points,

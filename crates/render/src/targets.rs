@@ -78,6 +78,8 @@ pub(crate) struct Targets {
     pub nearest: wgpu::Buffer,
     /// The sums of the high quality and their carries, made when they are first needed.
     pub sums: Option<[wgpu::Buffer; 4]>,
+    /// The index of refraction of each pixel's nearest point, made when light first goes through points.
+    pub clear_points: Option<Image>,
     /// Two surfaces: passes over pixels read one and write the other.
     pub surfaces: [GBuffer; 2],
     /// The index of the surface that the points make. Mirrors that are drawn by their formula are laid over a copy of
@@ -102,6 +104,7 @@ impl Targets {
             size,
             nearest: storage(device, "nearest", u64::from(size[0]) * u64::from(size[1]) * NEAREST_BYTES),
             sums: None,
+            clear_points: None,
             surfaces: [GBuffer::new(device, size), GBuffer::new(device, size)],
             splatted: 0,
             shown: 0,
@@ -129,7 +132,8 @@ impl Targets {
     pub fn bytes(&self) -> u64 {
         let sums = self.sums.iter().flatten().map(wgpu::Buffer::size).sum::<u64>();
         let images = [&self.position, &self.direct, &self.color, &self.picture].map(Image::bytes).iter().sum::<u64>();
-        self.nearest.size() + sums + images + self.surfaces.iter().map(GBuffer::bytes).sum::<u64>()
+        let clear = self.clear_points.as_ref().map_or(0, Image::bytes);
+        self.nearest.size() + sums + images + clear + self.surfaces.iter().map(GBuffer::bytes).sum::<u64>()
     }
 }
 

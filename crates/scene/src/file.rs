@@ -323,6 +323,7 @@ mod tests {
                 rotation,
                 specular_intensity: 0.9,
                 color: [0.1, 0.2, 0.3],
+                refraction: (shape == Shape::Sphere).then_some(1.5),
                 as_points: shape == Shape::Blob,
                 ..Mirror::standing(shape, DVec3::new(635_619.123_456_7, 0.1, 1.0 / 3.0), DVec3::X, DVec3::Z, 0.7)
             })
@@ -333,6 +334,7 @@ mod tests {
             specular_intensity: 0.5,
             specular_power: 300.0,
             gloss: normals == MirrorNormals::Own,
+            refraction: (normals == MirrorNormals::Flatten).then_some(1.33),
             normals,
         };
         let (min, max) = (DVec3::new(1e6 + 0.1, 0.0, 0.0), DVec3::new(1e6 + 0.3, 1.0, 2.0));
@@ -390,12 +392,16 @@ mod tests {
         assert!(
             second("size = 1\nspecular_intensity = 1.01").contains("mirror 2 (`ball`): specular_intensity is 1.01")
         );
+        assert!(second("size = 1\nrefraction = 0.75").contains("(`ball`): refraction is 0.75, expected 1 to 4"));
         assert!(second("size = 1\ncolour = [1, 1, 1]").contains("colour"));
         assert!(refusal("[[mirrors]]\nshape = \"ball\"\nposition = [0, 0, 0]\nsize = 1\n").contains("line 2"));
         let light = "[[lights]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n";
         assert!(refusal(&format!("{light}inner_degrees = 30\nouter_degrees = 20\n")).contains("light 1: it opens"));
         let points = "[[mirror_points]]\ncloud = \"a.laz\"\n";
         assert!(refusal(&format!("{points}gloss = true")).contains("specular_power is 0"));
+        assert!(refusal(&format!("{points}refraction = 5")).contains("refraction is 5, expected 1 to 4"));
+        let glossy = "gloss = true\nspecular_power = 10\nrefraction = 1.33";
+        assert!(refusal(&format!("{points}{glossy}")).contains("glossy points are none"));
         assert!(refusal(&format!("{points}specular_intensity = -1")).contains("mirror points 1 (`a.laz`)"));
         assert!(refusal(&format!("{points}normals = {{ smooth = {{ radius = 0 }} }}")).contains("radius"));
         assert!(refusal(&format!("{points}normals = {{ fit = {{ neighbours = 2 }} }}")).contains("3 to 64"));

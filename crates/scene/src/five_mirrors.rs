@@ -134,6 +134,7 @@ fn perfect(name: &str, shape: Shape, size: f64) -> Mirror {
         color: [MIRROR_GREY; 3],
         specular_intensity: 1.0,
         specular_power: 0.0,
+        refraction: None,
         as_points: true,
     }
 }

@@ -23,7 +23,7 @@ pub use camera_path::{CameraPath, Keyframe};
 pub use file::{Error, MOST_MIRRORS, SceneFile, View};
 pub use light::SpotLight;
 pub use method::{LATER_METHODS, METHODS, Method, MethodRow, RAY_TRACE, Supply};
-pub use mirror::{Mirror, Shape};
+pub use mirror::{Mirror, REFRACTION, Shape, WATER};
 pub use mirror_mesh::MirrorMesh;
 pub use mirror_points::{MirrorNormals, MirrorPoints, PointChoice};
 pub use object::{Object, ObjectKind};

@@ -62,6 +62,11 @@ impl Shape {
         }
     }
 
+    /// Whether it encloses a solid, out of which its normals point.
+    pub fn is_closed(&self) -> bool {
+        !matches!(self, Self::Plane { .. } | Self::Paraboloid { .. })
+    }
+
     /// Whether a formula tells where a ray meets it. Without one, it is drawn as points.
     pub fn has_formula(&self) -> bool {
         !matches!(self, Self::Mesh(_))
@@ -145,6 +150,10 @@ pub struct Mirror {
     /// The exponent of its highlights of lights; 0 for none, as a perfect mirror shows no lamp without size.
     #[serde(default)]
     pub specular_power: f32,
+    /// The index of refraction of what is behind its surface, if light goes through it; else it is opaque. Fresnel's
+    /// equations split the share that is reflected between what it reflects and what is seen through it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refraction: Option<f32>,
     /// Whether it is drawn as sampled points unless `mirror.surface` says otherwise: the published condition of the
     /// built-in scenes.
     #[serde(default)]
@@ -153,6 +162,17 @@ pub struct Mirror {
 
 /// The tolerance of the length of a written quaternion: the precision of eight printed digits.
 const UNIT_TOLERANCE: f64 = 1e-4;
+
+/// The indices of refraction that are taken: from no other medium to one beyond every clear material.
+pub const REFRACTION: std::ops::RangeInclusive<f32> = 1.0..=4.0;
+
+/// The index of refraction of water.
+pub const WATER: f32 = 1.33;
+
+pub(crate) fn refraction_problem(refraction: Option<f32>) -> Option<String> {
+    let odd = refraction.filter(|index| !REFRACTION.contains(index))?;
+    Some(format!("refraction is {odd}, expected {} to {}", REFRACTION.start(), REFRACTION.end()))
+}
 
 /// The fewest and the most points that represent a mirror: enough for its outline, and never the larger part of a
 /// scene.
@@ -173,6 +193,7 @@ impl Mirror {
             color: grey(),
             specular_intensity: one(),
             specular_power: 0.0,
+            refraction: None,
             as_points: false,
         }
     }
@@ -202,8 +223,12 @@ impl Mirror {
         if !(self.specular_power >= 0.0 && self.specular_power.is_finite()) {
             return Some(format!("specular_power is {}, expected 0 or more", self.specular_power));
         }
+        if let (Some(_), Shape::Mesh(_)) = (self.refraction, &self.shape) {
+            return Some("refraction is for shapes with a formula, and a mesh has none".into());
+        }
         out_of_range("specular_intensity", &[self.specular_intensity])
             .or_else(|| out_of_range("color", &self.color))
+            .or_else(|| refraction_problem(self.refraction))
             .or_else(|| self.shape.problem())
     }
 
@@ -352,6 +377,15 @@ mod tests {
         assert!(problem(|mirror| mirror.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 1.1)).contains("length 1.1"));
         assert!(problem(|mirror| mirror.rotation.x = f64::NAN).contains("rotation"));
         assert!(problem(|mirror| mirror.size = 0.0).contains("size is 0"));
+        assert!(problem(|mirror| mirror.refraction = Some(0.9)).contains("refraction is 0.9, expected 1 to 4"));
+        assert!(problem(|mirror| mirror.refraction = Some(f32::NAN)).contains("refraction is NaN"));
+        assert!(
+            problem(|mirror| {
+                mirror.shape = Shape::Mesh(MirrorMesh::hare());
+                mirror.refraction = Some(1.5);
+            })
+            .contains("a mesh has none")
+        );
         assert!(problem(|mirror| mirror.size = f64::INFINITY).contains("size is inf"));
         assert!(problem(|mirror| mirror.specular_intensity = 1.5).contains("specular_intensity is 1.5"));
         assert!(problem(|mirror| mirror.specular_intensity = f32::NAN).contains("NaN"));

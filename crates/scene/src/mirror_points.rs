@@ -6,7 +6,7 @@ use cloud::{Chunk, Cloud};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::mirror::one;
+use crate::mirror::{one, refraction_problem};
 
 /// A choice of points of a cloud.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -56,6 +56,9 @@ pub struct MirrorPoints {
     pub gloss: bool,
     #[serde(default)]
     pub normals: MirrorNormals,
+    /// The same as in `Mirror`: what is behind them is seen through one interface.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refraction: Option<f32>,
 }
 
 impl PointChoice {
@@ -107,7 +110,7 @@ impl MirrorPoints {
     /// All points of a cloud, as a perfect mirror.
     pub fn whole(cloud: String) -> Self {
         let (points, normals) = (PointChoice::All, MirrorNormals::Own);
-        Self { cloud, points, specular_intensity: one(), specular_power: 0.0, gloss: false, normals }
+        Self { cloud, points, specular_intensity: one(), specular_power: 0.0, gloss: false, normals, refraction: None }
     }
 
     /// Whether it applies to the cloud that came from `input` (a path or a built-in name) and has the name `name`.
@@ -125,6 +128,12 @@ impl MirrorPoints {
         }
         if self.gloss && self.specular_power == 0.0 {
             return Some("specular_power is 0, expected more where points are glossy".into());
+        }
+        if self.gloss && self.refraction.is_some() {
+            return Some("refraction is for mirrors, and glossy points are none".into());
+        }
+        if let Some(problem) = refraction_problem(self.refraction) {
+            return Some(problem);
         }
         match self.normals {
             MirrorNormals::Smooth { radius } if !(radius > 0.0 && radius.is_finite()) => {

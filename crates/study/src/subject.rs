@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use render::{ColorPlan, ColorSource, FrameStats, Gpu, Material, Objects, PointStore, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, ColorBy, Mirror, Settings, SpotLight};
-use trace::{Exact, Mesh, Vertex, linear_from_srgb};
+use trace::{Clear, Exact, Mesh, Vertex, linear_from_srgb};
 
 /// A loaded scene.
 pub struct Subject {
@@ -36,6 +36,8 @@ pub struct SubjectPart {
     pub cloud: Cloud,
     pub specular_intensity: f32,
     pub specular_power: f32,
+    /// Set if light goes through the points.
+    pub clear: Option<Clear>,
     pub plan: ColorPlan,
     /// The up direction, a unit vector.
     pub up: DVec3,
@@ -70,12 +72,7 @@ impl Subject {
         let mirrors = parts.iter().filter_map(|part| part.mirror.clone()).collect();
         let mut kept = Vec::new();
         for five_mirrors::SampledPart { chunks, mirror } in parts {
-            let material = mirror.as_ref().map_or(Material::default(), |mirror| Material {
-                specular_intensity: mirror.specular_intensity,
-                specular_power: mirror.specular_power,
-                has_formula: mirror.shape.has_formula(),
-                as_points: mirror.as_points,
-            });
+            let material = mirror.as_ref().map_or(Material::default(), Material::of_mirror);
             let id = store.add_cloud(material);
             let ids: Vec<_> =
                 chunks.iter().map(|chunk| store.add_chunk(id, chunk, None)).collect::<render::Result<_>>()?;
@@ -87,6 +84,7 @@ impl Subject {
                     cloud,
                     specular_intensity: 0.0,
                     specular_power: 0.0,
+                    clear: None,
                     up,
                 },
             };
@@ -122,13 +120,21 @@ impl Subject {
     }
 }
 
+/// Points of a cloud that a scene makes clear, as the ray tracer takes them: what is behind them is seen through one
+/// interface.
+pub fn clear_points(material: &Material) -> Option<Clear> {
+    material.is_clear().then(|| Clear { index: f64::from(material.refraction), is_solid: false })
+}
+
 impl SubjectPart {
     /// The points that represent a mirror.
     pub fn of_mirror(mirror: &Mirror, samples: Cloud) -> Self {
         let own = scene::Color { by: ColorBy::Rgb, ..scene::Color::default() };
         let (plan, _) = ColorPlan::new(&samples, &own, DVec3::Z);
         let Mirror { specular_intensity, specular_power, .. } = *mirror;
-        Self { cloud: samples, specular_intensity, specular_power, plan, up: DVec3::Z }
+        let is_solid = mirror.shape.is_closed();
+        let clear = mirror.refraction.map(|index| Clear { index: f64::from(index), is_solid });
+        Self { cloud: samples, specular_intensity, specular_power, clear, plan, up: DVec3::Z }
     }
 
     /// The sRGB colour of points without a colour of their own.
@@ -235,7 +241,7 @@ mod tests {
         let chunks = vec![chunk(0, 0.0, [255, 0, 0]), chunk(10, 1.0, [0, 188, 0])];
         let cloud = Cloud { chunks, ..Cloud::default() };
         let (plan, _) = ColorPlan::new(&cloud, &scene::Color::default(), DVec3::Z);
-        let part = SubjectPart { cloud, specular_intensity: 0.0, specular_power: 0.0, plan, up: DVec3::Z };
+        let part = SubjectPart { cloud, specular_intensity: 0.0, specular_power: 0.0, clear: None, plan, up: DVec3::Z };
         let faces = Faces { triangles: triangles.to_vec(), has_normals };
         Exact::new(Vec::new()).with_meshes(vec![part.mesh(&faces)])
     }

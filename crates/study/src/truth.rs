@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use render::{Aov, AovImage, MOST_LIGHTS, Objects, Renderer};
 use scene::{Camera, Lighting, Method, Settings, SpotLight};
 use trace::{
-    Exact, Geometry, Gloss, Hit, Illuminant, Illumination, Indirect, MirrorPoint, PixelRays, Sunlight, Surfels,
-    indirect_picture, linear_from_srgb, primary, radiance, reflected,
+    Exact, Geometry, Gloss, Hit, Illuminant, Illumination, Indirect, Medium, MirrorPoint, PixelRays, Side, Sunlight,
+    Surfels, indirect_picture, linear_from_srgb, primary, radiance, reflected,
 };
 
 use crate::accuracy::{Error, MirrorImage, Result, accuracy_exact, accuracy_same_input, pixel_errors_same_input};
@@ -44,8 +44,8 @@ impl TracedScene {
         let painted: Vec<Vec<Chunk>> = parts.iter().map(|part| part.painted(origin)).collect();
         let parts = parts.iter().zip(&painted).map(|(part, chunks)| {
             let [red, green, blue, _] = part.plain().map(|value| linear_from_srgb(value) as f32);
-            let SubjectPart { specular_intensity, specular_power, .. } = *part;
-            trace::MaterialPoints { chunks, specular_intensity, specular_power, clear: None, plain: [red, green, blue] }
+            let SubjectPart { specular_intensity, specular_power, clear, .. } = *part;
+            trace::MaterialPoints { chunks, specular_intensity, specular_power, clear, plain: [red, green, blue] }
         });
         let surfels = Surfels::new(&parts.collect::<Vec<_>>(), splat_size, progress).ok_or(Error::Cancelled)?;
         Ok(Self { surfels, exact: exact.map(|exact| exact.seen_from(origin)), origin, bounds })
@@ -107,6 +107,7 @@ pub struct Surface {
     albedo: Vec<f32>,
     specular_intensity: Vec<f32>,
     specular_power: Vec<f32>,
+    refraction: Vec<f32>,
 }
 
 impl Surface {
@@ -123,13 +124,14 @@ impl Surface {
             albedo: read(Aov::Albedo)?,
             specular_intensity: read(Aov::SpecularIntensity)?,
             specular_power: read(Aov::SpecularPower)?,
+            refraction: read(Aov::Refraction)?,
         })
     }
 
     /// All images of the surface.
-    pub(crate) fn images(&self) -> [&[f32]; 6] {
-        let Self { mirror, position, normal, albedo, specular_intensity, specular_power } = self;
-        [mirror, position, normal, albedo, specular_intensity, specular_power]
+    pub(crate) fn images(&self) -> [&[f32]; 7] {
+        let Self { mirror, position, normal, albedo, specular_intensity, specular_power, refraction } = self;
+        [mirror, position, normal, albedo, specular_intensity, specular_power, refraction]
     }
 
     /// A frame that saw these hits without any error of its own.
@@ -148,6 +150,10 @@ impl Surface {
             albedo: vectors(|hit| hit.albedo),
             specular_intensity: numbers(|hit| hit.specular_intensity),
             specular_power: numbers(|hit| hit.specular_power),
+            refraction: numbers(|hit| match hit.medium {
+                Some(Medium { ratio, side: Side::Beneath }) => -ratio,
+                medium => medium.map_or(0.0, |medium| medium.ratio),
+            }),
         }
     }
 
@@ -164,6 +170,13 @@ impl Surface {
         self.mirror[pixel] > 0.0
     }
 
+    /// What lies behind the surface that a pixel sees; an eye is outside of all solids.
+    fn medium(&self, pixel: usize) -> Option<Medium> {
+        let index = f64::from(self.refraction[pixel]);
+        let side = if index > 0.0 { Side::IntoSolid } else { Side::Beneath };
+        (index.abs() > 0.0).then(|| Medium { ratio: index.abs(), side })
+    }
+
     /// The surface that a pixel sees, as the hit of the eye's ray.
     fn hit(&self, pixel: usize, rays: &PixelRays) -> Option<Hit> {
         let [position, normal, albedo] = [&self.position, &self.normal, &self.albedo].map(|image| {
@@ -177,7 +190,7 @@ impl Surface {
             albedo,
             specular_intensity: f64::from(self.specular_intensity[pixel]),
             specular_power: f64::from(self.specular_power[pixel]),
-            medium: None,
+            medium: self.medium(pixel),
             surface: 0,
             point: 0,
         })

@@ -60,8 +60,12 @@ impl Object {
     fn of_mirror(mirror: &Mirror) -> Self {
         let (surface, placement) = mirror.surface();
         let albedo = Albedo::Even(mirror.color.map(f64::from));
-        Self::new(surface, placement, albedo, f64::from(mirror.specular_intensity))
-            .with_specular_power(f64::from(mirror.specular_power))
+        let object = Self::new(surface, placement, albedo, f64::from(mirror.specular_intensity))
+            .with_specular_power(f64::from(mirror.specular_power));
+        match mirror.refraction {
+            Some(index) => object.with_refraction(f64::from(index)),
+            None => object,
+        }
     }
 
     /// The object with highlights of this exponent, if it is a mirror.

@@ -55,12 +55,7 @@ pub fn sample(mirror: &Mirror, area_per_point: f64) -> Vec<Chunk> {
 /// # Errors
 /// No more memory.
 pub fn upload(store: &mut PointStore, mirror: &Mirror, samples: &[Chunk]) -> render::Result<(CloudId, Vec<ChunkId>)> {
-    let id = store.add_cloud(Material {
-        specular_intensity: mirror.specular_intensity,
-        specular_power: mirror.specular_power,
-        has_formula: mirror.shape.has_formula(),
-        as_points: mirror.as_points,
-    });
+    let id = store.add_cloud(Material::of_mirror(mirror));
     let ids = samples.iter().map(|chunk| store.add_chunk(id, chunk, None)).collect::<render::Result<Vec<_>>>()?;
     let cloud = Cloud { name: mirror.name.clone(), chunks: samples.to_vec(), ..Cloud::default() };
     let own = scene::Color { by: ColorBy::Rgb, ..scene::Color::default() };
@@ -173,6 +168,7 @@ pub fn mark(
     let material = Material {
         specular_intensity: if wanted.gloss { -wanted.specular_intensity } else { wanted.specular_intensity },
         specular_power: wanted.specular_power,
+        refraction: wanted.refraction.unwrap_or(0.0),
         ..Material::default()
     };
     let lists = match wanted.normals {
@@ -248,7 +244,9 @@ mod tests {
         let of = |normals| mark(&cloud, None, &wanted(PointChoice::Class(9), normals), &progress).unwrap().unwrap();
         let own = of(MirrorNormals::Own);
         assert_eq!((own.marks, own.count), (vec![vec![false, true, true, false]], 2));
-        assert!(own.normals.is_none() && own.material.specular_intensity == 1.0);
+        assert!(own.normals.is_none() && own.material.specular_intensity == 1.0 && !own.material.is_clear());
+        let clear = MirrorPoints { refraction: Some(1.33), ..wanted(PointChoice::Class(9), MirrorNormals::Own) };
+        assert!(mark(&cloud, None, &clear, &progress).unwrap().unwrap().material.is_clear());
         let glossy = MirrorPoints { gloss: true, ..wanted(PointChoice::Class(9), MirrorNormals::Own) };
         let glossy = mark(&cloud, None, &glossy, &progress).unwrap().unwrap();
         assert_eq!((glossy.material.specular_intensity, glossy.material.specular_power), (-1.0, 100.0));

@@ -8,6 +8,7 @@ use crate::viewer::action::Action;
 use crate::viewer::loaded::clouds::CloudEntry;
 use crate::viewer::loaded::streams;
 use crate::viewer::objects::Marking;
+use crate::viewer::panels::mirrors;
 use crate::viewer::session::Session;
 use crate::viewer::theme;
 use crate::viewer::theme::grouped;
@@ -43,6 +44,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     } else {
         choose(ui, session, entry, &mut draft, actions);
     }
+    draft.suit_material(&session.tools.draft);
     if draft != session.tools.draft {
         actions.push(Action::ChangeDraft(Box::new(draft)));
     }
@@ -71,6 +73,9 @@ fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft,
             let label = name_label(ui, "Highlights only");
             ui.checkbox(&mut draft.gloss, "").labelled_by(label.id).on_hover_text("They are glossy and no mirror");
         });
+    }
+    if !(draft.gloss && draft.specular_power > 0.0) {
+        mirrors::refraction(ui, &mut draft.refraction);
     }
     let wanted = draft.wanted(entry, picked);
     let count = wanted.as_ref().and_then(|wanted| match &draft.counted {
@@ -196,7 +201,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
     use glam::DVec3;
     use scene::MirrorPoints;
-    use world::{Change, Event, Opened, Part, mirrors};
+    use world::{Change, Event, Opened, Part};
 
     use super::*;
     use crate::viewer::loaded::Loaded;
@@ -234,12 +239,12 @@ mod tests {
         for effect in std::mem::take(&mut session.outside.effects) {
             match effect {
                 Effect::Work(Work::CountPoints { cloud, wanted, .. }) => {
-                    let marked = mirrors::mark(&cloud, None, &wanted, &Progress::default());
+                    let marked = world::mirrors::mark(&cloud, None, &wanted, &Progress::default());
                     let result = marked.map(|marked| marked.map_or(0, |marked| marked.count));
                     session.on_found(Found::Counted { wanted, result: result.map_err(|error| error.to_string()) });
                 }
                 Effect::Work(Work::MarkPoints { key, cloud, wanted, progress, .. }) => {
-                    let mark = |wanted| mirrors::mark(&cloud, None, wanted, &progress).unwrap();
+                    let mark = |wanted| world::mirrors::mark(&cloud, None, wanted, &progress).unwrap();
                     let result = Ok(wanted.iter().map(mark).collect());
                     session.on_found(Found::Marked { key, wanted, result });
                 }
@@ -274,6 +279,7 @@ mod tests {
         harness.get_by_label("Turn into a mirror").click();
         harness.run_ok();
         let marking = harness.state().scene.objects.markings[0].clone();
+        assert_eq!(marking.points.refraction, Some(scene::WATER), "water is clear");
         assert_eq!((marking.points.points, marking.points.cloud.as_str()), (PointChoice::Class(9), "scans/lake.laz"));
         harness.state_mut().with_loaded(Loaded::sync_objects);
         work(harness.state_mut());

@@ -2,7 +2,7 @@
 
 use egui::{RichText, Ui};
 use glam::{DQuat, DVec3, EulerRot};
-use scene::{Mirror, MirrorSurface, Object, Shape};
+use scene::{Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
 use crate::viewer::action::Action;
 use crate::viewer::input::bindings;
@@ -168,6 +168,9 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
         .on_hover_text("Share of the light that is reflected; the rest is diffuse");
     slider(ui, "Power", egui::Slider::new(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
         .on_hover_text("Sharpness of the highlights that it shows of lights; 0: none");
+    if mirror.shape.has_formula() {
+        refraction(ui, &mut mirror.refraction);
+    }
     ui.horizontal(|ui| {
         let label = name_label(ui, "Colour");
         egui::color_picker::color_edit_button_rgb(ui, &mut mirror.color).labelled_by(label.id);
@@ -184,6 +187,27 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
         actions.push(Action::ChangeObject(id, Box::new(Object::Mirror(mirror))));
     }
 }
+
+/// Edits whether light goes through a mirror, and how much it bends.
+pub fn refraction(ui: &mut Ui, refraction: &mut Option<f32>) {
+    ui.horizontal(|ui| {
+        let label = name_label(ui, "Clear");
+        let mut is_clear = refraction.is_some();
+        ui.checkbox(&mut is_clear, "")
+            .labelled_by(label.id)
+            .on_hover_text("Light goes through, as through glass and water: at a flat angle more is reflected");
+        if is_clear != refraction.is_some() {
+            *refraction = is_clear.then_some(GLASS);
+        }
+    });
+    if let Some(index) = refraction {
+        slider(ui, "Refraction", egui::Slider::new(index, REFRACTION).max_decimals(3))
+            .on_hover_text("Index of refraction: water 1.33, glass 1.5");
+    }
+}
+
+/// The index of refraction of window glass.
+const GLASS: f32 = 1.5;
 
 /// The order of rotations: yaw about the axis that points up, then pitch about the mirror's x axis, then roll. The
 /// angles are in degrees.
@@ -268,6 +292,22 @@ mod tests {
         }
         harness.state_mut().act(Action::Redo);
         assert_eq!(harness.state().scene.objects.mirrors[0], added);
+    }
+
+    #[test]
+    fn a_mirror_becomes_glass_and_opaque_again_by_undo() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Sphere");
+        let refraction =
+            |harness: &Harness<'static, Session>| harness.state().scene.objects.mirrors[0].mirror.refraction;
+        assert!(refraction(&harness).is_none() && harness.query_by_label("Refraction").is_none());
+        harness.get_by_label("Clear").click();
+        harness.run_ok();
+        assert_eq!(refraction(&harness), Some(GLASS));
+        assert!(harness.query_all_by_label("Refraction").next().is_some());
+        harness.state_mut().act(Action::Undo);
+        assert_eq!(refraction(&harness), None);
     }
 
     #[test]

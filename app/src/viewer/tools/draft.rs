@@ -1,6 +1,6 @@
 //! The draft of a mirror made of points: which points of a cloud will reflect, and how.
 
-use scene::{MirrorNormals, MirrorPoints, PointChoice};
+use scene::{MirrorNormals, MirrorPoints, PointChoice, WATER};
 use world::CloudKey;
 
 use crate::viewer::loaded::clouds::CloudEntry;
@@ -53,6 +53,8 @@ pub struct Draft {
     pub neighbours: u32,
     pub specular_intensity: f32,
     pub specular_power: f32,
+    /// The index of refraction, if light goes through the points.
+    pub refraction: Option<f32>,
     /// Whether the points show highlights of lights and reflect nothing else.
     pub gloss: bool,
     /// The choice that was counted last, and how many points it has.
@@ -65,8 +67,7 @@ impl Default for Draft {
         Self {
             cloud: None,
             way: Way::default(),
-            // The class of water in LAS files.
-            class: 9,
+            class: WATER_CLASS,
             edge: 0.0,
             attribute: String::new(),
             low: 0.0,
@@ -74,9 +75,9 @@ impl Default for Draft {
             normals: NormalsWay::Smooth,
             radius: 0.0,
             neighbours: 32,
-            // Reflections are clear, and what lies below still shines through.
-            specular_intensity: 0.8,
+            specular_intensity: CLEAR,
             specular_power: 0.0,
+            refraction: Some(WATER),
             gloss: false,
             counted: None,
             is_counting: false,
@@ -84,7 +85,28 @@ impl Default for Draft {
     }
 }
 
+/// The class of water in LAS files.
+const WATER_CLASS: u8 = 9;
+
+/// The specular intensity of clear points, of which Fresnel's equations tell what they reflect.
+const CLEAR: f32 = 1.0;
+/// That of opaque ones: reflections are bright, and the points' own colour still shines through.
+const OPAQUE: f32 = 0.8;
+
 impl Draft {
+    fn is_water(&self) -> bool {
+        self.way == Way::Class && self.class == WATER_CLASS
+    }
+
+    /// Makes water clear and all else opaque when the choice of points has changed from one to the other.
+    pub fn suit_material(&mut self, before: &Self) {
+        if self.is_water() != before.is_water() {
+            let is_water = self.is_water();
+            self.refraction = is_water.then_some(WATER);
+            self.specular_intensity = if is_water { CLEAR } else { OPAQUE };
+        }
+    }
+
     pub fn on_counted(&mut self, wanted: MirrorPoints, result: Result<u64, String>) {
         self.is_counting = false;
         self.counted = Some((wanted, result));
@@ -114,8 +136,35 @@ impl Draft {
             points,
             specular_intensity: self.specular_intensity,
             specular_power: self.specular_power,
-            gloss: self.gloss && self.specular_power > 0.0,
+            gloss: self.is_gloss(),
             normals,
+            refraction: self.refraction.filter(|_| !self.is_gloss()),
         })
+    }
+
+    /// Whether the points show highlights of lights and are no mirror.
+    fn is_gloss(&self) -> bool {
+        self.gloss && self.specular_power > 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn water_is_clear_and_other_points_are_opaque_unless_a_person_says_otherwise() {
+        let water = Draft::default();
+        assert_eq!((water.refraction, water.specular_intensity), (Some(WATER), CLEAR));
+        let mut floor = Draft { way: Way::Box, ..water.clone() };
+        floor.suit_material(&water);
+        assert_eq!((floor.refraction, floor.specular_intensity), (None, OPAQUE));
+        // A choice stays while the points stay of one kind.
+        let mut glass = Draft { refraction: Some(1.5), ..floor.clone() };
+        glass.suit_material(&floor);
+        assert_eq!(glass.refraction, Some(1.5));
+        let mut again = Draft { way: Way::Class, ..glass.clone() };
+        again.suit_material(&glass);
+        assert_eq!(again.refraction, Some(WATER));
     }
 }

@@ -217,6 +217,7 @@ impl Source {
                     cloud: Cloud { chunks, ..cloud.clone() },
                     specular_intensity: material.specular_intensity,
                     specular_power: material.specular_power,
+                    clear: study::clear_points(&material),
                     plan: plan.clone(),
                     up,
                 };

@@ -57,7 +57,7 @@ impl Ground {
         let bounds = store.bounds();
         let (origin, radius) =
             if bounds.is_empty() { (DVec3::ZERO, 1.0) } else { (bounds.center(), bounds.radius().max(1e-9)) };
-        let occluders = Occluders::choose(&store.visible_chunks(), origin, per_map);
+        let occluders = Occluders::choose(&store.casting_chunks(), origin, per_map);
         let chosen = upload(gpu, "occluders", bytemuck::cast_slice(&occluders.points));
         let surfaces =
             storage(&gpu.device, "surfaces of occluders", occluders.points.len() as u64 * OCCLUDER_VECTORS * 16);

@@ -14,7 +14,27 @@ pub(crate) fn exact<'a>(settings: &Settings, mirrors: &'a [Mirror]) -> impl Iter
 
 /// Uploads the mirrors that are drawn by their formula; `None` if there are none.
 pub(crate) fn upload(gpu: &Gpu, settings: &Settings, mirrors: &[Mirror], eye: DVec3) -> Option<wgpu::Buffer> {
-    let mirrors: Vec<FormulaMirror> = exact(settings, mirrors).filter_map(|mirror| formula(mirror, eye)).collect();
+    upload_all(gpu, exact(settings, mirrors).filter_map(|mirror| formula(mirror, settings, eye)).collect())
+}
+
+/// Whether light goes through a mirror that has a formula.
+pub(crate) fn is_clear(mirror: &Mirror) -> bool {
+    mirror.refraction.is_some() && mirror.specular_intensity > 0.0 && mirror.shape.has_formula()
+}
+
+/// Uploads the mirrors on whose formulas rays through clear surfaces depend: those that are drawn by theirs, and clear
+/// ones that are drawn as points.
+pub(crate) fn upload_with_clear(
+    gpu: &Gpu,
+    settings: &Settings,
+    mirrors: &[Mirror],
+    eye: DVec3,
+) -> Option<wgpu::Buffer> {
+    let mirrors = mirrors.iter().filter(|mirror| is_clear(mirror) || mirror.is_exact(settings.mirror.surface));
+    upload_all(gpu, mirrors.filter_map(|mirror| formula(mirror, settings, eye)).collect())
+}
+
+fn upload_all(gpu: &Gpu, mirrors: Vec<FormulaMirror>) -> Option<wgpu::Buffer> {
     if mirrors.is_empty() {
         return None;
     }
@@ -35,7 +55,7 @@ fn reach(mirror: &Mirror) -> f32 {
 }
 
 /// `None` for a mesh.
-fn formula(mirror: &Mirror, eye: DVec3) -> Option<FormulaMirror> {
+fn formula(mirror: &Mirror, settings: &Settings, eye: DVec3) -> Option<FormulaMirror> {
     let (kind, parameter) = match mirror.shape {
         Shape::Plane { height } => (PLANE, height),
         Shape::Sphere => (SPHERE, 0.0),
@@ -55,6 +75,8 @@ fn formula(mirror: &Mirror, eye: DVec3) -> Option<FormulaMirror> {
         position_reach: (mirror.position - eye).as_vec3().extend(reach(mirror)),
         color_intensity: Vec4::new(red, green, blue, mirror.specular_intensity),
         specular_power: mirror.specular_power,
+        refraction: mirror.refraction.filter(|_| is_clear(mirror)).unwrap_or(0.0),
+        as_points: u32::from(!mirror.is_exact(settings.mirror.surface)),
         ..Default::default()
     })
 }

@@ -4,7 +4,7 @@
 
 use scene::{GlossPattern, LightView, Method, Mirror, Settings, Show, Supply};
 
-use super::Bounce;
+use super::bounce::Bounce;
 use super::task::MirrorSurface;
 use crate::gpu::{Error, Gpu, Result};
 use crate::inputs::Inputs;

@@ -7,6 +7,8 @@
 
 #[cfg(test)]
 mod beam;
+mod bounce;
+pub(crate) mod clear;
 pub(crate) mod cubemap_trace;
 #[cfg(test)]
 mod depth_walk;
@@ -28,12 +30,14 @@ pub(crate) mod surfel_trace;
 mod surfel_tree;
 pub(crate) mod task;
 
-use scene::{Mirror, Settings, Supply};
+use scene::{Method, Settings, Supply};
 
-pub(crate) use formula::{exact, mirror_spheres, upload};
+pub(crate) use bounce::{Bounce, Search};
+use clear::Clear;
+pub(crate) use formula::{exact, is_clear, mirror_spheres, upload};
 use gloss::{Gloss, RaySet};
 pub(crate) use task::SurfaceImages;
-use task::{MirrorGBuffer, MirrorSurface, Task};
+use task::Task;
 
 use crate::gpu::Result;
 use crate::inputs::Inputs;
@@ -41,44 +45,10 @@ use crate::layout::{
     CLOSED_PIXELS, COUNTERS, DISCS_TESTED, DOUBTED_PIXELS, FOUND_PIXELS, MIRROR_PIXELS, NODES_TESTED, POINTS_FOUND,
     POINTS_TRIED, POINTS_UNCONVERGED, RAYS_LEFT, REGIONS,
 };
-use crate::method::{Methods, Views};
+use crate::method::{Methods, Views, behind_clear};
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::store::PointStore;
 use crate::targets::{Image, storage};
-
-/// One bounce.
-pub(crate) struct Bounce {
-    pub mirror: MirrorSurface,
-    pub seen: MirrorGBuffer,
-    /// The radiance of the reflected surfaces, before and after further reflections are added.
-    pub radiance: Image,
-    pub blended: Image,
-}
-
-impl Bounce {
-    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
-        let image = |label, format| Image::new(device, size, label, format);
-        Self {
-            mirror: MirrorSurface {
-                point: image("mirror point", wgpu::TextureFormat::Rgba32Float),
-                eye: image("mirror eye", wgpu::TextureFormat::Rgba32Float),
-            },
-            seen: MirrorGBuffer::new(device, size),
-            radiance: image("mirror radiance", wgpu::TextureFormat::Rgba16Float),
-            blended: image("mirror blended", wgpu::TextureFormat::Rgba16Float),
-        }
-    }
-
-    pub fn surface(&self) -> SurfaceImages<'_> {
-        SurfaceImages { albedo: &self.seen.albedo, normal: &self.seen.normal, position: &self.seen.position }
-    }
-
-    fn bytes(&self) -> u64 {
-        let Self { mirror, seen, radiance, blended } = self;
-        seen.bytes() + [&mirror.point, &mirror.eye, radiance, blended].map(Image::bytes).iter().sum::<u64>()
-    }
-}
 
 /// Statistics of the first bounce of a frame's reflections.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -101,6 +71,8 @@ pub struct ReflectionStats {
     /// The share of the mirror pixels whose content is doubtful: closed from neighbours, more than a pixel beside the
     /// reflected ray, or alone among neighbours that show other surfaces.
     pub uncertain: f64,
+    /// The method that found what is seen through clear surfaces; `None` if there are none.
+    pub seen_through_by: Option<Method>,
     pub bounces: u32,
 }
 
@@ -116,19 +88,10 @@ pub(crate) struct Reflections {
     pub doubt: Image,
     /// Glossy mirrors, from the first frame on that has some.
     pub gloss: Option<Gloss>,
-}
-
-/// What a frame's mirror rays are searched in, and the surface that they leave.
-pub(crate) struct Search<'a> {
-    /// All visible points, whether or not the camera sees them.
-    pub supply: Inputs,
-    pub settings: &'a Settings,
-    pub store: &'a PointStore,
-    /// All mirrors that have a formula.
-    pub mirrors: &'a [Mirror],
-    /// The mirrors that are drawn by their formula.
-    pub formulas: Option<wgpu::Buffer>,
-    pub camera: SurfaceImages<'a>,
+    /// Glass and water, from the first frame on that has some.
+    clear: Option<Clear>,
+    /// Whether the last frame has some.
+    has_clear: bool,
 }
 
 impl Reflections {
@@ -136,7 +99,17 @@ impl Reflections {
         let counters = storage(device, "counters", COUNTERS as u64 * 4);
         let doubt = Image::new(device, size, "doubt", wgpu::TextureFormat::R32Float);
         let methods = Methods::new(size);
-        Self { size, bounces: Vec::new(), count: 0, methods, counters, doubt, gloss: None }
+        Self {
+            size,
+            bounces: Vec::new(),
+            count: 0,
+            methods,
+            counters,
+            doubt,
+            gloss: None,
+            clear: None,
+            has_clear: false,
+        }
     }
 
     /// The same for pictures of another size.
@@ -170,7 +143,8 @@ impl Reflections {
     pub fn find(&mut self, recorder: &mut Recorder<'_>, search: &mut Search<'_>, rays: RaySet) -> Result<()> {
         let gpu = recorder.gpu;
         search.supply.set_sample(gpu, rays.sample);
-        let Search { supply, settings, store, mirrors, formulas, camera } = &*search;
+        let search = &*search;
+        let Search { supply, settings, store, mirrors, formulas, camera } = search;
         let method = settings.reflection.method.chosen();
         self.count = Self::asked(settings);
         while self.bounces.len() < self.count {
@@ -188,22 +162,33 @@ impl Reflections {
             let surface = before.last().map_or(*camera, Bounce::surface);
             // The origin of the rays: the camera, or the mirror points of the bounce before.
             let from = before.last().map_or(camera.position, |before| &before.mirror.point);
-            let bindings = passes::mirror_surface {
-                albedo_in: surface.albedo.bind(),
-                normal_in: surface.normal.bind(),
-                position_in: surface.position.bind(),
-                from_in: from.bind(),
-                point_out: bounce.mirror.point.bind(),
-                eye_out: bounce.mirror.eye.bind(),
+            // Of clear surfaces that mirrors show, the stronger ray is followed.
+            let clear = self.clear.as_ref().filter(|_| self.has_clear && index > 0);
+            let (mirror, normal) = match clear {
+                Some(clear) => {
+                    let onward = clear.go_on(recorder, supply, search, surface, from)?;
+                    (&onward.rays, &onward.normal)
+                }
+                None => {
+                    let bindings = passes::mirror_surface {
+                        albedo_in: surface.albedo.bind(),
+                        normal_in: surface.normal.bind(),
+                        position_in: surface.position.bind(),
+                        from_in: from.bind(),
+                        point_out: bounce.mirror.point.bind(),
+                        eye_out: bounce.mirror.eye.bind(),
+                    };
+                    let first = [("from_camera", u32::from(index == 0))];
+                    recorder.over_pixels(&first, supply, bindings)?;
+                    (&bounce.mirror, surface.normal)
+                }
             };
-            let first = [("from_camera", u32::from(index == 0))];
-            recorder.over_pixels(&first, supply, bindings)?;
             let normal = match gloss {
                 Some(gloss) => {
-                    gloss.draw_normals(recorder, supply, settings, index, &bounce.mirror, surface.normal)?;
+                    gloss.draw_normals(recorder, supply, settings, index, mirror, normal)?;
                     &gloss.normal
                 }
-                None => surface.normal,
+                None => normal,
             };
             let task = Task {
                 supply,
@@ -212,13 +197,20 @@ impl Reflections {
                 mirrors,
                 bounce: index,
                 camera: *camera,
-                mirror: &bounce.mirror,
+                mirror,
                 normal,
-                seen: &bounce.seen,
+                seen: clear.map_or(&bounce.seen, |clear| &clear.found),
                 formulas: formulas.as_ref(),
                 counters: &self.counters,
             };
             self.methods.run(recorder, method, &task)?;
+            if let Some(clear) = clear {
+                clear.take(recorder, &task, surface, false, bounce)?;
+            }
+            let learnt = match self.clear.as_ref().filter(|_| self.has_clear) {
+                Some(clear) => clear.learn_points(recorder, &self.methods, &task)?,
+                None => false,
+            };
             if index == 0 && rays.sample.is_none() {
                 let bindings = passes::mirror_doubt {
                     point_in: bounce.mirror.point.bind(),
@@ -231,8 +223,45 @@ impl Reflections {
                 };
                 recorder.over_mirrors(&[], supply, bindings)?;
             }
+            if let Some(clear) = &mut self.clear {
+                clear.knows_points = learnt;
+            }
         }
         Ok(())
+    }
+
+    /// Finds what is seen through clear surfaces, before a set of rays is reflected; `points` as in `Clear::find`.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn look_through(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        search: &Search<'_>,
+        points: Option<&Image>,
+    ) -> Result<()> {
+        let clear = self.clear.get_or_insert_with(|| Clear::new(recorder.gpu, self.size));
+        clear.find(recorder, &mut self.methods, search, points)
+    }
+
+    /// Records whether light goes through something in the frame.
+    pub fn set_clear(&mut self, has_clear: bool) {
+        self.has_clear = has_clear;
+    }
+
+    /// What is seen through clear surfaces, if there are any.
+    pub fn clear(&self) -> Option<&Clear> {
+        self.clear.as_ref().filter(|_| self.has_clear && self.count > 0)
+    }
+
+    /// The bounces of what is seen through clear surfaces.
+    pub fn beyond(&self) -> &[Bounce] {
+        self.clear.as_ref().map_or(&[], |clear| &clear.bounces)
+    }
+
+    /// The indices of refraction of the surfaces that the camera sees, if light goes through any.
+    pub fn refraction(&self) -> Option<&Image> {
+        self.clear().map(Clear::index)
     }
 
     /// Adds what the camera's mirrors show by the glossy sample of `inputs`, whose bounces are shaded.
@@ -274,6 +303,7 @@ impl Reflections {
             tests_per_ray: (counters[NODES_TESTED] > 0)
                 .then(|| [counters[NODES_TESTED], counters[DISCS_TESTED]].map(|tests| share(tests, pixels))),
             uncertain: share(counters[DOUBTED_PIXELS], pixels),
+            seen_through_by: self.clear().map(|_| behind_clear(settings)),
             regions: (counters[REGIONS] > 0).then_some(counters[REGIONS]),
             unresolved: self.methods.leaves_rays().then(|| share(counters[RAYS_LEFT], pixels)),
             bounces,
@@ -281,7 +311,7 @@ impl Reflections {
     }
 
     pub fn bytes(&self) -> u64 {
-        let gloss = self.gloss.as_ref().map_or(0, Gloss::bytes);
+        let gloss = self.gloss.as_ref().map_or(0, Gloss::bytes) + self.clear.as_ref().map_or(0, Clear::bytes);
         self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes() + gloss
     }
 

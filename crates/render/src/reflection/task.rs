@@ -22,6 +22,19 @@ pub(crate) struct MirrorSurface {
     pub eye: Image,
 }
 
+impl MirrorSurface {
+    pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        Self {
+            point: Image::new(device, size, "mirror point", wgpu::TextureFormat::Rgba32Float),
+            eye: Image::new(device, size, "mirror eye", wgpu::TextureFormat::Rgba32Float),
+        }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.point.bytes() + self.eye.bytes()
+    }
+}
+
 /// The points seen by reflection at each pixel: the Mirror G-Buffer.
 pub(crate) struct MirrorGBuffer {
     /// Linear albedo of Q; its specular intensity.

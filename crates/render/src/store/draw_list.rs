@@ -17,8 +17,8 @@ pub(crate) enum Selection {
     Seen,
     /// Chunks that may be in the picture, except those of one cloud and mirrors that are drawn by their formula.
     SeenBesides(CloudId),
-    /// Chunks that may be in the picture.
-    SeenWithMirrors,
+    /// Chunks that may be in the picture and cast shadows, as all but clear ones do.
+    Casting,
     /// All visible chunks, wherever the camera looks, except mirrors that are drawn by their formula.
     Everywhere,
     /// All visible chunks, wherever the camera looks.
@@ -83,7 +83,7 @@ impl PointStore {
     pub(crate) fn draw_list(&self, camera: &FrameCamera, settings: &Settings, selection: Selection) -> DrawList {
         let splat = &settings.splat;
         let asks_where_seen = !matches!(selection, Selection::Everywhere | Selection::EverywhereWithMirrors);
-        let with_mirrors = matches!(selection, Selection::SeenWithMirrors | Selection::EverywhereWithMirrors);
+        let with_mirrors = matches!(selection, Selection::Casting | Selection::EverywhereWithMirrors);
         let mut chunks: Vec<(&ChunkId, &StoredChunk)> = self.chunks.iter().collect();
         chunks.sort_by_key(|(_, chunk)| (chunk.page, chunk.range.start));
         let mut items = Vec::new();
@@ -109,7 +109,9 @@ impl PointStore {
             let margin = f64::from(splat.min_pixels) * 0.5;
             let is_seen = !asks_where_seen || camera.sees(bounds.center(), bounds.radius() + reach, margin);
             let by_formula = cloud.material.has_formula && settings.mirror.surface.is_exact(cloud.material.as_points);
-            let is_left_out = selection == Selection::SeenBesides(chunk.cloud) || (by_formula && !with_mirrors);
+            let is_left_out = selection == Selection::SeenBesides(chunk.cloud)
+                || (by_formula && !with_mirrors)
+                || (selection == Selection::Casting && cloud.material.is_clear());
             if !cloud.visible || bounds.is_empty() || !is_seen || is_left_out {
                 continue;
             }
@@ -151,7 +153,7 @@ impl PointStore {
             specular_power: cloud.material.specular_power,
             class_mask,
             height: (chunk.origin[cloud.up_axis] - reference) as f32,
-            height_axis: height_axis.extend(0.0),
+            height_axis: height_axis.extend(if cloud.material.is_clear() { cloud.material.refraction } else { 0.0 }),
         }
     }
 }

@@ -1,0 +1,51 @@
+//! One bounce of a frame's reflections, and what the rays of all of them are searched in.
+
+use scene::{Mirror, Settings};
+
+use super::task::{MirrorGBuffer, MirrorSurface, SurfaceImages};
+use crate::inputs::Inputs;
+use crate::store::PointStore;
+use crate::targets::Image;
+
+/// One bounce.
+pub(crate) struct Bounce {
+    pub mirror: MirrorSurface,
+    pub seen: MirrorGBuffer,
+    /// The radiance of the reflected surfaces, before and after further reflections are added.
+    pub radiance: Image,
+    pub blended: Image,
+}
+
+impl Bounce {
+    pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        let image = |label, format| Image::new(device, size, label, format);
+        Self {
+            mirror: MirrorSurface::new(device, size),
+            seen: MirrorGBuffer::new(device, size),
+            radiance: image("mirror radiance", wgpu::TextureFormat::Rgba16Float),
+            blended: image("mirror blended", wgpu::TextureFormat::Rgba16Float),
+        }
+    }
+
+    pub fn surface(&self) -> SurfaceImages<'_> {
+        SurfaceImages { albedo: &self.seen.albedo, normal: &self.seen.normal, position: &self.seen.position }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let Self { mirror, seen, radiance, blended } = self;
+        seen.bytes() + mirror.bytes() + radiance.bytes() + blended.bytes()
+    }
+}
+
+/// What a frame's mirror rays are searched in, and the surface that they leave.
+pub(crate) struct Search<'a> {
+    /// All visible points, whether or not the camera sees them.
+    pub supply: Inputs,
+    pub settings: &'a Settings,
+    pub store: &'a PointStore,
+    /// All mirrors that have a formula.
+    pub mirrors: &'a [Mirror],
+    /// The mirrors that are drawn by their formula.
+    pub formulas: Option<wgpu::Buffer>,
+    pub camera: SurfaceImages<'a>,
+}

@@ -1,0 +1,303 @@
+//! Clear surfaces: glass and water. They split what a mirror reflects between its reflection and what is seen through
+//! it (Fresnel). A ray that goes through is one more ray of its pixel: it starts where it leaves the surface or the solid
+//! (shaders/clear_surface.wgsl), and every method that traces reflected rays finds what it meets, as
+//! docs/methods/glass.md tells. The camera's clear surfaces have both rays; of those that are seen in mirrors or through
+//! others, only the stronger one is followed.
+
+use scene::{Mirror, Settings};
+
+use super::bounce::{Bounce, Search};
+use super::formula;
+use super::task::{MirrorGBuffer, MirrorSurface, SurfaceImages, Task};
+use crate::gpu::{Gpu, Result};
+use crate::inputs::Inputs;
+use crate::layout::{COUNTERS, FormulaMirror};
+use crate::method::{self, Methods};
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::store::PointStore;
+use crate::targets::{Image, storage};
+
+/// The rays that go on from a surface.
+pub(crate) struct Onward {
+    pub rays: MirrorSurface,
+    /// The normals by which the rays are reflections. Of the camera's surface, w is the share that is reflected.
+    pub normal: Image,
+    /// The index of refraction; see shaders/clear_surface.wgsl.
+    index: Image,
+}
+
+/// What is seen through clear surfaces, bounce by bounce.
+pub(crate) struct Clear {
+    /// The mirror pixels of a surface, by which rays arrive.
+    arriving: MirrorSurface,
+    /// The rays that go through what the camera sees.
+    through: Onward,
+    /// The rays that go on from what a bounce has found.
+    later: Onward,
+    /// The index of refraction of the points that a bounce has found.
+    points: Image,
+    /// Whether `points` is that of the bounce before.
+    pub knows_points: bool,
+    /// The first has what the rays through the camera's surface meet, and from where that is seen; the others are
+    /// reflections there.
+    pub bounces: Vec<Bounce>,
+    /// What rays meet, before deep water gets its own colour.
+    pub found: MirrorGBuffer,
+    /// What each mirror pixel of the camera receives by reflection and through its surface.
+    pub received: Image,
+    /// Counts what these rays find, of which no statistics tell.
+    counters: wgpu::Buffer,
+    /// Bound where there are no mirrors with a formula.
+    no_mirrors: wgpu::Buffer,
+}
+
+/// Whether light goes through something in the scene.
+pub(crate) fn is_there(settings: &Settings, store: &PointStore, mirrors: &[Mirror]) -> bool {
+    formula::exact(settings, mirrors).any(formula::is_clear) || store.has_clear_points(settings)
+}
+
+impl Onward {
+    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+        Self {
+            rays: MirrorSurface::new(device, size),
+            normal: Image::new(device, size, "onward normal", wgpu::TextureFormat::Rgba32Float),
+            index: Image::new(device, size, "index of refraction", wgpu::TextureFormat::R32Float),
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        self.rays.bytes() + self.normal.bytes() + self.index.bytes()
+    }
+}
+
+impl Clear {
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
+        let device = &gpu.device;
+        Self {
+            arriving: MirrorSurface::new(device, size),
+            through: Onward::new(device, size),
+            later: Onward::new(device, size),
+            points: Image::new(device, size, "clear points found", wgpu::TextureFormat::R32Float),
+            knows_points: false,
+            bounces: Vec::new(),
+            found: MirrorGBuffer::new(device, size),
+            received: Image::new(device, size, "received", wgpu::TextureFormat::Rgba16Float),
+            counters: storage(device, "counters of clear surfaces", COUNTERS as u64 * 4),
+            // A mirror that reaches nowhere.
+            no_mirrors: storage(device, "no mirrors", size_of::<FormulaMirror>() as u64),
+        }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let images = self.points.bytes()
+            + self.received.bytes()
+            + self.found.bytes()
+            + self.no_mirrors.size()
+            + self.counters.size();
+        let surfaces = self.arriving.bytes() + self.through.bytes() + self.later.bytes();
+        images + surfaces + self.bounces.iter().map(Bounce::bytes).sum::<u64>()
+    }
+
+    /// The indices of refraction of the surfaces that the camera sees.
+    pub fn index(&self) -> &Image {
+        &self.through.index
+    }
+
+    /// Finds what is seen through clear surfaces. `points` has the index of refraction of the points that the camera
+    /// sees, if light goes through some.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn find(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        methods: &mut Methods,
+        search: &Search<'_>,
+        points: Option<&Image>,
+    ) -> Result<()> {
+        let Search { settings, store, mirrors, formulas, camera, .. } = search;
+        let method = method::behind_clear(settings);
+        let count = settings.reflection.bounces as usize;
+        let mut bounces = std::mem::take(&mut self.bounces);
+        while bounces.len() < count {
+            bounces.push(Bounce::new(&recorder.gpu.device, self.received.size()));
+        }
+        bounces.truncate(count);
+        let eye = search.supply.camera;
+        let everything = store.draw_list(&eye, settings, method::supply_of(method));
+        let mut supply = Inputs::new(recorder.gpu, eye, settings, store, &everything);
+        // Rays beneath the water meet none of its points. Where there are solids, water is seen through them, and only
+        // the points near to the start of a ray are passed.
+        if !formula::exact(settings, mirrors).any(|mirror| formula::is_clear(mirror) && mirror.shape.is_closed()) {
+            supply.chunks.retain(|(chunk, _)| !store.is_clear(*chunk));
+        }
+        for index in 0..count {
+            let (before, rest) = bounces.split_at(index);
+            let (before, bounce) = (before.last(), &rest[0]);
+            let surface = before.map_or(*camera, Bounce::surface);
+            let from = before.map_or(camera.position, |before| &before.mirror.point);
+            let onward = match index {
+                0 => self.go_through(recorder, &supply, search, surface, points)?,
+                _ => self.go_on(recorder, &supply, search, surface, from)?,
+            };
+            let task = Task {
+                supply: &supply,
+                settings,
+                store,
+                mirrors,
+                bounce: index,
+                camera: *camera,
+                mirror: &onward.rays,
+                normal: &onward.normal,
+                seen: &self.found,
+                formulas: formulas.as_ref(),
+                counters: &self.counters,
+            };
+            methods.run(recorder, method, &task)?;
+            self.take(recorder, &task, surface, index == 0, bounce)?;
+            self.knows_points = self.learn_points(recorder, methods, &task)?;
+        }
+        self.bounces = bounces;
+        Ok(())
+    }
+
+    /// Makes the rays that go through the camera's surface.
+    fn go_through(
+        &self,
+        recorder: &mut Recorder<'_>,
+        supply: &Inputs,
+        search: &Search<'_>,
+        surface: SurfaceImages<'_>,
+        points: Option<&Image>,
+    ) -> Result<&Onward> {
+        self.start(recorder, supply, search, surface, None, points, &self.through)?;
+        Ok(&self.through)
+    }
+
+    /// Makes the rays that go on from the surface that a bounce has found, seen from the points `from`.
+    ///
+    /// # Errors
+    /// A shader is refused.
+    pub fn go_on(
+        &self,
+        recorder: &mut Recorder<'_>,
+        supply: &Inputs,
+        search: &Search<'_>,
+        surface: SurfaceImages<'_>,
+        from: &Image,
+    ) -> Result<&Onward> {
+        let points = self.knows_points.then_some(&self.points);
+        self.start(recorder, supply, search, surface, Some(from), points, &self.later)?;
+        Ok(&self.later)
+    }
+
+    /// Makes rays; those that leave a surface seen from `from` alone are the only ones of their pixels.
+    fn start(
+        &self,
+        recorder: &mut Recorder<'_>,
+        supply: &Inputs,
+        search: &Search<'_>,
+        surface: SurfaceImages<'_>,
+        from: Option<&Image>,
+        points: Option<&Image>,
+        onward: &Onward,
+    ) -> Result<()> {
+        let bindings = passes::mirror_surface {
+            albedo_in: surface.albedo.bind(),
+            normal_in: surface.normal.bind(),
+            position_in: surface.position.bind(),
+            from_in: from.unwrap_or(surface.position).bind(),
+            point_out: self.arriving.point.bind(),
+            eye_out: self.arriving.eye.bind(),
+        };
+        recorder.over_pixels(&[("from_camera", u32::from(from.is_none()))], supply, bindings)?;
+        let eye = supply.camera.eye;
+        let clear = formula::upload_with_clear(recorder.gpu, search.settings, search.mirrors, eye);
+        let bindings = passes::clear_surface {
+            point_in: self.arriving.point.bind(),
+            normal_in: surface.normal.bind(),
+            eye_in: self.arriving.eye.bind(),
+            points_in: points.unwrap_or(surface.position).bind(),
+            mirrors: clear.as_ref().unwrap_or(&self.no_mirrors).as_entire_binding(),
+            point_out: onward.rays.point.bind(),
+            eye_out: onward.rays.eye.bind(),
+            normal_out: onward.normal.bind(),
+            index_out: onward.index.bind(),
+        };
+        let switches = [("has_points", u32::from(points.is_some())), ("is_only", u32::from(from.is_some()))];
+        recorder.over_pixels(&switches, supply, bindings)
+    }
+
+    /// Takes what a task has found into its bounce: with the own colour of deep water, which is part of `surface`.
+    /// `is_through` tells whose rays the task has followed.
+    ///
+    /// # Errors
+    /// A shader is refused.
+    pub fn take(
+        &self,
+        recorder: &mut Recorder<'_>,
+        task: &Task<'_>,
+        surface: SurfaceImages<'_>,
+        is_through: bool,
+        bounce: &Bounce,
+    ) -> Result<()> {
+        let onward = if is_through { &self.through } else { &self.later };
+        let [albedo_in, normal_in, position_in] = self.found.bind();
+        let [albedo_out, normal_out, position_out] = bounce.seen.bind();
+        let bindings = passes::clear_depth {
+            point_in: onward.rays.point.bind(),
+            direction_in: onward.normal.bind(),
+            index_in: onward.index.bind(),
+            own_albedo_in: surface.albedo.bind(),
+            own_normal_in: surface.normal.bind(),
+            albedo_in,
+            normal_in,
+            position_in,
+            albedo_out,
+            normal_out,
+            position_out,
+            from_out: bounce.mirror.point.bind(),
+        };
+        recorder.over_pixels(&[], task.supply, bindings)
+    }
+
+    /// Looks up the index of refraction of the points that a task has found, for the next bounce; `knows_points` is then
+    /// to be set to the result. Methods that keep no hits do not tell.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn learn_points(&self, recorder: &mut Recorder<'_>, methods: &Methods, task: &Task<'_>) -> Result<bool> {
+        let goes_on = task.bounce + 1 < task.settings.reflection.bounces as usize;
+        let hits = methods.hits().filter(|_| goes_on && task.store.has_clear_points(task.settings));
+        let Some(hits) = hits else { return Ok(false) };
+        let bindings = passes::clear_hits { hits: hits.as_entire_binding(), index_out: self.points.bind() };
+        recorder.over_page_pixels(task.supply, bindings, task.supply.pixel_groups())?;
+        Ok(true)
+    }
+
+    /// Adds up what each mirror pixel of the camera receives: by reflection, whose bounces are these unless it is
+    /// `received`, and through its surface.
+    ///
+    /// # Errors
+    /// The shader is refused.
+    pub fn blend(
+        &self,
+        recorder: &mut Recorder<'_>,
+        inputs: &Inputs,
+        bounces: &[Bounce],
+        received: Option<&Image>,
+    ) -> Result<()> {
+        let (Some(first), Some(beyond)) = (bounces.first(), self.bounces.first()) else { return Ok(()) };
+        let bindings = passes::clear_blend {
+            seen_in: first.seen.position.bind(),
+            reflected_in: received.unwrap_or(&first.blended).bind(),
+            point_in: beyond.mirror.point.bind(),
+            direction_in: self.through.normal.bind(),
+            beyond_in: beyond.seen.position.bind(),
+            transmitted_in: beyond.blended.bind(),
+            received_out: self.received.bind(),
+        };
+        recorder.over_mirrors(&[("is_received", u32::from(received.is_some()))], inputs, bindings)
+    }
+}

@@ -1,0 +1,123 @@
+//! The surface that the camera sees: splatted points, and mirrors that are drawn by their formula.
+
+use scene::{Quality, Settings};
+
+use crate::gpu::Result;
+use crate::inputs::Inputs;
+use crate::passes;
+use crate::recorder::Recorder;
+use crate::targets::{Image, Targets};
+
+/// Splats the points as the camera sees them, and closes gaps.
+///
+/// # Errors
+/// A shader is refused.
+pub(crate) fn splat_surface(
+    recorder: &mut Recorder<'_>,
+    inputs: &Inputs,
+    settings: &Settings,
+    targets: &mut Targets,
+    atomics64: bool,
+) -> Result<()> {
+    recorder.clear(&targets.nearest);
+    let nearest = targets.nearest.as_entire_binding();
+    recorder.nearest_points(&[], inputs, nearest.clone(), atomics64)?;
+    let [albedo, normal, depth] = targets.surfaces[0].bind();
+    match (settings.splat.quality, &targets.sums) {
+        (Quality::High, Some(sums)) => {
+            for buffer in sums {
+                recorder.clear(buffer);
+            }
+            let [color_sums, surface_sums, specular_sums, carries] =
+                sums.each_ref().map(|sums| sums.as_entire_binding());
+            let bindings = passes::splat_accumulate {
+                nearest: nearest.clone(),
+                color_sums: color_sums.clone(),
+                surface_sums: surface_sums.clone(),
+                specular_sums: specular_sums.clone(),
+                carries: carries.clone(),
+            };
+            recorder.over_points(&[], inputs, bindings)?;
+            let bindings = passes::splat_average {
+                nearest,
+                color_sums,
+                surface_sums,
+                specular_sums,
+                carries,
+                albedo_out: albedo.clone(),
+                normal_out: normal.clone(),
+                depth_out: depth.clone(),
+            };
+            recorder.over_pixels(&[], inputs, bindings)?;
+        }
+        _ => {
+            let bindings = passes::splat_resolve {
+                nearest,
+                albedo_out: albedo.clone(),
+                normal_out: normal.clone(),
+                depth_out: depth.clone(),
+            };
+            recorder.over_page_pixels(inputs, bindings, inputs.pixel_groups())?;
+        }
+    }
+    targets.splatted = 0;
+    if settings.splat.close_gaps {
+        let [albedo_out, normal_out, depth_out] = targets.surfaces[1].bind();
+        let bindings = passes::close_gaps {
+            albedo_in: albedo,
+            normal_in: normal,
+            depth_in: depth,
+            albedo_out,
+            normal_out,
+            depth_out,
+        };
+        recorder.over_pixels(&[], inputs, bindings)?;
+        targets.splatted = 1;
+    }
+    Ok(())
+}
+
+/// Looks up the index of refraction of the points that the camera sees.
+///
+/// # Errors
+/// A shader is refused.
+pub(crate) fn see_clear_points(recorder: &mut Recorder<'_>, inputs: &Inputs, targets: &mut Targets) -> Result<()> {
+    let size = targets.size;
+    let make = || Image::new(&recorder.gpu.device, size, "clear points", wgpu::TextureFormat::R32Float);
+    let image = targets.clear_points.get_or_insert_with(make);
+    let bindings = passes::clear_points { nearest: targets.nearest.as_entire_binding(), index_out: image.bind() };
+    recorder.over_page_pixels(inputs, bindings, inputs.pixel_groups())
+}
+
+/// Lays the mirrors that are drawn by their formula over the surface of the points, and computes the world position of
+/// each pixel.
+///
+/// # Errors
+/// A shader is refused.
+pub(crate) fn lay_mirrors(
+    recorder: &mut Recorder<'_>,
+    inputs: &Inputs,
+    targets: &mut Targets,
+    formulas: Option<&wgpu::Buffer>,
+) -> Result<()> {
+    targets.shown = targets.splatted;
+    if let Some(formulas) = formulas {
+        let (from, to) = (targets.surface(), &targets.surfaces[1 - targets.splatted]);
+        for (from, to) in [(&from.albedo, &to.albedo), (&from.normal, &to.normal), (&from.depth, &to.depth)] {
+            recorder.copy(from, to);
+        }
+        let [albedo_out, normal_out, depth_out] = to.bind();
+        let bindings = passes::mirror_exact {
+            depth_in: from.depth.bind(),
+            mirrors: formulas.as_entire_binding(),
+            albedo_out,
+            normal_out,
+            depth_out,
+        };
+        recorder.over_mirrors(&[], inputs, bindings)?;
+        targets.shown = 1 - targets.splatted;
+    }
+    let bindings =
+        passes::camera_position { depth_in: targets.surface().depth.bind(), position_out: targets.position.bind() };
+    recorder.over_pixels(&[], inputs, bindings)
+}
