@@ -82,6 +82,11 @@ fn of_class(chunk: &Chunk, class: u8) -> Chunk {
 
 /// A corner of a room before a flat and a round mirror with a formula and a round one of points, all turned.
 fn scene(stage: &Stage, turn: DMat3) -> Scene {
+    scene_of(stage, turn, None)
+}
+
+/// The same with mirrors of this index of refraction, if light goes through them.
+fn scene_of(stage: &Stage, turn: DMat3, refraction: Option<f32>) -> Scene {
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let camera = Camera::looking(DVec3::new(0.0, 0.4, 0.0), DVec3::new(-0.2, -1.0, 0.35), 3.2, z);
     let camera = Camera { eye: turn * camera.eye, pivot: turn * camera.pivot, up: turn * camera.up };
@@ -106,13 +111,18 @@ fn scene(stage: &Stage, turn: DMat3) -> Scene {
     let mirror = |shape, position, facing: DVec3, size| {
         let mirror = Mirror::standing(shape, DVec3::ZERO, DVec3::Z, DVec3::Y, size);
         let rotation = DQuat::from_mat3(&turn) * DQuat::from_rotation_arc(DVec3::Z, facing);
-        Mirror { position: turn * position, rotation, ..mirror }
+        Mirror { position: turn * position, rotation, refraction, ..mirror }
     };
     let mirrors = vec![
         mirror(Shape::Plane { height: 0.8 }, DVec3::new(0.2, 1.5, 0.0), -DVec3::Y, 1.1),
         mirror(Shape::Sphere, DVec3::new(-0.3, 0.0, -0.4), DVec3::Z, 0.5),
     ];
-    let reflecting = Material { specular_intensity: 1.0, specular_power: 1000.0, ..Material::default() };
+    let reflecting = Material {
+        specular_intensity: 1.0,
+        specular_power: 1000.0,
+        refraction: refraction.unwrap_or(0.0),
+        ..Material::default()
+    };
     for mirror in &mirrors {
         let samples = mirror.sample(600, 1).into_iter().map(|chunk| (chunk, 0)).collect();
         add(samples, Material { has_formula: true, ..reflecting });
@@ -246,6 +256,47 @@ fn finite_at_every_end_of_every_parameter() {
                     );
                 }
             }
+        }
+    }
+}
+
+/// Glass and water have images and rays of their own: the laws of numbers, of what is kept and of equal stores hold for
+/// them too.
+#[test]
+fn clear_mirrors_obey_the_laws_of_opaque_ones() {
+    let mut stage = stage_or_skip!();
+    for refraction in [scene::REFRACTION.start(), &1.5, scene::REFRACTION.end()] {
+        let [scene, other] = [0; 2].map(|_| scene_of(&stage, DMat3::IDENTITY, Some(*refraction)));
+        let opaque = scene_of(&stage, DMat3::IDENTITY, None);
+        for method in finding() {
+            let what = format!("{}, {refraction}", method.name);
+            let mut settings = by(method);
+            settings.reflection.bounces = 3;
+            settings.set_text("light.by", "headlight").unwrap();
+            scene.render_anew(&mut stage, &settings, SIZE);
+            assert_finite(&stage, &what);
+            let clear = read(&stage, Aov::Refraction);
+            let count = |low: f32, high: f32| clear.iter().filter(|index| (low..=high).contains(*index)).count();
+            assert!(count(*refraction, *refraction) > 20 && count(-*refraction, -*refraction) > 20, "{what}");
+            let anew = bits(&stage);
+            scene.render(&mut stage, &settings, SIZE);
+            assert!(bits(&stage) == anew, "{what}: kept");
+            other.render_anew(&mut stage, &settings, SIZE);
+            assert!(bits(&stage) == anew, "{what}: of another store");
+            // Light alone changes: what was found is kept.
+            settings.light.headlight = 0.9;
+            scene.render(&mut stage, &settings, SIZE);
+            scene.render(&mut stage, &settings, SIZE);
+            let kept = bits(&stage);
+            assert!(kept.0 != anew.0, "{what}: another light");
+            scene.render_anew(&mut stage, &settings, SIZE);
+            assert!(bits(&stage) == kept, "{what}: lit anew");
+            // Nothing is left of glass where there is none.
+            opaque.render(&mut stage, &settings, SIZE);
+            let after_glass = bits(&stage);
+            assert!(read(&stage, Aov::Refraction).iter().all(|index| *index == 0.0 || index.is_nan()), "{what}");
+            opaque.render_anew(&mut stage, &settings, SIZE);
+            assert!(bits(&stage) == after_glass && after_glass != kept, "{what}: opaque again");
         }
     }
 }
