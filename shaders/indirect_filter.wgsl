@@ -62,9 +62,10 @@ fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
     if reuses {
         found = kept[index].w;
     }
-    if found != 0u {
-        diffuse = unpack_light(found);
-    } else if window == 1u {
+    // Software Vulkan runs both sides of a branch, and within one that depends on `found` it would know the length of the
+    // loop, and run it that often.
+    let taps = select(window * window, 0u, found != 0u);
+    if window == 1u {
         diffuse = textureLoad(diffuse_in, id, 0).rgb;
         if is_glossy {
             glossy = textureLoad(glossy_in, id, 0).rgb;
@@ -75,7 +76,7 @@ fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
         let most = settings.gi.filter_depth * range;
         // Any window of the tile's size has one pixel of each run.
         let first = vec2i(id) - i32(window / 2u);
-        for (var i = 0u; i < window * window; i++) {
+        for (var i = 0u; i < taps; i++) {
             let at = first + vec2i(i32(i % window), i32(i / window));
             if any(at < vec2i(0)) || at.x >= i32(frame.width) || at.y >= i32(frame.height) {
                 continue;
@@ -98,6 +99,10 @@ fn indirect_filter(@builtin(global_invocation_id) invocation: vec3u) {
         // The pixel itself always counts.
         diffuse /= max(weight, 1.0);
         glossy /= max(weight, 1.0);
+    }
+    if found != 0u {
+        diffuse = unpack_light(found);
+        glossy = vec3f(0.0);
     }
     if keeps && found == 0u {
         kept[index] = vec4u(bitcast<vec3u>(position.xyz), pack_light(diffuse));
