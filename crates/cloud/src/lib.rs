@@ -26,7 +26,7 @@ pub use random::{Random, hash};
 pub use robust::{Scalar, histogram, percentile_range, robust_bounds, robust_outline, spread_sample};
 pub use smoothing::{plane_normal, refitted_normals, smoothed_normals};
 pub use surfels::{
-    MeshNormals, Orientation, RadiusCount, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
+    Borders, MeshNormals, Orientation, RadiusCount, SPLAT_OVERLAP, SurfelOptions, Surfels, estimate, estimate_part,
     guess_orientation, normals_from_triangles, provisional_radius,
 };
 pub use triangle_mesh::TriangleMesh;

@@ -125,7 +125,7 @@ fn radii_are_those_of_exhaustive_search() {
     cloud.extend((0..3000).map(|i| [random(i), random(5000 + i), random(9000 + i)].map(|v| 100.0 + 0.1 * v as f32)));
     cloud.extend([[1e6, 1e6, 1e6], [-1e6, 5.0, 0.0]]);
     let neighbours = 9;
-    let options = SurfelOptions { neighbours, orientation: Orientation::Up(Vec3::Z) };
+    let options = SurfelOptions { neighbours, orientation: Orientation::Up(Vec3::Z), borders: cloud::Borders::Full };
     let surfels = estimate(&chunked(&cloud, 40_000), &options, &Progress::default()).expect("not cancelled");
     let radii: Vec<u16> = surfels.into_iter().flat_map(|surfels| surfels.radii).collect();
     let largest = unpack_radius(*radii.iter().max().expect("points")).expect("a radius");
@@ -344,7 +344,11 @@ fn normals_a_chunk_has_are_kept_and_missing_ones_filled_in() {
 fn neighbour_counts_at_and_beyond_their_limits_work() {
     let cloud = chunked(&positions(&SPHERE.sample(20_000, 1)), 20_000);
     for neighbours in [0, 3, 16, 17, 32, 33, 64, 1000] {
-        let options = SurfelOptions { neighbours, orientation: Orientation::AwayFrom(DVec3::ZERO) };
+        let options = SurfelOptions {
+            neighbours,
+            orientation: Orientation::AwayFrom(DVec3::ZERO),
+            borders: cloud::Borders::Full,
+        };
         let surfels = estimate(&cloud, &options, &Progress::default()).expect("not cancelled");
         let close = |(&normal, position): (&u32, &[f32; 3])| {
             unpack_normal(normal).is_some_and(|normal| degrees_between(normal, Vec3::from(*position)) < 20.0)
@@ -487,4 +491,22 @@ fn points_that_another_chunk_rounds_otherwise_are_at_one_place() {
         .collect();
     angles.sort_by(f32::total_cmp);
     assert!(angles[angles.len() * 9 / 10] < 5.0, "{} degrees", angles[angles.len() * 9 / 10]);
+}
+
+#[test]
+fn narrow_borders_make_splats_smaller_where_their_neighbours_lie_on_one_side() {
+    // A grid of 41 x 41 points: an inner point, one on the border and one in a corner.
+    let grid: Vec<[f32; 3]> = (0..41 * 41).map(|at| [(at % 41) as f32, (at / 41) as f32, 0.0]).collect();
+    let radii = |borders: cloud::Borders| {
+        let options = SurfelOptions { borders, ..SurfelOptions::new(Orientation::Up(Vec3::Z)) };
+        let surfels = estimate(&chunked(&grid, 500), &options, &Progress::default()).expect("not cancelled");
+        surfels.iter().flat_map(|surfels| surfels.radii.clone()).collect::<Vec<u16>>()
+    };
+    let (full, narrow) = (radii(cloud::Borders::Full), radii(cloud::Borders::Narrow));
+    assert_eq!(full, run(&chunked(&grid, 500), Orientation::Up(Vec3::Z)).radii, "the default");
+    let share = |at: usize| unpack_radius(narrow[at]).expect("a radius") / unpack_radius(full[at]).expect("a radius");
+    assert_eq!(narrow[20 * 41 + 20], full[20 * 41 + 20]);
+    // The middle of the neighbours on the border is 18 / (16 * 3) = 0.375 aside, in the corner 25 sqrt(2) / (16 * 4).
+    assert!((share(20) - 0.79).abs() < 0.01, "{}", share(20));
+    assert!((share(0) - 0.577).abs() < 0.01, "{}", share(0));
 }

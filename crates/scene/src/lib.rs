@@ -34,7 +34,7 @@ pub use settings::{
     Atomics, Color, ColorBy, CubePlacement, CubeRest, Curve, Distribution, Edl, Gi, GlossPattern, GlossSettings,
     Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints, Paging,
     Quality, Ramp, Reading, Reflection, SceneSettings, ScreenRest, Seeds, Settings, Show, Solver, Splat, Sscr, Stream,
-    Sun, Surface, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    Sun, Surface, SurfaceBorders, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::Visibility;

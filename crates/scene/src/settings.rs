@@ -29,6 +29,11 @@ choices! {
     pub enum Ramp { Turbo = "turbo", Viridis = "viridis", Magma = "magma", Gray = "gray", Spectral = "spectral" }
 }
 choices! {
+    /// The radii of points at the border of a surface.
+    pub enum SurfaceBorders { Full = "full", Narrow = "narrow" }
+}
+
+choices! {
     /// Which way estimated normals point.
     pub enum SurfaceOrientation { Auto = "auto", Up = "up", Inward = "inward", Outward = "outward" }
 }
@@ -411,6 +416,8 @@ params! {
         neighbours: u32 = 16, 4..=64, "points";
         /// Which way normals point that are estimated when a cloud is read; auto guesses from its shape.
         orientation: SurfaceOrientation = SurfaceOrientation::Auto;
+        /// Radii of points at the border of a surface when a cloud is read: full ones, or smaller ones that stand less beside it.
+        borders: SurfaceBorders = SurfaceBorders::Full;
     }
 
     /// Streaming: clouds that are larger than memory are drawn from pages on disk.

@@ -616,7 +616,11 @@ mod tests {
         let inputs = [Arc::new(codec::open(&path).unwrap())];
         let cache = Cache::new(folder.path().join("cache"), u64::MAX);
         let index = || build(&inputs, &cache, &BuildOptions::default(), &Progress::default(), &|_| ()).unwrap();
-        let options = cloud::SurfelOptions { neighbours: 8, orientation: cloud::Orientation::Up(glam::Vec3::Z) };
+        let options = cloud::SurfelOptions {
+            neighbours: 8,
+            orientation: cloud::Orientation::Up(glam::Vec3::Z),
+            borders: cloud::Borders::Full,
+        };
         let flip_last = |name: &str| {
             let path = cache.entry(&Identity::of(&inputs).unwrap()).join(name);
             let mut bytes = std::fs::read(&path).unwrap();

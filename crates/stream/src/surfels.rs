@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use cloud::{Bounds, Chunk, Orientation, Progress, RadiusCount, SurfelOptions, Surfels};
+use cloud::{Borders, Bounds, Chunk, Orientation, Progress, RadiusCount, SurfelOptions, Surfels};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -138,6 +138,9 @@ pub(crate) fn pack(surfels: &Surfels) -> Vec<u8> {
     normals.chain(surfels.radii.iter().flat_map(|radius| radius.to_le_bytes())).collect()
 }
 
+/// The bit of the orientation's kind that says that borders are narrow.
+const NARROW: u8 = 0x80;
+
 /// The bytes that identify the input of the estimate.
 fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
     let (kind, direction) = match options.orientation {
@@ -149,24 +152,25 @@ fn identity(key: u128, octree: &Octree, options: &SurfelOptions) -> Vec<u8> {
     bytes.extend((octree.nodes.len() as u32).to_le_bytes());
     bytes.extend(octree.points().to_le_bytes());
     bytes.extend((options.neighbours as u32).to_le_bytes());
-    bytes.push(kind);
+    bytes.push(kind | if options.borders == Borders::Narrow { NARROW } else { 0 });
     direction.to_array().into_iter().for_each(|value| bytes.extend(value.to_le_bytes()));
     bytes
 }
 
-/// Reads neighbours and orientation as `identity` writes them.
+/// Reads neighbours, orientation and borders as `identity` writes them.
 fn read_options(bytes: &[u8]) -> Option<SurfelOptions> {
     let (neighbours, rest) = bytes.split_first_chunk::<4>()?;
     let (kind, rest) = rest.split_first()?;
     let numbers: Vec<f64> = rest.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
     let direction = DVec3::from_slice(numbers.get(..3)?);
-    let orientation = match kind {
+    let orientation = match kind & !NARROW {
         0 => Orientation::Up(direction.as_vec3()),
         1 => Orientation::Toward(direction),
         2 => Orientation::AwayFrom(direction),
         _ => return None,
     };
-    Some(SurfelOptions { neighbours: u32::from_le_bytes(*neighbours) as usize, orientation })
+    let borders = if kind & NARROW == 0 { Borders::Full } else { Borders::Narrow };
+    Some(SurfelOptions { neighbours: u32::from_le_bytes(*neighbours) as usize, orientation, borders })
 }
 
 /// The points of the levels nearest to the root that have up to `points` points together, but at least the root's:

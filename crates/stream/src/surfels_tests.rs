@@ -7,7 +7,8 @@ use glam::Vec3;
 use super::*;
 use crate::{BuildOptions, Cache, build};
 
-const OPTIONS: SurfelOptions = SurfelOptions { neighbours: 16, orientation: Orientation::Up(Vec3::Z) };
+const OPTIONS: SurfelOptions =
+    SurfelOptions { neighbours: 16, orientation: Orientation::Up(Vec3::Z), borders: cloud::Borders::Full };
 
 /// Hills on a millimetre grid with 5 points a square metre, and a sparse corner.
 fn hills(points: u64) -> Vec<[i32; 3]> {
@@ -208,8 +209,11 @@ fn other_options_replace_what_is_there_and_the_same_do_not() {
     };
     let first = estimate(&OPTIONS);
     assert_eq!(estimate(&OPTIONS), first);
-    let down =
-        SurfelOptions { neighbours: 8, orientation: Orientation::Toward(DVec3::new(431_000.0, 5_412_000.0, -1e6)) };
+    let down = SurfelOptions {
+        neighbours: 8,
+        orientation: Orientation::Toward(DVec3::new(431_000.0, 5_412_000.0, -1e6)),
+        borders: cloud::Borders::Full,
+    };
     assert_ne!(estimate(&down), first);
     let pages = reopened(&pages);
     assert_eq!(pages.surfel_options().map(|options| options.orientation), Some(down.orientation));

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Chunk, Cloud, Column, Orientation, Progress, SurfelOptions};
+use cloud::{Borders, Chunk, Cloud, Column, Orientation, Progress, SurfelOptions};
 use glam::DVec3;
-use scene::{ColorBy, Settings, SurfaceOrientation, UpAxis};
+use scene::{ColorBy, Settings, SurfaceBorders, SurfaceOrientation, UpAxis};
 use stream::Pages;
 
 /// The number of points that are read to guess the kind of cloud.
@@ -108,13 +108,18 @@ pub fn options_for(chunks: &[Chunk], up: DVec3, settings: &Settings) -> SurfelOp
         SurfaceOrientation::Inward => Orientation::Toward(center()),
         SurfaceOrientation::Outward => Orientation::AwayFrom(center()),
     };
-    SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation }
+    let borders = match settings.surface.borders {
+        SurfaceBorders::Full => Borders::Full,
+        SurfaceBorders::Narrow => Borders::Narrow,
+    };
+    SurfelOptions { neighbours: settings.surface.neighbours as usize, orientation, borders }
 }
 
 /// Everything beside a file that decides its normals and radii, in words that differ where one of them does.
 pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
-    let scene::Surface { neighbours, orientation } = &settings.surface;
-    format!("glint {}, {neighbours} neighbours, {orientation:?}, up {:?}", env!("CARGO_PKG_VERSION"), up.to_array())
+    let scene::Surface { neighbours, orientation, borders } = &settings.surface;
+    let (version, up) = (env!("CARGO_PKG_VERSION"), up.to_array());
+    format!("glint {version}, {neighbours} neighbours, {orientation:?}, {borders:?} borders, up {up:?}")
 }
 
 /// The same for an index, from its coarse pages.
