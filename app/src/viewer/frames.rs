@@ -257,19 +257,24 @@ impl Frames {
     /// Records that a frame is on the screen, which took `total_milliseconds` to draw. `milliseconds` has the meaning
     /// of the field of `Situation`.
     pub fn show(&mut self, request: FrameRequest, stats: FrameStats, total_milliseconds: f64, milliseconds: f64) {
+        let is_whole = request.is_whole(&stats);
         // The render thread draws only the newest request, so at most that one is still under way.
-        self.under_way = u32::from(self.requested.as_ref() != Some(&request));
+        self.under_way = u32::from(self.requested.as_ref() != Some(&request) || !is_whole);
         if request.hurried {
             self.hurried_milliseconds = total_milliseconds;
         } else {
             self.careful_milliseconds = total_milliseconds;
         }
         self.haste.learn(&stats, &request, total_milliseconds, milliseconds);
-        // Older requests are never answered.
+        // Older requests are never answered. One whose picture is not whole yet is answered again.
         let place = self.asked.iter().position(|asked| asked.request == request);
-        let asked = place.and_then(|place| self.asked.drain(..=place).next_back());
+        self.asked.drain(..place.unwrap_or(0));
+        let asked = place.and_then(|_| self.asked.front());
         let (input_at, is_moving, values) =
             asked.map_or((None, false, 0), |asked| (asked.input_at, asked.is_moving, asked.values));
+        if place.is_some() && is_whole {
+            self.asked.pop_front();
+        }
         self.changes.retain(|(number, _)| *number > values);
         let is_presented = false;
         self.shown = Some(Shown { request, stats, total_milliseconds, input_at, is_moving, is_presented });

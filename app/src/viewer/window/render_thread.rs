@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use cloud::Progress;
 use glam::DVec3;
 use render::{FrameStats, Gpu, LightReuse, Objects, Renderer};
-use scene::{Camera, Mirror, MirrorSurface, Quality, Settings, SpotLight};
+use scene::{Camera, GlossPattern, Mirror, MirrorSurface, Quality, Settings, SpotLight};
 use study::{Choice, CostModel, Drawn, Judged, Target, View, auto};
 use world::{Change, ChunkKey, Resident};
 
@@ -176,6 +176,8 @@ pub struct RenderThread {
 
 /// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
 const PICK_RADIUS: u32 = 6;
+/// The most samples of glossy mirrors that are added before the picture in the window is renewed.
+const MOST_SAMPLES: u32 = 16;
 /// The longest time for which points are uploaded before a waiting frame is drawn, if the frame before took no longer.
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
@@ -243,8 +245,10 @@ struct Worker {
     /// The textures of the picture in the window and of the one before it, which the next one takes.
     shown: Option<wgpu::Texture>,
     free: Option<wgpu::Texture>,
-    /// The frame that the renderer holds, and whether the picture was made from the frame's own colours.
+    /// The frame that the renderer holds, and whether the picture is the whole frame's, made from its own colours.
     held: Option<(FrameRequest, bool)>,
+    /// The samples of glossy mirrors in the last frame that was drawn for the window.
+    summed: u32,
     /// The frame in the window; points are picked from it.
     on_screen: Option<FrameRequest>,
 }
@@ -264,6 +268,7 @@ impl Worker {
             shown: None,
             free: None,
             held: None,
+            summed: 0,
             on_screen: None,
         })
     }
@@ -326,9 +331,13 @@ impl Worker {
                 let drawn = self.draw((*request).clone());
                 self.renderer.give_up_when(None);
                 match drawn {
-                    Ok(frame) => {
-                        upload_slice = UPLOAD_SLICE.max(Duration::from_secs_f64(frame.total_milliseconds / 1e3));
-                        report(Report::Frame(Box::new(frame)));
+                    Ok(drawn) => {
+                        upload_slice = UPLOAD_SLICE.max(Duration::from_secs_f64(drawn.total_milliseconds / 1e3));
+                        if !request.is_whole(&drawn.stats) {
+                            // The samples that are left come next, unless another frame is requested.
+                            frame = Some(request);
+                        }
+                        report(Report::Frame(Box::new(drawn)));
                     }
                     Err(render::Error::GivenUp) => frame = Some(request),
                     Err(error) if is_fatal(&error) => return report(Report::Lost(error.to_string())),
@@ -409,7 +418,7 @@ impl Worker {
             }
             Command::Measure(request) => {
                 self.renderer.forget();
-                let stats = self.render(&request)?;
+                let stats = self.render(&request, None)?;
                 report(Report::Measured { request, stats });
             }
             Command::Present { request, colors, pass } => {
@@ -461,12 +470,13 @@ impl Worker {
     fn hold(&mut self, request: &FrameRequest, with_picture: bool) -> render::Result<()> {
         let is_held = |(held, has_picture): &(FrameRequest, bool)| held == request && (*has_picture || !with_picture);
         if !self.held.as_ref().is_some_and(is_held) {
-            self.render(request)?;
+            self.render(request, None)?;
         }
         Ok(())
     }
 
-    fn render(&mut self, request: &FrameRequest) -> render::Result<FrameStats> {
+    /// Renders a frame. Of glossy mirrors it adds at most `samples` to those of the frame before, if that was the same.
+    fn render(&mut self, request: &FrameRequest, samples: Option<u32>) -> render::Result<FrameStats> {
         let FrameRequest { mirrors, lights, sky_is_open, .. } = request;
         let objects = Objects { mirrors, lights, sky_is_open: *sky_is_open };
         self.held = None;
@@ -474,15 +484,21 @@ impl Worker {
         self.renderer.let_light_lag(request.light_may_lag);
         self.renderer.reuse_light(if request.hurried { LightReuse::Reuse } else { LightReuse::Keep });
         self.renderer.thin(request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)));
+        self.renderer.sum_at_once(samples);
         let size = request.drawn_size();
         let stats = self.renderer.render(&self.resident.store, &request.camera, &request.settings, objects, size)?;
-        self.held = Some((request.clone(), true));
+        let [summed, asked] = stats.glossy_samples;
+        self.held = Some((request.clone(), summed == asked));
         Ok(stats)
     }
 
     fn draw(&mut self, request: FrameRequest) -> render::Result<Frame> {
         let started = Instant::now();
-        let stats = self.render(&request)?;
+        // At rest, the samples of glossy mirrors come in steps that grow, so that the first picture comes soon.
+        let is_same = |(held, _): &&(FrameRequest, bool)| *held == request;
+        let summed = if self.held.as_ref().is_some_and(|held| is_same(&held)) { self.summed } else { 0 };
+        let stats = self.render(&request, Some(summed.clamp(1, MOST_SAMPLES)))?;
+        self.summed = stats.glossy_samples[0];
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         let rows = self.renderer.picture_rows()?;
         let [width, height] = request.drawn_size();
@@ -520,6 +536,13 @@ impl FrameRequest {
         Self { settings: settings.clone(), spared: None, hurried: false, light_may_lag: false, ..self.clone() }
     }
 
+    /// Whether nothing is left to be added to the frame's picture. While something moves, one sample of glossy mirrors is
+    /// all.
+    pub fn is_whole(&self, stats: &FrameStats) -> bool {
+        let [summed, asked] = stats.glossy_samples;
+        summed == asked || self.hurried
+    }
+
     /// The size in pixels in which the frame is drawn.
     pub fn drawn_size(&self) -> [u32; 2] {
         self.spared.unwrap_or(Spared::NOTHING).size(self.size)
@@ -532,6 +555,10 @@ pub fn hurried(settings: &Settings, a_mirror_is_dragged: bool) -> Settings {
     let mut hurried = settings.clone();
     hurried.splat.quality = Quality::Nearest;
     hurried.reflection.bounces = settings.reflection.bounces.min(1);
+    if settings.gloss.samples > 0 {
+        // The one sample that is drawn would else show a perfect mirror that is turned aside.
+        hurried.gloss.pattern = GlossPattern::Pixel;
+    }
     if a_mirror_is_dragged {
         hurried.mirror.surface = MirrorSurface::Exact;
     }

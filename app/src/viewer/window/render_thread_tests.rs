@@ -94,3 +94,48 @@ fn a_hurried_frame_spares_the_average_and_further_bounces_and_leaves_the_rest() 
     let none = Settings { reflection: Reflection { bounces: 0, ..Reflection::default() }, ..settings };
     assert_eq!(hurried(&none, false).reflection.bounces, 0);
 }
+
+#[test]
+fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
+    let Some((thread, reports)) = start() else { return };
+    let report = || reports.recv_timeout(PATIENCE).expect("a report");
+    assert!(matches!(report(), Report::Ready { .. }));
+    let mut glossy = request([48, 36]);
+    glossy.settings.gloss.samples = 7;
+    glossy.mirrors[0].specular_power = 20.0;
+    // Another ball, which the first one shows.
+    let behind = Mirror { position: DVec3::new(0.0, -3.0, 0.5), ..glossy.mirrors[0].clone() };
+    glossy.mirrors.push(behind);
+    thread.send(Command::Frame(glossy.clone()));
+    let samples = || match report() {
+        Report::Frame(frame) => (frame.stats.glossy_samples, frame.request.is_whole(&frame.stats)),
+        _ => panic!("no frame"),
+    };
+    assert_eq!([0; 4].map(|_| samples()), [([1, 7], false), ([2, 7], false), ([4, 7], false), ([7, 7], true)]);
+    thread.send(Command::Capture { request: glossy.clone(), origin: DVec3::ZERO });
+    let Report::Captured(captured) = report() else { panic!("no images") };
+    let gpu = Gpu::headless(None).unwrap();
+    let mut renderer = Renderer::new(gpu.clone()).unwrap();
+    let objects = Objects { mirrors: &glossy.mirrors, ..Objects::default() };
+    let store = render::PointStore::new(gpu);
+    let stats = renderer.render(&store, &glossy.camera, &glossy.settings, objects, glossy.size).unwrap();
+    assert_eq!(stats.glossy_samples, [7, 7]);
+    assert!(captured.picture == renderer.read_picture().unwrap(), "another picture than that drawn at once");
+
+    // While something moves, one sample is all.
+    glossy.hurried = true;
+    thread.send(Command::Frame(glossy.clone()));
+    assert_eq!(samples(), ([1, 7], true));
+    // A frame that is requested meanwhile takes the place of what is left.
+    glossy.hurried = false;
+    thread.send(Command::Frame(glossy.clone()));
+    let other = Box::new(FrameRequest { revision: 1, ..*glossy });
+    thread.send(Command::Frame(other.clone()));
+    let last = std::iter::from_fn(|| match report() {
+        Report::Frame(frame) if frame.request.is_whole(&frame.stats) => None,
+        Report::Frame(frame) => Some(frame),
+        _ => panic!("no frame"),
+    });
+    assert!(last.last().is_some_and(|frame| frame.request == *other));
+    thread.end();
+}
