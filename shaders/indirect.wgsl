@@ -34,6 +34,8 @@ override is_spherical: bool = true;
 override by_tiles: bool = false;
 // The first one in so many of a run's lights are taken, for all of them: neighbours in the sequence lie far apart.
 override parts: u32 = 1u;
+// The runs that glossy samples share: each is lit by its part of a pixel's run.
+override sample_runs: u32 = 1u;
 
 @compute @workgroup_size(8, 8)
 fn indirect(@builtin(global_invocation_id) invocation: vec3u) {
@@ -74,14 +76,14 @@ fn indirect(@builtin(global_invocation_id) invocation: vec3u) {
     // times as long as the pass itself. The length of the buffer, which is never less, makes it no uniform.
     let bounces = min(lights.bounces, arrayLength(&vpls));
     for (var bounce = 0u; bounce <= bounces; bounce++) {
-        let sum = light_of_run(first, count, thread.z, at, normal, toward_eye, gloss);
+        let sum = light_of_run(first, count, thread.z * sample_runs + frame.sample % sample_runs, at, normal, toward_eye, gloss);
         diffuse += sum.diffuse;
         glossy += sum.glossy;
         first += count;
         count = lights.lights_per_bounce;
     }
     // A run represents all lights.
-    let runs = f32(interleave * interleave);
+    let runs = f32(interleave * interleave * sample_runs);
     textureStore(diffuse_out, id, vec4f(diffuse * runs / 3.14159265, 1.0));
     if is_glossy {
         textureStore(glossy_out, id, vec4f(glossy * runs * gloss.share, 1.0));
@@ -97,7 +99,7 @@ struct Arriving {
 
 // The light of run `run` of `count` lights.
 fn light_of_run(first: u32, count: u32, run: u32, at: vec3f, normal: vec3f, toward_eye: vec3f, gloss: SurfaceGloss) -> Arriving {
-    let runs = interleave * interleave;
+    let runs = interleave * interleave * sample_runs;
     let begin = first + count * run / runs;
     let whole = first + count * (run + 1u) / runs - begin;
     let taken = (whole + parts - 1u) / parts;

@@ -14,8 +14,8 @@ use crate::targets::uniform_buffer;
 pub(crate) struct Inputs {
     pub camera: FrameCamera,
     pub size: [u32; 2],
-    /// The number of the glossy sample that passes work for, and that of all samples.
-    sample: Option<[u32; 2]>,
+    /// The number of the glossy sample that passes work for, and that of all samples; `None` for perfect mirrors.
+    pub sample: Option<[u32; 2]>,
     frame: wgpu::Buffer,
     settings: wgpu::Buffer,
     items: wgpu::Buffer,

@@ -262,3 +262,33 @@ fn a_method_of_perfect_mirrors_refuses_by_name() {
     // Views of its work are of perfect mirrors.
     scene.render(&mut stage, &settings(Method::MirroredViewpoint, 2, &[("reflection.show", "coverage")]));
 }
+
+#[test]
+fn samples_that_share_the_virtual_lights_are_as_bright_as_those_lit_by_all() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, [WHITE, WHITE], 50.0);
+    // Only one wall is lit by the lamp; all others by that wall.
+    scene.lights = vec![SpotLight {
+        position: DVec3::new(-1.5, -1.0, 1.0),
+        target: DVec3::new(2.0, 1.0, 0.0),
+        intensity: [10.0; 3],
+        inner_degrees: 20.0,
+        outer_degrees: 25.0,
+    }];
+    let mut mean = |interleave: &str, samples| {
+        let light = [("light.by", "lights"), ("gi.shadow_points", "1024"), ("gi.interleave", interleave)];
+        let settings = settings(Method::SurfelTrace, samples, &light);
+        stage.renderer.forget();
+        let stats = scene.render(&mut stage, &settings);
+        let (shown, mirrors) = (colors(&stage), mirror_pixels(&stage));
+        let spent = stats.passes.iter().find(|pass| pass.name == "mirror_light").map_or(0.0, |pass| pass.milliseconds);
+        (mirrors.iter().map(|pixel| f64::from(shown[*pixel][0])).sum::<f64>() / mirrors.len() as f64, spent)
+    };
+    // With 256 lights and tiles of 8 pixels there are no runs to share, and with 17 samples none fit.
+    let (all, _) = mean("8", 64);
+    for (interleave, samples) in [("4", 64), ("1", 64), ("4", 17)] {
+        let (found, spent) = mean(interleave, samples);
+        println!("{interleave} {samples}: {found} instead of {all}, {spent:.0} ms");
+        assert!((found / all - 1.0).abs() < 0.03, "{interleave} {samples}: {found} instead of {all}");
+    }
+}

@@ -41,6 +41,10 @@ const DOUBLINGS: f32 = 18.0;
 /// The number of points that one pass splats into shadow maps: some 50 ms on two busy cores.
 const SPLATS_AT_ONCE: u32 = 1 << 19;
 
+/// The least number of lights of each bounce that light a pixel in a glossy sample: fewer save little beside what the
+/// sample costs otherwise.
+const LEAST_LIGHTS: u32 = 4;
+
 /// The points that block light, and the origin of the lights' positions.
 struct Ground {
     geometry_revision: u64,
@@ -380,6 +384,8 @@ impl GlobalIllumination {
         }
         let SurfaceImages { albedo, normal, position } = receiver.surface;
         let groups = if from_camera { inputs.pixel_groups() } else { inputs.mirror_groups() };
+        let sample_runs =
+            if from_camera { 1 } else { sample_runs(gi, inputs.sample.map_or(1, |[_, samples]| samples)) };
         let interleave = gi.interleave;
         let groups_of_run = [groups[0], groups[1]].map(|groups| (groups * 8).div_ceil(interleave).div_ceil(8));
         let window = if gi.filtered { interleave } else { 1 };
@@ -394,6 +400,7 @@ impl GlobalIllumination {
             ("is_glossy", u32::from(is_glossy)),
             ("is_spherical", u32::from(gi.vpl == VirtualLight::Spherical)),
             ("by_tiles", u32::from(tiles.is_some())),
+            ("sample_runs", sample_runs),
             ("parts", if is_reused && (tiles.is_some() || !from_camera) { HURRIED_PARTS } else { 1 }),
         ];
         let bindings = passes::indirect {
@@ -625,6 +632,14 @@ impl Work<'_> {
 fn scattering(settings: &Settings) -> [f32; 3] {
     let Light { diffuse, gloss, gloss_power, .. } = settings.light;
     [diffuse, gloss, gloss_power]
+}
+
+/// The number of runs of lights that the samples of glossy mirrors share, so that each costs a part of the light: samples
+/// are summed, as pixels are averaged over a tile. All runs are in as many samples.
+fn sample_runs(gi: &Gi, samples: u32) -> u32 {
+    let pixels = gi.interleave * gi.interleave;
+    let most = (gi.vpls / pixels / LEAST_LIGHTS).clamp(1, samples.max(1));
+    (1..=most).rev().find(|runs| samples.is_multiple_of(*runs)).unwrap_or(1)
 }
 
 /// The edges of the levels of a shadow map in texels, finest first.
