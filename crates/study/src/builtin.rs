@@ -3,7 +3,7 @@
 use crate::plan::{Plan, PlanError};
 
 /// The name and the text of each plan.
-const PLANS: [(&str, &str); 18] = [
+const PLANS: [(&str, &str); 19] = [
     ("methods", include_str!("../../../assets/plans/methods.toml")),
     ("published", include_str!("../../../assets/plans/published.toml")),
     ("passes", include_str!("../../../assets/plans/passes.toml")),
@@ -18,6 +18,7 @@ const PLANS: [(&str, &str); 18] = [
     ("solvers", include_str!("../../../assets/plans/solvers.toml")),
     ("streamed", include_str!("../../../assets/plans/streamed.toml")),
     ("cubemap", include_str!("../../../assets/plans/cubemap.toml")),
+    ("gloss", include_str!("../../../assets/plans/gloss.toml")),
     ("points", include_str!("../../../assets/plans/points.toml")),
     ("auto", include_str!("../../../assets/plans/auto.toml")),
     ("surfaces", include_str!("../../../assets/plans/surfaces.toml")),

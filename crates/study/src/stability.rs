@@ -36,7 +36,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 16] = [
+const CASES: [Case; 17] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -119,6 +119,7 @@ const CASES: [Case; 16] = [
         range: 0.01..=60.0,
         scene: bent_mirror,
     },
+    Case { name: "glossy", value: "specular power", default: 300.0, range: 0.0..=1e6, scene: glossy },
 ];
 
 /// Whether the name has the form of a case, known or not.
@@ -405,6 +406,12 @@ fn bent_mirror(slope: f64) -> Scene {
     // Its outer side faces the camera, so that reflected rays never cross.
     let bent = Mirror { rotation: DQuat::from_rotation_y(PI), ..mirror(paraboloid(slope), DVec3::ZERO, 0.5) };
     in_room([Piece::mirror(bent).spaced(0.006)])
+}
+
+/// A glossy ball in the box.
+fn glossy(power: f64) -> Scene {
+    let ball = Mirror { specular_power: power as f32, ..mirror(Shape::Sphere, DVec3::ZERO, 0.43) };
+    in_room([Piece::mirror(ball).spaced(0.43 / 45.0)])
 }
 
 /// Bars close before a plane mirror.
