@@ -138,7 +138,7 @@ impl<G: Geometry> PathTracer<'_, G> {
 
 /// The ray that goes on after one that arrives in `direction` at a mirror or a clear surface which is not the first; a
 /// glossy mirror draws it. `None` if the surface has no normal.
-pub(crate) fn onward(
+fn onward(
     geometry: &impl Geometry,
     hit: &Hit,
     direction: DVec3,

@@ -10,10 +10,10 @@ use cloud::Progress;
 use glam::DVec3;
 use scene::{Highlight, MirrorSettings, SpotLight, Sun};
 
-use crate::indirect::{Indirect, Random, glossy_direction, indirect, onward, spread};
+use crate::indirect::{Indirect, Random, glossy_direction, indirect, spread};
 use crate::reflectance::{Gloss, Reflectance};
 use crate::reflection::in_parallel;
-use crate::refraction::{met, through};
+use crate::refraction::{met, stronger, through};
 use crate::{Geometry, Hit, MirrorPoint, PixelRays, Ray};
 
 /// The source of the light.
@@ -127,15 +127,10 @@ pub fn radiance(
         let seen = ray.and_then(|ray| Some((met(geometry, hit, &ray)?, ray.direction)));
         seen.map_or(illumination.background, |(hit, direction)| radiance(geometry, &hit, direction, pixel, beyond))
     };
-    let Indirect { samples, seed, .. } = illumination.indirect;
-    if illumination.passed > 0 {
-        let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY]);
-        let ray = onward(geometry, hit, direction, illumination.lobe, &mut numbers);
-        return own + surface.mirror * arriving_by(ray, &beyond);
-    }
-    // The mean over the lobe of a glossy mirror: as many directions as there are paths of indirect light, and one path,
-    // and one direction of each further glossy mirror, for each of them.
-    let mut arriving = if let Some(lobe) = illumination.lobe.filter(|_| hit.specular_power > 0.0) {
+    // The mean over the lobe of the first glossy mirror on the way: as many directions as there are paths of indirect
+    // light, and one path, and one direction of each further glossy mirror, for each of them.
+    let over_lobe = |lobe: Highlight| {
+        let Indirect { samples, seed, .. } = illumination.indirect;
         let mut numbers = Random::new([u64::from(seed), pixel as u64, GLOSSY]);
         let shift = [numbers.next(), numbers.next()];
         let count = samples.max(1);
@@ -147,6 +142,17 @@ pub fn radiance(
             arriving_by(Some(Ray::from_surface(hit.position, drawn)), &Illumination { indirect, ..beyond })
         };
         (0..count).map(light).sum::<DVec3>() / f64::from(count)
+    };
+    let lobe = illumination.lobe.filter(|_| hit.specular_power > 0.0);
+    if illumination.passed > 0 {
+        let arriving = match lobe.filter(|_| hit.reflected_part(direction) >= 0.5) {
+            Some(lobe) => over_lobe(lobe),
+            None => arriving_by(stronger(geometry, hit, direction), &beyond),
+        };
+        return own + surface.mirror * arriving;
+    }
+    let mut arriving = if let Some(lobe) = lobe {
+        over_lobe(lobe)
     } else {
         let point = MirrorPoint { position: hit.position, normal: hit.normal, incoming: direction };
         arriving_by(point.reflected(), &beyond)
