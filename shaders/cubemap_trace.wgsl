@@ -1,6 +1,7 @@
 // Cubemap tracing: the reflected ray of each mirror pixel walks through the maps of its mirror, the nearest first;
 // where one is hidden from a map, another may see on. What no map resolves is listed, with how far the ray is known to
-// be free. One thread a pixel.
+// be free. The published ways are choices: criteria with one depth for a texel, samples by steps or angles, and each map
+// from the ray's beginning. One thread a pixel.
 #import frame_group
 #import mirror_places
 #import mirror_ray
@@ -25,6 +26,11 @@
 
 // Set for the first bounce, whose figures are told.
 override counts: bool = false;
+// Whether rays are sampled by steps or angles, and which hit counts.
+override sampling: u32 = CUBEMAP_TRACE_SAMPLING_TEXEL;
+override hit: u32 = CUBEMAP_TRACE_HIT_RELAY;
+override criterion: u32 = CUBEMAP_TRACE_CRITERION_PLANE;
+override rest_of_rays: u32 = CUBEMAP_TRACE_REST_SURFEL_TRACE;
 
 // How often a ray may change to another map.
 const MOST_ROUNDS: u32 = 8u;
@@ -48,9 +54,16 @@ fn cubemap_trace(@builtin(global_invocation_id) thread: vec3u) {
     let before = hits[pixel];
     let end = select(FARTHEST, bitcast<f32>(before.z), before.y != 0u);
     let mirror = mirror_at(point.xyz);
-    let walk = relay(WalkRay(reflected.origin, reflected.direction, 0.0, end), mirror);
-    if walk.kind == WALK_HIT {
-        hits[pixel] = vec4u(bitcast<u32>(walk.t), walk.identity + 1u, bitcast<u32>(walk.t), walk.cells);
+    let ray = WalkRay(reflected.origin, reflected.direction, 0.0, end);
+    var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);
+    if criterion == CUBEMAP_TRACE_CRITERION_PLANE && hit == CUBEMAP_TRACE_HIT_RELAY {
+        walk = relay(ray, mirror);
+    } else {
+        walk = through_each(ray, mirror);
+    }
+    let shown = shown_for(walk, ray, mirror);
+    if shown.kind == WALK_HIT {
+        hits[pixel] = vec4u(bitcast<u32>(shown.t), shown.identity + 1u, bitcast<u32>(shown.t), walk.cells);
     } else {
         hits[pixel].w = walk.cells;
     }
@@ -66,36 +79,272 @@ fn cubemap_trace(@builtin(global_invocation_id) thread: vec3u) {
     }
 }
 
+fn choices_by(criterion: u32) -> WalkChoices {
+    let chosen = settings.cubemap_trace;
+    let is_threshold = criterion == CUBEMAP_TRACE_CRITERION_THRESHOLD;
+    return WalkChoices(
+        chosen.skip != 0u, chosen.jump, chosen.disc_slack, MOST_CELLS, i32(chosen.first_level),
+        i32(chosen.last_level), criterion, select(0.0, chosen.threshold * frame.scene_radius, is_threshold), is_threshold,
+    );
+}
+
+fn maps_of(mirror: MappedMirror) -> u32 {
+    // A mirror without maps.
+    return select(0u, u32(mirror.view.x), mirror.low_map.w >= 0.0);
+}
+
+// The map of a mirror that is nearest to a place and not among those used.
+fn nearest_map(mirror: MappedMirror, place: vec3f, used: u32) -> u32 {
+    var next = 0u;
+    var nearest = NEVER;
+    for (var map = 0u; map < maps_of(mirror); map++) {
+        let offset = cubes.places[u32(mirror.low_map.w) + map].xyz - place;
+        let is_nearer = (used & (1u << map)) == 0u && dot(offset, offset) < nearest;
+        nearest = select(nearest, dot(offset, offset), is_nearer);
+        next = select(next, map, is_nearer);
+    }
+    return next;
+}
+
+// What a ray shows that no map resolves, if that comes from the maps.
+fn shown_for(walk: Walk, ray: WalkRay, mirror: MappedMirror) -> Walk {
+    var shown = walk;
+    if walk.kind == WALK_HIDDEN && maps_of(mirror) > 0u {
+        let map = u32(mirror.low_map.w) + nearest_map(mirror, ray.origin, 0u);
+        if rest_of_rays == CUBEMAP_TRACE_REST_ENVIRONMENT_MAP {
+            let seen = sample_at(map, ray.direction);
+            shown = Walk(select(WALK_HIT, WALK_OPEN, seen.identity == NOTHING), seen.distance, seen.identity, 0u);
+        } else if rest_of_rays == CUBEMAP_TRACE_REST_CANDIDATE && criterion == CUBEMAP_TRACE_CRITERION_PLANE {
+            shown.kind = select(WALK_HIT, WALK_HIDDEN, walk.identity == NOTHING);
+        } else if rest_of_rays == CUBEMAP_TRACE_REST_CANDIDATE {
+            shown = through_map(map, ray, choices_by(CUBEMAP_TRACE_CRITERION_SIGN));
+        }
+    }
+    return shown;
+}
+
+// Walks a ray through the maps of a mirror, each from its beginning. The first hit counts, or the nearest.
+fn through_each(ray: WalkRay, mirror: MappedMirror) -> Walk {
+    var found = Walk(WALK_HIDDEN, 0.0, NOTHING, 0u);
+    var used = 0u;
+    let tries = min(maps_of(mirror), settings.cubemap_trace.tries);
+    var is_over = false;
+    for (var i = 0u; i < tries && !is_over; i++) {
+        let next = nearest_map(mirror, ray.origin, used);
+        used |= 1u << next;
+        let map = u32(mirror.low_map.w) + next;
+        var walk = Walk(WALK_HIDDEN, 0.0, NOTHING, 0u);
+        if criterion == CUBEMAP_TRACE_CRITERION_THRESHOLD_THEN_SIGN {
+            walk = through_map(map, ray, choices_by(CUBEMAP_TRACE_CRITERION_THRESHOLD));
+            if walk.kind != WALK_HIT {
+                let cells = walk.cells;
+                walk = through_map(map, ray, choices_by(CUBEMAP_TRACE_CRITERION_SIGN));
+                walk.cells += cells;
+            }
+        } else {
+            walk = through_map(map, ray, choices_by(criterion));
+        }
+        let cells = found.cells + walk.cells;
+        // What is open in one map and hit in another is a hit; of two hits the nearer one.
+        let is_hit = walk.kind == WALK_HIT;
+        let is_nearer = walk.t < found.t || (walk.t == found.t && walk.identity < found.identity);
+        let is_first_hit = is_hit && found.kind != WALK_HIT;
+        let tells_more = found.kind == WALK_HIDDEN && (walk.kind == WALK_OPEN || (!is_hit && walk.t > found.t));
+        if is_first_hit || (is_hit && is_nearer) || tells_more {
+            found = walk;
+        }
+        found.cells = cells;
+        is_over = hit != CUBEMAP_TRACE_HIT_NEAREST && walk.kind != WALK_HIDDEN;
+    }
+    if found.kind == WALK_HIDDEN && criterion != CUBEMAP_TRACE_CRITERION_PLANE {
+        // Nothing is proven.
+        found.t = ray.start;
+    }
+    return found;
+}
+
+fn through_map(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
+    var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);
+    if sampling == CUBEMAP_TRACE_SAMPLING_TEXEL || criterion == CUBEMAP_TRACE_CRITERION_PLANE {
+        walk = walk_cube(map, ray, choices);
+    } else {
+        walk = search_samples(map, ray, choices);
+    }
+    return walk;
+}
+
+// The identity of no point.
+const NOTHING: u32 = 0xffffffffu;
+
+struct Sample {
+    // By how much a place lies behind its texel's depth; far before it if the texel is empty.
+    behind: f32,
+    identity: u32,
+    // The distance from the map's middle at which the place would be at the texel's depth.
+    distance: f32,
+    // Up to this distance from its origin a ray does not meet the texel.
+    own: f32,
+}
+
+// The texel of a map in the direction `offset` from its middle.
+fn sample_at(map: u32, offset: vec3f) -> Sample {
+    let view = face_of(map, face_toward(offset));
+    let depth = dot(view.forward, offset);
+    let record = texel_record(view.picture, texel_toward(view, offset));
+    let texel = unpack_texel(record);
+    let distance = length(offset) / depth * texel.depth;
+    var sample = Sample(-NEVER, NOTHING, 0.0, 0.0);
+    if record.y != 0u {
+        sample = Sample(depth - texel.depth, texel.identity, distance, 4.0 * texel.radius * texel.depth / view.focal);
+    }
+    return sample;
+}
+
+fn texel_toward(view: DepthView, offset: vec3f) -> vec2i {
+    let slope = vec2f(dot(view.right, offset), -dot(view.up, offset)) / dot(view.forward, offset);
+    return clamp(vec2i(floor(0.5 * vec2f(view.size) + view.focal * slope)), vec2i(0), view.size - 1);
+}
+
+// The samples of a ray: by equal steps, or by equal angles as seen from a map's middle.
+struct Samples {
+    // The foot of the map's middle on the ray, and its distance from it.
+    foot: f32,
+    beside: f32,
+    // At the ray's origin, as seen from the middle.
+    first_angle: f32,
+}
+
+// Points of the scene are at most two radii apart.
+const SAMPLED_RADII: f32 = 2.01;
+const HALF_TURN: f32 = 1.5706;
+
+fn place_of_sample(samples: Samples, i: u32) -> f32 {
+    let angle = samples.first_angle + f32(i) * radians(settings.cubemap_trace.angle);
+    let by_angle = select(samples.foot + samples.beside * tan(min(angle, HALF_TURN)), NEVER, angle >= HALF_TURN);
+    let by_step = f32(i) * settings.cubemap_trace.step * frame.scene_radius;
+    return select(by_step, by_angle, sampling == CUBEMAP_TRACE_SAMPLING_ANGLE);
+}
+
+// A sample before which there is nothing new up to a place of the ray.
+fn sample_before(samples: Samples, t: f32) -> u32 {
+    let angle = atan((t - samples.foot) / samples.beside) - samples.first_angle;
+    let by_angle = angle / radians(settings.cubemap_trace.angle) - 0.01;
+    let by_step = t / (settings.cubemap_trace.step * frame.scene_radius);
+    return u32(clamp(select(by_step, by_angle, sampling == CUBEMAP_TRACE_SAMPLING_ANGLE), 0.0, 1e6));
+}
+
+// Compares the ray's depth with that of the texel at each sample. CPU twin: reflection/depth_search.rs.
+fn search_samples(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
+    let center = cubes.places[map].xyz;
+    let foot = dot(center - ray.origin, ray.direction);
+    let beside = max(distance(center, ray.origin + ray.direction * foot), 1e-6 * frame.scene_radius);
+    let samples = Samples(foot, beside, atan(-foot / beside));
+    let end = min(ray.end, SAMPLED_RADII * frame.scene_radius);
+    let is_sign = choices.criterion == CUBEMAP_TRACE_CRITERION_SIGN;
+    var walk = Walk(WALK_ON, ray.start, NOTHING, 0u);
+    var is_behind = false;
+    var level = 0;
+    var i = 1u;
+    while walk.kind == WALK_ON {
+        let t = place_of_sample(samples, i);
+        let offset = ray.origin + ray.direction * t - center;
+        walk.cells += 1u;
+        if t > end || walk.cells > 8u * MOST_CELLS {
+            walk.kind = select(WALK_OPEN, WALK_HIDDEN, is_behind);
+        } else if level > 0 {
+            let view = face_of(map, face_toward(offset));
+            let cell = texel_toward(view, offset) >> vec2u(u32(level));
+            let along = coordinates_of(view, ray);
+            let across = axis_of(along.across, along.divisor);
+            let down = axis_of(along.down, along.divisor);
+            let edge = 1 << u32(level);
+            let is_forward = vec2<bool>(across.z > 0.0, down.z > 0.0);
+            let border = select(cell * edge, min((cell + 1) * edge, view.size), is_forward);
+            let x = crossing_of(across, along.divisor, border.x);
+            let out = max(min(min(x, crossing_of(down, along.divisor, border.y)), end), t);
+            let depths = vec2f(linear_at(along.depth, t), linear_at(along.depth, out));
+            let bounds = cell_bounds(view.picture, level, cell);
+            let is_before = max(depths.x, depths.y) < bounds.x - choices.threshold;
+            let lies_behind = min(depths.x, depths.y) > bounds.y + choices.threshold;
+            if is_before || (lies_behind && (is_behind || !is_sign)) {
+                is_behind = lies_behind;
+                i = max(i + 1u, sample_before(samples, out));
+                level = level_above(level, view, choices);
+            } else {
+                level = level_below(level, choices);
+            }
+        } else {
+            let sample = sample_at(map, offset);
+            let was_behind = is_behind;
+            is_behind = sample.behind > 0.0;
+            var found = t;
+            var identity = sample.identity;
+            var meets = abs(sample.behind) <= choices.threshold;
+            if is_sign {
+                meets = is_behind && !was_behind && i > 1u;
+                if meets {
+                    let refined = refine(map, ray, center, place_of_sample(samples, i - 1u), t);
+                    found = refined.t;
+                    identity = refined.identity;
+                }
+            }
+            if meets && found > sample.own {
+                walk.kind = WALK_HIT;
+                walk.t = found;
+                walk.identity = identity;
+            }
+            i++;
+            if choices.skip {
+                level = level_above(0, face_of(map, 0u), choices);
+            }
+        }
+    }
+    return walk;
+}
+
+// The place between two samples at which a ray goes behind what it passes, by secant steps.
+fn refine(map: u32, ray: WalkRay, center: vec3f, first: f32, second: f32) -> Walk {
+    var before = first;
+    var after = second;
+    var height_before = sample_at(map, ray.origin + ray.direction * before - center).behind;
+    var last = sample_at(map, ray.origin + ray.direction * after - center);
+    var t = second;
+    for (var step = 0u; step < settings.cubemap_trace.refine; step++) {
+        t = before + (after - before) * (height_before / (height_before - last.behind));
+        let sample = sample_at(map, ray.origin + ray.direction * t - center);
+        if sample.behind > 0.0 {
+            after = t;
+            last = sample;
+        } else {
+            before = t;
+            height_before = sample.behind;
+        }
+    }
+    return Walk(WALK_HIT, t, last.identity, 0u);
+}
+
 // Walks a ray through the maps of a mirror.
 fn relay(whole: WalkRay, mirror: MappedMirror) -> Walk {
-    let choices = WalkChoices(
-        settings.cubemap_trace.skip != 0u, settings.cubemap_trace.jump, settings.cubemap_trace.disc_slack,
-        MOST_CELLS,
-    );
+    let choices = choices_by(CUBEMAP_TRACE_CRITERION_PLANE);
     var ray = whole;
-    var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);
+    var walk = Walk(WALK_HIDDEN, 0.0, NOTHING, 0u);
     var cells = 0u;
     var last = 0xffffffffu;
-    // A mirror without maps.
-    let maps = select(0u, u32(mirror.view.x), mirror.low_map.w >= 0.0);
-    let tries = min(maps, settings.cubemap_trace.tries);
+    var candidate = NOTHING;
+    let tries = min(maps_of(mirror), settings.cubemap_trace.tries);
     for (var turn = 0u; turn < MOST_ROUNDS; turn++) {
         var used = 0u;
         var has_advanced = false;
         for (var i = 0u; i < tries && !has_advanced && walk.kind == WALK_HIDDEN; i++) {
-            var next = 0u;
-            var nearest = NEVER;
-            for (var map = 0u; map < maps; map++) {
-                let offset = cubes.places[u32(mirror.low_map.w) + map].xyz - ray.origin;
-                let is_nearer = (used & (1u << map)) == 0u && dot(offset, offset) < nearest;
-                nearest = select(nearest, dot(offset, offset), is_nearer);
-                next = select(next, map, is_nearer);
-            }
+            let next = nearest_map(mirror, ray.origin, used);
             used |= 1u << next;
             // The map that has just lost the ray does not find it again.
             if next != last {
                 walk = walk_cube(u32(mirror.low_map.w) + next, ray, choices);
                 cells += walk.cells;
+                if walk.kind == WALK_HIDDEN && (walk.t > ray.start || candidate == NOTHING) {
+                    candidate = walk.identity;
+                }
                 if walk.kind == WALK_HIDDEN && walk.t > ray.start {
                     ray.start = walk.t;
                     last = next;
@@ -107,7 +356,8 @@ fn relay(whole: WalkRay, mirror: MappedMirror) -> Walk {
             break;
         }
     }
-    return Walk(walk.kind, select(ray.start, walk.t, walk.kind == WALK_HIT), walk.identity, cells);
+    let is_hit = walk.kind == WALK_HIT;
+    return Walk(walk.kind, select(ray.start, walk.t, is_hit), select(candidate, walk.identity, is_hit), cells);
 }
 
 // Walks a ray through the faces of a map, of which it crosses at most four.
@@ -135,6 +385,7 @@ fn walk_cube(map: u32, ray: WalkRay, choices: WalkChoices) -> Walk {
     if goes_on {
         walk.kind = WALK_HIDDEN;
         walk.t = t;
+        walk.identity = NOTHING;
     }
     return walk;
 }

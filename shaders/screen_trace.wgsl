@@ -27,6 +27,8 @@ const FARTHEST: f32 = 1e30;
 // The mirror's own surface does not stop a ray within so many radii of its largest splat, and so many pixels.
 const OWN_RADII: f32 = 4.0;
 const OWN_PIXELS: f32 = 2.0;
+// Coarser than any.
+const COARSEST_LEVEL: i32 = 31;
 // Discs are not known: planes count all over their pixels.
 const ANY_SLACK: f32 = 1e9;
 
@@ -63,6 +65,7 @@ fn screen_trace(@builtin(global_invocation_id) thread: vec3u) {
 fn through_screen(ray: WalkRay) -> Walk {
     let choices = WalkChoices(
         settings.screen_trace.skip != 0u, settings.screen_trace.jump, ANY_SLACK, settings.screen_trace.max_steps,
+        0, COARSEST_LEVEL, 0u, 0.0, false,
     );
     let view = screen_view();
     let along = coordinates_of(view, ray);

@@ -1,6 +1,7 @@
 // Maps of six faces around mirrors, in which rays are walked. Filled by crates/render/src/reflection/cubemap_trace.rs.
 // The importing pass binds them as `cubes`, `records` and `bounds`.
 #import depth_walk
+#import params
 
 // The maps. xyz of `places`: the middle of each, relative to the eye.
 struct Cubes {
@@ -32,8 +33,59 @@ fn face_of(map: u32, face: u32) -> DepthView {
     );
 }
 
+// Set where no other criterion than that of planes is asked for.
+override only_planes: bool = true;
+
 fn said_at(view: DepthView, ray: WalkRay, at: vec2i, part: vec2f, starts: bool, choices: WalkChoices) -> Walk {
-    return said_by_texel(view, ray, at, part, starts, choices);
+    var said = Walk(WALK_ON, 0.0, 0u, 0u);
+    if only_planes || choices.criterion == CUBEMAP_TRACE_CRITERION_PLANE {
+        said = said_by_texel(view, ray, at, part, starts, choices);
+    } else {
+        said = said_by_flat_texel(view, ray, at, part, starts, choices);
+    }
+    return said;
+}
+
+// The published criteria, with one depth for a whole texel. Behind it, nothing is known to end: by the change from
+// before to behind, whatever is behind a texel has met it.
+fn said_by_flat_texel(
+    view: DepthView,
+    ray: WalkRay,
+    at: vec2i,
+    part: vec2f,
+    starts: bool,
+    choices: WalkChoices,
+) -> Walk {
+    let record = texel_record(view.picture, at);
+    let texel = unpack_texel(record);
+    let width = texel.depth / view.focal;
+    let behind = vec2f(dot(view.forward, ray.origin - view.center) - texel.depth, dot(view.forward, ray.direction));
+    let enters = linear_at(behind, part.x);
+    let leaves = linear_at(behind, part.y);
+    // The depth, relative to the texel's, at which the ray meets it, and whether it does so.
+    var depth = 0.0;
+    var meets = leaves > 0.0;
+    var is_within = enters > 0.0;
+    var is_hidden = starts && enters > 0.5 * choices.jump * width;
+    if choices.criterion == CUBEMAP_TRACE_CRITERION_THRESHOLD {
+        depth = select(choices.threshold, -choices.threshold, enters < 0.0);
+        is_within = abs(enters) <= choices.threshold;
+        meets = is_within || (enters < depth && leaves >= depth) || (enters > depth && leaves <= depth);
+        // The ray ends behind the texel.
+        is_hidden = !meets && leaves > choices.threshold && part.y >= ray.end;
+    }
+    let share = (depth - enters) / select(leaves - enters, 1.0, leaves == enters);
+    let t = select(part.x + (part.y - part.x) * share, part.x, is_within);
+    var said = Walk(WALK_ON, 0.0, texel.identity, 0u);
+    if record.y != 0u && is_hidden {
+        said.kind = WALK_HIDDEN;
+        said.t = part.x;
+    } else if record.y != 0u && meets && t > 4.0 * texel.radius * width {
+        // The surface on which the ray begins does not stop it.
+        said.kind = WALK_HIT;
+        said.t = t;
+    }
+    return said;
 }
 
 fn index_of_texel(picture: u32, texel: vec2i) -> u32 {

@@ -42,6 +42,14 @@ struct WalkChoices {
     disc_slack: f32,
     // After so many the ray is given up.
     most_cells: u32,
+    // The finest and the coarsest level of bounds that is used.
+    first_level: i32,
+    last_level: i32,
+    // Which rule decides, for importing passes that have several; and its threshold.
+    criterion: u32,
+    threshold: f32,
+    // Whether cells all of whose texels lie before the ray are passed, too.
+    passes_behind: bool,
 }
 
 // The ray is free as far as it was asked for.
@@ -55,6 +63,7 @@ const WALK_ON: u32 = 3u;
 struct Walk {
     kind: u32,
     t: f32,
+    // Of the point that it meets, or behind which it is hidden.
     identity: u32,
     // The cells that were looked at.
     cells: u32,
@@ -246,14 +255,14 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
         let out = max(min(min(exits.x, exits.y), part.y), t);
         var is_passed = true;
         if level > 0 {
-            let nearest = cell_bounds(view.picture, level, cell).x;
-            is_passed = max(linear_at(along.depth, t), linear_at(along.depth, out)) < nearest;
+            let depths = vec2f(linear_at(along.depth, t), linear_at(along.depth, out));
+            is_passed = passes_cell(cell_bounds(view.picture, level, cell), depths, out < ray.end, choices);
         } else {
             let said = said_at(view, ray, at, vec2f(t, out), is_start, choices);
             walk = Walk(said.kind, said.t, said.identity, walk.cells);
         }
         if !is_passed {
-            level -= 1;
+            level = level_below(level, choices);
         } else if walk.kind == WALK_ON {
             is_start = false;
             if out >= part.y {
@@ -271,11 +280,27 @@ fn walk_picture(view: DepthView, ray: WalkRay, part: vec2f, starts: bool, choice
             }
             t = out;
             if choices.skip {
-                level = min(level + 1, view.levels);
+                level = level_above(level, view, choices);
             }
         }
     }
     return walk;
+}
+
+// Whether a part of a ray with these depths at its ends meets nothing in a cell with these bounds.
+fn passes_cell(bounds: vec2f, depths: vec2f, goes_on: bool, choices: WalkChoices) -> bool {
+    let is_before = max(depths.x, depths.y) < bounds.x - choices.threshold;
+    let is_behind = min(depths.x, depths.y) > bounds.y + choices.threshold;
+    return is_before || (choices.passes_behind && goes_on && is_behind);
+}
+
+fn level_below(level: i32, choices: WalkChoices) -> i32 {
+    return select(level - 1, 0, level <= choices.first_level);
+}
+
+fn level_above(level: i32, view: DepthView, choices: WalkChoices) -> i32 {
+    let above = max(level + 1, choices.first_level);
+    return select(level, above, above <= min(view.levels, choices.last_level));
 }
 
 // What a texel says about the part `part` of the ray, which crosses it.
@@ -302,7 +327,7 @@ fn said_by_texel(
     // Behind a plane, but not far: a step within one surface.
     let is_crack = !is_before && -before <= choices.jump * width + 0.02 * radius;
     if (starts && before <= -0.5 * choices.jump * width) || !(is_before || is_crack) {
-        return Walk(WALK_HIDDEN, part.x, 0u, 0u);
+        return Walk(WALK_HIDDEN, part.x, texel.identity, 0u);
     }
     if after > 0.0 {
         return Walk(WALK_ON, 0.0, 0u, 0u);
@@ -315,5 +340,5 @@ fn said_by_texel(
     if t > 4.0 * radius && beside <= radius + choices.disc_slack * width {
         return Walk(WALK_HIT, t, texel.identity, 0u);
     }
-    return Walk(WALK_HIDDEN, part.x, 0u, 0u);
+    return Walk(WALK_HIDDEN, part.x, texel.identity, 0u);
 }

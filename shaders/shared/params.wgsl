@@ -205,7 +205,16 @@ struct CubemapTrace {
     size: u32,
     placement: u32,
     offset: f32,
+    hit: u32,
+    criterion: u32,
+    threshold: f32,
+    sampling: u32,
+    step: f32,
+    angle: f32,
+    refine: u32,
     skip: u32,
+    first_level: u32,
+    last_level: u32,
     jump: f32,
     disc_slack: f32,
     own: u32,
@@ -213,11 +222,24 @@ struct CubemapTrace {
 }
 const CUBEMAP_TRACE_PLACEMENT_MIDDLE: u32 = 0u;
 const CUBEMAP_TRACE_PLACEMENT_SURFACE: u32 = 1u;
+const CUBEMAP_TRACE_HIT_RELAY: u32 = 0u;
+const CUBEMAP_TRACE_HIT_NEAREST: u32 = 1u;
+const CUBEMAP_TRACE_HIT_FIRST: u32 = 2u;
+const CUBEMAP_TRACE_CRITERION_PLANE: u32 = 0u;
+const CUBEMAP_TRACE_CRITERION_SIGN: u32 = 1u;
+const CUBEMAP_TRACE_CRITERION_THRESHOLD: u32 = 2u;
+const CUBEMAP_TRACE_CRITERION_THRESHOLD_THEN_SIGN: u32 = 3u;
+const CUBEMAP_TRACE_SAMPLING_TEXEL: u32 = 0u;
+const CUBEMAP_TRACE_SAMPLING_STEP: u32 = 1u;
+const CUBEMAP_TRACE_SAMPLING_ANGLE: u32 = 2u;
 const CUBEMAP_TRACE_OWN_AUTO: u32 = 0u;
 const CUBEMAP_TRACE_OWN_LEFT_OUT: u32 = 1u;
 const CUBEMAP_TRACE_OWN_TRACE: u32 = 2u;
+const CUBEMAP_TRACE_OWN_DRAWN: u32 = 3u;
 const CUBEMAP_TRACE_REST_NONE: u32 = 0u;
 const CUBEMAP_TRACE_REST_SURFEL_TRACE: u32 = 1u;
+const CUBEMAP_TRACE_REST_CANDIDATE: u32 = 2u;
+const CUBEMAP_TRACE_REST_ENVIRONMENT_MAP: u32 = 3u;
 
 // Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).
 struct ScreenTrace {

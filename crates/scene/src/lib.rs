@@ -31,10 +31,11 @@ pub use path_text::shown;
 pub use preferences::Preferences;
 pub use preset::{PRESETS, Preset};
 pub use settings::{
-    Atomics, Color, ColorBy, CubePlacement, CubeRest, Curve, Distribution, Edl, Gi, GlossPattern, GlossSettings,
-    Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings, MirrorSurface, Occluder, OwnPoints, Paging,
-    Quality, Ramp, Reading, Reflection, SceneSettings, ScreenRest, Seeds, Settings, Show, Solver, Splat, Sscr, Stream,
-    Sun, Surface, SurfaceBorders, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
+    Atomics, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement, CubeRest, CubeSampling, Curve, Distribution, Edl,
+    Gi, GlossPattern, GlossSettings, Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings, MirrorSurface,
+    Occluder, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, ScreenRest, Seeds, Settings, Show,
+    Solver, Splat, Sscr, Stream, Sun, Surface, SurfaceBorders, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings,
+    VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::Visibility;

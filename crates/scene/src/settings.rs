@@ -81,11 +81,23 @@ choices! {
 }
 choices! {
     /// What the points of a mirror do in its own reflections.
-    pub enum OwnPoints { Auto = "auto", LeftOut = "left_out", Trace = "trace" }
+    pub enum OwnPoints { Auto = "auto", LeftOut = "left_out", Trace = "trace", Drawn = "drawn" }
 }
 choices! {
     /// What finds the rays that no map resolves.
-    pub enum CubeRest { None = "none", SurfelTrace = "surfel_trace" }
+    pub enum CubeRest { None = "none", SurfelTrace = "surfel_trace", Candidate = "candidate", EnvironmentMap = "environment_map" }
+}
+choices! {
+    /// Which of the hits in several maps counts.
+    pub enum CubeHit { Relay = "relay", Nearest = "nearest", First = "first" }
+}
+choices! {
+    /// When a ray meets what a texel shows.
+    pub enum CubeCriterion { Plane = "plane", Sign = "sign", Threshold = "threshold", ThresholdThenSign = "threshold_then_sign" }
+}
+choices! {
+    /// Where along a ray its depth is compared with the map.
+    pub enum CubeSampling { Texel = "texel", Step = "step", Angle = "angle" }
 }
 choices! {
     /// What finds the rays that the camera's picture does not resolve.
@@ -334,15 +346,33 @@ params! {
         placement: CubePlacement = CubePlacement::Surface;
         /// How far from the surface a map stands, along its normal; on the other side if more of the mirror is seen from there.
         offset: f32 = -0.25, -1.0..=2.0, "mirror radii";
+        /// Where one map loses a ray, another goes on (relay, by planes; else like first); or the nearest hit in all maps; or that of the first map that has one, as published.
+        hit: CubeHit = CubeHit::Relay;
+        /// What is a hit: the plane of the disc that a texel shows; or, with one depth for a whole texel, as published, a change from before it to behind it, a distance below the threshold, or the first, and the other where there is none.
+        criterion: CubeCriterion = CubeCriterion::Plane;
+        /// How near to its texel's depth a ray meets it by the criterion threshold.
+        threshold: f32 = 0.0015, 0.0..=0.1, "scene radii";
+        /// Each texel that a ray crosses, or, for criteria other than plane, samples by equal steps, or by equal angles as seen from the map.
+        sampling: CubeSampling = CubeSampling::Texel;
+        /// From one sample to the next by equal steps; what is thinner is missed.
+        step: f32 = 0.001, 0.0001..=0.1, "scene radii";
+        /// From one sample to the next by equal angles.
+        angle: f32 = 0.25, 0.05..=5.0, "degrees";
+        /// Secant steps after a change from before to behind, between two samples; in each texel the place is exact.
+        refine: u32 = 1, 0..=8, "steps";
         /// Pass many texels at once where bounds of their depths say that a ray is before all of them; the picture is the same.
         skip: bool = true;
+        /// The finest level of bounds that is used; the picture is the same.
+        first_level: u32 = 0, 0..=10, "levels";
+        /// The coarsest level of bounds that is used; the picture is the same.
+        last_level: u32 = 10, 0..=10, "levels";
         /// Depth steps up to this size are within one surface: more closes cracks, and invents walls.
         jump: f32 = 1.0, 0.0..=8.0, "texels";
         /// How far beside its disc a texel's plane still counts: 0 leaves edges open, more widens things.
         disc_slack: f32 = 0.5, 0.0..=4.0, "texels";
-        /// What a mirror's own points do, which its maps leave out: nothing, as on convex mirrors, or rays are traced through them first.
+        /// What a mirror's own points do, which its maps leave out: nothing, as on convex mirrors, or rays are traced through them first; drawn puts them into the maps, as published, where they hide most of what a convex mirror shows.
         own: OwnPoints = OwnPoints::Auto;
-        /// What rays show that no map resolves: nothing, or what surfel_trace finds from where they are known to be free.
+        /// What rays show that no map resolves: nothing, or what surfel_trace finds from where they are known to be free, or the first thing that may hide it, or what lies in its direction from the map.
         rest: CubeRest = CubeRest::SurfelTrace;
     }
 

@@ -8,6 +8,8 @@ mod tests;
 
 use glam::{Vec2, Vec3};
 
+use super::depth_search::flat_leaf;
+
 /// From where, and how, the picture shows the scene.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
@@ -56,6 +58,50 @@ pub(super) struct Choices {
     pub disc_slack: f32,
     /// After so many the ray is given up.
     pub most_cells: u32,
+    /// The finest and the coarsest level of bounds that is used.
+    pub levels: [usize; 2],
+    pub criterion: Criterion,
+}
+
+/// When a ray meets what a texel shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Criterion {
+    Plane,
+    /// It goes behind the texel's depth.
+    Sign,
+    /// It is that near to the texel's depth.
+    Threshold(f32),
+}
+
+impl Choices {
+    pub const DEFAULT: Self = Self {
+        skip: true,
+        jump: 1.0,
+        disc_slack: 0.5,
+        most_cells: MOST_CELLS,
+        levels: [0, 31],
+        criterion: Criterion::Plane,
+    };
+
+    pub fn threshold(self) -> f32 {
+        if let Criterion::Threshold(threshold) = self.criterion { threshold } else { 0.0 }
+    }
+
+    /// Whether a part of a ray with these depths at its ends meets nothing in a cell with these bounds.
+    fn passes(self, [nearest, farthest]: Bounds, depths: [f32; 2], goes_on: bool) -> bool {
+        let is_before = depths[0].max(depths[1]) < nearest - self.threshold();
+        let is_behind = depths[0].min(depths[1]) > farthest + self.threshold();
+        is_before || (matches!(self.criterion, Criterion::Threshold(_)) && goes_on && is_behind)
+    }
+
+    pub fn level_below(self, level: usize) -> usize {
+        if level <= self.levels[0] { 0 } else { level - 1 }
+    }
+
+    pub fn level_above(self, level: usize, count: usize) -> usize {
+        let above = (level + 1).max(self.levels[0]);
+        if above <= count.min(self.levels[1]) { above } else { level }
+    }
 }
 
 /// What the pictures say about a ray.
@@ -238,7 +284,7 @@ pub(super) fn exit_of(view: &View, ray: &Ray) -> (f32, Option<Side>) {
 }
 
 /// The face that sees a direction: that of its largest part.
-fn face_toward(direction: Vec3) -> usize {
+pub(super) fn face_toward(direction: Vec3) -> usize {
     let parts = direction.abs();
     let axis = if parts.y > parts.x && parts.y >= parts.z {
         1
@@ -260,10 +306,10 @@ fn face_beside(face: usize, side: Side) -> usize {
 /// A ray along its way.
 pub(super) struct Coordinates {
     /// Its place in texels, each times the divisor.
-    across: Linear,
-    down: Linear,
+    pub across: Linear,
+    pub down: Linear,
     /// The linear depth; 1 in a parallel picture.
-    divisor: Linear,
+    pub divisor: Linear,
     pub depth: Linear,
 }
 
@@ -281,7 +327,7 @@ pub(super) fn coordinates(view: &View, ray: &Ray) -> Coordinates {
 }
 
 /// One axis of the picture: when the ray crosses its integer borders.
-struct Axis {
+pub(super) struct Axis {
     value: Linear,
     divisor: Linear,
     /// 1, -1, or 0 for a ray that stays where it is.
@@ -289,7 +335,7 @@ struct Axis {
 }
 
 impl Axis {
-    fn new(value: Linear, divisor: Linear) -> Self {
+    pub fn new(value: Linear, divisor: Linear) -> Self {
         let turn = value.slope * divisor.at_zero - value.at_zero * divisor.slope;
         Self {
             value,
@@ -313,7 +359,7 @@ impl Axis {
     }
 
     /// The border through which the ray leaves the cell `cell` of edge `edge`, and when.
-    fn exit(&self, cell: i32, edge: i32, size: i32) -> (i32, f32) {
+    pub fn exit(&self, cell: i32, edge: i32, size: i32) -> (i32, f32) {
         let border = if self.step > 0 { ((cell + 1) * edge).min(size) } else { cell * edge };
         (border, self.crossing(border))
     }
@@ -373,9 +419,9 @@ pub(super) fn walk(
         let out = exits[0].1.min(exits[1].1).min(part[1]).max(t);
         if level > 0 {
             let (count, bounds) = &picture.levels[level - 1];
-            let [nearest, _] = bounds[(cell[1] * count[0] as i32 + cell[0]) as usize];
-            if depth.at(t).max(depth.at(out)) >= nearest {
-                level -= 1;
+            let bounds = bounds[(cell[1] * count[0] as i32 + cell[0]) as usize];
+            if !choices.passes(bounds, [depth.at(t), depth.at(out)], out < ray.to) {
+                level = choices.level_below(level);
                 continue;
             }
         } else if let Some(answer) = leaf(picture, ray, at, [t, out], starts, choices) {
@@ -395,7 +441,7 @@ pub(super) fn walk(
         at[first] = if axes[first].step > 0 { exits[first].0 } else { exits[first].0 - 1 };
         t = out;
         if choices.skip {
-            level = (level + 1).min(picture.levels.len());
+            level = choices.level_above(level, picture.levels.len());
         }
     }
 }
@@ -450,10 +496,11 @@ pub(super) fn walk_cube(faces: &[Picture; 6], ray: &Ray, choices: Choices) -> (A
     let mut face = face_toward(ray.origin + ray.direction * t - faces[0].view.center);
     let mut cells = 0;
     let mut starts = true;
+    let says = if choices.criterion == Criterion::Plane { leaf } else { flat_leaf };
     for _ in 0..MOST_FACES {
         let (exit, side) = exit_of(&faces[face].view, ray);
         if exit > t {
-            let walked = walk(&faces[face], ray, [t, exit], starts, choices, leaf);
+            let walked = walk(&faces[face], ray, [t, exit], starts, choices, says);
             cells += walked.cells;
             starts = false;
             t = exit;
@@ -468,12 +515,18 @@ pub(super) fn walk_cube(faces: &[Picture; 6], ray: &Ray, choices: Choices) -> (A
     (Answer::Hidden(t), cells)
 }
 
-/// Walks a ray through several cubes, the nearest to its origin first: where one cannot see on, the others may.
-pub(super) fn relay(cubes: &[[Picture; 6]], ray: &Ray, tries: usize, choices: Choices) -> (Answer, u32) {
+/// The cubes in the order of their distance from a ray's origin.
+pub(super) fn nearest_first(cubes: &[[Picture; 6]], ray: &Ray, tries: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..cubes.len()).collect();
     let distance = |cube: usize| cubes[cube][0].view.center.distance_squared(ray.origin);
     order.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
     order.truncate(tries);
+    order
+}
+
+/// Walks a ray through several cubes, the nearest to its origin first: where one cannot see on, the others may.
+pub(super) fn relay(cubes: &[[Picture; 6]], ray: &Ray, tries: usize, choices: Choices) -> (Answer, u32) {
+    let order = nearest_first(cubes, ray, tries);
     let mut ray = *ray;
     let mut cells = 0;
     let mut last = usize::MAX;

@@ -11,6 +11,8 @@ mod bounce;
 pub(crate) mod clear;
 pub(crate) mod cubemap_trace;
 #[cfg(test)]
+mod depth_search;
+#[cfg(test)]
 mod depth_walk;
 pub(crate) mod environment_map;
 mod formula;

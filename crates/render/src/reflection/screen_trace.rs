@@ -238,7 +238,7 @@ mod tests {
                 is_parallel: frame.orthographic != 0,
             };
             let depths = Picture::new(view, records.iter().map(|record| texel_of(*record)).collect());
-            let choices = Choices { skip, jump: 1.0, disc_slack: 1e9, most_cells: 8192 };
+            let choices = Choices { skip, jump: 1.0, disc_slack: 1e9, most_cells: 8192, ..Choices::DEFAULT };
             let radius = largest_radius(store, &settings);
             assert!(radius > 0.0);
 

@@ -2,10 +2,12 @@
 
 use glam::Quat;
 use proptest::prelude::*;
+use scene::{CubeHit, CubeSampling};
 
+use super::super::depth_search::{Search, through_each};
 use super::*;
 
-const CHOICES: Choices = Choices { skip: true, jump: 1.0, disc_slack: 0.5, most_cells: MOST_CELLS };
+const CHOICES: Choices = Choices::DEFAULT;
 
 /// A disc of the scenes of these tests.
 #[derive(Clone, Copy, Debug)]
@@ -157,6 +159,98 @@ fn what_bounds_skip_changes_no_answer() {
             (0..2).for_each(|i| walked[i] += answers[i].1);
         }
         assert!(size < 100 || walked[0] * 2 < walked[1], "{size}: {walked:?} cells");
+    }
+}
+
+/// The published searches: by sign and by threshold, in each texel, at equal steps and at equal angles.
+fn searches() -> impl Iterator<Item = (Criterion, Search)> {
+    let search = |sampling, then_sign| Search {
+        sampling,
+        hit: CubeHit::Nearest,
+        step: 0.01,
+        angle: 0.01,
+        refine: 2,
+        reach: 8.0,
+        then_sign,
+    };
+    [CubeSampling::Texel, CubeSampling::Step, CubeSampling::Angle].into_iter().flat_map(move |sampling| {
+        [
+            (Criterion::Sign, search(sampling, false)),
+            (Criterion::Threshold(0.015), search(sampling, false)),
+            (Criterion::Threshold(0.015), search(sampling, true)),
+        ]
+    })
+}
+
+#[test]
+fn no_criterion_sampling_or_range_of_levels_depends_on_what_is_skipped() {
+    let mut next = random(5);
+    for size in [1, 17, 100] {
+        let discs = scene(&mut next, 40);
+        let cubes = [[0.1, 0.0, 0.0], [-0.1, 0.1, 0.0]].map(|center| discs_cube(center.into(), size, &discs));
+        for (criterion, search) in searches() {
+            let choices = Choices { criterion, ..CHOICES };
+            let (mut hits, mut apart) = (0, 0);
+            let rays = 300;
+            for _ in 0..rays {
+                let ray = ray(&mut next, 0.4);
+                let expected = through_each(&cubes, &ray, 2, Choices { skip: false, ..choices }, search).0;
+                hits += i32::from(matches!(expected, Answer::Hit { .. }));
+                for levels in [[0, 31], [2, 3], [4, 31], [9, 10]] {
+                    let answer = through_each(&cubes, &ray, 2, Choices { levels, ..choices }, search).0;
+                    if search.sampling == CubeSampling::Texel {
+                        assert_eq!(answer, expected, "{size} {criterion:?} {search:?} {levels:?}: {ray:?}");
+                    }
+                    apart += i32::from(answer != expected);
+                }
+            }
+            assert!(hits > 3, "{size} {criterion:?} {search:?}: {hits}");
+            // A sample on the border of two cells may count to either.
+            assert!(apart * 50 <= rays, "{size} {criterion:?} {search:?}: {apart}");
+        }
+    }
+}
+
+#[test]
+fn the_nearest_hit_does_not_depend_on_the_order_of_the_cubes() {
+    let mut next = random(6);
+    let discs = scene(&mut next, 60);
+    let cubes = |centers: [[f32; 3]; 2]| centers.map(|center| discs_cube(center.into(), 64, &discs));
+    let (a, b) = ([0.1, 0.0, 0.0], [-0.1, 0.1, 0.0]);
+    let (ordered, turned) = (cubes([a, b]), cubes([b, a]));
+    let planes = Search { sampling: CubeSampling::Texel, ..searches().next().unwrap().1 };
+    let mut first_differs = 0;
+    for (criterion, search) in searches().chain([(Criterion::Plane, planes)]) {
+        for _ in 0..300 {
+            // Equally far from both.
+            let ray = Ray { origin: Vec3::new(0.0, 0.05, 0.3 * next()), ..ray(&mut next, 0.4) };
+            let ray = Ray { origin: ray.origin + Vec3::new(0.0, 0.0, 0.1), ..ray };
+            let choices = Choices { criterion, ..CHOICES };
+            let nearest = [&ordered, &turned].map(|cubes| through_each(cubes, &ray, 2, choices, search).0);
+            assert_eq!(nearest[0], nearest[1], "{criterion:?} {search:?}: {ray:?}");
+            let first = through_each(&ordered, &ray, 2, choices, Search { hit: CubeHit::First, ..search }).0;
+            first_differs += i32::from(first != nearest[0]);
+        }
+    }
+    assert!(first_differs > 20, "{first_differs}");
+}
+
+#[test]
+fn published_searches_meet_a_wall_within_a_texel_and_a_step() {
+    let mut next = random(7);
+    let cube = [box_cube(Vec3::new(0.2, -0.1, 0.1), 128)];
+    for (criterion, search) in searches() {
+        let (mut near, mut rays) = (0, 0);
+        for _ in 0..500 {
+            let ray = ray(&mut next, 1.2);
+            let exact = ((ray.direction.signum() - ray.origin) / ray.direction).min_element();
+            let answer = through_each(&cube, &ray, 1, Choices { criterion, ..CHOICES }, search).0;
+            rays += 1;
+            // A texel at a wall's edge is up to three times as deep as it is wide.
+            near += i32::from(matches!(answer, Answer::Hit { t, .. } if (t - exact).abs() < 0.08));
+        }
+        // Steps beyond the threshold pass through walls that they meet steeply.
+        assert!(f64::from(near) > 0.8 * f64::from(rays), "{criterion:?} {search:?}: {near} of {rays}");
     }
 }
 
