@@ -292,3 +292,33 @@ fn samples_that_share_the_virtual_lights_are_as_bright_as_those_lit_by_all() {
         assert!((found / all - 1.0).abs() < 0.03, "{interleave} {samples}: {found} instead of {all}");
     }
 }
+
+#[test]
+fn a_perfect_mirror_shows_all_samples_of_a_glossy_one() {
+    let mut stage = stage_or_skip!();
+    let mut scene = Scene::new(&stage, [WHITE, BLACK], 0.0);
+    // A glossy ball above the camera, between the bright and the dark half.
+    scene.mirrors.push(Mirror {
+        position: DVec3::new(0.0, -0.9, 1.2),
+        size: 0.5,
+        specular_power: 20.0,
+        ..scene.mirrors[0].clone()
+    });
+    let mut values = |samples, bounces: &str| {
+        let settings = settings(
+            Method::SurfelTrace,
+            samples,
+            &[("reflection.bounces", bounces), ("gloss.pattern", "pixel"), ("mirror.surface", "exact")],
+        );
+        stage.renderer.forget();
+        assert_eq!(scene.render(&mut stage, &settings).glossy_samples, [samples, samples]);
+        let shown = colors(&stage);
+        mirror_pixels(&stage).into_iter().map(|pixel| shown[pixel][0]).collect::<Vec<f32>>()
+    };
+    // Grey is what only a mean of several samples shows.
+    let greys = |values: Vec<f32>| values.iter().filter(|value| (0.2..0.8).contains(*value)).count();
+    let (one, many) = (greys(values(1, "2")), greys(values(16, "2")));
+    assert!(many > one + 3, "{one} and {many} grey pixels");
+    // Without a second reflection all samples of the perfect ball are one.
+    assert!(values(16, "1") == values(1, "1"));
+}
