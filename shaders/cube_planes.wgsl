@@ -1,6 +1,6 @@
-// The records of a face of a cubemap: the disc of the nearest point of each texel, so that rays need no page of the
-// store. Runs once for each page and takes the texels whose point lies in it; the first page also writes the empty
-// ones. The frame is that of the face. One thread a texel.
+// The records of a face of a cubemap, or of a layer of the picture: the disc of the nearest point of each texel, so that
+// rays need no page of the store. Runs once for each page and takes the texels whose point lies in it; the first page also writes the empty
+// ones. The frame is that of the face or the picture. One thread a texel.
 #import point_surface
 #import depth_texel
 
@@ -28,20 +28,23 @@ fn cube_planes(@builtin(global_invocation_id) id: vec3u) {
     let item = items[items_of_runs[index / BLOCK_POINTS]];
     let point = points[index];
     let place = vec2f(id.xy) + 0.5;
-    let sight = world_direction(frame, view_from_pixel(frame, place, 1.0));
+    let eye = view_from_pixel(frame, place, 0.0);
+    let origin = world_direction(frame, eye);
+    let sight = world_direction(frame, view_from_pixel(frame, place, 1.0) - eye);
     let center = bitcast<vec3f>(point.xyz) + item.origin_radius.xyz;
     let own = unpack_normal(attributes[index].y);
     let cosine = dot(own, normalize(sight));
     let has_slope = abs(cosine) >= LEAST_COSINE;
     let normal = select(-normalize(sight), select(own, -own, cosine > 0.0), has_slope);
     let depth = depth_from_nearness(key.y);
-    let width = depth / frame.focal_pixels;
+    let is_parallel = frame.orthographic != 0u;
+    let width = select(depth, 1.0, is_parallel) / frame.focal_pixels;
     // The nearest point of a texel may lie beside its middle.
-    let plane = select(depth, dot(own, center) / dot(own, sight), has_slope);
+    let plane = select(depth, dot(own, center - origin) / dot(own, sight), has_slope);
     let in_view = view_from_relative(frame, center);
     // A disc is drawn with at least a texel.
     let disc = disc_of_point(frame, settings.splat, item, point);
-    let radius = select(disc.radius, 0.5 * in_view.z / frame.focal_pixels, disc.radius_pixels == 0.0);
+    let radius = select(disc.radius, 0.5 * select(in_view.z, 1.0, is_parallel) / frame.focal_pixels, disc.radius_pixels == 0.0);
     let middle = pixel_from_view(frame, in_view) - place;
     let texel = DepthTexel(key.x, depth_beside(depth, plane, width), normal, radius / width, middle);
     records[pixel] = pack_texel(texel);

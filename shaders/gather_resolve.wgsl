@@ -11,7 +11,7 @@
 @group(2) @binding(3) var<storage, read> hits: array<vec4u>;
 @group(2) @binding(4) var albedo_out: texture_storage_2d<rgba16float, write>;
 @group(2) @binding(5) var normal_out: texture_storage_2d<rgba32float, write>;
-// xyz: position relative to the eye, w: 1, or 0 where nothing was found.
+// xyz: position relative to the eye, w: coverage, 0 where nothing was found.
 @group(2) @binding(6) var position_out: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(8, 8)
@@ -27,7 +27,7 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
     let point = textureLoad(point_in, id, 0);
     let hit = hits[id.y * frame.width + id.x];
     // Of a ray that ends in the camera's picture, the surface is already there.
-    let is_point = hit.x != HIT_IN_PICTURE;
+    let is_point = !is_in_picture(hit);
     var is_ours = page.is_first == 1u && is_point;
     if hit.y != 0u && is_point {
         let index = index_of_identity(hit.y - 1u);
@@ -38,7 +38,7 @@ fn gather_resolve(@builtin(global_invocation_id) thread: vec3u) {
             let surface = surface_of_point(index, -direction);
             albedo = surface.albedo;
             normal = surface.normal;
-            position = vec4f(point.xyz + direction * bitcast<f32>(hit.z), 1.0);
+            position = vec4f(point.xyz + direction * bitcast<f32>(hit.z), coverage_of(hit));
         }
     }
     if is_ours {

@@ -24,6 +24,11 @@ const CLOSED: f32 = 1.0;
 const OFF_ITS_RAY: f32 = 2.0;
 // Its neighbours show other surfaces: one of them hides the other, or is missing.
 const ALONE: f32 = 3.0;
+// Found, but something may stand before it.
+const UNPROVEN: f32 = 4.0;
+// The coverage from which on something was found, and that from which on it is proven.
+const FOUND: f32 = 0.75;
+const PROVEN: f32 = 1.0;
 
 // The distance from a neighbour's surface, relative to that from the mirror, at which it is another: the tolerance of
 // the occlusion error.
@@ -41,11 +46,14 @@ fn mirror_doubt(@builtin(global_invocation_id) thread: vec3u) {
         let seen = textureLoad(seen_in, id, 0);
         atomicAdd(&counters[MIRROR_PIXELS], 1u);
         if seen.w > 0.0 {
-            let is_found = seen.w >= 1.0;
+            let is_found = seen.w >= FOUND;
             atomicAdd(&counters[select(CLOSED_PIXELS, FOUND_PIXELS, is_found)], 1u);
             doubt = CLOSED;
             if is_found {
                 doubt = select(select(0.0, ALONE, is_alone(id, point.xyz, seen.xyz)), OFF_ITS_RAY, is_off(id, point.xyz, seen.xyz));
+            }
+            if is_found && seen.w < PROVEN {
+                doubt = UNPROVEN;
             }
             if doubt > 0.0 {
                 atomicAdd(&counters[DOUBTED_PIXELS], 1u);

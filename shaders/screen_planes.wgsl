@@ -23,7 +23,7 @@ fn screen_planes(@builtin(global_invocation_id) id: vec3u) {
     let own = textureLoad(normal_in, id.xy, 0).xyz;
     let sight = select(normalize(position.xyz), frame.forward.xyz, frame.orthographic != 0u);
     let cosine = dot(own, sight);
-    let has_slope = abs(cosine) >= LEAST_COSINE;
+    let has_slope = abs(cosine) >= LEAST_COSINE || settings.screen_trace.criterion != SCREEN_TRACE_CRITERION_PLANE;
     let normal = select(-sight, select(own, -own, cosine > 0.0), has_slope);
     let depth = dot(position.xyz, frame.forward.xyz);
     // Seen edge-on, the surface reaches far to both sides of the depth at the centre: a ray is free up to its near end.

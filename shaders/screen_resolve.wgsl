@@ -23,7 +23,7 @@ fn screen_resolve(@builtin(global_invocation_id) thread: vec3u) {
     }
     let point = textureLoad(point_in, id, 0);
     let hit = hits[id.y * frame.width + id.x];
-    if point.w == 0.0 || hit.x != HIT_IN_PICTURE {
+    if point.w == 0.0 || !is_in_picture(hit) {
         return;
     }
     let seen = vec2u((hit.y - 1u) % frame.width, (hit.y - 1u) / frame.width);
@@ -33,5 +33,5 @@ fn screen_resolve(@builtin(global_invocation_id) thread: vec3u) {
     let outward = select(normal.xyz, -normal.xyz, dot(normal.xyz, direction) > 0.0);
     textureStore(albedo_out, id, textureLoad(picture_albedo_in, seen, 0));
     textureStore(normal_out, id, vec4f(outward, normal.w));
-    textureStore(position_out, id, vec4f(point.xyz + direction * bitcast<f32>(hit.z), 1.0));
+    textureStore(position_out, id, vec4f(point.xyz + direction * bitcast<f32>(hit.z), coverage_of(hit)));
 }

@@ -44,9 +44,13 @@ fn screen_trace(@builtin(global_invocation_id) thread: vec3u) {
     }
     let reflected = mirror_ray(point.xyz, textureLoad(normal_in, id, 0).xyz, textureLoad(eye_in, id, 0).xyz);
     let pixel = id.y * frame.width + id.x;
+    let by_depth = settings.screen_trace.criterion != SCREEN_TRACE_CRITERION_PLANE;
     let walk = through_screen(WalkRay(reflected.origin, reflected.direction, 0.0, FARTHEST));
     if walk.kind == WALK_HIT {
-        hits[pixel] = vec4u(HIT_IN_PICTURE, walk.identity + 1u, bitcast<u32>(walk.t), walk.cells);
+        // A disc of the layer behind is a point, whose key is the distance.
+        var key = select(HIT_IN_PICTURE, bitcast<u32>(walk.t), is_in_back);
+        key |= select(0u, HIT_UNPROVEN, passed_behind < NEVER || by_depth);
+        hits[pixel] = vec4u(key, walk.identity + 1u, bitcast<u32>(walk.t), walk.cells);
     } else {
         hits[pixel].w = walk.cells;
     }
@@ -80,18 +84,58 @@ fn through_screen(ray: WalkRay) -> Walk {
     exit = earlier_exit(exit, vec2f(along.depth.x - frame.near, along.depth.y), SIDE_NEAR);
     var walk = Walk(WALK_HIDDEN, 0.0, 0u, 0u);
     if is_within && exit.t > own {
-        walk = walk_picture(view, ray, vec2f(own, exit.t), true, choices);
-        if walk.kind == WALK_OPEN && exit.side != 0u {
+        if settings.screen_trace.sampling == SCREEN_TRACE_SAMPLING_STEP {
+            walk = walk_by_steps(view, ray, vec2f(own, exit.t), choices);
+        } else {
+            walk = walk_picture(view, ray, vec2f(own, exit.t), true, choices);
+        }
+        let is_free = walk.kind == WALK_OPEN;
+        if is_free && (exit.side != 0u || passed_behind < NEVER) {
             walk.kind = WALK_HIDDEN;
-            walk.t = exit.t;
-        } else if walk.kind == WALK_HIT && (walk.identity & EDGE_ON) != 0u {
-            walk.kind = WALK_HIDDEN;
-        } else if walk.kind == WALK_HIDDEN && walk.t <= own {
+        }
+        if walk.kind == WALK_HIDDEN {
+            walk.t = min(select(walk.t, exit.t, is_free), passed_behind);
             // The picture says nothing about the ray's beginning.
-            walk.t = 0.0;
+            walk.t = select(0.0, walk.t, walk.t > own);
         }
     }
     return walk;
 }
 
 const SIDE_NEAR: u32 = 5u;
+
+// Walks the part `part` of a ray by steps of even length in the picture, as published. Of what lies between the pixels
+// that it steps on, nothing is known.
+fn walk_by_steps(view: DepthView, ray: WalkRay, part: vec2f, choices: WalkChoices) -> Walk {
+    let along = coordinates_of(view, ray);
+    let first = place_at(along, part.x);
+    let way = place_at(along, part.y) - first;
+    let length = max(distance(way, vec2f(0.0)), 1e-6);
+    let step = settings.screen_trace.step / length;
+    let is_down = abs(way.y) > abs(way.x);
+    let axis = select(along.across, along.down, is_down);
+    var walk = Walk(WALK_ON, 0.0, 0u, 0u);
+    var t = part.x;
+    while walk.kind == WALK_ON {
+        let share = f32(walk.cells + 1u) * step;
+        let place = first + way * share;
+        let border = select(place.x, place.y, is_down);
+        let crossing = (border * along.divisor.x - axis.x) / (axis.y - border * along.divisor.y);
+        let out = select(part.y, clamp(crossing, t, part.y), share < 1.0);
+        let at = clamp(vec2i(floor(first + way * min(share - 0.5 * step, 1.0))), vec2i(0), view.size - 1);
+        let said = said_at(view, ray, at, vec2f(t, out), walk.cells == 0u, choices);
+        walk = Walk(said.kind, said.t, said.identity, walk.cells + 1u);
+        if walk.kind == WALK_ON && out >= part.y {
+            walk.kind = WALK_OPEN;
+        } else if walk.kind == WALK_ON && walk.cells >= choices.most_cells {
+            walk.kind = WALK_HIDDEN;
+            walk.t = out;
+        }
+        t = out;
+    }
+    return walk;
+}
+
+fn place_at(along: WalkCoordinates, t: f32) -> vec2f {
+    return vec2f(linear_at(along.across, t), linear_at(along.down, t)) / linear_at(along.divisor, t);
+}

@@ -50,14 +50,14 @@ fn show(@builtin(global_invocation_id) id: vec3u) {
             case REFLECTION_SHOW_UNCONVERGED: { color = heat(views.w); }
             // Black: nothing, orange: closed, by how much; white: found.
             case REFLECTION_SHOW_COVERAGE: {
-                color = select(vec3f(1.0, 0.6, 0.1) * (0.4 + 0.6 * position.w), vec3f(1.0), position.w >= 1.0);
+                color = select(vec3f(1.0, 0.6, 0.1) * (0.4 + 0.6 * position.w), vec3f(1.0), position.w >= 0.75);
                 color = select(vec3f(0.0), color, is_found);
             }
-            // Grey: trusted; orange: closed, red: off its ray, violet: alone among its neighbours; dark blue: nothing found.
+            // Grey: trusted; orange: closed, red: off its ray, violet: alone among its neighbours, yellow: unproven; dark blue: nothing found.
             case REFLECTION_SHOW_UNCERTAIN: {
-                let reasons = array(vec3f(0.0), vec3f(1.0, 0.6, 0.1), vec3f(0.95, 0.15, 0.1), vec3f(0.65, 0.3, 0.95));
+                let reasons = array(vec3f(0.0), vec3f(1.0, 0.6, 0.1), vec3f(0.95, 0.15, 0.1), vec3f(0.65, 0.3, 0.95), vec3f(0.9, 0.85, 0.2));
                 let doubt = u32(textureLoad(doubt_in, id.xy, 0).x);
-                color = select(reasons[min(doubt, 3u)], vec3f(dot(picture, vec3f(0.2126, 0.7152, 0.0722))) * 0.8, doubt == 0u);
+                color = select(reasons[min(doubt, 4u)], vec3f(dot(picture, vec3f(0.2126, 0.7152, 0.0722))) * 0.8, doubt == 0u);
                 color = select(vec3f(0.05, 0.05, 0.3), color, is_found);
             }
             case REFLECTION_SHOW_DISTANCE: {

@@ -303,6 +303,12 @@ fn level_above(level: i32, view: DepthView, choices: WalkChoices) -> i32 {
     return select(level, above, above <= min(view.levels, choices.last_level));
 }
 
+// The height of a ray over the plane of a texel, along the ray: positive before it.
+fn height_over(view: DepthView, ray: WalkRay, at: vec2i, texel: DepthTexel) -> vec2f {
+    let plane = plane_of(sight_of(view, vec2f(at) + 0.5), texel.normal, texel.depth);
+    return vec2f(dot(texel.normal, ray.origin - view.center) - plane, dot(texel.normal, ray.direction));
+}
+
 // What a texel says about the part `part` of the ray, which crosses it.
 fn said_by_texel(
     view: DepthView,
@@ -317,8 +323,7 @@ fn said_by_texel(
         return Walk(WALK_ON, 0.0, 0u, 0u);
     }
     let texel = unpack_texel(record);
-    let plane = plane_of(sight_of(view, vec2f(at) + 0.5), texel.normal, texel.depth);
-    let height = vec2f(dot(texel.normal, ray.origin - view.center) - plane, dot(texel.normal, ray.direction));
+    let height = height_over(view, ray, at, texel);
     let width = width_at(view, texel.depth);
     let radius = texel.radius * width;
     let before = linear_at(height, part.x);
@@ -334,6 +339,7 @@ fn said_by_texel(
     }
     let t = select(part.x, part.x + (part.y - part.x) * before / max(before - after, 1e-30), is_before);
     let sight = sight_of(view, vec2f(at) + 0.5 + texel.middle);
+    let plane = plane_of(sight_of(view, vec2f(at) + 0.5), texel.normal, texel.depth);
     let middle = view.center + sight.origin + sight.direction * depth_of_plane(sight, texel.normal, plane);
     let beside = distance(ray.origin + ray.direction * t, middle);
     // The surface on which the ray begins does not stop it.

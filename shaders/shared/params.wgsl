@@ -243,11 +243,25 @@ const CUBEMAP_TRACE_REST_ENVIRONMENT_MAP: u32 = 3u;
 
 // Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).
 struct ScreenTrace {
+    criterion: u32,
+    thickness: f32,
+    sampling: u32,
+    step: f32,
+    back: u32,
     skip: u32,
     jump: f32,
     max_steps: u32,
     rest: u32,
 }
+const SCREEN_TRACE_CRITERION_PLANE: u32 = 0u;
+const SCREEN_TRACE_CRITERION_BEHIND: u32 = 1u;
+const SCREEN_TRACE_CRITERION_THICKNESS: u32 = 2u;
+const SCREEN_TRACE_CRITERION_LAYERS: u32 = 3u;
+const SCREEN_TRACE_SAMPLING_TEXEL: u32 = 0u;
+const SCREEN_TRACE_SAMPLING_STEP: u32 = 1u;
+const SCREEN_TRACE_BACK_NONE: u32 = 0u;
+const SCREEN_TRACE_BACK_CULLED: u32 = 1u;
+const SCREEN_TRACE_BACK_PEELED: u32 = 2u;
 const SCREEN_TRACE_REST_NONE: u32 = 0u;
 const SCREEN_TRACE_REST_SURFEL_TRACE: u32 = 1u;
 

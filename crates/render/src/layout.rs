@@ -104,7 +104,7 @@ structs! {
     /// The level of bounds that a pass makes, of shaders/cube_bounds.wgsl.
     CubeLevel { level: u32, unused_1: u32, unused_2: u32, unused_3: u32 }
     /// The camera's picture in `screen_trace`; the first cells of its levels follow. Of shaders/shared/screen.wgsl.
-    Screen { levels: u32, level: u32, mirror_radius: f32, unused: u32 }
+    Screen { levels: u32, level: u32, mirror_radius: f32, texels_of_layer: u32 }
     /// The draw of a region that a search is for, of shaders/sscr_solve.wgsl.
     Round { draw: u32, seed: u32 }
 }

@@ -219,6 +219,7 @@ passes! {
         hits: ReadWrite, rest: ReadWrite, views_out: Write(Rgba32Float), counters: ReadWrite,
     }
     screen_planes: Method over Pixels { normal_in: Texture, position_in: Texture, records: ReadWrite }
+    splat_behind: Method over Blocks { records: Read, nearest: ReadWrite }
     screen_bounds: Method over Pixels { screen: Read, records: Read, bounds: ReadWrite }
     screen_trace: Method over Pixels {
         point_in: Texture, normal_in: Texture, eye_in: Texture, screen: Read, records: Read, bounds: Read,

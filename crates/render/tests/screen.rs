@@ -233,3 +233,74 @@ fn rays_towards_the_eye_and_rays_to_nowhere_are_told_apart() {
     assert!(stats.mirror_pixels > 500 && stats.coverage == 0.0, "{stats:?}");
     assert!((0.9..0.999).contains(&unresolved), "{unresolved}");
 }
+
+#[test]
+fn a_layer_behind_tells_more_of_what_is_hidden_and_no_less_rightly() {
+    let mut stage = stage_or_skip!();
+    let scene = furnished(&stage);
+    for projection in ["perspective", "orthographic"] {
+        let mut found = |method: &str, back: &str| {
+            let pairs = [
+                ("reflection.method", method),
+                ("screen_trace.rest", "none"),
+                ("screen_trace.back", back),
+                ("view.projection", projection),
+            ];
+            let stats = scene.render(&mut stage, &settings(&pairs), [240, 180]);
+            (stats.reflection.unwrap(), vectors::<4>(&stage, Aov::MirrorPosition))
+        };
+        let truth = found("surfel_trace", "none").1;
+        let place = |found: &[f32; 4]| Vec3::new(found[0], found[1], found[2]);
+        let mut judge = |back: &str| {
+            let (figures, seen) = found("screen_trace", back);
+            let pairs = || seen.iter().zip(&truth).filter(|(a, b)| a[3] >= 0.75 && b[3] == 1.0);
+            let wrong = pairs().filter(|(a, b)| place(a).distance(place(b)) > 0.03).count();
+            let unproven = seen.iter().filter(|seen| seen[3] == 0.75).count();
+            (figures.unresolved.unwrap(), pairs().count(), wrong, unproven)
+        };
+        let [none, culled, peeled] = ["none", "culled", "peeled"].map(&mut judge);
+        println!("{projection}: unresolved, compared, wrong, unproven: {none:?}, {culled:?}, {peeled:?}");
+        assert!(peeled.0 < none.0 - 0.01 && peeled.1 > none.1, "{none:?} {peeled:?}");
+        assert!(peeled.2 * 25 < peeled.1 && none.3 == 0 && peeled.3 == 0, "{none:?} {peeled:?}");
+        assert!(culled.1 >= none.1, "{none:?} {culled:?}");
+    }
+}
+
+#[test]
+fn published_criteria_find_more_and_less_rightly_and_are_marked_as_unproven() {
+    let mut stage = stage_or_skip!();
+    let scene = furnished(&stage);
+    let mut found = |pairs: &[(&str, &str)]| {
+        let pairs = [&[("reflection.method", "screen_trace"), ("screen_trace.rest", "none")], pairs].concat();
+        let stats = scene.render(&mut stage, &settings(&pairs), [240, 180]);
+        (stats.reflection.unwrap(), vectors::<4>(&stage, Aov::MirrorPosition))
+    };
+    let (traced, truth) = found(&[("reflection.method", "surfel_trace")]);
+    let place = |found: &[f32; 4]| Vec3::new(found[0], found[1], found[2]);
+    let pixels = f64::from(traced.mirror_pixels);
+    // The shares that something is found in, and that something else should be.
+    let mut judge = |pairs: &[(&str, &str)], coverage: f32| {
+        let (figures, seen) = found(pairs);
+        // The other mirror, put in front by its formula, is proven.
+        let there = seen.iter().filter(|seen| seen[3] >= coverage).count() as f64;
+        assert!((there / pixels - figures.coverage).abs() < 1e-3, "{pairs:?}: {there} of {pixels}, {figures:?}");
+        assert!(coverage == 1.0 || figures.uncertain > figures.coverage - 0.02, "{figures:?}");
+        let is_wrong = |(a, b): &(&[f32; 4], &[f32; 4])| {
+            a[3] >= coverage && (b[3].is_nan() || b[3] == 1.0 && place(a).distance(place(b)) > 0.05)
+        };
+        (there / pixels, seen.iter().zip(&truth).filter(is_wrong).count() as f64 / pixels)
+    };
+    let plane = judge(&[], 1.0);
+    let behind = judge(&[("screen_trace.criterion", "behind")], 0.75);
+    let thin = judge(&[("screen_trace.criterion", "thickness"), ("screen_trace.thickness", "0.02")], 0.75);
+    let layers = [("screen_trace.criterion", "layers"), ("screen_trace.back", "culled")];
+    let layers = judge(&layers, 0.75);
+    let steps = judge(&[("screen_trace.sampling", "step")], 1.0);
+    let long_steps = judge(&[("screen_trace.sampling", "step"), ("screen_trace.step", "32")], 1.0);
+    println!("{plane:?} {behind:?} {thin:?} {layers:?} {steps:?} {long_steps:?}");
+    assert!(behind.0 > plane.0 && behind.1 > 3.0 * plane.1, "{behind:?} {plane:?}");
+    assert!(thin.0 < behind.0 && thin.1 < behind.1, "{thin:?} {behind:?}");
+    assert!(layers.0 < behind.0 && layers.1 <= behind.1, "{layers:?} {behind:?}");
+    assert!((steps.0 - plane.0).abs() < 0.1 && steps.1 < 0.05, "{steps:?} {plane:?}");
+    assert!(long_steps.1 > 2.0 * steps.1, "{long_steps:?} {steps:?}");
+}

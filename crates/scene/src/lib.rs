@@ -33,9 +33,9 @@ pub use preset::{PRESETS, Preset};
 pub use settings::{
     Atomics, Color, ColorBy, CubeCriterion, CubeHit, CubePlacement, CubeRest, CubeSampling, Curve, Distribution, Edl,
     Gi, GlossPattern, GlossSettings, Highlight, KeptPoints, Light, LightView, Lighting, MirrorSettings, MirrorSurface,
-    Occluder, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, ScreenRest, Seeds, Settings, Show,
-    Solver, Splat, Sscr, Stream, Sun, Surface, SurfaceBorders, SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings,
-    VirtualLight,
+    Occluder, OwnPoints, Paging, Quality, Ramp, Reading, Reflection, SceneSettings, ScreenBack, ScreenCriterion,
+    ScreenRest, ScreenSampling, Seeds, Settings, Show, Solver, Splat, Sscr, Stream, Sun, Surface, SurfaceBorders,
+    SurfaceOrientation, Tone, Trace, UpAxis, ViewSettings, VirtualLight,
 };
 pub use surroundings::{Room, Surroundings};
 pub use visibility::Visibility;

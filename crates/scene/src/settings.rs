@@ -100,6 +100,18 @@ choices! {
     pub enum CubeSampling { Texel = "texel", Step = "step", Angle = "angle" }
 }
 choices! {
+    /// What of the camera's picture a ray meets.
+    pub enum ScreenCriterion { Plane = "plane", Behind = "behind", Thickness = "thickness", Layers = "layers" }
+}
+choices! {
+    /// Which pixels a ray is tested against.
+    pub enum ScreenSampling { Texel = "texel", Step = "step" }
+}
+choices! {
+    /// The second layer of the camera's picture.
+    pub enum ScreenBack { None = "none", Culled = "culled", Peeled = "peeled" }
+}
+choices! {
     /// What finds the rays that the camera's picture does not resolve.
     pub enum ScreenRest { None = "none", SurfelTrace = "surfel_trace" }
 }
@@ -378,6 +390,16 @@ params! {
 
     /// Screen-space tracing: rays walk through the camera's picture (after Johnsson 2012).
     pub struct ScreenTrace = "screen_trace" in "Reflections" => affects(found) {
+        /// What a ray meets: plane takes each pixel for a plane, and says what it cannot tell; the others are published, and go by depth alone: whatever the ray is behind, by up to a thickness, or before the layer behind.
+        criterion: ScreenCriterion = ScreenCriterion::Plane;
+        /// Thickness of all things, for the criterion of this name: streaks when thick, holes when thin.
+        thickness: f32 = 0.05, 0.001..=10.0, "scene radii";
+        /// Test each pixel that the ray crosses, or take even steps, as published.
+        sampling: ScreenSampling = ScreenSampling::Texel;
+        /// Length of a step: what is thinner is missed.
+        step: f32 = 1.0, 1.0..=64.0, "pixels";
+        /// A second layer behind what the camera sees: the discs that face away, as published, or all that is farther than the nearest surface by two radii.
+        back: ScreenBack = ScreenBack::None;
         /// Pass many pixels at once where bounds of their depths say that a ray is before all of them; the picture is the same.
         skip: bool = true;
         /// Depth steps up to this size are within one surface: more closes cracks, and invents walls.

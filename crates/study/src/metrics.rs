@@ -92,7 +92,7 @@ pub struct MirrorPixel {
     pub reflected: DVec3,
     /// Q.
     pub found: DVec3,
-    /// 0: nothing found, and Q is meaningless; 1: found; between: closed from neighbours.
+    /// 0: nothing found, and Q is meaningless; 1: found; 0.75: found, but not proven; below: closed from neighbours.
     pub coverage: f64,
     /// H, if the ray ends anywhere.
     pub truth: Option<DVec3>,
@@ -115,7 +115,7 @@ pub fn accuracy(truth: Truth, width: usize, pixels: &[Option<MirrorPixel>]) -> A
     Accuracy {
         truth,
         mirror_pixels,
-        coverage: share(|pixel| pixel.coverage >= 1.0),
+        coverage: share(|pixel| pixel.coverage >= 0.75),
         closed_coverage: share(MirrorPixel::is_filled),
         false_fill: share(|pixel| pixel.is_filled() && pixel.truth.is_none()),
         angle_error: Percentiles::of(errors.iter().map(|error| error.angle).collect()),

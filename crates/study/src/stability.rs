@@ -36,7 +36,7 @@ struct Case {
 }
 
 /// All cases, in the order of the docs.
-const CASES: [Case; 17] = [
+const CASES: [Case; 20] = [
     Case { name: "rolled-camera", value: "roll, degrees", default: 45.0, range: 0.0..=90.0, scene: rolled_camera },
     Case {
         name: "wide-view",
@@ -120,6 +120,21 @@ const CASES: [Case; 17] = [
         scene: bent_mirror,
     },
     Case { name: "glossy", value: "specular power", default: 300.0, range: 0.0..=1e6, scene: glossy },
+    Case {
+        name: "looking-down",
+        value: "elevation of the eye over a mirror that lies flat, degrees",
+        default: 45.0,
+        range: 5.0..=85.0,
+        scene: looking_down,
+    },
+    Case { name: "pillars", value: "width of the pillars", default: 0.1, range: 0.01..=0.3, scene: pillars },
+    Case {
+        name: "wires",
+        value: "width of the wires, pixels of a picture of 240 rows",
+        default: 3.0,
+        range: 1.0..=20.0,
+        scene: wires,
+    },
 ];
 
 /// Whether the name has the form of a case, known or not.
@@ -399,6 +414,45 @@ fn near_wall(gap: f64) -> Scene {
     let middle = DVec3::new(-1.0 + gap + radius, 0.0, 0.0);
     let camera = Camera::looking(middle, DVec3::new(0.4, 0.1, 1.0), 1.4, DVec3::Y);
     Scene { camera, ..in_room([sphere(middle, radius)]) }
+}
+
+/// A plane mirror that lies flat: the higher the eye, the farther behind it is what the mirror shows.
+fn looking_down(elevation: f64) -> Scene {
+    let (sin, cos) = elevation.to_radians().sin_cos();
+    let at = DVec3::new(0.0, -0.7, -0.3);
+    let flat = Mirror {
+        position: at,
+        as_points: true,
+        ..Mirror::standing(Shape::Plane { height: 1.0 }, DVec3::ZERO, DVec3::Y, DVec3::Z, 0.35)
+    };
+    let camera = Camera::looking(at, DVec3::new(0.0, sin, cos), 1.4, DVec3::Y);
+    Scene { camera, ..in_room([Piece::mirror(flat).spaced(0.006)]) }
+}
+
+/// An upright rectangle that faces the camera.
+fn plate(middle: DVec3, width: f64, height: f64) -> Surface {
+    let edges = [DVec3::X * width, DVec3::Y * height];
+    Surface::Rectangle { corner: middle - (edges[0] + edges[1]) * 0.5, edges }
+}
+
+/// A sphere with a pillar on each side, nearer to the camera, behind which reflected rays pass.
+fn pillars(width: f64) -> Scene {
+    let pillar = |side: f64| {
+        let middle = DVec3::new(side * 0.62, 0.0, 0.3);
+        Piece::wall(plate(middle, width, 2.0), Albedo::Even([0.6, 0.5, 0.1])).spaced(0.008)
+    };
+    in_room([pillar(-1.0), pillar(1.0), sphere(DVec3::ZERO, RADIUS)])
+}
+
+/// A sphere before rows of upright wires, which it reflects.
+fn wires(width: f64) -> Scene {
+    // At the middle of the wires.
+    let (at, wire) = (-0.8, width * pixel() * (five_mirrors::camera().eye.z + 0.8));
+    let wires = (-9..=9).map(|wire_index| {
+        let middle = DVec3::new(f64::from(wire_index) * 0.1, 0.0, at);
+        Piece::wall(plate(middle, wire, 2.0), Albedo::Even([0.6, 0.5, 0.1])).spaced((0.5 * wire).min(0.008))
+    });
+    in_room(wires.chain([sphere(DVec3::ZERO, 0.35)]))
 }
 
 /// A mirror that is almost flat.

@@ -4,6 +4,7 @@
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use cloud::Progress;
+use glam::Vec3;
 use render::{Aov, Gpu, Renderer};
 use scene::five_mirrors::{self, Variant};
 use scene::{Settings, ViewSettings};
@@ -50,10 +51,14 @@ fn studio() -> Option<MutexGuard<'static, Studio>> {
 
 impl Studio {
     fn frame(&mut self, variant: Variant, method: &str) -> Frame {
+        self.frame_with(variant, &[("reflection.method", method)])
+    }
+
+    fn frame_with(&mut self, variant: Variant, pairs: &[(&str, &str)]) -> Frame {
         let mut settings = Settings::default();
         settings.scene.points = POINTS;
         settings.gi.bounces = 0;
-        settings.set_text("reflection.method", method).unwrap();
+        pairs.iter().for_each(|(key, value)| settings.set_text(key, value).unwrap());
         let subject = Subject::five_mirrors(&self.gpu, variant, &settings).unwrap();
         subject.render(&mut self.renderer, &settings, SIZE).unwrap();
         let traced = TracedScene::new(&subject.parts, None, settings.splat.size, &Progress::default()).unwrap();
@@ -189,5 +194,47 @@ fn broken_results_miss_the_bounds() {
             let figures = frame.judge(normal, found);
             assert!(!frame.missed(&figures).is_empty(), "{}, {name}: {figures:?}", frame.variant.name());
         }
+    }
+}
+
+/// The shares of the true hits that the picture holds: all that it holds, and of these, those that the walk finds.
+fn held_and_found(truth: &Frame, walked: &Frame) -> [f64; 2] {
+    let camera = five_mirrors::camera();
+    let view_from_world = camera.view_from_world();
+    let [width, height] = SIZE.map(f64::from);
+    let focal = height * 0.5 / (f64::from(ViewSettings::default().field_of_view).to_radians() * 0.5).tan();
+    let vector = |data: &[f32], index: usize| Vec3::from_slice(&data[index..]).as_dvec3();
+    let (mut hits, mut held, mut found) = (0.0, 0.0, 0.0);
+    for pixel in (0..truth.mirror.len()).filter(|pixel| truth.mirror_position[pixel * 4 + 3] == 1.0) {
+        hits += 1.0;
+        let hit = vector(&truth.mirror_position, pixel * 4);
+        let view = view_from_world * (hit - camera.eye);
+        let (x, y) = (width * 0.5 + view.x / view.z * focal, height * 0.5 - view.y / view.z * focal);
+        if view.z <= 0.0 || !(0.0..width).contains(&x) || !(0.0..height).contains(&y) {
+            continue;
+        }
+        let shown = y as usize * SIZE[0] as usize + x as usize;
+        let [place, normal] = [&walked.position, &walked.normal].map(|data| vector(data, shown * 3));
+        // On the plane of the pixel, as far as a pixel is wide.
+        if normal.dot(place - hit).abs() < view.z / focal {
+            held += 1.0;
+            let end = vector(&walked.mirror_position, pixel * 4);
+            let distance = hit.distance(vector(&walked.position, pixel * 3));
+            found += f64::from(u8::from(end.distance(hit) < 0.05 * distance));
+        }
+    }
+    [held / hits, found / held]
+}
+
+#[test]
+fn screen_tracing_finds_nearly_all_that_the_picture_holds() {
+    let Some(mut studio) = studio() else { return };
+    for (variant, least) in [(Variant::Sphere, 0.9), (Variant::Blob, 0.88), (Variant::Torus, 0.85)] {
+        let truth = studio.frame(variant, "surfel_trace");
+        let pairs = [("reflection.method", "screen_trace"), ("screen_trace.rest", "none")];
+        let walked = studio.frame_with(variant, &pairs);
+        let [held, found] = held_and_found(&truth, &walked);
+        println!("{}: the picture holds {held:.3} of the hits, of which the walk finds {found:.3}", variant.name());
+        assert!(held > 0.2 && held < 0.8 && found >= least, "{}: {held}, {found}", variant.name());
     }
 }

@@ -197,3 +197,26 @@ fn discs_with_gaps_leave_hierarchical_sscr_holes() {
     let loose = closed("splat.size=0.5").unwrap();
     assert!(tight > 0.98 && loose < 0.85, "{tight}, {loose}");
 }
+
+#[test]
+fn screen_tracing_finds_what_the_picture_holds_and_leaves_the_rest_to_a_chain() {
+    let Some(level) = judged("screen_trace", "looking-down:10", "screen_trace.rest=none") else { return };
+    let alone = judged("screen_trace", "looking-down:65", "screen_trace.rest=none").unwrap();
+    let chained = judged("screen_trace", "looking-down:65", "").unwrap();
+    let covered = [&level, &alone, &chained].map(|judged| judged.found.coverage);
+    assert!(covered[0] > 0.75 && covered[1] < 0.05 && covered[2] > 0.97, "{covered:?}");
+    assert!(chained.same_input.occlusion_error < 0.02, "{:?}", chained.same_input);
+}
+
+#[test]
+fn what_is_hidden_from_the_camera_misleads_depths_and_planes_know_it() {
+    let set = |criterion: &str| format!("screen_trace.rest=none screen_trace.criterion={criterion}");
+    let Some(planes) = judged("screen_trace", "pillars:0.1", &set("plane")) else { return };
+    let depths = judged("screen_trace", "pillars:0.1", &set("behind")).unwrap();
+    let errors = [&planes, &depths].map(|judged| judged.same_input.occlusion_error);
+    assert!(errors[0] < 0.1 && errors[1] > 4.0 * errors[0], "{errors:?}");
+    assert!(depths.found.uncertain > 0.95 * depths.found.coverage, "{:?}", depths.found);
+    let behind = judged("screen_trace", "pillars:0.1", "screen_trace.rest=none screen_trace.back=peeled").unwrap();
+    let found = [&planes, &behind].map(|judged| judged.same_input.recall.unwrap());
+    assert!(found[1] > found[0] + 0.05 && behind.same_input.occlusion_error < 0.1, "{found:?}");
+}

@@ -2,14 +2,16 @@
 //! the depths of what the camera sees, mirrors included. What the picture cannot tell is left to `surfel_trace`, from
 //! where a ray is known to be free. docs/methods/screen_trace.md has the rules.
 
-use scene::{ScreenRest, Settings};
+use std::num::NonZeroU64;
+
+use scene::{ScreenBack, ScreenRest, Settings};
 
 use super::gather::{Gather, rest_list};
 use super::surfel_index::SurfelIndex;
 use super::surfel_trace;
 use super::task::Task;
 use crate::gpu::Result;
-use crate::layout::{SCREEN_CELL_BYTES, SCREEN_TEXEL_BYTES, Screen};
+use crate::layout::{NEAREST_BYTES, SCREEN_CELL_BYTES, SCREEN_TEXEL_BYTES, Screen};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::store::PointStore;
@@ -25,18 +27,24 @@ pub(crate) struct ScreenTrace {
 
 struct Picture {
     size: [u32; 2],
-    /// A record for each pixel, see shaders/shared/depth_texel.wgsl.
+    has_back: bool,
+    /// A record for each pixel of each layer, see shaders/shared/depth_texel.wgsl.
     records: wgpu::Buffer,
+    /// The nearest points of the layer behind, if there is one.
+    nearest: Option<wgpu::Buffer>,
     bounds: wgpu::Buffer,
 }
 
 impl Picture {
-    fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
+    fn new(device: &wgpu::Device, size: [u32; 2], has_back: bool) -> Self {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
+        let layer_bytes = layer_bytes(size);
         let cells = first_cells(size).last().copied().unwrap_or(0);
         Self {
             size,
-            records: storage(device, "records of the picture", pixels * SCREEN_TEXEL_BYTES),
+            has_back,
+            records: storage(device, "records of the picture", layer_bytes * if has_back { 2 } else { 1 }),
+            nearest: has_back.then(|| storage(device, "nearest behind the picture", pixels * NEAREST_BYTES)),
             bounds: storage(device, "bounds of the picture", u64::from(cells) * SCREEN_CELL_BYTES),
         }
     }
@@ -59,13 +67,33 @@ impl Picture {
             let [x, y] = self.size.map(|edge| edge.div_ceil(1 << level).div_ceil(8));
             recorder.over(&[("from_texels", u32::from(level == 1))], task.supply, bindings, [x, y, 1])?;
         }
-        Ok(())
+        self.fill_back(recorder, task)
+    }
+
+    /// Fills the layer behind, if there is one.
+    fn fill_back(&self, recorder: &mut Recorder<'_>, task: &Task<'_>) -> Result<()> {
+        let Some(nearest) = &self.nearest else { return Ok(()) };
+        recorder.clear(nearest);
+        let part = |first: u64| {
+            let (buffer, size) = (&self.records, NonZeroU64::new(layer_bytes(self.size)));
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: first, size })
+        };
+        for finds_identity in [0, 1] {
+            let bindings = passes::splat_behind { records: part(0), nearest: nearest.as_entire_binding() };
+            recorder.over_points(&[("finds_identity", finds_identity)], task.supply, bindings)?;
+        }
+        let records = part(layer_bytes(self.size));
+        let bindings = passes::cube_planes { nearest: nearest.as_entire_binding(), records };
+        recorder.over_page_pixels(task.supply, bindings, task.supply.pixel_groups())
     }
 }
 
 impl ScreenTrace {
     pub fn bytes(&self) -> u64 {
-        let picture = self.picture.iter().flat_map(|picture| [&picture.records, &picture.bounds]);
+        let picture = self
+            .picture
+            .iter()
+            .flat_map(|picture| [&picture.records, &picture.bounds].into_iter().chain(&picture.nearest));
         picture.chain(&self.rest).map(wgpu::Buffer::size).sum()
     }
 
@@ -81,8 +109,10 @@ impl ScreenTrace {
         task: &Task<'_>,
     ) -> Result<()> {
         let size = task.supply.size;
-        let picture = self.picture.take().filter(|picture| picture.size == size);
-        let picture = self.picture.insert(picture.unwrap_or_else(|| Picture::new(&recorder.gpu.device, size)));
+        let has_back = task.settings.screen_trace.back != ScreenBack::None;
+        let kept = self.picture.take().filter(|picture| picture.size == size && picture.has_back == has_back);
+        let picture = kept.unwrap_or_else(|| Picture::new(&recorder.gpu.device, size, has_back));
+        let picture = self.picture.insert(picture);
         if task.bounce == 0 {
             picture.fill(recorder, task)?;
         }
@@ -125,6 +155,11 @@ impl ScreenTrace {
     }
 }
 
+/// The room of a layer of records: bindings must start at a multiple of 256 bytes.
+fn layer_bytes(size: [u32; 2]) -> u64 {
+    (u64::from(size[0]) * u64::from(size[1]) * SCREEN_TEXEL_BYTES).next_multiple_of(256)
+}
+
 /// The number of levels of bounds, of which the last has one cell.
 fn levels(size: [u32; 2]) -> u32 {
     size[0].max(size[1]).next_power_of_two().ilog2()
@@ -144,7 +179,8 @@ fn first_cells(size: [u32; 2]) -> Vec<u32> {
 fn upload(recorder: &Recorder<'_>, task: &Task<'_>, level: u32) -> wgpu::Buffer {
     let size = task.supply.size;
     let mirror_radius = largest_radius(task.store, task.settings);
-    let head = Screen { levels: levels(size), level, mirror_radius, ..Screen::default() };
+    let texels_of_layer = (layer_bytes(size) / SCREEN_TEXEL_BYTES) as u32;
+    let head = Screen { levels: levels(size), level, mirror_radius, texels_of_layer };
     let bytes = [bytemuck::bytes_of(&head), bytemuck::cast_slice(&first_cells(size))].concat();
     let buffer = storage(&recorder.gpu.device, "levels of the picture", bytes.len() as u64);
     recorder.gpu.queue.write_buffer(&buffer, 0, &bytes);
@@ -237,7 +273,8 @@ mod tests {
                 focal: frame.focal_pixels,
                 is_parallel: frame.orthographic != 0,
             };
-            let depths = Picture::new(view, records.iter().map(|record| texel_of(*record)).collect());
+            let pixels = (picture[0] * picture[1]) as usize;
+            let depths = Picture::new(view, records[..pixels].iter().map(|record| texel_of(*record)).collect());
             let choices = Choices { skip, jump: 1.0, disc_slack: 1e9, most_cells: 8192, ..Choices::DEFAULT };
             let radius = largest_radius(store, &settings);
             assert!(radius > 0.0);
@@ -264,7 +301,7 @@ mod tests {
                 let near = |t: f32, other: f32| (t - other).abs() <= 1e-4 * (1.0 + other);
                 let is_same = match walked.answer {
                     Answer::Hit { t, identity } => {
-                        key == u32::MAX && found == identity + 1 && near(f32::from_bits(distance), t)
+                        key == 0x7fff_ffff && found == identity + 1 && near(f32::from_bits(distance), t)
                     }
                     Answer::Open => found == 0 && !left.contains_key(&(pixel as u32)),
                     Answer::Hidden(t) => left.get(&(pixel as u32)).is_some_and(|from| near(*from, t)),

@@ -41,7 +41,7 @@ pub(crate) struct MirrorGBuffer {
     pub albedo: Image,
     /// World normal at Q towards P; specular power.
     pub normal: Image,
-    /// Q relative to the camera's eye, world axes. w: coverage; 0 none, 1 found, between: closed from neighbours.
+    /// Q relative to the camera's eye, world axes. w: coverage; 0 none, 1 found, 0.75 found but not proven, below: closed from neighbours.
     pub position: Image,
 }
 
