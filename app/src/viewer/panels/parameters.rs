@@ -87,7 +87,9 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             let slider = egui::Slider::new(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
             // A logarithmic slider that begins at 0 spans four decades, with 0 at its end.
             let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
-            let slider = slider.suffix(suffix(field.unit)).max_decimals(3);
+            let decimals = (4 - max.log10().floor() as i32).max(3) as usize;
+            // A value that nobody edits keeps all its digits.
+            let slider = slider.clamping(egui::SliderClamping::Edits).suffix(suffix(field.unit)).max_decimals(decimals);
             ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
         }
         // A slider over all 32-bit numbers would be of no use, so these are dragged and typed.
@@ -224,6 +226,15 @@ mod tests {
         harness.run();
         assert_eq!(harness.state().0.splat.min_pixels, scene::Splat::default().min_pixels);
         assert_eq!(harness.state().0.splat.max_pixels, 99.0);
+    }
+
+    #[test]
+    fn a_value_with_more_digits_than_its_slider_shows_is_kept() {
+        let mut settings = Settings::default();
+        (settings.sscr.initial_step, settings.cubemap_trace.step) = (0.123_456_79, 0.000_123_456);
+        let mut harness = harness(settings.clone());
+        harness.run();
+        assert_eq!(harness.state().0, settings);
     }
 
     #[test]
