@@ -159,6 +159,7 @@ impl Frames {
             wanted.spared = spared.filter(|spared| *spared != Spared::NOTHING);
             // While something moves, light of earlier frames is taken over.
             wanted.hurried = is_moving || settings != wanted.settings || wanted.spared.is_some();
+            wanted.light_may_lag |= is_moving;
             wanted.settings = settings;
         }
         match self.want(&wanted, points_come, outside.now) {

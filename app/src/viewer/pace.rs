@@ -24,39 +24,6 @@ pub fn shares(demands: &[f64]) -> Vec<f64> {
     shares.iter().map(|share| share + more).collect()
 }
 
-/// Learns how many points a frame can afford while the camera moves.
-pub struct Pace {
-    /// The share of the point budget.
-    share: f64,
-}
-
-impl Default for Pace {
-    fn default() -> Self {
-        Self { share: 1.0 }
-    }
-}
-
-impl Pace {
-    /// The smallest share. Below it a frame spends its time on other things than points, so fewer points would only
-    /// coarsen the picture.
-    const LEAST: f64 = 0.125;
-
-    /// Learns from a frame of the moving camera, which took `milliseconds` and should have taken `wanted`. Small
-    /// deviations change nothing, because each change of the budget loads or removes points.
-    pub fn learn(&mut self, milliseconds: f64, wanted: f64) {
-        let ratio = wanted / milliseconds.max(0.1);
-        if !(0.9..1.4).contains(&ratio) {
-            // The share grows slowly, so that it does not oscillate.
-            self.share = (self.share * ratio.clamp(0.5, 1.15)).clamp(Self::LEAST, 1.0);
-        }
-    }
-
-    /// Returns how many points of a budget a frame may have.
-    pub fn budget(&self, points: u32) -> u32 {
-        (f64::from(points) * self.share) as u32
-    }
-}
-
 /// By how much a frame is coarser while something moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Spared {
@@ -167,25 +134,6 @@ mod tests {
         assert_eq!(shares(&[0.0, 0.0]), [0.5, 0.5]);
         assert!(shares(&[1.0; 100]).iter().all(|share| (share - 0.01).abs() < 1e-9));
         assert!(shares(&[0.0; 100]).iter().all(|share| (share - 0.01).abs() < 1e-9));
-    }
-
-    #[test]
-    fn a_moving_picture_has_as_many_points_as_its_time_allows() {
-        // The machine takes a millisecond for 50 thousand points, and 5 for everything else.
-        let milliseconds = |points: u32| 5.0 + f64::from(points) / 50_000.0;
-        let mut pace = Pace::default();
-        for _ in 0..30 {
-            pace.learn(milliseconds(pace.budget(5_000_000)), 40.0);
-        }
-        let time = milliseconds(pace.budget(5_000_000));
-        assert!((28.0..45.0).contains(&time), "{time}");
-        let budget = pace.budget(5_000_000);
-        pace.learn(time, 40.0);
-        assert_eq!(pace.budget(5_000_000), budget, "near enough is left alone");
-        (0..30).for_each(|_| pace.learn(1.0, 40.0));
-        assert_eq!(pace.budget(5_000_000), 5_000_000);
-        (0..30).for_each(|_| pace.learn(1e9, 40.0));
-        assert_eq!(pace.budget(800), 100, "never so few that nothing is left to see");
     }
 
     const SIZE: [u32; 2] = [1400, 900];

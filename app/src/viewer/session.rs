@@ -569,7 +569,6 @@ impl Session {
             // The frame shows clouds that have been removed since.
             Report::Frame(_) if self.loaded.clouds.is_empty() => self.frames.give_up(),
             Report::Frame(frame) => {
-                self.with_loaded(|loaded, beside| loaded.keep_pace(frame.total_milliseconds, beside));
                 if !frame.request.hurried && frame.request.is_whole(&frame.stats) {
                     self.figure_history.push(&frame.stats);
                     self.auto.learn(&frame.request, &frame.stats);

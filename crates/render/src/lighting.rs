@@ -92,6 +92,7 @@ impl Lights {
         settings: &Settings,
         lights: &[MappedLight],
         mut at_hand: Vec<DrawnMap>,
+        may_lag: bool,
         atomics64: bool,
     ) -> Result<Vec<DrawnMap>> {
         if lights.is_empty() {
@@ -105,8 +106,12 @@ impl Lights {
         let wide = Settings { splat: splat_of_maps(settings), ..settings.clone() };
         let mut drawn = Vec::with_capacity(lights.len());
         for (index, light) in lights.iter().enumerate() {
-            let map = DrawnMap { revision: store.geometry_revision(), splat: wide.splat.clone(), camera: light.camera };
-            if at_hand.get(index) != Some(&map) {
+            let before = at_hand.get(index);
+            let revision = before.filter(|_| may_lag).map_or(store.geometry_revision(), |before| before.revision);
+            let map = DrawnMap { revision, splat: wide.splat.clone(), camera: light.camera };
+            let is_kept = before == Some(&map);
+            let map = DrawnMap { revision: if is_kept { revision } else { store.geometry_revision() }, ..map };
+            if !is_kept {
                 let texels = SHADOW_BYTES * index as u64..SHADOW_BYTES * (index as u64 + 1);
                 recorder.clear_part(&self.shadows, texels.clone());
                 let list = store.draw_list(&light.camera, &wide, Selection::Casting);

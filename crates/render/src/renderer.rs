@@ -230,8 +230,8 @@ impl Renderer {
         self.gi.forget();
     }
 
-    /// Whether the following frames may be lit by the current virtual lights although points have come or gone since:
-    /// placing them examines all points, which is worthwhile only for pictures that stay.
+    /// Whether the following frames may be lit by the current virtual lights and shadow maps although points have come
+    /// or gone since: making them examines all points, which is worthwhile only for pictures that stay.
     pub fn let_light_lag(&mut self, may_lag: bool) {
         self.gi.may_lag = may_lag;
     }
@@ -384,7 +384,9 @@ impl Renderer {
         }
         self.lights.upload(gpu, &lights, frame_camera.eye);
         let at_hand = std::mem::take(&mut self.kept_shadows);
-        let kept_shadows = self.lights.draw_shadows(&mut recorder, store, settings, &lights, at_hand, atomics64)?;
+        let may_lag = self.gi.may_lag;
+        let kept_shadows =
+            self.lights.draw_shadows(&mut recorder, store, settings, &lights, at_hand, may_lag, atomics64)?;
         let shading = Shading::new(settings, store, objects, lights.len());
         let sky = (shading.lighting == Lighting::Sun).then_some(Sky { up: camera.up, irradiance: settings.sun.sky });
         let has_indirect = GlobalIllumination::is_asked(settings, &lights, sky);

@@ -313,7 +313,12 @@ fn brightness_and_colours_change_the_light_but_not_the_shadow_maps() {
         outer_degrees: 20.0,
     };
     let mut settings = settings(&[("gi.vpls", "64")]);
-    let drew_maps = |stats: &FrameStats| stats.passes.iter().any(|pass| pass.name == "vpl_shadow_splat");
+    let drew = |stats: &FrameStats, name| stats.passes.iter().any(|pass| pass.name == name);
+    let drew_maps = |stats: &FrameStats| {
+        let of_lights = drew(stats, "vpl_shadow_splat");
+        assert_eq!(of_lights, drew(stats, "shadow_maps"), "the lamp's map lags with the lights'");
+        of_lights
+    };
     stage.renderer.forget();
     assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     let before = mean(&read(&stage, Aov::Indirect));
@@ -351,7 +356,12 @@ fn light_may_lag_behind_points_that_come_and_is_right_when_it_may_not() {
         outer_degrees: 40.0,
     };
     let settings = settings(&[("gi.vpls", "64")]);
-    let drew_maps = |stats: &FrameStats| stats.passes.iter().any(|pass| pass.name == "vpl_shadow_splat");
+    let drew = |stats: &FrameStats, name| stats.passes.iter().any(|pass| pass.name == name);
+    let drew_maps = |stats: &FrameStats| {
+        let of_lights = drew(stats, "vpl_shadow_splat");
+        assert_eq!(of_lights, drew(stats, "shadow_maps"), "the lamp's map lags with the lights'");
+        of_lights
+    };
     stage.renderer.forget();
     assert!(drew_maps(&render(&mut stage, &store, &camera, &settings, &[lamp])));
     let other = store.add_cloud(Material::default());

@@ -23,7 +23,6 @@ use crate::viewer::loaded::clouds::{CloudEntry, JobEntry, Samples, short_name};
 use crate::viewer::loaded::light_search::LightSearch;
 use crate::viewer::objects::{ObjectId, Objects};
 use crate::viewer::outside::Outside;
-use crate::viewer::pace::Pace;
 use crate::viewer::preferences::Preferences;
 use crate::viewer::scene::Scene;
 use crate::viewer::theme::grouped;
@@ -41,7 +40,6 @@ pub struct Loaded {
     pub awaited_markings: Vec<MirrorPoints>,
     /// The warnings that were already shown: they are not repeated when figures are renewed.
     pub warned: Vec<String>,
-    pub pace: Pace,
     /// The size of all indexes in bytes, once it is measured.
     pub cache_size: Option<u64>,
     /// True while streamed points are coloured by level.

@@ -1,5 +1,5 @@
-//! Streamed clouds in the window: the state of their indexes, the views that they are loaded for, the number of points
-//! that a moving picture can afford, and what cannot be done with them.
+//! Streamed clouds in the window: the state of their indexes, the views that they are loaded for, and what cannot be done
+//! with them.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -120,12 +120,7 @@ impl Loaded {
     /// Sends the current view to the jobs of streamed clouds, if it has changed. Called every frame of the window.
     pub fn look_around(&mut self, beside: &mut Beside<'_>) {
         self.make_room(beside);
-        let mut view = beside.scene.settings.view.clone();
-        if beside.scene.navigation.time_to_rest(beside.outside.now).is_some()
-            && beside.scene.settings.view.frame_ms > 0.0
-        {
-            view.point_budget = self.pace.budget(view.point_budget);
-        }
+        let view = beside.scene.settings.view.clone();
         let (camera, size, stream) =
             (beside.scene.camera, beside.scene.view_size, beside.scene.settings.stream.clone());
         let mirrors: Vec<_> = beside.mirrors().map(|(_, mirror)| world::mirrors::bound(mirror)).collect();
@@ -178,15 +173,6 @@ impl Loaded {
         if let Some(kept) = kept {
             self.remove_cloud(key, beside);
             beside.outside.work(Work::DeleteIndex(kept));
-        }
-    }
-
-    /// Learns from the time of a frame how many points a moving picture can afford.
-    pub fn keep_pace(&mut self, milliseconds: f64, beside: &mut Beside<'_>) {
-        let wanted = f64::from(beside.scene.settings.view.frame_ms);
-        let is_streamed = self.jobs.iter().any(|job| job.has_streamed);
-        if is_streamed && wanted > 0.0 && beside.scene.navigation.time_to_rest(beside.outside.now).is_some() {
-            self.pace.learn(milliseconds, wanted);
         }
     }
 
